@@ -1,0 +1,7 @@
+"""``python -m rigctl`` is the command line."""
+
+import sys
+
+from rigctl.cli import main
+
+sys.exit(main())

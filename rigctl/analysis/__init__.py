@@ -1,0 +1,1 @@
+"""Features to answers: the PCA+LDA sweep and its figures."""

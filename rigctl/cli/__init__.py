@@ -1,0 +1,40 @@
+"""The command line: one module a command, each with ``add_parser`` and ``run``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from rigctl import __version__
+from rigctl.errors import RigctlError
+
+COMMANDS = ("demo", "run", "stop", "check", "serve", "info", "verify", "ports", "gui", "engine")
+INTERRUPTED = 130
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line, every command included."""
+    top = argparse.ArgumentParser(
+        prog="rigctl", description="Drive the texture rig, record its taxels, watch its spikes."
+    )
+    top.add_argument("--version", action="version", version=f"rigctl {__version__}")
+    subparsers = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        import_module(f"rigctl.cli.{name}").add_parser(subparsers)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; return its exit code (0 done, 1 answer is no, 2 wrong use, 3 rig fault)."""
+    args = parser().parse_args(argv)
+    command = import_module(f"rigctl.cli.{args.command}")
+    try:
+        return int(command.run(args))
+    except RigctlError as error:
+        print(f"rigctl: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("rigctl: interrupted", file=sys.stderr)
+        return INTERRUPTED

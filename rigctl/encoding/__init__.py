@@ -1,0 +1,1 @@
+"""Samples to spikes: the neuron kernel, SA and RA channels, speed scaling, features."""

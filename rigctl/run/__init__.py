@@ -1,0 +1,1 @@
+"""A protocol happening: engine, pump, live view, runner, client."""

@@ -1,0 +1,195 @@
+"""The words that rooms say to each other: frozen values, every number with its unit.
+
+Nothing here acts. Arrays inside a value are never written after it was made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+N_TAXELS = 18
+SAMPLE_RATE_HZ = 1000
+
+
+class Verdict(str, Enum):
+    """What became of one attempt at a trial."""
+
+    COMMITTED = "committed"
+    REJECTED = "rejected"
+    ABORTED = "aborted"
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Samples that the board took and the host never got.
+
+    ``first_counter`` is the unwrapped board counter of the first lost sample.
+    """
+
+    first_counter: int
+    count: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Taxel samples in the order in which they were taken, as one decoding step gave them.
+
+    ``counters``: int64 (n,), the board's own sample number, unwrapped since its boot.
+    ``samples``: uint16 (n, n_taxels), 0–1023.
+    ``flags``: uint8 (n,), bits of :class:`rigctl.wire.taxels.Flag`.
+    ``edges``: uint8 (n,), sync rises mod 4 in bits 0–1, index marks mod 4 in bits 2–3.
+    ``gaps``: losses found directly before or inside this block.
+    ``arrived_s``: loop time at which the bytes arrived.
+    """
+
+    counters: NDArray[np.int64]
+    samples: NDArray[np.uint16]
+    flags: NDArray[np.uint8]
+    edges: NDArray[np.uint8]
+    gaps: tuple[Gap, ...]
+    arrived_s: float
+
+    def __len__(self) -> int:
+        return int(self.counters.shape[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Spikes:
+    """Spike trains as compressed sparse rows.
+
+    Train ``i`` is ``sample_index[row_start[i]:row_start[i + 1]]``: 0-based indices of the
+    samples in which v crossed threshold, ascending, one entry a spike.
+    Rows are SA taxel 1 … n, then RA taxel 1 … n.
+    """
+
+    row_start: NDArray[np.int64]
+    sample_index: NDArray[np.int32]
+    n_samples: int
+
+    def train(self, row: int) -> NDArray[np.int32]:
+        """Sample indices of one train, int32."""
+        return self.sample_index[self.row_start[row] : self.row_start[row + 1]]
+
+    @property
+    def n_trains(self) -> int:
+        """Number of rows."""
+        return int(self.row_start.shape[0]) - 1
+
+
+@dataclass(frozen=True, slots=True)
+class LoadcellSample:
+    """One conversion of the load-cell amplifier."""
+
+    sequence: int
+    board_time_us: int
+    raw_counts: int
+    force_g: float
+
+
+@dataclass(frozen=True, slots=True)
+class DrumState:
+    """What one poll of the drum said, in engineering units, with the loop time of the reply.
+
+    ``values`` holds every register of the poll block by name, scaled; ``loadcell`` the samples
+    that are new since the previous poll, oldest first. ``board_time_us`` and the sequence
+    numbers are unwrapped.
+    """
+
+    at_s: float
+    board_time_us: int
+    state: int
+    fault: int
+    fault_bits: int
+    steps: int
+    angle_deg: float
+    speed_mm_s: float
+    force_g: float
+    actuator_position_um: int
+    actuator_drive_permille: int
+    sync_count: int
+    sync_rise_us: int
+    sync_fall_us: int
+    index_count: int
+    status_bits: int
+    loadcell: tuple[LoadcellSample, ...]
+    loadcell_lost: int
+    values: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class BoardIdentity:
+    """Who a board says it is, and whether it rebooted since it was last asked."""
+
+    board: str
+    firmware_version: str
+    build_hash: str
+    wire_version: int
+    boot_count: int
+    reset_cause: int
+    details: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedTrial:
+    """One trial of a plan. ``trial_id`` counts from 1 in planned order and never changes."""
+
+    trial_id: int
+    texture: str
+    speed_mm_s: float
+    force_g: float
+    repeat: int
+    travel_mm: float
+    force_mode: str = "hold"
+    direction: str = "forward"
+
+    @property
+    def duration_s(self) -> float:
+        """Nominal length of the recorded window."""
+        return self.travel_mm / self.speed_mm_s
+
+    @property
+    def n_samples(self) -> int:
+        """Samples that make the trial, counted from the sync line's rise."""
+        return round(self.duration_s * SAMPLE_RATE_HZ)
+
+
+@dataclass(frozen=True, slots=True)
+class TrialRow:
+    """One attempt at a trial as it ended, as it is stored.
+
+    ``first_counter`` is the board counter of the first sample at or after the rise of sync,
+    ``first_sample`` its row in the part's ``/taxels`` data; -1 where the trial never got there.
+    """
+
+    trial: PlannedTrial
+    attempt: int
+    part: int
+    first_counter: int
+    first_sample: int
+    count: int
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    started_s: float
+    ended_s: float
+    mean_speed_mm_s: float
+    mean_force_g: float
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened at a time, for people and for programs.
+
+    ``kind`` is a short lower-case word (``state``, ``fault``, ``trial``, ``prompt``, ``gap``,
+    ``log``, …); ``text`` one sentence; ``data`` JSON-able details.
+    """
+
+    at_s: float
+    kind: str
+    text: str
+    data: dict[str, Any] = field(default_factory=dict)

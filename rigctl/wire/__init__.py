@@ -1,0 +1,1 @@
+"""Bytes to values and back: no port, thread or clock lives here."""

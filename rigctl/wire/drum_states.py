@@ -1,0 +1,192 @@
+"""The drum's safety states as data: which event leads from which state to which.
+
+This table is the single truth. ``arduino/common/drum_states.h`` is generated from it, the
+virtual drum walks it, the reference page renders it, and a test tries every state with every
+event. What the outputs do is a function of the state alone (:data:`OUTPUTS`).
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+
+class State(IntEnum):
+    """Where the drum controller is; the value on the wire (register ``state``)."""
+
+    BOOT = 0
+    SELFTEST = 1
+    IDLE = 2
+    ARMED = 3
+    POSITION = 4
+    APPROACH = 5
+    HOLD = 6
+    RUN = 7
+    RETRACT = 8
+    FAULT_LIFT = 9
+    FAULT_OFF = 10
+
+
+class Event(IntEnum):
+    """What can happen to the controller: commands, completions, faults."""
+
+    BOOTED = 0
+    SELFTEST_PASSED = 1
+    SELFTEST_FAILED = 2
+    ARM = 3
+    DISARM = 4
+    MOVE = 5
+    APPROACH = 6
+    RUN = 7
+    RETRACT = 8
+    STOP = 9
+    CLEAR = 10
+    MOVE_DONE = 11
+    FORCE_SETTLED = 12
+    TRAVEL_DONE = 13
+    LIFTED = 14
+    TIMED_FAULT = 15
+    OFF_FAULT = 16
+    LIFT_TIME_OVER = 17
+
+
+class Fault(IntEnum):
+    """Why the drum stopped itself; register ``fault`` latches the first, ``fault_bits`` lists all.
+
+    Bit *n* of ``fault_bits`` is fault *n*; bit 0 is unused.
+    """
+
+    NONE = 0
+    ESTOP = 1
+    OVER_FORCE = 2
+    LOADCELL_SILENT = 3
+    LOADCELL_SATURATED = 4
+    LOADCELL_FROZEN = 5
+    LOADCELL_DESYNC = 6
+    HEARTBEAT = 7
+    NO_CONTACT = 8
+    ACTUATOR_END = 9
+    STEP_COUNT = 10
+    HANG = 11
+    SELFTEST = 12
+    FORCE_UNREACHED = 13
+
+
+FAULT_WORDS: dict[Fault, str] = {
+    Fault.NONE: "no fault",
+    Fault.ESTOP: "emergency stop pressed or its wire broken: release it, then clear the fault",
+    Fault.OVER_FORCE: "force above the limit: check the sensor and the plate, then clear the fault",
+    Fault.LOADCELL_SILENT: "load cell sends nothing: check the amplifier's wires and supply",
+    Fault.LOADCELL_SATURATED: "load cell at the end of its range: unload it or check its bridge",
+    Fault.LOADCELL_FROZEN: "load cell repeats one value: check the amplifier",
+    Fault.LOADCELL_DESYNC: "load cell amplifier lost step: check its clock wire for noise",
+    Fault.HEARTBEAT: "the computer stopped calling: check the cable, then clear the fault",
+    Fault.NO_CONTACT: "no contact within the set travel or time: check the plate and the sensor",
+    Fault.ACTUATOR_END: "actuator reached its end: check the mechanics and the travel limit",
+    Fault.STEP_COUNT: "the index mark disagrees with the steps counted: the drum was held or slipped",
+    Fault.HANG: "the controller hung and its watchdog restarted it: report this with the session",
+    Fault.SELFTEST: "self-test failed: see the fault bits, check the wiring, restart the board",
+    Fault.FORCE_UNREACHED: "the force did not settle in time: check the plate, or lower the force",
+}
+
+LIFT_FAULTS = frozenset(
+    {
+        Fault.OVER_FORCE,
+        Fault.LOADCELL_SILENT,
+        Fault.LOADCELL_SATURATED,
+        Fault.LOADCELL_FROZEN,
+        Fault.LOADCELL_DESYNC,
+        Fault.HEARTBEAT,
+        Fault.NO_CONTACT,
+        Fault.STEP_COUNT,
+        Fault.FORCE_UNREACHED,
+    }
+)
+"""Faults after which the drum is lifted for a set time and then switched off.
+
+All others (E-stop, hang, actuator end, self-test) switch everything off at once.
+"""
+
+
+class Outputs(NamedTuple):
+    """What the drivers may do in a state; everything not allowed here is held off."""
+
+    stepper_enabled: bool
+    stepper_may_step: bool
+    actuator: str  # "off", "hold", "approach", "force_loop", "lift"
+
+
+OUTPUTS: dict[State, Outputs] = {
+    State.BOOT: Outputs(False, False, "off"),
+    State.SELFTEST: Outputs(False, False, "off"),
+    State.IDLE: Outputs(False, False, "off"),
+    State.ARMED: Outputs(True, False, "hold"),
+    State.POSITION: Outputs(True, True, "hold"),
+    State.APPROACH: Outputs(True, False, "approach"),
+    State.HOLD: Outputs(True, False, "force_loop"),
+    State.RUN: Outputs(True, True, "force_loop"),
+    State.RETRACT: Outputs(True, True, "lift"),
+    State.FAULT_LIFT: Outputs(True, True, "lift"),
+    State.FAULT_OFF: Outputs(False, False, "off"),
+}
+"""RETRACT and FAULT_LIFT may step only to ramp down a drum that still turns.
+
+ARM leads through RETRACT, because nobody knows after a boot or a fault whether the drum still
+rests on the sensor.
+"""
+
+_ON: dict[State, dict[Event, State]] = {
+    State.BOOT: {Event.BOOTED: State.SELFTEST},
+    State.SELFTEST: {
+        Event.SELFTEST_PASSED: State.IDLE,
+        Event.SELFTEST_FAILED: State.FAULT_OFF,
+    },
+    State.IDLE: {Event.ARM: State.RETRACT, Event.STOP: State.IDLE, Event.DISARM: State.IDLE},
+    State.ARMED: {
+        Event.DISARM: State.IDLE,
+        Event.MOVE: State.POSITION,
+        Event.APPROACH: State.APPROACH,
+        Event.RETRACT: State.RETRACT,
+        Event.STOP: State.ARMED,
+    },
+    State.POSITION: {Event.MOVE_DONE: State.ARMED, Event.STOP: State.RETRACT},
+    State.APPROACH: {
+        Event.FORCE_SETTLED: State.HOLD,
+        Event.RETRACT: State.RETRACT,
+        Event.STOP: State.RETRACT,
+    },
+    State.HOLD: {
+        Event.RUN: State.RUN,
+        Event.RETRACT: State.RETRACT,
+        Event.STOP: State.RETRACT,
+    },
+    State.RUN: {
+        Event.TRAVEL_DONE: State.HOLD,
+        Event.RETRACT: State.RETRACT,
+        Event.STOP: State.RETRACT,
+    },
+    State.RETRACT: {Event.LIFTED: State.ARMED, Event.STOP: State.RETRACT},
+    State.FAULT_LIFT: {Event.LIFT_TIME_OVER: State.FAULT_OFF, Event.STOP: State.FAULT_LIFT},
+    State.FAULT_OFF: {Event.CLEAR: State.IDLE, Event.STOP: State.FAULT_OFF},
+}
+
+
+def next_state(state: State, event: Event) -> State | None:
+    """The state that ``event`` leads to from ``state``; None where the event is refused.
+
+    A refused command is answered with Modbus exception 4 and changes nothing; a refused
+    completion is ignored. An OFF_FAULT always leads to FAULT_OFF. A TIMED_FAULT lifts from
+    every state that drives the actuator; in IDLE, BOOT and SELFTEST, where nothing is
+    driven, it leads to FAULT_OFF, and in FAULT_OFF and FAULT_LIFT it changes nothing.
+    """
+    if event is Event.OFF_FAULT:
+        return State.FAULT_OFF
+    if event is Event.TIMED_FAULT:
+        return _after_timed_fault(state)
+    return _ON[state].get(event)
+
+
+def _after_timed_fault(state: State) -> State:
+    if state in (State.FAULT_LIFT, State.FAULT_OFF):
+        return state
+    return State.FAULT_OFF if OUTPUTS[state].actuator == "off" else State.FAULT_LIFT
