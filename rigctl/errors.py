@@ -2,7 +2,7 @@
 
 ::
 
-    RigctlError                     every failure that a user can meet; its text is one sentence with the cure
+    RigctlError                     every failure that a user can meet; one sentence with the cure
     ├── NegativeAnswer   exit 1     the question was answered, and the answer is no (verify, check)
     ├── WrongUse         exit 2     the user asked for something impossible; nothing was touched
     │   ├── ConfigError             rig.toml: names file and key
@@ -10,7 +10,7 @@
     │   └── SessionError            a folder that is not a session, is locked, or is damaged
     └── RigFault         exit 3     the bench failed; the rig is safe, what was recorded is kept
         ├── LinkLost                a port vanished or fell silent
-        ├── WrongBoard              somebody answered, but not the board or firmware that was asked for
+        ├── WrongBoard              somebody answered, but not the board or firmware asked for
         ├── CommandRefused          the board said no: wrong state or out of range
         ├── BoardFault              the board latched a fault
         └── DiskFault               the recorder cannot write

@@ -6,7 +6,7 @@ Nothing here acts. Arrays inside a value are never written after it was made.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ N_TAXELS = 18
 SAMPLE_RATE_HZ = 1000
 
 
-class Verdict(str, Enum):
+class Verdict(StrEnum):
     """What became of one attempt at a trial."""
 
     COMMITTED = "committed"

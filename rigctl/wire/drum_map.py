@@ -42,7 +42,7 @@ class Command(IntEnum):
 
 
 class CommandResult(IntEnum):
-    """Values of register ``command_result``, valid when ``command_acknowledged`` shows the sequence."""
+    """Values of ``command_result``; valid once ``command_acknowledged`` shows the sequence."""
 
     NONE = 0
     DONE = 1
