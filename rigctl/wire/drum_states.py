@@ -83,7 +83,7 @@ FAULT_WORDS: dict[Fault, str] = {
     Fault.HEARTBEAT: "the computer stopped calling: check the cable, then clear the fault",
     Fault.NO_CONTACT: "no contact within the set travel or time: check the plate and the sensor",
     Fault.ACTUATOR_END: "actuator reached its end: check the mechanics and the travel limit",
-    Fault.STEP_COUNT: "the index mark disagrees with the steps counted: the drum slipped or was held",
+    Fault.STEP_COUNT: "index mark and counted steps disagree: the drum slipped or was held",
     Fault.HANG: "the controller hung and its watchdog restarted it: report this with the session",
     Fault.SELFTEST: "self-test failed: see the fault bits, check the wiring, restart the board",
     Fault.FORCE_UNREACHED: "the force did not settle in time: check the plate, or lower the force",

@@ -1,0 +1,99 @@
+# What a person types. Every target does its own set-up and says what it is doing.
+#   make demo   the main job with no hardware: acquire, record, verify, encode, classify, figures
+#   make test   checks and the whole test suite, the firmware in the loop included
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PEERS := .peers
+SAY := @printf '==> %s\n'
+
+# Qt and its fonts: without a font every label is blank.
+DEBIAN_RUN := python3-venv libegl1 libgl1 libxkbcommon0 libdbus-1-3 libfontconfig1 fonts-dejavu-core
+DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev
+DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo gui test check pytest firmware bench shots soak fuzz docs lock clean
+
+help:
+	@sed -n 's/^#   //p' Makefile
+	@echo 'also: make gui, check, firmware, bench, shots, soak, fuzz, docs, lock, clean'
+
+$(VENV)/.ready: requirements.lock pyproject.toml
+	$(SAY) "Python environment in $(VENV) (locked versions, wheels only)"
+	@sh .ci/debian-packages python3-venv
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "rigctl needs Python 3.11 or newer; run: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/pip install --quiet --disable-pip-version-check --only-binary :all: -r requirements.lock
+	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@touch $@
+
+setup: $(VENV)/.ready
+
+demo: $(VENV)/.ready
+	@sh .ci/debian-packages $(DEBIAN_RUN)
+	$(SAY) "acquire, verify, encode and classify on the virtual rig"
+	@$(BIN)/rigctl demo $(DEMO_ARGS)
+
+gui: $(VENV)/.ready
+	@sh .ci/debian-packages $(DEBIAN_RUN)
+	@$(BIN)/rigctl gui
+
+test: check pytest
+
+check: $(VENV)/.ready
+	$(SAY) "style, types, import floors"
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+	@$(BIN)/python -m rigctl.wire.generate --check
+
+firmware: $(VENV)/.ready
+	@sh .ci/debian-packages $(DEBIAN_FIRMWARE)
+	$(SAY) "firmware of both boards, and the simulated chips"
+	@$(MAKE) --no-print-directory -C arduino PYTHON=$(abspath $(BIN)/python)
+
+pytest: firmware
+	@sh .ci/debian-packages $(DEBIAN_TEST)
+	$(SAY) "test suite, two workers"
+	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+
+$(PEERS)/.ready: tests/bench/peers.txt
+	$(SAY) "peers to measure against, in an environment of their own"
+	@test -x $(PEERS)/bin/python || $(PYTHON) -m venv $(PEERS)
+	@$(PEERS)/bin/pip install --quiet --disable-pip-version-check -r tests/bench/peers.txt
+	@touch $@
+
+bench: firmware $(PEERS)/.ready
+	@sh .ci/debian-packages $(DEBIAN_TEST)
+	$(SAY) "every figure with its peer in the same run; also in build/bench.jsonl"
+	@QT_QPA_PLATFORM=offscreen RIGCTL_PEERS_PYTHON=$(abspath $(PEERS)/bin/python) \
+	  $(BIN)/python -m tests.bench $(BENCH_ARGS)
+
+shots: $(VENV)/.ready
+	@sh .ci/debian-packages $(DEBIAN_RUN)
+	$(SAY) "the window's pictures from a live virtual rig"
+	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m gui.shots docs/images
+
+soak: firmware
+	$(SAY) "an hour of world time on both kinds of simulated boards"
+	@$(BIN)/python -m pytest -q tests/soak --soak
+
+fuzz: firmware
+	$(SAY) "both wires under a million corrupted bytes"
+	@$(BIN)/python -m pytest -q tests/soak --fuzz
+
+docs: $(VENV)/.ready
+	$(SAY) "reference pages that are rendered from the code"
+	@$(BIN)/python -m rigctl.wire.generate
+
+lock:
+	@$(BIN)/pip install --quiet uv
+	@$(BIN)/uv pip compile pyproject.toml --extra test --universal --python-version 3.11 \
+	  --no-header --quiet --upgrade -o requirements.lock
+
+clean:
+	rm -rf build $(VENV) $(PEERS)

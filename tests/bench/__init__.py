@@ -1,0 +1,1 @@
+"""Figures with the peer beside them; ``make bench`` runs them all."""
