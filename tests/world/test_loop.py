@@ -1,0 +1,132 @@
+"""The loop's clock is the world's: time-outs, sleeps and files without a wall clock."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from rigctl.world.loop import WorldLoop
+from rigctl.world.simulation import (
+    DRUM,
+    TAXELS,
+    Disturbances,
+    FaultPanel,
+    SimulatedLink,
+)
+from rigctl.world.truth import Truth
+
+
+class ClockOnly:
+    """A simulation in which nothing happens but time, and one callback a given instant."""
+
+    def __init__(self, slice_us: int = 5000) -> None:
+        self.time_us = 0
+        self.slice_us = slice_us
+        self.drum = SimulatedLink(DRUM)
+        self.taxels = SimulatedLink(TAXELS)
+        self.truth = Truth()
+        self.advances: list[int] = []
+        self.at: dict[int, Callable[[], None]] = {}
+        links = {DRUM: self.drum, TAXELS: self.taxels}
+        self.faults = FaultPanel(links, Disturbances(), lambda: None, lambda board: None)
+
+    def advance(self, until_us: int) -> None:
+        assert until_us > self.time_us
+        self.time_us = until_us
+        self.advances.append(until_us)
+        for due in sorted(t for t in self.at if t <= until_us):
+            self.at.pop(due)()
+
+    def set_plate(self, texture: str) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def loop() -> Iterator[WorldLoop]:
+    loop = WorldLoop(ClockOnly())
+    yield loop
+    loop.close()
+
+
+def test_sleep_of_an_hour_ends_at_the_exact_world_time() -> None:
+    loop = WorldLoop(ClockOnly(slice_us=10_000_000))
+
+    async def sleep() -> float:
+        await asyncio.sleep(3600)
+        return loop.time()
+
+    assert loop.run_until_complete(sleep()) == 3600.0
+    loop.close()
+
+
+def test_the_world_never_passes_the_earliest_timer(loop: WorldLoop) -> None:
+    fired: list[float] = []
+    for delay_us in (1, 2, 7, 290, 4999, 5000, 5001, 70_000, 123_457):
+        loop.call_later(delay_us / 1e6, lambda: fired.append(loop.time()))
+
+    loop.run_until_complete(asyncio.sleep(0.2))
+
+    assert fired == [t / 1e6 for t in (1, 2, 7, 290, 4999, 5000, 5001, 70_000, 123_457)]
+
+
+def test_timeout_is_world_time(loop: WorldLoop) -> None:
+    async def wait_for_nothing() -> float:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(loop.create_future(), 0.06)
+        return loop.time()
+
+    assert loop.run_until_complete(wait_for_nothing()) == 0.06
+
+
+def test_something_that_happens_in_the_world_wakes_a_task_in_the_same_slice(
+    loop: WorldLoop,
+) -> None:
+    async def wait() -> float:
+        future = loop.create_future()
+        simulation = loop.simulation
+        assert isinstance(simulation, ClockOnly)
+        simulation.at[7_000] = lambda: future.set_result(None)
+        await future
+        return loop.time()
+
+    assert loop.run_until_complete(wait()) == 0.010
+
+
+def test_real_sockets_are_served_while_the_world_runs(loop: WorldLoop) -> None:
+    here, there = socket.socketpair()
+    here.setblocking(False)
+
+    async def echo() -> bytes:
+        there.sendall(b"hello")
+        return await loop.sock_recv(here, 16)
+
+    with here, there:
+        assert loop.run_until_complete(echo()) == b"hello"
+
+
+def test_a_call_from_another_thread_is_served(loop: WorldLoop) -> None:
+    async def work() -> int:
+        return await loop.run_in_executor(None, lambda: 42)
+
+    assert loop.run_until_complete(work()) == 42
+    loop.run_until_complete(loop.shutdown_default_executor())
+
+
+def test_a_paced_loop_stops_at_its_timers_too() -> None:
+    loop = WorldLoop(ClockOnly(), pace=50.0)
+    try:
+
+        async def sleep() -> float:
+            await asyncio.sleep(0.0123)
+            return loop.time()
+
+        assert loop.run_until_complete(sleep()) == 0.0123
+        assert loop.lag_s >= 0.0
+    finally:
+        loop.close()
