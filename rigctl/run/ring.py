@@ -1,0 +1,103 @@
+"""A ring of rows in a memory-mapped file: one process writes, any number read, none waits.
+
+The writer first says how far it is about to write (``begun``), then writes the rows, then says
+that they are there (``head``). A reader copies the rows it wants and looks at ``begun``
+afterwards: rows that the writer may have touched meanwhile are the oldest ones, and it drops
+them. Both numbers count rows since the file was made, are aligned 64-bit words and never wrap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+ALIGNMENT_BYTES = 64
+_COUNTERS_BYTES = 64
+
+
+class Column(NamedTuple):
+    """One column of a ring: its name, element type and elements a row."""
+
+    name: str
+    dtype: DTypeLike
+    width: int = 1
+
+
+class Ring:
+    """Rows of a few columns inside a buffer that processes share."""
+
+    def __init__(self, buffer: Any, offset: int, rows: int, columns: Sequence[Column]) -> None:
+        self.rows = rows
+        self._counters = np.frombuffer(buffer, dtype=np.int64, count=2, offset=offset)
+        self._columns = dict(_views(buffer, offset + _COUNTERS_BYTES, rows, columns))
+
+    @property
+    def head(self) -> int:
+        """Rows written since the file was made."""
+        return int(self._counters[1])
+
+    @property
+    def begun(self) -> int:
+        """Rows written or being written since the file was made."""
+        return int(self._counters[0])
+
+    def append(self, **values: NDArray[Any]) -> None:
+        """Add rows, oldest first; all columns at once and of equal length, at most ``rows``."""
+        head = self.head
+        count = len(next(iter(values.values())))
+        self._counters[0] = head + count
+        place = head % self.rows
+        first = min(count, self.rows - place)
+        for name, column in self._columns.items():
+            column[place : place + first] = values[name][:first]
+            if count > first:
+                column[: count - first] = values[name][first:]
+        self._counters[1] = head + count
+
+    def newest(self, n: int) -> tuple[int, Mapping[str, NDArray[Any]]]:
+        """Copies of the newest ``n`` rows or fewer, and the number of the first of them."""
+        head = self.head
+        first = max(0, head - n, self.begun - self.rows)
+        copies = {name: self._copy(column, first, head) for name, column in self._columns.items()}
+        safe = min(head, max(first, self.begun - self.rows))
+        if safe > first:
+            copies = {name: copy[safe - first :] for name, copy in copies.items()}
+        return safe, copies
+
+    def release(self) -> None:
+        """Let go of the buffer, so that it can be closed."""
+        self._counters = np.zeros(2, dtype=np.int64)
+        self._columns = {}
+
+    def _copy(self, column: NDArray[Any], first: int, head: int) -> NDArray[Any]:
+        start = first % self.rows
+        count = max(0, head - first)
+        if start + count <= self.rows:
+            return column[start : start + count].copy()
+        return np.concatenate((column[start:], column[: start + count - self.rows]))
+
+
+def ring_bytes(rows: int, columns: Sequence[Column]) -> int:
+    """Size of a ring in bytes."""
+    return _COUNTERS_BYTES + sum(_aligned(_column_bytes(rows, column)) for column in columns)
+
+
+def _views(
+    buffer: Any, offset: int, rows: int, columns: Sequence[Column]
+) -> Iterator[tuple[str, NDArray[Any]]]:
+    for column in columns:
+        count = rows * column.width
+        flat = np.frombuffer(buffer, dtype=column.dtype, count=count, offset=offset)
+        yield column.name, flat if column.width == 1 else flat.reshape(rows, column.width)
+        offset += _aligned(_column_bytes(rows, column))
+
+
+def _column_bytes(rows: int, column: Column) -> int:
+    return rows * column.width * np.dtype(column.dtype).itemsize
+
+
+def _aligned(size: int) -> int:
+    return -(-size // ALIGNMENT_BYTES) * ALIGNMENT_BYTES

@@ -1,0 +1,129 @@
+"""Live data between processes: what a window sees is whole, in order, and the newest there is."""
+
+from __future__ import annotations
+
+import multiprocessing
+import multiprocessing.synchronize
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.errors import RigFault
+from rigctl.run.live import LiveView, LiveWriter
+
+ROWS = 256
+
+
+@pytest.fixture
+def writer(tmp_path: Path) -> Iterator[LiveWriter]:
+    live = LiveWriter(tmp_path / "live.ring", taxel_rows=ROWS, drum_rows=ROWS)
+    yield live
+    live.close()
+
+
+@pytest.fixture
+def view(writer: LiveWriter) -> Iterator[LiveView]:
+    seen = LiveView(writer.path)
+    yield seen
+    seen.close()
+
+
+def add(writer: LiveWriter, first: int, n: int) -> None:
+    counters = np.arange(first, first + n, dtype=np.int64)
+    writer.add_taxels(
+        counters / 1000.0,
+        counters,
+        np.repeat((counters % 1024).astype(np.uint16)[:, None], 18, axis=1),
+        (counters % 7).astype(np.uint8),
+        np.repeat((counters % 3).astype(np.uint8)[:, None], 36, axis=1),
+    )
+
+
+def test_nothing_written_is_nothing_seen(view: LiveView) -> None:
+    assert len(view.taxels(100)) == 0
+    assert len(view.drum(100)) == 0
+    assert view.heads == (0, 0)
+
+
+def test_the_newest_rows_come_back_in_order_across_the_seam(
+    writer: LiveWriter, view: LiveView
+) -> None:
+    for first in range(0, 1000, 20):
+        add(writer, first, 20)
+    window = view.taxels(200)
+    assert window.counters.tolist() == list(range(800, 1000))
+    assert window.first == 800
+    assert np.array_equal(window.time_s, window.counters / 1000.0)
+    assert np.array_equal(window.samples[:, 17], window.counters % 1024)
+    assert np.array_equal(window.spikes[:, 35], window.counters % 3)
+    assert view.heads.taxels == 1000
+
+
+def test_asking_for_more_than_the_ring_holds_gives_what_it_holds(
+    writer: LiveWriter, view: LiveView
+) -> None:
+    add(writer, 0, 100)
+    assert len(view.taxels(10_000)) == 100
+    for first in range(100, 1000, 100):
+        add(writer, first, 100)
+    assert view.taxels(10_000).counters.tolist() == list(range(1000 - ROWS, 1000))
+
+
+def test_load_cell_samples_come_with_the_set_points_of_their_poll(
+    writer: LiveWriter, view: LiveView
+) -> None:
+    writer.add_drum(np.array([1.0, 1.0125]), np.array([499.0, 501.0]), 500.0, 79.9, 80.0, 7)
+    window = view.drum(10)
+    assert window.force_g.tolist() == [499.0, 501.0]
+    assert window.force_set_g.tolist() == [500.0, 500.0]
+    assert window.speed_set_mm_s.tolist() == [80.0, 80.0]
+    assert window.state.tolist() == [7, 7]
+
+
+def test_the_encoders_range_is_seen(writer: LiveWriter, view: LiveView) -> None:
+    low, high = np.arange(18, dtype=np.uint16), np.arange(900, 918, dtype=np.uint16)
+    writer.set_range(low, high)
+    seen = view.normalisation
+    assert np.array_equal(seen.low, low)
+    assert np.array_equal(seen.high, high)
+
+
+def _write_fast(path: Path, rows: int, started: multiprocessing.synchronize.Event) -> None:
+    live = LiveWriter(path, taxel_rows=ROWS, drum_rows=ROWS)
+    started.set()
+    for first in range(0, rows, 50):
+        add(live, first, 50)
+    live.close()
+
+
+def test_a_reader_in_another_process_never_sees_a_torn_row(tmp_path: Path) -> None:
+    path = tmp_path / "live.ring"
+    context = multiprocessing.get_context("spawn")
+    started = context.Event()
+    process = context.Process(target=_write_fast, args=(path, 400_000, started))
+    process.start()
+    assert started.wait(60)
+    view = LiveView(path)
+    last = 0
+    while process.is_alive() and view.heads.taxels < 400_000:
+        window = view.taxels(ROWS)
+        expected = np.arange(window.first, window.first + len(window))
+        assert np.array_equal(window.counters, expected)
+        assert np.array_equal(window.samples[:, 9], expected % 1024)
+        assert np.array_equal(window.spikes[:, 0], expected % 3)
+        assert window.first >= last
+        last = window.first
+    process.join()
+    view.close()
+    assert process.exitcode == 0
+
+
+def test_a_file_that_is_no_ring_is_refused(tmp_path: Path) -> None:
+    stranger = tmp_path / "notes.txt"
+    stranger.write_text("not a ring" * 20)
+    with pytest.raises(RigFault, match="no live data"):
+        LiveView(stranger)
+    with pytest.raises(RigFault, match="engine still running"):
+        LiveView(tmp_path / "absent")
