@@ -1,0 +1,101 @@
+"""A session's folder before anything is written into it: new, to be resumed, or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+
+from rigctl.errors import DiskFault, SessionError
+from rigctl.session import layout
+from rigctl.session.header import SessionHeader
+from rigctl.session.lock import WriterLock
+
+
+def part_paths(folder: Path) -> list[Path]:
+    """Files of the session's parts, in order; raises SessionError where there is none."""
+    parts = sorted(folder.glob(layout.PART_PATTERN))
+    if not parts:
+        raise SessionError(
+            f"{folder} is not a session: it holds no part-0001.h5; give the folder that "
+            "rigctl run or rigctl demo made"
+        )
+    return parts
+
+
+def part_number(path: Path) -> int:
+    """Number in a part's file name; 0 where it is not a part's."""
+    digits = path.stem.removeprefix("part-")
+    return int(digits) if digits.isdigit() else 0
+
+
+def open_part(path: Path) -> h5py.File:
+    """A part for reading, also while it grows or after its writer was killed."""
+    try:
+        file = h5py.File(path, "r", libver=layout.LIBVER, swmr=True)
+    except OSError as error:
+        raise SessionError(f"{path} is damaged, HDF5 cannot open it: {error}") from error
+    version = file.attrs.get("layout_version", 0)
+    if file.attrs.get("layout") == layout.LAYOUT and version == layout.LAYOUT_VERSION:
+        return file
+    file.close()
+    raise SessionError(
+        f"{path} has layout version {version}, this program reads {layout.LAYOUT_VERSION}: "
+        "use the rigctl that recorded it"
+    )
+
+
+def prepare(folder: Path, header: SessionHeader, resume: bool) -> WriterLock:
+    """Make the folder and lock it.
+
+    Raises SessionError where it holds a session (without ``resume``), another plan's session
+    or none (with ``resume``), or has a living writer; DiskFault where it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise SessionError(f"{folder} is a file: a session needs a folder of its own") from error
+    except OSError as error:
+        raise DiskFault(f"cannot make {folder}: {error.strerror}; choose another folder") from error
+    lock = WriterLock(folder)
+    try:
+        _check_contents(folder, header, resume)
+    except BaseException:
+        lock.release()
+        raise
+    return lock
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text beside the parts once; a later sitting keeps the first one's."""
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        return
+    except OSError as error:
+        raise DiskFault(
+            f"cannot write {path}: {error.strerror}; make room or choose another disk"
+        ) from error
+
+
+def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
+    parts = sorted(folder.glob(layout.PART_PATTERN))
+    if parts and not resume:
+        raise SessionError(
+            f"{folder} already holds a session: continue it with --resume, or choose another folder"
+        )
+    if not parts and resume:
+        part_paths(folder)
+    if parts:
+        _check_plan(parts[-1], header)
+
+
+def _check_plan(path: Path, header: SessionHeader) -> None:
+    with open_part(path) as file:
+        recorded = SessionHeader.from_attributes(dict(file.attrs))
+    if (recorded.plan_hash, recorded.n_taxels) != (header.plan_hash, header.n_taxels):
+        raise SessionError(
+            f"{path.parent} was recorded with another protocol or seed: resume it with its own "
+            f"{layout.PROTOCOL_FILE}, or start a new session"
+        )

@@ -1,0 +1,62 @@
+"""What is known of a session before its first sample: stored in every part of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
+
+
+@dataclass(frozen=True, slots=True)
+class SessionHeader:
+    """Who, what, with which rig and which plan.
+
+    ``start_utc`` is an ISO 8601 stamp that the command line took, ``start_loop_s`` the loop
+    time at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each
+    taxel in ADC counts, empty when there was no calibration. ``simulation`` holds what a
+    simulated bench needs to be repeated (seed, slice length, parameters) and is empty at a
+    real one.
+    """
+
+    plan_hash: str
+    seed: int
+    trials_planned: int
+    rig: str
+    simulated: bool
+    start_utc: str
+    start_loop_s: float = 0.0
+    protocol: str = ""
+    boards: tuple[BoardIdentity, ...] = ()
+    operator: str = ""
+    sensor: str = ""
+    software_version: str = ""
+    software_commit: str = ""
+    encoder_preset: str = ""
+    n_taxels: int = N_TAXELS
+    sample_rate_hz: int = SAMPLE_RATE_HZ
+    taxel_low: tuple[int, ...] = ()
+    taxel_high: tuple[int, ...] = ()
+    simulation: dict[str, Any] = field(default_factory=dict)
+
+    def attributes(self) -> dict[str, str | int | float]:
+        """Attributes of a part's root; what is not a plain value is JSON."""
+        plain = asdict(self)
+        boards = plain.pop("boards")
+        plain["simulated"] = int(self.simulated)
+        plain["boards"] = json.dumps(boards)
+        for name in ("taxel_low", "taxel_high", "simulation"):
+            plain[name] = json.dumps(plain[name])
+        return plain
+
+    @classmethod
+    def from_attributes(cls, attributes: dict[str, Any]) -> SessionHeader:
+        """The header that :meth:`attributes` described; unknown attributes are ignored."""
+        known = {name: attributes[name] for name in cls.__slots__ if name in attributes}
+        known["simulated"] = bool(known["simulated"])
+        known["boards"] = tuple(BoardIdentity(**board) for board in json.loads(known["boards"]))
+        for name in ("taxel_low", "taxel_high"):
+            known[name] = tuple(json.loads(known[name]))
+        known["simulation"] = json.loads(known["simulation"])
+        return cls(**known)
