@@ -69,15 +69,24 @@ class Part:
         self.samples_written = 0
         self._blocks: list[Block] = []
         self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.TABLES}
+        self._dtypes = {t.path: t.dtype for t in layout.TABLES}
         self._file = h5py.File(path, "x", libver=layout.LIBVER)
+        try:
+            self._create(attributes, n_taxels, texts)
+        except BaseException:
+            self.abandon()
+            raise
+
+    def _create(
+        self, attributes: dict[str, str | int | float], n_taxels: int, texts: tuple[str, str]
+    ) -> None:
         layout.describe(self._file, attributes)
         layout.create(self._file, n_taxels, texts)
         self._datasets = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
         self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
-        self._dtypes = {t.path: t.dtype for t in layout.TABLES}
         self._file.swmr_mode = True
         self.sync()
-        _sync_folder(path.parent)
+        _sync_folder(self.path.parent)
 
     def add_block(self, block: Block) -> None:
         """Gather samples, their arrival and the gaps found with them."""
@@ -122,8 +131,19 @@ class Part:
 
     def close(self) -> None:
         """Close the file in order."""
-        if self._file:
-            self._file.close()
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Let the file go as its last complete flush left it, after a write failed.
+
+        HDF5 keeps what it could not write and tries again when its objects are closed, which
+        ends in a segmentation fault. So its descriptor is first pointed at nowhere.
+        """
+        if os.name == "posix":
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            os.dup2(nowhere, self._file.id.get_vfd_handle())
+            os.close(nowhere)
+        self._file.close()
 
     def _write_samples(self) -> list[Any]:
         blocks, self._blocks = self._blocks, []

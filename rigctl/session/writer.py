@@ -152,7 +152,7 @@ class Writer:
         part, self._part = self._part, None
         try:
             if part is not None:
-                part.close()
+                part.abandon()
         except (OSError, RuntimeError):
             return  # HDF5 cannot write its last bytes either; the failure is already told
         finally:
