@@ -6,6 +6,11 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
+
+# A first call compiles kernels; how long an example takes is no test of this house.
+settings.register_profile("rigctl", deadline=None, derandomize=True)
+settings.load_profile("rigctl")
 
 
 @pytest.fixture(autouse=True)

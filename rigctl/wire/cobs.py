@@ -1,0 +1,42 @@
+"""Consistent overhead byte stuffing: any bytes become bytes without zero, and back.
+
+A zero byte then marks the end of a frame and nothing else. Source: Cheshire and Baker,
+*Consistent Overhead Byte Stuffing*, IEEE/ACM Transactions on Networking 7(2), 1999.
+"""
+
+from __future__ import annotations
+
+LONGEST_RUN = 254
+
+
+def encode(data: bytes) -> bytes:
+    """``data`` without a zero byte in it; the closing zero is not added."""
+    out = bytearray()
+    for run in data.split(b"\0"):
+        rest = run
+        while len(rest) >= LONGEST_RUN:
+            out.append(LONGEST_RUN + 1)
+            out += rest[:LONGEST_RUN]
+            rest = rest[LONGEST_RUN:]
+        out.append(len(rest) + 1)
+        out += rest
+    return bytes(out)
+
+
+def decode(data: bytes) -> bytes:
+    """The bytes that :func:`encode` was given; the closing zero is not part of ``data``.
+
+    Raises ValueError where ``data`` holds a zero or ends inside a run.
+    """
+    out = bytearray()
+    at = 0
+    while at < len(data):
+        code = data[at]
+        run = data[at + 1 : at + code]
+        if code == 0 or 0 in run or len(run) != code - 1:
+            raise ValueError(f"byte {at} of {len(data)} does not continue a COBS frame")
+        out += run
+        at += code
+        if at < len(data) and code <= LONGEST_RUN:
+            out.append(0)
+    return bytes(out)

@@ -1,0 +1,36 @@
+"""COBS carries any bytes without a zero and refuses what no encoder wrote."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rigctl.wire import cobs
+
+
+@given(st.binary(max_size=1200))
+def test_any_bytes_come_back_without_a_zero_on_the_wire(data: bytes) -> None:
+    stuffed = cobs.encode(data)
+    assert 0 not in stuffed
+    assert cobs.decode(stuffed) == data
+
+
+@pytest.mark.parametrize(
+    ("data", "wire"),
+    [
+        (b"", b"\x01"),
+        (b"\x00", b"\x01\x01"),
+        (b"\x11\x22\x00\x33", b"\x03\x11\x22\x02\x33"),
+        (bytes(range(1, 255)), b"\xff" + bytes(range(1, 255)) + b"\x01"),
+    ],
+)
+def test_published_examples(data: bytes, wire: bytes) -> None:
+    assert cobs.encode(data) == wire
+    assert cobs.decode(wire) == data
+
+
+@pytest.mark.parametrize("wire", [b"\x05\x11", b"\x02\x00", b"\x00"])
+def test_what_no_encoder_wrote_is_refused(wire: bytes) -> None:
+    with pytest.raises(ValueError, match="COBS"):
+        cobs.decode(wire)
