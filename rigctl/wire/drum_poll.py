@@ -1,0 +1,156 @@
+"""What one poll of the drum says: unwrapped times and counters, and no load-cell sample lost.
+
+The poll block holds the five newest load-cell samples; where more are new, the board's ring
+still has them for 0.8 s, and :meth:`PollDecoder.missing` says which to read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rigctl.values import DrumState, LoadcellSample
+from rigctl.wire.drum_map import LOADCELL_RECENT, POLL, POLL_BLOCK, RING_DEPTH
+from rigctl.wire.registers import BlockLayout
+
+_U16, _U32 = 1 << 16, 1 << 32
+_SCALES = {entry.name: entry.scale for entry in POLL}
+
+RawSample = tuple[int, int]
+"""Raw counts and board time, µs modulo 2³², of one load-cell sample in the ring."""
+
+
+def later(known: int, wire: int, modulus: int) -> int:
+    """The first integer at or after ``known`` that equals ``wire`` modulo ``modulus``."""
+    return known + (wire - known) % modulus
+
+
+class PollDecoder:
+    """Poll blocks of one boot of the board, in order, to drum states.
+
+    ``tare_counts`` and ``scale_ug_per_count`` turn raw load-cell counts into grams, as the
+    board does; whoever changes them there changes them here.
+    """
+
+    layout = BlockLayout(*POLL_BLOCK, entries=POLL)
+
+    def __init__(self, tare_counts: int = 0, scale_ug_per_count: int = 0) -> None:
+        self.tare_counts = tare_counts
+        self.scale_ug_per_count = scale_ug_per_count
+        self.loadcell_lost = 0
+        self._last: DrumState | None = None
+        self._sequence: int | None = None
+        self._sample_us = 0
+
+    @property
+    def last(self) -> DrumState | None:
+        """The newest state decoded, None before the first."""
+        return self._last
+
+    def missing(self, words: Sequence[int]) -> range:
+        """Sequence numbers that this block shows as new, does not hold, and the ring may."""
+        if self._sequence is None:
+            return range(0)
+        newest = later(self._sequence, self.layout.raw(words)["loadcell_sequence"][0], _U16)
+        oldest = max(self._sequence + 1, newest - RING_DEPTH + 1)
+        return range(oldest, max(newest - LOADCELL_RECENT + 1, oldest))
+
+    def decode(
+        self, words: Sequence[int], at_s: float, ring: Mapping[int, RawSample] | None = None
+    ) -> DrumState:
+        """The state that the block ``words`` shows, received at loop time ``at_s``.
+
+        ``ring``: the samples that :meth:`missing` asked for, as far as they could be read.
+        """
+        raw = self.layout.raw(words)
+        now_us = self._board_time(raw["board_time_us"][0])
+        samples = self._new_samples(raw, now_us, ring or {})
+        self._last = self._state(raw, at_s, now_us, samples)
+        return self._last
+
+    def _board_time(self, wire_us: int) -> int:
+        return wire_us if self._last is None else later(self._last.board_time_us, wire_us, _U32)
+
+    def _new_samples(
+        self, raw: Mapping[str, tuple[int, ...]], now_us: int, ring: Mapping[int, RawSample]
+    ) -> tuple[LoadcellSample, ...]:
+        """Samples since the last poll, oldest first; counts those that are gone."""
+        wire = raw["loadcell_sequence"][0]
+        newest_us = now_us - (now_us - raw["loadcell_time_us"][0]) % _U32
+        if self._sequence is None:
+            known, self._sample_us = wire - 1, newest_us
+        else:
+            known = self._sequence
+        newest = later(known, wire, _U16)
+        recent = raw["loadcell_recent"]
+        found = {newest - i: recent[i] for i in range(min(LOADCELL_RECENT, newest - known))}
+        found |= {n: counts for n, (counts, at) in ring.items() if self._plausible(at, newest_us)}
+        self.loadcell_lost += newest - known - len(found)
+        samples = self._timed(found, known, newest, newest_us)
+        self._sequence, self._sample_us = newest, newest_us
+        return samples
+
+    def _plausible(self, ring_us: int, newest_us: int) -> bool:
+        """False for a place of the ring that a newer sample has overwritten meanwhile."""
+        return self._sample_us < newest_us - (newest_us - ring_us) % _U32
+
+    def _timed(
+        self, found: Mapping[int, int], known: int, newest: int, newest_us: int
+    ) -> tuple[LoadcellSample, ...]:
+        """Times between those of the newest samples of this and of the last poll."""
+        span_us, count = newest_us - self._sample_us, max(newest - known, 1)
+        return tuple(
+            LoadcellSample(
+                n,
+                newest_us - round(span_us * (newest - n) / count),
+                found[n],
+                (found[n] - self.tare_counts) * self.scale_ug_per_count * 1e-6,
+            )
+            for n in sorted(found)
+        )
+
+    def _state(
+        self,
+        raw: Mapping[str, tuple[int, ...]],
+        at_s: float,
+        now_us: int,
+        samples: tuple[LoadcellSample, ...],
+    ) -> DrumState:
+        values = {name: numbers[0] * _SCALES[name] for name, numbers in raw.items()}
+        last = self._last
+        sync_count = (
+            raw["sync_count"][0]
+            if last is None
+            else later(last.sync_count, raw["sync_count"][0], _U16)
+        )
+        index_count = (
+            raw["index_count"][0]
+            if last is None
+            else later(last.index_count, raw["index_count"][0], _U16)
+        )
+        return DrumState(
+            at_s=at_s,
+            board_time_us=now_us,
+            state=raw["state"][0],
+            fault=raw["fault"][0],
+            fault_bits=raw["fault_bits"][0],
+            steps=raw["steps"][0],
+            angle_deg=values["angle"],
+            speed_mm_s=values["speed"],
+            force_g=values["force"],
+            actuator_position_um=raw["actuator_position_um"][0],
+            actuator_drive_permille=raw["actuator_drive"][0],
+            sync_count=sync_count,
+            sync_rise_us=self._edge("sync_rise_us", raw, now_us),
+            sync_fall_us=self._edge("sync_fall_us", raw, now_us),
+            index_count=index_count,
+            status_bits=raw["status_bits"][0],
+            loadcell=samples,
+            loadcell_lost=self.loadcell_lost,
+            values=values,
+        )
+
+    def _edge(self, name: str, raw: Mapping[str, tuple[int, ...]], now_us: int) -> int:
+        """Unwrapped time of a sync edge; one that did not change is not reckoned anew."""
+        wire = raw[name][0]
+        known = 0 if self._last is None else int(getattr(self._last, name))
+        return known if known % _U32 == wire else now_us - (now_us - wire) % _U32
