@@ -1,0 +1,242 @@
+"""The compiled neuron kernel: integer readings in, spike counts out, one time step after another.
+
+One kernel serves live and offline. It walks through time once; in each sample all lanes (taxels,
+of one trial or of several side by side) are advanced together, so that the inner loops run over
+contiguous lanes without branches and the compiler can vectorise them.
+
+The arithmetic is float64 in strict IEEE order: no fast-math, and without it LLVM neither
+reorders nor fuses multiply and add (a test compares bits with plain Python). So spikes are equal
+on every machine and for any slicing.
+
+An Euler step h of dv/dt = αv² + βv + γ − u + I is carried out in its normal form, which needs one
+multiplication where the textbook's order needs three. With p = (1 + hβ) / 2::
+
+    m = hαv + p                     the membrane: threshold and reset value are mapped alike
+    s = h²αu + hbp                  the recovery: the shift takes the constant out of its step
+    w = drive·x + w0                drive = h²α·gain, w0 = p − p² + h²αγ + hbp
+    m' = m·m + (w − s)
+    s' = (1 − a·step)·s + (h·a·b·step)·m'
+
+It is the same map as the textbook's; only the last bits of the rounding differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.encoding.presets import EncoderParameters, Recovery, Rectify, Reset
+
+Kernel = Callable[..., None]
+
+ABSOLUTE = list(Rectify).index(Rectify.ABSOLUTE)
+RISING_ONLY = list(Rectify).index(Rectify.RISING_ONLY)
+
+# Rows of the state array, float64 (STATE_ROWS, 2, lanes): SA in [.., 0, :], RA in [.., 1, :].
+# The filter's rows use the RA half only.
+MEMBRANE, RECOVERY, Z1, Z2, LAST = range(5)
+STATE_ROWS = 5
+
+# Positions in the vector of folded constants.
+W0, KEEP, PULL, THRESHOLD, RESET_TO, JUMP, B0, B1, B2, A1, A2 = range(11)
+
+
+def _normal_form(p: EncoderParameters) -> tuple[float, float, float]:
+    """Scale and shift of the membrane (m = scale·v + shift) and shift of the recovery."""
+    h = p.substep_ms
+    shift = (1.0 + h * p.linear) / 2.0
+    return h * p.quadratic, shift, h * p.b * shift
+
+
+def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
+    """The kernel's constants, float64 (11,), in the order of the position names above."""
+    p, h = parameters, parameters.substep_ms
+    scale, shift, recovery_shift = _normal_form(p)
+    u_step = h * p.substeps if p.reset is Reset.NEXT_SAMPLE else h
+    b, a = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    neuron = (
+        shift - shift * shift + scale * h * p.constant + recovery_shift,
+        1.0 - p.a * u_step,
+        h * p.a * p.b * u_step,
+        scale * p.threshold_mv + shift,
+        scale * p.c_mv + shift,
+        scale * h * p.d,
+    )
+    return np.array((*neuron, *b, *a[1:]))
+
+
+def drives(parameters: EncoderParameters) -> tuple[float, float]:
+    """What one unit of the SA signal and of the RA difference per sample adds to w."""
+    p = parameters
+    per_unit = p.substep_ms * p.quadratic * p.substep_ms
+    return per_unit * p.sa_gain, per_unit * p.ra_gain * p.sample_rate_hz
+
+
+def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[list[float], list[float]]:
+    """Numerator and denominator of the second-order low-pass, three coefficients each.
+
+    Rounded to 15 decimals, so that another machine's tangent gives the same filter.
+    """
+    from scipy import signal
+
+    b, a = signal.butter(2, cutoff_hz, fs=rate_hz)
+    return [round(float(x), 15) for x in b], [round(float(x), 15) for x in a]
+
+
+def rest(parameters: EncoderParameters, lanes: int) -> NDArray[np.float64]:
+    """State of neurons at rest, float64 (STATE_ROWS, 2, lanes); the filter is still to start."""
+    scale, shift, recovery_shift = _normal_form(parameters)
+    state = np.zeros((STATE_ROWS, 2, lanes))
+    state[MEMBRANE] = scale * parameters.start_v_mv + shift
+    state[RECOVERY] = scale * parameters.substep_ms * parameters.start_u + recovery_shift
+    return state
+
+
+def membrane_mv(
+    parameters: EncoderParameters, membrane: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Membrane voltage in mV from the kernel's normal form, same shape."""
+    scale, shift, _ = _normal_form(parameters)
+    voltage: NDArray[np.float64] = (membrane - shift) / scale
+    return voltage
+
+
+def _start_filter(
+    first: NDArray[np.uint16],
+    low: NDArray[np.uint16],
+    high: NDArray[np.uint16],
+    scale: NDArray[np.float64],
+    k: NDArray[np.float64],
+    state: NDArray[np.float64],
+) -> None:
+    """Put the low-pass into the steady state of the first sample, so that nothing rings.
+
+    ``LAST`` is what the kernel will compute for this sample, so the first difference is 0 exactly.
+    """
+    for j in range(first.shape[0]):
+        reading = min(max(first[j], low[j]), high[j])
+        x = np.float64(np.int32(reading) - np.int32(low[j])) * scale[j]
+        state[Z2, 1, j] = (k[B2] - k[A2]) * x
+        state[Z1, 1, j] = (k[B1] - k[A1]) * x + state[Z2, 1, j]
+        state[LAST, 1, j] = k[B0] * x + state[Z1, 1, j]
+
+
+start_filter: Kernel = numba.njit(cache=True, nogil=True, error_model="numpy")(_start_filter)
+
+
+def kernel_for(parameters: EncoderParameters, *, traced: bool = False) -> Kernel:
+    """The compiled kernel of a scheme; the numbers of the scheme go in through :func:`folded`.
+
+    Called as ``kernel(samples, low, high, scale, sa_drive, ra_drive, constants, state, counts,
+    trace)``, all contiguous: samples uint16 (n, lanes); low, high uint16 (lanes,); scale float64
+    (lanes,), 1 / (high − low); sa_drive, ra_drive float64 (lanes,); state as from :func:`rest`,
+    changed in place; counts uint8 (n, 2·lanes), written; trace float64 (n, 2·lanes), written if
+    ``traced`` with the membrane after each sample, the threshold where it spiked.
+    Releases the GIL.
+    """
+    return _compiled(
+        parameters.substeps,
+        parameters.recovery is Recovery.OLD_V,
+        parameters.reset is Reset.NEXT_SAMPLE,
+        parameters.clamp_v,
+        list(Rectify).index(parameters.ra_rectify),
+        traced,
+    )
+
+
+@cache
+def _compiled(
+    substeps: int, old_v: bool, late: bool, clamp: bool, rectify: int, traced: bool
+) -> Kernel:
+    """Compile one scheme. The arguments are constants of the compiled code, not run-time tests."""
+
+    # One long function on purpose: numba keeps closures over plain numbers in its disk cache,
+    # and the state must live in arrays of this frame for LLVM to know that they do not overlap.
+    def advance(
+        samples: Any,
+        low: Any,
+        high: Any,
+        scale: Any,
+        sa_drive: Any,
+        ra_drive: Any,
+        k: Any,
+        state: Any,
+        counts: Any,
+        trace: Any,
+    ) -> None:
+        n, lanes = samples.shape
+        both = 2 * lanes
+        w0, keep, pull = k[W0], k[KEEP], k[PULL]
+        threshold, reset_to, jump = k[THRESHOLD], k[RESET_TO], k[JUMP]
+        b0, b1, b2, a1, a2 = k[B0], k[B1], k[B2], k[A1], k[A2]
+        m, s, w, fired = np.empty(both), np.empty(both), np.empty(both), np.empty(both)
+        z1, z2, last = np.empty(lanes), np.empty(lanes), np.empty(lanes)
+        w_ra = np.empty(lanes)
+        for j in range(lanes):
+            m[j], m[lanes + j] = state[MEMBRANE, 0, j], state[MEMBRANE, 1, j]
+            s[j], s[lanes + j] = state[RECOVERY, 0, j], state[RECOVERY, 1, j]
+            z1[j], z2[j], last[j] = state[Z1, 1, j], state[Z2, 1, j], state[LAST, 1, j]
+        for t in range(n):
+            row = samples[t]
+            for j in range(lanes):
+                reading = min(max(row[j], low[j]), high[j])
+                x = np.float64(np.int32(reading) - np.int32(low[j])) * scale[j]
+                w[j] = sa_drive[j] * x + w0
+                y = b0 * x + z1[j]
+                z1[j] = (b1 * x - a1 * y) + z2[j]
+                z2[j] = b2 * x - a2 * y
+                slope = y - last[j]
+                last[j] = y
+                if rectify == ABSOLUTE:
+                    slope = abs(slope)
+                elif rectify == RISING_ONLY:
+                    slope = max(slope, 0.0)
+                w_ra[j] = ra_drive[j] * slope + w0
+            for j in range(lanes):
+                w[lanes + j] = w_ra[j]
+            for i in range(both):
+                fired[i] = 0.0
+                if late:
+                    spent = m[i] >= threshold
+                    m[i] = reset_to if spent else m[i]
+                    s[i] = s[i] + (jump if spent else 0.0)
+            for _ in range(substeps):
+                for i in range(both):
+                    before = m[i]
+                    after = before * before + (w[i] - s[i])
+                    if late:
+                        m[i] = after
+                    else:
+                        recovery = keep * s[i] + pull * (before if old_v else after)
+                        crossed = after >= threshold
+                        m[i] = reset_to if crossed else after
+                        s[i] = recovery + (jump if crossed else 0.0)
+                        fired[i] += 1.0 if crossed else 0.0
+            for i in range(both):
+                if late:
+                    fired[i] = 1.0 if m[i] >= threshold else 0.0
+                    if clamp:
+                        m[i] = threshold if m[i] >= threshold else m[i]
+                    s[i] = keep * s[i] + pull * m[i]
+            row_counts = counts[t]
+            for i in range(both):
+                row_counts[i] = np.uint8(fired[i])
+            if traced:
+                row_trace = trace[t]
+                for i in range(both):
+                    row_trace[i] = threshold if fired[i] > 0.0 else m[i]
+        for j in range(lanes):
+            state[MEMBRANE, 0, j], state[MEMBRANE, 1, j] = m[j], m[lanes + j]
+            state[RECOVERY, 0, j], state[RECOVERY, 1, j] = s[j], s[lanes + j]
+            state[Z1, 1, j], state[Z2, 1, j], state[LAST, 1, j] = z1[j], z2[j], last[j]
+
+    compile_advance = numba.njit(
+        cache=True, nogil=True, fastmath=False, error_model="numpy", boundscheck=False
+    )
+    kernel: Kernel = compile_advance(advance)
+    return kernel

@@ -1,0 +1,100 @@
+"""The range of each taxel: how an integer reading becomes a number from 0 to 1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import WrongUse
+
+FULL_SCALE = 1023
+
+
+@dataclass(frozen=True, slots=True)
+class Normalisation:
+    """Lowest and highest reading of each taxel, uint16 (n_taxels,) each.
+
+    A reading r becomes (r − low) / (high − low), clipped to 0–1. A taxel whose range is empty
+    (constant over the data) reads 0 always. ``source`` says in words where the range is from.
+    Raises :class:`WrongUse` where a low lies above its high.
+    """
+
+    low: NDArray[np.uint16]
+    high: NDArray[np.uint16]
+    source: str = "calibration"
+
+    def __post_init__(self) -> None:
+        if self.low.shape != self.high.shape or self.low.ndim != 1:
+            raise WrongUse("taxel ranges need one low and one high for each taxel")
+        if bool(np.any(self.low > self.high)):
+            taxel = int(np.flatnonzero(self.low > self.high)[0]) + 1
+            raise WrongUse(f"taxel {taxel}: the low end of its range lies above the high end")
+
+    @property
+    def n_taxels(self) -> int:
+        """Number of taxels."""
+        return int(self.low.shape[0])
+
+    @property
+    def scale(self) -> NDArray[np.float64]:
+        """1 / (high − low), float64 (n_taxels,); 0 for a constant taxel."""
+        width = self.high.astype(np.float64) - self.low
+        return np.divide(1.0, width, out=np.zeros_like(width), where=width > 0)
+
+    @property
+    def constant_taxels(self) -> list[int]:
+        """Taxels (counted from 1) that carry no signal in this range."""
+        return [int(i) + 1 for i in np.flatnonzero(self.low == self.high)]
+
+    def clipped(self, samples: NDArray[np.uint16]) -> NDArray[np.int64]:
+        """How many readings of each taxel fall outside its range, int64 (n_taxels,)."""
+        outside = (samples < self.low) | (samples > self.high)
+        counts: NDArray[np.int64] = np.sum(outside, axis=0, dtype=np.int64)
+        return counts
+
+    @classmethod
+    def full_scale(cls, n_taxels: int) -> Normalisation:
+        """The converter's whole range, 0–1023, for each taxel."""
+        low = np.zeros(n_taxels, np.uint16)
+        return cls(low, np.full(n_taxels, FULL_SCALE, np.uint16), "full scale 0–1023")
+
+    @classmethod
+    def over(cls, recordings: Iterable[NDArray[np.uint16]], source: str) -> Normalisation:
+        """Minimum and maximum of each taxel over recordings, uint16 (n, n_taxels) each.
+
+        Raises :class:`WrongUse` if there is not a single sample.
+        """
+        ends = [(part.min(axis=0), part.max(axis=0)) for part in recordings if len(part)]
+        if not ends:
+            raise WrongUse("no samples to take the taxel ranges from")
+        low = np.min([lo for lo, _ in ends], axis=0).astype(np.uint16)
+        high = np.max([hi for _, hi in ends], axis=0).astype(np.uint16)
+        return cls(low, high, source)
+
+
+class RunningRange:
+    """The range seen so far, for a live view that has no calibration; it can only widen."""
+
+    def __init__(self, n_taxels: int) -> None:
+        self._low = np.full(n_taxels, np.iinfo(np.uint16).max, np.uint16)
+        self._high = np.zeros(n_taxels, np.uint16)
+
+    def update(self, samples: NDArray[np.uint16]) -> bool:
+        """Take in samples uint16 (n, n_taxels); True if the range of any taxel widened."""
+        if len(samples) == 0:
+            return False
+        low = np.minimum(self._low, samples.min(axis=0))
+        high = np.maximum(self._high, samples.max(axis=0))
+        widened = bool(np.any(low != self._low) or np.any(high != self._high))
+        self._low, self._high = low, high
+        return widened
+
+    @property
+    def normalisation(self) -> Normalisation:
+        """The range so far; before the first sample the converter's whole range."""
+        if bool(np.any(self._low > self._high)):
+            return Normalisation.full_scale(self._low.shape[0])
+        return Normalisation(self._low, self._high, "running range since the start")
