@@ -217,7 +217,11 @@ class Simulation(Protocol):
     drum: SimulatedLink
     taxels: SimulatedLink
     faults: FaultPanel
-    truth: Truth
+
+    @property
+    def truth(self) -> Truth:
+        """What really happened, up to now."""
+        ...
 
     @property
     def slice_us(self) -> int:

@@ -1,0 +1,90 @@
+"""The physical bench that both kinds of boards are wired to: mechanics, skin, load cell, truth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rigctl.world.loadcell import Loadcell
+from rigctl.world.noise import Stream, generator
+from rigctl.world.parameters import WorldParameters, checked
+from rigctl.world.plant import DRUM_MM, FORCE_G, RING_MS, Motion, Plant
+from rigctl.world.simulation import Disturbances
+from rigctl.world.skin import Skin
+from rigctl.world.textures import height_tables, texture
+from rigctl.world.truth import Truth
+
+LOG_EVERY_MS = 500
+
+
+class Bench:
+    """One simulated bench, the same for a seed. The boards around it move its time.
+
+    Raises WrongUse when a parameter lies outside its plausible range.
+    """
+
+    def __init__(self, parameters: WorldParameters, seed: int) -> None:
+        self.parameters = checked(parameters)
+        self.seed = seed
+        self.disturbances = Disturbances()
+        self.plant = Plant(parameters)
+        self.skin = Skin(parameters, seed, self.plant)
+        self.loadcell = Loadcell(parameters, seed, self.plant, self.disturbances)
+        self._truth = Truth()
+        self._logged_ms = 0
+        self._plates = 0
+        self._sync_level = 0
+        self._sync_edges: list[tuple[int, int]] = []
+        self.set_plate("A")
+
+    @property
+    def truth(self) -> Truth:
+        """What really happened, up to now."""
+        self.log_truth()
+        return self._truth
+
+    def set_plate(self, name: str) -> None:
+        """Snap in a plate; it never sits quite where the last one did. Raises WrongUse."""
+        random = generator(self.seed, Stream.SEATING, self._plates)
+        spread_mm = self.parameters.plate_seating_mm
+        seating_mm = spread_mm * random.uniform(-1.0, 1.0)
+        tables = height_tables(texture(name), self.parameters, seating_mm)
+        self._plates += 1
+        self.skin.set_heights(tables)
+        self.plant.set_footprint(tables.footprint)
+
+    def disturb(self) -> None:
+        """Bring changed disturbances to the mechanics."""
+        self.plant.disturb(self.disturbances.motor_jammed, self.disturbances.push_g)
+
+    def sync(self, level: int, at_us: int) -> None:
+        """The drum board drives the sync line to this level."""
+        self._sync_edges.append((at_us, level))
+
+    def advance(
+        self,
+        until_ms: int,
+        drive: float,
+        motion: Motion,
+        stop_low_mm: float = -1.0,
+        stop_high_mm: float = 1e9,
+    ) -> bool:
+        """As :meth:`Plant.advance`, at most 1 s a call; skin and truth follow behind."""
+        if until_ms - self._logged_ms > LOG_EVERY_MS:
+            self.log_truth()
+        return self.plant.advance(until_ms, drive, motion, stop_low_mm, stop_high_mm)
+
+    def log_truth(self) -> None:
+        """Write down what the plant did since the last time."""
+        self.skin.advance()
+        times_ms = np.arange(self._logged_ms + 1, self.plant.time_ms + 1)
+        if times_ms.size == 0:
+            return
+        places = self.plant.log[np.append(times_ms[0] - 1, times_ms) % RING_MS, DRUM_MM]
+        force = self.plant.log[times_ms % RING_MS, FORCE_G]
+        sync = np.full(times_ms.size, self._sync_level, np.uint8)
+        for at_us, level in self._sync_edges:
+            sync[times_ms * 1000 >= at_us] = level
+            self._sync_level = level
+        self._sync_edges.clear()
+        self._truth.append(np.diff(places) * 1e3, force, sync)
+        self._logged_ms = self.plant.time_ms

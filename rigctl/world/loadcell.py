@@ -1,0 +1,81 @@
+"""What the HX711 amplifier makes of the force: 24-bit counts, 80 a second by its own clock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rigctl.world.noise import NoiseRows, Stream
+from rigctl.world.parameters import WorldParameters
+from rigctl.world.plant import FELT_G, RING_MS, Plant
+from rigctl.world.simulation import Disturbances, LoadcellFault
+
+FULL_SCALE = 8_388_607
+SETTLING_CONVERSIONS = 4
+
+
+class Loadcell:
+    """One amplifier. A conversion is ready at ``next_us``; ``convert`` gives it.
+
+    The plant must have run to the millisecond that ends at or before ``next_us``, not beyond
+    the next one.
+    """
+
+    def __init__(
+        self, parameters: WorldParameters, seed: int, plant: Plant, disturbances: Disturbances
+    ) -> None:
+        self._p = parameters
+        self._plant = plant
+        self._bench = disturbances
+        rate_hz = parameters.loadcell_rate_hz * (1.0 + parameters.loadcell_clock_ppm * 1e-6)
+        self._period_us = 1e6 / rate_hz
+        self._average_ms = round(parameters.loadcell_average_ms)
+        self._creep_gain = 1.0 - math.exp(-1.0 / (rate_hz * parameters.loadcell_creep_s))
+        self._crept_g = 0.0
+        self._last_counts = 0
+        self._number = 0
+        self._noise = NoiseRows(seed, Stream.LOADCELL, 1)
+        self.power_up(0)
+
+    def power_up(self, at_us: int) -> None:
+        """Supply on, or clock line low again: the first conversion comes after settling."""
+        self._origin_us = at_us + (SETTLING_CONVERSIONS - 1) * self._period_us
+        self._since_origin = 0
+        self._schedule()
+
+    def convert(self) -> int | None:
+        """Raw counts of the conversion due at ``next_us``; None when the amplifier is silent."""
+        at_us = self.next_us
+        force_g = self._felt_g(at_us // 1000) + self._slow_g(at_us) + self._noise_g()
+        self._schedule()
+        if self._bench.loadcell is LoadcellFault.SILENT:
+            return None
+        if self._bench.loadcell is LoadcellFault.SATURATED:
+            return FULL_SCALE
+        if self._bench.loadcell is not LoadcellFault.FROZEN:
+            self._last_counts = self._counts(force_g)
+        return self._last_counts
+
+    def _schedule(self) -> None:
+        self._since_origin += 1
+        self.next_us = int(self._origin_us + self._since_origin * self._period_us)
+
+    def _felt_g(self, end_ms: int) -> float:
+        rows = np.arange(end_ms - self._average_ms + 1, end_ms + 1) % RING_MS
+        return float(self._plant.log[rows, FELT_G].sum()) / self._average_ms
+
+    def _slow_g(self, at_us: int) -> float:
+        """Drift of the bridge and creep of its glue."""
+        self._crept_g += self._creep_gain * (self._plant.force_g - self._crept_g)
+        drift = math.sin(2.0 * math.pi * at_us * 1e-6 / self._p.loadcell_drift_s)
+        return self._p.loadcell_drift_g * drift + self._p.loadcell_creep * self._crept_g
+
+    def _noise_g(self) -> float:
+        noise = float(self._noise.rows(self._number, 1)[0, 0])
+        self._number += 1
+        return self._p.loadcell_noise_g * noise
+
+    def _counts(self, force_g: float) -> int:
+        counts = self._p.loadcell_offset_counts + force_g * 1e6 / self._p.loadcell_ug_per_count
+        return max(-FULL_SCALE - 1, min(FULL_SCALE, round(counts)))

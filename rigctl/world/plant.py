@@ -1,0 +1,336 @@
+"""Drum, actuator and contact, one millisecond at a time.
+
+The actuator moves the drum down a screw with lag, dead band and play; the drum's place comes
+from the steps. What they do together is the contact force. The last milliseconds stay in a
+ring from which load cell, skin and truth read.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.world.compiled import compiled, inlined
+from rigctl.world.parameters import WorldParameters
+from rigctl.world.textures import GRID_MM
+
+RING_MS = 4096
+"""Milliseconds kept; nobody reads further back than this."""
+
+DRUM_MM, DEPTH_MM, FORCE_G, FELT_G, CONTACTS = range(5)
+"""Columns of the ring: place under the sensor, depth and contact force at the end of the
+millisecond, what the load cell feels, and how many contacts there were since power-up."""
+
+# Plain arrays with named places, because handing a record to compiled code costs 5 µs a call.
+(
+    _TIME_MS,
+    _PLACE,
+    _SLIP,
+    _VELOCITY,
+    _ROD,
+    _DEPTH,
+    _FORCE,
+    _CONTACTS,
+    _TOUCHING,
+    _INDEX_HIGH,
+    _INDEX_RISES,
+    _INDEX_RISE_US,
+    _JAMMED,
+    _PUSH,
+    _STATE_SIZE,
+) = range(15)
+_CONSTANTS = (
+    "circumference_mm",
+    "travel_factor",
+    "start_mm",
+    "index_length_mm",
+    "run_out_mm",
+    "run_out_phase",
+    "actuator_speed_mm_s",
+    "actuator_gain",
+    "dead_band",
+    "stiction",
+    "backlash_mm",
+    "drum_weight_g",
+    "actuator_travel_mm",
+    "contact_mm",
+    "stiffness_g_mm",
+    "stiffening_per_mm",
+    "ripple_share",
+    "imbalance_g",
+    "moved_mass_g",
+)
+(
+    _C_TURN,
+    _C_FACTOR,
+    _C_START,
+    _C_INDEX,
+    _C_RUN_OUT,
+    _C_PHASE,
+    _C_SPEED,
+    _C_GAIN,
+    _C_DEAD,
+    _C_STICTION,
+    _C_BACKLASH,
+    _C_WEIGHT,
+    _C_TRAVEL,
+    _C_CONTACT,
+    _C_STIFFNESS,
+    _C_STIFFENING,
+    _C_RIPPLE,
+    _C_IMBALANCE,
+    _C_MASS,
+) = range(len(_CONSTANTS))
+
+_Floats = NDArray[np.float64]
+
+
+class Motion(NamedTuple):
+    """Where the drum was commanded to be: nominal travel as a parabola of world time.
+
+    ``travel_mm + speed_mm_s·t + acceleration_mm_s2·t²/2`` with t counted from ``from_us``.
+    """
+
+    from_us: float
+    travel_mm: float
+    speed_mm_s: float
+    acceleration_mm_s2: float
+
+    def travel_at(self, time_us: float) -> float:
+        """Nominal travel, mm."""
+        t = (time_us - self.from_us) * 1e-6
+        return self.travel_mm + t * (self.speed_mm_s + 0.5 * self.acceleration_mm_s2 * t)
+
+
+STANDING = Motion(0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
+def _height(table: NDArray[np.float64], place_mm: float, circumference_mm: float) -> float:
+    cell = (place_mm % circumference_mm) / GRID_MM
+    low = int(cell)
+    share = cell - low
+    size = table.size
+    return float(table[low % size] * (1.0 - share) + table[(low + 1) % size] * share)
+
+
+@inlined
+def _force(depth_mm: float, c: _Floats) -> float:
+    if depth_mm <= 0.0:
+        return 0.0
+    return float(c[_C_STIFFNESS] * depth_mm * (1.0 + c[_C_STIFFENING] * depth_mm))
+
+
+@inlined
+def _move_actuator(s: _Floats, c: _Floats, drive: float) -> float:
+    """One millisecond of the rod; returns its change of speed, mm/s."""
+    still = abs(s[_VELOCITY]) < 0.01
+    least = c[_C_DEAD] + (c[_C_STICTION] if still else 0.0)
+    target = 0.0
+    if abs(drive) > least:
+        share = (abs(drive) - c[_C_DEAD]) / (1.0 - c[_C_DEAD])
+        target = math.copysign(share * c[_C_SPEED], drive)
+    before = s[_VELOCITY]
+    s[_VELOCITY] += (target - before) * c[_C_GAIN]
+    s[_ROD] += s[_VELOCITY] * 1e-3
+    if s[_ROD] <= 0.0 or s[_ROD] >= c[_C_TRAVEL]:
+        s[_ROD] = min(max(s[_ROD], 0.0), c[_C_TRAVEL])
+        s[_VELOCITY] = 0.0
+    return float(s[_VELOCITY] - before)
+
+
+@inlined
+def _touch(s: _Floats, c: _Floats, surface_mm: float) -> None:
+    """Depth and force for a drum surface that stands so far from the skin at rod 0.
+
+    The drum's weight holds the screw's play on its lower flank; a contact force above the
+    weight pushes it to the upper one.
+    """
+    low = s[_ROD] + 0.5 * c[_C_BACKLASH] - surface_mm
+    high = low - c[_C_BACKLASH]
+    s[_DEPTH] = low
+    s[_FORCE] = _force(low, c)
+    if s[_FORCE] > c[_C_WEIGHT]:
+        s[_DEPTH] = high
+        s[_FORCE] = max(c[_C_WEIGHT], _force(high, c))
+
+
+@inlined
+def _roll(s: _Floats, c: _Floats, motion: Motion) -> None:
+    """Turn the drum to where the steps want it, unless something holds it."""
+    start_us, travel, speed, acceleration = motion
+    t = (s[_TIME_MS] * 1000.0 - start_us) * 1e-6
+    nominal = travel + t * (speed + 0.5 * acceleration * t)
+    place = c[_C_START] + nominal * c[_C_FACTOR] - s[_SLIP]
+    if s[_JAMMED]:
+        s[_SLIP] += place - s[_PLACE]
+    else:
+        s[_PLACE] = place
+
+
+@inlined
+def _press(s: _Floats, c: _Floats, footprint: _Floats, drive: float) -> float:
+    """Move the actuator, find the contact force; returns what the load cell feels."""
+    angle = 2.0 * math.pi * s[_PLACE] / c[_C_TURN]
+    change = _move_actuator(s, c, drive)
+    wobble = c[_C_RUN_OUT] * math.sin(angle + c[_C_PHASE])
+    ripple = c[_C_RIPPLE] * _height(footprint, s[_PLACE], c[_C_TURN])
+    _touch(s, c, c[_C_CONTACT] - wobble - ripple)
+    touching = s[_FORCE] > 0.0
+    if touching and not s[_TOUCHING]:
+        s[_CONTACTS] += 1
+    s[_TOUCHING] = touching
+    # Acceleration in mm/s per ms is m/s²; over 9.81 it is a share of weight.
+    inertia = c[_C_MASS] * change / 9.81
+    return float(s[_FORCE] + s[_PUSH] + inertia + c[_C_IMBALANCE] * math.sin(angle))
+
+
+@inlined
+def _watch_index(s: _Floats, c: _Floats, before: float) -> bool:
+    """True when the index mark began in this millisecond."""
+    angle = s[_PLACE] % c[_C_TURN]
+    high = angle < c[_C_INDEX]
+    began = high and not s[_INDEX_HIGH]
+    s[_INDEX_HIGH] = high
+    if began:
+        step = s[_PLACE] - before
+        inside = angle if step > 0.0 else c[_C_INDEX] - angle
+        s[_INDEX_RISES] += 1
+        into_us = min(1000.0, 1000.0 * inside / max(abs(step), 1e-9))
+        s[_INDEX_RISE_US] = s[_TIME_MS] * 1000 - int(into_us)
+    return began
+
+
+@compiled
+def _advance(
+    s: _Floats,
+    c: _Floats,
+    log: _Floats,
+    footprint: _Floats,
+    motion: Motion,
+    drive: float,
+    until_ms: int,
+    stop_low_mm: float,
+    stop_high_mm: float,
+) -> bool:
+    """Run to ``until_ms``; True when it stopped earlier for an index mark or a rod limit."""
+    while s[_TIME_MS] < until_ms:
+        before = s[_PLACE]
+        s[_TIME_MS] += 1
+        _roll(s, c, motion)
+        felt = _press(s, c, footprint, drive)
+        row = log[int(s[_TIME_MS]) % RING_MS]
+        row[DRUM_MM] = s[_PLACE]
+        row[DEPTH_MM] = s[_DEPTH]
+        row[FORCE_G] = s[_FORCE]
+        row[FELT_G] = felt
+        row[CONTACTS] = s[_CONTACTS]
+        marked = _watch_index(s, c, before)
+        if marked or s[_ROD] <= stop_low_mm or s[_ROD] >= stop_high_mm:
+            return True
+    return False
+
+
+class Plant:
+    """The mechanics of one bench. ``advance`` is the only thing that moves it."""
+
+    def __init__(self, parameters: WorldParameters) -> None:
+        self.log = np.zeros((RING_MS, 5))
+        self._state = np.zeros(_STATE_SIZE)
+        self._constants = _constants(parameters)
+        self._counts_per_mm = parameters.potentiometer_counts / parameters.actuator_travel_mm
+        self._footprint = np.zeros(round(parameters.circumference_mm / GRID_MM))
+        self._state[_ROD] = parameters.actuator_start_mm
+        self._state[_PLACE] = parameters.start_mm
+        angle_mm = parameters.start_mm % parameters.circumference_mm
+        self._state[_INDEX_HIGH] = angle_mm < parameters.index_length_mm
+        self.log[:, DRUM_MM] = parameters.start_mm
+        self.log[:, DEPTH_MM] = parameters.actuator_start_mm - parameters.contact_mm
+
+    def advance(
+        self,
+        until_ms: int,
+        drive: float,
+        motion: Motion,
+        stop_low_mm: float = -1.0,
+        stop_high_mm: float = 1e9,
+    ) -> bool:
+        """Run with one drive (duty −1 … 1, positive presses) and one motion of the drum.
+
+        Returns True when it stopped before ``until_ms`` because an index mark began or the
+        actuator reached one of the two limits.
+        """
+        return bool(
+            _advance(
+                self._state,
+                self._constants,
+                self.log,
+                self._footprint,
+                motion,
+                drive,
+                until_ms,
+                stop_low_mm,
+                stop_high_mm,
+            )
+        )
+
+    def set_footprint(self, heights_mm: NDArray[np.float64]) -> None:
+        """Mean texture height under the sensor around the drum, on the texture grid."""
+        self._footprint = np.ascontiguousarray(heights_mm)
+
+    def disturb(self, jammed: bool, push_g: float) -> None:
+        """Hold the drum, press on the load cell."""
+        self._state[_JAMMED] = jammed
+        self._state[_PUSH] = push_g
+
+    @property
+    def time_ms(self) -> int:
+        """World time up to which the mechanics have run."""
+        return int(self._state[_TIME_MS])
+
+    @property
+    def drum_mm(self) -> float:
+        """True place of the surface under the sensor, counted on over turns."""
+        return float(self._state[_PLACE])
+
+    @property
+    def force_g(self) -> float:
+        """True contact force."""
+        return float(self._state[_FORCE])
+
+    @property
+    def rod_mm(self) -> float:
+        """True actuator travel from its upper end."""
+        return float(self._state[_ROD])
+
+    @property
+    def potentiometer(self) -> int:
+        """Reading of the position potentiometer, counts."""
+        return int(self.rod_mm * self._counts_per_mm + 0.5)
+
+    @property
+    def index_high(self) -> bool:
+        """Whether the index mark stands under its sensor."""
+        return bool(self._state[_INDEX_HIGH])
+
+    @property
+    def index_rises(self) -> int:
+        """Index marks that began since power-up."""
+        return int(self._state[_INDEX_RISES])
+
+    @property
+    def index_rise_us(self) -> int:
+        """World time at which the last index mark began."""
+        return int(self._state[_INDEX_RISE_US])
+
+
+def _constants(p: WorldParameters) -> _Floats:
+    derived = {
+        "travel_factor": 1.0 + p.radius_error_ppm * 1e-6,
+        "run_out_phase": math.radians(p.run_out_phase_deg),
+        "actuator_gain": 1.0 - math.exp(-1.0 / p.actuator_lag_ms),
+    }
+    return np.array([derived[n] if n in derived else getattr(p, n) for n in _CONSTANTS])
