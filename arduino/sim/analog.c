@@ -1,0 +1,91 @@
+/* Analog inputs: voltages that move linearly within a slice, read when a conversion starts.
+ *
+ * simavr has no auto trigger from timer 1. It is made here from the compare flag: only a flag
+ * that goes from cleared to set starts a conversion, as on silicon, so firmware that never
+ * clears OCF1B samples once and never again.
+ */
+#include "board.h"
+
+#define ADC_STEPS 1024
+#define SIMAVR_STEPS 1023 /* simavr reads mV × 1023 / vref */
+#define MILLIVOLTS 5000
+#define CHANNELS 8
+#define TIMER1_COMPB_328P 12
+#define ADCSRB_328P 0x7b
+#define TRIGGER_MASK 7
+#define TRIGGER_TIMER1_COMPB 5
+#define PORTD_328P 0x2b
+#define DDRD_328P 0x2a
+#define LINE_SHIFT 4 /* lines are PD4, PD5, PD6 */
+#define INPUTS 6
+
+/* Millivolts that simavr turns into exactly the code an ideal 10 bit converter would give. */
+static uint32_t millivolts(double share)
+{
+    int code = (int)(share * ADC_STEPS);
+    if (code < 0) code = 0;
+    if (code > ADC_STEPS - 1) code = ADC_STEPS - 1;
+    return (code * MILLIVOLTS + SIMAVR_STEPS - 1) / SIMAVR_STEPS;
+}
+
+static double voltage(const sim_board *board, int channel)
+{
+    const sim_exchange *x = &board->exchange;
+    double length = (double)(board->slice_end - board->slice_start);
+    double at = length > 0 ? (double)(board->avr->cycle - board->slice_start) / length : 0;
+    double start = x->analog_start[channel];
+    return start + (x->analog_end[channel] - start) * (at > 1 ? 1 : at);
+}
+
+/* The line that is driven, or -1 when none or several are, or one floats. */
+static int driven_line(const sim_board *board)
+{
+    int port = board->avr->data[PORTD_328P] >> LINE_SHIFT & 7;
+    int direction = board->avr->data[DDRD_328P] >> LINE_SHIFT & 7;
+    if (direction != 7) return -1;
+    return port == 1 ? 0 : port == 2 ? 1 : port == 4 ? 2 : -1;
+}
+
+static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
+{
+    sim_board *board = param;
+    union { avr_adc_mux_t mux; uint32_t value; } started = {.value = value};
+    (void)irq;
+    if (started.mux.kind != ADC_MUX_SINGLE) return;
+    int input = started.mux.src, channel = input, level = 0;
+    if (board->kind == SIM_TAXELS) {
+        int line = driven_line(board);
+        channel = line < 0 || input >= INPUTS ? -1 : line * INPUTS + input;
+    } else if (input > 0) {
+        channel = -1;
+    }
+    if (channel >= 0) level = millivolts(voltage(board, channel));
+    /* simavr looks at the multiplexer only when ADCL is read: all channels hold the sample. */
+    avr_irq_t *adc = avr_io_getirq(board->avr, AVR_IOCTL_ADC_GETIRQ, 0);
+    for (int c = 0; c < CHANNELS; c++) avr_raise_irq(adc + c, level);
+    if (board->exchange.report_samples) report_edge(board, SIM_OUT_SAMPLE, channel);
+}
+
+static void on_compare(avr_irq_t *irq, uint32_t value, void *param)
+{
+    sim_board *board = param;
+    avr_t *avr = board->avr;
+    (void)irq;
+    if (!value) {
+        board->compare_latched = 0;
+        return;
+    }
+    if (board->compare_latched) return;
+    board->compare_latched = 1;
+    if ((avr->data[ADCSRB_328P] & TRIGGER_MASK) != TRIGGER_TIMER1_COMPB) return;
+    avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_IN_TRIGGER), 1);
+}
+
+void analog_open(sim_board *board)
+{
+    avr_irq_t *adc = avr_io_getirq(board->avr, AVR_IOCTL_ADC_GETIRQ, 0);
+    avr_irq_register_notify(adc + ADC_IRQ_OUT_TRIGGER, on_conversion, board);
+    if (board->kind != SIM_TAXELS) return;
+    avr_irq_t *compare = avr_get_interrupt_irq(board->avr, TIMER1_COMPB_328P);
+    avr_irq_register_notify(compare + AVR_INT_IRQ_PENDING, on_compare, board);
+}

@@ -1,0 +1,202 @@
+/* One board: loading its image, running it slice by slice, resetting it. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "board.h"
+#include "avr_eeprom.h"
+#include "avr_extint.h"
+#include "sim_elf.h"
+
+#define FREQUENCY 16000000
+#define MILLIVOLTS 5000
+#define MCUSR_ADDRESS 0x54 /* the same on both chips */
+#define EXTERNAL_INTERRUPTS 8
+
+static const char *const MCU[] = {"atmega2560", "atmega328p"};
+
+/* simavr would sleep for real; here the world sets the pace. */
+static void on_sleep(avr_t *avr, avr_cycle_count_t cycles)
+{
+    sim_board *board = avr->custom.data;
+    board->exchange.slept_cycles += cycles + 1;
+}
+
+static avr_cycle_count_t on_stop(avr_t *avr, avr_cycle_count_t when, void *param)
+{
+    (void)avr, (void)when, (void)param;
+    return 0; /* its presence alone ends simavr's burst at this cycle */
+}
+
+static uint64_t earliest(const sim_board *board)
+{
+    uint64_t next = pins_next(board), other = serial_next(board);
+    if (other < next) next = other;
+    if (board->kind == SIM_DRUM && (other = loadcell_next(board)) < next) next = other;
+    return next;
+}
+
+static avr_cycle_count_t on_event(avr_t *avr, avr_cycle_count_t when, void *param)
+{
+    sim_board *board = param;
+    (void)when;
+    pins_run(board, avr->cycle);
+    serial_run(board, avr->cycle);
+    if (board->kind == SIM_DRUM) loadcell_run(board, avr->cycle);
+    uint64_t next = earliest(board);
+    return next == NEVER ? 0 : next;
+}
+
+/* Registers the one timer behind all events that come from outside the chip. */
+void schedule(sim_board *board)
+{
+    uint64_t next = earliest(board), now = board->avr->cycle;
+    if (next == NEVER) return;
+    avr_cycle_timer_register(board->avr, next > now ? next - now : 1, on_event, board);
+}
+
+static void on_reset(avr_t *avr)
+{
+    sim_board *board = avr->custom.data;
+    if (board->chip_reset) board->chip_reset(avr);
+    board->was_reset = 1;
+}
+
+/* What every reset undoes: level-triggered pins, pin states, timers, receiver state. */
+static void restore(sim_board *board)
+{
+    board->was_reset = 0;
+    board->compare_latched = 0;
+    /* Strict level triggering polls each low pin every few cycles and halves the speed. */
+    for (int n = 0; n < EXTERNAL_INTERRUPTS; n++) avr_extint_set_strict_lvl_trig(board->avr, n, 0);
+    profile_restore(board);
+    serial_restore(board);
+    pins_restore(board);
+    if (board->kind == SIM_DRUM) loadcell_restore(board);
+    if (board->slice_end > board->avr->cycle)
+        avr_cycle_timer_register(board->avr, board->slice_end - board->avr->cycle, on_stop, board);
+    schedule(board);
+}
+
+static avr_t *load(const char *image, const char *mcu)
+{
+    elf_firmware_t firmware;
+    memset(&firmware, 0, sizeof firmware);
+    if (elf_read_firmware(image, &firmware)) return NULL;
+    avr_t *avr = avr_make_mcu_by_name(mcu);
+    if (!avr) return NULL;
+    avr_init(avr);
+    firmware.frequency = FREQUENCY; /* before loading: baud and ADC clocks are taken from it */
+    avr_load_firmware(avr, &firmware);
+    avr->frequency = FREQUENCY;
+    avr->vcc = avr->avcc = avr->aref = MILLIVOLTS;
+    avr->log = LOG_NONE;
+    avr->sleep = on_sleep;
+    return avr;
+}
+
+sim_board *sim_open(const char *image, int kind)
+{
+    if (kind != SIM_DRUM && kind != SIM_TAXELS) return NULL;
+    avr_t *avr = load(image, MCU[kind]);
+    if (!avr) return NULL;
+    sim_board *board = calloc(1, sizeof *board);
+    board->avr = avr;
+    board->kind = kind;
+    avr->custom.data = board;
+    board->chip_reset = avr->reset;
+    avr->reset = on_reset;
+    serial_open(board);
+    analog_open(board);
+    pins_open(board);
+    if (kind == SIM_DRUM) loadcell_open(board);
+    profile_open(board);
+    sim_reset(board, 1);
+    board->exchange.resets = 0;
+    return board;
+}
+
+void sim_close(sim_board *board)
+{
+    avr_terminate(board->avr);
+    free(board->avr);
+    free(board);
+}
+
+sim_exchange *sim_exchange_of(sim_board *board) { return &board->exchange; }
+
+unsigned long sim_exchange_size(void) { return sizeof(sim_exchange); }
+
+void report_edge(sim_board *board, int signal, int level)
+{
+    sim_exchange *x = &board->exchange;
+    if (x->edge_count == SIM_MAX_EDGES) {
+        x->overflows++;
+        return;
+    }
+    x->edge_cycle[x->edge_count] = board->avr->cycle;
+    x->edge_signal[x->edge_count] = signal;
+    x->edge_level[x->edge_count++] = level;
+}
+
+static void begin(sim_board *board, uint64_t until)
+{
+    board->slice_start = board->avr->cycle;
+    board->slice_end = until;
+    board->exchange.tx_count = board->exchange.edge_count = 0;
+    serial_begin(board);
+    pins_begin(board);
+    avr_cycle_timer_register(board->avr, until - board->avr->cycle, on_stop, board);
+    schedule(board);
+}
+
+int sim_run(sim_board *board, uint64_t until)
+{
+    avr_t *avr = board->avr;
+    if (until <= avr->cycle) return 0;
+    begin(board, until);
+    int state = cpu_Running;
+    while (avr->cycle < until && state != cpu_Done && state != cpu_Crashed) {
+        state = avr_run(avr);
+        if (board->was_reset) {
+            board->exchange.resets++;
+            restore(board);
+        }
+    }
+    pins_end(board);
+    board->exchange.cycle = avr->cycle;
+    board->exchange.drum_steps = board->drum_steps;
+    return state == cpu_Done || state == cpu_Crashed;
+}
+
+void sim_reset(sim_board *board, int cause)
+{
+    avr_t *avr = board->avr;
+    avr_reset(avr);
+    avr->data[MCUSR_ADDRESS] = cause == 1 ? 1 : 2;
+    if (cause == 1) memset(avr->data + avr->ioend + 1, 0, avr->ramend - avr->ioend);
+    board->exchange.resets++;
+    board->slice_end = avr->cycle;
+    restore(board);
+}
+
+void sim_place_drum(sim_board *board, int64_t steps)
+{
+    board->drum_steps = board->exchange.drum_steps = steps;
+    pins_restore(board);
+}
+
+int sim_eeprom_read(sim_board *board, uint32_t offset, uint8_t *bytes, uint32_t size)
+{
+    avr_eeprom_desc_t what = {.ee = bytes, .offset = offset, .size = size};
+    if (offset + size > board->avr->e2end + 1u) return 1;
+    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_GET, &what) < 0;
+}
+
+int sim_eeprom_write(sim_board *board, uint32_t offset, const uint8_t *bytes, uint32_t size)
+{
+    avr_eeprom_desc_t what = {.ee = (uint8_t *)bytes, .offset = offset, .size = size};
+    if (offset + size > board->avr->e2end + 1u) return 1;
+    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_SET, &what) < 0;
+}
+
+uint8_t sim_peek(sim_board *board, uint32_t address) { return board->avr->data[address]; }

@@ -1,0 +1,124 @@
+/* Two of the bench's boards as simavr chips, driven from outside in slices of chip cycles.
+ *
+ * One sim_board is one AVR with the peripherals wired to it: a serial cable with real byte
+ * times, input pins that change at exact cycles, output edges with cycle stamps, analog
+ * voltages that move linearly within a slice, and for the drum an HX711 and an index mark.
+ * A caller fills the inputs of the exchange, calls sim_run() once, and reads the outputs.
+ * Boards share nothing, so several may live in one process, each used by one thread at a time.
+ *
+ * simavr is GPL-3: this is a test tool built from a checkout, it is never part of a wheel.
+ */
+#ifndef RIGCTL_SIM_H
+#define RIGCTL_SIM_H
+
+#include <stdint.h>
+
+#define SIM_CHANNELS 18   /* taxels of the Uno: line × 6 + input; the Mega uses [0] */
+#define SIM_MAX_BYTES 4096
+#define SIM_MAX_EDGES 8192
+#define SIM_MAX_INPUTS 1024
+#define SIM_VECTORS 64
+
+typedef struct sim_board sim_board;
+
+enum sim_kind { SIM_DRUM = 0, SIM_TAXELS = 1 };
+
+/* Output signals whose edges are reported. */
+enum sim_output {
+    SIM_OUT_STEP = 0,   /* PB5, drum: rises only */
+    SIM_OUT_DIR = 1,    /* PA0, drum */
+    SIM_OUT_ENABLE = 2, /* PA1, drum, active low */
+    SIM_OUT_SYNC = 3,   /* PA2, drum */
+    SIM_OUT_BRIDGE = 4, /* PH5, drum, active high */
+    SIM_OUT_SCK = 5,    /* PE3, drum: consumed by the HX711, not reported */
+    SIM_OUT_INDEX = 6,  /* drum: the mark as the shim presents it to PE4 */
+    SIM_OUT_SAMPLE = 7, /* taxels: a conversion started; level is its line × 6 + input */
+};
+
+/* Input signals that a caller may set at a cycle. */
+enum sim_input {
+    SIM_IN_ESTOP = 0,     /* PE5, drum, high = tripped */
+    SIM_IN_END_UP = 1,    /* PC7, drum, high = at the end */
+    SIM_IN_END_DOWN = 2,  /* PC6, drum, high = at the end */
+    SIM_IN_INDEX = 3,     /* PB1, taxels */
+    SIM_IN_SYNC = 4,      /* PB0, taxels */
+};
+
+enum sim_loadcell_mode {
+    SIM_LOADCELL_NORMAL = 0,
+    SIM_LOADCELL_SILENT = 1,    /* no conversion ever gets ready */
+    SIM_LOADCELL_FROZEN = 2,    /* repeats the last conversion */
+    SIM_LOADCELL_SATURATED = 3, /* full scale */
+};
+
+/* What a caller and a board hand each other in one slice. Python mirrors this layout; the
+ * size is compared when the library is loaded. */
+typedef struct sim_exchange {
+    /* in, kept until changed */
+    double analog_start[SIM_CHANNELS]; /* share of the reference, at the slice's start */
+    double analog_end[SIM_CHANNELS];   /* the same at its end */
+    int64_t loadcell_period_q16;       /* HX711: chip cycles of one conversion × 65536 */
+    int64_t host_byte_q16;             /* cable: chip cycles of one byte from the host × 65536 */
+    int32_t loadcell_counts;           /* value of a conversion that ends in this slice */
+    int32_t loadcell_mode;             /* enum sim_loadcell_mode */
+    int32_t motor_jammed;              /* 1: step pulses do not turn the drum */
+    int32_t mark_length_steps;         /* index mark covers steps 0 … this − 1 of a turn */
+    int32_t steps_per_turn;
+    int32_t report_samples;            /* 1: report SIM_OUT_SAMPLE edges */
+    int32_t sync_absent;               /* reserved for callers; not read */
+    /* in, consumed by sim_run */
+    int32_t rx_count;
+    int32_t input_count;
+    int32_t reserved;
+    uint64_t input_cycle[SIM_MAX_INPUTS]; /* ascending */
+    uint8_t input_signal[SIM_MAX_INPUTS]; /* enum sim_input */
+    uint8_t input_level[SIM_MAX_INPUTS];
+    uint8_t rx[SIM_MAX_BYTES];
+    /* out, of the last sim_run */
+    uint64_t tx_cycle[SIM_MAX_BYTES]; /* cycle at which the byte's stop bit ended */
+    uint8_t tx[SIM_MAX_BYTES];
+    uint64_t edge_cycle[SIM_MAX_EDGES];
+    uint8_t edge_signal[SIM_MAX_EDGES]; /* enum sim_output */
+    uint8_t edge_level[SIM_MAX_EDGES];
+    int32_t tx_count;
+    int32_t edge_count;
+    uint64_t cycle;
+    double drive;             /* mean signed duty of the bridge over the slice, + presses */
+    int64_t drum_steps;       /* where the drum really is, in steps from the mark's start */
+    /* out, since the board was opened */
+    uint64_t resets;
+    uint64_t rx_overruns;     /* bytes from the host that the chip had no room for */
+    uint64_t rx_latency;      /* longest wait of a received byte for its interrupt, cycles */
+    uint64_t overflows;       /* bytes or edges that did not fit into this exchange */
+    uint64_t slept_cycles;
+    uint64_t isr_cycles;      /* inside interrupt routines, without the entry itself */
+    uint64_t isr_count;
+    uint64_t longest_isr[SIM_VECTORS]; /* of each vector, cycles from entry to reti */
+    uint64_t loadcell_conversions;
+    uint64_t loadcell_reads;  /* conversions that were shifted out completely */
+    uint64_t longest_read;    /* first clock rise to last clock fall of a read, cycles */
+} sim_exchange;
+
+/* Loads an ELF image. Returns NULL when it cannot be read. */
+sim_board *sim_open(const char *image, int kind);
+void sim_close(sim_board *board);
+sim_exchange *sim_exchange_of(sim_board *board);
+unsigned long sim_exchange_size(void);
+
+/* Runs to a cycle (at most one instruction past it). Returns 0, or 1 when the chip stopped. */
+int sim_run(sim_board *board, uint64_t until);
+
+/* Pulls the reset pin (cause 2) or cycles the power (cause 1); SRAM is lost only by power. */
+void sim_reset(sim_board *board, int cause);
+
+/* Turns the drum to a step of its turn; for the angle at which it stands at power-up. */
+void sim_place_drum(sim_board *board, int64_t steps);
+
+/* Reads or writes the EEPROM; the contents outlive every reset. Returns 0 when it fits. */
+int sim_eeprom_read(sim_board *board, uint32_t offset, uint8_t *bytes, uint32_t size);
+int sim_eeprom_write(sim_board *board, uint32_t offset, const uint8_t *bytes, uint32_t size);
+
+/* One byte of data memory, for tests that look at a register. */
+uint8_t sim_peek(sim_board *board, uint32_t address);
+
+#endif

@@ -1,0 +1,250 @@
+// A slot's life, in cycles of its 800:
+//
+//   0    timer 1 reaches its top; the rising compare flag OCF1B starts the conversion
+//   64   the reading is held; the line may move from here on
+//   432  the conversion is complete, ADC_vect comes (within about 120 cycles of other routines)
+//   500  the result is read, then the next line is driven and the next input selected, which
+//        leaves about 300 cycles, 19 µs, to settle; then OCF1B is cleared, or no further
+//        trigger would come
+//
+// A frame begins with the trigger of slot 0 and is closed by the routine that reads slot 0 of
+// the next frame, so edges of sync and index up to the boundary still count into it. For sync
+// the capture unit tells on which side of the boundary a rise was, whatever the latency.
+#include "chip_sampling.h"
+
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <util/atomic.h>
+
+#include "board.h"
+
+volatile uint8_t frame_closed;
+
+namespace {
+
+const uint8_t BANDGAP = _BV(REFS0) | BANDGAP_MUX;
+const uint8_t BANDGAP_SLOT = SLOTS - 1;      // the one before it lets the bandgap settle
+const uint16_t WRAPPED_BEFORE = 400;         // entered so early: the next trigger has passed
+const uint16_t LATE_AFTER = SLOT_CYCLES - 200;
+const uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADATE) | _BV(ADPS2) | _BV(ADPS0);
+const uint8_t ISR_FRAME_CYCLES = 64;         // entry, saving and restoring registers, reti
+
+#define INPUT(n) uint8_t(_BV(REFS0) | (n))
+#define LINE(n) uint8_t(PORTD_REST | 1 << (LINE_SHIFT + (n)))
+#define SIX(x) x, x, x, x, x, x
+#define ROW INPUT(0), INPUT(1), INPUT(2), INPUT(3), INPUT(4), INPUT(5)
+
+// What ADMUX and PORTD hold while a slot is sampled. In RAM: it saves cycles in the routine.
+uint8_t slot_mux[SLOTS] = {ROW, ROW, ROW, BANDGAP, BANDGAP};
+uint8_t slot_lines[SLOTS] = {SIX(LINE(0)), SIX(LINE(1)), SIX(LINE(2)), PORTD_REST, PORTD_REST};
+
+Frame frames[2];
+uint8_t filling;                // which of the two is being filled
+uint16_t *store = frames[0].reading;
+uint8_t slot;                   // the slot whose conversion ends next
+uint8_t frame_flags;
+bool running;                   // a first frame has begun
+uint32_t samples;
+uint16_t late_slots, missed, longest, bandgap;
+uint8_t self_test;
+volatile bool self_test_wanted;
+
+uint8_t pins;                   // sync and index as last seen
+uint8_t sync_mod4, index_mod4;  // of the frame being filled
+uint8_t late_rises, late_marks; // edges after the boundary, not yet closed into a frame
+uint8_t late_toggles;
+uint16_t sync_rises;
+
+inline uint16_t cycles_since(uint16_t entered)
+{
+    uint16_t lasted = TCNT1 - entered;
+    return lasted > SLOT_CYCLES ? lasted + SLOT_CYCLES : lasted;
+}
+
+inline void note_duration(uint16_t entered)
+{
+    uint16_t lasted = cycles_since(entered);
+    if (lasted > longest) longest = lasted;
+}
+
+// Ends the frame that is full and goes on with the other buffer. The two spare places of each
+// counter mod 4 take what came after the boundary.
+void close_frame()
+{
+    Frame &full = frames[filling];
+    uint8_t level = (pins ^ late_toggles) & SYNC_MASK;
+    full.counter = samples++;
+    full.edges = uint8_t((sync_mod4 & 3) | (index_mod4 & 3) << 2);
+    full.flags = uint8_t(frame_flags | level);
+    frame_flags = late_marks ? FLAG_INDEX : 0;
+    sync_mod4 += late_rises;
+    index_mod4 += late_marks;
+    late_rises = late_marks = late_toggles = 0;
+    if (frame_closed) missed++;
+    frame_closed = 1;
+    filling ^= 1;
+    store = frames[filling].reading;
+}
+
+// Each line must follow its driver: high, then low again, read back at the pin.
+uint8_t test_lines()
+{
+    uint8_t stuck = 0;
+    for (uint8_t line = 0; line < LINES; line++) {
+        uint8_t mask = uint8_t(1 << (LINE_SHIFT + line));
+        PORTD = PORTD_REST | mask;
+        __asm__ volatile("nop\n nop\n nop");
+        uint8_t high = PIND;
+        PORTD = PORTD_REST;
+        __asm__ volatile("nop\n nop\n nop");
+        if (!(high & mask) || (PIND & mask)) stuck |= uint8_t(1 << line);
+    }
+    return stuck | 1 << 3;
+}
+
+void spare_slot(uint8_t done, uint16_t reading)
+{
+    if (done == BANDGAP_SLOT) {
+        bandgap = reading;
+    } else if (self_test_wanted) {
+        self_test = test_lines();
+        self_test_wanted = false;
+    }
+}
+
+inline void store_reading(uint8_t done, uint16_t reading)
+{
+    if (done == 0 && running) close_frame();
+    running = true;
+    if (done < TAXELS) *store++ = reading;
+    else spare_slot(done, reading);
+}
+
+}  // namespace
+
+ISR(ADC_vect)
+{
+    uint16_t entered = TCNT1;
+    uint8_t low = ADCL;
+    uint16_t reading = uint16_t(ADCH << 8 | low);
+    uint8_t done = slot;
+    bool overrun = entered < WRAPPED_BEFORE;
+    uint8_t next = uint8_t(done + (overrun ? 2 : 1));
+    if (next >= SLOTS) next -= SLOTS;
+    PORTD = slot_lines[next];
+    ADMUX = slot_mux[next];
+#ifndef NEVER_CLEAR_COMPARE
+    TIFR1 = _BV(OCF1B);
+#endif
+    slot = next;
+    store_reading(done, reading);
+    if (entered > LATE_AFTER || overrun) {
+        late_slots++;
+        frame_flags |= FLAG_LATE;
+    }
+    if (overrun) {
+        // The trigger of one slot was lost: its place is filled, the millisecond stays.
+        uint8_t lost = uint8_t(done + 1) == SLOTS ? 0 : uint8_t(done + 1);
+        if (lost < TAXELS) store_reading(lost, reading);
+        frame_flags |= FLAG_OVERRUN;
+    }
+    note_duration(entered);
+}
+
+// An edge of sync or index. While slot 0 is awaited, OCF1B tells whether the frame's boundary
+// has passed; the capture register, whether a rise of sync came before it all the same.
+ISR(PCINT0_vect)
+{
+    bool passed = slot == 0 && (TIFR1 & _BV(OCF1B));
+    uint16_t entered = TCNT1;
+    uint16_t captured = ICR1;
+    uint8_t now = PINB & (SYNC_MASK | INDEX_MASK);
+    uint8_t rose = now & uint8_t(~pins);
+    if (rose & SYNC_MASK) {
+        sync_rises++;
+        if (passed && captured <= entered) late_rises++;
+        else sync_mod4++;
+        // The level, too, belongs to the side on which the rise was.
+        if (passed && captured <= entered) late_toggles ^= SYNC_MASK;
+    } else if (passed) {
+        late_toggles ^= (now ^ pins) & SYNC_MASK;
+    }
+    if (rose & INDEX_MASK) {
+        if (passed) {
+            late_marks++;
+        } else {
+            index_mod4++;
+            frame_flags |= FLAG_INDEX;
+        }
+    }
+    pins = now;
+    note_duration(entered);
+}
+
+// The first conversion takes 25 ADC clocks instead of 13, a whole slot: it is thrown away here.
+static void warm_up()
+{
+    ADMUX = slot_mux[0];
+    ADCSRA = _BV(ADEN) | _BV(ADSC) | _BV(ADPS2) | _BV(ADPS0);
+    while (ADCSRA & _BV(ADSC)) {}
+}
+
+void sampling_begin()
+{
+    DDRD = LINE_MASK;
+    PORTD = slot_lines[0];
+    PORTB = uint8_t(~(SYNC_MASK | INDEX_MASK)) & 0x3F;
+    DIDR0 = 0x3F;
+    pins = PINB & (SYNC_MASK | INDEX_MASK);
+    PCMSK0 = SYNC_MASK | INDEX_MASK;
+    PCICR = _BV(PCIE0);
+    warm_up();
+    ADCSRB = _BV(ADTS2) | _BV(ADTS0);
+    ADCSRA = CONVERT | _BV(ADIF);
+    OCR1A = SLOT_CYCLES - 1;
+    OCR1B = SLOT_CYCLES - 1;
+    TCCR1B = _BV(ICES1) | _BV(WGM12) | _BV(CS10);
+}
+
+const Frame &take_frame()
+{
+    const Frame *frame;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        frame_closed = 0;
+        frame = &frames[filling ^ 1];
+    }
+    return *frame;
+}
+
+uint16_t missed_frames()
+{
+    uint16_t count;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { count = missed; }
+    return count;
+}
+
+void report_sampling(Status &status)
+{
+    uint16_t reading;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        status.samples = samples;
+        status.late_slots = late_slots;
+        status.longest_isr_cycles = longest + ISR_FRAME_CYCLES;
+        status.sync_rises = sync_rises;
+        status.self_test = self_test;
+        reading = bandgap;
+    }
+    status.supply_mv = reading ? uint16_t(uint32_t(BANDGAP_MV) * 1024 / reading) : 0;
+}
+
+void request_self_test()
+{
+    self_test_wanted = true;
+}
+
+bool self_test_done()
+{
+    return !self_test_wanted;
+}

@@ -1,0 +1,28 @@
+// Sampling: timer 1 starts a conversion every 800 cycles by hardware, the interrupts only move
+// results. Nothing here waits, and nothing can stretch the millisecond.
+#ifndef TAXELS_CHIP_SAMPLING_H
+#define TAXELS_CHIP_SAMPLING_H
+
+#include <stdint.h>
+
+#include "wire.h"
+
+void sampling_begin();
+
+// True once a frame has been closed and not been taken yet; interrupts change it.
+extern volatile uint8_t frame_closed;
+
+// The frame closed last; valid until the next one is closed, 1 ms later. Clears frame_closed.
+const Frame &take_frame();
+
+// Frames that were closed before the one before them had been taken.
+uint16_t missed_frames();
+
+// Fills in what sampling knows: samples, late slots, longest interrupt, supply, sync, self-test.
+void report_sampling(Status &status);
+
+// Has the lines tested in the next spare slot.
+void request_self_test();
+bool self_test_done();
+
+#endif

@@ -1,0 +1,17 @@
+// What the host asks: frames like the board's own, collected byte by byte.
+#ifndef TAXELS_REQUEST_H
+#define TAXELS_REQUEST_H
+
+#include <stdint.h>
+
+class RequestParser {
+public:
+    // Takes one byte of the wire. Returns the type of a request that it completed, else 0.
+    uint8_t feed(uint8_t byte);
+
+private:
+    uint8_t frame_[16];
+    uint8_t size_ = 0;  // sizeof frame_ + 1: too long, wait for the next zero
+};
+
+#endif

@@ -1,0 +1,55 @@
+// The frames of docs/reference/taxel-wire.md: values in, wire bytes out. Knows no register.
+#ifndef TAXELS_WIRE_H
+#define TAXELS_WIRE_H
+
+#include <stdint.h>
+
+#include "board.h"
+
+const uint8_t TYPE_IDENTIFY = 0x01;   // host → board
+const uint8_t TYPE_SELF_TEST = 0x02;  // host → board
+const uint8_t TYPE_IDENTITY = 0x10;
+const uint8_t TYPE_DATA = 0x11;
+const uint8_t TYPE_STATUS = 0x12;
+
+const uint8_t FLAG_SYNC = 1 << 0;     // level of the sync line when the frame was closed
+const uint8_t FLAG_INDEX = 1 << 1;    // an index mark began in this frame
+const uint8_t FLAG_LATE = 1 << 2;     // a line had less than 10 µs to settle
+const uint8_t FLAG_OVERRUN = 1 << 3;  // a slot was missed
+const uint8_t DROPPED_SHIFT = 4;
+const uint8_t DROPPED_MAX = 15;
+
+const uint8_t CRC_SIZE = 4;
+const uint8_t DATA_SIZE = 27;
+const uint8_t STATUS_SIZE = 26;
+const uint8_t IDENTITY_SIZE = 20;
+const uint8_t WIRE_MAX = DATA_SIZE + CRC_SIZE + 2;
+
+// One millisecond of samples as it was closed.
+struct Frame {
+    uint16_t reading[TAXELS];  // 10 bit, taxel order of the wire
+    uint32_t counter;          // number of this frame since boot, from 0
+    uint8_t flags;             // FLAG_ bits
+    uint8_t edges;             // sync rises mod 4 in bits 0–1, index marks mod 4 in bits 2–3
+};
+
+struct Status {
+    uint32_t samples;
+    uint32_t dropped;
+    uint16_t late_slots;
+    uint16_t longest_isr_cycles;
+    uint16_t supply_mv;
+    uint8_t reset_cause;
+    uint16_t boot_count;
+    uint16_t free_stack_bytes;
+    uint16_t idle_permille;
+    uint16_t sync_rises;
+    uint8_t self_test;         // bits 0–2: line stuck, bit 3: done
+};
+
+// Each writes a complete frame, closing zero included, and returns its size.
+uint8_t write_data(const Frame &frame, uint32_t dropped, uint8_t *wire);
+uint8_t write_status(const Status &status, uint8_t *wire);
+uint8_t write_identity(uint16_t boot_count, uint8_t reset_cause, uint8_t *wire);
+
+#endif
