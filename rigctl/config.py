@@ -189,6 +189,8 @@ def _config(text: Text) -> RigConfig:
     _check_geometry(config, tables["drum"])
     _check_limits(config.limits, tables["limits"])
     _check_taxels(config.taxels, tables["taxels"])
+    if config.loadcell.scale_ug_per_count == 0:
+        tables["loadcell"].fail("scale_ug_per_count", "must not be 0")
     return config
 
 

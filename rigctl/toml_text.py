@@ -19,13 +19,14 @@ _HEADER = re.compile(r"^\s*\[\[?\s*([^\]]+?)\s*\]\]?\s*(#.*)?$")
 
 
 class Text:
-    """One TOML text: its name for messages, its lines, its error type and its root table.
+    """One TOML text: its name for messages, its source, its error type and its root table.
 
     Raises ``error`` with the line for text that is not TOML.
     """
 
     def __init__(self, name: str, text: str, error: type[WrongUse]) -> None:
         self.name = name
+        self.source = text
         self.error = error
         self._lines = text.splitlines()
         try:
@@ -88,6 +89,10 @@ class Table:
 
     def __contains__(self, key: str) -> bool:
         return key in self._data
+
+    def allow(self, *keys: str) -> None:
+        """Keys that may be absent and are then not asked for."""
+        self._asked.update(keys)
 
     def fail(self, key: str, message: str) -> NoReturn:
         """Raise the text's error for one of this table's keys; '' is the table itself."""

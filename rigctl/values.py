@@ -137,7 +137,10 @@ class BoardIdentity:
 
 @dataclass(frozen=True, slots=True)
 class PlannedTrial:
-    """One trial of a plan. ``trial_id`` counts from 1 in planned order and never changes."""
+    """One trial of a plan. ``trial_id`` counts from 1 in planned order and never changes.
+
+    In force mode ``position`` the drum presses to ``depth_mm`` below contact and ``force_g`` is 0.
+    """
 
     trial_id: int
     texture: str
@@ -147,6 +150,7 @@ class PlannedTrial:
     travel_mm: float
     force_mode: str = "hold"
     direction: str = "forward"
+    depth_mm: float = 0.0
 
     @property
     def duration_s(self) -> float:

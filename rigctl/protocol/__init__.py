@@ -1,0 +1,32 @@
+"""Trial protocols: ``protocols/*.toml`` to a plan of steps with count, order, time and size."""
+
+from rigctl.protocol.load import load_protocol, parse_protocol
+from rigctl.protocol.plan import FreeStep, Plan, Protocol, Quality, Settle
+from rigctl.protocol.steps import (
+    ApproachOnly,
+    Baseline,
+    ChangePlate,
+    Message,
+    Rest,
+    RunTrial,
+    Step,
+    Tare,
+)
+
+__all__ = [
+    "ApproachOnly",
+    "Baseline",
+    "ChangePlate",
+    "FreeStep",
+    "Message",
+    "Plan",
+    "Protocol",
+    "Quality",
+    "Rest",
+    "RunTrial",
+    "Settle",
+    "Step",
+    "Tare",
+    "load_protocol",
+    "parse_protocol",
+]

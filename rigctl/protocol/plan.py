@@ -1,0 +1,211 @@
+"""A protocol (what is wanted) and its plan (what will be done, step by step)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
+from random import Random
+
+from rigctl.config import RigConfig
+from rigctl.protocol.steps import PLATE_CHANGE_S, ChangePlate, RunTrial, Step, rig_seconds
+from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
+
+BYTES_PER_TRIAL = 700
+BYTES_PER_POLL = 102
+BYTES_PER_LOADCELL_SAMPLE = 24
+BYTES_PER_BLOCK = 16
+POLL_RATE_HZ = 50
+LOADCELL_RATE_HZ = 80
+BLOCK_RATE_HZ = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Settle:
+    """When the force counts as settled before the drum turns."""
+
+    band_percent: float = 2.0
+    time_s: float = 0.3
+    timeout_s: float = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """What a trial must keep to be committed, and how often it is tried."""
+
+    max_lost_samples: int = 0
+    force_tolerance_percent: float = 5.0
+    speed_tolerance_percent: float = 1.0
+    attempts: int = 3
+
+
+@dataclass(frozen=True, slots=True)
+class FreeStep:
+    """A step at a place: start, plate_start, between_plates, plate_end, end, or every n trials."""
+
+    at: str
+    step: Step
+    every_trials: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """A trial protocol as its file says it, checked against a rig.
+
+    ``order`` is ``blocked`` (texture by texture, force by force, speed by speed, repeats last)
+    or ``shuffled`` by ``order_seed``, within the plates unless ``across_plates``. Forces are in
+    grams; in force mode ``position`` the depths in mm take their place. ``text`` is the source.
+    """
+
+    name: str
+    text: str
+    config: RigConfig
+    description: str = ""
+    textures: tuple[str, ...] = ()
+    speeds_mm_s: tuple[float, ...] = ()
+    forces_g: tuple[float, ...] = ()
+    depths_mm: tuple[float, ...] = ()
+    repeats: int = 0
+    order: str = "blocked"
+    order_seed: int = 0
+    across_plates: bool = False
+    travel_mm: float = 240.0
+    force_mode: str = "hold"
+    direction: str = "forward"
+    plate_prompt: str = "Mount plate {texture}, then confirm."
+    settle: Settle = Settle()
+    quality: Quality = Quality()
+    steps: tuple[FreeStep, ...] = field(default=())
+
+    def plan(self, seed: int | None = None) -> Plan:
+        """The steps in order. ``seed`` takes the place of the written one."""
+        used = self.order_seed if seed is None else seed
+        return Plan(self, used, tuple(_steps(self, used)))
+
+    def with_repeats(self, repeats: int) -> Protocol:
+        """The same protocol with another number of repeats."""
+        return replace(self, repeats=repeats)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What will be done. Two plans with one ``hash`` ask for the same steps and rules."""
+
+    protocol: Protocol
+    seed: int
+    steps: tuple[Step, ...]
+
+    @cached_property
+    def trials(self) -> tuple[PlannedTrial, ...]:
+        """The planned trials; ``trials[i].trial_id`` is ``i + 1``."""
+        return tuple(step.trial for step in self.steps if isinstance(step, RunTrial))
+
+    @property
+    def plate_changes(self) -> int:
+        """How often a person mounts a plate, the first one included."""
+        return sum(isinstance(step, ChangePlate) for step in self.steps)
+
+    @property
+    def duration_s(self) -> float:
+        """Rig time of all steps, by the overheads in :mod:`rigctl.protocol.steps`."""
+        return sum(map(self.step_seconds, self.steps))
+
+    @property
+    def people_s(self) -> float:
+        """What plate changes add at a real rig."""
+        return self.plate_changes * PLATE_CHANGE_S
+
+    @property
+    def bytes_estimate(self) -> int:
+        """Disk need: everything is recorded, also between trials, but not while people work."""
+        sample = 2 * self.protocol.config.taxels.count + 10
+        rate = sample * SAMPLE_RATE_HZ + BYTES_PER_POLL * POLL_RATE_HZ
+        rate += BYTES_PER_LOADCELL_SAMPLE * LOADCELL_RATE_HZ + BYTES_PER_BLOCK * BLOCK_RATE_HZ
+        return round(self.duration_s * rate) + BYTES_PER_TRIAL * len(self.trials)
+
+    @cached_property
+    def hash(self) -> str:
+        """32 hexadecimal digits over the steps and the rules for settling and quality."""
+        parts = [self.protocol.settle, self.protocol.quality, *self.steps]
+        text = "\n".join(map(repr, parts))  # a frozen value's repr shows each field by name
+        return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+    def step_seconds(self, step: Step) -> float:
+        """Rig time of one step."""
+        return rig_seconds(step, self.protocol.config, self.protocol.settle.time_s)
+
+
+def _steps(protocol: Protocol, seed: int) -> Iterator[Step]:
+    def at(place: str) -> Iterator[Step]:
+        return (free.step for free in protocol.steps if free.at == place)
+
+    yield from at("start")
+    done = 0
+    for block, (texture, trials) in enumerate(_plate_blocks(protocol, seed)):
+        if block:
+            yield from at("between_plates")
+        yield ChangePlate(texture, protocol.plate_prompt.replace("{texture}", texture))
+        yield from at("plate_start")
+        for trial in trials:
+            yield from _due(protocol, done)
+            done += 1
+            yield RunTrial(replace(trial, trial_id=done))
+        yield from at("plate_end")
+    yield from at("end")
+
+
+def _due(protocol: Protocol, done: int) -> Iterator[Step]:
+    """Steps that come after every n-th trial, when another trial follows."""
+    for free in protocol.steps:
+        if free.every_trials and done and done % free.every_trials == 0:
+            yield free.step
+
+
+def _plate_blocks(protocol: Protocol, seed: int) -> list[tuple[str, list[PlannedTrial]]]:
+    """Runs of trials that share a plate, in order."""
+    random = Random(seed)  # its random() is the same in every Python version
+    blocks = [(texture, _conditions(protocol, texture)) for texture in protocol.textures]
+    if protocol.order == "blocked":
+        return blocks
+    if not protocol.across_plates:
+        return [(texture, _shuffled(trials, random)) for texture, trials in blocks]
+    mixed: list[tuple[str, list[PlannedTrial]]] = []
+    for trial in _shuffled([trial for _, trials in blocks for trial in trials], random):
+        if not mixed or mixed[-1][0] != trial.texture:
+            mixed.append((trial.texture, []))
+        mixed[-1][1].append(trial)
+    return mixed
+
+
+def _shuffled(trials: list[PlannedTrial], random: Random) -> list[PlannedTrial]:
+    keys = [random.random() for _ in trials]
+    return [trials[place] for place in sorted(range(len(trials)), key=keys.__getitem__)]
+
+
+def _conditions(protocol: Protocol, texture: str) -> list[PlannedTrial]:
+    """Trials of one texture, unnumbered; a repeat is of one speed and force."""
+    in_position = protocol.force_mode == "position"
+    presses = protocol.depths_mm if in_position else protocol.forces_g
+    repeats = range(1, protocol.repeats + 1)
+    return [
+        PlannedTrial(
+            trial_id=0,
+            texture=texture,
+            speed_mm_s=speed,
+            force_g=0.0 if in_position else press,
+            repeat=repeat,
+            travel_mm=protocol.travel_mm,
+            force_mode=protocol.force_mode,
+            direction=_direction(protocol, repeat),
+            depth_mm=press if in_position else 0.0,
+        )
+        for press, speed, repeat in product(presses, protocol.speeds_mm_s, repeats)
+    ]
+
+
+def _direction(protocol: Protocol, repeat: int) -> str:
+    if protocol.direction == "alternate":
+        return "forward" if repeat % 2 else "backward"
+    return protocol.direction

@@ -1,0 +1,83 @@
+"""``rig.toml`` names its mistakes, has defaults for all, and survives being written again."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rigctl.config import (
+    About,
+    DrumGeometry,
+    Limits,
+    RigConfig,
+    TaxelArray,
+    load_config,
+    parse_config,
+)
+from rigctl.errors import ConfigError
+
+TEXT = st.text(st.characters(codec="utf-8"), max_size=40)
+
+
+def test_an_empty_file_is_the_nominal_rig() -> None:
+    assert parse_config("") == RigConfig()
+
+
+@given(TEXT, TEXT, st.floats(50, 300), st.booleans(), st.permutations(range(18)))
+def test_what_is_written_reads_back_equal(
+    operator: str, sensor: str, length: float, raises: bool, wiring: list[int]
+) -> None:
+    config = RigConfig(
+        about=About("rig", operator, sensor),
+        drum=DrumGeometry(plate_length_mm=length),
+        taxels=TaxelArray(pressure_raises=raises, wiring=tuple(wiring)),
+    ).with_range(tuple(range(18)), tuple(range(900, 918)), "20 trials of A")
+    assert parse_config(config.to_toml()) == config
+
+
+def test_every_key_shows_its_meaning_in_the_written_file() -> None:
+    text = RigConfig().to_toml()
+    for section in fields(RigConfig):
+        for item in fields(type(section.default)):  # type: ignore[arg-type]
+            assert f"\n{item.name} = " in text
+            assert item.metadata["doc"] in text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[drum]\nplate_lenght_mm = 3", ["line 2", "did you mean 'plate_length_mm'"]),
+        ("[limts]", ["line 1", "did you mean 'limits'"]),
+        ("[drum]\n\nrun_in_mm = 'long'", ["line 3: drum.run_in_mm", "must be a number"]),
+        ("[signals]\nestop = 1", ["line 2: signals.estop", "must be true or false"]),
+        ("[limits]\nspeed_max_mm_s = 500", ["line 2", "outside 5 to 200 mm/s"]),
+        ("[taxels]\nlow = [1, 2]\nhigh = [3, 4]", ["line 2", "2 entries for 18 taxels"]),
+        ("[taxels]\ncount = 1\nlow = [5]\nhigh = [5]", ["line 3", "below its high"]),
+        ("[taxels]\ncount = 1\nlow = [5]", ["taxels.high", "both ends"]),
+        ("[taxels]\ncount = 2\nwiring = [1, 1]", ["line 3", "each of 0 to 1 once"]),
+        ("[drum]\nplate_length_mm = 395", ["line 2", "behind the turn"]),
+        ("[limits]\nover_force_g = 1250", ["line 2", "10 % above force_max_g"]),
+        ("[limits]\nforce_min_g = 1300", ["line 2", "above force_max_g"]),
+        ("[loadcell]\nscale_ug_per_count = 0", ["line 2", "must not be 0"]),
+        ("[about]\nname = ", ["not TOML"]),
+    ],
+)
+def test_a_mistake_names_file_line_and_key(text: str, words: list[str]) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_config(text, "lab.toml")
+    for word in ["lab.toml", *words]:
+        assert word in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cannot read .*rig\.toml"):
+        load_config(tmp_path / "rig.toml")
+
+
+def test_a_limit_of_the_nominal_rig_leaves_room_for_the_papers_forces() -> None:
+    assert Limits().force_max_g >= 1000
+    assert replace(Limits(), force_max_g=1000).over_force_g > 1000

@@ -1,0 +1,56 @@
+"""``rigctl check`` says what a protocol needs before anything moves."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import namedtuple
+from pathlib import Path
+
+import pytest
+
+from rigctl.cli import check
+from rigctl.errors import NegativeAnswer, ProtocolError
+
+
+def run(*words: str) -> int:
+    top = argparse.ArgumentParser()
+    check.add_parser(top.add_subparsers(dest="command"))
+    return check.run(top.parse_args(["check", *words]))
+
+
+def test_it_prints_trials_plate_changes_time_and_disk(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("paper") == 0
+    text = capsys.readouterr().out
+    assert "24,000 of 240 mm" in text
+    assert "plate changes       16" in text
+    assert "23 h 12 min of trials" in text
+    assert "GB" in text
+
+
+def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("quick", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["trials"] == 24
+    assert answer["plate_changes"] == 4
+    assert answer["trial_seconds"] == 88
+    assert answer["bytes"] > 5_000_000
+
+
+def test_a_rig_with_narrower_limits_refuses(tmp_path: Path) -> None:
+    rig = tmp_path / "slow.toml"
+    rig.write_text("[limits]\nspeed_max_mm_s = 100\n")
+    with pytest.raises(ProtocolError, match="120 is outside 20 to 100 mm/s"):
+        run("quick", "--rig", str(rig))
+
+
+def test_an_unknown_protocol_names_those_there_are() -> None:
+    with pytest.raises(ProtocolError, match="baseline, paper, quick, showcase"):
+        run("qiuck")
+
+
+def test_too_little_room_is_a_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(check.shutil, "disk_usage", lambda _: usage(2_000_000, 1, 1_000_000))
+    with pytest.raises(NegativeAnswer, match=r"1 MB free, the protocol needs 11 MB"):
+        run("quick", "--out", str(tmp_path / "new" / "folder"))
