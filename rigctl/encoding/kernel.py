@@ -15,9 +15,15 @@ multiplication where the textbook's order needs three. With p = (1 + hβ) / 2::
     s = h²αu + hbp                  the recovery: the shift takes the constant out of its step
     w = drive·x + w0                drive = h²α·gain, w0 = p − p² + h²αγ + hbp
     m' = m·m + (w − s)
-    s' = (1 − a·step)·s + (h·a·b·step)·m'
+    s' = (1 − ah)·s + h²ab·m'
 
-It is the same map as the textbook's; only the last bits of the rounding differ.
+It is the same map as the textbook's; only the last bits of the rounding differ, and the schemes
+that reset within the substep forget them. Those that reset at the next sample amplify them (v runs
+far beyond the threshold, and u with it), so these keep v and u as they are and the order in which
+they were published::
+
+    v' = v + h·((((α·(v·v) + β·v) + γ) − u) + w)        w = gain·x
+    u' = u + step·(a·(b·v' − u))
 """
 
 from __future__ import annotations
@@ -43,38 +49,44 @@ MEMBRANE, RECOVERY, Z1, Z2, LAST = range(5)
 STATE_ROWS = 5
 
 # Positions in the vector of folded constants.
-W0, KEEP, PULL, THRESHOLD, RESET_TO, JUMP, B0, B1, B2, A1, A2 = range(11)
+W0, KEEP, PULL, THRESHOLD, RESET_TO, JUMP = range(6)
+B0, B1, B2, A1, A2 = range(6, 11)
+H, QUADRATIC, LINEAR, CONSTANT, A_U, B_U, U_STEP = range(11, 18)
 
 
-def _normal_form(p: EncoderParameters) -> tuple[float, float, float]:
-    """Scale and shift of the membrane (m = scale·v + shift) and shift of the recovery."""
+def _normal_form(p: EncoderParameters) -> tuple[float, float, float, float]:
+    """(scale, shift) of the membrane, m = scale·v + shift, and of the recovery likewise."""
+    if p.reset is Reset.NEXT_SAMPLE:
+        return 1.0, 0.0, 1.0, 0.0
     h = p.substep_ms
-    shift = (1.0 + h * p.linear) / 2.0
-    return h * p.quadratic, shift, h * p.b * shift
+    scale, shift = h * p.quadratic, (1.0 + h * p.linear) / 2.0
+    return scale, shift, scale * h, h * p.b * shift
 
 
 def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
-    """The kernel's constants, float64 (11,), in the order of the position names above."""
+    """The kernel's constants, float64 (18,), in the order of the position names above."""
     p, h = parameters, parameters.substep_ms
-    scale, shift, recovery_shift = _normal_form(p)
-    u_step = h * p.substeps if p.reset is Reset.NEXT_SAMPLE else h
+    late = p.reset is Reset.NEXT_SAMPLE
+    scale, shift, recovery_scale, recovery_shift = _normal_form(p)
     b, a = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
-    neuron = (
-        shift - shift * shift + scale * h * p.constant + recovery_shift,
-        1.0 - p.a * u_step,
-        h * p.a * p.b * u_step,
+    w0 = shift - shift * shift + recovery_scale * p.constant + recovery_shift
+    normal = (
+        0.0 if late else w0,
+        1.0 - p.a * h,
+        h * h * p.a * p.b,
         scale * p.threshold_mv + shift,
         scale * p.c_mv + shift,
-        scale * h * p.d,
+        recovery_scale * p.d,
     )
-    return np.array((*neuron, *b, *a[1:]))
+    textbook = (h, p.quadratic, p.linear, p.constant, p.a, p.b, h * p.substeps)
+    return np.array((*normal, *b, *a[1:], *textbook))
 
 
 def drives(parameters: EncoderParameters) -> tuple[float, float]:
     """What one unit of the SA signal and of the RA difference per sample adds to w."""
     p = parameters
-    per_unit = p.substep_ms * p.quadratic * p.substep_ms
-    return per_unit * p.sa_gain, per_unit * p.ra_gain * p.sample_rate_hz
+    _, _, per_unit, _ = _normal_form(p)
+    return per_unit * p.sa_gain, per_unit * (p.ra_gain * p.sample_rate_hz)
 
 
 def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[list[float], list[float]]:
@@ -90,10 +102,10 @@ def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[list[float], list[flo
 
 def rest(parameters: EncoderParameters, lanes: int) -> NDArray[np.float64]:
     """State of neurons at rest, float64 (STATE_ROWS, 2, lanes); the filter is still to start."""
-    scale, shift, recovery_shift = _normal_form(parameters)
+    scale, shift, recovery_scale, recovery_shift = _normal_form(parameters)
     state = np.zeros((STATE_ROWS, 2, lanes))
     state[MEMBRANE] = scale * parameters.start_v_mv + shift
-    state[RECOVERY] = scale * parameters.substep_ms * parameters.start_u + recovery_shift
+    state[RECOVERY] = recovery_scale * parameters.start_u + recovery_shift
     return state
 
 
@@ -101,7 +113,7 @@ def membrane_mv(
     parameters: EncoderParameters, membrane: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Membrane voltage in mV from the kernel's normal form, same shape."""
-    scale, shift, _ = _normal_form(parameters)
+    scale, shift, _, _ = _normal_form(parameters)
     voltage: NDArray[np.float64] = (membrane - shift) / scale
     return voltage
 
@@ -174,6 +186,8 @@ def _compiled(
         w0, keep, pull = k[W0], k[KEEP], k[PULL]
         threshold, reset_to, jump = k[THRESHOLD], k[RESET_TO], k[JUMP]
         b0, b1, b2, a1, a2 = k[B0], k[B1], k[B2], k[A1], k[A2]
+        h, quadratic, linear, constant = k[H], k[QUADRATIC], k[LINEAR], k[CONSTANT]
+        a_u, b_u, u_step = k[A_U], k[B_U], k[U_STEP]
         m, s, w, fired = np.empty(both), np.empty(both), np.empty(both), np.empty(both)
         z1, z2, last = np.empty(lanes), np.empty(lanes), np.empty(lanes)
         w_ra = np.empty(lanes)
@@ -188,7 +202,7 @@ def _compiled(
                 x = np.float64(np.int32(reading) - np.int32(low[j])) * scale[j]
                 w[j] = sa_drive[j] * x + w0
                 y = b0 * x + z1[j]
-                z1[j] = (b1 * x - a1 * y) + z2[j]
+                z1[j] = (z2[j] + b1 * x) - a1 * y
                 z2[j] = b2 * x - a2 * y
                 slope = y - last[j]
                 last[j] = y
@@ -208,10 +222,11 @@ def _compiled(
             for _ in range(substeps):
                 for i in range(both):
                     before = m[i]
-                    after = before * before + (w[i] - s[i])
                     if late:
-                        m[i] = after
+                        rise = (quadratic * (before * before) + linear * before) + constant
+                        m[i] = before + h * ((rise - s[i]) + w[i])
                     else:
+                        after = before * before + (w[i] - s[i])
                         recovery = keep * s[i] + pull * (before if old_v else after)
                         crossed = after >= threshold
                         m[i] = reset_to if crossed else after
@@ -222,7 +237,7 @@ def _compiled(
                     fired[i] = 1.0 if m[i] >= threshold else 0.0
                     if clamp:
                         m[i] = threshold if m[i] >= threshold else m[i]
-                    s[i] = keep * s[i] + pull * m[i]
+                    s[i] = s[i] + u_step * (a_u * (b_u * m[i] - s[i]))
             row_counts = counts[t]
             for i in range(both):
                 row_counts[i] = np.uint8(fired[i])

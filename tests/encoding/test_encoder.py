@@ -1,0 +1,309 @@
+"""The compiled encoder against a textbook one in plain Python, and its promises to users."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import signal
+
+from rigctl.encoding import kernel
+from rigctl.encoding.encoder import Encoder, encode_trial, encode_trials, membrane_mv
+from rigctl.encoding.normalisation import Normalisation, RunningRange
+from rigctl.encoding.presets import PRESETS, EncoderParameters, Recovery, Rectify, Reset, preset
+from rigctl.encoding.rates import sa_rates_hz
+from rigctl.errors import WrongUse
+
+N_TAXELS = 4
+RANGES = Normalisation(
+    np.array([0, 100, 512, 700], np.uint16), np.array([1023, 900, 512, 720], np.uint16), "test"
+)
+ALL_PRESETS = sorted(PRESETS)
+
+
+def textbook_drive(x: list[float], p: EncoderParameters, ra: bool) -> list[float]:
+    """k·input of each sample: the reading, or the change per second of SciPy's low-pass."""
+    if not ra:
+        return [p.sa_gain * value for value in x]
+    b, a = kernel.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    z2 = (b[2] - a[2]) * x[0]
+    start = [(b[1] - a[1]) * x[0] + z2, z2]
+    smooth, _ = signal.lfilter(b, a, x, zi=start)
+    per_sample = np.diff(smooth, prepend=smooth[:1])
+    if p.ra_rectify is Rectify.ABSOLUTE:
+        per_sample = np.abs(per_sample)
+    elif p.ra_rectify is Rectify.RISING_ONLY:
+        per_sample = np.maximum(per_sample, 0.0)
+    return [p.ra_gain * p.sample_rate_hz * float(slope) for slope in per_sample]
+
+
+def textbook_counts(drive: list[float], p: EncoderParameters) -> list[int]:
+    """Spikes of each sample, with every equation written out as the paper prints it."""
+    v, u, h = p.start_v_mv, p.start_u, p.substep_ms
+    counts = []
+    for current in drive:
+        fired = 0
+        late = p.reset is Reset.NEXT_SAMPLE
+        if late and v >= p.threshold_mv:
+            v, u = p.c_mv, u + p.d
+        for _ in range(p.substeps):
+            old = v
+            v = v + h * (p.quadratic * (v * v) + p.linear * v + p.constant - u + current)
+            if not late:
+                seen = old if p.recovery is Recovery.OLD_V else v
+                u = u + h * p.a * (p.b * seen - u)
+                if v >= p.threshold_mv:
+                    v, u, fired = p.c_mv, u + p.d, fired + 1
+        if late:
+            fired = int(v >= p.threshold_mv)
+            v = min(v, p.threshold_mv) if p.clamp_v else v
+            u = u + h * p.substeps * (p.a * (p.b * v - u))
+        counts.append(fired)
+    return counts
+
+
+def textbook(samples: NDArray[np.uint16], ranges: Normalisation, p: EncoderParameters) -> Any:
+    columns = []
+    for ra in (False, True):
+        for j in range(ranges.n_taxels):
+            low, high = int(ranges.low[j]), int(ranges.high[j])
+            width = high - low
+            clipped = [min(max(int(r), low), high) - low for r in samples[:, j]]
+            x = [value * (1 / width) if width else 0.0 for value in clipped]
+            columns.append(textbook_counts(textbook_drive(x, p, ra), p))
+    return np.array(columns, np.uint8).T
+
+
+def touch(seed: int, n: int = 1500) -> NDArray[np.uint16]:
+    """A texture under four taxels, with contact made after 200 and lost after 1,200 samples."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n)[:, None] / 1000
+    wave = np.sin(2 * np.pi * rng.uniform(5, 40, N_TAXELS) * t + rng.uniform(0, 6, N_TAXELS))
+    x = rng.uniform(0.2, 0.7, N_TAXELS) + rng.uniform(0.02, 0.2, N_TAXELS) * wave
+    x += rng.normal(0, 0.01, x.shape)
+    x[:200] = 0.02
+    x[1200:] = 0.02
+    return np.round(np.clip(x, 0, 1) * 1023).astype(np.uint16)
+
+
+def extremes(seed: int) -> NDArray[np.uint16]:
+    """Steps over the whole range, held, released and flickering; noise of full width."""
+    rng = np.random.default_rng(seed)
+    steps = np.repeat(rng.choice([0, 1023], (30, N_TAXELS)), 20, axis=0)
+    noise = rng.integers(0, 1024, (300, N_TAXELS))
+    flicker = np.tile([[0], [1023]], (100, N_TAXELS))
+    return np.concatenate([steps, noise, flicker]).astype(np.uint16)
+
+
+@pytest.mark.parametrize("name", ALL_PRESETS)
+@pytest.mark.parametrize("seed", range(3))
+def test_spikes_are_the_textbooks(name: str, seed: int) -> None:
+    samples = touch(seed)
+    counts = Encoder(RANGES, preset(name)).encode(samples)
+    assert counts.sum() > 50
+    np.testing.assert_array_equal(counts, textbook(samples, RANGES, preset(name)))
+
+
+@pytest.mark.parametrize("recovery", list(Recovery))
+@pytest.mark.parametrize("rectify", list(Rectify))
+def test_extreme_inputs_stay_the_textbooks(recovery: Recovery, rectify: Rectify) -> None:
+    p = replace(preset("default"), recovery=recovery, ra_rectify=rectify)
+    samples = extremes(5)
+    np.testing.assert_array_equal(Encoder(RANGES, p).encode(samples), textbook(samples, RANGES, p))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_default_never_leaves_the_finite(seed: int) -> None:
+    voltage = membrane_mv(extremes(seed), RANGES)
+    assert np.isfinite(voltage).all()
+    assert voltage.min() > -250 and voltage.max() <= 30 + 1e-9
+
+
+def test_every_parameter_reaches_the_neuron() -> None:
+    samples = touch(7)
+    usual = Encoder(RANGES).encode(samples)
+    changes: dict[str, Any] = {
+        "a": 0.03, "b": 0.21, "c_mv": -60.0, "d": 7.0, "quadratic": 0.041, "linear": 5.1,
+        "constant": 141.0, "threshold_mv": 20.0, "start_v_mv": 20.0, "start_u": -40.0,
+        "substeps": 3, "substep_ms": 0.2, "sa_gain": 90.0, "ra_gain": 2.0,
+        "ra_lowpass_hz": 10.0, "recovery": Recovery.OLD_V, "reset": Reset.NEXT_SAMPLE,
+        "ra_rectify": Rectify.ABSOLUTE, "sample_rate_hz": 900.0,
+    }  # fmt: skip
+    for key, value in changes.items():
+        p = replace(preset("default"), **{key: value})
+        counts = Encoder(RANGES, p).encode(samples)
+        assert (counts != usual).any(), key
+        np.testing.assert_array_equal(counts, textbook(samples, RANGES, p), err_msg=key)
+    late = replace(preset("default"), reset=Reset.NEXT_SAMPLE)
+    clamped = Encoder(RANGES, replace(late, clamp_v=True)).encode(samples)
+    assert (clamped != Encoder(RANGES, late).encode(samples)).any()
+
+
+@pytest.mark.parametrize("name", ALL_PRESETS)
+def test_compiled_arithmetic_has_the_bits_of_plain_python(name: str) -> None:
+    """No fused multiply-add and no reordering: the last bit of every membrane voltage agrees."""
+    p, lanes = preset(name), RANGES.n_taxels
+    samples = np.concatenate([touch(3, 150), extremes(3)[:150]])
+    sa, ra = kernel.drives(p)
+    drives = (np.full(lanes, sa), np.full(lanes, ra))
+    results = []
+    for plain in (False, True):
+        advance: Any = kernel.kernel_for(p, traced=True)
+        state, constants = kernel.rest(p, lanes), kernel.folded(p)
+        counts, trace = np.empty((len(samples), 8), np.uint8), np.empty((len(samples), 8))
+        ranges = (RANGES.low, RANGES.high, RANGES.scale)
+        kernel.start_filter(samples[0], *ranges, constants, state)
+        run = advance.py_func if plain else advance
+        run(samples, *ranges, *drives, constants, state, counts, trace)
+        results.append((trace.tobytes(), counts.tobytes(), state.tobytes()))
+    assert results[0] == results[1]
+
+
+@settings(max_examples=40, deadline=None)
+@given(cuts=st.lists(st.integers(0, 1500), max_size=12), name=st.sampled_from(ALL_PRESETS))
+def test_any_slicing_gives_the_same_spikes(cuts: list[int], name: str) -> None:
+    samples = touch(11)
+    whole = Encoder(RANGES, preset(name)).encode(samples)
+    encoder = Encoder(RANGES, preset(name))
+    pieces = [encoder.encode(part) for part in np.split(samples, sorted(cuts))]
+    np.testing.assert_array_equal(np.concatenate(pieces), whole)
+
+
+def test_live_equals_offline_for_trials_of_any_length() -> None:
+    trials = [touch(seed)[: 100 + 211 * seed] for seed in range(6)] + [touch(9)[:0], touch(8)[:1]]
+    batched = encode_trials(trials * 8, RANGES)
+    live = Encoder(RANGES)
+    for samples, spikes in zip(trials * 8, batched, strict=True):
+        live.reset()
+        counts = live.encode(samples)
+        assert spikes.n_samples == len(samples)
+        for row in range(2 * N_TAXELS):
+            expected = np.repeat(np.arange(len(samples)), counts[:, row])
+            np.testing.assert_array_equal(spikes.train(row), expected)
+
+
+def test_a_reset_forgets_what_was_before() -> None:
+    encoder = Encoder(RANGES)
+    first = encoder.encode(touch(1)[:700])
+    encoder.encode(extremes(2))
+    encoder.reset()
+    np.testing.assert_array_equal(encoder.encode(touch(1)[:700]), first)
+
+
+def test_noncontiguous_samples_count_the_same() -> None:
+    wide = np.repeat(touch(4), 2, axis=1)
+    np.testing.assert_array_equal(
+        Encoder(RANGES).encode(wide[:, ::2]), Encoder(RANGES).encode(touch(4))
+    )
+
+
+def test_several_spikes_in_a_sample_are_kept() -> None:
+    ranges = Normalisation.full_scale(1)
+    strong = replace(preset("default"), sa_gain=5000.0)
+    samples = np.full((50, 1), 1023, np.uint16)
+    spikes = encode_trial(samples, ranges, strong)
+    counts = Encoder(ranges, strong).encode(samples)
+    assert counts[:, 0].max() > 1
+    assert len(spikes.train(0)) == counts[:, 0].sum()
+
+
+def test_sa_scale_is_a_factor_on_the_sa_current_only() -> None:
+    samples = touch(2)
+    scale = np.array([[1.0, 0.5, 2.0, 5.0]])
+    scaled = encode_trials([samples], RANGES, sa_scale=scale)[0]
+    for j in range(N_TAXELS):
+        p = replace(preset("default"), sa_gain=100.0 * scale[0, j])
+        alone = encode_trial(samples, RANGES, p)
+        np.testing.assert_array_equal(scaled.train(j), alone.train(j))
+        plain = encode_trial(samples, RANGES)
+        np.testing.assert_array_equal(scaled.train(N_TAXELS + j), plain.train(N_TAXELS + j))
+
+
+def test_readings_outside_the_range_are_clipped_and_counted() -> None:
+    inside = np.array([[0, 100, 512, 700], [1023, 900, 512, 720]], np.uint16)
+    outside = np.array([[0, 50, 511, 0], [1023, 1000, 513, 1023]], np.uint16)
+    narrow, wide = Encoder(RANGES), Encoder(RANGES)
+    a, b = narrow.encode(np.tile(inside, (200, 1))), wide.encode(np.tile(outside, (200, 1)))
+    np.testing.assert_array_equal(a, b)
+    assert narrow.clipped.tolist() == [0, 0, 0, 0]
+    assert wide.clipped.tolist() == [0, 400, 400, 400]
+
+
+def test_a_constant_taxel_is_silent_and_named() -> None:
+    assert RANGES.constant_taxels == [3]
+    assert Encoder(RANGES).encode(extremes(1))[:, [2, 6]].sum() == 0
+
+
+def test_the_running_range_only_widens() -> None:
+    running = RunningRange(2)
+    assert running.normalisation.high.tolist() == [1023, 1023]
+    assert running.update(np.array([[5, 9], [7, 3]], np.uint16))
+    assert not running.update(np.array([[6, 4]], np.uint16))
+    assert running.update(np.array([[8, 4]], np.uint16))
+    assert (running.normalisation.low.tolist(), running.normalisation.high.tolist()) == (
+        [5, 3],
+        [8, 9],
+    )
+    assert "running" in running.normalisation.source
+
+
+def test_constant_readings_never_drive_the_ra_channel() -> None:
+    samples = np.full((3000, 1), 777, np.uint16)
+    spikes = encode_trial(samples, Normalisation.full_scale(1))
+    assert len(spikes.train(0)) > 100
+    assert len(spikes.train(1)) == 0
+
+
+def test_a_neuron_at_rest_stays_there() -> None:
+    voltage = membrane_mv(np.zeros((5000, 1), np.uint16), Normalisation.full_scale(1))
+    np.testing.assert_allclose(voltage, -70.0, atol=1e-9)
+
+
+def test_rates_rise_with_the_input_and_lock_where_they_should() -> None:
+    inputs = np.arange(1, 101) / 100
+    rates = {name: sa_rates_hz(preset(name), list(inputs)) for name in ALL_PRESETS}
+    assert (np.diff(rates["default"]) >= -0.1).all()
+    assert len(np.unique(rates["default"])) > 60
+    # Published schemes with long steps lock many inputs to whole milliseconds between spikes.
+    locked = (125.0, 1000 / 6, 200.0, 250.0)
+    hits = [min(abs(rate - lock) for lock in locked) < 0.1 for rate in rates["izhikevich2003"]]
+    assert np.mean(hits) > 0.3
+    assert (np.diff(rates["izhikevich2003"]) < 0).any()
+    # A quarter of the model time gives about a quarter of the rate.
+    assert 0.2 < rates["quarter-rate"][50] / rates["default"][50] < 0.3
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"substeps": 0}, "substeps"),
+        ({"a": float("nan")}, "a is nan"),
+        ({"ra_lowpass_hz": 500.0}, "ra_lowpass_hz"),
+        ({"substep_ms": 0.0}, "substep_ms"),
+        ({"c_mv": 40.0}, "c_mv"),
+    ],
+)
+def test_impossible_parameters_are_refused(change: dict[str, Any], word: str) -> None:
+    with pytest.raises(WrongUse, match=word):
+        replace(preset("default"), **change)
+
+
+def test_parameters_survive_storage_and_typos_are_named() -> None:
+    for parameters in PRESETS.values():
+        assert EncoderParameters.from_dict(parameters.as_dict()) == parameters
+    with pytest.raises(WrongUse, match="sa_gian"):
+        EncoderParameters.from_dict({"sa_gian": 1.0})
+    with pytest.raises(WrongUse, match="absolute"):
+        EncoderParameters.from_dict({"ra_rectify": "up"})
+    with pytest.raises(WrongUse, match="quarter-rate"):
+        preset("fast")
+
+
+def test_samples_of_another_width_are_refused() -> None:
+    with pytest.raises(WrongUse, match="4 taxels"):
+        Encoder(RANGES).encode(np.zeros((5, 18), np.uint16))
