@@ -11,6 +11,7 @@
 #define MILLIVOLTS 5000
 #define MCUSR_ADDRESS 0x54 /* the same on both chips */
 #define EXTERNAL_INTERRUPTS 8
+#define BURST_CYCLES 1000
 
 static const char *const MCU[] = {"atmega2560", "atmega328p"};
 
@@ -68,6 +69,9 @@ static void restore(sim_board *board)
     board->compare_latched = 0;
     /* Strict level triggering polls each low pin every few cycles and halves the speed. */
     for (int n = 0; n < EXTERNAL_INTERRUPTS; n++) avr_extint_set_strict_lvl_trig(board->avr, n, 0);
+    /* A reset leaves simavr looking at its timers after every instruction; they bound a burst
+     * by themselves, so longer ones give the same cycles in half the time. */
+    board->avr->run_cycle_limit = BURST_CYCLES;
     profile_restore(board);
     serial_restore(board);
     pins_restore(board);

@@ -39,7 +39,13 @@ struct inputs {
     uint32_t head, tail;
 };
 
+struct watched {
+    sim_board *board;
+    uint8_t vector;
+};
+
 struct profile {
+    struct watched watched[SIM_VECTORS];
     uint64_t entered[SIM_VECTORS]; /* stack of entry cycles */
     uint8_t vector[SIM_VECTORS];
     int depth;

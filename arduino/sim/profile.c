@@ -17,12 +17,14 @@ static void leave(sim_board *board)
 
 static void on_running(avr_irq_t *irq, uint32_t value, void *param)
 {
-    sim_board *board = param;
+    const struct watched *watched = param;
+    sim_board *board = watched->board;
     struct profile *p = &board->profile;
+    (void)irq;
     if (!value) {
         leave(board);
     } else if (p->depth < SIM_VECTORS) {
-        p->vector[p->depth] = irq->irq % SIM_VECTORS;
+        p->vector[p->depth] = watched->vector;
         p->entered[p->depth++] = board->avr->cycle;
     }
 }
@@ -31,7 +33,9 @@ void profile_open(sim_board *board)
 {
     for (int vector = 1; vector < SIM_VECTORS; vector++) {
         avr_irq_t *irq = avr_get_interrupt_irq(board->avr, vector);
-        if (irq) avr_irq_register_notify(irq + AVR_INT_IRQ_RUNNING, on_running, board);
+        struct watched *watched = &board->profile.watched[vector];
+        *watched = (struct watched){.board = board, .vector = vector};
+        if (irq) avr_irq_register_notify(irq + AVR_INT_IRQ_RUNNING, on_running, watched);
     }
 }
 

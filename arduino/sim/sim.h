@@ -65,11 +65,9 @@ typedef struct sim_exchange {
     int32_t mark_length_steps;         /* index mark covers steps 0 … this − 1 of a turn */
     int32_t steps_per_turn;
     int32_t report_samples;            /* 1: report SIM_OUT_SAMPLE edges */
-    int32_t sync_absent;               /* reserved for callers; not read */
     /* in, consumed by sim_run */
     int32_t rx_count;
     int32_t input_count;
-    int32_t reserved;
     uint64_t input_cycle[SIM_MAX_INPUTS]; /* ascending */
     uint8_t input_signal[SIM_MAX_INPUTS]; /* enum sim_input */
     uint8_t input_level[SIM_MAX_INPUTS];

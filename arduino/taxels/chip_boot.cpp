@@ -10,6 +10,7 @@ namespace {
 
 const uint8_t PAINT = 0xC5;
 const uint8_t CHECK_SEED = 0x5A;
+const uint8_t LOOK_BYTES = 32;
 
 struct Place {
     uint16_t count;
@@ -17,6 +18,7 @@ struct Place {
 };
 
 Place EEMEM places[2];
+uint16_t free_bytes = RAMEND;
 
 __attribute__((section(".noinit"))) uint8_t saved_mcusr;
 __attribute__((section(".noinit"))) uint8_t saved_r2;
@@ -86,7 +88,16 @@ uint16_t count_boot()
 
 uint16_t free_stack_bytes()
 {
-    const uint8_t *at = &_end;
-    while (*at == PAINT && at <= reinterpret_cast<uint8_t *>(RAMEND)) at++;
-    return uint16_t(at - &_end);
+    return free_bytes;
+}
+
+void look_at_stack()
+{
+    static const uint8_t *at = &_end;
+    for (uint8_t left = LOOK_BYTES; left; left--, at++) {
+        if (*at == PAINT) continue;
+        free_bytes = uint16_t(at - &_end);
+        at = &_end;
+        return;
+    }
 }

@@ -11,7 +11,10 @@ uint8_t reset_cause();
 // sampling begins. Two places with a check byte each: power lost while writing costs one count.
 uint16_t count_boot();
 
-// Bytes between the variables and the deepest stack so far.
+// Bytes between the variables and the deepest stack so far, as the last complete look found.
 uint16_t free_stack_bytes();
+
+// Looks at the next few bytes; a look at all of them would take a whole frame.
+void look_at_stack();
 
 #endif

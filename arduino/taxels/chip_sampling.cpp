@@ -27,19 +27,20 @@ const uint8_t BANDGAP_SLOT = SLOTS - 1;      // the one before it lets the bandg
 const uint16_t WRAPPED_BEFORE = 400;         // entered so early: the next trigger has passed
 const uint16_t LATE_AFTER = SLOT_CYCLES - 200;
 const uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADATE) | _BV(ADPS2) | _BV(ADPS0);
-const uint8_t ISR_FRAME_CYCLES = 64;         // entry, saving and restoring registers, reti
+const uint8_t ISR_FRAME_CYCLES = 163;        // entry, saving and restoring registers, reti
 
-#define INPUT(n) uint8_t(_BV(REFS0) | (n))
-#define LINE(n) uint8_t(PORTD_REST | 1 << (LINE_SHIFT + (n)))
-#define SIX(x) x, x, x, x, x, x
-#define ROW INPUT(0), INPUT(1), INPUT(2), INPUT(3), INPUT(4), INPUT(5)
+#define SETUP(line, input) {uint8_t(PORTD_REST | 1 << (LINE_SHIFT + (line))), uint8_t(_BV(REFS0) | (input))}
+#define ROW(line) SETUP(line, 0), SETUP(line, 1), SETUP(line, 2), \
+                  SETUP(line, 3), SETUP(line, 4), SETUP(line, 5)
 
-// What ADMUX and PORTD hold while a slot is sampled. In RAM: it saves cycles in the routine.
-uint8_t slot_mux[SLOTS] = {ROW, ROW, ROW, BANDGAP, BANDGAP};
-uint8_t slot_lines[SLOTS] = {SIX(LINE(0)), SIX(LINE(1)), SIX(LINE(2)), PORTD_REST, PORTD_REST};
+// What PORTD and ADMUX hold while a slot is sampled. In RAM: it saves cycles in the routine.
+struct Setup {
+    uint8_t lines, mux;
+};
+Setup setup[SLOTS] = {ROW(0), ROW(1), ROW(2), {PORTD_REST, BANDGAP}, {PORTD_REST, BANDGAP}};
 
 Frame frames[2];
-uint8_t filling;                // which of the two is being filled
+Frame *filling = &frames[0], *closed = &frames[1];
 uint16_t *store = frames[0].reading;
 uint8_t slot;                   // the slot whose conversion ends next
 uint8_t frame_flags;
@@ -67,27 +68,27 @@ inline void note_duration(uint16_t entered)
     if (lasted > longest) longest = lasted;
 }
 
-// Ends the frame that is full and goes on with the other buffer. The two spare places of each
-// counter mod 4 take what came after the boundary.
-void close_frame()
+// Ends the frame that is full and goes on with the other buffer. Edges that came after the
+// boundary were kept aside and begin the next frame's count.
+inline void close_frame()
 {
-    Frame &full = frames[filling];
-    uint8_t level = (pins ^ late_toggles) & SYNC_MASK;
-    full.counter = samples++;
-    full.edges = uint8_t((sync_mod4 & 3) | (index_mod4 & 3) << 2);
-    full.flags = uint8_t(frame_flags | level);
+    Frame *full = filling;
+    full->counter = samples++;
+    full->edges = uint8_t((sync_mod4 & 3) | (index_mod4 & 3) << 2);
+    full->flags = uint8_t(frame_flags | ((pins ^ late_toggles) & SYNC_MASK));
     frame_flags = late_marks ? FLAG_INDEX : 0;
     sync_mod4 += late_rises;
     index_mod4 += late_marks;
     late_rises = late_marks = late_toggles = 0;
     if (frame_closed) missed++;
     frame_closed = 1;
-    filling ^= 1;
-    store = frames[filling].reading;
+    filling = closed;
+    closed = full;
+    store = filling->reading;
 }
 
 // Each line must follow its driver: high, then low again, read back at the pin.
-uint8_t test_lines()
+__attribute__((noinline)) uint8_t test_lines()
 {
     uint8_t stuck = 0;
     for (uint8_t line = 0; line < LINES; line++) {
@@ -112,6 +113,17 @@ void spare_slot(uint8_t done, uint16_t reading)
     }
 }
 
+inline uint8_t after(uint8_t done)
+{
+    return done == SLOTS - 1 ? 0 : uint8_t(done + 1);
+}
+
+void note_late(bool overrun)
+{
+    late_slots++;
+    frame_flags |= overrun ? FLAG_LATE | FLAG_OVERRUN : FLAG_LATE;
+}
+
 inline void store_reading(uint8_t done, uint16_t reading)
 {
     if (done == 0 && running) close_frame();
@@ -122,32 +134,80 @@ inline void store_reading(uint8_t done, uint16_t reading)
 
 }  // namespace
 
-ISR(ADC_vect)
+#ifdef NEVER_CLEAR_COMPARE
+#define CLEAR_COMPARE ""
+#else
+#define CLEAR_COMPARE "ldi r24, %[ocf1b]\n out %[tifr1], r24\n"
+#endif
+
+// Slots 1 … 17 entered at 256 … 511 cycles, that is in time: the result is moved and the next
+// input chosen, 80 cycles with entry. By hand, because the compiler would save twenty registers
+// each time for the sake of the rare cases, which it gets in SLOW_ADC.
+ISR(ADC_vect, ISR_NAKED)
+{
+    __asm__ volatile(
+        "push r24\n in r24, __SREG__\n push r24\n push r25\n push r30\n push r31\n"
+        "lds r24, %[tcnt]\n"
+        "lds r25, %[tcnt]+1\n"
+        "cpi r25, 1\n"
+        "brne 1f\n"
+        "lds r25, %[slot]\n"
+        "subi r25, 1\n"
+        "cpi r25, %[taxels]-1\n"
+        "brsh 1f\n"
+        "lds r30, %[store]\n"
+        "lds r31, %[store]+1\n"
+        "lds r24, %[adc]\n"
+        "st Z+, r24\n"
+        "lds r24, %[adc]+1\n"
+        "st Z+, r24\n"
+        "sts %[store]+1, r31\n"
+        "sts %[store], r30\n"
+        "subi r25, -2\n"
+        "sts %[slot], r25\n"
+        "lsl r25\n"
+        "mov r30, r25\n"
+        "ldi r31, 0\n"
+        "subi r30, lo8(-(%[setup]))\n"
+        "sbci r31, hi8(-(%[setup]))\n"
+        "ld r24, Z\n"
+        "out %[portd], r24\n"
+        "ldd r24, Z+1\n"
+        "sts %[admux], r24\n"
+        CLEAR_COMPARE
+        "pop r31\n pop r30\n pop r25\n pop r24\n out __SREG__, r24\n pop r24\n reti\n"
+        "1: pop r31\n pop r30\n pop r25\n pop r24\n out __SREG__, r24\n pop r24\n"
+        "jmp __vector_adc_slow\n"
+        :
+        : [tcnt] "i"(_SFR_MEM_ADDR(TCNT1)), [adc] "i"(_SFR_MEM_ADDR(ADC)),
+          [admux] "i"(_SFR_MEM_ADDR(ADMUX)), [portd] "I"(_SFR_IO_ADDR(PORTD)),
+          [tifr1] "I"(_SFR_IO_ADDR(TIFR1)), [ocf1b] "M"(_BV(OCF1B)), [taxels] "M"(TAXELS),
+          [slot] "i"(&slot), [store] "i"(&store), [setup] "i"(&setup));
+}
+
+// Slot 0, the spare slots, and whatever came too late.
+extern "C" void __vector_adc_slow() __attribute__((signal, used, externally_visible));
+extern "C" void __vector_adc_slow()
 {
     uint16_t entered = TCNT1;
     uint8_t low = ADCL;
     uint16_t reading = uint16_t(ADCH << 8 | low);
     uint8_t done = slot;
     bool overrun = entered < WRAPPED_BEFORE;
-    uint8_t next = uint8_t(done + (overrun ? 2 : 1));
-    if (next >= SLOTS) next -= SLOTS;
-    PORTD = slot_lines[next];
-    ADMUX = slot_mux[next];
+    uint8_t next = after(overrun ? after(done) : done);
+    PORTD = setup[next].lines;
+    ADMUX = setup[next].mux;
 #ifndef NEVER_CLEAR_COMPARE
     TIFR1 = _BV(OCF1B);
 #endif
     slot = next;
-    store_reading(done, reading);
-    if (entered > LATE_AFTER || overrun) {
-        late_slots++;
-        frame_flags |= FLAG_LATE;
-    }
-    if (overrun) {
-        // The trigger of one slot was lost: its place is filled, the millisecond stays.
-        uint8_t lost = uint8_t(done + 1) == SLOTS ? 0 : uint8_t(done + 1);
-        if (lost < TAXELS) store_reading(lost, reading);
-        frame_flags |= FLAG_OVERRUN;
-    }
+    if (overrun || entered > LATE_AFTER) note_late(overrun);
+    // Once, or twice where the trigger of one slot was lost: its place is filled, the
+    // millisecond stays.
+    do {
+        store_reading(done, reading);
+        done = after(done);
+    } while (done != next);
     note_duration(entered);
 }
 
@@ -184,7 +244,7 @@ ISR(PCINT0_vect)
 // The first conversion takes 25 ADC clocks instead of 13, a whole slot: it is thrown away here.
 static void warm_up()
 {
-    ADMUX = slot_mux[0];
+    ADMUX = setup[0].mux;
     ADCSRA = _BV(ADEN) | _BV(ADSC) | _BV(ADPS2) | _BV(ADPS0);
     while (ADCSRA & _BV(ADSC)) {}
 }
@@ -192,7 +252,7 @@ static void warm_up()
 void sampling_begin()
 {
     DDRD = LINE_MASK;
-    PORTD = slot_lines[0];
+    PORTD = setup[0].lines;
     PORTB = uint8_t(~(SYNC_MASK | INDEX_MASK)) & 0x3F;
     DIDR0 = 0x3F;
     pins = PINB & (SYNC_MASK | INDEX_MASK);
@@ -212,7 +272,7 @@ const Frame &take_frame()
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
         frame_closed = 0;
-        frame = &frames[filling ^ 1];
+        frame = closed;
     }
     return *frame;
 }

@@ -137,6 +137,7 @@ int main()
         wdt_reset();
         send_data();
         take_requests();
+        look_at_stack();
         send_what_is_due();
     }
 }
