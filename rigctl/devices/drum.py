@@ -1,0 +1,293 @@
+"""The drum board as a scientist names it: poll, set, command, stop.
+
+One poll is one exchange: it beats the heart and reads the whole state. Everything else on the
+line waits its turn, except :meth:`Drum.stop`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from rigctl.devices.identity import drum_identity
+from rigctl.devices.link import BoardRebooted, ByteLink
+from rigctl.devices.modbus import DRAIN_S, SILENCE_S, ModbusLine, Refused
+from rigctl.errors import BoardFault, CommandRefused, LinkLost, RigFault, WrongBoard
+from rigctl.values import BoardIdentity, DrumState
+from rigctl.wire import drum_map as table
+from rigctl.wire.drum_map import Command, CommandResult
+from rigctl.wire.drum_poll import PollDecoder, RawSample
+from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
+from rigctl.wire.registers import BlockLayout, Write, plan_writes, reads_for
+
+ANSWER_S = 4.0
+"""A board that was reset by opening its port answers within this time, bootloader included."""
+BOARD_TIME_JUMP_US, BOARD_TIME_SHARE = 1_000_000, 0.01
+"""A board clock that runs further away from ours, in sum, has started anew."""
+RING_READ = 20
+"""Ring samples read in one exchange: 40 registers."""
+WAIT_POLL_S = 0.02
+
+_IDENTITY = BlockLayout(*table.IDENTITY_BLOCK, entries=table.IDENTITY)
+_SETTINGS = BlockLayout(*table.SETTINGS_BLOCK, entries=table.SETTINGS)
+_HEARTBEAT = table.BY_NAME["heartbeat"].address
+_COMMAND = table.BY_NAME["command"].address
+
+OnState = Callable[[DrumState], None]
+
+
+class Drum:
+    """The drum board over one link. Every coroutine raises LinkLost when the board falls silent.
+
+    ``identity`` is that of the last connect, ``rebooted`` whether the board started anew between
+    the last two, ``settings`` what was last read back, by name in engineering units.
+    """
+
+    identity: BoardIdentity
+
+    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
+        self.link = link
+        self.line = ModbusLine(link, loop)
+        self.rebooted = False
+        self.settings: dict[str, float] = {}
+        self._loop = loop
+        self._decoder = PollDecoder()
+        self._boot_count: int | None = None
+        self._beat = 0
+        self._sequence = 0
+        self._tare_sequence: int | None = None
+        self._consumers: list[OnState] = []
+
+    @property
+    def state(self) -> DrumState | None:
+        """The newest state polled since the last connect."""
+        return self._decoder.last
+
+    def on_state(self, consumer: OnState) -> None:
+        """Have ``consumer`` called with every state polled, whoever polls."""
+        self._consumers.append(consumer)
+
+    async def connect(self) -> BoardIdentity:
+        """Open the link, ask who is there, read the settings.
+
+        Raises LinkLost where nobody answers in time, WrongBoard where somebody else does.
+        """
+        await self.line.open()
+        try:
+            identity = drum_identity(self.link.name, await self._first_answer())
+            await self._take_settings()
+        except BaseException:
+            self.line.close()
+            raise
+        self.rebooted = self._boot_count not in (None, identity.boot_count)
+        self._boot_count = identity.boot_count
+        self.identity = identity
+        return identity
+
+    async def poll(self, beat: bool = True) -> DrumState:
+        """One exchange: beat the heart if asked to, read the state and new load-cell samples.
+
+        Raises BoardRebooted where the board's clock shows that it started anew.
+        """
+        words = await (self._poll_beating() if beat else self.line.read(*table.POLL_BLOCK))
+        at_s = self.line.received_at_s
+        self._check_clock(words, at_s)
+        ring = await self._read_ring(self._decoder.missing(words))
+        state = self._decoder.decode(words, at_s, ring)
+        await self._after_tare(state)
+        for consumer in self._consumers:
+            consumer(state)
+        return state
+
+    async def set(self, **values: float) -> dict[str, float]:
+        """Write settings by name in engineering units; the values really set, read back.
+
+        Raises WrongUse before anything is sent where a value is out of bounds, CommandRefused
+        where the board says no.
+        """
+        done: dict[str, float] = {}
+        for write in plan_writes(values):
+            done |= await self._set(write)
+        self._remember(done)
+        return done
+
+    async def get(self, *names: str) -> dict[str, float]:
+        """Registers by name in engineering units."""
+        values: dict[str, float] = {}
+        for layout in reads_for(names):
+            values |= layout.values(await self.line.read(layout.address, layout.count))
+        self._remember(values)
+        return values
+
+    async def command(self, command: Command, wait: bool = False) -> None:
+        """Give a command; with ``wait`` poll, beating, until the board has done it.
+
+        Raises CommandRefused where the state does not allow it, BoardFault where the board
+        latched a fault on the way.
+        """
+        sequence = self._next_sequence()
+        if command is Command.TARE:
+            self._tare_sequence = sequence
+        try:
+            await self.line.write(_COMMAND, (command, sequence), once=True)
+        except Refused as refused:
+            raise await self._refusal(command, refused) from refused
+        while wait and not self._is_done(command, sequence, await self.poll()):
+            await asyncio.sleep(WAIT_POLL_S)
+
+    async def stop(self) -> None:
+        """Stop and lift at once; the reply in flight is abandoned, nothing else goes first."""
+        await self.line.urgent_write(_COMMAND, (Command.STOP, self._next_sequence()))
+
+    def close(self) -> None:
+        """Free the port. The board lifts by itself when the beat stays away."""
+        self.line.close()
+
+    async def _first_answer(self) -> dict[str, tuple[int, ...]]:
+        """The identity block, asked for until somebody answers or the time is over."""
+        deadline_s = self._loop.time() + ANSWER_S
+        while True:
+            try:
+                return _IDENTITY.raw(await self.line.read(*table.IDENTITY_BLOCK))
+            except Refused as refused:
+                raise WrongBoard(
+                    f"{self.link.name}: a Modbus device answered that is no rigctl board: "
+                    "rigctl ports shows what hangs where"
+                ) from refused
+            except LinkLost:
+                if not self.link.is_open:
+                    raise
+                if self._loop.time() > deadline_s:
+                    raise self._nobody() from None
+
+    def _nobody(self) -> RigFault:
+        name, seconds = self.link.name, f"within {ANSWER_S:g} s"
+        if self.line.bytes_received:
+            return WrongBoard(
+                f"{name}: bytes came, but no drum board answered {seconds}: "
+                "another board or baud rate? rigctl ports shows what hangs where"
+            )
+        return LinkLost(
+            f"{name}: no drum board answered {seconds}: check cable and supply; "
+            "rigctl ports shows what hangs where"
+        )
+
+    async def _take_settings(self) -> None:
+        raw = _SETTINGS.raw(await self.line.read(*table.SETTINGS_BLOCK))
+        self._sequence = raw["command_sequence"][0]
+        self._beat = raw["heartbeat"][0]
+        self._tare_sequence = None
+        self._decoder = PollDecoder()
+        self._remember({e.name: raw[e.name][0] * e.scale for e in _SETTINGS.entries})
+
+    async def _poll_beating(self) -> list[int]:
+        """A poll whose reply shows the beat it was sent with; others are older replies."""
+        self._beat = (self._beat + 1) % 65536
+        give_up_s = self._loop.time() + SILENCE_S
+        while True:
+            words = await self.line.read_write(*table.POLL_BLOCK, _HEARTBEAT, (self._beat,))
+            if words[_SEEN] == self._beat:
+                return words
+            if self._loop.time() > give_up_s:
+                raise LinkLost(f"{self.link.name}: the drum board does not see the heartbeat")
+            self.line.stale += 1
+            await asyncio.sleep(DRAIN_S)
+
+    def _check_clock(self, words: list[int], at_s: float) -> None:
+        """Raise where the board's clock did not run with ours since the last poll."""
+        last = self._decoder.last
+        if last is None:
+            return
+        wire_us = self._decoder.layout.raw(words)["board_time_us"][0]
+        expected_us = (at_s - last.at_s) * 1e6
+        # Nearest way round the 32-bit clock between what it shows and what it should show.
+        early_us = (wire_us - last.board_time_us - expected_us + 2**31) % 2**32 - 2**31
+        if abs(early_us) > BOARD_TIME_JUMP_US + BOARD_TIME_SHARE * expected_us:
+            self.line.close()
+            raise BoardRebooted(f"{self.link.name}: the drum board restarted by itself: connect it")
+
+    async def _read_ring(self, wanted: range) -> dict[int, RawSample]:
+        """Samples that the poll block did not hold any more, from the board's ring."""
+        found: dict[int, RawSample] = {}
+        for part in _ring_parts(wanted):
+            place = part.start % table.RING_DEPTH
+            raw = await self._ring_numbers("ring_raw", place, len(part))
+            times = await self._ring_numbers("ring_time_us", place, len(part))
+            found |= dict(zip(part, zip(raw, times, strict=True), strict=True))
+        return found
+
+    async def _ring_numbers(self, name: str, place: int, count: int) -> tuple[int, ...]:
+        entry = table.BY_NAME[name]
+        address = entry.address + entry.words * place
+        words = await self.line.read(address, entry.words * count)
+        some = table.Register(name, address, entry.kind, "", 1, "", count=count)
+        return BlockLayout(address, len(words), (some,)).raw(words)[name]
+
+    async def _set(self, write: Write) -> dict[str, float]:
+        layout = BlockLayout(write.address, len(write.words))
+        try:
+            words = await self.line.read_write(
+                write.address, len(write.words), write.address, write.words
+            )
+        except Refused as refused:
+            raise CommandRefused(f"{refused}: {', '.join(write.names)} not set") from refused
+        return layout.values(words)
+
+    def _remember(self, values: dict[str, float]) -> None:
+        self.settings |= values
+        self._decoder.tare_counts = round(self.settings.get("tare_counts", 0))
+        self._decoder.scale_ug_per_count = round(self.settings.get("scale_ug_per_count", 0))
+
+    async def _after_tare(self, state: DrumState) -> None:
+        """A tare that is done changed what raw counts mean: read it."""
+        if _acknowledged(state) == self._tare_sequence and _result(state) is not _RUNNING:
+            self._tare_sequence = None
+            await self.get("tare_counts", "scale_ug_per_count")
+
+    def _next_sequence(self) -> int:
+        self._sequence = (self._sequence + 1) % 65536
+        return self._sequence
+
+    async def _refusal(self, command: Command, refused: Refused) -> CommandRefused:
+        values = await self.get("state", "fault")
+        state, fault = State(int(values["state"])), Fault(int(values["fault"]))
+        why = f" ({FAULT_WORDS[fault]})" if fault is not Fault.NONE else ""
+        return CommandRefused(
+            f"{self.link.name}: the drum refused {command.name} in state {state.name}{why}"
+        )
+
+    def _is_done(self, command: Command, sequence: int, state: DrumState) -> bool:
+        if state.fault:
+            raise BoardFault(
+                f"{self.link.name}: {command.name} ended in a fault: "
+                f"{FAULT_WORDS[Fault(state.fault)]}"
+            )
+        if _acknowledged(state) != sequence:
+            raise CommandRefused(f"{self.link.name}: {command.name} was overtaken by another")
+        if _result(state) is CommandResult.FAILED:
+            raise CommandRefused(f"{self.link.name}: {command.name} was broken off")
+        return _result(state) is CommandResult.DONE
+
+
+_RUNNING = CommandResult.RUNNING
+_SEEN = table.BY_NAME["heartbeat_seen"].address - table.POLL_BLOCK[0]
+
+
+def _acknowledged(state: DrumState) -> int:
+    return int(state.values["command_acknowledged"])
+
+
+def _result(state: DrumState) -> CommandResult:
+    return CommandResult(int(state.values["command_result"]))
+
+
+def _ring_parts(wanted: range) -> list[range]:
+    """Runs of sequence numbers that stand side by side in the ring, each one read long."""
+    parts: list[range] = []
+    at = wanted.start
+    while at < wanted.stop:
+        to_end = table.RING_DEPTH - at % table.RING_DEPTH
+        part = range(at, min(wanted.stop, at + min(RING_READ, to_end)))
+        parts.append(part)
+        at = part.stop
+    return parts

@@ -1,0 +1,243 @@
+"""Modbus RTU to one board: one exchange at a time, and a stop that waits for none.
+
+pymodbus builds and reads the frames. This file decides what may be repeated: an exchange whose
+reply was lost is repeated while the link counts as alive, because every request of the drum's
+wire may safely be executed twice (a command executes only when its sequence number is new).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+from pymodbus.client import AsyncModbusSerialClient
+from pymodbus.exceptions import ModbusIOException
+from pymodbus.pdu import ModbusPDU
+
+from rigctl.devices.link import ByteLink
+from rigctl.devices.transport import LinkTransport
+from rigctl.errors import CommandRefused, LinkLost
+from rigctl.wire.drum_map import UNIT
+
+REPLY_S = 0.06
+"""Longest wait for one reply."""
+SILENCE_S = 0.24
+"""Silence in spite of questions after which the link counts as lost."""
+DRAIN_S = 0.012
+"""A pause after which no reply to an abandoned request is on the line any more."""
+READ, WRITE, READ_WRITE = 3, 16, 23
+
+# Lost replies are counted and reported by this file; pymodbus would print them as well.
+logging.getLogger("pymodbus").setLevel(logging.CRITICAL + 1)
+
+_Request = Callable[[AsyncModbusSerialClient], Awaitable[ModbusPDU]]
+
+
+class Refused(CommandRefused):
+    """The board answered with a Modbus exception; ``code`` says which."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class StoppedMeanwhile(CommandRefused):
+    """A stop overtook this request, which was given up."""
+
+
+class ModbusLine:
+    """Registers of one board over one link.
+
+    ``timeouts`` counts replies that did not come, ``stale`` replies to another question.
+    """
+
+    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
+        self.link = link
+        self.timeouts = 0
+        self.stale = 0
+        self._loop = loop
+        self._client: AsyncModbusSerialClient | None = None
+        self._transport: LinkTransport | None = None
+        self._lost: str | None = None
+        self._lock = asyncio.Lock()
+        self._stops = self._stops_ever = 0
+        self._calm = asyncio.Event()
+        self._calm.set()
+
+    @property
+    def bytes_received(self) -> int:
+        """Bytes that came since the line was opened, whatever they mean."""
+        return self._transport.bytes_received if self._transport else 0
+
+    @property
+    def received_at_s(self) -> float:
+        """Loop time of the newest bytes."""
+        return self._transport.received_at_s if self._transport else 0.0
+
+    async def open(self) -> None:
+        """Open the link. Raises LinkLost."""
+        self.close()
+        client = AsyncModbusSerialClient(
+            self.link.name, timeout=REPLY_S, retries=0, reconnect_delay=0
+        )
+        transport = LinkTransport(self.link, client.ctx, self._on_lost)
+
+        async def create() -> tuple[asyncio.Transport, asyncio.BaseProtocol]:
+            transport.open()
+            return transport, client.ctx
+
+        client.ctx.call_create = create
+        self._client, self._transport, self._lost = client, transport, None
+        try:
+            await client.connect()
+        except LinkLost:
+            self._client = self._transport = None
+            raise
+
+    def close(self) -> None:
+        """Close the link; an exchange in flight ends with LinkLost."""
+        if self._client is not None:
+            self._give_up(LinkLost(f"{self.link.name}: the port was closed"))
+            self._client.close()
+        self._client = self._transport = None
+
+    async def read(self, address: int, count: int) -> list[int]:
+        """``count`` registers from ``address``."""
+        request = partial(_read, address, count)
+        return await self._words(request, READ, count)
+
+    async def write(self, address: int, words: Sequence[int], once: bool = False) -> None:
+        """Write registers; with ``once`` a stop that overtakes raises StoppedMeanwhile."""
+        await self._ask(partial(_write, address, words), WRITE, once)
+
+    async def read_write(
+        self, read_address: int, count: int, address: int, words: Sequence[int]
+    ) -> list[int]:
+        """Write registers, then read ``count`` of them, in one exchange."""
+        request = partial(_read_write, read_address, count, address, words)
+        return await self._words(request, READ_WRITE, count)
+
+    async def urgent_write(self, address: int, words: Sequence[int]) -> None:
+        """Write at once: the reply in flight is abandoned, waiting requests wait on."""
+        self._stops += 1
+        self._stops_ever += 1
+        self._calm.clear()
+        self._give_up(self._overtaken())
+        try:
+            async with self._lock:
+                await self._until_answered(partial(_write, address, words), WRITE, urgent=True)
+        finally:
+            self._stops -= 1
+            if not self._stops:
+                self._calm.set()
+
+    async def _words(self, request: _Request, function: int, count: int) -> list[int]:
+        reply = await self._ask(request, function, once=False, count=count)
+        return list(reply.registers)
+
+    async def _ask(
+        self, request: _Request, function: int, once: bool, count: int | None = None
+    ) -> ModbusPDU:
+        """One exchange when it is its turn; with ``once`` never after a stop asked for since."""
+        stops_then = self._stops_ever
+        while True:
+            await self._calm.wait()
+            async with self._lock:
+                if once and self._stops_ever != stops_then:
+                    raise self._overtaken()
+                if not self._stops:
+                    with suppress(StoppedMeanwhile):
+                        return await self._until_answered(request, function, count)
+
+    async def _until_answered(
+        self, request: _Request, function: int, count: int | None = None, urgent: bool = False
+    ) -> ModbusPDU:
+        """Repeat a request until the right reply comes or the silence lasts too long."""
+        give_up_s = self._loop.time() + SILENCE_S - REPLY_S / 2
+        while True:
+            reply = await self._exchange(request)
+            if reply is not None and reply.function_code & 0x7F == function:
+                if reply.isError():
+                    raise self._refused(reply)
+                if count is None or len(reply.registers) == count:
+                    return reply
+            if reply is not None:
+                self.stale += 1
+                await asyncio.sleep(DRAIN_S)
+            if self._stops and not urgent:
+                raise self._overtaken()
+            if self._loop.time() >= give_up_s:
+                raise self._silent()
+
+    async def _exchange(self, request: _Request) -> ModbusPDU | None:
+        """One request and its reply; None where none came in time."""
+        if self._client is None or self._lost is not None:
+            raise LinkLost(self._lost or f"{self.link.name}: not connected: connect first")
+        try:
+            return await request(self._client)
+        except ModbusIOException:
+            self.timeouts += 1
+            return None
+
+    def _overtaken(self) -> StoppedMeanwhile:
+        return StoppedMeanwhile(f"{self.link.name}: a stop came first, nothing else was done")
+
+    def _silent(self) -> LinkLost:
+        return LinkLost(
+            f"{self.link.name}: no answer for {SILENCE_S:g} s: "
+            "check the cable and the board's supply, then connect again"
+        )
+
+    def _refused(self, reply: Any) -> Refused:
+        words = _EXCEPTIONS.get(reply.exception_code, "for a reason of its own")
+        return Refused(f"{self.link.name}: the board refused, {words}", reply.exception_code)
+
+    def _on_lost(self, reason: str) -> None:
+        self._lost = reason
+        self._give_up(LinkLost(reason))
+
+    def _give_up(self, why: Exception) -> None:
+        """End the wait for the reply in flight, if there is one."""
+        if self._client is not None and self._lock.locked():
+            waiting = self._client.ctx.response_future
+            if not waiting.done():
+                waiting.set_exception(why)
+
+
+_EXCEPTIONS = {
+    1: "because it does not know the function",
+    2: "because there is no such register",
+    3: "because a value is out of range",
+    4: "because its state does not allow it",
+    6: "because it is busy",
+}
+
+
+def _read(address: int, count: int, client: AsyncModbusSerialClient) -> Awaitable[ModbusPDU]:
+    return client.read_holding_registers(address, count=count, device_id=UNIT)
+
+
+def _write(
+    address: int, words: Sequence[int], client: AsyncModbusSerialClient
+) -> Awaitable[ModbusPDU]:
+    return client.write_registers(address, list(words), device_id=UNIT)
+
+
+def _read_write(
+    read_address: int,
+    count: int,
+    address: int,
+    words: Sequence[int],
+    client: AsyncModbusSerialClient,
+) -> Awaitable[ModbusPDU]:
+    return client.readwrite_registers(
+        read_address=read_address,
+        read_count=count,
+        write_address=address,
+        values=list(words),
+        device_id=UNIT,
+    )

@@ -1,0 +1,199 @@
+"""The taxel board: blocks of samples as they arrive, and a sentence when they do not."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rigctl.devices.identity import taxel_identity
+from rigctl.devices.link import BoardRebooted, ByteLink
+from rigctl.errors import LinkLost, RigFault, WrongBoard
+from rigctl.values import Block, BoardIdentity
+from rigctl.wire.taxels import (
+    IDENTIFY,
+    Decoded,
+    FrameDecoder,
+    TaxelIdentity,
+    TaxelStatus,
+    encode_request,
+)
+
+ANSWER_S = 4.0
+"""A board that was reset by opening its port answers within this time, bootloader included."""
+ASK_AGAIN_S = 0.1
+SILENCE_S = 0.2
+"""Without a byte for so long the board counts as lost."""
+CHECK_S = 0.05
+
+OnBlock = Callable[[Block], None]
+OnFault = Callable[[RigFault], None]
+
+
+@dataclass(slots=True)
+class TaxelCounters:
+    """What came and what did not, since this object was made."""
+
+    frames: int = 0
+    lost: int = 0
+    gaps: int = 0
+    rejected_frames: int = 0
+    rejected_bytes: int = 0
+    reboots: int = 0
+
+
+class Taxels:
+    """The taxel board over one link.
+
+    ``identity`` is that of the last connect, ``rebooted`` whether the board started anew between
+    the last two, ``status`` what the board last said about itself, ``last_block_at_s`` the loop
+    time of the newest samples.
+    """
+
+    identity: BoardIdentity
+
+    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
+        self.link = link
+        self.status: TaxelStatus | None = None
+        self.counters = TaxelCounters()
+        self.rebooted = False
+        self.last_block_at_s: float | None = None
+        self._loop = loop
+        self._decoder = FrameDecoder()
+        self._boot_count: int | None = None
+        self._answer: asyncio.Future[TaxelIdentity] | None = None
+        self._watch: asyncio.TimerHandle | None = None
+        self._heard_s = 0.0
+        self._on_block: list[OnBlock] = []
+        self._on_fault: list[OnFault] = []
+
+    def on_block(self, consumer: OnBlock) -> None:
+        """Have ``consumer`` called with every block, in order, in the loop's thread.
+
+        A consumer that raises is reported through :meth:`on_fault` and gets no more blocks.
+        """
+        self._on_block.append(consumer)
+
+    def on_fault(self, consumer: OnFault) -> None:
+        """Have ``consumer`` called when the board is lost or restarts, or a consumer fails."""
+        self._on_fault.append(consumer)
+
+    async def connect(self) -> BoardIdentity:
+        """Open the link, ask who is there, and wait until the sample counter is known.
+
+        Raises LinkLost where nobody answers in time, WrongBoard where somebody else does.
+        """
+        self.close()
+        self._decoder.resync()
+        self._answer = self._loop.create_future()
+        self.link.open(self._received, self._lost)
+        try:
+            identity = taxel_identity(self.link.name, await self._first_answer())
+        except BaseException:
+            self.close()
+            raise
+        self.rebooted = self._boot_count not in (None, identity.boot_count)
+        self._boot_count = identity.boot_count
+        self.identity = identity
+        self._heard_s = self._loop.time()
+        self._expect(self._heard_s + CHECK_S)
+        return identity
+
+    def close(self) -> None:
+        """Free the port; what arrives later is not counted as lost until the next connect."""
+        if self._watch is not None:
+            self._watch.cancel()
+            self._watch = None
+        self._answer = None
+        self.link.close()
+
+    async def _first_answer(self) -> TaxelIdentity:
+        answer = self._answer
+        assert answer is not None
+        deadline_s = self._loop.time() + ANSWER_S
+        while not answer.done() or self._decoder.waiting:
+            if self._loop.time() > deadline_s:
+                raise self._nobody(answer)
+            if not answer.done():
+                self.link.write(encode_request(IDENTIFY))
+            await asyncio.sleep(ASK_AGAIN_S)
+            if answer.done():
+                answer.result()
+        return answer.result()
+
+    def _nobody(self, answer: asyncio.Future[TaxelIdentity]) -> RigFault:
+        name = self.link.name
+        if answer.done() or self._heard_s:
+            return WrongBoard(
+                f"{name}: bytes came, but no whole answer of a taxel board within {ANSWER_S:g} s: "
+                "another board or baud rate? rigctl ports shows what hangs where"
+            )
+        return LinkLost(
+            f"{name}: no taxel board answered within {ANSWER_S:g} s: check cable and supply; "
+            "rigctl ports shows what hangs where"
+        )
+
+    def _received(self, data: bytes, at_s: float) -> None:
+        self._heard_s = at_s
+        decoded = self._decoder.feed(data, at_s)
+        self._count(decoded)
+        if decoded.statuses:
+            self.status = decoded.statuses[-1]
+        if decoded.identities:
+            self._introduced(decoded.identities[-1])
+        if decoded.reboots and self._watch is not None:
+            self._restarted()
+        for block in decoded.blocks:
+            self.last_block_at_s = block.arrived_s
+            self._deliver(block)
+
+    def _count(self, decoded: Decoded) -> None:
+        counters = self.counters
+        counters.frames += sum(len(block) for block in decoded.blocks)
+        gaps = [gap for block in decoded.blocks for gap in block.gaps]
+        counters.gaps += len(gaps)
+        counters.lost += sum(gap.count for gap in gaps)
+        counters.rejected_frames += decoded.rejected_frames
+        counters.rejected_bytes += decoded.rejected_bytes
+        counters.reboots += decoded.reboots
+
+    def _introduced(self, identity: TaxelIdentity) -> None:
+        if self._answer is not None and not self._answer.done():
+            self._answer.set_result(identity)
+
+    def _restarted(self) -> None:
+        self._report(
+            BoardRebooted(
+                f"{self.link.name}: the taxel board restarted by itself: its counters begin anew"
+            )
+        )
+
+    def _deliver(self, block: Block) -> None:
+        for consumer in tuple(self._on_block):
+            try:
+                consumer(block)
+            except Exception as error:  # noqa: BLE001 - becomes a visible fault, reading goes on
+                self._on_block.remove(consumer)
+                self._report(RigFault(f"{self.link.name}: a consumer of samples failed: {error!r}"))
+
+    def _report(self, fault: RigFault) -> None:
+        for consumer in tuple(self._on_fault):
+            consumer(fault)
+
+    def _lost(self, reason: str) -> None:
+        if self._answer is not None and not self._answer.done():
+            self._answer.set_exception(LinkLost(reason))
+            return
+        self.close()
+        self._report(LinkLost(reason))
+
+    def _expect(self, at_s: float) -> None:
+        self._watch = self._loop.call_at(at_s, self._check, at_s)
+
+    def _check(self, due_s: float) -> None:
+        """Report silence; a loop that was itself late has first to read what waits."""
+        now_s = self._loop.time()
+        if now_s - self._heard_s > SILENCE_S and now_s - due_s < CHECK_S:
+            self._lost(f"{self.link.name}: no taxel sample for {SILENCE_S:g} s: check the cable")
+        elif self._watch is not None:
+            self._expect(now_s + CHECK_S)

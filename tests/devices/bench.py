@@ -1,0 +1,197 @@
+"""A clock that jumps, a cable in memory, and the smallest boards that answer on it."""
+
+from __future__ import annotations
+
+import asyncio
+import selectors
+from collections.abc import Callable, Coroutine, Sequence
+from typing import Any, TypeVar
+
+from pymodbus.framer import FramerRTU
+
+from rigctl.devices.link import OnBytes, OnLost
+from rigctl.errors import LinkLost
+from rigctl.wire import drum_map as table
+from rigctl.wire.registers import words_of
+
+Result = TypeVar("Result")
+BYTE_S = 10 / table.BAUD
+
+
+class _JumpingSelector(selectors.DefaultSelector):
+    now_s = 0.0
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        assert timeout is not None, "the loop would wait forever"
+        self.now_s += max(timeout, 0.0)
+        return super().select(0)
+
+
+class JumpingLoop(asyncio.SelectorEventLoop):
+    """A loop whose clock jumps to the next timer: no test waits."""
+
+    def __init__(self) -> None:
+        self._jumping = _JumpingSelector()
+        super().__init__(self._jumping)
+
+    def time(self) -> float:
+        """Seconds since the loop was made."""
+        return self._jumping.now_s
+
+
+def run(main: Callable[[JumpingLoop], Coroutine[Any, Any, Result]]) -> Result:
+    """Run ``main`` on a new jumping loop."""
+    loop = JumpingLoop()
+    asyncio.set_event_loop(loop)
+    try:
+        return loop.run_until_complete(main(loop))
+    finally:
+        asyncio.set_event_loop(None)
+        loop.close()
+
+
+class MemoryLink:
+    """A cable in memory; ``board`` gets what the host writes, :meth:`say` answers."""
+
+    def __init__(self, loop: JumpingLoop, name: str = "cable") -> None:
+        self.name = name
+        self.is_open = False
+        self.plugged = True
+        self.board: Callable[[bytes], None] = lambda data: None
+        self.written: list[bytes] = []
+        self._loop = loop
+        self._on_bytes: OnBytes | None = None
+        self._on_lost: OnLost | None = None
+
+    def open(self, on_bytes: OnBytes, on_lost: OnLost) -> None:
+        if not self.plugged:
+            raise LinkLost(f"{self.name}: there is no such port")
+        self._on_bytes, self._on_lost, self.is_open = on_bytes, on_lost, True
+
+    def write(self, data: bytes) -> None:
+        if not self.is_open:
+            raise LinkLost(f"{self.name}: the port is closed")
+        self.written.append(data)
+        self.board(data)
+
+    def close(self) -> None:
+        self._on_bytes = self._on_lost = None
+        self.is_open = False
+
+    def say(self, data: bytes, after_s: float = 0.0) -> None:
+        self._loop.call_later(after_s, self._say, data)
+
+    def unplug(self) -> None:
+        self.plugged = False
+        on_lost = self._on_lost
+        self.close()
+        if on_lost is not None:
+            on_lost(f"{self.name}: the port vanished")
+
+    def _say(self, data: bytes) -> None:
+        if self._on_bytes is not None:
+            self._on_bytes(data, self._loop.time())
+
+
+def rtu(payload: bytes, unit: int = table.UNIT) -> bytes:
+    """One Modbus RTU frame."""
+    body = bytes([unit]) + payload
+    return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
+
+
+class RegisterBoard:
+    """A Modbus slave with the drum's registers and no drum behind it.
+
+    ``refuse``: exception code for every write; ``silent``: no replies; ``garble``: replies whose
+    CRC is wrong; ``reply_s``: time until the reply starts.
+    """
+
+    def __init__(self, loop: JumpingLoop, link: MemoryLink) -> None:
+        self.words = [0] * table.END
+        self.refuse: int | None = None
+        self.silent = False
+        self.garble = 0
+        self.reply_s = 0.001
+        self.executed: list[tuple[int, int]] = []
+        self._loop = loop
+        self._link = link
+        link.board = self.receive
+        for entry in table.SETTINGS:
+            self.put(entry.name, entry.default)
+        for name, value in _IDENTITY.items():
+            self.put(name, value)
+
+    def put(self, name: str, *values: int) -> None:
+        """Set a register; the state of a real board would."""
+        entry = table.BY_NAME[name]
+        for i, value in enumerate(values):
+            words = words_of(entry, value)
+            at = entry.address + i * entry.words
+            self.words[at : at + entry.words] = words
+
+    def receive(self, request: bytes) -> None:
+        if self.silent:
+            return
+        reply = rtu(self._answer(request[1], request[2:-2]))
+        if self.garble:
+            self.garble -= 1
+            reply = reply[:-1] + bytes([reply[-1] ^ 1])
+        self._link.say(reply, self.reply_s + len(reply) * BYTE_S)
+
+    def _answer(self, function: int, data: bytes) -> bytes:
+        if function == 3:
+            return self._read(function, data)
+        if self.refuse is not None:
+            return bytes([function | 0x80, self.refuse])
+        if function == 16:
+            self._write(data)
+            return bytes([16]) + data[:4]
+        self._write(data[4:])
+        return self._read(function, data)
+
+    def _read(self, function: int, data: bytes) -> bytes:
+        self.put("board_time_us", round(self._loop.time() * 1e6) % 2**32)
+        at, count = int.from_bytes(data[:2], "big"), int.from_bytes(data[2:4], "big")
+        words = self.words[at : at + count]
+        return bytes([function, 2 * count]) + b"".join(w.to_bytes(2, "big") for w in words)
+
+    def _write(self, data: bytes) -> None:
+        at = int.from_bytes(data[:2], "big")
+        words = [int.from_bytes(data[i : i + 2], "big") for i in range(5, len(data), 2)]
+        before = self.words[_SEQUENCE]
+        self.words[at : at + len(words)] = words
+        self.put("heartbeat_seen", self.words[_HEARTBEAT])
+        if self.words[_SEQUENCE] != before:
+            self.executed.append((self.words[_SEQUENCE - 1], self.words[_SEQUENCE]))
+            self.put("command_acknowledged", self.words[_SEQUENCE])
+            self.put("command_result", table.CommandResult.DONE)
+
+
+class Script:
+    """A cable whose other end expects exact bytes: (sent, answered) pairs, in order."""
+
+    def __init__(self, link: MemoryLink, pairs: Sequence[tuple[bytes, bytes]]) -> None:
+        self.left = list(pairs)
+        self._link = link
+        link.board = self.receive
+
+    def receive(self, request: bytes) -> None:
+        sent, answered = self.left.pop(0)
+        assert request.hex(" ") == sent.hex(" ")
+        self._link.say(answered, 0.002)
+
+
+_SEQUENCE = table.BY_NAME["command_sequence"].address
+_HEARTBEAT = table.BY_NAME["heartbeat"].address
+_IDENTITY = {
+    "magic": table.MAGIC,
+    "map_version": table.MAP_VERSION,
+    "board_id": table.BOARD_DRUM,
+    "firmware_version": 0x0103,
+    "build_hash": 0x00C0FFEE,
+    "boot_count": 41,
+    "reset_cause": 1,
+    "ring_depth": table.RING_DEPTH,
+    "steps_per_turn": 12800,
+    "nm_per_step": 31250,
+}

@@ -1,0 +1,332 @@
+"""The drum's driver against boards that answer late, wrongly, or not at all."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from rigctl.devices.drum import Drum
+from rigctl.devices.link import BoardRebooted
+from rigctl.devices.modbus import StoppedMeanwhile
+from rigctl.errors import BoardFault, CommandRefused, LinkLost, WrongBoard, WrongUse
+from rigctl.values import DrumState
+from rigctl.wire.drum_map import Command, CommandResult
+from rigctl.wire.drum_states import Fault, State
+from tests.devices.bench import JumpingLoop, MemoryLink, RegisterBoard, Script, rtu, run
+
+
+def bench(loop: JumpingLoop) -> tuple[Drum, RegisterBoard, MemoryLink]:
+    link = MemoryLink(loop, "/dev/drum")
+    return Drum(link, loop), RegisterBoard(loop, link), link
+
+
+def test_connect_says_who_is_there_and_reads_the_settings() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        board.put("force_set", 2500)
+        identity = await drum.connect()
+        assert (identity.board, identity.firmware_version) == ("drum", "1.3")
+        assert (identity.build_hash, identity.boot_count) == ("00c0ffee", 41)
+        assert identity.details["nm_per_step"] == 31250
+        assert drum.settings["force_set"] == 250.0
+        assert not drum.rebooted
+        drum.close()
+
+    run(main)
+
+
+def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        link = MemoryLink(loop)
+        identity = "5247 0001 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12"
+        settings = "0000 0000 0009" + 29 * " 0000"
+        script = Script(
+            link,
+            [
+                (
+                    rtu(bytes.fromhex("03 0000 000c")),
+                    rtu(bytes.fromhex("0318" + identity)),
+                ),
+                (
+                    rtu(bytes.fromhex("03 0040 0020")),
+                    rtu(bytes.fromhex("0340" + settings)),
+                ),
+                (
+                    rtu(bytes.fromhex("17 0044 0002 0044 0002 04 1f40 1388")),
+                    rtu(bytes.fromhex("17 04 1f40 1388")),
+                ),
+                (
+                    rtu(bytes.fromhex("10 0041 0002 04 0001 000a")),
+                    rtu(bytes.fromhex("10 0041 0002")),
+                ),
+            ],
+        )
+        drum = Drum(link, loop)
+        await drum.connect()
+        assert await drum.set(speed_set=80, force_set=500) == {
+            "speed_set": 80.0,
+            "force_set": 500.0,
+        }
+        await drum.command(Command.ARM)
+        assert script.left == []
+        drum.close()
+
+    run(main)
+
+
+def test_a_board_that_boots_slowly_is_waited_for() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        board.silent = True
+        loop.call_later(1.8, setattr, board, "silent", False)
+        await drum.connect()
+        assert 1.8 < loop.time() < 2.2
+        drum.close()
+
+    run(main)
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "sentence"),
+    [
+        ("magic", 0, "no drum board"),
+        ("board_id", 2, "no drum board"),
+        ("map_version", 9, "firmware 1.3 speaks register map 9, this program map 1: make firmware"),
+    ],
+)
+def test_somebody_else_is_named(register: str, value: int, sentence: str) -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, link = bench(loop)
+        board.put(register, value)
+        with pytest.raises(WrongBoard, match=sentence):
+            await drum.connect()
+        assert not link.is_open
+
+    run(main)
+
+
+def test_nobody_there_is_said_in_time() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, link = bench(loop)
+        board.silent = True
+        with pytest.raises(LinkLost, match="no drum board answered within 4 s"):
+            await drum.connect()
+        assert loop.time() < 5
+        link.plugged = False
+        with pytest.raises(LinkLost, match="no such port"):
+            await drum.connect()
+
+    run(main)
+
+
+def test_a_stream_of_foreign_bytes_is_no_drum() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, _, link = bench(loop)
+        link.board = lambda data: link.say(bytes(range(40)))
+        with pytest.raises(WrongBoard, match="bytes came, but no drum board answered"):
+            await drum.connect()
+
+    run(main)
+
+
+def test_a_lost_or_damaged_reply_is_asked_for_again() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        await drum.connect()
+        board.garble = 2
+        state = await drum.poll()
+        assert state.values["heartbeat_seen"] == 1
+        assert drum.line.timeouts == 2
+        drum.close()
+
+    run(main)
+
+
+def test_silence_is_seen_within_0_3_s() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        await drum.connect()
+        await drum.poll()
+        board.silent, fell_silent_s = True, loop.time()
+        await asyncio.sleep(0.04)
+        with pytest.raises(LinkLost, match=r"/dev/drum: no answer for 0\.24 s"):
+            await drum.poll()
+        assert loop.time() - fell_silent_s < 0.3
+        drum.close()
+
+    run(main)
+
+
+def test_an_unplug_ends_the_exchange_in_flight_at_once() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, link = bench(loop)
+        await drum.connect()
+        loop.call_later(0.002, link.unplug)
+        started_s = loop.time()
+        with pytest.raises(LinkLost, match="the port vanished"):
+            await drum.poll()
+        assert loop.time() - started_s < 0.005
+        with pytest.raises(LinkLost, match="the port vanished"):
+            await drum.set(speed_set=80)
+        link.plugged = True
+        board.put("boot_count", 42)
+        await drum.connect()
+        assert drum.rebooted
+
+    run(main)
+
+
+def test_a_reply_to_an_older_poll_is_not_taken_for_this_one() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        await drum.connect()
+        await drum.poll()
+        board.reply_s = 0.07
+        loop.call_later(0.065, setattr, board, "reply_s", 0.001)
+        state = await drum.poll()
+        assert state.values["heartbeat_seen"] == 2
+        assert drum.line.stale == 0
+        drum.close()
+
+    run(main)
+
+
+def test_a_stop_waits_for_no_reply() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, link = bench(loop)
+        await drum.connect()
+        board.reply_s = 0.05
+        poll = asyncio.create_task(drum.poll())
+        await asyncio.sleep(0.001)
+        setting = asyncio.create_task(drum.set(speed_set=80))
+        running = asyncio.create_task(drum.command(Command.RUN))
+        await asyncio.sleep(0.001)
+        asked_s, board.reply_s = loop.time(), 0.001
+        stop = asyncio.create_task(drum.stop())
+        await asyncio.sleep(1e-4)
+        assert link.written[-1][1:11].hex() == "10004100020400070002"
+        await stop
+        assert loop.time() - asked_s < 0.1
+        assert board.executed == [(Command.STOP, 2)]
+        assert (await poll).at_s > asked_s
+        assert (await setting)["speed_set"] == 80.0
+        with pytest.raises(StoppedMeanwhile, match="a stop came first"):
+            await running
+        assert [command for command, _ in board.executed] == [Command.STOP]
+        drum.close()
+
+    run(main)
+
+
+def test_a_command_overtaken_by_a_stop_is_never_given_again() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        await drum.connect()
+        board.reply_s = 0.05
+        running = asyncio.create_task(drum.command(Command.RUN))
+        await asyncio.sleep(0.001)
+        board.reply_s = 0.001
+        await drum.stop()
+        with pytest.raises(StoppedMeanwhile, match="a stop came first"):
+            await running
+        assert [command for command, _ in board.executed] == [Command.RUN, Command.STOP]
+        drum.close()
+
+    run(main)
+
+
+def test_out_of_bounds_never_reaches_the_wire_and_a_refusal_is_a_sentence() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, link = bench(loop)
+        await drum.connect()
+        sent = len(link.written)
+        with pytest.raises(WrongUse, match="speed_set cannot be 300 mm/s"):
+            await drum.set(force_set=500, speed_set=300)
+        assert len(link.written) == sent
+        board.refuse = 3
+        with pytest.raises(CommandRefused, match="a value is out of range: force_set not set"):
+            await drum.set(force_set=500)
+        board.refuse = 4
+        board.put("state", State.FAULT_OFF)
+        board.put("fault", Fault.ESTOP)
+        with pytest.raises(CommandRefused, match=r"refused ARM in state FAULT_OFF \(emergency"):
+            await drum.command(Command.ARM)
+        drum.close()
+
+    run(main)
+
+
+def test_waiting_for_a_command_ends_with_done_or_with_the_fault() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        await drum.connect()
+        states: list[DrumState] = []
+        drum.on_state(states.append)
+        await drum.command(Command.ARM, wait=True)
+        assert len(states) == 1
+        loop.call_later(0.1, board.put, "fault", Fault.NO_CONTACT)
+        loop.call_later(0.001, board.put, "command_result", CommandResult.RUNNING)
+        with pytest.raises(BoardFault, match="APPROACH ended in a fault: no contact"):
+            await drum.command(Command.APPROACH, wait=True)
+        assert len(states) > 3
+        drum.close()
+
+    run(main)
+
+
+def test_a_tare_changes_what_raw_counts_mean() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        await drum.connect()
+        board.put("loadcell_recent", 81_000)
+        board.put("loadcell_sequence", 1)
+        before = (await drum.poll()).loadcell[0].force_g
+        board.put("tare_counts", 80_000)
+        await drum.command(Command.TARE, wait=True)
+        board.put("loadcell_sequence", 2)
+        after = (await drum.poll()).loadcell[0].force_g
+        assert before == pytest.approx(81_000 * 2400e-6)
+        assert after == pytest.approx(1_000 * 2400e-6)
+        drum.close()
+
+    run(main)
+
+
+def test_a_gap_in_the_load_cell_is_read_from_the_ring() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        await drum.connect()
+        board.put("loadcell_sequence", 65520)
+        await drum.poll()
+        start_us = round(loop.time() * 1e6)
+        for n in range(65521, 65561):
+            place = n % 64
+            board.words[128 + 2 * place : 130 + 2 * place] = [0, n - 65500]
+            at_us = start_us + (n - 65520) * 12_500
+            board.words[256 + 2 * place : 258 + 2 * place] = [at_us >> 16, at_us & 0xFFFF]
+        await asyncio.sleep(0.5)
+        board.put("loadcell_sequence", 65560 % 65536)
+        board.put("loadcell_time_us", start_us + 500_000)
+        board.put("loadcell_recent", *(n - 65500 for n in range(65560, 65555, -1)))
+        state = await drum.poll()
+        assert [s.raw_counts for s in state.loadcell] == [n - 65500 for n in range(65521, 65561)]
+        assert state.loadcell_lost == 0
+        drum.close()
+
+    run(main)
+
+
+def test_a_board_that_restarts_by_itself_is_noticed() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = bench(loop)
+        await drum.connect()
+        await asyncio.sleep(30)
+        await drum.poll()
+        await asyncio.sleep(0.04)
+        clock = loop.time()
+        board._loop = type("", (), {"time": lambda self: loop.time() - clock})()
+        with pytest.raises(BoardRebooted, match="restarted by itself"):
+            await drum.poll()
+
+    run(main)
