@@ -1,0 +1,116 @@
+"""Windows, rates and counts on cases small enough to reckon by hand."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rigctl.encoding.encoder import encode_trials
+from rigctl.encoding.features import (
+    SPEED_SCALED,
+    UNSCALED,
+    FeatureLayout,
+    feature_matrices,
+    trial_features,
+)
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.speed import scaled_time_s, windows_of_samples
+from rigctl.errors import WrongUse
+from rigctl.values import Spikes
+
+PAPER_SPEEDS = (40, 60, 80, 100, 120)
+
+
+def spikes_of(trains: list[list[int]], n_samples: int) -> Spikes:
+    starts = np.cumsum([0] + [len(train) for train in trains])
+    flat = np.array([t for train in trains for t in train], np.int32)
+    return Spikes(starts.astype(np.int64), flat, n_samples)
+
+
+@pytest.mark.parametrize("speed", PAPER_SPEEDS)
+def test_the_papers_trials_fill_twenty_equal_windows(speed: int) -> None:
+    n = 240 * 1000 // speed
+    windows = windows_of_samples(n, speed)
+    assert np.bincount(windows).tolist() == [n // 20] * 20
+    assert windows.tolist() == [(t * speed) // 12000 for t in range(n)]
+
+
+@given(t=st.integers(0, 10_000), speed=st.integers(1, 400_000))
+def test_windows_are_exact_to_the_micrometre_per_second(t: int, speed: int) -> None:
+    exact = Fraction(t * speed, 1000 * 1000) / (120 * Fraction(1, 10))
+    assert windows_of_samples(t + 1, speed / 1000)[t] == exact.__floor__()
+
+
+def test_other_windows_and_references() -> None:
+    windows = windows_of_samples(10, 50.0, window_ms=2, reference_mm_s=100.0)
+    assert windows.tolist() == [0, 0, 0, 0, 1, 1, 1, 1, 2, 2]
+    with pytest.raises(WrongUse, match="above 0"):
+        windows_of_samples(10, 0.0)
+    with pytest.raises(WrongUse, match="no sample"):
+        windows_of_samples(10, 50.0, window_ms=0)
+
+
+def test_scaled_times_are_the_papers_equation_2() -> None:
+    times = scaled_time_s(np.array([0, 3000], np.int32), 40.0)
+    np.testing.assert_allclose(times, [0.0, 1.0])
+
+
+def test_rates_by_hand() -> None:
+    """At 60 mm/s a scaled window lasts 200 ms: three SA spikes are 15 Hz, three RA spikes 3."""
+    spikes = spikes_of([[0, 100, 199, 200], [0, 199, 200, 201, 399]], n_samples=400)
+    scaled = trial_features(spikes, 60.0, FeatureLayout(3, scaled=True))
+    assert scaled.tolist() == [15.0, 5.0, 0.0, 2.0, 3.0, 0.0]
+    plain = trial_features(spikes, 60.0, FeatureLayout(5, scaled=False))
+    assert plain.tolist() == [10.0, 20.0, 10.0, 0.0, 0.0, 1.0, 1.0, 2.0, 1.0, 0.0]
+
+
+def test_a_short_last_window_is_divided_by_its_real_samples() -> None:
+    spikes = spikes_of([[0, 210], [210]], n_samples=250)
+    features = trial_features(spikes, 60.0, FeatureLayout(2, scaled=True))
+    assert features.tolist() == [5.0, 20.0, 0.0, 1.0]
+
+
+def test_what_falls_past_the_last_window_is_dropped() -> None:
+    spikes = spikes_of([[0, 100, 200], [100, 200]], n_samples=203)
+    features = trial_features(spikes, 120.0, FeatureLayout(2, scaled=True))
+    assert features.tolist() == [10.0, 10.0, 0.0, 1.0]
+
+
+def test_the_papers_widths() -> None:
+    assert SPEED_SCALED.width(18) == 720
+    assert UNSCALED.width(18) == 2160
+
+
+def test_a_layout_covers_a_set_of_trials() -> None:
+    lengths, speeds = [6000, 2403, 2000], [40.0, 100.0, 120.0]
+    assert FeatureLayout.covering(lengths, speeds, scaled=True) == SPEED_SCALED
+    assert FeatureLayout.covering(lengths, speeds, scaled=False) == UNSCALED
+    assert FeatureLayout.covering([130], [120.0], scaled=False).n_windows == 2
+    assert FeatureLayout.covering([], [], scaled=True).n_windows == 1
+
+
+def test_matrices_equal_the_trials_one_by_one() -> None:
+    rng = np.random.default_rng(0)
+    speeds = [40.0, 60.0, 80.0, 100.0, 120.0, 77.7, 40.0]
+    trials = [rng.integers(200, 800, (round(60_000 / v) + 3, 5)).astype(np.uint16) for v in speeds]
+    ranges = Normalisation.full_scale(5)
+    scale = rng.uniform(0.5, 2.0, (len(trials), 5))
+    layouts = [FeatureLayout(5, scaled=True), FeatureLayout(16, scaled=False)]
+    matrices = feature_matrices(trials, speeds, ranges, layouts, sa_scale=scale)
+    spikes = encode_trials(trials, ranges, sa_scale=scale)
+    for layout, matrix in zip(layouts, matrices, strict=True):
+        assert matrix.shape == (7, layout.width(5))
+        for row, (train, speed) in enumerate(zip(spikes, speeds, strict=True)):
+            np.testing.assert_array_equal(matrix[row], trial_features(train, speed, layout))
+    assert matrices[0].any(axis=1).all()
+
+
+def test_speeds_must_match_trials() -> None:
+    with pytest.raises(WrongUse, match="2 trials, but 1 speeds"):
+        feature_matrices(
+            [np.zeros((5, 1), np.uint16)] * 2, [40.0], Normalisation.full_scale(1), [SPEED_SCALED]
+        )
