@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5py
+import numpy as np
 
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session import layout
@@ -35,14 +37,30 @@ def open_part(path: Path) -> h5py.File:
         file = h5py.File(path, "r", libver=layout.LIBVER, swmr=True)
     except OSError as error:
         raise SessionError(f"{path} is damaged, HDF5 cannot open it: {error}") from error
-    version = file.attrs.get("layout_version", 0)
-    if file.attrs.get("layout") == layout.LAYOUT and version == layout.LAYOUT_VERSION:
+    found = attributes(file)
+    version = found.get("layout_version")
+    if found.get("layout") == layout.LAYOUT and version == layout.LAYOUT_VERSION:
         return file
     file.close()
+    if found.get("layout") != layout.LAYOUT:
+        raise SessionError(f"{path} is an HDF5 file, but not a part of a rigctl session")
     raise SessionError(
         f"{path} has layout version {version}, this program reads {layout.LAYOUT_VERSION}: "
         "use the rigctl that recorded it"
     )
+
+
+def attributes(node: Any) -> dict[str, Any]:
+    """Attributes of a file, group or data set as Python's own values."""
+    return {name: _plain(value) for name, value in node.attrs.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.decode().rstrip("\0")
+    if isinstance(value, np.ndarray):
+        return [_plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def prepare(folder: Path, header: SessionHeader, resume: bool) -> WriterLock:
@@ -93,7 +111,7 @@ def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
 
 def _check_plan(path: Path, header: SessionHeader) -> None:
     with open_part(path) as file:
-        recorded = SessionHeader.from_attributes(dict(file.attrs))
+        recorded = SessionHeader.from_attributes(attributes(file))
     if (recorded.plan_hash, recorded.n_taxels) != (header.plan_hash, header.n_taxels):
         raise SessionError(
             f"{path.parent} was recorded with another protocol or seed: resume it with its own "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -70,7 +71,10 @@ class Part:
         self._blocks: list[Block] = []
         self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.TABLES}
         self._dtypes = {t.path: t.dtype for t in layout.TABLES}
-        self._file = h5py.File(path, "x", libver=layout.LIBVER)
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, "a part is never written twice", str(path))
+        _making(path).unlink(missing_ok=True)  # of a writer that died while it made a part
+        self._file = h5py.File(_making(path), "x", libver=layout.LIBVER)
         try:
             self._create(attributes, n_taxels, texts)
         except BaseException:
@@ -86,6 +90,8 @@ class Part:
         self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
         self._file.swmr_mode = True
         self.sync()
+        if _making(self.path) != self.path:
+            _making(self.path).rename(self.path)
         _sync_folder(self.path.parent)
 
     def add_block(self, block: Block) -> None:
@@ -155,6 +161,11 @@ class Part:
         _append(flags, np.concatenate([b.flags for b in blocks]))
         _append(edges, np.concatenate([b.edges for b in blocks]))
         return [samples, counter, flags, edges]
+
+
+def _making(path: Path) -> Path:
+    """Name of a part until it can be read; Windows cannot rename an open file."""
+    return path.with_suffix(".new") if os.name == "posix" else path
 
 
 def _append(dataset: Any, rows: Any) -> None:

@@ -1,0 +1,122 @@
+"""One part for reading: a finished file, one that a killed writer left, or one that still grows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.session import layout
+from rigctl.session.folder import attributes, open_part, part_number
+from rigctl.session.header import SessionHeader
+
+LIVE_SLICE_ROWS = 5_000
+"""Larger reads of a growing file would hold a writer in the same process up for long."""
+
+Structured = NDArray[np.void]
+
+
+class PartReader:
+    """Rows of one part as they stood at the last :meth:`refresh`.
+
+    Raises SessionError for a file that is damaged or of another layout version.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.number = part_number(path)
+        self._file = open_part(path)
+        self.attributes = attributes(self._file)
+        self.header = SessionHeader.from_attributes(self.attributes)
+        self._arrays = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
+        self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
+        self._dtypes = {t.path: _readable(t) for t in layout.TABLES}
+        self.finished = False
+        self.n_samples = 0
+        self.refresh()
+
+    def refresh(self) -> None:
+        """See what was flushed since. Trials first: their samples were flushed before them."""
+        if self.finished:
+            return
+        self._tables[layout.TRIALS.path].refresh()
+        for dataset in (*self._tables.values(), *self._arrays.values()):
+            dataset.refresh()
+        self.n_samples = min(int(dataset.shape[0]) for dataset in self._arrays.values())
+        self.finished = self._ended()
+
+    def n_rows(self, table: layout.Table) -> int:
+        """Rows of a table."""
+        return int(self._tables[table.path].shape[0])
+
+    def lengths(self) -> dict[str, int]:
+        """Rows of each per-sample data set; they differ by the last flush of a killed writer."""
+        return {path: int(dataset.shape[0]) for path, dataset in self._arrays.items()}
+
+    def rows(self, table: layout.Table, start: int = 0, stop: int | None = None) -> Structured:
+        """Rows of a table; text as Unicode."""
+        raw = self._tables[table.path][start:stop]
+        dtype = self._dtypes[table.path]
+        rows: Structured = np.empty(raw.shape, dtype)
+        for column in table.columns:
+            text = column.kind.startswith("S")
+            rows[column.name] = _decoded(raw[column.name]) if text else raw[column.name]
+        return rows
+
+    def read(self, path: str, start: int, stop: int) -> NDArray[Any]:
+        """Rows [start, stop) of one of the per-sample data sets, in slices while it grows."""
+        dataset = self._arrays[path]
+        stop = min(stop, self.n_samples)
+        if self.finished:
+            whole: NDArray[Any] = dataset[start:stop]
+            return whole
+        out = np.empty((max(0, stop - start), *dataset.shape[1:]), dataset.dtype)
+        for first in range(start, stop, LIVE_SLICE_ROWS):
+            last = min(stop, first + LIVE_SLICE_ROWS)
+            out[first - start : last - start] = dataset[first:last]
+        return out
+
+    def first_at(self, table: layout.Table, column: str, value: float) -> int:
+        """First row of an ascending column that is not below ``value``, without reading it all."""
+        dataset = self._tables[table.path]
+        low, high = 0, int(dataset.shape[0])
+        while low < high:
+            middle = (low + high) // 2
+            if dataset[middle][column] < value:
+                low = middle + 1
+            else:
+                high = middle
+        return low
+
+    def text(self, path: str) -> str:
+        """One of the texts that came with the part."""
+        return str(self._file[path][()].decode())
+
+    def documentation(self) -> dict[str, dict[str, Any]]:
+        """Attributes of each data set."""
+        nodes = {**self._arrays, **self._tables}
+        return {path: attributes(node) for path, node in nodes.items()}
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _ended(self) -> bool:
+        events = self._tables[layout.EVENTS.path]
+        return bool(events.shape[0]) and events[-1]["kind"] == layout.END_KIND.encode()
+
+
+def _decoded(column: NDArray[np.bytes_]) -> NDArray[np.str_]:
+    """UTF-8 to Unicode; the few different texts of a long column are decoded once each."""
+    unique, inverse = np.unique(column, return_inverse=True)
+    decoded = np.array([text.decode(errors="replace") for text in unique], dtype=np.str_)
+    texts: NDArray[np.str_] = decoded[inverse] if len(decoded) else decoded.astype("U1")
+    return texts
+
+
+def _readable(table: layout.Table) -> np.dtype[Any]:
+    """The stored row type with Unicode in place of UTF-8."""
+    kinds = [c.kind.replace("S", "U") if c.kind.startswith("S") else c.kind for c in table.columns]
+    return np.dtype([(c.name, kind) for c, kind in zip(table.columns, kinds, strict=True)])

@@ -1,0 +1,259 @@
+"""A session for reading: its parts joined, its trials cut, also while it is still written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.config import RigConfig, parse_config
+from rigctl.errors import SessionError
+from rigctl.protocol import Plan
+from rigctl.session import layout
+from rigctl.session.folder import part_number, part_paths
+from rigctl.session.header import SessionHeader
+from rigctl.session.part_reader import PartReader, Structured
+from rigctl.session.rows import event_of, trial_of
+from rigctl.values import Event, Gap, PlannedTrial, TrialRow, Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSamples:
+    """The window of one trial as it was received.
+
+    ``samples``: uint16 (n, n_taxels); ``counters``: int64 (n,); ``flags``, ``edges``:
+    uint8 (n,). n is ``count`` less what was lost; ``position`` (int64 (n,)) says which sample
+    of the window each row is, and ``gaps`` names the others by the board's counter.
+    """
+
+    first_counter: int
+    count: int
+    samples: NDArray[np.uint16]
+    counters: NDArray[np.int64]
+    flags: NDArray[np.uint8]
+    edges: NDArray[np.uint8]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every sample of the window is there."""
+        return len(self.counters) == self.count
+
+    @property
+    def position(self) -> NDArray[np.int64]:
+        """0-based place of each row in the window."""
+        return self.counters - self.first_counter
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """bool (count,): which samples of the window were received."""
+        mask = np.zeros(self.count, np.bool_)
+        mask[self.position] = True
+        return mask
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Runs of samples that are missing in the window."""
+        end = self.first_counter + self.count
+        bounds = np.concatenate([[self.first_counter - 1], self.counters, [end]])
+        before = np.flatnonzero(np.diff(bounds) > 1)
+        return tuple(
+            Gap(int(bounds[i]) + 1, int(bounds[i + 1] - bounds[i]) - 1, "missing") for i in before
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TrialDrum:
+    """What the drum said during one attempt, approach and retraction included.
+
+    ``polls``: rows of /drum; ``loadcell``: rows of /loadcell. ``polls_s`` and ``loadcell_s``
+    (float64) are seconds since the rise of sync by the drum's clock, NaN without a window.
+    """
+
+    polls: Structured
+    loadcell: Structured
+    polls_s: NDArray[np.float64]
+    loadcell_s: NDArray[np.float64]
+
+
+class Session:
+    """Reads a session's folder. Close it, or use it in a ``with``.
+
+    ``trials`` is one structured array over all parts, a row an attempt in the order in which
+    they ended; indices into it name a trial in every method.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.parts = [PartReader(part) for part in part_paths(path)]
+        self._trials = self._join(layout.TRIALS)
+
+    @classmethod
+    def open(cls, path: Path) -> Session:
+        """Open a session. Raises SessionError for a folder that is none, or is damaged."""
+        return cls(path)
+
+    def close(self) -> None:
+        """Close its files."""
+        for part in self.parts:
+            part.close()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def refresh(self) -> None:
+        """See what was written since: rows and new parts."""
+        for part in self.parts:
+            part.refresh()
+        known = self.parts[-1].number
+        self.parts += [PartReader(p) for p in part_paths(self.path) if part_number(p) > known]
+        self._trials = self._join(layout.TRIALS)
+
+    @property
+    def header(self) -> SessionHeader:
+        """What was known when the session began; each part has its own in ``parts``."""
+        return self.parts[0].header
+
+    @property
+    def protocol_text(self) -> str:
+        """The protocol as it was run."""
+        return self.parts[0].text("/protocol_toml")
+
+    @property
+    def rig_text(self) -> str:
+        """The rig's description as it was at the last start."""
+        return self.parts[-1].text("/rig_toml")
+
+    @property
+    def config(self) -> RigConfig:
+        """The rig's description, read. Raises ConfigError."""
+        return parse_config(self.rig_text, str(self.path / layout.RIG_FILE))
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last part was closed in order."""
+        return self.parts[-1].finished
+
+    @property
+    def n_samples(self) -> int:
+        """Samples in all parts."""
+        return sum(part.n_samples for part in self.parts)
+
+    @property
+    def trials(self) -> Structured:
+        """All attempts; columns as in the reference page, text as Unicode."""
+        return self._trials
+
+    @property
+    def gaps(self) -> Structured:
+        """All gaps with the number of their ``part``."""
+        return self._join(layout.GAPS)
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """All events."""
+        return tuple(map(event_of, self._join(layout.EVENTS)))
+
+    def trial_row(self, index: int) -> TrialRow:
+        """One attempt as a value."""
+        return trial_of(self._trials[index])
+
+    def committed(self) -> NDArray[np.int64]:
+        """Indices of the committed trials, by trial id."""
+        indices = np.flatnonzero(self._trials["verdict"] == Verdict.COMMITTED.value)
+        order = np.argsort(self._trials["trial_id"][indices], kind="stable")
+        return indices[order].astype(np.int64)
+
+    def remaining(self, plan: Plan) -> tuple[PlannedTrial, ...]:
+        """Trials of the plan that are not committed, in planned order.
+
+        Raises SessionError for the plan of another session.
+        """
+        if plan.hash != self.header.plan_hash:
+            raise SessionError(f"{self.path} was recorded with another protocol or seed")
+        done = set(self._trials["trial_id"][self.committed()].tolist())
+        return tuple(trial for trial in plan.trials if trial.trial_id not in done)
+
+    def samples(self, index: int) -> NDArray[np.uint16]:
+        """Readings of one trial's window, uint16 (n, n_taxels); see :meth:`window` for gaps."""
+        part, start, stop = self._rows_of(index)
+        return part.read("/taxels/samples", start, stop)
+
+    def window(self, index: int) -> TrialSamples:
+        """One trial's window with counters, flags and gaps."""
+        part, start, stop = self._rows_of(index)
+        row = self._trials[index]
+        return TrialSamples(
+            int(row["first_counter"]),
+            int(row["count"]),
+            *(part.read(array.path, start, stop) for array in layout.TAXEL_ARRAYS),
+        )
+
+    def drum(self, index: int) -> TrialDrum:
+        """Polls and load-cell samples between an attempt's start and end."""
+        row = self._trials[index]
+        part = self._part(int(row["part"]))
+        first = part.first_at(layout.DRUM, "at_s", float(row["started_s"]))
+        behind = part.first_at(layout.DRUM, "at_s", float(np.nextafter(row["ended_s"], np.inf)))
+        polls = part.rows(layout.DRUM, first, behind)
+        loadcell = _loadcell_of(part, polls)
+        rise_us = float(polls["sync_rise_us"][-1]) if len(polls) else np.nan
+        if row["first_counter"] < 0:
+            rise_us = np.nan
+        return TrialDrum(
+            polls,
+            loadcell,
+            (polls["board_time_us"] - rise_us) * 1e-6,
+            (loadcell["board_time_us"] - rise_us) * 1e-6,
+        )
+
+    def _part(self, number: int) -> PartReader:
+        return next(part for part in self.parts if part.number == number)
+
+    def _rows_of(self, index: int) -> tuple[PartReader, int, int]:
+        """Part and rows of a window: as many as its count, less where the counter jumps."""
+        row = self._trials[index]
+        part, start = self._part(int(row["part"])), int(row["first_sample"])
+        if start < 0:
+            return part, 0, 0
+        stop = min(start + int(row["count"]), part.n_samples)
+        behind = int(row["first_counter"] + row["count"])
+        if stop > start and part.read("/taxels/counter", stop - 1, stop)[0] >= behind:
+            counters = part.read("/taxels/counter", start, stop)
+            stop = start + int(np.searchsorted(counters, behind))
+        return part, start, stop
+
+    def _join(self, table: layout.Table) -> Structured:
+        parts = [(part.number, part.rows(table)) for part in self.parts]
+        rows = np.concatenate([rows for _, rows in parts])
+        if "part" in (rows.dtype.names or ()):
+            return rows
+        return _with_part(rows, np.repeat([n for n, _ in parts], [len(r) for _, r in parts]))
+
+
+def _loadcell_of(part: PartReader, polls: Structured) -> Structured:
+    if not len(polls):
+        return part.rows(layout.LOADCELL, 0, 0)
+    first = part.first_at(layout.LOADCELL, "board_time_us", float(polls["board_time_us"][0]))
+    last_us = float(polls["board_time_us"][-1])
+    behind = part.first_at(layout.LOADCELL, "board_time_us", np.nextafter(last_us, np.inf))
+    return part.rows(layout.LOADCELL, first, behind)
+
+
+def _with_part(rows: Structured, numbers: NDArray[np.int64]) -> Structured:
+    dtype = np.dtype([("part", "i2"), *rows.dtype.descr])
+    joined: Structured = np.empty(rows.shape, dtype)
+    joined["part"] = numbers
+    for name in rows.dtype.names or ():
+        joined[name] = rows[name]
+    return joined
