@@ -29,7 +29,7 @@ class Loadcell:
         self._plant = plant
         self._bench = disturbances
         rate_hz = parameters.loadcell_rate_hz * (1.0 + parameters.loadcell_clock_ppm * 1e-6)
-        self._period_us = 1e6 / rate_hz
+        self.period_us = 1e6 / rate_hz
         self._average_ms = round(parameters.loadcell_average_ms)
         self._creep_gain = 1.0 - math.exp(-1.0 / (rate_hz * parameters.loadcell_creep_s))
         self._crept_g = 0.0
@@ -40,26 +40,30 @@ class Loadcell:
 
     def power_up(self, at_us: int) -> None:
         """Supply on, or clock line low again: the first conversion comes after settling."""
-        self._origin_us = at_us + (SETTLING_CONVERSIONS - 1) * self._period_us
+        self._origin_us = at_us + (SETTLING_CONVERSIONS - 1) * self.period_us
         self._since_origin = 0
         self._schedule()
 
     def convert(self) -> int | None:
         """Raw counts of the conversion due at ``next_us``; None when the amplifier is silent."""
-        at_us = self.next_us
-        force_g = self._felt_g(at_us // 1000) + self._slow_g(at_us) + self._noise_g()
+        counts = self.weigh(self.next_us)
         self._schedule()
         if self._bench.loadcell is LoadcellFault.SILENT:
             return None
         if self._bench.loadcell is LoadcellFault.SATURATED:
             return FULL_SCALE
         if self._bench.loadcell is not LoadcellFault.FROZEN:
-            self._last_counts = self._counts(force_g)
+            self._last_counts = counts
         return self._last_counts
+
+    def weigh(self, at_us: int) -> int:
+        """Raw counts of a sound conversion that ends now; each call is a conversion of its own."""
+        force_g = self._felt_g(at_us // 1000) + self._slow_g(at_us) + self._noise_g()
+        return self._counts(force_g)
 
     def _schedule(self) -> None:
         self._since_origin += 1
-        self.next_us = int(self._origin_us + self._since_origin * self._period_us)
+        self.next_us = int(self._origin_us + self._since_origin * self.period_us)
 
     def _felt_g(self, end_ms: int) -> float:
         rows = np.arange(end_ms - self._average_ms + 1, end_ms + 1) % RING_MS

@@ -23,6 +23,7 @@ class Stream(IntEnum):
     CONTACT = 5
     SEATING = 6
     SENSOR = 7
+    POWER_UP = 8
 
 
 def generator(seed: int, stream: Stream, counter: int = 0) -> np.random.Generator:
