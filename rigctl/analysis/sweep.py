@@ -1,0 +1,211 @@
+"""PCA and LDA for every number of components at once, exactly as if each were fitted alone.
+
+Principal components are nested: the first k of fifty are the fifty's first k. So are the Cholesky
+factor of the within-class covariance of their scores and the forward substitution through it.
+One decomposition therefore answers every k, and a discriminant for k components is that for k − 1
+plus one term. Training folds share their work too: a fold's covariance is the total less the test
+block's. PCA is centred, not standardised; LDA has pooled covariance and empirical priors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from rigctl.errors import WrongUse
+
+Matrix = NDArray[np.float64]
+Labels = NDArray[np.int64]
+Fold = tuple[NDArray[np.intp], NDArray[np.intp]]
+
+# A component whose within-class variance is this small a part of its whole variance, given the
+# components before it, is numerically without any; dividing by it would amplify rounding.
+NO_VARIANCE = 1e-12
+
+
+class Divisor(StrEnum):
+    """What the pooled within-class scatter is divided by: samples, or samples less classes."""
+
+    N = "n"
+    N_LESS_CLASSES = "n-k"
+
+
+@dataclass(frozen=True, slots=True)
+class Principal:
+    """Principal components of a training set.
+
+    ``mean`` float64 (p,); ``axes`` float64 (p, k), columns by falling variance; ``variance``
+    float64 (k,), divisor n − 1.
+    """
+
+    mean: Matrix
+    axes: Matrix
+    variance: Matrix
+
+    def scores(self, features: Matrix) -> Matrix:
+        """Coordinates of feature rows, float64 (n, k)."""
+        projected: Matrix = features @ self.axes - self.mean @ self.axes
+        return projected
+
+
+@dataclass(frozen=True, slots=True)
+class NestedLda:
+    """Linear discriminants of all leading subsets of k_max coordinates.
+
+    ``factor`` float64 (k_max, k_max), lower Cholesky factor of the pooled covariance;
+    ``whitened_means`` float64 (k_max, n_classes); ``log_priors`` float64 (n_classes,);
+    ``classes`` the labels as given; ``dropped`` coordinates (from 0) without within-class
+    variance, which take no part.
+    """
+
+    classes: Labels
+    factor: Matrix
+    whitened_means: Matrix
+    log_priors: Matrix
+    dropped: tuple[int, ...]
+
+    def predictions(self, scores: Matrix) -> Labels:
+        """Label of each row for each k: scores float64 (n, k_max) → (k_max, n), row k − 1 for k."""
+        white = _forward(self.factor, scores.T, self.dropped)
+        total = np.tile(self.log_priors, (scores.shape[0], 1))
+        winners = np.empty((scores.shape[1], scores.shape[0]), np.int64)
+        for k in range(scores.shape[1]):
+            mean = self.whitened_means[k]
+            total += white[k][:, None] * mean - 0.5 * mean * mean
+            winners[k] = total.argmax(axis=1)
+        return self.classes[winners]
+
+
+def fit_principal(features: Matrix, k_max: int) -> Principal:
+    """Exact leading principal components of features float64 (n, p).
+
+    Raises :class:`WrongUse` for fewer than two rows or k_max beyond min(n − 1, p).
+    """
+    n, p = features.shape
+    _check_components(n, p, k_max)
+    mean = features.mean(axis=0)
+    centred = features - mean
+    if p <= n:
+        return _from_covariance(mean, centred.T @ centred / (n - 1), k_max)
+    _, s, rows = linalg.svd(centred, full_matrices=False, check_finite=False)
+    return Principal(mean, rows[:k_max].T, s[:k_max] ** 2 / (n - 1))
+
+
+def fit_nested_lda(
+    scores: Matrix, labels: Labels, divisor: Divisor = Divisor.N_LESS_CLASSES
+) -> NestedLda:
+    """Discriminants for every leading subset of coordinates: scores float64 (n, k_max).
+
+    Raises :class:`WrongUse` for fewer than two classes, or no more rows than classes.
+    """
+    classes, index, counts = np.unique(labels, return_inverse=True, return_counts=True)
+    n, n_classes = len(labels), len(classes)
+    if n_classes < 2:
+        raise WrongUse("a classifier needs trials of at least two classes to learn from")
+    if n <= n_classes:
+        raise WrongUse(f"{n} training trials are too few for {n_classes} classes")
+    means = np.zeros((n_classes, scores.shape[1]))
+    np.add.at(means, index, scores)
+    means /= counts[:, None]
+    within = scores - means[index]
+    freedom = n if divisor is Divisor.N else n - n_classes
+    factor, dropped = _factor(within.T @ within / freedom, scores.var(axis=0))
+    whitened = _forward(factor, means.T, dropped)
+    return NestedLda(classes, factor, whitened, np.log(counts / n), dropped)
+
+
+def predict_folds(
+    features: Matrix,
+    labels: Labels,
+    folds: Sequence[Fold],
+    k_max: int,
+    divisor: Divisor = Divisor.N_LESS_CLASSES,
+) -> list[Labels]:
+    """Predictions of PCA + LDA for k = 1 … k_max, each fold trained and tested in turn.
+
+    ``features`` float64 (n, p); ``folds``: (training rows, test rows) each. Returns for each fold
+    an array (k_max, n_test). Raises :class:`WrongUse` where a fold is too small for k_max.
+    """
+    if not np.isfinite(features).all():
+        row = int(np.flatnonzero(~np.isfinite(features).all(axis=1))[0])
+        raise WrongUse(f"the features of trial {row + 1} of the set hold a value that is no number")
+    smallest = min(len(train) for train, _ in folds)
+    _check_components(smallest, features.shape[1], k_max)
+    if features.shape[1] > smallest:
+        principals = [fit_principal(features[train], k_max) for train, _ in folds]
+    else:
+        principals = _principals_by_difference(features, folds, k_max)
+    results = []
+    for (train, test), principal in zip(folds, principals, strict=True):
+        lda = fit_nested_lda(principal.scores(features[train]), labels[train], divisor)
+        results.append(lda.predictions(principal.scores(features[test])))
+    return results
+
+
+def _principals_by_difference(
+    features: Matrix, folds: Sequence[Fold], k_max: int
+) -> list[Principal]:
+    """Each fold's components from the total scatter less that of the rows it leaves out."""
+    everything = np.arange(len(features))
+    offset = features.mean(axis=0)
+    centred = features - offset
+    total, total_sum = centred.T @ centred, centred.sum(axis=0)
+    principals = []
+    for train, _ in folds:
+        left_out = centred[np.setdiff1d(everything, train)]
+        n = len(train)
+        mean = (total_sum - left_out.sum(axis=0)) / n
+        scatter = total - left_out.T @ left_out - n * np.outer(mean, mean)
+        principals.append(_from_covariance(offset + mean, scatter / (n - 1), k_max))
+    return principals
+
+
+def _from_covariance(mean: Matrix, covariance: Matrix, k_max: int) -> Principal:
+    p = len(mean)
+    variance, axes = linalg.eigh(
+        covariance, subset_by_index=(p - k_max, p - 1), driver="evr", check_finite=False
+    )
+    return Principal(mean, np.ascontiguousarray(axes[:, ::-1]), variance[::-1])
+
+
+def _factor(covariance: Matrix, variance: Matrix) -> tuple[Matrix, tuple[int, ...]]:
+    """Lower Cholesky factor; a coordinate without variance of its own becomes an empty row."""
+    size = len(covariance)
+    factor = np.zeros((size, size))
+    dropped: list[int] = []
+    for k in range(size):
+        row = _forward(factor[:k, :k], covariance[:k, k], tuple(dropped))
+        pivot = covariance[k, k] - row @ row
+        if pivot <= NO_VARIANCE * variance[k]:
+            dropped.append(k)
+            continue
+        factor[k, :k] = row
+        factor[k, k] = np.sqrt(pivot)
+    return factor, tuple(dropped)
+
+
+def _forward(factor: Matrix, columns: Matrix, dropped: tuple[int, ...]) -> Matrix:
+    """Solve factor · white = columns; dropped coordinates come out as 0."""
+    solvable = factor.copy()
+    right = columns.copy()
+    for k in dropped:
+        solvable[k, k] = 1.0
+        right[k] = 0.0
+    white: Matrix = linalg.solve_triangular(solvable, right, lower=True, check_finite=False)
+    return white
+
+
+def _check_components(n: int, p: int, k_max: int) -> None:
+    if n < 2:
+        raise WrongUse(f"{n} training trials are too few for principal components")
+    most = min(n - 1, p)
+    if not 1 <= k_max <= most:
+        raise WrongUse(
+            f"{k_max} principal components asked for: {n} training trials with {p} features "
+            f"allow 1 to {most}"
+        )

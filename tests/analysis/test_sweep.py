@@ -1,0 +1,139 @@
+"""The nested sweep against scikit-learn fitted anew for each number of components."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator
+from sklearn.datasets import load_digits, load_iris, load_wine
+from sklearn.decomposition import PCA
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.model_selection import StratifiedKFold
+
+from rigctl.analysis.sweep import (
+    Divisor,
+    Fold,
+    fit_nested_lda,
+    fit_principal,
+    predict_folds,
+)
+from rigctl.errors import WrongUse
+
+
+class ScaledCovariance(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
+    """A class's covariance times a factor: N / (N − K) turns one pooled divisor into the other."""
+
+    def __init__(self, factor: float) -> None:
+        self.factor = factor
+
+    def fit(self, rows: NDArray[np.float64]) -> ScaledCovariance:
+        centred = rows - rows.mean(axis=0)
+        self.covariance_ = self.factor * centred.T @ centred / len(rows)
+        return self
+
+
+def sklearn_predictions(
+    features: Any, labels: Any, folds: list[Fold], k: int, divisor: Divisor
+) -> list[Any]:
+    results = []
+    for train, test in folds:
+        n, n_classes = len(train), len(np.unique(labels[train]))
+        factor = 1.0 if divisor is Divisor.N else n / (n - n_classes)
+        pca = PCA(k, svd_solver="full").fit(features[train])
+        lda = LinearDiscriminantAnalysis("lsqr", covariance_estimator=ScaledCovariance(factor))
+        lda.fit(pca.transform(features[train]), labels[train])
+        results.append(lda.predict(pca.transform(features[test])))
+    return results
+
+
+def folds_of(labels: Any, n_folds: int = 4) -> list[Fold]:
+    splitter = StratifiedKFold(n_folds, shuffle=True, random_state=0)
+    return list(splitter.split(np.zeros(len(labels)), labels))
+
+
+def wide_set() -> tuple[Any, Any]:
+    """More features than trials, classes of 24, 12 and 9."""
+    rng = np.random.default_rng(3)
+    labels = np.repeat([4, 7, 9], [24, 12, 9])
+    return rng.normal(0, 1, (45, 120)) + rng.normal(0, 0.7, (10, 120))[labels], labels
+
+
+def unequal_set() -> tuple[Any, Any]:
+    """Correlated features far from zero, five classes of 20 to 140 trials."""
+    rng = np.random.default_rng(8)
+    labels = np.repeat(np.arange(5), [20, 50, 80, 110, 140])
+    mix = rng.normal(0, 1, (60, 60)) * np.geomspace(10, 0.01, 60)
+    return 500 + (rng.normal(0, 1, (400, 60)) + rng.normal(0, 0.6, (5, 60))[labels]) @ mix, labels
+
+
+DATA_SETS = {
+    "iris": (load_iris(return_X_y=True), 4),
+    "wine, unequal classes": (load_wine(return_X_y=True), 13),
+    "digits, constant columns": (load_digits(return_X_y=True), 40),
+    "more features than trials": (wide_set(), 28),
+    "unequal classes, far from zero": (unequal_set(), 50),
+}
+
+
+@pytest.mark.parametrize("divisor", list(Divisor))
+@pytest.mark.parametrize("name", sorted(DATA_SETS))
+def test_every_prediction_is_scikit_learns(name: str, divisor: Divisor) -> None:
+    (features, labels), k_max = DATA_SETS[name]
+    folds = folds_of(labels)
+    ours = predict_folds(features, labels, folds, k_max, divisor)
+    step = 1 if k_max < 15 else 7
+    for k in sorted({*range(1, k_max + 1, step), k_max}):
+        theirs = sklearn_predictions(features, labels, folds, k, divisor)
+        for mine, other in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(mine[k - 1], other, err_msg=f"k = {k}")
+
+
+def test_folds_that_do_not_cover_the_set() -> None:
+    """A training set smaller than the rest, as in the extrapolation task."""
+    features, labels = unequal_set()
+    train = np.flatnonzero(np.arange(400) % 4 == 0)
+    test = np.flatnonzero(np.arange(400) % 4 == 1)
+    folds = [(train, test)]
+    ours = predict_folds(features, labels, folds, 20)[0]
+    theirs = sklearn_predictions(features, labels, folds, 20, Divisor.N_LESS_CLASSES)[0]
+    np.testing.assert_array_equal(ours[19], theirs)
+
+
+def test_a_coordinate_without_within_class_variance_is_set_aside() -> None:
+    rng = np.random.default_rng(1)
+    labels = np.repeat([0, 1], 20)
+    scores = rng.normal(0, 1, (40, 4)) + labels[:, None]
+    scores[:, 1] = labels
+    scores[:, 3] = scores[:, 0] + scores[:, 2]
+    lda = fit_nested_lda(scores, labels)
+    assert lda.dropped == (1, 3)
+    kept = fit_nested_lda(scores[:, [0, 2]], labels)
+    predictions = lda.predictions(scores)
+    np.testing.assert_array_equal(predictions[3], kept.predictions(scores[:, [0, 2]])[1])
+    np.testing.assert_array_equal(predictions[1], predictions[0])
+
+
+def test_components_are_ordered_and_orthonormal() -> None:
+    for features, _ in (unequal_set(), wide_set()):
+        principal = fit_principal(features, 20)
+        assert (np.diff(principal.variance) <= 0).all()
+        np.testing.assert_allclose(principal.axes.T @ principal.axes, np.eye(20), atol=1e-10)
+        scores = principal.scores(features)
+        np.testing.assert_allclose(scores.mean(axis=0), 0, atol=1e-9 * abs(features).max())
+        np.testing.assert_allclose(scores.var(axis=0, ddof=1), principal.variance, rtol=1e-8)
+
+
+def test_what_cannot_be_learnt_is_refused_in_words() -> None:
+    features, labels = wide_set()
+    with pytest.raises(WrongUse, match="allow 1 to 32"):
+        predict_folds(features, labels, folds_of(labels), 40)
+    with pytest.raises(WrongUse, match="two classes"):
+        fit_nested_lda(features[:, :2], np.zeros(45, int))
+    with pytest.raises(WrongUse, match="too few for 3 classes"):
+        fit_nested_lda(features[[0, 24, 36], :2], labels[[0, 24, 36]])
+    features[6, 5] = np.nan
+    with pytest.raises(WrongUse, match="trial 7"):
+        predict_folds(features, labels, folds_of(labels), 3)
