@@ -1,0 +1,221 @@
+"""The taxel board's driver: blocks in order, losses counted, silence and restarts reported."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rigctl.devices.link import BoardRebooted
+from rigctl.devices.taxels import Taxels
+from rigctl.errors import LinkLost, RigFault, WrongBoard
+from rigctl.values import Block
+from rigctl.wire import taxels as wire
+from tests.devices.bench import JumpingLoop, MemoryLink, run
+
+IDENTITY = wire.TaxelIdentity(
+    firmware_version=0x0102, build_hash=0xDEADBEEF, boot_count=7, reset_cause=2
+)
+STATUS = wire.TaxelStatus(0, 0, 0, 320, 5012, 2, 7, 900, 480, 3, 8)
+EVERY_S = 0.01
+
+
+class StreamingBoard:
+    """Ten frames every 10 ms, a status every 100 frames, an identity on request."""
+
+    def __init__(self, loop: JumpingLoop, link: MemoryLink, counter: int = 0) -> None:
+        self.counter = counter
+        self.identity: wire.TaxelIdentity | None = IDENTITY
+        self.silent = False
+        self._loop = loop
+        self._link = link
+        link.board = self.asked
+        loop.call_later(EVERY_S, self.tick)
+
+    def asked(self, data: bytes) -> None:
+        if data == wire.encode_request(wire.IDENTIFY) and self.identity and not self.silent:
+            self._link.say(wire.encode_identity(self.identity), 0.001)
+
+    def tick(self) -> None:
+        counters = np.arange(self.counter, self.counter + 10)
+        self.counter += 10
+        samples = np.repeat((counters % 1024).astype(np.uint16)[:, None], 18, axis=1)
+        flags = np.zeros(10, np.uint8)
+        data = wire.encode_data(counters, samples, flags, flags)
+        if self.counter % 100 == 0:
+            boots = self.identity.boot_count if self.identity else 0
+            data += wire.encode_status(
+                replace(STATUS, sample_counter=self.counter, boot_count=boots)
+            )
+        if not self.silent:
+            self._link.say(data)
+        self._loop.call_later(EVERY_S, self.tick)
+
+    def reboot(self) -> None:
+        assert self.identity is not None
+        self.counter = 0
+        self.identity = replace(self.identity, boot_count=self.identity.boot_count + 1)
+        self._link.say(wire.encode_identity(self.identity))
+
+
+class Listener:
+    """Keeps what the driver says."""
+
+    def __init__(self, taxels: Taxels) -> None:
+        self.blocks: list[Block] = []
+        self.faults: list[tuple[float, RigFault]] = []
+        taxels.on_block(self.blocks.append)
+        taxels.on_fault(lambda fault: self.faults.append((taxels._loop.time(), fault)))
+
+    @property
+    def counters(self) -> list[int]:
+        return [int(c) for block in self.blocks for c in block.counters]
+
+
+def bench(
+    loop: JumpingLoop, counter: int = 0
+) -> tuple[Taxels, StreamingBoard, MemoryLink, Listener]:
+    link = MemoryLink(loop, "/dev/taxels")
+    board = StreamingBoard(loop, link, counter)
+    taxels = Taxels(link, loop)
+    return taxels, board, link, Listener(taxels)
+
+
+def test_connecting_to_a_board_that_has_run_for_hours_gives_its_whole_counter() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        taxels, _, _, heard = bench(loop, counter=5_000_000)
+        identity = await taxels.connect()
+        assert (identity.board, identity.firmware_version) == ("taxels", "1.2")
+        await asyncio.sleep(1.0)
+        first = heard.counters[0]
+        assert 5_000_000 < first < 5_000_300
+        assert heard.counters == list(range(first, first + len(heard.counters)))
+        assert taxels.counters.frames == len(heard.counters) > 900
+        assert taxels.counters.lost == taxels.counters.rejected_frames == 0
+        assert taxels.status is not None
+        assert taxels.status.supply_mv == 5012
+        taxels.close()
+
+    run(main)
+
+
+def test_a_stream_without_identity_is_no_board_of_ours() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        taxels, board, link, _ = bench(loop)
+        board.identity = None
+        with pytest.raises(WrongBoard, match="bytes came, but no whole answer"):
+            await taxels.connect()
+        assert not link.is_open
+
+    run(main)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"board_id": 1}, "no taxel board"),
+        ({"magic": 1}, "no taxel board"),
+        ({"wire_version": 3}, "firmware 1.2 speaks wire version 3 .* make firmware"),
+    ],
+)
+def test_another_board_or_firmware_is_refused(change: dict[str, int], sentence: str) -> None:
+    async def main(loop: JumpingLoop) -> None:
+        taxels, board, _, _ = bench(loop)
+        board.identity = replace(IDENTITY, **change)
+        with pytest.raises(WrongBoard, match=sentence):
+            await taxels.connect()
+
+    run(main)
+
+
+def test_nobody_there_is_said_in_time() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        taxels, board, link, _ = bench(loop)
+        board.silent = True
+        with pytest.raises(LinkLost, match="no taxel board answered within 4 s"):
+            await taxels.connect()
+        assert loop.time() < 5
+        board.silent = False
+        await taxels.connect()
+        link.unplug()
+        with pytest.raises(LinkLost, match="no such port"):
+            await taxels.connect()
+
+    run(main)
+
+
+def test_silence_is_reported_within_0_3_s() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        taxels, board, link, heard = bench(loop)
+        await taxels.connect()
+        await asyncio.sleep(0.5)
+        board.silent, silent_s = True, loop.time()
+        await asyncio.sleep(1.0)
+        ((at_s, fault),) = heard.faults
+        assert isinstance(fault, LinkLost)
+        assert at_s - silent_s < 0.3
+        assert not link.is_open
+
+    run(main)
+
+
+def test_an_unplug_is_reported_at_once_and_the_gap_is_counted_after_the_replug() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        taxels, _, link, heard = bench(loop)
+        await taxels.connect()
+        await asyncio.sleep(0.5)
+        link.unplug()
+        assert [str(fault) for _, fault in heard.faults] == ["/dev/taxels: the port vanished"]
+        last = heard.counters[-1]
+        await asyncio.sleep(100.0)
+        link.plugged = True
+        await taxels.connect()
+        await asyncio.sleep(0.3)
+        assert not taxels.rebooted
+        (gap,) = [gap for block in heard.blocks for gap in block.gaps]
+        assert gap.first_counter == last + 1
+        assert gap.count == heard.counters[heard.counters.index(last) + 1] - last - 1 > 100_000
+        assert taxels.counters.lost == gap.count
+        taxels.close()
+
+    run(main)
+
+
+def test_a_restart_of_the_board_is_reported_with_and_without_a_replug() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        taxels, board, link, heard = bench(loop)
+        await taxels.connect()
+        await asyncio.sleep(0.5)
+        board.reboot()
+        await asyncio.sleep(0.5)
+        assert [type(fault) for _, fault in heard.faults] == [BoardRebooted]
+        assert taxels.counters.lost == 0
+        link.unplug()
+        board.reboot()
+        link.plugged = True
+        await taxels.connect()
+        assert taxels.rebooted
+        taxels.close()
+
+    run(main)
+
+
+def test_a_consumer_that_fails_is_reported_and_the_others_go_on() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        taxels, _, _, heard = bench(loop)
+
+        def fails(block: Block) -> None:
+            raise KeyError("oops")
+
+        taxels.on_block(fails)
+        await taxels.connect()
+        await asyncio.sleep(0.5)
+        assert [str(fault) for _, fault in heard.faults] == [
+            "/dev/taxels: a consumer of samples failed: KeyError('oops')"
+        ]
+        assert len(heard.counters) > 400
+        taxels.close()
+
+    run(main)
