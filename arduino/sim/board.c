@@ -1,4 +1,5 @@
 /* One board: loading its image, running it slice by slice, resetting it. */
+#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -20,6 +21,12 @@ static void on_sleep(avr_t *avr, avr_cycle_count_t cycles)
 {
     sim_board *board = avr->custom.data;
     board->exchange.slept_cycles += cycles + 1;
+}
+
+/* simavr tells its standard output what it loads; that belongs to the program around it. */
+static void on_log(avr_t *avr, const int level, const char *format, va_list arguments)
+{
+    (void)avr, (void)level, (void)format, (void)arguments;
 }
 
 static avr_cycle_count_t on_stop(avr_t *avr, avr_cycle_count_t when, void *param)
@@ -85,6 +92,7 @@ static avr_t *load(const char *image, const char *mcu)
 {
     elf_firmware_t firmware;
     memset(&firmware, 0, sizeof firmware);
+    avr_global_logger_set(on_log);
     if (elf_read_firmware(image, &firmware)) return NULL;
     avr_t *avr = avr_make_mcu_by_name(mcu);
     if (!avr) return NULL;
@@ -168,7 +176,7 @@ int sim_run(sim_board *board, uint64_t until)
     }
     pins_end(board);
     board->exchange.cycle = avr->cycle;
-    board->exchange.drum_steps = board->drum_steps;
+    board->exchange.loadcell_ready = (uint64_t)board->loadcell.ready_q16 >> 16;
     return state == cpu_Done || state == cpu_Crashed;
 }
 
@@ -185,7 +193,9 @@ void sim_reset(sim_board *board, int cause)
 
 void sim_place_drum(sim_board *board, int64_t steps)
 {
-    board->drum_steps = board->exchange.drum_steps = steps;
+    board->drum = (struct drum){.steps = steps, .from = steps};
+    board->exchange.drum_steps = steps;
+    board->exchange.drum_place = steps;
     pins_restore(board);
 }
 

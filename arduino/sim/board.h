@@ -39,6 +39,12 @@ struct inputs {
     uint32_t head, tail;
 };
 
+struct drum {
+    int64_t steps;               /* where the last pulse wants the drum */
+    double from;                 /* where it was at that pulse */
+    uint64_t stepped, interval;  /* cycle of the last pulse, and the time from the one before */
+};
+
 struct watched {
     sim_board *board;
     uint8_t vector;
@@ -66,7 +72,7 @@ struct sim_board {
     double duty, duty_sum;                 /* bridge duty now, and its integral over the slice */
     uint64_t duty_since;
     int compare_latched;                   /* OCF1B has been set and not been cleared */
-    int64_t drum_steps;
+    struct drum drum;
     sim_exchange exchange;
 };
 

@@ -5,6 +5,7 @@
 #define QUEUE (SIM_MAX_INPUTS * 2)
 #define OUTPUT_COUNT 6
 #define BIT(value, n) ((value) >> (n) & 1)
+#define LONGEST_STEP 80000 /* 5 ms: slower steps are single jerks */
 
 struct pin { char port; int bit; };
 
@@ -36,11 +37,20 @@ void set_pin(sim_board *board, char port, int bit, int level)
     avr_raise_irq(avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ(port), bit), level);
 }
 
+/* Between pulses the drum glides on to where the last one wants it, as long as a step lasts. */
+static double drum_place(const sim_board *board)
+{
+    const struct drum *drum = &board->drum;
+    uint64_t since = board->avr->cycle - drum->stepped;
+    if (since >= drum->interval) return (double)drum->steps;
+    return drum->from + ((double)drum->steps - drum->from) * (double)since / (double)drum->interval;
+}
+
 static int on_mark(const sim_board *board)
 {
     const sim_exchange *x = &board->exchange;
     if (x->steps_per_turn <= 0) return 0;
-    int64_t at = board->drum_steps % x->steps_per_turn;
+    int64_t at = board->drum.steps % x->steps_per_turn;
     return (at < 0 ? at + x->steps_per_turn : at) < x->mark_length_steps;
 }
 
@@ -55,10 +65,15 @@ static void show_mark(sim_board *board)
 
 static void on_step(sim_board *board)
 {
+    struct drum *drum = &board->drum;
     if (board->out_level[SIM_OUT_ENABLE]) return; /* driver off: the pulse moves nothing */
-    report_edge(board, SIM_OUT_STEP, 1);
+    if (board->exchange.report_steps) report_edge(board, SIM_OUT_STEP, 1);
     if (board->exchange.motor_jammed) return;
-    board->drum_steps += board->out_level[SIM_OUT_DIR] ? -1 : 1;
+    drum->from = drum_place(board);
+    drum->interval = board->avr->cycle - drum->stepped;
+    if (drum->interval > LONGEST_STEP) drum->interval = LONGEST_STEP;
+    drum->stepped = board->avr->cycle;
+    drum->steps += board->out_level[SIM_OUT_DIR] ? -1 : 1;
     show_mark(board);
 }
 
@@ -208,6 +223,8 @@ void pins_end(sim_board *board)
 {
     if (board->kind != SIM_DRUM) return;
     integrate_duty(board);
+    board->exchange.drum_steps = board->drum.steps;
+    board->exchange.drum_place = drum_place(board);
     uint64_t length = board->avr->cycle - board->slice_start;
     board->exchange.drive = length ? board->duty_sum / (double)length : board->duty;
 }

@@ -97,8 +97,8 @@ void serial_begin(sim_board *board)
 {
     struct serial *s = &board->serial;
     sim_exchange *x = &board->exchange;
-    uint64_t now_q16 = board->avr->cycle << 16;
-    if (s->head == s->tail && s->next_q16 < now_q16) s->next_q16 = now_q16;
+    uint64_t now = board->avr->cycle, from = x->rx_start > now ? x->rx_start : now;
+    if (s->head == s->tail && s->next_q16 < from << 16) s->next_q16 = from << 16;
     for (int i = 0; i < x->rx_count; i++) {
         if ((s->tail + 1) % QUEUE == s->head) x->overflows++;
         else s->queue[s->tail] = x->rx[i], s->tail = (s->tail + 1) % QUEUE;

@@ -65,9 +65,12 @@ typedef struct sim_exchange {
     int32_t mark_length_steps;         /* index mark covers steps 0 … this − 1 of a turn */
     int32_t steps_per_turn;
     int32_t report_samples;            /* 1: report SIM_OUT_SAMPLE edges */
+    int32_t report_steps;              /* 1: report SIM_OUT_STEP edges */
+    int32_t reserved;                  /* keeps the layout free of gaps */
     /* in, consumed by sim_run */
     int32_t rx_count;
     int32_t input_count;
+    uint64_t rx_start;                    /* cycle at which the host began to send rx */
     uint64_t input_cycle[SIM_MAX_INPUTS]; /* ascending */
     uint8_t input_signal[SIM_MAX_INPUTS]; /* enum sim_input */
     uint8_t input_level[SIM_MAX_INPUTS];
@@ -82,7 +85,9 @@ typedef struct sim_exchange {
     int32_t edge_count;
     uint64_t cycle;
     double drive;             /* mean signed duty of the bridge over the slice, + presses */
-    int64_t drum_steps;       /* where the drum really is, in steps from the mark's start */
+    int64_t drum_steps;       /* where the driver has the drum, in steps from the mark's start */
+    double drum_place;        /* where the drum is at the end: it takes a step's time for a step */
+    uint64_t loadcell_ready;  /* cycle of the next conversion's end */
     /* out, since the board was opened */
     uint64_t resets;
     uint64_t rx_overruns;     /* bytes from the host that the chip had no room for */

@@ -77,8 +77,11 @@ class Exchange(ctypes.Structure):
         ("mark_length_steps", _I32),
         ("steps_per_turn", _I32),
         ("report_samples", _I32),
+        ("report_steps", _I32),
+        ("reserved", _I32),
         ("rx_count", _I32),
         ("input_count", _I32),
+        ("rx_start", _U64),
         ("input_cycle", _U64 * MAX_INPUTS),
         ("input_signal", _U8 * MAX_INPUTS),
         ("input_level", _U8 * MAX_INPUTS),
@@ -93,6 +96,8 @@ class Exchange(ctypes.Structure):
         ("cycle", _U64),
         ("drive", ctypes.c_double),
         ("drum_steps", _I64),
+        ("drum_place", ctypes.c_double),
+        ("loadcell_ready", _U64),
         ("resets", _U64),
         ("rx_overruns", _U64),
         ("rx_latency", _U64),
@@ -162,9 +167,10 @@ class Chip:
     def _view(self, field: str, dtype: type[np.generic]) -> NDArray[Any]:
         return np.frombuffer(getattr(self.exchange, field), dtype)
 
-    def send(self, data: bytes) -> int:
+    def send(self, data: bytes, from_cycle: int = 0) -> int:
         """Hand bytes of the host over for the next run; returns how many fit."""
         taken = min(len(data), MAX_BYTES)
+        self.exchange.rx_start = from_cycle
         self._rx[:taken] = np.frombuffer(data[:taken], np.uint8)
         self.exchange.rx_count = taken
         return taken

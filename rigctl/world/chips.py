@@ -1,0 +1,218 @@
+"""The bench with both boards' real firmware: compiled images on simavr, in lock-step.
+
+A slice is one world millisecond: first the drum's chip runs it, then the world with what that
+chip did, then the taxels' chip with the voltages and edges that came of it. Edges between the
+chips carry cycle stamps. Towards the drum's chip the world is one slice late, except for the
+index mark, which its step pulses move pulse by pulse. Bytes that the host writes go onto the
+wire at the world time of the call; bytes that arrive are handed over at the end of an advance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from rigctl.errors import RigFault
+from rigctl.resources import checkout
+from rigctl.world.bench import Bench
+from rigctl.world.chip_board import BoardClock, ChipBoard
+from rigctl.world.chip_shim import CHANNELS, Chip, Input, Kind, Output, ResetBy, load_library
+from rigctl.world.noise import NoiseRows, Stream, generator
+from rigctl.world.parameters import WorldParameters
+from rigctl.world.plant import RING_MS, Motion
+from rigctl.world.simulation import (
+    DRUM,
+    TAXELS,
+    FaultPanel,
+    LoadcellFault,
+    SimulatedLink,
+    Simulation,
+)
+from rigctl.world.truth import Truth
+
+SLICE_US = 1000
+DRUM_BAUD = 115_200
+TAXELS_BAUD = 500_000
+ANSWER_US = 30_000
+"""After the host wrote to the drum it looks again every slice for so long."""
+IDLE_SLICES = 4
+"""Otherwise it looks after so many: taxel frames then come four at a time."""
+FULL_COUNTS = 1023
+CODES = 1024
+END_MM = 0.05
+"""Actuator travel left at which an end switch opens."""
+
+_LOADCELL_MODE = {
+    LoadcellFault.NONE: 0,
+    LoadcellFault.SILENT: 1,
+    LoadcellFault.FROZEN: 2,
+    LoadcellFault.SATURATED: 3,
+}
+
+
+class ChipSimulation:
+    """See :class:`rigctl.world.simulation.Simulation`.
+
+    ``drum_board`` and ``taxels_board`` give tests and benchmarks the chips themselves.
+    """
+
+    def __init__(self, bench: Bench, drum_chip: Chip, taxels_chip: Chip) -> None:
+        p = bench.parameters
+        self.time_us = 0
+        self._done_ms = 0
+        self._bench = bench
+        self.drum = SimulatedLink(DRUM, bench.seed)
+        self.taxels = SimulatedLink(TAXELS, bench.seed + 1)
+        # Nobody switches two boards on in the same microsecond.
+        on_us = int(generator(bench.seed, Stream.POWER_UP).integers(0, SLICE_US))
+        self.drum_board = ChipBoard(
+            drum_chip, BoardClock(p.drum_clock_ppm), self.drum, DRUM_BAUD, self._now_us
+        )
+        self.taxels_board = ChipBoard(
+            taxels_chip,
+            BoardClock(p.taxel_clock_ppm, on_us),
+            self.taxels,
+            TAXELS_BAUD,
+            self._now_us,
+        )
+        self.faults = FaultPanel(
+            {DRUM: self.drum, TAXELS: self.taxels}, bench.disturbances, self._disturb, self._reset
+        )
+        self._adc_noise = NoiseRows(bench.seed, Stream.ADC, CHANNELS)
+        self._start_steps = p.start_mm / p.mm_per_step
+        self._switches = {Input.ESTOP: 0, Input.END_UP: 0, Input.END_DOWN: 0}
+        self._wire_up()
+
+    @property
+    def truth(self) -> Truth:
+        """What really happened, up to now."""
+        return self._bench.truth
+
+    @property
+    def slice_us(self) -> int:
+        """To the next slice's end while an answer of the drum may come, else some further."""
+        to_next = SLICE_US - self.time_us % SLICE_US
+        awaited = self.time_us - self.drum_board.written_us < ANSWER_US
+        return to_next if awaited else to_next + (IDLE_SLICES - 1) * SLICE_US
+
+    def advance(self, until_us: int) -> None:
+        """Run every whole slice up to a world time, then hand over what arrived."""
+        while (self._done_ms + 1) * SLICE_US <= until_us:
+            self._run_slice()
+        self.time_us = until_us
+        self.drum_board.deliver()
+        self.taxels_board.deliver()
+
+    def set_plate(self, texture: str) -> None:
+        """Snap in the plate of a texture. Raises WrongUse for another name."""
+        self._bench.set_plate(texture)
+
+    def close(self) -> None:
+        """Free the chips; the links close."""
+        self.drum.close()
+        self.taxels.close()
+        self.drum_board.chip.close()
+        self.taxels_board.chip.close()
+
+    def _now_us(self) -> int:
+        return self.time_us
+
+    def _wire_up(self) -> None:
+        p = self._bench.parameters
+        x = self.drum_board.chip.exchange
+        x.steps_per_turn = round(p.steps_per_turn)
+        x.mark_length_steps = round(p.index_length_mm / p.mm_per_step)
+        period_cycles = self._bench.loadcell.period_us * self.drum_board.clock.cycles_per_us
+        x.loadcell_period_q16 = round(period_cycles * 65536)
+        self.drum_board.chip.place_drum(round(self._start_steps))
+        self._start_steps = x.drum_place
+
+    def _run_slice(self) -> None:
+        end_ms = self._done_ms + 1
+        self._run_drum(end_ms)
+        x = self.drum_board.chip.exchange
+        travel_mm = (x.drum_place - self._start_steps) * self._bench.parameters.mm_per_step
+        self._bench.advance(end_ms, x.drive, Motion(end_ms * 1000.0, travel_mm, 0.0, 0.0))
+        self._run_taxels(end_ms)
+        self._done_ms = end_ms
+
+    def _run_drum(self, end_ms: int) -> None:
+        chip, plant = self.drum_board.chip, self._bench.plant
+        x = chip.exchange
+        rod_mm, travel_mm = plant.rod_mm, self._bench.parameters.actuator_travel_mm
+        chip.analog_start[0] = chip.analog_end[0]
+        chip.analog_end[0] = (rod_mm / travel_mm * FULL_COUNTS + 0.5) / CODES
+        self._switch(Input.END_UP, int(rod_mm < END_MM), end_ms)
+        self._switch(Input.END_DOWN, int(rod_mm > travel_mm - END_MM), end_ms)
+        if x.loadcell_ready <= self.drum_board.clock.cycle(end_ms * SLICE_US):
+            x.loadcell_counts = self._bench.loadcell.weigh(self._done_ms * 1000)
+        self.drum_board.run(end_ms * SLICE_US)
+
+    def _switch(self, signal: Input, level: int, end_ms: int) -> None:
+        if self._switches[signal] != level:
+            self._switches[signal] = level
+            at_us = max(self.time_us, (end_ms - 1) * SLICE_US)
+            self.drum_board.chip.set_input(signal, self.drum_board.clock.cycle(at_us), level)
+
+    def _run_taxels(self, end_ms: int) -> None:
+        chip, skin = self.taxels_board.chip, self._bench.skin
+        for signal, level, at_us in self._edges():
+            chip.set_input(signal, self.taxels_board.clock.cycle(at_us), level)
+            if signal is Input.SYNC:
+                self._bench.sync(level, int(at_us))
+        skin.advance()
+        noise = self._adc_noise.rows(end_ms, 1)[0] * self._bench.parameters.adc_noise_counts + 0.5
+        before, now = skin.levels[(end_ms - 1) % RING_MS], skin.levels[end_ms % RING_MS]
+        np.divide(before * FULL_COUNTS + noise, CODES, out=chip.analog_start)
+        np.divide(now * FULL_COUNTS + noise, CODES, out=chip.analog_end)
+        self.taxels_board.run(end_ms * SLICE_US)
+
+    def _edges(self) -> Iterator[tuple[Input, int, float]]:
+        """What the drum did on the two wires to the taxel board, in world time."""
+        board = self.drum_board
+        for i in range(board.chip.exchange.edge_count):
+            signal = board.chip.edge_signal[i]
+            if signal in (Output.SYNC, Output.INDEX):
+                wire = Input.SYNC if signal == Output.SYNC else Input.INDEX
+                at_us = board.clock.us(int(board.chip.edge_cycle[i]))
+                yield wire, int(board.chip.edge_level[i]), at_us
+
+    def _disturb(self) -> None:
+        bench = self._bench.disturbances
+        x = self.drum_board.chip.exchange
+        x.loadcell_mode = _LOADCELL_MODE[bench.loadcell]
+        x.motor_jammed = int(bench.motor_jammed)
+        self._switch(Input.ESTOP, int(bench.estop_pressed), self._done_ms + 1)
+        self._bench.disturb()
+
+    def _reset(self, board: str) -> None:
+        chip = {DRUM: self.drum_board, TAXELS: self.taxels_board}[board].chip
+        chip.reset(ResetBy.PIN)
+
+
+def shim_path() -> Path:
+    """The compiled simavr shim of this checkout. Raises RigFault outside of a checkout."""
+    root = checkout()
+    if root is None:
+        raise RigFault("simulated chips need a checkout: use --rig virtual")
+    return root / "build" / "sim" / "libchips.so"
+
+
+def open_chips(
+    parameters: WorldParameters, seed: int, drum_image: Path, taxels_image: Path
+) -> Simulation:
+    """A bench whose boards run these images, the same for a seed.
+
+    Raises RigFault where image or shim is missing, WrongUse for an impossible parameter.
+    """
+    library = load_library(shim_path())
+    bench = Bench(parameters, seed)
+    drum_chip = Chip(library, drum_image, Kind.DRUM)
+    try:
+        taxels_chip = Chip(library, taxels_image, Kind.TAXELS)
+    except RigFault:
+        drum_chip.close()
+        raise
+    return ChipSimulation(bench, drum_chip, taxels_chip)
