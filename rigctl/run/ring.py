@@ -45,9 +45,12 @@ class Ring:
         return int(self._counters[0])
 
     def append(self, **values: NDArray[Any]) -> None:
-        """Add rows, oldest first; all columns at once and of equal length, at most ``rows``."""
-        head = self.head
+        """Add rows, oldest first; all columns at once and of equal length."""
         count = len(next(iter(values.values())))
+        if count > self.rows:
+            values = {name: value[count - self.rows :] for name, value in values.items()}
+            count = self.rows
+        head = self.head
         self._counters[0] = head + count
         place = head % self.rows
         first = min(count, self.rows - place)

@@ -1,0 +1,76 @@
+"""``rigctl engine``: the process that holds a rig; started by other commands and by the window."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import secrets
+import signal
+import sys
+from datetime import UTC, datetime
+
+from rigctl.rig import open_rig
+from rigctl.run.engine import Doors, Engine
+from rigctl.run.live import LiveWriter
+from rigctl.run.opening import Order
+from rigctl.run.runtime import Announcement, announce, new_name, runtime_folder
+from rigctl.run.server import await_client, listen
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """``engine`` is hidden: people start it through run, gui and demo."""
+    parser = subparsers.add_parser("engine")
+    parser.add_argument("--rig", required=True)
+    parser.add_argument("--name", default=None)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--paced", action="store_true")
+    parser.add_argument("--protocol", default=None)
+    parser.add_argument("--out", default=None)
+    parser.add_argument("--resume", default=None)
+    parser.add_argument("--order-seed", type=int, default=None)
+    parser.add_argument("--yes", action="store_true")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Open the rig, announce the engine, wait for the client that wanted it, serve."""
+    folder, name, token = runtime_folder(), args.name or new_name(), secrets.token_urlsafe(24)
+    order = _order(args)
+    with open_rig(args.rig, seed=args.seed, paced=args.paced) as rig, listen() as listener:
+        live = LiveWriter(folder / f"{name}.live")
+        engine = Engine(rig, live, _utc_now, args.seed)
+        port = listener.getsockname()[1]
+        path = announce(
+            folder, Announcement(name, os.getpid(), port, token, args.rig, str(live.path))
+        )
+        try:
+            # Simulated time has not begun yet, so when the client comes changes no sample.
+            doors = Doors(listener, token, await_client(listener, token))
+            _end_on_signals(rig.loop, engine)
+            return rig.loop.run_until_complete(engine.serve(doors, order))
+        finally:
+            path.unlink(missing_ok=True)
+            live.close()
+
+
+def _order(args: argparse.Namespace) -> Order | None:
+    if args.protocol is None and args.resume is None:
+        return None
+    return Order(args.protocol, args.out, args.resume, args.order_seed, args.yes)
+
+
+def _end_on_signals(loop: asyncio.AbstractEventLoop, engine: Engine) -> None:
+    """A signal ends the engine like a client would: run aborted, rig safe, session whole."""
+
+    def end() -> None:
+        engine.end("the engine was told to end by a signal")
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if sys.platform == "win32":
+            signal.signal(number, lambda *_: loop.call_soon_threadsafe(end))
+        else:
+            loop.add_signal_handler(number, end)
+
+
+def _utc_now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,0 +1,193 @@
+"""The desk: what clients may ask of the engine, one method a command.
+
+Commands that move the rig are refused while a run is going; stop never is.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any
+
+from rigctl.errors import WrongUse
+from rigctl.run.motion import Motion
+from rigctl.run.opening import Order
+from rigctl.run.runner import Run
+from rigctl.wire.drum_map import Command
+
+if TYPE_CHECKING:
+    from rigctl.run.engine import Engine
+
+Result = dict[str, Any]
+TRAVEL_SLACK = 1.5
+TRAVEL_SLACK_S = 10.0
+
+SHORT_NAMES = {
+    "speed_mm_s": "speed_set",
+    "force_g": "force_set",
+    "acceleration_mm_s2": "acceleration_set",
+    "travel_mm": "travel_set",
+    "run_in_mm": "run_in_set",
+    "depth_um": "depth_set_um",
+}
+"""Names of settings in messages; any other writable register goes by its own name."""
+
+
+class Desk:
+    """Answers requests. Every method returns the reply's result or raises RigctlError."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._commands: dict[str, Callable[..., Awaitable[Result]]] = {
+            name.removeprefix("on_"): method
+            for name, method in inspect.getmembers(self, inspect.iscoroutinefunction)
+            if name.startswith("on_")
+        }
+
+    async def handle(self, command: str, args: dict[str, Any]) -> Result:
+        """Answer one request. Raises WrongUse for what is no command or has wrong arguments."""
+        method = self._commands.get(command)
+        if method is None:
+            known = ", ".join(sorted(self._commands))
+            raise WrongUse(f"the engine knows no command {command!r}: it knows {known}")
+        try:
+            inspect.signature(method).bind(**args)
+        except TypeError as error:
+            raise WrongUse(f"command {command}: {error}") from error
+        return await method(**args)
+
+    async def on_status(self) -> Result:
+        """How everything stands, as in the event of that name."""
+        return dict(self._engine.status())
+
+    async def on_arm(self) -> Result:
+        """Power up and lift off."""
+        await self._free_motion().arm()
+        return {}
+
+    async def on_disarm(self) -> Result:
+        """Lift off and switch the drivers off."""
+        await self._free_motion().disarm()
+        return {}
+
+    async def on_tare(self) -> Result:
+        """Take the load cell's reading as no load."""
+        await self._free_motion().tare()
+        return {}
+
+    async def on_home(self) -> Result:
+        """Find the index mark."""
+        await self._free_motion().home()
+        return {}
+
+    async def on_set(self, **values: float) -> Result:
+        """Write settings; the values that the board took."""
+        motion = self._free_motion()
+        registers = {SHORT_NAMES.get(name, name): value for name, value in values.items()}
+        for name, value in registers.items():
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise WrongUse(f"{name} must be a number, not {value!r}")
+        taken = await motion.watch.drum.set(**registers)
+        motion.settings.update(taken)
+        back = {register: name for name, register in SHORT_NAMES.items()}
+        return {back.get(name, name): taken[name] for name in registers}
+
+    async def on_approach(self) -> Result:
+        """Press until the force has settled."""
+        await self._free_motion().approach()
+        return {}
+
+    async def on_run(self) -> Result:
+        """Turn through run-in, window and ramp."""
+        motion = self._free_motion()
+        settings = motion.settings
+        travel_mm = settings["run_in_set"] + settings["travel_set"]
+        await motion.run(TRAVEL_SLACK_S + TRAVEL_SLACK * travel_mm / settings["speed_set"])
+        return {}
+
+    async def on_retract(self) -> Result:
+        """Lift off from wherever the drum is."""
+        await self._free_motion().lift()
+        return {}
+
+    async def on_stop(self) -> Result:
+        """Stop and lift at once; a run ends."""
+        await self._engine.stop("stopped by a client")
+        return {}
+
+    async def on_clear_fault(self) -> Result:
+        """Clear the latched fault, where its cause is gone."""
+        await self._engine.bench.drum.command(Command.CLEAR)
+        return {}
+
+    async def on_start(
+        self,
+        protocol: str | None = None,
+        out: str | None = None,
+        seed: int | None = None,
+        yes: bool = False,
+        resume: str | None = None,
+    ) -> Result:
+        """Run a protocol into ``out``, or go on with the session in ``resume``."""
+        self._free_motion()
+        run = self._engine.start(Order(protocol, out, resume, seed, yes))
+        return {"session": str(run.folder)}
+
+    async def on_pause(self) -> Result:
+        """Lift off and hold the run."""
+        self._running().control.pause()
+        return {}
+
+    async def on_resume(self) -> Result:
+        """Go on; the interrupted trial is taken anew."""
+        self._running().control.resume()
+        return {}
+
+    async def on_abort(self) -> Result:
+        """End the run safely."""
+        self._running().control.abort("aborted by a client")
+        return {}
+
+    async def on_answer(self, prompt_id: int, answer: str) -> Result:
+        """Answer a question: ``ok`` goes on, ``abort`` ends the run."""
+        if not self._running().control.answer(prompt_id, answer):
+            raise WrongUse(f"question {prompt_id} is not the one that is asked")
+        return {}
+
+    async def on_plate(self, texture: str) -> Result:
+        """Say which plate is mounted; a simulated one changes by itself."""
+        self._free_motion()
+        return {"changed": self._engine.set_plate(texture)}
+
+    async def on_calibrate_range(self, seconds: float = 10.0) -> Result:
+        """Take the range that the taxels show in the next seconds for the encoder."""
+        found = await self._engine.boards.calibrate_range(float(seconds))
+        return {"low": found.low.tolist(), "high": found.high.tolist()}
+
+    async def on_inject(self, fault: str, **args: Any) -> Result:
+        """Make something go wrong on a simulated bench."""
+        panel = self._engine.bench.faults
+        if panel is None:
+            raise WrongUse("faults can be injected on a simulated rig only")
+        method = getattr(panel, fault, None)
+        if fault.startswith("_") or not callable(method):
+            raise WrongUse(f"the simulated bench knows no fault {fault!r}")
+        method(**args)
+        return {}
+
+    async def on_shutdown(self) -> Result:
+        """End the engine; the rig is made safe first."""
+        self._engine.end("the engine was told to end")
+        return {}
+
+    def _free_motion(self) -> Motion:
+        """The drum's moves, for a person; refused while a run has them."""
+        if self._engine.is_running:
+            raise WrongUse("a run is going: pause or abort it first")
+        return self._engine.boards.motion
+
+    def _running(self) -> Run:
+        run = self._engine.run
+        if run is None or run.ended:
+            raise WrongUse("no run is going: start one first")
+        return run

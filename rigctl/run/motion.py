@@ -1,0 +1,202 @@
+"""Moving the drum by name: each method gives one command and waits until its work is done.
+
+Settings are written only when they change, and what the board took is what counts. Every wait
+calls ``check``, so that a pause or a stop ends it at the next turn of the poll loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from rigctl.config import RigConfig
+from rigctl.errors import RigFault
+from rigctl.protocol import Settle
+from rigctl.run.drum_watch import DrumWatch, command_ended
+from rigctl.values import DrumState, PlannedTrial
+from rigctl.wire.drum_map import Command, ForceMode
+from rigctl.wire.drum_states import State
+
+LIFT_LIMIT_S = 20.0
+TARE_LIMIT_S = 10.0
+HOME_LIMIT_S = 120.0
+SLOW_LIMIT_S = 20.0
+TRIM_STEP_PPM = 10
+FARTHEST_STEPS = 1_900_000
+"""Targets of MOVE end at two million steps; before that the drum homes and counts anew."""
+
+SHOWN_SETTINGS: Final = ("speed_set", "force_set", "acceleration_set", "travel_set", "run_in_set")
+
+
+class Motion:
+    """The drum's moves on this rig. ``check`` may raise to end whatever is being waited for."""
+
+    def __init__(
+        self, watch: DrumWatch, config: RigConfig, check: Callable[[], None] = lambda: None
+    ) -> None:
+        self.watch = watch
+        self.config = config
+        self.check = check
+        self.settings: dict[str, float] = {}
+        self.homed = False
+
+    def forget(self) -> None:
+        """The board rebooted: nothing that was set or found holds any more."""
+        self.settings = {}
+        self.homed = False
+
+    async def configure(self) -> None:
+        """Write what the rig's description says, and learn the other set-points."""
+        actuator, drum, signals = self.config.actuator, self.config.drum, self.config.signals
+        await self.apply(
+            acceleration_set=drum.acceleration_mm_s2,
+            run_in_set=drum.run_in_mm,
+            move_speed_set=drum.rapid_mm_s,
+            over_force=self.config.limits.over_force_g,
+            lift_clearance_um=actuator.lift_clearance_mm * 1000,
+            approach_limit_um=actuator.approach_limit_mm * 1000,
+            approach_timeout_ms=actuator.approach_timeout_s * 1000,
+            stiffness_g_per_mm=actuator.stiffness_g_per_mm,
+            dead_band_permille=actuator.dead_band_permille,
+            scale_ug_per_count=self.config.loadcell.scale_ug_per_count,
+            clock_trim_ppm=self.config.clocks.drum_ppm,
+            optional_signals=signals.estop
+            + 2 * signals.index
+            + 4 * signals.end_switches
+            + 8 * signals.position,
+        )
+        self.settings.update(await self.watch.drum.get(*SHOWN_SETTINGS))
+
+    async def apply(self, **values: float) -> None:
+        """Write settings that differ from what the board has, in engineering units."""
+        news = {name: v for name, v in values.items() if self.settings.get(name) != v}
+        if news:
+            await self.watch.drum.set(**news)
+            self.settings.update(news)
+
+    async def arm(self) -> None:
+        """Power up and lift off; nothing to do where the drum is armed already."""
+        if self.watch.healthy().state == State.ARMED:
+            return
+        await self._do(Command.ARM, State.ARMED, LIFT_LIMIT_S, "lifting off")
+
+    async def disarm(self) -> None:
+        """Lift off if need be and switch the drivers off."""
+        await self.lift()
+        if self.watch.healthy().state == State.ARMED:
+            self.homed = False  # a hand may turn the drum now
+            await self._do(Command.DISARM, State.IDLE, LIFT_LIMIT_S, "disarming")
+
+    async def tare(self) -> None:
+        """Take the load cell's reading, lifted and still, as no load."""
+        await self.watch.drum.command(Command.TARE)
+        await self.watch.until(command_ended, TARE_LIMIT_S, "the tare", self.check)
+
+    async def home(self) -> None:
+        """Find the index mark and count steps from it."""
+        if not self.config.signals.index:
+            await self.watch.drum.command(Command.ZERO_STEPS)
+        else:
+            await self._do(Command.HOME, State.ARMED, HOME_LIMIT_S, "finding the index mark")
+        self.homed = True
+
+    async def approach(self) -> None:
+        """Press until the force has settled."""
+        limit_s = SLOW_LIMIT_S + self.settings["approach_timeout_ms"] / 1000
+        await self._do(Command.APPROACH, State.HOLD, limit_s, "reaching the force")
+
+    async def run(self, limit_s: float) -> DrumState:
+        """Turn through run-in, window and ramp; the state in which the drum holds again."""
+        return await self._do(Command.RUN, State.HOLD, limit_s, "the travel")
+
+    async def lift(self) -> None:
+        """Lift off from wherever the drum is; the way out of a trial that was called off."""
+        state = self.watch.healthy().state
+        if state == State.POSITION:
+            await self.watch.drum.command(Command.STOP)
+        elif state in (State.APPROACH, State.HOLD, State.RUN):
+            await self.watch.drum.command(Command.RETRACT)
+        elif state in (State.ARMED, State.IDLE):
+            return
+        await self.watch.until(
+            lambda s: s.state in (State.ARMED, State.IDLE), LIFT_LIMIT_S, "lifting off", self.check
+        )
+
+    async def move_to_start(self, trial: PlannedTrial) -> None:
+        """Turn the lifted drum the short way to where the trial's run-in begins."""
+        steps_now = self.watch.healthy().steps
+        target = self._nearest(self._start_steps(trial), steps_now)
+        if abs(target) > FARTHEST_STEPS:
+            await self.home()
+            target = self._nearest(self._start_steps(trial), self.watch.healthy().steps)
+        await self.apply(move_target=target)
+        if target != self.watch.healthy().steps:
+            await self._do(Command.MOVE, State.ARMED, HOME_LIMIT_S, "moving to the plate")
+
+    async def set_trial(self, trial: PlannedTrial) -> None:
+        """Write the trial's set-points."""
+        drum = self.config.drum
+        backward = (trial.direction == "backward") != drum.backwards
+        mode = _FORCE_MODES[trial.force_mode]
+        deep = mode is ForceMode.POSITION
+        press = {"depth_set_um": trial.depth_mm * 1000} if deep else {"force_set": trial.force_g}
+        await self.apply(
+            speed_set=trial.speed_mm_s,
+            travel_set=trial.travel_mm + drum.sync_margin_mm,
+            direction_set=float(backward),
+            force_mode=float(mode),
+            **press,
+        )
+
+    async def set_press(self, force_g: float) -> None:
+        """Write the force of an approach without travel."""
+        await self.apply(force_set=force_g, force_mode=float(ForceMode.HOLD))
+
+    async def set_settle(self, settle: Settle) -> None:
+        """Write when the force counts as settled."""
+        await self.apply(
+            settle_band=settle.band_percent * 10,
+            settle_time_ms=settle.time_s * 1000,
+            approach_timeout_ms=settle.timeout_s * 1000,
+        )
+
+    async def trim(self) -> None:
+        """Tell the board how fast its clock runs, where that is known better than it was."""
+        estimate = self.watch.clock.estimate
+        if estimate is None:
+            return
+        known = self.settings.get("clock_trim_ppm", 0.0)
+        if abs(estimate.ppm - known) > max(TRIM_STEP_PPM, estimate.error_ppm):
+            await self.apply(clock_trim_ppm=float(round(estimate.ppm)))
+
+    async def _do(self, command: Command, end: State, limit_s: float, what: str) -> DrumState:
+        await self.watch.drum.command(command)
+        return await self.watch.until(
+            lambda s: s.state == end and command_ended(s), limit_s, what, self.check
+        )
+
+    def _start_steps(self, trial: PlannedTrial) -> int:
+        """Where the run-in begins, steps from the index mark within one turn."""
+        drum = self.config.drum
+        start_mm = drum.plate_start_mm
+        if trial.direction == "backward":
+            start_mm += drum.plate_length_mm
+        sign = -1 if drum.backwards else 1
+        return sign * round(start_mm * 1e6 / self._detail("nm_per_step"))
+
+    def _nearest(self, within_turn: int, steps_now: int) -> int:
+        turn = self._detail("steps_per_turn")
+        return within_turn + turn * round((steps_now - within_turn) / turn)
+
+    def _detail(self, name: str) -> int:
+        identity = self.watch.identity
+        if identity is None or not identity.details.get(name):
+            raise RigFault(f"the drum board did not say its {name}: load its firmware anew")
+        return identity.details[name]
+
+
+_FORCE_MODES = {
+    "hold": ForceMode.HOLD,
+    "lock": ForceMode.LOCK,
+    "position": ForceMode.POSITION,
+}
