@@ -1,0 +1,190 @@
+// Generated from rigctl/wire/drum_map.py by `python -m rigctl.wire.generate`;
+// change the table there, never this file.
+#ifndef DRUM_MAP_H
+#define DRUM_MAP_H
+
+#include <stdint.h>
+
+#include "flash.h"  // constant tables stay in program memory
+
+constexpr uint16_t MAGIC = 21063;
+constexpr uint16_t MAP_VERSION = 1;
+constexpr uint16_t BOARD_DRUM = 1;
+constexpr uint8_t UNIT = 1;
+constexpr uint32_t BAUD = 115200;
+constexpr uint8_t LOADCELL_RECENT = 5;
+constexpr uint8_t RING_DEPTH = 64;
+constexpr uint16_t SETTINGS_START = 64;
+constexpr uint16_t SETTINGS_WORDS = 32;
+constexpr uint16_t COUNTERS_END = 103;
+constexpr uint16_t MAP_END = 384;
+
+enum class Command : uint8_t {
+    None = 0,
+    Arm = 1,
+    Disarm = 2,
+    Move = 3,
+    Approach = 4,
+    Run = 5,
+    Retract = 6,
+    Stop = 7,
+    Clear = 8,
+    Tare = 9,
+    ZeroSteps = 10,
+    Home = 11,
+    Save = 12,
+    Defaults = 13,
+};
+
+enum class CommandResult : uint8_t {
+    None = 0,
+    Done = 1,
+    Running = 2,
+    WrongState = 3,
+    Failed = 4,
+};
+
+enum class ForceMode : uint8_t {
+    Hold = 0,
+    Lock = 1,
+    Position = 2,
+};
+
+enum class Status : uint8_t {
+    SyncHigh = 0,
+    IndexHigh = 1,
+    ForceSettled = 2,
+    InContact = 3,
+    SpeedConstant = 4,
+    EstopClosed = 5,
+    EndUp = 6,
+    EndDown = 7,
+    Homed = 8,
+    Tared = 9,
+};
+
+enum class ResetCause : uint8_t {
+    PowerOn = 0,
+    External = 1,
+    BrownOut = 2,
+    Watchdog = 3,
+    Jtag = 4,
+};
+
+enum class Kind : uint8_t { U16, I16, U32, I32 };
+
+namespace reg {
+constexpr uint16_t magic = 0;
+constexpr uint16_t map_version = 1;
+constexpr uint16_t board_id = 2;
+constexpr uint16_t firmware_version = 3;
+constexpr uint16_t build_hash = 4;
+constexpr uint16_t boot_count = 6;
+constexpr uint16_t reset_cause = 7;
+constexpr uint16_t ring_depth = 8;
+constexpr uint16_t steps_per_turn = 9;
+constexpr uint16_t nm_per_step = 10;
+constexpr uint16_t state = 16;
+constexpr uint16_t fault = 17;
+constexpr uint16_t fault_at_ms = 18;
+constexpr uint16_t fault_bits = 20;
+constexpr uint16_t board_time_us = 21;
+constexpr uint16_t steps = 23;
+constexpr uint16_t angle = 25;
+constexpr uint16_t speed = 26;
+constexpr uint16_t force = 27;
+constexpr uint16_t actuator_position_um = 28;
+constexpr uint16_t actuator_drive = 29;
+constexpr uint16_t command_acknowledged = 30;
+constexpr uint16_t command_result = 31;
+constexpr uint16_t sync_count = 32;
+constexpr uint16_t sync_rise_us = 33;
+constexpr uint16_t sync_fall_us = 35;
+constexpr uint16_t index_count = 37;
+constexpr uint16_t loadcell_sequence = 38;
+constexpr uint16_t loadcell_time_us = 39;
+constexpr uint16_t loadcell_recent = 41;
+constexpr uint16_t heartbeat_seen = 51;
+constexpr uint16_t crc_errors = 52;
+constexpr uint16_t late_ticks = 53;
+constexpr uint16_t status_bits = 54;
+constexpr uint16_t last_contact_um = 55;
+constexpr uint16_t heartbeat = 64;
+constexpr uint16_t command = 65;
+constexpr uint16_t command_sequence = 66;
+constexpr uint16_t speed_set = 68;
+constexpr uint16_t force_set = 69;
+constexpr uint16_t acceleration_set = 70;
+constexpr uint16_t direction_set = 71;
+constexpr uint16_t force_mode = 72;
+constexpr uint16_t travel_set = 73;
+constexpr uint16_t run_in_set = 74;
+constexpr uint16_t depth_set_um = 75;
+constexpr uint16_t move_target = 76;
+constexpr uint16_t move_speed_set = 78;
+constexpr uint16_t clock_trim_ppm = 79;
+constexpr uint16_t settle_band = 80;
+constexpr uint16_t settle_time_ms = 81;
+constexpr uint16_t approach_limit_um = 82;
+constexpr uint16_t approach_timeout_ms = 83;
+constexpr uint16_t over_force = 84;
+constexpr uint16_t lift_clearance_um = 85;
+constexpr uint16_t tare_counts = 86;
+constexpr uint16_t scale_ug_per_count = 88;
+constexpr uint16_t gain_p = 90;
+constexpr uint16_t gain_i = 91;
+constexpr uint16_t stiffness_g_per_mm = 92;
+constexpr uint16_t dead_band_permille = 93;
+constexpr uint16_t heartbeat_limit_ms = 94;
+constexpr uint16_t optional_signals = 95;
+constexpr uint16_t frames_seen = 96;
+constexpr uint16_t exceptions_sent = 97;
+constexpr uint16_t longest_isr_us = 98;
+constexpr uint16_t free_stack_bytes = 99;
+constexpr uint16_t idle_permille = 100;
+constexpr uint16_t loadcell_dropped = 101;
+constexpr uint16_t index_error_steps = 102;
+constexpr uint16_t ring_raw = 128;
+constexpr uint16_t ring_time_us = 256;
+}  // namespace reg
+
+// Everything that may be written, by rising address; bounds are raw register integers.
+struct Setting {
+    uint16_t address;
+    Kind kind;
+    int32_t low, high, initial;
+};
+
+constexpr uint8_t SETTING_COUNT = 28;
+constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
+    {64, Kind::U16, 0L, 65535L, 0L},  // heartbeat, 
+    {65, Kind::U16, 0L, 13L, 0L},  // command, 
+    {66, Kind::U16, 0L, 65535L, 0L},  // command_sequence, 
+    {68, Kind::U16, 500L, 20000L, 8000L},  // speed_set, mm/s
+    {69, Kind::U16, 500L, 15000L, 5000L},  // force_set, g
+    {70, Kind::U16, 50L, 2000L, 600L},  // acceleration_set, mm/s²
+    {71, Kind::U16, 0L, 1L, 0L},  // direction_set, 
+    {72, Kind::U16, 0L, 2L, 0L},  // force_mode, 
+    {73, Kind::U16, 10L, 6000L, 2450L},  // travel_set, mm
+    {74, Kind::U16, 0L, 2000L, 600L},  // run_in_set, mm
+    {75, Kind::U16, 0L, 10000L, 1000L},  // depth_set_um, µm
+    {76, Kind::I32, -2000000L, 2000000L, 0L},  // move_target, steps
+    {78, Kind::U16, 500L, 30000L, 20000L},  // move_speed_set, mm/s
+    {79, Kind::I16, -10000L, 10000L, 0L},  // clock_trim_ppm, ppm
+    {80, Kind::U16, 2L, 200L, 20L},  // settle_band, permille
+    {81, Kind::U16, 50L, 5000L, 300L},  // settle_time_ms, ms
+    {82, Kind::U16, 500L, 50000L, 30000L},  // approach_limit_um, µm
+    {83, Kind::U16, 500L, 30000L, 10000L},  // approach_timeout_ms, ms
+    {84, Kind::U16, 1000L, 30000L, 14000L},  // over_force, g
+    {85, Kind::U16, 500L, 20000L, 3000L},  // lift_clearance_um, µm
+    {86, Kind::I32, -8388608L, 8388607L, 0L},  // tare_counts, counts
+    {88, Kind::I32, -1000000L, 1000000L, 2400L},  // scale_ug_per_count, µg/count
+    {90, Kind::U16, 1L, 5000L, 400L},  // gain_p, 1/s × 0.01
+    {91, Kind::U16, 0L, 5000L, 150L},  // gain_i, 1/s² × 0.01
+    {92, Kind::U16, 50L, 5000L, 600L},  // stiffness_g_per_mm, g/mm
+    {93, Kind::U16, 0L, 500L, 100L},  // dead_band_permille, permille
+    {94, Kind::U16, 100L, 250L, 250L},  // heartbeat_limit_ms, ms
+    {95, Kind::U16, 0L, 15L, 15L},  // optional_signals, 
+};
+
+#endif  // DRUM_MAP_H

@@ -1,0 +1,34 @@
+// The variant of the drum this image is built for: what is screwed and soldered together.
+// Another drum, driver or actuator changes numbers here and nothing elsewhere.
+#ifndef BOARD_H
+#define BOARD_H
+
+#include <stdint.h>
+
+#ifndef BUILD_HASH
+#define BUILD_HASH 0UL  // the Arduino IDE passes none
+#endif
+
+namespace board {
+
+constexpr uint8_t FIRMWARE_MAJOR = 0;
+constexpr uint8_t FIRMWARE_MINOR = 1;
+
+constexpr uint32_t CLOCK_HZ = 16000000UL;
+
+// Drum: 200 full steps, 16 microsteps, a 4:1 belt, 400 mm of texture a turn.
+constexpr uint16_t STEPS_PER_TURN = 12800;
+constexpr uint32_t NM_PER_STEP = 31250;
+
+// Actuator: speed at full duty, time constant of its speed, travel read by its potentiometer.
+constexpr float ACTUATOR_MAX_MM_S = 10.0f;
+constexpr float ACTUATOR_LAG_S = 0.030f;
+constexpr uint16_t ACTUATOR_TRAVEL_UM = 50000;
+
+// HX711 at its 80 samples a second; a conversion shows the force of this long ago.
+constexpr uint16_t LOADCELL_PERIOD_US = 12500;
+constexpr float LOADCELL_DELAY_S = 0.0075f;
+
+}  // namespace board
+
+#endif  // BOARD_H

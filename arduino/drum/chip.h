@@ -1,0 +1,71 @@
+// The chip-side pieces as main() and each other know them; what the brain knows is ports.h.
+#ifndef CHIP_H
+#define CHIP_H
+
+#include <stdint.h>
+
+#include "loadcell.h"  // conversions
+
+namespace clock {  // chip_clock.cpp: 1 kHz tick and microseconds
+void begin();
+uint8_t take_ticks();  // ticks since the last call
+bool pending();        // some wait to be taken
+uint32_t now_ms();
+uint32_t micros_in_isr();
+}  // namespace clock
+
+namespace stepper {  // chip_stepper.cpp
+void begin();
+void cut();       // interrupts are off: no further pulse leaves the pin
+bool breathing(); // called once a tick: the step interrupt comes when it should
+}  // namespace stepper
+
+namespace bridge {  // chip_bridge.cpp: H-bridge, potentiometer, end switches
+void begin();
+void cut();
+void start_reading();       // once a tick; the reading is there at the next
+uint16_t position_um();
+bool end_up();
+bool end_down();
+}  // namespace bridge
+
+namespace estop {  // chip_estop.cpp
+void begin();
+void check_level();   // from the tick interrupt
+bool tripped();       // interrupts are off or it does not matter: outputs stay off
+bool take();          // open now, or was since the last call
+}  // namespace estop
+
+namespace amplifier {  // chip_loadcell.cpp: HX711
+void begin();
+void look();  // once a tick: catches a ready edge that was missed
+bool ready();
+Conversion read();
+}  // namespace amplifier
+
+namespace serial {  // chip_serial.cpp: USART0
+struct Received {
+    uint8_t byte;
+    bool damaged;
+};
+void begin();
+bool available();
+Received take();
+void send(const uint8_t *bytes, uint16_t count);
+}  // namespace serial
+
+namespace health {  // chip_health.cpp: watchdog, reset cause, stack, idle time
+void begin();
+bool watchdog_reset();
+void kick();           // the watchdog, when all have checked in
+void count_late(uint8_t ticks);
+void sleep_until_interrupt();  // called with interrupts off
+}  // namespace health
+
+namespace store {  // chip_store.cpp: EEPROM
+void begin();
+void tick();
+uint16_t boot_count();
+}  // namespace store
+
+#endif  // CHIP_H

@@ -1,0 +1,112 @@
+// Watchdog, cause of the last reset, unused stack, and how much of its time the chip slept.
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/sleep.h>
+#include <avr/wdt.h>
+#include <util/atomic.h>
+
+#include "chip.h"
+#include "isr_meter.h"
+#include "ports.h"
+
+extern uint8_t _end;  // first byte behind all variables
+extern uint8_t __stack;
+
+volatile uint16_t IsrMeter::longest;
+volatile uint16_t IsrMeter::sum;
+
+namespace {
+
+constexpr uint8_t PAINT = 0xc5;
+constexpr uint16_t SECOND_MS = 1000;
+constexpr uint16_t CYCLES_PER_PERMILLE = 16000;
+
+uint8_t reset_cause __attribute__((section(".noinit")));
+uint16_t late_ticks;
+uint32_t slept_cycles;
+uint16_t idle_permille;
+uint16_t second_ms;
+uint16_t unused_stack;
+
+// The stack grows down into the paint and may leave holes in it: a deeper trace shows within
+// the few bytes below the known mark sooner or later.
+void look_at_stack() {
+    constexpr uint8_t REACH = 16;
+    for (uint8_t below = 1; below <= REACH && below <= unused_stack; ++below) {
+        if ((&_end)[unused_stack - below] == PAINT) continue;
+        unused_stack -= below;
+        below = 0;
+    }
+}
+
+}  // namespace
+
+// Before anything else: after a watchdog reset the watchdog still runs, and with a bootloader
+// only the very first instructions know why the chip was reset.
+extern "C" void keep_reset_cause() __attribute__((naked, used, section(".init3")));
+extern "C" void keep_reset_cause() {
+    reset_cause = MCUSR;
+    MCUSR = 0;
+    wdt_disable();
+}
+
+// Paints what lies between the variables and the stack; nothing has been called yet.
+extern "C" void paint_stack() __attribute__((naked, used, section(".init5")));
+extern "C" void paint_stack() {
+    for (uint8_t *byte = &_end; byte < reinterpret_cast<uint8_t *>(SP); ++byte) *byte = PAINT;
+}
+
+namespace health {
+
+void begin() {
+    const uint8_t *byte = &_end;
+    while (*byte == PAINT && byte < &__stack) ++byte;
+    unused_stack = byte - &_end;
+    set_sleep_mode(SLEEP_MODE_IDLE);
+    // 64 ms on the chip: less than the 100 ms in which a hang has to end.
+    wdt_enable(WDTO_60MS);
+}
+
+bool watchdog_reset() { return reset_cause & _BV(WDRF); }
+
+void kick() {
+    wdt_reset();
+    if (++second_ms < SECOND_MS) return;
+    second_ms = 0;
+    idle_permille = slept_cycles / CYCLES_PER_PERMILLE;
+    slept_cycles = 0;
+}
+
+void count_late(uint8_t ticks) { late_ticks += ticks; }
+
+// Sleep ends with an interrupt, whose own time is no rest.
+void sleep_until_interrupt() {
+    const uint16_t start = TCNT1;
+    IsrMeter::sum = 0;
+    sleep_enable();
+    sei();
+    sleep_cpu();
+    cli();
+    sleep_disable();
+    const uint16_t cycles = TCNT1 - start, busy = IsrMeter::sum;
+    sei();
+    if (cycles > busy) slept_cycles += cycles - busy;
+}
+
+}  // namespace health
+
+namespace ports {
+
+Health health() {
+    uint16_t longest = 0;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { longest = IsrMeter::longest; }
+    look_at_stack();
+    return {late_ticks,
+            static_cast<uint16_t>((longest + IsrMeter::AROUND_CYCLES) / 16),
+            unused_stack,
+            idle_permille,
+            store::boot_count(),
+            reset_cause};
+}
+
+}  // namespace ports

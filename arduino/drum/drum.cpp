@@ -1,0 +1,314 @@
+#include "drum.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "actuator.h"  // speed to duty
+#include "board.h"     // geometry
+
+namespace {
+
+constexpr uint16_t SELFTEST_LIMIT_MS = 500;
+constexpr uint16_t LIFT_TIME_MS = 700;     // FAULT_LIFT: with 250 ms of silence, off within 1 s
+constexpr uint16_t ACTUATOR_FULL_LIFT_MS = 6000;
+constexpr uint16_t LIFT_LIMIT_MS = 8000;   // a lift that takes longer is stuck
+constexpr uint16_t TOP_UM = 300;           // the potentiometer at the upper end
+constexpr uint16_t BOTTOM_UM = 49700;
+constexpr uint16_t SLOW_ZONE_UM = 800;     // above the last contact
+constexpr float SEARCH_MM_S = 3.0f;        // so slow that the stiffest contact stays below
+constexpr float QUICK_MM_S = 8.0f;         // the set force plus a tenth
+constexpr float CONTACT_MM_S = 3.0f;
+constexpr float SLOWEST_SEARCH_MM_S = 1.5f;
+constexpr int16_t INDEX_TOLERANCE = 4;     // steps
+constexpr int16_t INDEX_LATE = 40;
+constexpr int32_t TARE_MAX_SPREAD_UG = 20000000;  // 20 g
+constexpr float TWO_PI = 6.28318531f;
+
+constexpr uint16_t bit(Fault fault) { return 1u << static_cast<uint8_t>(fault); }
+
+bool supervised(State state) {
+    return state != State::Boot && state != State::Selftest && state != State::Idle &&
+           state != State::FaultOff;
+}
+
+}  // namespace
+
+bool Drum::fitted(uint8_t signal) const { return word(reg::optional_signals) >> signal & 1; }
+
+void Drum::apply_scale() {
+    loadcell_.set_scale(bank_.wide(reg::tare_counts), bank_.wide(reg::scale_ug_per_count));
+}
+
+void Drum::boot(bool watchdog_reset) {
+    if (ports::load(bank_.settings(), SETTINGS_WORDS) && !bank_.settings_valid())
+        bank_.restore_defaults();
+    apply_scale();
+    ports::watch_estop(fitted(0));
+    enter(State::Boot);
+    go(Event::Booted);
+    if (watchdog_reset) raise(Fault::Hang);
+}
+
+// --- supervision ------------------------------------------------------------------------------
+
+// Causes that are there now, one bit per fault.
+uint16_t Drum::causes() const {
+    uint16_t bits = 0;
+    if (estop_open()) bits |= bit(Fault::Estop);
+    if (machine_.state() == State::Boot || machine_.state() == State::Selftest) return bits;
+    bits |= loadcell_.faults();
+    if (fabsf(loadcell_.force_g()) > word(reg::over_force) * 0.1f) bits |= bit(Fault::OverForce);
+    const bool wanted = supervised(machine_.state()) || machine_.fault() == Fault::Heartbeat;
+    if (wanted && heartbeat_.silent(word(reg::heartbeat_limit_ms))) bits |= bit(Fault::Heartbeat);
+    return bits;
+}
+
+void Drum::supervise() {
+    const uint16_t bits = causes();
+    for (uint8_t n = 1; n < FAULT_COUNT; ++n)
+        if (bits >> n & 1) raise(static_cast<Fault>(n));
+}
+
+void Drum::raise(Fault fault) {
+    machine_.raise(fault, inputs_.now_ms);
+    follow();
+}
+
+void Drum::go(Event event) {
+    if (machine_.handle(event)) follow();
+}
+
+// Carries out a change of state, whoever caused it.
+void Drum::follow() {
+    if (machine_.state() != entered_) enter(machine_.state());
+}
+
+// --- states -----------------------------------------------------------------------------------
+
+void Drum::enter(State state) {
+    entered_ = state;
+    entered_ms_ = inputs_.now_ms;
+    const Outputs outputs = machine_.outputs();
+    const bool may_step = outputs.stepper_may_step;
+    if (!may_step) ports::stop_at_once();
+    if (state == State::Retract || state == State::FaultLift) ports::stop_gently();
+    const bool actuator_on = machine_.drive() != Drive::Off;
+    if (!outputs.stepper_enabled) homed_ = false;  // anybody may turn a drum that is off
+    ports::enable_stepper(outputs.stepper_enabled);
+    ports::enable_bridge(actuator_on);
+    // APPROACH, HOLD and RUN hand the loop on without a hole in what was commanded.
+    if (machine_.drive() == Drive::Lift) lift();
+    else if (machine_.drive() == Drive::Off || machine_.drive() == Drive::Hold) drive(0);
+}
+
+void Drum::drive(float speed_mm_s) {
+    permille_ = actuator::duty(speed_mm_s, word(reg::dead_band_permille));
+    ports::drive(permille_);
+}
+
+void Drum::tick(const Inputs &inputs) {
+    inputs_ = inputs;
+    heartbeat_.tick();
+    loadcell_.tick(ports::now_us());
+    supervise();
+    watch_index();
+    progress();
+    progress_pending();
+}
+
+void Drum::sample(const Conversion &conversion) {
+    if (!loadcell_.take(conversion)) return;
+    supervise();
+    const Drive mode = machine_.drive();
+    if (mode == Drive::Approach || mode == Drive::ForceLoop) press();
+}
+
+DrumTurn Drum::turn() const {
+    constexpr float RAD_PER_STEP = TWO_PI / board::STEPS_PER_TURN;
+    const int32_t place = ports::position() % board::STEPS_PER_TURN;
+    const uint32_t interval = ports::step_interval();
+    float rate = interval ? RAD_PER_STEP * board::CLOCK_HZ * 256.0f / interval : 0;
+    if (backwards_) rate = -rate;
+    return {place * RAD_PER_STEP, rate};
+}
+
+bool Drum::within_band() const {
+    const float set = force_set_g();
+    return fabsf(loadcell_.force_g() - set) <= set * word(reg::settle_band) * 0.001f;
+}
+
+// One step of the force loop: in APPROACH, HOLD and RUN, at each sample.
+void Drum::press() {
+    const bool near_contact = !contact_known_ || !fitted(3) ||
+                              inputs_.position_um + SLOW_ZONE_UM >= contact_um_;
+    const bool searching = !force_.in_contact();
+    ForceTarget target = {force_set_g(), word(reg::gain_p) * 0.01f, word(reg::gain_i) * 0.01f,
+                          CONTACT_MM_S};
+    if (searching) target.speed_limit = near_contact ? SEARCH_MM_S : QUICK_MM_S;
+    const ForceMode mode = static_cast<ForceMode>(word(reg::force_mode));
+    if (mode == ForceMode::Position)
+        target.force_g = word(reg::depth_set_um) * 0.001f * force_.stiffness();
+    float speed = force_.update(loadcell_.force_g(), target, turn());
+    if (locked_) speed = 0;
+    force_.commanded(speed);
+    drive(speed);
+    if (searching && force_.in_contact()) {
+        contact_ms_ = outside_ms_ = inputs_.now_ms;
+        contact_um_ = inputs_.position_um;
+        contact_known_ = true;
+    }
+    if (force_.in_contact()) bank_.put(reg::stiffness_g_per_mm, lroundf(force_.stiffness()));
+    if (!within_band()) outside_ms_ = inputs_.now_ms;
+}
+
+void Drum::progress() {
+    switch (machine_.state()) {
+        case State::Selftest: selftest(); break;
+        case State::Position: position_move(); break;
+        case State::Approach: approach(); break;
+        case State::Run:
+            if (!ports::moving()) go(Event::TravelDone);
+            break;
+        case State::Retract: lift(); break;
+        case State::FaultLift: lift(); break;
+        default: break;
+    }
+    const bool presses = permille_ > 0;
+    if (presses && (end_down() || (fitted(3) && inputs_.position_um >= BOTTOM_UM)))
+        raise(Fault::ActuatorEnd);
+}
+
+void Drum::selftest() {
+    if (loadcell_.alive()) go(Event::SelftestPassed);
+    else if (inputs_.now_ms - entered_ms_ > SELFTEST_LIMIT_MS) raise(Fault::Selftest);
+}
+
+void Drum::approach() {
+    const uint32_t since_start = inputs_.now_ms - entered_ms_;
+    if (!force_.in_contact()) {
+        const uint16_t limit = word(reg::approach_limit_um);
+        const bool too_far = fitted(3) && inputs_.position_um > start_um_ + limit;
+        const bool too_long = since_start > limit / SLOWEST_SEARCH_MM_S + 500;
+        if (too_far || too_long) raise(Fault::NoContact);
+        return;
+    }
+    const bool depth_only = word(reg::force_mode) == static_cast<uint16_t>(ForceMode::Position);
+    const uint32_t settled_ms = inputs_.now_ms - outside_ms_;
+    const bool settled = depth_only
+        ? inputs_.now_ms - contact_ms_ > 1000U
+        : settled_ms >= word(reg::settle_time_ms);
+    if (settled) {
+        locked_ = word(reg::force_mode) == static_cast<uint16_t>(ForceMode::Lock);
+        go(Event::ForceSettled);
+    } else if (inputs_.now_ms - contact_ms_ > word(reg::approach_timeout_ms)) {
+        raise(Fault::ForceUnreached);
+    }
+}
+
+bool Drum::lifted_clear() const {
+    const uint32_t since_start = inputs_.now_ms - entered_ms_;
+    const uint16_t clearance = word(reg::lift_clearance_um);
+    if (end_up()) return true;
+    if (!fitted(3)) return !fitted(2) && since_start > ACTUATOR_FULL_LIFT_MS;
+    if (inputs_.position_um <= TOP_UM) return true;
+    return contact_known_ && inputs_.position_um + clearance <= contact_um_;
+}
+
+void Drum::lift() {
+    const bool retracting = machine_.state() == State::Retract;
+    const uint32_t since_start = inputs_.now_ms - entered_ms_;
+    const bool clear = lifted_clear();
+    permille_ = clear ? 0 : -actuator::FULL;
+    ports::drive(permille_);
+    if (!retracting) {
+        if (since_start >= LIFT_TIME_MS) go(Event::LiftTimeOver);
+    } else if (clear && !ports::moving()) {
+        go(Event::Lifted);
+    } else if (since_start > LIFT_LIMIT_MS) {
+        raise(Fault::ActuatorEnd);
+    }
+}
+
+void Drum::position_move() {
+    if (ports::moving()) return;
+    const bool failed = homing_ && !homed_;
+    homing_ = false;
+    if (failed) finish(CommandResult::Failed);
+    go(Event::MoveDone);
+}
+
+// --- index mark ---------------------------------------------------------------------------------
+
+void Drum::watch_index() {
+    if (!fitted(1)) return;
+    const ports::IndexMark mark = ports::index_mark();
+    const bool fresh = mark.count != index_seen_;
+    index_seen_ = mark.count;
+    if (fresh && homing_) {
+        ports::shift_position(-mark.position);
+        ports::stop_gently();
+        force_.forget_run_out();
+        homed_ = true;
+        homing_ = false;
+        index_expected_ = 0;
+        index_error_ = 0;
+        return;
+    }
+    if (!homed_) return;
+    constexpr int32_t TURN = board::STEPS_PER_TURN;
+    if (fresh) {
+        int32_t error = mark.position % TURN;
+        if (error > TURN / 2) error -= TURN;
+        if (error < -TURN / 2) error += TURN;
+        index_error_ = static_cast<int16_t>(error);
+        index_expected_ = mark.position - error;
+        if (error > INDEX_TOLERANCE || error < -INDEX_TOLERANCE) raise(Fault::StepCount);
+        return;
+    }
+    const int32_t since = ports::position() - index_expected_;
+    if (since > TURN + INDEX_LATE || since < -TURN - INDEX_LATE) {
+        index_expected_ = ports::position();
+        raise(Fault::StepCount);
+    }
+}
+
+// --- commands that take time ----------------------------------------------------------------------
+
+void Drum::finish(CommandResult result) {
+    if (pending_ == Pending::None) return;
+    pending_ = Pending::None;
+    result_ = result;
+}
+
+void Drum::progress_pending() {
+    const State state = machine_.state();
+    switch (pending_) {
+        case Pending::None: return;
+        case Pending::Change:
+            if (state == pending_goal_) finish(CommandResult::Done);
+            else if (state == State::FaultLift || state == State::FaultOff)
+                finish(CommandResult::Failed);
+            return;
+        case Pending::Tare:
+            if (!resting()) {
+                loadcell_.abandon_tare();
+                finish(CommandResult::Failed);
+            } else if (!loadcell_.taring()) {
+                end_tare();
+            }
+            return;
+        case Pending::Save:
+            if (!ports::saving()) finish(CommandResult::Done);
+            return;
+    }
+}
+
+void Drum::end_tare() {
+    const int64_t spread = static_cast<int64_t>(loadcell_.tare_spread()) *
+                           labs(bank_.wide(reg::scale_ug_per_count));
+    if (spread > TARE_MAX_SPREAD_UG) return finish(CommandResult::Failed);
+    bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(loadcell_.tare_mean()));
+    apply_scale();
+    tared_ = true;
+    finish(CommandResult::Done);
+}

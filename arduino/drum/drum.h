@@ -1,0 +1,134 @@
+// The drum controller's brain: states, supervision, the commands and what the registers show.
+//
+// It is called with each load-cell conversion, once a millisecond, and by the Modbus slave;
+// never from an interrupt. It moves the world through ports.h only, so it runs on the PC too.
+//
+// drum.cpp       ticks, samples, supervision, progress of each state
+// commands.cpp   what a command needs and starts
+// report.cpp     the readable registers
+#ifndef DRUM_H
+#define DRUM_H
+
+#include <stdint.h>
+
+#include "bank.h"        // registers
+#include "force_loop.h"  // contact force
+#include "heartbeat.h"   // is the computer alive
+#include "loadcell.h"    // samples
+#include "machine.h"     // states
+#include "modbus.h"      // wire counters for the report
+#include "ports.h"       // the body
+
+struct Inputs {
+    uint32_t now_ms;
+    uint16_t position_um;
+    bool estop_open, end_up, end_down, index_high;
+};
+
+class Drum : public Owner {
+  public:
+    Drum() : bank_(*this), modbus_(bank_) {}
+
+    // Once after power-up or reset, with what the chip knows.
+    void boot(bool watchdog_reset);
+    void tick(const Inputs &inputs);
+    void sample(const Conversion &conversion);
+
+    Modbus &modbus() { return modbus_; }
+    Bank &bank() { return bank_; }
+    const Machine &machine() const { return machine_; }
+    const ForceLoop &force_loop() const { return force_; }
+    const Loadcell &loadcell() const { return loadcell_; }
+
+    // Owner
+    void refresh() override;
+    uint16_t ring_word(uint16_t address) override;
+    bool command(Command command, uint16_t sequence) override;
+    void written(uint16_t address, uint16_t count) override;
+
+  private:
+    // What a long command waits for.
+    enum class Pending : uint8_t { None, Change, Tare, Save };
+
+    // drum.cpp
+    uint16_t causes() const;
+    void supervise();
+    void enter(State state);
+    void follow();
+    void raise(Fault fault);
+    void go(Event event);
+    void drive(float speed_mm_s);
+    void press();
+    void progress();
+    void selftest();
+    void approach();
+    void lift();
+    bool lifted_clear() const;
+    void position_move();
+    void watch_index();
+    void finish(CommandResult result);
+    void progress_pending();
+    void end_tare();
+    void start(const Motion &motion, uint16_t speed);
+    DrumTurn turn() const;
+    bool fitted(uint8_t signal) const;
+    bool estop_open() const { return fitted(0) && inputs_.estop_open; }
+    bool end_up() const { return fitted(2) && inputs_.end_up; }
+    bool end_down() const { return fitted(2) && inputs_.end_down; }
+    float force_set_g() const { return word(reg::force_set) * 0.1f; }
+    uint16_t word(uint16_t address) const { return bank_.word(address); }
+    bool within_band() const;
+    void apply_scale();
+
+    // commands.cpp
+    bool begin(Command command);
+    bool start_state(Event event);
+    bool arm();
+    bool move();
+    bool home();
+    bool approach_begin();
+    bool run();
+    bool clear();
+    bool tare();
+    bool zero_steps();
+    bool save();
+    bool defaults();
+    bool resting() const;
+
+    // report.cpp
+    void report_identity();
+    void report_state();
+    void report_motion();
+    void report_loadcell();
+    void report_counters();
+    uint16_t status_bits() const;
+
+    Machine machine_;
+    Heartbeat heartbeat_;
+    Loadcell loadcell_;
+    ForceLoop force_;
+    Bank bank_;
+    Modbus modbus_;
+    Inputs inputs_ = {0, 0, false, false, false, false};
+    State entered_ = State::Boot;
+    uint32_t entered_ms_ = 0;
+    uint32_t contact_ms_ = 0;
+    uint32_t outside_ms_ = 0;     // last time the force was outside the settle band
+    uint16_t start_um_ = 0;       // actuator position at APPROACH
+    uint16_t contact_um_ = 0;
+    int16_t permille_ = 0;
+    uint16_t acknowledged_ = 0;
+    CommandResult result_ = CommandResult::None;
+    Pending pending_ = Pending::None;
+    State pending_goal_ = State::Idle;
+    uint16_t index_seen_ = 0;
+    int32_t index_expected_ = 0;  // position of the last mark, a multiple of a turn
+    int16_t index_error_ = 0;
+    bool contact_known_ = false;
+    bool locked_ = false;         // force mode 1: the force was reached, the actuator rests
+    bool homing_ = false, homed_ = false, tared_ = false;
+    bool backwards_ = false;
+    uint16_t cruise_speed_ = 0;   // 0.01 mm/s
+};
+
+#endif  // DRUM_H

@@ -1,0 +1,67 @@
+// Drum controller of the rig: an ATmega2560 that turns the drum, holds the contact force and
+// answers Modbus. This file only joins the pieces; it opens in the Arduino IDE, whose own
+// main() and timers stay out because main() is defined here.
+//
+// Interrupts move a step, a byte or a time stamp and wake the loop below; the loop thinks:
+//
+//     ISR step    → next pulse            ISR byte    → rings of chip_serial
+//     ISR ready   → amplifier::ready      ISR tick    → clock::take_ticks
+//     ISR e-stop  → outputs off at once   ISR index   → position of the mark
+#include <avr/interrupt.h>
+#include <avr/io.h>
+
+#include "chip.h"
+#include "chip_pins.h"
+#include "drum.h"
+
+static Drum drum;
+
+static void begin_all() {
+    store::begin();
+    stepper::begin();
+    bridge::begin();
+    estop::begin();
+    amplifier::begin();
+    serial::begin();
+    clock::begin();
+    health::begin();
+    sei();
+    drum.boot(health::watchdog_reset());
+}
+
+static void run_tick() {
+    bridge::start_reading();
+    amplifier::look();
+    store::tick();
+    Inputs inputs;
+    inputs.now_ms = clock::now_ms();
+    inputs.position_um = bridge::position_um();
+    inputs.estop_open = estop::take();
+    inputs.end_up = bridge::end_up();
+    inputs.end_down = bridge::end_down();
+    inputs.index_high = PINE & pins::INDEX;
+    drum.modbus().tick();
+    drum.tick(inputs);
+    if (stepper::breathing()) health::kick();
+}
+
+static void run_serial() {
+    const serial::Received received = serial::take();
+    if (received.damaged) drum.modbus().poison();
+    const uint16_t length = drum.modbus().take(received.byte);
+    if (length) serial::send(drum.modbus().reply(), length);
+}
+
+int main() {
+    begin_all();
+    for (;;) {
+        const uint8_t ticks = clock::take_ticks();
+        if (ticks > 1) health::count_late(ticks - 1);
+        for (uint8_t i = 0; i < ticks; ++i) run_tick();
+        if (amplifier::ready()) drum.sample(amplifier::read());
+        if (serial::available()) run_serial();
+        cli();
+        if (clock::pending() || amplifier::ready() || serial::available()) sei();
+        else health::sleep_until_interrupt();
+    }
+}

@@ -1,0 +1,111 @@
+#include "force_loop.h"
+
+#include <math.h>
+
+#include "board.h"  // actuator lag, sample period and delay
+
+namespace {
+
+constexpr float PERIOD_S = board::LOADCELL_PERIOD_US * 1e-6f;
+constexpr float LAG_S = board::ACTUATOR_LAG_S;
+constexpr float DELAY_S = board::LOADCELL_DELAY_S;
+constexpr float DECAY = 0.65924063f;  // exp(-PERIOD / LAG)
+constexpr float CONTACT_G = 8.0f;     // far above noise, far below any set force
+constexpr float COMPRESSION_GAIN = 0.5f;
+constexpr float RUN_OUT_GAIN = 0.6f;
+constexpr float MAX_DRIFT = 1.0f;     // mm/s
+constexpr float MAX_RUN_OUT = 0.5f;   // mm
+constexpr float PRIOR = 4e-4f;        // mm²: weight of the stiffness believed before
+constexpr float FORGETTING = 0.96f;
+constexpr float MOVING_MM = 0.004f;   // a period's travel below this says nothing of stiffness
+constexpr float TURNING_RAD_S = 0.1f;
+
+float limited(float value, float bound) {
+    return value > bound ? bound : value < -bound ? -bound : value;
+}
+
+}  // namespace
+
+void ForceLoop::begin(float stiffness_g_per_mm) {
+    stiffness_ = stiffness_g_per_mm;
+    sum_xx_ = PRIOR;
+    sum_xy_ = PRIOR * stiffness_;
+    command_ = speed_ = moved_ = moved_before_ = shown_ = pending_ = 0;
+    compression_ = drift_ = depth_ = 0;
+    contact_ = false;
+    since_contact_ = 0;
+    free_samples_ = 0;
+}
+
+void ForceLoop::advance_model() {
+    moved_before_ = moved_;
+    moved_ = command_ * PERIOD_S + (speed_ - command_) * LAG_S * (1 - DECAY);
+    speed_ = command_ + (speed_ - command_) * DECAY;
+    constexpr float LATE = DELAY_S / PERIOD_S;
+    shown_ = (1 - LATE) * moved_ + LATE * moved_before_;
+    pending_ = LATE * moved_;
+    depth_ += moved_;
+}
+
+void ForceLoop::look_for_contact(float force_g) {
+    if (!free_samples_) free_g_ = force_g;
+    if (free_samples_ < 255) ++free_samples_;
+    if (force_g - free_g_ < CONTACT_G) {
+        free_g_ += (force_g - free_g_) * 0.05f;
+        return;
+    }
+    contact_ = true;
+    depth_ = compression_ = (force_g - free_g_) / stiffness_;
+}
+
+void ForceLoop::learn_stiffness(float force_g) {
+    if (since_contact_ < 2 || fabsf(shown_) < MOVING_MM) return;
+    const float rise = force_g - last_g_;
+    sum_xx_ = sum_xx_ * FORGETTING + shown_ * shown_;
+    sum_xy_ = sum_xy_ * FORGETTING + shown_ * rise;
+    const float estimate = sum_xy_ / sum_xx_;
+    if (estimate > 50 && estimate < 5000) stiffness_ = estimate;
+}
+
+float ForceLoop::run_out_rate(float angle_rad, float rate_rad_s) const {
+    if (fabsf(rate_rad_s) < TURNING_RAD_S) return 0;
+    return rate_rad_s * (sine_ * cosf(angle_rad) - cosine_ * sinf(angle_rad));
+}
+
+void ForceLoop::correct(float force_g, const DrumTurn &turn) {
+    const float seen_at = turn.angle_rad - turn.rate_rad_s * (DELAY_S + PERIOD_S / 2);
+    const float surface = drift_ + run_out_rate(seen_at, turn.rate_rad_s);
+    compression_ += shown_ + surface * PERIOD_S;
+    const float surprise = force_g / stiffness_ - compression_;
+    compression_ += COMPRESSION_GAIN * surprise;
+    if (fabsf(turn.rate_rad_s) < TURNING_RAD_S) return;
+    const float share = RUN_OUT_GAIN * surprise / turn.rate_rad_s;
+    sine_ = limited(sine_ + share * cosf(seen_at), MAX_RUN_OUT);
+    cosine_ = limited(cosine_ - share * sinf(seen_at), MAX_RUN_OUT);
+}
+
+void ForceLoop::observe(float force_g, const DrumTurn &turn) {
+    advance_model();
+    if (!contact_) look_for_contact(force_g);
+    else {
+        if (since_contact_ < 65535) ++since_contact_;
+        learn_stiffness(force_g);
+        correct(force_g, turn);
+    }
+    last_g_ = force_g;
+}
+
+float ForceLoop::update(float force_g, const ForceTarget &target, const DrumTurn &turn) {
+    observe(force_g, turn);
+    float speed = target.speed_limit;
+    if (contact_) {
+        const float missing_before = force_g / stiffness_ - compression_;
+        drift_ = limited(drift_ + target.gain_i * missing_before, MAX_DRIFT);
+        const float ahead = turn.angle_rad + turn.rate_rad_s * LAG_S;
+        const float surface = drift_ + run_out_rate(ahead, turn.rate_rad_s);
+        const float now = compression_ + pending_ + surface * DELAY_S;
+        speed = target.gain_p * (target.force_g / stiffness_ - now) - surface;
+    }
+    command_ = limited(speed, target.speed_limit);
+    return command_;
+}

@@ -1,0 +1,66 @@
+// Holds a contact force by moving the actuator, once per load-cell sample.
+//
+// The loop thinks in millimetres of compression: force over stiffness. The actuator is a speed
+// source with a lag, so a model of it tells how far it has gone since the moment that the
+// newest sample shows; the loop acts on the compression as it is now, not as it was. What the
+// model cannot explain is learned as a rate of the surface: a slow part, which is the integral
+// action, and one period per drum turn, which is the run-out and is known by the drum's angle.
+// The model sees the limited command, so nothing winds up.
+//
+// Gains are scaled by the stiffness, and the stiffness is estimated while the force rises.
+#ifndef FORCE_LOOP_H
+#define FORCE_LOOP_H
+
+#include <stdint.h>
+
+struct ForceTarget {
+    float force_g;
+    float gain_p;       // 1/s: speed of approach per compression missing
+    float gain_i;       // 1/s²: how fast an unexplained rate is learned
+    float speed_limit;  // mm/s
+};
+
+struct DrumTurn {
+    float angle_rad;
+    float rate_rad_s;
+};
+
+class ForceLoop {
+  public:
+    // Free of contact, before pressing down.
+    void begin(float stiffness_g_per_mm);
+    // One load-cell sample; returns the actuator speed in mm/s, positive presses.
+    float update(float force_g, const ForceTarget &target, const DrumTurn &turn);
+    // The same bookkeeping while somebody else decides the speed.
+    void observe(float force_g, const DrumTurn &turn);
+    // Tells the model what speed was really asked of the actuator.
+    void commanded(float speed_mm_s) { command_ = speed_mm_s; }
+    // The drum's angle got a new zero: what was learned by angle is worthless.
+    void forget_run_out() { cosine_ = sine_ = 0; }
+
+    bool in_contact() const { return contact_; }
+    float stiffness() const { return stiffness_; }
+    // Travel since contact as the model knows it, mm.
+    float depth_mm() const { return depth_; }
+
+  private:
+    void advance_model();
+    void look_for_contact(float force_g);
+    void learn_stiffness(float force_g);
+    void correct(float force_g, const DrumTurn &turn);
+    float run_out_rate(float angle_rad, float rate_rad_s) const;
+
+    float command_ = 0, speed_ = 0;        // mm/s, asked for and modelled
+    float moved_ = 0, moved_before_ = 0;   // mm in the last two periods
+    float shown_ = 0, pending_ = 0;        // mm that the sample shows, and does not show yet
+    float free_g_ = 0, last_g_ = 0;
+    float compression_ = 0, drift_ = 0;    // mm, mm/s
+    float cosine_ = 0, sine_ = 0;          // run-out, mm
+    float stiffness_ = 600, sum_xx_ = 0, sum_xy_ = 0;
+    float depth_ = 0;
+    uint16_t since_contact_ = 0;
+    uint8_t free_samples_ = 0;
+    bool contact_ = false;
+};
+
+#endif  // FORCE_LOOP_H

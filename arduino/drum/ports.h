@@ -1,0 +1,55 @@
+// What the drum's brain asks of its body. The chip implements it (chip_*.cpp), and so do the
+// PC tests, whose body is a little model of the bench.
+#ifndef PORTS_H
+#define PORTS_H
+
+#include <stdint.h>
+
+#include "step_engine.h"  // motions
+
+namespace ports {
+
+struct SyncLine {
+    uint32_t rise_us, fall_us;
+    uint16_t count;
+    bool high;
+};
+
+struct IndexMark {
+    int32_t position;  // steps at the mark's leading edge, whichever way the drum turned
+    uint16_t count;
+};
+
+struct Health {
+    uint16_t late_ticks, longest_isr_us, free_stack_bytes, idle_permille;
+    uint16_t boot_count, reset_cause;
+};
+
+uint32_t now_us();
+Health health();
+
+void enable_stepper(bool on);
+void start(const Motion &motion);
+void stop_gently();  // ramps down
+void stop_at_once();
+bool moving();
+bool at_speed();
+uint32_t step_interval();
+int32_t position();
+void shift_position(int32_t by);
+SyncLine sync_line();
+IndexMark index_mark();
+
+// Whether the emergency stop's wire is there at all; without it the input means nothing.
+void watch_estop(bool fitted);
+void enable_bridge(bool on);
+void drive(int16_t permille);  // positive presses
+
+// Settings that outlive the power. save() begins a write that takes a byte a tick.
+bool load(uint16_t *words, uint8_t count);
+void save(const uint16_t *words, uint8_t count);
+bool saving();
+
+}  // namespace ports
+
+#endif  // PORTS_H
