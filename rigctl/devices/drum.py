@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from rigctl.devices.identity import drum_identity
+from rigctl.devices.identity import WhosThere, drum_identity, explain
 from rigctl.devices.link import BoardRebooted, ByteLink
 from rigctl.devices.modbus import DRAIN_S, SILENCE_S, ModbusLine, Refused
 from rigctl.errors import BoardFault, CommandRefused, LinkLost, RigFault, WrongBoard
@@ -45,18 +45,30 @@ class Drum:
 
     identity: BoardIdentity
 
-    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(
+        self,
+        link: ByteLink,
+        loop: asyncio.AbstractEventLoop,
+        whos_there: WhosThere | None = None,
+    ) -> None:
         self.link = link
         self.line = ModbusLine(link, loop)
         self.rebooted = False
         self.settings: dict[str, float] = {}
         self._loop = loop
+        self._whos_there = whos_there
         self._decoder = PollDecoder()
+        self._connected = False
         self._boot_count: int | None = None
         self._beat = 0
         self._sequence = 0
         self._tare_sequence: int | None = None
         self._consumers: list[OnState] = []
+
+    @property
+    def connected(self) -> bool:
+        """True from a successful connect until the link is closed or lost."""
+        return self._connected and self.link.is_open
 
     @property
     def state(self) -> DrumState | None:
@@ -72,13 +84,16 @@ class Drum:
 
         Raises LinkLost where nobody answers in time, WrongBoard where somebody else does.
         """
+        self._connected = False
         await self.line.open()
         try:
             identity = drum_identity(self.link.name, await self._first_answer())
             await self._take_settings()
-        except BaseException:
+        except BaseException as failure:
             self.line.close()
+            await explain(failure, self._whos_there if self._boot_count is None else None)
             raise
+        self._connected = True
         self.rebooted = self._boot_count not in (None, identity.boot_count)
         self._boot_count = identity.boot_count
         self.identity = identity

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
-from rigctl.errors import WrongBoard
+from collections.abc import Awaitable, Callable
+
+from rigctl.errors import LinkLost, WrongBoard
 from rigctl.values import N_TAXELS, BoardIdentity
 from rigctl.wire import drum_map as table
 from rigctl.wire.drum_map import BOARD_TAXELS, MAGIC
 from rigctl.wire.taxels import WIRE_VERSION, TaxelIdentity
+
+WhosThere = Callable[[], Awaitable[str]]
+"""Asks a port that did not answer as expected; a sentence, or nothing where nobody answers."""
+
+
+async def explain(failure: BaseException, whos_there: WhosThere | None) -> None:
+    """Raise WrongBoard with the sentence of ``whos_there``, where it has a better one."""
+    if whos_there is not None and isinstance(failure, LinkLost | WrongBoard):
+        sentence = await whos_there()
+        if sentence:
+            raise WrongBoard(sentence) from failure
 
 
 def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:

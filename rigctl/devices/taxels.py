@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rigctl.devices.identity import taxel_identity
+from rigctl.devices.identity import WhosThere, explain, taxel_identity
 from rigctl.devices.link import BoardRebooted, ByteLink
 from rigctl.errors import LinkLost, RigFault, WrongBoard
 from rigctl.values import Block, BoardIdentity
@@ -52,13 +52,19 @@ class Taxels:
 
     identity: BoardIdentity
 
-    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(
+        self,
+        link: ByteLink,
+        loop: asyncio.AbstractEventLoop,
+        whos_there: WhosThere | None = None,
+    ) -> None:
         self.link = link
         self.status: TaxelStatus | None = None
         self.counters = TaxelCounters()
         self.rebooted = False
         self.last_block_at_s: float | None = None
         self._loop = loop
+        self._whos_there = whos_there
         self._decoder = FrameDecoder()
         self._boot_count: int | None = None
         self._answer: asyncio.Future[TaxelIdentity] | None = None
@@ -66,6 +72,11 @@ class Taxels:
         self._heard_s = 0.0
         self._on_block: list[OnBlock] = []
         self._on_fault: list[OnFault] = []
+
+    @property
+    def connected(self) -> bool:
+        """True from a successful connect until the link is closed or lost."""
+        return self._watch is not None
 
     def on_block(self, consumer: OnBlock) -> None:
         """Have ``consumer`` called with every block, in order, in the loop's thread.
@@ -89,8 +100,9 @@ class Taxels:
         self.link.open(self._received, self._lost)
         try:
             identity = taxel_identity(self.link.name, await self._first_answer())
-        except BaseException:
+        except BaseException as failure:
             self.close()
+            await explain(failure, self._whos_there if self._boot_count is None else None)
             raise
         self.rebooted = self._boot_count not in (None, identity.boot_count)
         self._boot_count = identity.boot_count

@@ -1,0 +1,62 @@
+"""``rigctl ports``: which serial ports there are, and which board answers on each."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+from typing import Any
+
+from rigctl.devices.ports import PortReport, look_at_all
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "ports",
+        help="list serial ports and the board on each",
+        description="Ask every serial port which board is there. Opening a port resets its board.",
+    )
+    parser.add_argument("port", nargs="*", help="ask these ports only")
+    parser.add_argument("--json", action="store_true", help="one JSON list")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask the ports and print what answered."""
+    with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
+        reports = runner.run(_look(args.port))
+    if args.json:
+        print(json.dumps([_as_json(report) for report in reports]))
+    elif not reports:
+        print("no serial port found: plug a board in")
+    for report in reports if not args.json else ():
+        print(_as_line(report))
+    return 0
+
+
+async def _look(ports: list[str]) -> list[PortReport]:
+    return await look_at_all(asyncio.get_running_loop(), ports)
+
+
+def _as_line(report: PortReport) -> str:
+    board = report.identity
+    if board is None:
+        return f"{report.port}: {report.text}"
+    return (
+        f"{report.port}: {board.board} board, firmware {board.firmware_version}, "
+        f"build {board.build_hash}, boot {board.boot_count}"
+    )
+
+
+def _as_json(report: PortReport) -> dict[str, object]:
+    board = report.identity
+    return {
+        "port": report.port,
+        "description": report.description,
+        "board": board.board if board else None,
+        "firmware": board.firmware_version if board else None,
+        "build": board.build_hash if board else None,
+        "boot_count": board.boot_count if board else None,
+        "text": report.text,
+    }

@@ -1,0 +1,91 @@
+"""Which ports there are, what opens them, and who answers where."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from serial.tools import list_ports
+
+from rigctl.devices.drum import Drum
+from rigctl.devices.link import ByteLink
+from rigctl.devices.serial_link import SerialLink
+from rigctl.devices.taxels import Taxels
+from rigctl.devices.tcp_link import SCHEME, TcpLink
+from rigctl.errors import LinkLost, RigFault
+from rigctl.values import BoardIdentity
+from rigctl.wire import drum_map, taxels
+
+DRUM, TAXELS = "drum", "taxels"
+TAXELS_GATHER_S = 0.01
+"""The stream of the taxels is read in pieces of 10 ms; one thread wakes 100 times a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class PortReport:
+    """A port, and who answered on it: an identity, or a sentence why nobody did."""
+
+    port: str
+    description: str
+    identity: BoardIdentity | None
+    text: str
+
+
+def open_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteLink:
+    """A link, not opened yet, with the settings of ``board``.
+
+    ``port`` is a serial port, or ``tcp://HOST:PORT`` of ``rigctl serve``.
+    """
+    if port.startswith(SCHEME):
+        return TcpLink(port, loop)
+    if board == DRUM:
+        return SerialLink(port, drum_map.BAUD, loop)
+    return SerialLink(port, taxels.BAUD, loop, TAXELS_GATHER_S)
+
+
+async def ask(port: str, board: str, loop: asyncio.AbstractEventLoop) -> BoardIdentity:
+    """Ask ``port`` in the language of ``board``; the port is closed again. Raises RigFault."""
+    link = open_link(port, board, loop)
+    device = Drum(link, loop) if board == DRUM else Taxels(link, loop)
+    try:
+        return await device.connect()
+    finally:
+        device.close()
+
+
+async def look(port: str, description: str, loop: asyncio.AbstractEventLoop) -> PortReport:
+    """Ask one port in both languages."""
+    reason = ""
+    for board in (DRUM, TAXELS):
+        try:
+            return PortReport(port, description, await ask(port, board, loop), "")
+        except LinkLost as lost:
+            reason = str(lost)
+            if "answered" not in reason:
+                break
+        except RigFault as refusal:
+            reason = str(refusal)
+    return PortReport(port, description, None, _nobody(port, reason))
+
+
+async def look_at_all(
+    loop: asyncio.AbstractEventLoop, ports: Sequence[str] = ()
+) -> list[PortReport]:
+    """Ask every serial port there is, or those named, all at once."""
+    found = [(port, "") for port in ports] or [
+        (info.device, info.description or "") for info in sorted(list_ports.comports())
+    ]
+    return list(await asyncio.gather(*(look(port, text, loop) for port, text in found)))
+
+
+async def find_boards(loop: asyncio.AbstractEventLoop) -> dict[str, str]:
+    """The port of each board that answers, by the board's name."""
+    reports = await look_at_all(loop)
+    return {r.identity.board: r.port for r in reports if r.identity is not None}
+
+
+def _nobody(port: str, reason: str) -> str:
+    if "answered" in reason:
+        return "no rigctl board answered"
+    return reason.removeprefix(f"{port}: ")

@@ -1,0 +1,188 @@
+"""One way to open every rig: boards and clock, and nobody else knows which kind it is.
+
+A rig is two boards on two links and the loop whose clock they live by. At the bench the links
+are ports and the clock is the wall's; on a simulated rig both come from the simulation.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rigctl.config import RigConfig, load_config
+from rigctl.devices.drum import Drum
+from rigctl.devices.ports import DRUM, TAXELS, ask, find_boards, open_link
+from rigctl.devices.taxels import Taxels
+from rigctl.errors import LinkLost, RigFault, WrongUse
+from rigctl.resources import firmware_image
+from rigctl.values import BoardIdentity
+
+if TYPE_CHECKING:
+    from rigctl.world.parameters import WorldParameters
+    from rigctl.world.simulation import FaultPanel, Simulation
+
+VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
+OTHER = {DRUM: TAXELS, TAXELS: DRUM}
+
+
+class Rig:
+    """Two boards, the loop they live by, and what is known of the bench around them.
+
+    ``kind`` is virtual, firmware or bench. ``faults`` makes things go wrong on a simulated
+    rig, and is None at the bench.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        description: str,
+        config: RigConfig,
+        loop: asyncio.AbstractEventLoop,
+        drum: Drum,
+        taxels: Taxels,
+        simulation: Simulation | None = None,
+    ) -> None:
+        self.kind = kind
+        self.description = description
+        self.config = config
+        self.loop = loop
+        self.drum = drum
+        self.taxels = taxels
+        self.simulation = simulation
+
+    @property
+    def simulated(self) -> bool:
+        """True where no bench stands behind the boards."""
+        return self.simulation is not None
+
+    @property
+    def faults(self) -> FaultPanel | None:
+        """What can be made to go wrong; None at the bench."""
+        return self.simulation.faults if self.simulation else None
+
+    def set_plate(self, texture: str) -> bool:
+        """True where the plate changed by itself, False where a person has to change it."""
+        if self.simulation is None:
+            return False
+        self.simulation.set_plate(texture)
+        return True
+
+    def save_truth(self, folder: Path) -> None:
+        """Store beside a session what the simulated world knows to be true; nothing at a bench."""
+        if self.simulation is not None:
+            from rigctl.session.truth import write_truth
+
+            write_truth(folder, self.simulation.truth.arrays())
+
+    def close(self) -> None:
+        """Free ports and boards, then the loop, unless it still runs."""
+        self.drum.close()
+        self.taxels.close()
+        if self.simulation is not None:
+            self.simulation.close()
+        if not self.loop.is_running():
+            self.loop.close()
+
+
+def open_rig(
+    spec: str,
+    *,
+    seed: int = 0,
+    paced: bool = True,
+    config: RigConfig | None = None,
+    parameters: WorldParameters | None = None,
+) -> Rig:
+    """Open ``virtual``, ``firmware``, or the rig that a ``rig.toml`` describes.
+
+    ``seed`` and ``parameters`` shape a simulated world; ``paced`` keeps it to real time. Opening
+    asks no board anything: ``rig.drum.connect()`` and ``rig.taxels.connect()`` do. Raises
+    WrongUse for a rig that does not exist, ConfigError for a description that cannot be used.
+    """
+    if spec in (VIRTUAL, FIRMWARE):
+        return _simulated_rig(spec, seed, paced, config or RigConfig(), parameters)
+    path = Path(spec)
+    if not path.is_file():
+        raise WrongUse(f"there is no rig {spec}: give virtual, firmware, or a rig.toml")
+    return _bench(path, config or load_config(path))
+
+
+def _simulated_rig(
+    kind: str, seed: int, paced: bool, config: RigConfig, parameters: WorldParameters | None
+) -> Rig:
+    from rigctl.world.loop import WorldLoop
+
+    simulation = _open_simulation(kind, seed, parameters)
+    loop = WorldLoop(simulation, 1.0 if paced else None)
+    return Rig(
+        kind,
+        f"simulated bench, {kind} boards, seed {seed}",
+        config,
+        loop,
+        Drum(simulation.drum, loop),
+        Taxels(simulation.taxels, loop),
+        simulation,
+    )
+
+
+def _open_simulation(kind: str, seed: int, parameters: WorldParameters | None) -> Simulation:
+    from rigctl.world.parameters import WorldParameters as Nominal
+
+    if kind == VIRTUAL:
+        from rigctl.world.virtual import open_virtual
+
+        return open_virtual(parameters or Nominal(), seed)
+    images = firmware_image(DRUM), firmware_image(TAXELS)
+    from rigctl.world.chips import open_chips
+
+    return open_chips(parameters or Nominal(), seed, *images)
+
+
+def _bench(path: Path, config: RigConfig) -> Rig:
+    loop = asyncio.SelectorEventLoop()
+    try:
+        ports = _ports(config, loop)
+        drum = Drum(
+            open_link(ports[DRUM], DRUM, loop), loop, _whos_there(path, ports[DRUM], DRUM, loop)
+        )
+        taxels = Taxels(
+            open_link(ports[TAXELS], TAXELS, loop),
+            loop,
+            _whos_there(path, ports[TAXELS], TAXELS, loop),
+        )
+    except BaseException:
+        loop.close()
+        raise
+    return Rig(BENCH, config.about.name, config, loop, drum, taxels)
+
+
+def _ports(config: RigConfig, loop: asyncio.AbstractEventLoop) -> dict[str, str]:
+    """The two ports; those that the description leaves out are found by asking."""
+    ports = {DRUM: config.ports.drum, TAXELS: config.ports.taxels}
+    if not all(ports.values()):
+        found = loop.run_until_complete(find_boards(loop))
+        ports = {board: port or found.get(board, "") for board, port in ports.items()}
+    for board, port in ports.items():
+        if not port:
+            raise LinkLost(
+                f"no port answered as the {board} board: plug it in; "
+                "rigctl ports lists what is there"
+            )
+    return ports
+
+
+def _whos_there(
+    path: Path, port: str, board: str, loop: asyncio.AbstractEventLoop
+) -> Callable[[], Awaitable[str]]:
+    """Asks, after ``board`` did not answer on ``port``, whether the other one does."""
+    return partial(_stranger, path, port, OTHER[board], loop)
+
+
+async def _stranger(path: Path, port: str, other: str, loop: asyncio.AbstractEventLoop) -> str:
+    try:
+        identity: BoardIdentity = await ask(port, other, loop)
+    except RigFault:
+        return ""
+    return f"{port}: the {identity.board} board answers there: swap the ports in {path}"

@@ -1,0 +1,167 @@
+"""Boards on pseudo-terminals: found by asking, named when they stand on each other's port."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import threading
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rigctl.cli import ports as ports_command
+from rigctl.devices import drum as drum_module
+from rigctl.devices import taxels as taxels_module
+from rigctl.devices.ports import find_boards, look_at_all
+from rigctl.errors import LinkLost, WrongBoard, WrongUse
+from rigctl.rig import open_rig
+from tests.devices.bench import RegisterBoard
+from tests.devices.test_taxels import StreamingBoard
+
+
+def ports_cli(argv: list[str]) -> int:
+    parser = argparse.ArgumentParser()
+    ports_command.add_parser(parser.add_subparsers())
+    return ports_command.run(parser.parse_args(argv))
+
+
+class TerminalLink:
+    """The board's end of a pseudo-terminal, served by a loop in a thread of its own."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        self.path = os.ttyname(self.slave)
+        self.board = lambda data: None
+        self._loop = loop
+
+    def start(self) -> None:
+        self._loop.add_reader(self.master, lambda: self.board(os.read(self.master, 1000)))
+
+    def say(self, data: bytes, after_s: float = 0.0) -> None:
+        self._loop.call_later(after_s, os.write, self.master, data)
+
+    def close(self) -> None:
+        os.close(self.master)
+        os.close(self.slave)
+
+
+class Terminals:
+    """A drum, a taxel board and nobody, each on a pseudo-terminal."""
+
+    def __init__(self) -> None:
+        self.loop = asyncio.new_event_loop()
+        self.drum, self.taxels, self.nobody = (TerminalLink(self.loop) for _ in range(3))
+        RegisterBoard(self.loop, self.drum)  # type: ignore[arg-type]
+        self.loop.call_soon(StreamingBoard, self.loop, self.taxels)
+        for link in (self.drum, self.taxels):
+            self.loop.call_soon(link.start)
+        self.thread = threading.Thread(target=self.loop.run_forever)
+        self.thread.start()
+
+    def close(self) -> None:
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self.thread.join()
+        self.loop.close()
+        for link in (self.drum, self.taxels, self.nobody):
+            link.close()
+
+
+@pytest.fixture
+def terminals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminals]:
+    for module in (drum_module, taxels_module):
+        monkeypatch.setattr(module, "ANSWER_S", 0.4)
+    there = Terminals()
+    yield there
+    there.close()
+
+
+def test_every_port_is_asked_who_is_there(
+    terminals: Terminals, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    paths = [terminals.drum.path, terminals.taxels.path, terminals.nobody.path]
+    assert ports_cli(["ports", "--json", *paths, str(tmp_path / "none")]) == 0
+    drum, taxels, nobody, none = json.loads(capsys.readouterr().out)
+    assert (drum["port"], drum["board"], drum["firmware"]) == (paths[0], "drum", "1.3")
+    assert (taxels["port"], taxels["board"], taxels["boot_count"]) == (paths[1], "taxels", 7)
+    assert (nobody["board"], nobody["text"]) == (None, "no rigctl board answered")
+    assert none["text"].startswith("there is no such port")
+    assert ports_cli(["ports", paths[0]]) == 0
+    assert capsys.readouterr().out == (
+        f"{paths[0]}: drum board, firmware 1.3, build 00c0ffee, boot 41\n"
+    )
+
+
+def test_swapped_ports_are_named(terminals: Terminals, tmp_path: Path) -> None:
+    description = tmp_path / "rig.toml"
+    ports = f'drum = "{terminals.taxels.path}"\ntaxels = "{terminals.drum.path}"\n'
+    description.write_text(f"[ports]\n{ports}")
+    rig = open_rig(str(description))
+    assert (rig.kind, rig.simulated, rig.faults) == ("bench", False, None)
+    assert not rig.set_plate("A")
+    try:
+        with pytest.raises(WrongBoard, match="the taxels board answers there: swap the ports in"):
+            rig.loop.run_until_complete(rig.drum.connect())
+        with pytest.raises(WrongBoard, match="the drum board answers there: swap the ports in"):
+            rig.loop.run_until_complete(rig.taxels.connect())
+    finally:
+        rig.close()
+
+
+def test_a_described_rig_connects_and_polls(terminals: Terminals, tmp_path: Path) -> None:
+    description = tmp_path / "rig.toml"
+    ports = f'drum = "{terminals.drum.path}"\ntaxels = "{terminals.taxels.path}"\n'
+    description.write_text(f"[ports]\n{ports}")
+    rig = open_rig(str(description))
+    try:
+        assert rig.loop.run_until_complete(rig.drum.connect()).board == "drum"
+        assert rig.loop.run_until_complete(rig.taxels.connect()).board == "taxels"
+        assert rig.loop.run_until_complete(rig.drum.poll()).values["heartbeat_seen"] == 1
+        assert rig.drum.connected
+        assert rig.taxels.connected
+    finally:
+        rig.close()
+    assert not rig.drum.connected
+    assert not rig.taxels.connected
+
+
+def test_boards_without_a_named_port_are_looked_for(
+    terminals: Terminals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def found() -> dict[str, str]:
+        return await find_boards(asyncio.get_running_loop())
+
+    class Info:
+        def __init__(self, device: str) -> None:
+            self.device, self.description = device, "pty"
+
+        def __lt__(self, other: Info) -> bool:
+            return self.device < other.device
+
+    there = [Info(terminals.taxels.path), Info(terminals.drum.path)]
+    monkeypatch.setattr("rigctl.devices.ports.list_ports.comports", lambda: there)
+    assert asyncio.run(found()) == {
+        "drum": terminals.drum.path,
+        "taxels": terminals.taxels.path,
+    }
+
+
+def test_no_port_and_no_such_rig_are_one_sentence_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rigctl.devices.ports.list_ports.comports", list)
+    empty = tmp_path / "rig.toml"
+    empty.write_text("")
+    with pytest.raises(LinkLost, match="no port answered as the drum board: plug it in"):
+        open_rig(str(empty))
+    with pytest.raises(WrongUse, match="there is no rig vitrual: give virtual, firmware, or a"):
+        open_rig("vitrual")
+    assert asyncio.run(_none()) == []
+
+
+async def _none() -> list[object]:
+    return list(await look_at_all(asyncio.get_running_loop()))
