@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from rigctl.world.loadcell import Loadcell
@@ -31,8 +33,10 @@ class Bench:
         self.loadcell = Loadcell(parameters, seed, self.plant, self.disturbances)
         self._truth = Truth()
         self._logged_ms = 0
+        self._logged_level = 0
         self._plates = 0
-        self._sync_level = 0
+        self.sync_level = 0
+        self.on_sync: Callable[[int, int], None] | None = None
         self._sync_edges: list[tuple[int, int]] = []
         self.set_plate("A")
 
@@ -57,8 +61,11 @@ class Bench:
         self.plant.disturb(self.disturbances.motor_jammed, self.disturbances.push_g)
 
     def sync(self, level: int, at_us: int) -> None:
-        """The drum board drives the sync line to this level."""
+        """The drum board drives the sync line to this level; ``on_sync(level, at_us)`` hears."""
+        self.sync_level = level
         self._sync_edges.append((at_us, level))
+        if self.on_sync is not None:
+            self.on_sync(level, at_us)
 
     def advance(
         self,
@@ -81,10 +88,10 @@ class Bench:
             return
         places = self.plant.log[np.append(times_ms[0] - 1, times_ms) % RING_MS, DRUM_MM]
         force = self.plant.log[times_ms % RING_MS, FORCE_G]
-        sync = np.full(times_ms.size, self._sync_level, np.uint8)
+        sync = np.full(times_ms.size, self._logged_level, np.uint8)
         for at_us, level in self._sync_edges:
             sync[times_ms * 1000 >= at_us] = level
-            self._sync_level = level
+        self._logged_level = self.sync_level
         self._sync_edges.clear()
         self._truth.append(np.diff(places) * 1e3, force, sync)
         self._logged_ms = self.plant.time_ms

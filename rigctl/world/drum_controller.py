@@ -1,0 +1,471 @@
+"""The virtual drum's brain: walks the table of states, supervises, obeys commands.
+
+It behaves as the firmware does, event by event: a conversion of the load cell, a timer, an
+index mark, the end of a move, a command. Times are world microseconds; the board's own clock
+runs ``clock`` times as fast.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from enum import Enum
+
+from rigctl.wire.drum_map import SETTINGS, Command, CommandResult, ForceMode
+from rigctl.wire.drum_states import LIFT_FAULTS, OUTPUTS, Event, Fault, State, next_state
+from rigctl.world.bench import Bench
+from rigctl.world.drum_actuator import ActuatorDrive
+from rigctl.world.drum_force import ForceLoop, Target
+from rigctl.world.drum_loadcell import PERIOD_US, SILENCE_PERIODS, LoadcellWatch
+from rigctl.world.drum_motion import DrumMotion
+from rigctl.world.drum_registers import RegisterBank
+from rigctl.world.drum_turner import Turner
+
+BOOT_US = 10_000
+SELFTEST_LIMIT_US = 500_000
+LIFT_US = 700_000
+FAR_MM_S, SEARCH_MM_S, LIFT_MM_S = 8.0, 2.5, 10.0
+NEAR_MM = 1.5
+POSITION_BAND_MM = 0.06
+POSITION_GAIN = 4.0
+
+UNSUPERVISED = frozenset(
+    {State.BOOT, State.SELFTEST, State.IDLE, State.FAULT_LIFT, State.FAULT_OFF}
+)
+RESTING = frozenset({State.IDLE, State.ARMED})
+
+
+class Timer(Enum):
+    """What the controller waits for besides its inputs."""
+
+    BOOT = "boot"
+    SELFTEST = "selftest"
+    HEARTBEAT = "heartbeat"
+    SILENCE = "silence"
+    APPROACH = "approach"
+    LIFT = "lift"
+
+
+_EVENTS = {
+    Command.ARM: Event.ARM,
+    Command.DISARM: Event.DISARM,
+    Command.MOVE: Event.MOVE,
+    Command.HOME: Event.MOVE,
+    Command.APPROACH: Event.APPROACH,
+    Command.RUN: Event.RUN,
+    Command.RETRACT: Event.RETRACT,
+    Command.STOP: Event.STOP,
+    Command.CLEAR: Event.CLEAR,
+}
+_GOALS = {
+    Command.ARM: State.ARMED,
+    Command.DISARM: State.IDLE,
+    Command.MOVE: State.ARMED,
+    Command.HOME: State.ARMED,
+    Command.APPROACH: State.HOLD,
+    Command.RUN: State.HOLD,
+    Command.RETRACT: State.ARMED,
+    Command.CLEAR: State.IDLE,
+}
+
+
+class Controller:
+    """The drum board between wire and bench, from one boot to the next."""
+
+    def __init__(
+        self, bench: Bench, motion: DrumMotion, bank: RegisterBank, clock: float, at_us: int
+    ) -> None:
+        self._bench = bench
+        self._bank = bank
+        self._clock = clock
+        self._boot_us = self.now_us = at_us
+        self.state = State.BOOT
+        self.fault = Fault.NONE
+        self.fault_at_us = 0
+        self.acknowledged = 0
+        self.result = CommandResult.NONE
+        self.saved: dict[str, int] = {}
+        self.cell = LoadcellWatch()
+        self.force = ForceLoop()
+        self.turner = Turner(bench, motion, clock, at_us)
+        p = bench.parameters
+        self.actuator = ActuatorDrive(bench.plant, p.actuator_travel_mm, p.potentiometer_counts)
+        self.settled = self.tared = False
+        self.contact_mm: float | None = None
+        self._goal: State | None = None
+        self._silent = True
+        self._beat_us = self._outside_us = at_us
+        self._start_mm = 0.0
+        self._timers = {Timer.BOOT: at_us + BOOT_US}
+
+    # What happens to it
+
+    @property
+    def next_us(self) -> float:
+        """When :meth:`pass_time` must be called next."""
+        planned = self.turner.motion.next_us
+        waits = [*self._timers.values(), math.inf if planned is None else planned]
+        return min(waits)
+
+    def board_us(self, at_us: int) -> int:
+        """The board's own clock, not wrapped."""
+        return int((at_us - self._boot_us) * self._clock)
+
+    def pass_time(self, now_us: int) -> None:
+        """Do what is due by now."""
+        self.now_us = now_us
+        self.turner.motion.pass_time(now_us)
+        for timer in [t for t, at_us in self._timers.items() if at_us <= now_us]:
+            if self._timers.get(timer, math.inf) <= now_us:
+                del self._timers[timer]
+                self._timer_handlers()[timer]()
+
+    def conversion(self, now_us: int, raw: int) -> None:
+        """The load cell's amplifier offers a reading."""
+        self.now_us = now_us
+        self._silent = False
+        self._wait(Timer.SILENCE, SILENCE_PERIODS * PERIOD_US)
+        self.cell.tare_counts = self._setting("tare_counts")
+        self.cell.ug_per_count = self._setting("scale_ug_per_count")
+        self.cell.take(raw, self.board_us(now_us))
+        self._check_loadcell()
+        if self.state is State.SELFTEST:
+            self._go(Event.SELFTEST_PASSED)
+        self._finish_tare()
+        self._press()
+
+    def index_mark(self, at_us: int) -> None:
+        """An index mark began."""
+        self.now_us = max(self.now_us, at_us)
+        good = self.turner.mark(at_us, self._bank.settings, self._move_done)
+        if not good and self._fitted(1):
+            self.raise_fault(Fault.STEP_COUNT)
+
+    def limit_reached(self, now_us: int) -> None:
+        """The actuator reached a limit that was asked for, or its end."""
+        self.now_us = now_us
+        drive = self.actuator.duty
+        self.actuator.off()
+        if drive < 0.0:
+            self._lifted()
+        elif self.actuator.at_lower_end:
+            self.raise_fault(Fault.ACTUATOR_END)
+        elif self.state is State.APPROACH and not self.force.in_contact:
+            self.raise_fault(Fault.NO_CONTACT)
+
+    def estop_changed(self, now_us: int) -> None:
+        """The emergency-stop contact opened or closed."""
+        self.now_us = now_us
+        if self.estop_open and self.state is not State.BOOT:
+            self.raise_fault(Fault.ESTOP)
+
+    def beat(self, now_us: int) -> None:
+        """The computer shows that it is alive."""
+        self._beat_us = now_us
+        if Timer.HEARTBEAT in self._timers:
+            self._wait(Timer.HEARTBEAT, 1000 * self._setting("heartbeat_limit_ms"))
+
+    def command(self, now_us: int, command: Command, sequence: int) -> bool:
+        """Begin a command; False where the state or a present cause refuses it."""
+        self.now_us = now_us
+        if not self._accepts(command):
+            return False
+        self.acknowledged, self.result = sequence, CommandResult.RUNNING
+        self._goal = _GOALS.get(command)
+        event = _EVENTS.get(command)
+        if command is Command.STOP:
+            self._goal = State.ARMED if self._stops_something() else self.state
+        if event is not None:
+            self._go(event)
+        self._commands()[command]()
+        return True
+
+    def raise_fault(self, fault: Fault) -> None:
+        """Latch the fault unless one is latched, and go where the table says."""
+        if self.fault is Fault.NONE:
+            self.fault, self.fault_at_us = fault, self.board_us(self.now_us)
+        self._go(Event.TIMED_FAULT if fault in LIFT_FAULTS else Event.OFF_FAULT)
+
+    # What it knows
+
+    @property
+    def estop_open(self) -> bool:
+        """The emergency stop is pressed and fitted."""
+        return self._bench.disturbances.estop_pressed and self._fitted(0)
+
+    @property
+    def causes(self) -> list[Fault]:
+        """Faults whose cause is present now."""
+        found = [] if self._silent or not self.cell.sequence else self.cell.faults()
+        if self._silent:
+            found.append(Fault.LOADCELL_SILENT)
+        elif self.cell.force_g > 0.1 * self._setting("over_force"):
+            found.append(Fault.OVER_FORCE)
+        if self.estop_open:
+            found.append(Fault.ESTOP)
+        limit_us = 1000 * self._setting("heartbeat_limit_ms")
+        if self.fault is Fault.HEARTBEAT and self.now_us - self._beat_us > limit_us:
+            found.append(Fault.HEARTBEAT)
+        return found
+
+    @property
+    def force_set_g(self) -> float:
+        """Force that is held."""
+        return 0.1 * self._setting("force_set")
+
+    @property
+    def in_contact(self) -> bool:
+        """The drum rests on the sensor."""
+        return self.force.in_contact
+
+    # Inside
+
+    def _setting(self, name: str) -> int:
+        return self._bank.settings[name]
+
+    def _fitted(self, signal: int) -> bool:
+        return bool(self._setting("optional_signals") >> signal & 1)
+
+    def _wait(self, timer: Timer, board_us: float) -> None:
+        self._timers[timer] = self.now_us + math.ceil(board_us / self._clock)
+
+    def _timer_handlers(self) -> dict[Timer, Callable[[], None]]:
+        return {
+            Timer.BOOT: self._booted,
+            Timer.SELFTEST: lambda: self.raise_fault(Fault.SELFTEST),
+            Timer.HEARTBEAT: lambda: self.raise_fault(Fault.HEARTBEAT),
+            Timer.SILENCE: self._loadcell_silent,
+            Timer.APPROACH: self._approach_overdue,
+            Timer.LIFT: lambda: self._go(Event.LIFT_TIME_OVER),
+        }
+
+    def _booted(self) -> None:
+        self._go(Event.BOOTED)
+        if self.estop_open:
+            self.raise_fault(Fault.ESTOP)
+
+    def _loadcell_silent(self) -> None:
+        self._silent = True
+        self.raise_fault(Fault.LOADCELL_SILENT)
+
+    def _approach_overdue(self) -> None:
+        touched = self.force.in_contact
+        self.raise_fault(Fault.FORCE_UNREACHED if touched else Fault.NO_CONTACT)
+
+    def _check_loadcell(self) -> None:
+        if self.state in (State.BOOT, State.SELFTEST):
+            return
+        found = self.cell.faults()
+        if not found and self.cell.force_g > 0.1 * self._setting("over_force"):
+            found = [Fault.OVER_FORCE]
+        for fault in found:
+            self.raise_fault(fault)
+
+    def _go(self, event: Event) -> None:
+        target = next_state(self.state, event)
+        if target is None:
+            return
+        left, self.state = self.state, target
+        if target is not left:
+            self._enter(left)
+        if target is self._goal and self.result is CommandResult.RUNNING:
+            self._finish(CommandResult.DONE)
+
+    def _enter(self, left: State) -> None:
+        state = self.state
+        outputs = OUTPUTS[state]
+        self._timers.pop(Timer.APPROACH, None)
+        if outputs.actuator in ("off", "hold"):
+            self.actuator.off()
+        if not outputs.stepper_enabled:
+            self.turner.halt(self.now_us)
+        if state not in (State.HOLD, State.RUN):
+            self.settled = False
+        self._supervise_heartbeat()
+        entry = {
+            State.SELFTEST: lambda: self._wait(Timer.SELFTEST, SELFTEST_LIMIT_US),
+            State.IDLE: lambda: self._timers.pop(Timer.SELFTEST, None),
+            State.APPROACH: self._begin_approach,
+            State.RETRACT: self._begin_lift,
+            State.FAULT_LIFT: self._begin_fault_lift,
+            State.FAULT_OFF: self._fail,
+        }.get(state)
+        if entry is not None:
+            entry()
+
+    def _supervise_heartbeat(self) -> None:
+        if self.state in UNSUPERVISED:
+            self._timers.pop(Timer.HEARTBEAT, None)
+        elif Timer.HEARTBEAT not in self._timers:
+            self._wait(Timer.HEARTBEAT, 1000 * self._setting("heartbeat_limit_ms"))
+
+    def _finish(self, result: CommandResult) -> None:
+        if self.result is CommandResult.RUNNING:
+            self.result = result
+        self._goal = None
+
+    def _fail(self) -> None:
+        self.cell.abandon_tare()
+        self._finish(CommandResult.FAILED)
+
+    # Commands
+
+    def _accepts(self, command: Command) -> bool:
+        event = _EVENTS.get(command)
+        if event is not None and next_state(self.state, event) is None:
+            return False
+        if command in (Command.ARM, Command.CLEAR):
+            return not self.estop_open and not self.causes
+        if command in (Command.TARE, Command.SAVE, Command.DEFAULTS):
+            return self.state in RESTING
+        if command is Command.ZERO_STEPS:
+            return not self.turner.motion.moving and self.state is not State.BOOT
+        return command is not Command.NONE
+
+    def _stops_something(self) -> bool:
+        return next_state(self.state, Event.STOP) is State.RETRACT
+
+    def _commands(self) -> dict[Command, Callable[[], None]]:
+        def nothing() -> None:
+            pass
+
+        return {
+            Command.MOVE: self._begin_move,
+            Command.HOME: self._begin_home,
+            Command.RUN: self._begin_run,
+            Command.RETRACT: nothing,
+            Command.CLEAR: self._forget_fault,
+            Command.TARE: self.cell.begin_tare,
+            Command.ZERO_STEPS: self._zero_steps,
+            Command.SAVE: self._save,
+            Command.DEFAULTS: self._defaults,
+        } | dict.fromkeys((Command.ARM, Command.DISARM, Command.APPROACH, Command.STOP), nothing)
+
+    def _begin_move(self) -> None:
+        self.turner.move(self.now_us, self._bank.settings, self._move_done)
+
+    def _begin_home(self) -> None:
+        self.force.forget_run_out()
+        self.turner.home(self.now_us, self._bank.settings, self._move_done)
+
+    def _begin_run(self) -> None:
+        self.turner.run(self.now_us, self._bank.settings, lambda: self._moved(Event.TRAVEL_DONE))
+
+    def _move_done(self) -> None:
+        self._moved(Event.MOVE_DONE)
+
+    def _moved(self, event: Event) -> None:
+        if self._fitted(1) and self.turner.mark_missed(self.now_us):
+            self.raise_fault(Fault.STEP_COUNT)
+        else:
+            self._go(event)
+
+    def _forget_fault(self) -> None:
+        self.fault, self.fault_at_us = Fault.NONE, 0
+
+    def _zero_steps(self) -> None:
+        self.turner.zero(self.now_us)
+        self.force.forget_run_out()
+        self._finish(CommandResult.DONE)
+
+    def _save(self) -> None:
+        self.saved = dict(self._bank.settings)
+        self._finish(CommandResult.DONE)
+
+    def _defaults(self) -> None:
+        self._bank.restore({entry.name: entry.default for entry in SETTINGS})
+        self._finish(CommandResult.DONE)
+
+    def _finish_tare(self) -> None:
+        mean = self.cell.finished_tare()
+        if mean is not None:
+            self._bank.put("tare_counts", mean)
+            self.tared = True
+            self._finish(CommandResult.DONE)
+
+    # Lifting and pressing
+
+    def _begin_lift(self) -> None:
+        self.turner.brake(self.now_us, self._bank.settings, self._lifted)
+        self.force.in_contact = False
+        clearance_mm = 1e-3 * self._setting("lift_clearance_um")
+        known_mm = self.contact_mm
+        self.actuator.lift_to(0.0 if known_mm is None else known_mm - clearance_mm)
+
+    def _lifted(self) -> None:
+        still = not self.turner.motion.moving
+        if self.state is State.RETRACT and still and self.actuator.duty == 0.0:
+            self._go(Event.LIFTED)
+
+    def _begin_fault_lift(self) -> None:
+        self._fail()
+        self.turner.brake(self.now_us, self._bank.settings, lambda: None)
+        self.actuator.lift_to(0.0)
+        self.force.in_contact = False
+        self._wait(Timer.LIFT, LIFT_US)
+
+    def _begin_approach(self) -> None:
+        self._start_mm = self.actuator.position_mm
+        self._outside_us = self.now_us
+        stiffness = float(self._setting("stiffness_g_per_mm"))
+        self.force.begin(stiffness, self.cell.force_g)
+        self.actuator.press_until(self._start_mm + 1e-3 * self._setting("approach_limit_um"))
+        self._wait(Timer.APPROACH, 1000 * self._setting("approach_timeout_ms"))
+
+    def _press(self) -> None:
+        """One step of the force loop, with each reading of the load cell."""
+        if OUTPUTS[self.state].actuator not in ("approach", "force_loop"):
+            return
+        touched = self.force.in_contact
+        speed = self.force.sample(
+            self.cell.force_g,
+            self._target(),
+            self.turner.angle_rad(self.now_us),
+            self.turner.rate_rad_s(self.now_us),
+        )
+        if self.force.in_contact and not touched:
+            self._touch()
+        if self.force.in_contact and self._setting("force_mode") != ForceMode.HOLD:
+            speed = self._other_mode(speed)
+        asked = self.actuator.ask(speed, 1e-3 * self._setting("dead_band_permille"))
+        self.force.commanded(asked)
+        self._judge_settled()
+
+    def _touch(self) -> None:
+        self.contact_mm = self.actuator.position_mm
+        self.actuator.press_until(math.inf)
+        self._outside_us = self.now_us
+
+    def _target(self) -> Target:
+        limit = LIFT_MM_S
+        if not self.force.in_contact:
+            away_mm = (self.contact_mm or 0.0) - self.actuator.position_mm
+            limit = FAR_MM_S if away_mm > NEAR_MM else SEARCH_MM_S
+        gain_p, gain_i = 0.01 * self._setting("gain_p"), 0.01 * self._setting("gain_i")
+        return Target(self.force_set_g, gain_p, gain_i, limit)
+
+    def _other_mode(self, speed: float) -> float:
+        """LOCK rests once the force was reached; POSITION goes to a depth."""
+        if self._setting("force_mode") == ForceMode.LOCK:
+            return 0.0 if self.state is not State.APPROACH else speed
+        return POSITION_GAIN * self._depth_missing_mm()
+
+    def _depth_missing_mm(self) -> float:
+        wanted_mm = (self.contact_mm or 0.0) + 1e-3 * self._setting("depth_set_um")
+        return wanted_mm - self.actuator.position_mm
+
+    def _judge_settled(self) -> None:
+        if not self.force.in_contact or not self._inside_band():
+            self._outside_us = self.now_us
+        inside_ms = 1e-3 * self._clock * (self.now_us - self._outside_us)
+        self.settled = inside_ms >= self._setting("settle_time_ms")
+        if self.settled and self.state is State.APPROACH:
+            stiffness = min(5000, max(50, round(self.force.stiffness_g_mm)))
+            self._bank.put("stiffness_g_per_mm", stiffness)
+            self._go(Event.FORCE_SETTLED)
+
+    def _inside_band(self) -> bool:
+        if self._setting("force_mode") == ForceMode.POSITION:
+            return abs(self._depth_missing_mm()) < POSITION_BAND_MM
+        band_g = 1e-3 * self._setting("settle_band") * self.force_set_g
+        return abs(self.cell.force_g - self.force_set_g) <= band_g

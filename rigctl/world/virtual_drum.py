@@ -1,0 +1,232 @@
+"""The virtual drum board: Modbus RTU on its cable, the controller behind it, resets and clock."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+from rigctl.wire.drum_map import (
+    BAUD,
+    BOARD_DRUM,
+    LOADCELL_RECENT,
+    MAGIC,
+    MAP_VERSION,
+    RING_DEPTH,
+    Command,
+    ResetCause,
+    Status,
+)
+from rigctl.wire.drum_states import State
+from rigctl.world.bench import Bench
+from rigctl.world.drum_controller import Controller
+from rigctl.world.drum_motion import DrumMotion
+from rigctl.world.drum_registers import RegisterBank, Values
+from rigctl.world.modbus_slave import ModbusSlave
+from rigctl.world.plant import Motion
+from rigctl.world.simulation import SimulatedLink
+
+FIRMWARE_VERSION = 1
+BUILD_HASH = 0x56495254
+BYTE_US = 10e6 / BAUD
+REPLY_DELAY_US = 500
+FREE_STACK_BYTES = 4096
+_U16, _U32 = 0xFFFF, 0xFFFFFFFF
+
+
+class VirtualDrum:
+    """The drum board from power-up on. Times are world microseconds.
+
+    The simulation calls :meth:`pass_time` at every ``next_us`` and tells what happens on the
+    bench; the board's hands are ``duty``, ``limits_mm`` and ``motion``.
+    """
+
+    def __init__(self, bench: Bench, link: SimulatedLink) -> None:
+        self._bench = bench
+        self._link = link
+        self._clock = 1.0 + bench.parameters.drum_clock_ppm * 1e-6
+        self._motion = DrumMotion()
+        self._boots = 0
+        self._saved: dict[str, int] = {}
+        self._inbox: deque[tuple[int, int, bytes]] = deque()
+        self._outbox: deque[tuple[int, bytes]] = deque()
+        self.now_us = 0
+        self._boot(0, ResetCause.POWER_ON)
+        link.attach(self._receive)
+
+    def _boot(self, at_us: int, cause: ResetCause) -> None:
+        self._boots += 1
+        self._cause = 1 << cause
+        self._motion.halt(at_us)
+        self._inbox.clear()
+        self._outbox.clear()
+        self._bank = RegisterBank(self)
+        self._bank.restore(self._saved)
+        self._slave = ModbusSlave(self._bank)
+        self.controller = Controller(self._bench, self._motion, self._bank, self._clock, at_us)
+        self.controller.saved = self._saved
+
+    @property
+    def duty(self) -> float:
+        """Drive of the actuator now."""
+        return self.controller.actuator.duty
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """Actuator travels at which the board wants to know."""
+        return self.controller.actuator.limits_mm
+
+    @property
+    def motion(self) -> Motion:
+        """What the steps do now."""
+        return self._motion.motion
+
+    @property
+    def next_us(self) -> float:
+        """When :meth:`pass_time` must be called next."""
+        return min(self.controller.next_us, self.next_wire_us)
+
+    @property
+    def next_wire_us(self) -> float:
+        """When a request is complete or an answer arrives, if one is on the wire."""
+        coming = self._inbox[0][1] if self._inbox else math.inf
+        return min(coming, self._outbox[0][0] if self._outbox else math.inf)
+
+    def pass_time(self, now_us: int) -> None:
+        """Do what is due by now, in the order in which it is due."""
+        self.now_us = now_us
+        self.controller.pass_time(now_us)
+        while self._inbox and self._inbox[0][1] <= now_us:
+            first_us, last_us, data = self._inbox.popleft()
+            if self.controller.state is not State.BOOT:
+                self._answer(self._slave.take(data, first_us, last_us))
+        while self._outbox and self._outbox[0][0] <= now_us:
+            at_us, data = self._outbox.popleft()
+            self._link.deliver(data, at_us * 1e-6)
+
+    def reset(self, now_us: int) -> None:
+        """The reset button: outputs fall off, everything unsaved is forgotten."""
+        self.controller.turner.halt(now_us)
+        self._boot(now_us, ResetCause.EXTERNAL)
+
+    def _receive(self, data: bytes) -> None:
+        free_us = self._inbox[-1][1] if self._inbox else self.now_us
+        first_us = max(free_us, self.now_us)
+        self._inbox.append((first_us, first_us + math.ceil(len(data) * BYTE_US), data))
+
+    def _answer(self, data: bytes) -> None:
+        if data:
+            free_us = self._outbox[-1][0] if self._outbox else self.now_us
+            start_us = max(free_us, self.now_us + REPLY_DELAY_US)
+            self._outbox.append((start_us + math.ceil(len(data) * BYTE_US), data))
+
+    # The registers' owner
+
+    def command(self, command: int, sequence: int) -> bool:
+        """Execute a command; False refuses it."""
+        done = self.controller.command(self.now_us, Command(command), sequence)
+        self._saved = self.controller.saved
+        return done
+
+    def beat(self, value: int) -> None:
+        """The computer is alive."""
+        self.controller.beat(self.now_us)
+
+    def ring(self) -> tuple[Sequence[int], Sequence[int]]:
+        """Load-cell ring: raw counts, wrapped board times."""
+        cell = self.controller.cell
+        return cell.raw, [t & _U32 for t in cell.time_us]
+
+    def report(self, block: str) -> Values:
+        """Raw integers of one block of registers."""
+        if block == "identity":
+            return self._report_identity()
+        if block == "counters":
+            return self._report_counters()
+        return self._report_state() | self._report_motion() | self._report_loadcell()
+
+    def _report_identity(self) -> Values:
+        p = self._bench.parameters
+        return {
+            "magic": (MAGIC,),
+            "map_version": (MAP_VERSION,),
+            "board_id": (BOARD_DRUM,),
+            "firmware_version": (FIRMWARE_VERSION,),
+            "build_hash": (BUILD_HASH,),
+            "boot_count": (self._boots & _U16,),
+            "reset_cause": (self._cause,),
+            "ring_depth": (RING_DEPTH,),
+            "steps_per_turn": (round(p.steps_per_turn),),
+            "nm_per_step": (round(p.mm_per_step * 1e6),),
+        }
+
+    def _report_state(self) -> Values:
+        c = self.controller
+        contact_um = 0 if c.contact_mm is None else round(1e3 * c.contact_mm)
+        return {
+            "state": (c.state,),
+            "fault": (c.fault,),
+            "fault_at_ms": (c.fault_at_us // 1000,),
+            "fault_bits": (sum(1 << cause for cause in set(c.causes)),),
+            "board_time_us": (c.board_us(self.now_us) & _U32,),
+            "command_acknowledged": (c.acknowledged,),
+            "command_result": (c.result,),
+            "heartbeat_seen": (self._bank.settings["heartbeat"],),
+            "crc_errors": (self._slave.crc_errors & _U16,),
+            "late_ticks": (0,),
+            "status_bits": (self._status_bits(),),
+            "last_contact_um": (contact_um,),
+        }
+
+    def _report_motion(self) -> Values:
+        turner, actuator = self.controller.turner, self.controller.actuator
+        speed = turner.speed_set_mm_s(self.now_us, self._bank.settings)
+        turn = self._bench.parameters.steps_per_turn
+        return {
+            "steps": (turner.steps(self.now_us),),
+            "angle": (int(36000 * turner.angle_steps(self.now_us) / turn),),
+            "speed": (round(100 * speed),),
+            "actuator_position_um": (round(1e3 * actuator.position_mm),),
+            "actuator_drive": (round(1e3 * actuator.duty),),
+            "sync_count": (turner.sync_count & _U16,),
+            "sync_rise_us": (self.controller.board_us(turner.sync_rise_us) & _U32,),
+            "sync_fall_us": (self.controller.board_us(turner.sync_fall_us) & _U32,),
+            "index_count": (turner.index_count & _U16,),
+        }
+
+    def _report_loadcell(self) -> Values:
+        cell = self.controller.cell
+        return {
+            "force": (max(-32768, min(32767, round(10 * cell.force_g))),),
+            "loadcell_sequence": (cell.sequence & _U16,),
+            "loadcell_time_us": (cell.newest_us & _U32,),
+            "loadcell_recent": cell.recent(LOADCELL_RECENT),
+        }
+
+    def _report_counters(self) -> Values:
+        error_steps = self.controller.turner.index_error_steps
+        return {
+            "frames_seen": (self._slave.frames_seen & _U16,),
+            "exceptions_sent": (self._slave.exceptions_sent & _U16,),
+            "longest_isr_us": (0,),
+            "free_stack_bytes": (FREE_STACK_BYTES,),
+            "idle_permille": (1000,),
+            "loadcell_dropped": (0,),
+            "index_error_steps": (error_steps,),
+        }
+
+    def _status_bits(self) -> int:
+        c = self.controller
+        shown = {
+            Status.SYNC_HIGH: c.turner.sync_high,
+            Status.INDEX_HIGH: self._bench.plant.index_high,
+            Status.FORCE_SETTLED: c.settled,
+            Status.IN_CONTACT: c.in_contact,
+            Status.SPEED_CONSTANT: self._motion.constant,
+            Status.ESTOP_CLOSED: not self._bench.disturbances.estop_pressed,
+            Status.END_UP: c.actuator.at_upper_end,
+            Status.END_DOWN: c.actuator.at_lower_end,
+            Status.HOMED: c.turner.homed,
+            Status.TARED: c.tared,
+        }
+        return sum(1 << bit for bit, on in shown.items() if on)

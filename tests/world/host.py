@@ -1,0 +1,161 @@
+"""A small host for tests: asks the simulated drum questions and lets the world go on."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+from rigctl.values import Block
+from rigctl.wire.drum_map import BY_NAME, POLL_BLOCK, REGISTERS, UNIT, Command
+from rigctl.wire.drum_states import Fault, State
+from rigctl.wire.registers import BlockLayout, words_of
+from rigctl.wire.taxels import FrameDecoder, TaxelIdentity, TaxelStatus
+from rigctl.world.modbus_slave import crc
+from rigctl.world.simulation import Simulation
+
+ANSWER_US = 60_000
+POLL_US = 20_000
+
+
+def framed(body: bytes) -> bytes:
+    """A request with its CRC."""
+    return body + struct.pack("<H", crc(body))
+
+
+class Refused(Exception):
+    """The drum answered with this exception code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"exception {code}")
+        self.code = code
+
+
+class Host:
+    """Both cables of a simulated rig in one place; every call takes world time."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        self.drum_bytes = b""
+        self.arrivals: list[float] = []
+        self.blocks: list[Block] = []
+        self.statuses: list[TaxelStatus] = []
+        self.identities: list[TaxelIdentity] = []
+        self.lost: list[str] = []
+        self.taxel_bytes = b""
+        self.rejected = 0
+        self._decoder = FrameDecoder()
+        self._beat = self._sequence = 0
+        simulation.drum.open(self._take_drum, self.lost.append)
+        simulation.taxels.open(self._take_taxels, self.lost.append)
+
+    def _take_drum(self, data: bytes, at_s: float) -> None:
+        self.drum_bytes += data
+        self.arrivals.append(at_s)
+
+    def _take_taxels(self, data: bytes, at_s: float) -> None:
+        self.taxel_bytes += data
+        decoded = self._decoder.feed(data, at_s)
+        self.blocks += decoded.blocks
+        self.statuses += decoded.statuses
+        self.identities += decoded.identities
+        self.rejected += decoded.rejected_frames
+
+    def wait(self, microseconds: int) -> None:
+        """Let the world go on, unattended."""
+        until = self.simulation.time_us + microseconds
+        while self.simulation.time_us < until:
+            step = min(self.simulation.slice_us, until - self.simulation.time_us)
+            self.simulation.advance(self.simulation.time_us + step)
+
+    def ask(self, request: bytes) -> bytes:
+        """The answer to a framed request, empty when none came in time."""
+        self.drum_bytes = b""
+        self.simulation.drum.write(request)
+        until = self.simulation.time_us + ANSWER_US
+        while self.simulation.time_us < until:
+            self.simulation.advance(self.simulation.time_us + self.simulation.slice_us)
+            if len(self.drum_bytes) > 3 and crc(self.drum_bytes) == 0:
+                break
+        return self.drum_bytes
+
+    def _answer(self, body: bytes) -> bytes:
+        answer = self.ask(framed(body))
+        assert answer, "the drum did not answer"
+        if answer[1] & 0x80:
+            raise Refused(answer[2])
+        return answer[2:-2]
+
+    def read(self, address: int, count: int) -> tuple[int, ...]:
+        """Words by function 3. Raises Refused."""
+        data = self._answer(struct.pack(">BBHH", UNIT, 3, address, count))
+        return struct.unpack(f">{count}H", data[1:])
+
+    def write(self, address: int, *words: int) -> None:
+        """Words by function 16. Raises Refused."""
+        head = struct.pack(">BBHHB", UNIT, 16, address, len(words), 2 * len(words))
+        self._answer(head + struct.pack(f">{len(words)}H", *words))
+
+    def get(self, name: str) -> int:
+        """One register's integer."""
+        entry = BY_NAME[name]
+        layout = BlockLayout(entry.address, entry.words * entry.count, REGISTERS)
+        return layout.raw(self.read(layout.address, layout.count))[name][0]
+
+    def put(self, name: str, raw: int) -> None:
+        """Set one register's integer. Raises Refused."""
+        self.write(BY_NAME[name].address, *words_of(BY_NAME[name], raw))
+
+    def poll(self) -> dict[str, int]:
+        """One function-23 exchange: heartbeat out, the poll block in."""
+        self._beat = (self._beat + 1) & 0xFFFF
+        body = struct.pack(">BBHHHHBH", UNIT, 23, *POLL_BLOCK, 64, 1, 2, self._beat)
+        words = struct.unpack(f">{POLL_BLOCK[1]}H", self._answer(body)[1:])
+        raw = BlockLayout(*POLL_BLOCK, REGISTERS).raw(words)
+        return {name: numbers[0] for name, numbers in raw.items()}
+
+    def command(self, command: Command) -> None:
+        """Give a command with a beat. Raises Refused."""
+        self._beat = (self._beat + 1) & 0xFFFF
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        self.write(64, self._beat, command, self._sequence)
+
+    def attend(self, microseconds: int) -> dict[str, int]:
+        """Poll at 50 Hz for so long; the last poll."""
+        until = self.simulation.time_us + microseconds
+        return self.until(lambda poll: self.simulation.time_us >= until, microseconds + POLL_US)
+
+    def until(
+        self, condition: Callable[[dict[str, int]], bool], limit_us: int = 20_000_000
+    ) -> dict[str, int]:
+        """Poll at 50 Hz until the poll shows the condition; the poll that does."""
+        end = self.simulation.time_us + limit_us
+        while True:
+            begun = self.simulation.time_us
+            poll = self.poll()
+            if condition(poll):
+                return poll
+            assert self.simulation.time_us < end, f"not in time: {poll}"
+            self.wait(max(1, begun + POLL_US - self.simulation.time_us))
+
+    def state(self, state: State, limit_us: int = 20_000_000) -> dict[str, int]:
+        """Poll until the drum is in a state; the poll that says so."""
+        return self.until(lambda poll: poll["state"] == state, limit_us)
+
+    def fault(self) -> Fault:
+        """The latched fault."""
+        return Fault(self.get("fault"))
+
+    def armed(self) -> None:
+        """From power-up to armed and tared."""
+        self.until(lambda poll: poll["state"] == State.IDLE)
+        self.command(Command.ARM)
+        self.state(State.ARMED)
+        self.command(Command.TARE)
+        self.until(lambda poll: poll["command_result"] == 1)
+
+    def holding(self, force_g: float = 500.0) -> None:
+        """From power-up to holding a force."""
+        self.armed()
+        self.put("force_set", round(10 * force_g))
+        self.command(Command.APPROACH)
+        self.state(State.HOLD)
