@@ -205,6 +205,8 @@ class FrameDecoder:
         self._state[[kernels.LAST, kernels.BOOT_COUNT, kernels.DROPS]] = kernels.NOTHING_YET
         self._tally = np.zeros(kernels.TALLY_SIZE, np.int64)
         self._make_room(16)
+        # Loads the compiled kernel now: later it would hold up a loop that hears a heartbeat.
+        self.feed(b"", 0.0)
 
     def resync(self) -> None:
         """The stream was interrupted: wait for a status frame, then count what was lost."""

@@ -11,6 +11,7 @@ import tty
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rigctl.cli import ports as ports_command
@@ -19,6 +20,7 @@ from rigctl.devices import taxels as taxels_module
 from rigctl.devices.ports import find_boards, look_at_all
 from rigctl.errors import LinkLost, WrongBoard, WrongUse
 from rigctl.rig import open_rig
+from rigctl.wire import taxels as wire
 from tests.devices.bench import RegisterBoard
 from tests.devices.test_taxels import StreamingBoard
 
@@ -50,11 +52,19 @@ class TerminalLink:
         os.close(self.slave)
 
 
+def warm_kernels() -> None:
+    """Compile before the clock runs."""
+    empty = np.zeros(0, np.uint8)
+    wire.encode_data(np.zeros(0, np.int64), np.zeros((0, 18), np.uint16), empty, empty)
+    wire.FrameDecoder()
+
+
 class Terminals:
     """A drum, a taxel board and nobody, each on a pseudo-terminal."""
 
     def __init__(self) -> None:
         self.loop = asyncio.new_event_loop()
+        warm_kernels()
         self.drum, self.taxels, self.nobody = (TerminalLink(self.loop) for _ in range(3))
         RegisterBoard(self.loop, self.drum)  # type: ignore[arg-type]
         self.loop.call_soon(StreamingBoard, self.loop, self.taxels)
