@@ -201,14 +201,18 @@ def describe(node: Any, attributes: dict[str, str | int | float]) -> None:
         node.attrs.create(name, text_array(value) if isinstance(value, str) else value)
 
 
-def create(file: Any, n_taxels: int, texts: tuple[str, str]) -> None:
-    """Create every data set of an empty part. ``texts``: protocol and rig description."""
-    for array in TAXEL_ARRAYS:
-        _create_array(file, array, n_taxels)
-    for table in TABLES:
-        _create_table(file, table)
-    for (path, doc), text in zip(TEXTS, texts, strict=True):
-        describe(file.create_dataset(path, data=text_array(text)), {"doc": doc})
+def image(attributes: dict[str, str | int | float], n_taxels: int, texts: tuple[str, str]) -> bytes:
+    """An empty part, every data set in place. ``texts``: protocol and rig description."""
+    with h5py.File("new", "w", driver="core", backing_store=False, libver=LIBVER) as file:
+        describe(file, attributes)
+        for array in TAXEL_ARRAYS:
+            _create_array(file, array, n_taxels)
+        for table in TABLES:
+            _create_table(file, table)
+        for (path, doc), text in zip(TEXTS, texts, strict=True):
+            describe(file.create_dataset(path, data=text_array(text)), {"doc": doc})
+        file.flush()
+        return bytes(file.id.get_file_image())
 
 
 def _create_array(file: Any, array: Array, n_taxels: int) -> None:

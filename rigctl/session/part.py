@@ -71,23 +71,18 @@ class Part:
         self._blocks: list[Block] = []
         self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.TABLES}
         self._dtypes = {t.path: t.dtype for t in layout.TABLES}
-        if path.exists():
-            raise FileExistsError(errno.EEXIST, "a part is never written twice", str(path))
-        _making(path).unlink(missing_ok=True)  # of a writer that died while it made a part
-        self._file = h5py.File(_making(path), "x", libver=layout.LIBVER)
+        _write_new(path, layout.image(attributes, n_taxels, texts))
+        self._file = h5py.File(_making(path), "r+", libver=layout.LIBVER)
+        self._datasets = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
+        self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
         try:
-            self._create(attributes, n_taxels, texts)
+            self._start()
         except BaseException:
             self.abandon()
             raise
 
-    def _create(
-        self, attributes: dict[str, str | int | float], n_taxels: int, texts: tuple[str, str]
-    ) -> None:
-        layout.describe(self._file, attributes)
-        layout.create(self._file, n_taxels, texts)
-        self._datasets = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
-        self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
+    def _start(self) -> None:
+        """From here on the file can be read at any time, so it gets its name."""
         self._file.swmr_mode = True
         self.sync()
         if _making(self.path) != self.path:
@@ -166,6 +161,20 @@ class Part:
 def _making(path: Path) -> Path:
     """Name of a part until it can be read; Windows cannot rename an open file."""
     return path.with_suffix(".new") if os.name == "posix" else path
+
+
+def _write_new(path: Path, image: bytes) -> None:
+    """Write an empty part by plain means: HDF5 does not survive a disk that fills meanwhile."""
+    if path.exists():
+        raise FileExistsError(errno.EEXIST, "a part is never written twice", str(path))
+    making = _making(path)
+    making.unlink(missing_ok=True)  # left by a writer that died while it made a part
+    try:
+        with making.open("xb") as file:
+            file.write(image)
+    except OSError:
+        making.unlink(missing_ok=True)
+        raise
 
 
 def _append(dataset: Any, rows: Any) -> None:

@@ -1,0 +1,98 @@
+"""A writer that dies leaves parts that open and every row that it said was on disk."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.session import layout
+from rigctl.session.reader import Session
+from rigctl.session.recorder import Recorder
+from tests.session.building import PROTOCOL, RIG, header, value_of
+
+
+def endless_writer(folder: Path, *options: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "tests.session.endless_writer", str(folder), *options]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def acknowledged(writer: subprocess.Popen[str], lines: int) -> int:
+    """Read some lines; the last number of trials that the writer said are on disk."""
+    assert writer.stdout is not None
+    told = 0
+    for _, line in zip(range(lines), writer.stdout, strict=False):
+        told = int(line.removeprefix("trials "))
+    return told
+
+
+def check_every_trial(folder: Path) -> int:
+    """Each row of each part points at its own samples; returns their number."""
+    with Session.open(folder) as session:
+        for index in range(len(session.trials)):
+            window = session.window(index)
+            assert window.complete
+            assert np.array_equal(window.samples, value_of(window.counters))
+        return len(session.trials)
+
+
+@pytest.mark.parametrize("lines", [1, 4, 25])
+def test_a_killed_writer_leaves_all_committed_rows(tmp_path: Path, lines: int) -> None:
+    writer = endless_writer(tmp_path / "s")
+    told = acknowledged(writer, lines)
+    writer.send_signal(signal.SIGKILL)
+    rest = writer.communicate()[0].split()
+    if rest and rest[-1].isdigit():
+        told = int(rest[-1])
+    assert told > 0
+    assert check_every_trial(tmp_path / "s") >= told
+
+
+def test_a_killed_session_is_resumed_in_a_new_part(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    for sitting in range(3):
+        with endless_writer(folder, *["resume"][: bool(sitting)]) as writer:
+            acknowledged(writer, 2)
+            writer.send_signal(signal.SIGKILL)
+            assert writer.stdout is not None
+            writer.stdout.read()
+    assert (folder / layout.LOCK_FILE).exists()
+    with Recorder(folder, header(), PROTOCOL, RIG, resume=True) as rec:
+        assert rec.left_by is not None
+        rec.begin_part("resume", "A")
+    with Session.open(folder) as session:
+        assert [part.number for part in session.parts] == [1, 2, 3, 4]
+        assert [part.finished for part in session.parts] == [False, False, False, True]
+    check_every_trial(folder)
+
+
+def test_a_second_process_cannot_write_the_same_session(tmp_path: Path) -> None:
+    with endless_writer(tmp_path / "s") as first:
+        acknowledged(first, 1)
+        with endless_writer(tmp_path / "s", "resume") as second:
+            out, _ = second.communicate()
+        first.kill()
+        assert first.stdout is not None
+        first.stdout.read()
+    assert f"is being written by process {first.pid}" in out
+    assert second.returncode == 2
+    check_every_trial(tmp_path / "s")
+
+
+@pytest.mark.parametrize("limit", [4_000, 60_000, 300_000, 1_000_003])
+def test_a_full_disk_ends_in_a_sentence_and_keeps_what_was_committed(
+    tmp_path: Path, limit: int
+) -> None:
+    """A limit on the file's size stands for the disk: HDF5 sees the same failing write."""
+    with endless_writer(tmp_path / "s", f"limit={limit}") as writer:
+        out, _ = writer.communicate()
+    *told, last = out.splitlines()
+    assert "the file may not grow further (file size limit)" in last
+    assert writer.returncode == 3
+    assert not (tmp_path / "s" / layout.LOCK_FILE).exists()
+    if told:
+        assert check_every_trial(tmp_path / "s") >= int(told[-1].removeprefix("trials "))
