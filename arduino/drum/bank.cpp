@@ -33,25 +33,33 @@ uint16_t Bank::read(uint16_t address) const {
     return address < reg::ring_raw ? 0 : owner_.ring_word(address);
 }
 
+// Walks the settings that cover the words written; only those can have become wrong.
 bool Bank::writable(uint16_t address, uint16_t count) const {
     uint16_t covered = 0;
     for (uint8_t i = 0; i < SETTING_COUNT; ++i) {
-        const Setting setting = flash::load(&SETTINGS[i]);
-        for (uint8_t w = 0; w <= is_wide(setting.kind); ++w) {
-            const uint16_t place = setting.address + w;
+        const uint16_t first = flash::word_at(&SETTINGS[i].address);
+        if (first + 1 < address) continue;
+        if (first >= address && first - address >= count) break;
+        const Kind kind = flash::load(&SETTINGS[i]).kind;
+        for (uint8_t w = 0; w <= is_wide(kind); ++w) {
+            const uint16_t place = first + w;
             covered += place >= address && place - address < count;
         }
     }
     return covered == count;
 }
 
-bool Bank::settings_valid() const {
+bool Bank::in_bounds(uint16_t address, uint16_t count) const {
     for (uint8_t i = 0; i < SETTING_COUNT; ++i) {
-        const Setting setting = flash::load(&SETTINGS[i]);
-        if (!inside(setting, &words_[setting.address])) return false;
+        const uint16_t first = flash::word_at(&SETTINGS[i].address);
+        if (first + 1 < address) continue;
+        if (first >= address && first - address >= count) break;
+        if (!inside(flash::load(&SETTINGS[i]), &words_[first])) return false;
     }
     return true;
 }
+
+bool Bank::settings_valid() const { return in_bounds(SETTINGS_START, SETTINGS_WORDS); }
 
 Answer Bank::write(uint16_t address, uint16_t count, const uint8_t *bytes) {
     if (!writable(address, count)) return Answer::NoRegister;
@@ -59,7 +67,7 @@ Answer Bank::write(uint16_t address, uint16_t count, const uint8_t *bytes) {
     memcpy(before, settings(), sizeof before);
     for (uint16_t i = 0; i < count; ++i)
         words_[address + i] = static_cast<uint16_t>(bytes[2 * i] << 8 | bytes[2 * i + 1]);
-    Answer answer = settings_valid() ? Answer::Ok : Answer::OutOfRange;
+    Answer answer = in_bounds(address, count) ? Answer::Ok : Answer::OutOfRange;
     const uint16_t sequence = word(reg::command_sequence);
     if (answer == Answer::Ok && sequence != before[reg::command_sequence - SETTINGS_START] &&
         !owner_.command(static_cast<Command>(word(reg::command)), sequence))

@@ -47,6 +47,7 @@ class Bank {
 
   private:
     bool writable(uint16_t address, uint16_t count) const;
+    bool in_bounds(uint16_t address, uint16_t count) const;
 
     Owner &owner_;
     uint16_t words_[COUNTERS_END] = {};

@@ -48,7 +48,9 @@ void start_reading() {
 }
 
 uint16_t position_um() {
-    return static_cast<uint32_t>(smoothed) * board::ACTUATOR_TRAVEL_UM / (1023UL * SMOOTHING);
+    // A fraction with a power of two below: a division would cost 40 µs a tick.
+    constexpr uint32_t UM_TIMES_1024 = board::ACTUATOR_TRAVEL_UM * 1024ULL / (1023 * SMOOTHING);
+    return smoothed * UM_TIMES_1024 >> 10;
 }
 
 bool end_up() { return PINC & pins::END_UP; }

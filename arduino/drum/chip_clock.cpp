@@ -12,6 +12,7 @@ namespace {
 constexpr uint16_t COUNTS_PER_MS = 2000;  // 16 MHz / 8
 
 volatile uint32_t milliseconds;
+volatile uint32_t whole_us;  // the same times 1000, kept apart because interrupts read it
 volatile uint8_t ticks;
 
 }  // namespace
@@ -19,6 +20,7 @@ volatile uint8_t ticks;
 ISR(TIMER3_COMPA_vect) {
     const IsrMeter meter;
     milliseconds = milliseconds + 1;
+    whole_us = whole_us + 1000;
     ticks = ticks + 1;
     estop::check_level();
 }
@@ -51,10 +53,10 @@ uint32_t now_ms() {
 
 // The counter may have wrapped while its interrupt still waits.
 uint32_t micros_in_isr() {
-    uint32_t whole = milliseconds;
+    uint32_t whole = whole_us;
     uint16_t counts = TCNT3;
-    if ((TIFR3 & _BV(OCF3A)) && counts < COUNTS_PER_MS / 2) ++whole;
-    return whole * 1000 + counts / 2;
+    if ((TIFR3 & _BV(OCF3A)) && counts < COUNTS_PER_MS / 2) whole += 1000;
+    return whole + counts / 2;
 }
 
 }  // namespace clock

@@ -5,7 +5,8 @@
 //
 //     match that raises the pin → step counted, sync line moved, fall set HIGH_CYCLES later
 //     match that lowers the pin → interval of the next step taken, rise set for it
-//     match that does nothing   → a wait longer than the timer, taken in pieces
+//     match that does nothing   → a wait longer than the timer, taken in pieces, the pin
+//                                 meanwhile low by its port bit
 //
 // Intervals carry 8 bits of fraction, summed up, so the mean rate is exact to 0.5 ppm. The
 // handler takes about 15 µs when it has to compute a ramp; it must be done before the next
@@ -22,12 +23,13 @@
 namespace {
 
 constexpr uint16_t HIGH_CYCLES = 640;      // 40 µs; at 10,000 steps/s the low part is 60 µs
-constexpr uint16_t LONGEST_WAIT = 0xc000;
-constexpr uint16_t PIECE = 0x8000;
+constexpr uint16_t LONGEST_WAIT = 0x7000;  // below half a round, so that late shows as negative
+constexpr uint16_t PIECE = 0x4000;
 constexpr uint16_t LATE_MARGIN = 40;       // cycles between setting a match and its coming
-constexpr uint8_t PIN_RISES = _BV(COM1A1) | _BV(COM1A0);
-constexpr uint8_t PIN_FALLS = _BV(COM1A1);
-constexpr uint8_t SILENT_TICKS = 10;       // longest wait between two matches is 3 ms
+constexpr uint8_t PIN_TOGGLES = _BV(COM1A0);
+constexpr uint8_t PIN_CLEARS = _BV(COM1A1);
+constexpr uint8_t PIN_RESTS = 0;
+constexpr uint8_t SILENT_TICKS = 10;       // longest wait between two matches is 2 ms
 
 enum class Next : uint8_t { Rise, Fall, Wait };
 
@@ -52,21 +54,22 @@ inline void aim_at_rise(uint16_t from) {
     if (wait > LONGEST_WAIT) {
         wait -= PIECE;
         next = Next::Wait;
+        TCCR1A = PIN_RESTS;
         set_match(from + PIECE);
     } else {
         next = Next::Rise;
-        TCCR1A = PIN_RISES;
+        TCCR1A = PIN_TOGGLES;
         set_match(from + static_cast<uint16_t>(wait));
     }
 }
 
 inline void halt() {
     TIMSK1 = 0;
-    TCCR1A = 0;
+    TCCR1A = PIN_RESTS;
     running = false;
 }
 
-// Takes the next interval; the pin is low and `low_cycles_less` of the interval are over.
+// Takes the next interval, of which `over` cycles are gone already; the pin is low.
 inline void schedule(uint16_t from, uint16_t over) {
     const uint32_t interval = engine.next_interval();
     if (!interval) return halt();
@@ -99,7 +102,6 @@ ISR(TIMER1_COMPA_vect) {
     switch (next) {
         case Next::Rise:
             next = Next::Fall;
-            TCCR1A = PIN_FALLS;
             set_match(now + HIGH_CYCLES);
             move_sync(engine.count_step());
             break;
@@ -123,7 +125,7 @@ void begin() {
     PORTA |= pins::STEPPER_OFF;
     DDRA |= pins::DIRECTION | pins::STEPPER_OFF | pins::SYNC;
     DDRB |= pins::STEP;
-    TCCR1A = 0;
+    TCCR1A = PIN_RESTS;
     TCCR1B = _BV(CS10);
     EICRB = (EICRB & ~(_BV(ISC41) | _BV(ISC40))) | _BV(ISC40);
     EIMSK |= _BV(INT4);
@@ -167,7 +169,10 @@ void start(const Motion &motion) {
         engine.begin(motion);
         fraction = 0;
         running = true;
-        TCCR1A = PIN_FALLS;
+        // A cut inside a pulse left the compare output high behind the port's back.
+        TCCR1A = PIN_CLEARS;
+        TCCR1C = _BV(FOC1A);
+        TCCR1A = PIN_RESTS;
         TIFR1 = _BV(OCF1A);
         TIMSK1 = _BV(OCIE1A);
         schedule(TCNT1, 0);

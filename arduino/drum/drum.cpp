@@ -37,11 +37,18 @@ bool Drum::fitted(uint8_t signal) const { return word(reg::optional_signals) >> 
 
 void Drum::apply_scale() {
     loadcell_.set_scale(bank_.wide(reg::tare_counts), bank_.wide(reg::scale_ug_per_count));
+    judge_force();
+}
+
+// Either way: with a scale of the wrong sign, pressing reads as pulling.
+void Drum::judge_force() {
+    over_force_ = fabsf(loadcell_.force_g()) > word(reg::over_force) * 0.1f;
 }
 
 void Drum::boot(bool watchdog_reset) {
     if (ports::load(bank_.settings(), SETTINGS_WORDS) && !bank_.settings_valid())
         bank_.restore_defaults();
+    report_identity();
     apply_scale();
     ports::watch_estop(fitted(0));
     enter(State::Boot);
@@ -57,7 +64,7 @@ uint16_t Drum::causes() const {
     if (estop_open()) bits |= bit(Fault::Estop);
     if (machine_.state() == State::Boot || machine_.state() == State::Selftest) return bits;
     bits |= loadcell_.faults();
-    if (fabsf(loadcell_.force_g()) > word(reg::over_force) * 0.1f) bits |= bit(Fault::OverForce);
+    if (over_force_) bits |= bit(Fault::OverForce);
     const bool wanted = supervised(machine_.state()) || machine_.fault() == Fault::Heartbeat;
     if (wanted && heartbeat_.silent(word(reg::heartbeat_limit_ms))) bits |= bit(Fault::Heartbeat);
     return bits;
@@ -65,6 +72,7 @@ uint16_t Drum::causes() const {
 
 void Drum::supervise() {
     const uint16_t bits = causes();
+    if (!bits) return;
     for (uint8_t n = 1; n < FAULT_COUNT; ++n)
         if (bits >> n & 1) raise(static_cast<Fault>(n));
 }
@@ -118,6 +126,7 @@ void Drum::tick(const Inputs &inputs) {
 
 void Drum::sample(const Conversion &conversion) {
     if (!loadcell_.take(conversion)) return;
+    judge_force();
     supervise();
     const Drive mode = machine_.drive();
     if (mode == Drive::Approach || mode == Drive::ForceLoop) press();
@@ -187,7 +196,7 @@ void Drum::approach() {
     const uint32_t since_start = inputs_.now_ms - entered_ms_;
     if (!force_.in_contact()) {
         const uint16_t limit = word(reg::approach_limit_um);
-        const bool too_far = fitted(3) && inputs_.position_um > start_um_ + limit;
+        const bool too_far = fitted(3) && inputs_.position_um > static_cast<uint32_t>(start_um_) + limit;
         const bool too_long = since_start > limit / SLOWEST_SEARCH_MM_S + 500;
         if (too_far || too_long) raise(Fault::NoContact);
         return;
@@ -207,7 +216,7 @@ void Drum::approach() {
 
 bool Drum::lifted_clear() const {
     const uint32_t since_start = inputs_.now_ms - entered_ms_;
-    const uint16_t clearance = word(reg::lift_clearance_um);
+    const uint32_t clearance = word(reg::lift_clearance_um);
     if (end_up()) return true;
     if (!fitted(3)) return !fitted(2) && since_start > ACTUATOR_FULL_LIFT_MS;
     if (inputs_.position_um <= TOP_UM) return true;

@@ -79,6 +79,7 @@ class Drum : public Owner {
     uint16_t word(uint16_t address) const { return bank_.word(address); }
     bool within_band() const;
     void apply_scale();
+    void judge_force();
 
     // commands.cpp
     bool begin(Command command);
@@ -127,7 +128,7 @@ class Drum : public Owner {
     bool contact_known_ = false;
     bool locked_ = false;         // force mode 1: the force was reached, the actuator rests
     bool homing_ = false, homed_ = false, tared_ = false;
-    bool backwards_ = false;
+    bool backwards_ = false, over_force_ = false;
     uint16_t cruise_speed_ = 0;   // 0.01 mm/s
 };
 

@@ -18,11 +18,10 @@ uint32_t square_root(uint64_t value) {
     return root;
 }
 
-// value * factor / 2^16 without a 64-bit product.
+// value * factor / 2^16 in two 16-bit products: it stands in an interrupt.
 inline uint32_t scaled(uint32_t value, uint16_t factor) {
-    const uint32_t high = (value >> 16) * factor;
-    const uint32_t low = (value & 0xffff) * static_cast<uint32_t>(factor);
-    return high + (low >> 16);
+    const uint16_t high = value >> 16, low = value;
+    return static_cast<uint32_t>(high) * factor + (static_cast<uint32_t>(low) * factor >> 16);
 }
 
 }  // namespace
@@ -45,19 +44,21 @@ Profile profile(uint16_t speed, uint16_t acceleration, int16_t trim_ppm) {
 
 uint32_t interval(uint32_t first, uint16_t index) {
     if (index < TABLE_START) return scaled(first, flash::word_at(&ROOT_DIFFERENCES[index]));
-    uint8_t shift = 4;
+    uint8_t shift = 0;
     while (index >= TABLE_END) {
         index >>= 2;
         ++shift;
     }
-    return scaled(first, flash::word_at(&INVERSE_ROOTS[index - TABLE_START])) >> shift;
+    uint32_t result = scaled(first, flash::word_at(&INVERSE_ROOTS[index - TABLE_START]));
+    while (shift--) result >>= 1;
+    return result;
 }
 
 uint32_t steps_to_speed(uint16_t speed, uint16_t acceleration) {
     // v² / 2a in steps, rounded up, and one more for the step that reaches it.
     const uint64_t square = static_cast<uint64_t>(speed) * speed * 100;  // µm²/s²
     const uint64_t divisor = 2ULL * acceleration * board::NM_PER_STEP;   // µm/s² · nm
-    return static_cast<uint32_t>(square * 1 / divisor) + 2;
+    return static_cast<uint32_t>(square / divisor) + 2;
 }
 
 uint16_t speed_of(uint32_t interval) {

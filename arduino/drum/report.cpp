@@ -19,7 +19,6 @@ uint16_t flag(Status status, bool on) {
 }  // namespace
 
 void Drum::refresh() {
-    report_identity();
     report_state();
     report_motion();
     report_loadcell();
