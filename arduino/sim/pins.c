@@ -25,6 +25,10 @@ enum {
     DDRH = 0x101, PORTH = 0x102, PRESS_BIT = 3, LIFT_BIT = 4,
 };
 
+/* Timer 1 of the 2560, whose compare pin PB5 makes the steps. */
+enum { TCCR1A = 0x80, OCR1AL = 0x88, PORTB = 0x25, STEP_BIT = 5, TIMER1_COMPA = 17 };
+enum { COM_PORT = 0, COM_TOGGLE = 1, COM_SET = 3 };
+
 /* A PORT write restores what simavr believes an input to be, so it is told both ways. */
 void set_pin(sim_board *board, char port, int bit, int level)
 {
@@ -92,7 +96,6 @@ static void on_output(sim_board *board, int signal, int level)
         (void)irq;                                                     \
         on_output(param, signal, value & 1);                           \
     }
-ON_OUTPUT(on_pin_step, SIM_OUT_STEP)
 ON_OUTPUT(on_pin_dir, SIM_OUT_DIR)
 ON_OUTPUT(on_pin_enable, SIM_OUT_ENABLE)
 ON_OUTPUT(on_pin_sync, SIM_OUT_SYNC)
@@ -100,7 +103,60 @@ ON_OUTPUT(on_pin_bridge, SIM_OUT_BRIDGE)
 ON_OUTPUT(on_pin_sck, SIM_OUT_SCK)
 
 static const avr_irq_notify_t ON_PIN[OUTPUT_COUNT] = {
-    on_pin_step, on_pin_dir, on_pin_enable, on_pin_sync, on_pin_bridge, on_pin_sck};
+    [SIM_OUT_DIR] = on_pin_dir, [SIM_OUT_ENABLE] = on_pin_enable,
+    [SIM_OUT_SYNC] = on_pin_sync, [SIM_OUT_BRIDGE] = on_pin_bridge, [SIM_OUT_SCK] = on_pin_sck};
+
+static int step_mode(const sim_board *board) { return board->avr->data[TCCR1A] >> 6; }
+
+/* The step pin is derived from compare matches, not from simavr's pin: on each overflow and on
+ * each write of OCR1A simavr sets the pin against its compare mode, as fast PWM would. */
+static void on_step_match(avr_irq_t *irq, uint32_t value, void *param)
+{
+    sim_board *board = param;
+    int mode = step_mode(board), level = mode == COM_SET;
+    (void)irq;
+    if (!value || mode == COM_PORT) return;
+    on_output(board, SIM_OUT_STEP, mode == COM_TOGGLE ? !board->out_level[SIM_OUT_STEP] : level);
+}
+
+/* With the compare output off the pin shows its port bit. */
+static void follow_port(sim_board *board)
+{
+    if (step_mode(board) == COM_PORT)
+        on_output(board, SIM_OUT_STEP, BIT(board->avr->data[PORTB], STEP_BIT));
+}
+
+static void on_step_mode(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param)
+{
+    (void)avr, (void)address, (void)value;
+    follow_port(param);
+}
+
+static void on_step_port(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)value;
+    follow_port(param);
+}
+
+/* simavr never matches at 0: the match comes a cycle later instead of not at all. */
+static void on_match_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param)
+{
+    (void)param;
+    if (value || avr->data[OCR1AL + 1]) return;
+    int io = AVR_DATA_TO_IO(address);
+    avr->io[io].w.c(avr, address, 1, avr->io[io].w.param);
+}
+
+static void open_step_pin(sim_board *board)
+{
+    avr_irq_t *match = avr_get_interrupt_irq(board->avr, TIMER1_COMPA);
+    avr_irq_register_notify(match + AVR_INT_IRQ_PENDING, on_step_match, board);
+    avr_irq_t *port = avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ('B'), IOPORT_IRQ_REG_PORT);
+    avr_irq_register_notify(port, on_step_port, board);
+    /* simavr lets four registers have a second listener: these two, and TCCR4A below. */
+    avr_register_io_write(board->avr, TCCR1A, on_step_mode, board);
+    avr_register_io_write(board->avr, OCR1AL, on_match_write, board);
+}
 
 static unsigned timer4_top(const uint8_t *data)
 {
@@ -139,24 +195,31 @@ static void on_bridge_write(avr_t *avr, avr_io_addr_t address, uint8_t value, vo
     integrate_duty(param);
 }
 
-static void on_bridge_pin(avr_irq_t *irq, uint32_t value, void *param)
+static void on_bridge_change(avr_irq_t *irq, uint32_t value, void *param)
 {
     (void)irq, (void)value;
     integrate_duty(param);
 }
 
+static void open_bridge(sim_board *board)
+{
+    avr_irq_t *timer = avr_io_getirq(board->avr, AVR_IOCTL_TIMER_GETIRQ('4'), 0);
+    avr_irq_t *port = avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ('H'), IOPORT_IRQ_REG_PORT);
+    avr_irq_register_notify(timer + TIMER_IRQ_OUT_PWM0, on_bridge_change, board);
+    avr_irq_register_notify(timer + TIMER_IRQ_OUT_PWM1, on_bridge_change, board);
+    avr_irq_register_notify(port, on_bridge_change, board);
+    avr_register_io_write(board->avr, TCCR4A, on_bridge_write, board);
+}
+
 static void pins_open_drum(sim_board *board)
 {
     avr_t *avr = board->avr;
-    static const avr_io_addr_t BRIDGE_REGISTERS[] = {OCR4AL, OCR4BL, TCCR4A};
+    open_step_pin(board);
     for (int i = 0; i < OUTPUT_COUNT; i++) {
         avr_irq_t *irq = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(OUTPUT[i].port), OUTPUT[i].bit);
-        avr_irq_register_notify(irq, ON_PIN[i], board);
+        if (ON_PIN[i]) avr_irq_register_notify(irq, ON_PIN[i], board);
     }
-    for (unsigned i = 0; i < sizeof BRIDGE_REGISTERS / sizeof *BRIDGE_REGISTERS; i++)
-        avr_register_io_write(avr, BRIDGE_REGISTERS[i], on_bridge_write, board);
-    avr_irq_t *port = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('H'), IOPORT_IRQ_REG_PORT);
-    avr_irq_register_notify(port, on_bridge_pin, board);
+    open_bridge(board);
     board->out_level[SIM_OUT_ENABLE] = 1; /* pulled up: the driver is off while nobody drives it */
 }
 
