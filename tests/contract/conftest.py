@@ -1,0 +1,43 @@
+"""The same contract for both kinds of simulated boards."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rigctl.resources import checkout
+from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
+from tests.contract.operator import Operator
+
+SEED = 5
+
+
+@pytest.fixture(scope="session")
+def images() -> Path:
+    """Folder of both boards' compiled images, built when they are not up to date."""
+    root = checkout()
+    assert root is not None
+    (root / "build").mkdir(exist_ok=True)
+    with (root / "build" / ".firmware-lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        subprocess.run(["make", "-s", "-C", root / "arduino"], check=True, capture_output=True)
+    return root / "build" / "firmware"
+
+
+@pytest.fixture(scope="module", params=[VIRTUAL, FIRMWARE])
+def at_rig(request: pytest.FixtureRequest) -> Iterator[Operator]:
+    """Somebody at a rig of each kind, both boards connected; one rig for a whole file."""
+    if request.param == FIRMWARE:
+        request.getfixturevalue("images")
+    rig = open_rig(request.param, seed=SEED, paced=False)
+    asyncio.set_event_loop(rig.loop)
+    operator = Operator(rig)
+    operator.run(operator.connect())
+    yield operator
+    asyncio.set_event_loop(None)
+    rig.close()
