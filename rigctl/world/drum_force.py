@@ -14,12 +14,13 @@ PERIOD_S = 0.0125
 DELAY_S = 0.0075
 LAG_S = 0.030
 CONTACT_G = 8.0
+BLIND_SAMPLES = 12
 PRIOR_MM2 = 4e-4
 FORGETTING = 0.96
 MOST_DRIFT_MM_S = 1.0
 MOST_RUN_OUT_MM = 0.5
 SHARE_SEEN = 0.5
-SHARE_LEARNED = 0.6
+SHARE_LEARNED = 0.2
 TURNING_RAD_S = 0.1
 
 _DECAY = math.exp(-PERIOD_S / LAG_S)
@@ -51,6 +52,7 @@ class ForceLoop:
         """Free of contact, about to press; ``free_g`` is the reading without load."""
         self.stiffness_g_mm = stiffness_g_mm
         self.in_contact = False
+        self._samples = 0
         self._free_g = self._last_g = free_g
         self._command = self._speed = self._moved = 0.0
         self._shown = self._pending = 0.0
@@ -68,16 +70,24 @@ class ForceLoop:
     def sample(self, force_g: float, target: Target, angle: float, rate: float) -> float:
         """Speed to ask for, mm/s, positive presses; ``angle`` and ``rate`` of the drum in rad."""
         self._advance_model()
+        self._samples += 1
         if self.in_contact:
-            self._learn_stiffness(force_g)
+            if abs(rate) < TURNING_RAD_S:
+                self._learn_stiffness(force_g)
             speed = self._hold(force_g, target, angle, rate)
         else:
-            self.in_contact = force_g - self._free_g > CONTACT_G
-            self._compression = (force_g - self._free_g) / self.stiffness_g_mm
+            self._look_for_contact(force_g - self._free_g)
             speed = target.limit_mm_s
         self._last_g = force_g
         self._command = _within(speed, target.limit_mm_s)
         return self._command
+
+    def _look_for_contact(self, rise_g: float) -> None:
+        # The drum's own inertia looks like a force while the actuator gathers speed.
+        if self._samples > BLIND_SAMPLES and rise_g > CONTACT_G:
+            self.in_contact = True
+            self._samples = 0
+            self._compression = rise_g / self.stiffness_g_mm
 
     def _advance_model(self) -> None:
         before = self._moved
@@ -88,7 +98,7 @@ class ForceLoop:
         self._pending = _LATE * self._moved
 
     def _learn_stiffness(self, force_g: float) -> None:
-        if abs(self._shown) < 0.004:
+        if self._samples < 3 or abs(self._shown) < 0.004:
             return
         rise_g = force_g - self._last_g
         self._sum_xx = FORGETTING * self._sum_xx + self._shown**2

@@ -77,10 +77,12 @@ class RegisterBank:
             if BY_NAME[name].address >= FIRST_KEPT:
                 self.put(name, raw)
 
-    def read(self, address: int, count: int) -> Sequence[int] | None:
-        """Words, or None where an address does not exist; between the entries they are 0."""
-        if address + count > END:
-            return None
+    def exists(self, address: int, count: int) -> bool:
+        """All these addresses can be read."""
+        return address + count <= END
+
+    def read(self, address: int, count: int) -> Sequence[int]:
+        """Words of addresses that exist; between the entries they are 0."""
         words = [0] * count
         for name, layout in _BLOCKS.items():
             if _overlap(address, count, layout.address, layout.count):

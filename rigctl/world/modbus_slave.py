@@ -32,8 +32,12 @@ class Answer(IntEnum):
 class Bank(Protocol):
     """The registers behind the slave."""
 
-    def read(self, address: int, count: int) -> Sequence[int] | None:
-        """Words, or None where an address does not exist."""
+    def exists(self, address: int, count: int) -> bool:
+        """All these addresses can be read."""
+        ...
+
+    def read(self, address: int, count: int) -> Sequence[int]:
+        """Words of addresses that exist."""
         ...
 
     def write(self, address: int, words: Sequence[int]) -> Answer:
@@ -146,9 +150,9 @@ class ModbusSlave:
     def _read(self, address: int, count: int) -> tuple[Answer, bytes]:
         if not 1 <= count <= MOST_WORDS:
             return Answer.BAD_VALUE, b""
-        words = self._bank.read(address, count)
-        if words is None:
+        if not self._bank.exists(address, count):
             return Answer.NO_REGISTER, b""
+        words = self._bank.read(address, count)
         return Answer.OK, bytes([2 * count]) + struct.pack(f">{count}H", *words)
 
     def _write(self, body: bytes) -> Answer:
@@ -161,7 +165,7 @@ class ModbusSlave:
         address, count = struct.unpack_from(">HH", body)
         if not 1 <= count <= MOST_WORDS:
             return Answer.BAD_VALUE, b""
-        if self._bank.read(address, count) is None:
+        if not self._bank.exists(address, count):
             return Answer.NO_REGISTER, b""
         answer = self._write(body[4:])
         return (answer, b"") if answer is not Answer.OK else self._read(address, count)

@@ -76,7 +76,7 @@ class WorldParameters:
     loadcell_creep: float = _p(0.0005, "", 0, 0.002, "share of a lasting load that creeps in")
     loadcell_creep_s: float = _p(60.0, "s", 10, 600, "time constant of creep")
     imbalance_g: float = _p(1.0, "g", 0, 5, "load-cell reading once a turn, from imbalance")
-    moved_mass_g: float = _p(500.0, "g", 0, 1500, "mass whose acceleration the cell feels")
+    moved_mass_g: float = _p(300.0, "g", 0, 1500, "mass whose acceleration the cell feels")
 
     # Clocks of the boards
     drum_clock_ppm: float = _p(1200.0, "ppm", -5000, 5000, "Mega's resonator fast by so much")

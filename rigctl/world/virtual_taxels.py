@@ -93,6 +93,8 @@ class VirtualTaxels:
 
     def _edges(self, ends_us: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Flags and edge counts of frames that are closed at these times."""
+        if not self._rises and not self._marks and len(self._levels) == 1:
+            return self._steady(ends_us.size)
         rises = np.searchsorted(np.array(self._rises), ends_us, "right") + self._rises_before
         marks = np.searchsorted(np.array(self._marks), ends_us, "right") + self._marks_before
         times = np.array([at_us for at_us, _ in self._levels])
@@ -103,6 +105,12 @@ class VirtualTaxels:
         edges = rises % 4 + (marks % 4) * 4
         self._forget(int(rises[-1]), int(marks[-1]), int(last[-1]))
         return flags.astype(np.uint8), edges.astype(np.uint8)
+
+    def _steady(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Flags and edge counts while nothing happens on the lines."""
+        flag = self._levels[0][1] * int(wire.Flag.SYNC)
+        edge = self._rises_before % 4 + self._marks_before % 4 * 4
+        return np.full(count, flag, np.uint8), np.full(count, edge, np.uint8)
 
     def _forget(self, rises: int, marks: int, level: int) -> None:
         del self._rises[: rises - self._rises_before]

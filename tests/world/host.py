@@ -15,6 +15,8 @@ from rigctl.world.simulation import Simulation
 
 ANSWER_US = 60_000
 POLL_US = 20_000
+BOOT_US = 100_000
+POLL_LAYOUT = BlockLayout(*POLL_BLOCK)
 
 
 def framed(body: bytes) -> bytes:
@@ -41,7 +43,7 @@ class Host:
         self.statuses: list[TaxelStatus] = []
         self.identities: list[TaxelIdentity] = []
         self.lost: list[str] = []
-        self.taxel_bytes = b""
+        self.taxel_bytes: list[bytes] = []
         self.rejected = 0
         self._decoder = FrameDecoder()
         self._beat = self._sequence = 0
@@ -53,7 +55,7 @@ class Host:
         self.arrivals.append(at_s)
 
     def _take_taxels(self, data: bytes, at_s: float) -> None:
-        self.taxel_bytes += data
+        self.taxel_bytes.append(data)
         decoded = self._decoder.feed(data, at_s)
         self.blocks += decoded.blocks
         self.statuses += decoded.statuses
@@ -110,7 +112,7 @@ class Host:
         self._beat = (self._beat + 1) & 0xFFFF
         body = struct.pack(">BBHHHHBH", UNIT, 23, *POLL_BLOCK, 64, 1, 2, self._beat)
         words = struct.unpack(f">{POLL_BLOCK[1]}H", self._answer(body)[1:])
-        raw = BlockLayout(*POLL_BLOCK, REGISTERS).raw(words)
+        raw = POLL_LAYOUT.raw(words)
         return {name: numbers[0] for name, numbers in raw.items()}
 
     def command(self, command: Command) -> None:
@@ -147,6 +149,7 @@ class Host:
 
     def armed(self) -> None:
         """From power-up to armed and tared."""
+        self.wait(BOOT_US)
         self.until(lambda poll: poll["state"] == State.IDLE)
         self.command(Command.ARM)
         self.state(State.ARMED)
