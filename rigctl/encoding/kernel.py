@@ -28,6 +28,7 @@ they were published::
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -40,8 +41,6 @@ from rigctl.encoding.presets import EncoderParameters, Recovery, Rectify, Reset
 
 Kernel = Callable[..., None]
 
-ABSOLUTE = list(Rectify).index(Rectify.ABSOLUTE)
-RISING_ONLY = list(Rectify).index(Rectify.RISING_ONLY)
 
 # Rows of the state array, float64 (STATE_ROWS, 2, lanes): SA in [.., 0, :], RA in [.., 1, :].
 # The filter's rows use the RA half only.
@@ -51,7 +50,11 @@ STATE_ROWS = 5
 # Positions in the vector of folded constants.
 W0, KEEP, PULL, THRESHOLD, RESET_TO, JUMP = range(6)
 B0, B1, B2, A1, A2 = range(6, 11)
-H, QUADRATIC, LINEAR, CONSTANT, A_U, B_U, U_STEP = range(11, 18)
+H, QUADRATIC, LINEAR, CONSTANT, A_U, B_U, U_STEP, CEILING = range(11, 19)
+SUBSTEPS, FALL = 19, 20
+
+# What a falling signal counts: max(slope, FALL · slope) is the slope, its size, or 0.
+FALLS = {Rectify.SIGNED: 1.0, Rectify.ABSOLUTE: -1.0, Rectify.RISING_ONLY: 0.0}
 
 
 def _normal_form(p: EncoderParameters) -> tuple[float, float, float, float]:
@@ -64,7 +67,7 @@ def _normal_form(p: EncoderParameters) -> tuple[float, float, float, float]:
 
 
 def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
-    """The kernel's constants, float64 (18,), in the order of the position names above."""
+    """The kernel's constants, float64 (21,), in the order of the position names above."""
     p, h = parameters, parameters.substep_ms
     late = p.reset is Reset.NEXT_SAMPLE
     scale, shift, recovery_scale, recovery_shift = _normal_form(p)
@@ -78,8 +81,9 @@ def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
         scale * p.c_mv + shift,
         recovery_scale * p.d,
     )
-    textbook = (h, p.quadratic, p.linear, p.constant, p.a, p.b, h * p.substeps)
-    return np.array((*normal, *b, *a[1:], *textbook))
+    ceiling = p.threshold_mv if p.clamp_v else math.inf
+    textbook = (h, p.quadratic, p.linear, p.constant, p.a, p.b, h * p.substeps, ceiling)
+    return np.array((*normal, *b, *a[1:], *textbook, p.substeps, FALLS[p.ra_rectify]))
 
 
 def drives(parameters: EncoderParameters) -> tuple[float, float]:
@@ -92,12 +96,15 @@ def drives(parameters: EncoderParameters) -> tuple[float, float]:
 def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[list[float], list[float]]:
     """Numerator and denominator of the second-order low-pass, three coefficients each.
 
-    Rounded to 15 decimals, so that another machine's tangent gives the same filter.
+    The bilinear transform with the cut-off prewarped, as SciPy designs it (a test compares; its
+    signal package takes seconds to import). Rounded to 15 decimals, so that another machine's
+    tangent gives the same filter.
     """
-    from scipy import signal
-
-    b, a = signal.butter(2, cutoff_hz, fs=rate_hz)
-    return [round(float(x), 15) for x in b], [round(float(x), 15) for x in a]
+    c = 1.0 / math.tan(math.pi * cutoff_hz / rate_hz)
+    norm = 1.0 + math.sqrt(2.0) * c + c * c
+    numerator = (1.0 / norm, 2.0 / norm, 1.0 / norm)
+    denominator = (1.0, 2.0 * (1.0 - c * c) / norm, (1.0 - math.sqrt(2.0) * c + c * c) / norm)
+    return [round(x, 15) for x in numerator], [round(x, 15) for x in denominator]
 
 
 def rest(parameters: EncoderParameters, lanes: int) -> NDArray[np.float64]:
@@ -151,20 +158,12 @@ def kernel_for(parameters: EncoderParameters, *, traced: bool = False) -> Kernel
     ``traced`` with the membrane after each sample, the threshold where it spiked.
     Releases the GIL.
     """
-    return _compiled(
-        parameters.substeps,
-        parameters.recovery is Recovery.OLD_V,
-        parameters.reset is Reset.NEXT_SAMPLE,
-        parameters.clamp_v,
-        list(Rectify).index(parameters.ra_rectify),
-        traced,
-    )
+    old_v = parameters.recovery is Recovery.OLD_V
+    return _compiled(old_v, parameters.reset is Reset.NEXT_SAMPLE, traced)
 
 
 @cache
-def _compiled(
-    substeps: int, old_v: bool, late: bool, clamp: bool, rectify: int, traced: bool
-) -> Kernel:
+def _compiled(old_v: bool, late: bool, traced: bool) -> Kernel:
     """Compile one scheme. The arguments are constants of the compiled code, not run-time tests."""
 
     # One long function on purpose: numba keeps closures over plain numbers in its disk cache,
@@ -187,7 +186,8 @@ def _compiled(
         threshold, reset_to, jump = k[THRESHOLD], k[RESET_TO], k[JUMP]
         b0, b1, b2, a1, a2 = k[B0], k[B1], k[B2], k[A1], k[A2]
         h, quadratic, linear, constant = k[H], k[QUADRATIC], k[LINEAR], k[CONSTANT]
-        a_u, b_u, u_step = k[A_U], k[B_U], k[U_STEP]
+        a_u, b_u, u_step, ceiling = k[A_U], k[B_U], k[U_STEP], k[CEILING]
+        substeps, fall = int(k[SUBSTEPS]), k[FALL]
         m, s, w, fired = np.empty(both), np.empty(both), np.empty(both), np.empty(both)
         z1, z2, last = np.empty(lanes), np.empty(lanes), np.empty(lanes)
         w_ra = np.empty(lanes)
@@ -206,11 +206,7 @@ def _compiled(
                 z2[j] = b2 * x - a2 * y
                 slope = y - last[j]
                 last[j] = y
-                if rectify == ABSOLUTE:
-                    slope = abs(slope)
-                elif rectify == RISING_ONLY:
-                    slope = max(slope, 0.0)
-                w_ra[j] = ra_drive[j] * slope + w0
+                w_ra[j] = ra_drive[j] * max(slope, fall * slope) + w0
             for j in range(lanes):
                 w[lanes + j] = w_ra[j]
             for i in range(both):
@@ -235,8 +231,7 @@ def _compiled(
             for i in range(both):
                 if late:
                     fired[i] = 1.0 if m[i] >= threshold else 0.0
-                    if clamp:
-                        m[i] = threshold if m[i] >= threshold else m[i]
+                    m[i] = min(m[i], ceiling)
                     s[i] = s[i] + u_step * (a_u * (b_u * m[i] - s[i]))
             row_counts = counts[t]
             for i in range(both):

@@ -100,6 +100,13 @@ def extremes(seed: int) -> NDArray[np.uint16]:
     return np.concatenate([steps, noise, flicker]).astype(np.uint16)
 
 
+@pytest.mark.parametrize(("cutoff_hz", "rate_hz"), [(20, 1000), (1, 1000), (499, 1000), (5, 73)])
+def test_the_low_pass_is_scipys_butterworth(cutoff_hz: float, rate_hz: float) -> None:
+    expected = signal.butter(2, cutoff_hz, fs=rate_hz)
+    for ours, theirs in zip(kernel.butterworth(cutoff_hz, rate_hz), expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=3e-14)
+
+
 @pytest.mark.parametrize("name", ALL_PRESETS)
 @pytest.mark.parametrize("seed", range(3))
 def test_spikes_are_the_textbooks(name: str, seed: int) -> None:

@@ -1,0 +1,98 @@
+"""Sessions made by hand; each plate has a wavelength of its own, so textures can be told apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.protocol import parse_protocol
+from rigctl.session.header import SessionHeader
+from rigctl.session.recorder import Recorder
+from rigctl.values import Block, Gap, PlannedTrial
+from tests.session.building import drum_state, trial_row
+
+PROTOCOL = """\
+name = "by hand"
+textures = [{textures}]
+speeds_mm_s = [40, 80, 120]
+forces_g = [250, 500]
+repeats = {repeats}
+[trial]
+travel_mm = {travel}
+"""
+WAVELENGTHS_MM = {"A": 0.0, "B": 4.0, "D": 8.0, "L": 5.5}
+IDLE = 300
+BLOCK = 100
+
+
+def readings(trial: PlannedTrial, n: int, seed: int) -> NDArray[np.uint16]:
+    """Eighteen taxels over a wave of the plate's length, weaker in the lower layer."""
+    rng = np.random.default_rng([seed, trial.trial_id])
+    travel = trial.speed_mm_s * np.arange(n)[:, None] / 1000
+    place = 5.0 * (np.arange(18) % 9 // 3)
+    wavelength = WAVELENGTHS_MM[trial.texture]
+    wave = np.sin(2 * np.pi * (travel + place) / wavelength) if wavelength else np.zeros((n, 18))
+    layer = np.where(np.arange(18) < 9, 1.0, 0.5)
+    level = np.random.default_rng(5).uniform(0.3, 0.5, 18) * (trial.force_g / 500) ** 0.4
+    x = level + 0.12 * layer * wave + rng.normal(0, 0.012, (n, 18))
+    return np.round(1023 * np.clip(x, 0, 1)).astype(np.uint16)
+
+
+def record(
+    folder: Path,
+    textures: str = "ABDL",
+    *,
+    repeats: int = 1,
+    travel_mm: float = 48.0,
+    torn: tuple[int, ...] = (),
+    seed: int = 3,
+) -> Path:
+    """Record every trial of a small plan; trials in ``torn`` lack a few samples."""
+    names = ", ".join(f'"{name}"' for name in textures)
+    text = PROTOCOL.format(textures=names, repeats=repeats, travel=travel_mm)
+    plan = parse_protocol(text, "by hand").plan()
+    header = SessionHeader(
+        plan.hash, seed, len(plan.trials), "virtual", True, "2026-11-21T12:00:00Z"
+    )
+    counter, sequence = 0, 0
+    with Recorder(folder, header, text, "") as recorder:
+        recorder.begin_part("start", textures[0])
+        for trial in plan.trials:
+            first = counter + IDLE
+            counter = _samples(recorder, trial, counter, seed, trial.trial_id in torn)
+            for at in np.arange(first - IDLE + 25, counter, 25):
+                state = drum_state(at / 1000, sequence, first * 1000)
+                sequence += 2
+                recorder.add_drum(_weighed(state, trial, sequence), trial.force_g, trial.speed_mm_s)
+            row = trial_row(trial, first)
+            recorder.commit_trial(
+                replace(row, started_s=(first - IDLE) / 1000, ended_s=counter / 1000)
+            )
+    return folder
+
+
+def _samples(recorder: Recorder, trial: PlannedTrial, counter: int, seed: int, torn: bool) -> int:
+    n = IDLE + trial.n_samples + IDLE
+    everything = readings(trial, n, seed)
+    for start in range(0, n, BLOCK):
+        rows = np.arange(start, min(start + BLOCK, n))
+        gaps: tuple[Gap, ...] = ()
+        if torn and start == IDLE:
+            gaps, rows = (Gap(counter + start, 7, "by hand"),), rows[7:]
+        zeros = np.zeros(len(rows), np.uint8)
+        block = Block(counter + rows, everything[rows], zeros, zeros, gaps, (counter + start) / 1e3)
+        recorder.add_block(block)
+    return counter + n
+
+
+def _weighed(state, trial: PlannedTrial, sequence: int):  # type: ignore[no-untyped-def]
+    """The load cell reads the set-point with a little noise."""
+    noise = np.random.default_rng(sequence).normal(0, 1.5, len(state.loadcell))
+    cells = zip(state.loadcell, noise, strict=True)
+    return replace(
+        state,
+        loadcell=tuple(replace(cell, force_g=trial.force_g + float(e)) for cell, e in cells),
+    )
