@@ -1,0 +1,164 @@
+"""The health strip: the numbers that tell a good recording from a bad one, each with a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QWidget
+
+from gui.labels import elastic, label, set_property
+from gui.lamp import Lamp, Level
+from gui.status import RecordingStatus, Status
+from gui.theme import Theme
+from gui.words import age, duration, size
+from rigctl.values import SAMPLE_RATE_HZ
+
+RATE_TOLERANCE = 0.01
+BLOCK_AGE_LIMIT_S = 0.3
+POLL_AGE_LIMIT_S = 0.3
+CLOCK_LIMIT_PPM = 5000.0
+DISK_HOURS_LIMIT = 1.0
+DISK_FREE_LIMIT_BYTES = 2_000_000_000
+TRIAL_AGE_LIMIT_S = 180.0
+
+
+class Reading(NamedTuple):
+    """One cell: what it shows and how well that is."""
+
+    text: str
+    level: Level
+
+
+CELLS = {
+    "rate": ("Frame rate", "Taxel frames received in the last second; 1000 Hz within 1 %"),
+    "gaps": ("Gaps", "Places in the taxel stream where samples are missing, since connecting"),
+    "lost": ("Lost samples", "Taxel samples taken by the board that never arrived"),
+    "block": ("Block age", "Time since the last taxel samples arrived; up to 300 ms"),
+    "poll": ("Poll age", "Time since the drum last answered; up to 300 ms"),
+    "loadcell": ("Load cell lost", "Load-cell samples that never arrived"),
+    "disk": ("Disk left", "Free space, and how long it lasts at the rate now being written"),
+    "clock": ("Clocks (ppm)", "How fast the clocks of drum and taxel board run; up to ±5000 ppm"),
+    "trial": ("Last trial", "Time since a trial was committed; during a run up to 3 min"),
+}
+
+
+class HealthStrip(QWidget):
+    """One cell a figure: name, value with unit, a lamp whose shape tells as much as its colour."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        row = QHBoxLayout(self)
+        row.setContentsMargins(8, 0, 8, 0)
+        row.setSpacing(5)
+        self.cells = {key: _Cell(name, hint, theme) for key, (name, hint) in CELLS.items()}
+        for cell in self.cells.values():
+            row.addWidget(cell, 1)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Shine in other colours."""
+        for cell in self.cells.values():
+            cell.lamp.set_theme(theme)
+
+    def show_nothing(self) -> None:
+        """Nothing is known."""
+        for cell in self.cells.values():
+            cell.show_reading(Reading("–", Level.OFF))
+
+    def show_status(self, status: Status, since_trial_s: float | None) -> None:
+        """Judge a fresh status."""
+        for key, reading in readings(status, since_trial_s).items():
+            self.cells[key].show_reading(reading)
+
+
+def readings(status: Status, since_trial_s: float | None) -> dict[str, Reading]:
+    """What each cell shows for a status."""
+    return {
+        "rate": _frame_rate(status),
+        "gaps": _count(status.gaps, status.taxels_connected),
+        "lost": _count(status.lost_samples, status.taxels_connected),
+        "block": _age(status.last_block_age_s, BLOCK_AGE_LIMIT_S, status.taxels_connected),
+        "poll": _age(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected),
+        "loadcell": _count(status.loadcell_lost, status.drum_connected),
+        "disk": _disk(status.recording),
+        "clock": _clock(status.clock_ppm),
+        "trial": _trial(since_trial_s, status.run.state == "running"),
+    }
+
+
+def _judge(good: bool) -> Level:
+    return Level.OK if good else Level.BAD
+
+
+def _frame_rate(status: Status) -> Reading:
+    off = abs(status.frame_rate_hz - SAMPLE_RATE_HZ) / SAMPLE_RATE_HZ
+    level = _judge(off <= RATE_TOLERANCE) if status.taxels_connected else Level.BAD
+    return Reading(f"{status.frame_rate_hz:.0f} Hz", level)
+
+
+def _count(count: int, connected: bool) -> Reading:
+    return Reading(f"{count}", _judge(count == 0) if connected else Level.OFF)
+
+
+def _age(seconds: float | None, limit_s: float, connected: bool) -> Reading:
+    if seconds is None:
+        return Reading("–", Level.BAD if not connected else Level.OFF)
+    return Reading(age(seconds), _judge(connected and seconds <= limit_s))
+
+
+def _disk(recording: RecordingStatus) -> Reading:
+    if not recording.disk_free_bytes:
+        return Reading("–", Level.OFF)
+    hours = recording.hours_left
+    enough = recording.disk_free_bytes > DISK_FREE_LIMIT_BYTES
+    if recording.active and hours is not None:
+        left = f"{hours / 24:.0f} d" if hours >= 48 else f"{hours:.0f} h"
+        text = f"{size(recording.disk_free_bytes)}, {left}"
+        return Reading(text, _judge(hours > DISK_HOURS_LIMIT))
+    return Reading(size(recording.disk_free_bytes), _judge(enough))
+
+
+def _clock(ppm: Mapping[str, float | None]) -> Reading:
+    known = [value for value in (ppm.get("drum"), ppm.get("taxels")) if value is not None]
+    if not known:
+        return Reading("–", Level.OFF)
+    text = ", ".join(f"{value:+.0f}" for value in known).replace("-", "−")
+    return Reading(text, _judge(max(map(abs, known)) <= CLOCK_LIMIT_PPM))
+
+
+def _trial(seconds: float | None, running: bool) -> Reading:
+    if seconds is None:
+        return Reading("–", Level.OFF)
+    late = seconds > TRIAL_AGE_LIMIT_S
+    return Reading(f"{duration(seconds)} ago", _judge(not late) if running else Level.OFF)
+
+
+class _Cell(QFrame):
+    def __init__(self, name: str, hint: str, theme: Theme) -> None:
+        super().__init__()
+        self.setProperty("role", "card")
+        self.setToolTip(hint)
+        self.lamp = Lamp(theme, 13)
+        self.verdict = label("", "muted")
+        self.value = elastic(label("–", "value"))
+        grid = QGridLayout(self)
+        grid.setContentsMargins(7, 3, 6, 3)
+        grid.setVerticalSpacing(0)
+        grid.setHorizontalSpacing(3)
+        grid.addWidget(elastic(label(name, "muted")), 0, 0)
+        grid.addWidget(self.verdict, 0, 1)
+        grid.addWidget(self.lamp, 0, 2)
+        grid.addWidget(self.value, 1, 0, 1, 3)
+        grid.setColumnStretch(0, 1)
+
+    def show_reading(self, reading: Reading) -> None:
+        """Show another value and verdict."""
+        if self.value.text() != reading.text:
+            self.value.setText(reading.text)
+        self.lamp.set_level(reading.level)
+        verdict = "" if reading.level is Level.OFF else reading.level.value.upper()
+        if self.verdict.text() != verdict:
+            self.verdict.setText(verdict)
+        set_property(self, "level", reading.level.value)
+        set_property(self.verdict, "role", "bad" if reading.level is Level.BAD else "muted")
+        set_property(self.value, "level", reading.level.value)

@@ -1,0 +1,171 @@
+"""The window's two sets of colours, and how Qt and the plots are told of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor, QPalette
+from PySide6.QtWidgets import QApplication
+
+
+class ThemeChoice(StrEnum):
+    """What the View menu offers."""
+
+    SYSTEM = "Follow system"
+    LIGHT = "Light"
+    DARK = "Dark"
+
+
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """Colours by what they mean.
+
+    The four row groups differ in hue between SA (cool) and RA (warm) and in lightness between
+    the layers, so that they stay apart for the colour-blind (after Okabe and Ito, 2008).
+    """
+
+    name: str
+    window: str
+    panel: str
+    text: str
+    muted: str
+    line: str
+    accent: str
+    ok: str
+    warn: str
+    bad: str
+    bad_back: str
+    plot: str
+    gap: str
+    set_point: str
+    force: str
+    speed: str
+    layers: tuple[str, str]
+    groups: tuple[str, str, str, str]
+
+
+LIGHT = Theme(
+    name="light",
+    window="#f3f4f6",
+    panel="#ffffff",
+    text="#1b1f24",
+    muted="#59636e",
+    line="#ccd2d9",
+    accent="#0b62a8",
+    ok="#1a7f37",
+    warn="#8f5f00",
+    bad="#b42318",
+    bad_back="#fde7e4",
+    plot="#ffffff",
+    gap="#f6d5d1",
+    set_point="#9aa3ad",
+    force="#0b62a8",
+    speed="#1a7f37",
+    layers=("#1c5a94", "#00765f"),
+    groups=("#00629e", "#c24e00", "#3c9bd1", "#c08400"),
+)
+
+DARK = Theme(
+    name="dark",
+    window="#171a1f",
+    panel="#1f242a",
+    text="#e6e9ed",
+    muted="#9aa4af",
+    line="#39414a",
+    accent="#5fb0ee",
+    ok="#52c772",
+    warn="#e3b341",
+    bad="#ff8178",
+    bad_back="#4a1f1c",
+    plot="#111418",
+    gap="#4a211e",
+    set_point="#707a85",
+    force="#6fb8f2",
+    speed="#67cf85",
+    layers=("#86b9ea", "#4fcfae"),
+    groups=("#4aa5e6", "#ff8b45", "#9ad5ff", "#ffcb5c"),
+)
+
+
+def chosen(choice: ThemeChoice) -> Theme:
+    """The theme that a choice stands for; the system's where it says one, else light."""
+    if choice is ThemeChoice.SYSTEM:
+        dark = QApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark
+        return DARK if dark else LIGHT
+    return DARK if choice is ThemeChoice.DARK else LIGHT
+
+
+_APPLIED = "rigctl_theme"
+
+
+def apply(app: QApplication, theme: Theme) -> None:
+    """Give all widgets of the application the colours of ``theme``, if they have others."""
+    if app.property(_APPLIED) == theme.name:
+        return  # polishing every widget anew takes seconds
+    app.setProperty(_APPLIED, theme.name)
+    app.setStyle("Fusion")
+    app.setPalette(_palette(theme))
+    app.setStyleSheet(_style_sheet(theme))
+
+
+def _palette(theme: Theme) -> QPalette:
+    role = QPalette.ColorRole
+    palette = QPalette(QColor(theme.panel), QColor(theme.window))
+    pairs = {
+        role.WindowText: theme.text,
+        role.Text: theme.text,
+        role.ButtonText: theme.text,
+        role.Base: theme.panel,
+        role.AlternateBase: theme.window,
+        role.ToolTipBase: theme.panel,
+        role.ToolTipText: theme.text,
+        role.Highlight: theme.accent,
+        role.HighlightedText: theme.plot,
+        role.PlaceholderText: theme.muted,
+        role.Link: theme.accent,
+    }
+    for colour_role, colour in pairs.items():
+        palette.setColor(colour_role, QColor(colour))
+    for colour_role in (role.WindowText, role.Text, role.ButtonText):
+        faded = QColor(theme.muted)
+        faded.setAlpha(150)
+        palette.setColor(QPalette.ColorGroup.Disabled, colour_role, faded)
+    return palette
+
+
+def _style_sheet(theme: Theme) -> str:
+    return f"""
+    QLabel[role="muted"] {{ color: {theme.muted}; }}
+    QLabel[role="heading"] {{ font-weight: 600; }}
+    QLabel[role="bad"] {{ color: {theme.bad}; font-weight: 600; }}
+    QLabel[role="value"] {{ font-size: 10.5pt; font-weight: 600; }}
+    QLabel[role="value"][level="bad"] {{ color: {theme.bad}; }}
+    QLabel[role="value"][level="off"] {{ color: {theme.muted}; }}
+    QLabel[role="state"] {{ font-size: 13pt; font-weight: 700; }}
+    QLabel[role="state"][level="bad"] {{ color: {theme.bad}; }}
+    QFrame[role="card"] {{
+        background: {theme.panel}; border: 1px solid {theme.line}; border-radius: 5px;
+    }}
+    QFrame[role="card"][level="bad"] {{
+        background: {theme.bad_back}; border-color: {theme.bad};
+    }}
+    QFrame[role="prompt"] {{
+        background: {theme.panel}; border: 2px solid {theme.accent}; border-radius: 5px;
+    }}
+    QGroupBox {{
+        border: 1px solid {theme.line}; border-radius: 5px; margin-top: 9px; padding-top: 5px;
+        background: {theme.panel};
+    }}
+    QGroupBox::title {{
+        subcontrol-origin: margin; left: 8px; padding: 0 3px; color: {theme.muted};
+    }}
+    QPlainTextEdit, QTableView {{ border: 1px solid {theme.line}; border-radius: 4px; }}
+    QPushButton#stop {{
+        background: #c81e1e; color: white; border: 2px solid #7d0f0f; border-radius: 6px;
+        font-size: 16pt; font-weight: 800; padding: 2px 26px;
+    }}
+    QPushButton#stop:hover {{ background: #e02424; }}
+    QPushButton#stop:pressed {{ background: #7d0f0f; }}
+    """

@@ -1,0 +1,183 @@
+"""The top bar: which rig, connected or not, its state in words, recording truth, STOP."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFrame,
+    QHBoxLayout,
+    QPushButton,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
+
+from gui.labels import elastic, label, set_property, show_text
+from gui.lamp import Lamp, Level
+from gui.status import RecordingStatus, Status
+from gui.theme import Theme
+from gui.words import fault_sentence
+
+RIGS = (
+    ("Virtual rig", "virtual"),
+    ("Firmware on simulated chips", "firmware"),
+)
+_OPEN_FILE = "open a rig.toml …"
+
+
+class Toolbar(QFrame):
+    """Emits what was asked for; knows no engine."""
+
+    connect_asked = Signal(str)
+    disconnect_asked = Signal()
+    rig_file_asked = Signal()
+    stop_asked = Signal()
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.rig = QComboBox()
+        for text, spec in RIGS:
+            self.rig.addItem(text, spec)
+        self.rig.addItem(_OPEN_FILE, None)
+        self.rig.setMinimumWidth(190)
+        self.rig.setToolTip("Which rig to connect to")
+        self.rig.activated.connect(self._rig_chosen)
+        self.connect_button = QPushButton("Connect")
+        self.connect_button.setMinimumWidth(104)
+        self.connect_button.clicked.connect(self._connect_clicked)
+        self.state, self.words = label("–", "state"), elastic(label("not connected", "muted"))
+        self.lamp = Lamp(theme, 18)
+        self.recording, self.samples = label("Not recording", "heading"), label("", "muted")
+        self.stop = QPushButton("STOP")
+        self.stop.setObjectName("stop")
+        self.stop.setMinimumSize(150, 46)
+        self.stop.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.stop.setToolTip("Stop the drum and lift it, from any state (Esc)")
+        self.stop.pressed.connect(self.stop_asked)
+        self._connected = False
+        self._lay_out()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Shine in other colours."""
+        self.lamp.set_theme(theme)
+
+    def add_rig_file(self, path: str) -> None:
+        """Offer a rig description and choose it."""
+        if (place := self.rig.findData(path)) < 0:
+            place = self.rig.count() - 1
+            self.rig.insertItem(place, path.rsplit("/", 1)[-1], path)
+            self.rig.setItemData(place, path, Qt.ItemDataRole.ToolTipRole)
+        self.rig.setCurrentIndex(place)
+
+    def choose_rig(self, spec: str) -> None:
+        """Choose a rig by its name or the path of its description."""
+        place = self.rig.findData(spec)
+        if place >= 0:
+            self.rig.setCurrentIndex(place)
+        else:
+            self.add_rig_file(spec)
+
+    def show_connecting(self, spec: str) -> None:
+        """The engine is starting."""
+        self._connected = False
+        self.connect_button.setText("Connecting …")
+        self.connect_button.setEnabled(False)
+        self.rig.setEnabled(False)
+        show_text(self.words, f"starting the engine for {spec} …")
+
+    def show_disconnected(self, words: str = "not connected") -> None:
+        """No engine."""
+        self._connected = False
+        self.connect_button.setText("Connect")
+        self.connect_button.setEnabled(True)
+        self.rig.setEnabled(True)
+        self.state.setText("–")
+        set_property(self.state, "level", "ok")
+        show_text(self.words, words)
+        self._show_recording(Level.OFF, "Not recording", "")
+
+    def show_connected(self) -> None:
+        """The engine answers."""
+        self._connected = True
+        self.connect_button.setText("Disconnect")
+        self.connect_button.setEnabled(True)
+        self.rig.setEnabled(False)
+
+    def show_silent(self, seconds: float) -> None:
+        """The engine said nothing for a while: what was shown is no longer true."""
+        self.state.setText("?")
+        set_property(self.state, "level", "bad")
+        show_text(self.words, f"the engine has not answered for {seconds:.0f} s")
+        self._show_recording(Level.BAD, "Recording: unknown", "the engine does not answer")
+
+    def show_status(self, status: Status) -> None:
+        """State and recording light of a fresh status."""
+        name = status.state.name.replace("_", " ") if status.state is not None else "–"
+        self.state.setText(name)
+        set_property(self.state, "level", "bad" if status.fault else "ok")
+        show_text(self.words, _state_words(status))
+        self._show_recording(*recording_truth(status.recording))
+
+    def _rig_chosen(self, index: int) -> None:
+        if self.rig.itemData(index) is None:
+            self.rig.setCurrentIndex(0)
+            self.rig_file_asked.emit()
+
+    def _connect_clicked(self) -> None:
+        if self._connected:
+            self.disconnect_asked.emit()
+        else:
+            self.connect_asked.emit(self.rig.currentData())
+
+    def _show_recording(self, level: Level, title: str, detail: str) -> None:
+        self.lamp.set_level(level)
+        show_text(self.recording, title)
+        show_text(self.samples, detail)
+        set_property(self.recording, "role", "bad" if level is Level.BAD else "heading")
+
+    def _lay_out(self) -> None:
+        row = QHBoxLayout(self)
+        row.setContentsMargins(8, 5, 8, 5)
+        row.setSpacing(8)
+        row.addWidget(self.rig)
+        row.addWidget(self.connect_button)
+        row.addSpacing(10)
+        row.addLayout(_two_lines(self.state, self.words), 1)
+        row.addWidget(self.lamp)
+        record = QWidget()
+        record.setFixedWidth(230)
+        record.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Preferred)
+        lines = _two_lines(self.recording, self.samples)
+        lines.setContentsMargins(0, 0, 0, 0)
+        record.setLayout(lines)
+        row.addWidget(record)
+        row.addWidget(self.stop)
+
+
+def recording_truth(recording: RecordingStatus) -> tuple[Level, str, str]:
+    """Level, title and detail of the light; only samples that reached the disk make it green."""
+    if recording.failure:
+        return Level.BAD, "NOT RECORDING", recording.failure
+    if recording.active:
+        total = f"{recording.samples_on_disk:,} samples".replace(",", "\u202f")
+        return Level.OK, "Recording", f"{total}, {recording.samples_last_s}/s to disk"
+    if recording.folder:
+        return Level.BAD, "NOT RECORDING", "nothing reached the disk for 1 s"
+    return Level.OFF, "Not recording", "no session is open"
+
+
+def _state_words(status: Status) -> str:
+    if status.fault:
+        return status.fault_words or fault_sentence(status.fault)
+    if not status.drum_connected:
+        return "the drum's board is not connected"
+    return status.state_words
+
+
+def _two_lines(upper: QWidget, lower: QWidget) -> QVBoxLayout:
+    lines = QVBoxLayout()
+    lines.setSpacing(0)
+    lines.addWidget(upper)
+    lines.addWidget(lower)
+    return lines

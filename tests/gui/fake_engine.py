@@ -1,0 +1,152 @@
+"""An engine without a rig: remembers what it was asked, says what the test wants, writes real
+live data."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigctl.errors import RigctlError
+from rigctl.run.live import LiveView, LiveWriter
+from rigctl.wire.drum_states import State
+
+STATUS: dict[str, Any] = {
+    "at_s": 1.0,
+    "rig": "virtual",
+    "simulated": True,
+    "texture": "A",
+    "drum_connected": True,
+    "taxels_connected": True,
+    "state": int(State.IDLE),
+    "state_words": "off",
+    "fault": 0,
+    "fault_words": "",
+    "force_g": 0.4,
+    "force_set_g": 500.0,
+    "speed_mm_s": 0.0,
+    "speed_set_mm_s": 80.0,
+    "steps": 0,
+    "angle_deg": 12.5,
+    "actuator_position_um": 8000,
+    "tared": True,
+    "homed": False,
+    "frame_rate_hz": 1000.0,
+    "lost_samples": 0,
+    "gaps": 0,
+    "last_block_age_s": 0.012,
+    "poll_age_s": 0.02,
+    "loadcell_lost": 0,
+    "clock_ppm": {"drum": 1187.0, "taxels": -904.0},
+    "recording": {
+        "active": False,
+        "samples_on_disk": 0,
+        "samples_last_s": 0,
+        "folder": None,
+        "disk_free_bytes": 210_000_000_000,
+        "hours_left": None,
+        "failure": None,
+    },
+    "run": {
+        "state": "idle",
+        "text": "",
+        "reasons": [],
+        "trial_id": None,
+        "trials_planned": 0,
+        "trials_committed": 0,
+        "trials_rejected": 0,
+        "eta_s": None,
+        "elapsed_s": 0.0,
+        "current": None,
+        "prompt": None,
+        "session": None,
+    },
+}
+
+
+class FakeEngine:
+    """Stands where an EngineClient stands."""
+
+    def __init__(self, folder: Path, seed: int = 0) -> None:
+        self.asked: list[tuple[str, dict[str, Any]]] = []
+        self.status = deepcopy(STATUS)
+        self.refusals: dict[str, str] = {}
+        self.answers = True
+        self.lost: RigctlError | None = None
+        self.is_closed = False
+        self._messages: list[dict[str, Any]] = []
+        self._random = np.random.default_rng(seed)
+        self._counter = 0
+        self._writer = LiveWriter(folder / "live")
+        self._writer.set_range(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
+        self.live = LiveView(folder / "live")
+
+    @property
+    def commands(self) -> list[str]:
+        """Names of what was asked for."""
+        return [command for command, _ in self.asked]
+
+    def send(self, command: str, **args: Any) -> int:
+        """Remember a request and answer it unless told not to."""
+        self.asked.append((command, args))
+        number = len(self.asked)
+        if self.answers:
+            self._messages.append(self._reply(number, command))
+        return number
+
+    def drain(self) -> list[dict[str, Any]]:
+        """What was said since the last call."""
+        messages, self._messages = self._messages, []
+        if self.lost is not None and not messages:
+            raise self.lost
+        return messages
+
+    def close(self) -> None:
+        """Let go."""
+        if not self.is_closed:
+            self.is_closed = True
+            self.live.close()
+            self._writer.close()
+
+    def shut_down(self, limit_s: float = 30.0) -> int | None:
+        """End."""
+        self.close()
+        return 0
+
+    def say_status(self, **changes: Any) -> None:
+        """Tell the status, some fields changed for good; ``run`` and ``recording`` merge."""
+        for name, value in changes.items():
+            if isinstance(value, dict) and name in ("run", "recording"):
+                self.status[name].update(value)
+            else:
+                self.status[name] = value
+        data = deepcopy(self.status)
+        self._messages.append({"event": "status", "at_s": 1.0, "text": "", "data": data})
+
+    def say(self, kind: str, text: str) -> None:
+        """Tell an event."""
+        self._messages.append({"event": kind, "at_s": 1.0, "text": text, "data": {}})
+
+    def produce(self, n: int, dense: float = 0.05, skip: int = 0) -> None:
+        """Add ``n`` samples, and the load cell's; ``skip`` samples are lost before them."""
+        self._counter += skip
+        counters = np.arange(self._counter, self._counter + n, dtype=np.int64)
+        time_s = counters / 1000.0
+        beat = np.sin(2 * np.pi * time_s[:, None] * np.linspace(4, 21, 18) / 3)
+        noise = self._random.standard_normal((n, 18))
+        samples = (500 + 180 * beat + 12 * noise).astype(np.uint16)
+        rate = dense * (0.5 + 0.5 * np.sin(2 * np.pi * 0.7 * time_s))[:, None]
+        spikes = (self._random.random((n, 36)) < rate).astype(np.uint8)
+        self._writer.add_taxels(time_s, counters, samples, np.zeros(n, np.uint8), spikes)
+        beats = time_s[::12]
+        force = 500 + 4 * self._random.standard_normal(len(beats))
+        self._writer.add_drum(beats, force, 500.0, 80.0, 80.0, int(State.RUN))
+        self._counter += n
+
+    def _reply(self, number: int, command: str) -> dict[str, Any]:
+        if command in self.refusals:
+            sentence = self.refusals[command]
+            return {"reply": number, "ok": False, "error": sentence, "exit_code": 3}
+        return {"reply": number, "ok": True, "result": {}}

@@ -1,0 +1,94 @@
+"""Which buttons can be pressed, and what the engine then hears."""
+
+from __future__ import annotations
+
+import pytest
+
+from gui.operate import ACTIONS
+from rigctl.wire.drum_states import Event, State, next_state
+from tests.gui.steps import Bench, click
+
+OFFERED = {
+    State.IDLE: {"arm", "tare"},
+    State.ARMED: {"disarm", "tare", "home", "approach", "retract"},
+    State.APPROACH: {"retract"},
+    State.HOLD: {"run", "retract"},
+    State.RUN: {"retract"},
+    State.RETRACT: set(),
+    State.FAULT_LIFT: set(),
+    State.FAULT_OFF: {"clear_fault"},
+}
+
+
+def _enabled(bench: Bench) -> set[str]:
+    buttons = bench.window.operate.buttons
+    return {name for name, button in buttons.items() if button.isEnabled()}
+
+
+@pytest.mark.parametrize("state", OFFERED)
+def test_only_what_the_board_would_take_can_be_pressed(bench: Bench, state: State) -> None:
+    bench.see(state=int(state))
+    assert _enabled(bench) == OFFERED[state]
+    for action in ACTIONS:
+        if action.command in OFFERED[state] and action.command not in ("tare", "home"):
+            assert next_state(state, Event[action.event.name]) is not None
+
+
+@pytest.mark.parametrize("state", OFFERED)
+def test_each_button_sends_its_command(bench: Bench, state: State) -> None:
+    bench.see(state=int(state))
+    for name in OFFERED[state]:
+        click(bench.window.operate.buttons[name])
+        assert bench.engine.commands[-1] == name
+
+
+def test_hands_off_while_a_protocol_runs(bench: Bench) -> None:
+    bench.see(state=int(State.HOLD), run={"state": "running"})
+    assert _enabled(bench) == set()
+    assert not bench.window.operate.apply.isEnabled()
+    assert bench.window.toolbar.stop.isEnabled()
+
+
+def test_nothing_can_be_asked_of_an_unplugged_drum(bench: Bench) -> None:
+    bench.see(drum_connected=False, state=int(State.IDLE))
+    assert _enabled(bench) == set()
+
+
+def test_set_points_go_out_with_their_units(bench: Bench) -> None:
+    bench.see()
+    operate = bench.window.operate
+    operate.speed.setValue(120.0)
+    operate.force.setValue(1000.0)
+    click(operate.apply)
+    assert bench.engine.asked[-1] == ("set", {"speed_mm_s": 120.0, "force_g": 1000.0})
+
+
+def test_set_points_keep_to_the_boards_range(bench: Bench) -> None:
+    operate = bench.window.operate
+    operate.speed.setValue(1e6)
+    operate.force.setValue(0.0)
+    assert (operate.speed.value(), operate.force.value()) == (200.0, 50.0)
+
+
+def test_a_refusal_is_said_in_log_and_status_line(bench: Bench) -> None:
+    bench.engine.refusals["arm"] = "the emergency stop is pressed: release it, then arm"
+    bench.see(state=int(State.IDLE))
+    click(bench.window.operate.buttons["arm"])
+    bench.window.tick()
+    assert "release it, then arm" in bench.window.sentence.text()
+    assert "release it, then arm" in bench.window.log.toPlainText()
+
+
+def test_a_fault_is_said_in_words(bench: Bench) -> None:
+    words = "force above the limit: check the sensor and the plate, then clear the fault"
+    bench.see(state=int(State.FAULT_OFF), fault=2, fault_words=words)
+    assert bench.window.operate.fault.text() == words
+    assert bench.window.toolbar.words.text() == words
+    assert bench.window.toolbar.state.text() == "FAULT OFF"
+
+
+def test_faults_are_offered_on_a_simulated_bench_only(bench: Bench) -> None:
+    bench.see(simulated=True)
+    assert bench.window.operate.bench.inject.isVisibleTo(bench.window)
+    bench.see(simulated=False)
+    assert not bench.window.operate.bench.inject.isVisibleTo(bench.window)

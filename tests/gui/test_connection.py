@@ -1,0 +1,108 @@
+"""Connecting, losing and leaving an engine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtWidgets import QApplication
+from shiboken6 import delete
+
+from gui.connection import Client
+from gui.lamp import Level
+from gui.window import Window
+from rigctl.errors import LinkLost, WrongUse
+from tests.gui.fake_engine import FakeEngine
+from tests.gui.steps import Bench, click, wait_until
+
+
+def test_the_chosen_rig_is_connected(app: QApplication, tmp_path: Path) -> None:
+    asked: list[str] = []
+
+    def open_client(rig: str) -> Client:
+        asked.append(rig)
+        return FakeEngine(tmp_path)
+
+    window = Window(open_client)
+    window.show()
+    window.toolbar.choose_rig("firmware")
+    click(window.toolbar.connect_button)
+    assert not window.toolbar.connect_button.isEnabled()
+    wait_until(lambda: window.connection.is_open)
+    assert asked == ["firmware"]
+    assert window.toolbar.connect_button.text() == "Disconnect"
+    window.close()
+    delete(window)
+
+
+def test_a_rig_that_does_not_open_says_why(app: QApplication) -> None:
+    def open_client(rig: str) -> Client:
+        raise WrongUse("port /dev/ttyACM0 is in use: close the other program")
+
+    window = Window(open_client)
+    window.connect_rig("/etc/rig.toml")
+    wait_until(lambda: "in use" in window.sentence.text())
+    assert window.toolbar.connect_button.isEnabled()
+    assert window.toolbar.words.text() == "port /dev/ttyACM0 is in use: close the other program"
+    window.close()
+    delete(window)
+
+
+def test_closing_while_connecting_leaves_no_engine(app: QApplication, tmp_path: Path) -> None:
+    engine = FakeEngine(tmp_path)
+    window = Window(lambda rig: engine)
+    window.connect_rig("virtual")
+    window.close()
+    delete(window)
+    assert engine.is_closed
+
+
+def test_an_engine_that_ends_is_reported(bench: Bench) -> None:
+    bench.see()
+    bench.engine.lost = LinkLost("the engine ended (its end of the connection closed)")
+    bench.window.tick()
+    assert "the engine ended" in bench.window.sentence.text()
+    assert bench.window.toolbar.connect_button.text() == "Connect"
+    assert not any(button.isEnabled() for button in bench.window.operate.buttons.values())
+
+
+def test_a_silent_engine_turns_the_recording_light_bad(bench: Bench) -> None:
+    bench.see(recording={"active": True, "samples_last_s": 1000, "folder": "/s"})
+    assert bench.window.toolbar.lamp.level is Level.OK
+    wait_until(lambda: bench.window.toolbar.lamp.level is Level.BAD)
+    assert "does not answer" in bench.window.sentence.text()
+
+
+@pytest.mark.parametrize(
+    ("recording", "level", "title"),
+    [
+        ({"active": False, "folder": None}, Level.OFF, "Not recording"),
+        ({"active": True, "samples_last_s": 998, "folder": "/s"}, Level.OK, "Recording"),
+        ({"active": False, "samples_last_s": 0, "folder": "/s"}, Level.BAD, "NOT RECORDING"),
+        ({"active": True, "failure": "disk full", "folder": "/s"}, Level.BAD, "NOT RECORDING"),
+    ],
+)
+def test_the_recording_light_tells_the_truth(
+    bench: Bench, recording: dict[str, object], level: Level, title: str
+) -> None:
+    bench.see(recording=recording)
+    assert bench.window.toolbar.lamp.level is level
+    assert bench.window.toolbar.recording.text() == title
+
+
+def test_a_run_goes_on_without_the_window(app: QApplication, tmp_path: Path) -> None:
+    class Watched(FakeEngine):
+        shut = False
+
+        def shut_down(self, limit_s: float = 30.0) -> int | None:
+            self.shut = True
+            return super().shut_down(limit_s)
+
+    engine = Watched(tmp_path)
+    window = Window(lambda rig: engine)
+    window.connect_rig("virtual")
+    wait_until(lambda: window.connection.is_open)
+    Bench(window, engine).see(run={"state": "running"})
+    window.close()
+    delete(window)
+    assert engine.is_closed and not engine.shut

@@ -1,0 +1,58 @@
+"""Figures of the health strip and their verdicts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from gui.health import readings
+from gui.lamp import Level
+from gui.status import read_status
+from tests.gui.fake_engine import STATUS
+from tests.gui.steps import Bench
+
+
+def _read(**changes: Any) -> dict[str, Any]:
+    return dict(readings(read_status({**STATUS, **changes}), None))
+
+
+@pytest.mark.parametrize(
+    ("cell", "changes", "text", "level"),
+    [
+        ("rate", {}, "1000 Hz", Level.OK),
+        ("rate", {"frame_rate_hz": 940.0}, "940 Hz", Level.BAD),
+        ("rate", {"taxels_connected": False, "frame_rate_hz": 0.0}, "0 Hz", Level.BAD),
+        ("gaps", {"gaps": 2}, "2", Level.BAD),
+        ("lost", {"lost_samples": 17}, "17", Level.BAD),
+        ("block", {"last_block_age_s": 0.02}, "20 ms", Level.OK),
+        ("block", {"last_block_age_s": 4.0}, "4 s", Level.BAD),
+        ("poll", {"poll_age_s": 0.31}, "310 ms", Level.BAD),
+        ("loadcell", {"loadcell_lost": 1}, "1", Level.BAD),
+        ("disk", {}, "210 GB", Level.OK),
+        ("clock", {}, "+1187, −904", Level.OK),
+        ("clock", {"clock_ppm": {"drum": None, "taxels": 6000.0}}, "+6000", Level.BAD),
+        ("trial", {}, "–", Level.OFF),
+    ],
+)
+def test_each_figure_has_a_verdict(
+    cell: str, changes: dict[str, Any], text: str, level: Level
+) -> None:
+    assert tuple(_read(**changes)[cell]) == (text, level)
+
+
+def test_the_disk_is_judged_by_the_time_it_lasts() -> None:
+    recording = {**STATUS["recording"], "active": True, "hours_left": 0.4}
+    assert _read(recording=recording)["disk"].level is Level.BAD
+
+
+def test_bad_is_said_in_words_and_shape_too(bench: Bench) -> None:
+    bench.see(gaps=1)
+    cell = bench.window.health.cells["gaps"]
+    assert cell.verdict.text() == "BAD"
+    assert cell.lamp.level is Level.BAD
+
+
+def test_missing_fields_are_survived() -> None:
+    status = read_status({"state": 99, "run": None, "novel": 1})
+    assert status.state is None and status.run.state == "idle"
