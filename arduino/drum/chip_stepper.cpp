@@ -95,7 +95,7 @@ inline void move_sync(Mark mark) {
 
 }  // namespace
 
-ISR(TIMER1_COMPA_vect) {
+ISR(TIMER1_COMPA_vect, __attribute__((flatten))) {
     const IsrMeter meter;
     const uint16_t now = OCR1A;
     breaths = breaths + 1;

@@ -10,8 +10,8 @@
 struct IsrMeter {
     static constexpr uint16_t AROUND_CYCLES = 70;
 
-    IsrMeter() : start(TCNT1) {}
-    ~IsrMeter() {
+    __attribute__((always_inline)) IsrMeter() : start(TCNT1) {}
+    __attribute__((always_inline)) ~IsrMeter() {
         const uint16_t cycles = TCNT1 - start;
         if (cycles > longest) longest = cycles;
         sum += cycles + AROUND_CYCLES;
