@@ -6,7 +6,7 @@
  */
 #include "board.h"
 
-#define ADC_STEPS 1024
+#define FULL_SCALE 1023
 #define SIMAVR_STEPS 1023 /* simavr reads mV × 1023 / vref */
 #define MILLIVOLTS 5000
 #define CHANNELS 8
@@ -19,22 +19,28 @@
 #define LINE_SHIFT 4 /* lines are PD4, PD5, PD6 */
 #define INPUTS 6
 
-/* Millivolts that simavr turns into exactly the code an ideal 10 bit converter would give. */
-static uint32_t millivolts(double share)
+/* Millivolts that simavr turns into exactly this code. */
+static uint32_t millivolts(int code)
 {
-    int code = (int)(share * ADC_STEPS);
     if (code < 0) code = 0;
-    if (code > ADC_STEPS - 1) code = ADC_STEPS - 1;
+    if (code > FULL_SCALE) code = FULL_SCALE;
     return (code * MILLIVOLTS + SIMAVR_STEPS - 1) / SIMAVR_STEPS;
 }
 
-static double voltage(const sim_board *board, int channel)
+/* The code that a sample taken now converts to. */
+static int code_now(const sim_board *board, int channel)
 {
     const sim_exchange *x = &board->exchange;
-    double length = (double)(board->slice_end - board->slice_start);
-    double at = length > 0 ? (double)(board->avr->cycle - board->slice_start) / length : 0;
-    double start = x->analog_start[channel];
-    return start + (x->analog_end[channel] - start) * (at > 1 ? 1 : at);
+    double length = (double)(board->slice_end - board->slice_start), share = 0;
+    int row = 0, last = x->analog_rows - 1;
+    if (last > 0 && length > 0) {
+        share = (double)(board->avr->cycle - board->slice_start) / length * last;
+        row = share < last ? (int)share : last - 1;
+        share -= row;
+    }
+    double here = x->analog[row][channel], next = last > 0 ? x->analog[row + 1][channel] : here;
+    double level = here + (next - here) * share;
+    return (int)(level * FULL_SCALE + x->analog_noise[row][channel] + 0.5);
 }
 
 /* The line that is driven, or -1 when none or several are, or one floats. */
@@ -59,7 +65,7 @@ static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
     } else if (input > 0) {
         channel = -1;
     }
-    if (channel >= 0) level = millivolts(voltage(board, channel));
+    if (channel >= 0) level = millivolts(code_now(board, channel));
     /* simavr looks at the multiplexer only when ADCL is read: all channels hold the sample. */
     avr_irq_t *adc = avr_io_getirq(board->avr, AVR_IOCTL_ADC_GETIRQ, 0);
     for (int c = 0; c < CHANNELS; c++) avr_raise_irq(adc + c, level);

@@ -18,6 +18,7 @@
 #define SIM_MAX_EDGES 8192
 #define SIM_MAX_INPUTS 1024
 #define SIM_VECTORS 64
+#define SIM_MAX_ROWS 33
 
 typedef struct sim_board sim_board;
 
@@ -55,8 +56,10 @@ enum sim_loadcell_mode {
  * size is compared when the library is loaded. */
 typedef struct sim_exchange {
     /* in, kept until changed */
-    double analog_start[SIM_CHANNELS]; /* share of the reference, at the slice's start */
-    double analog_end[SIM_CHANNELS];   /* the same at its end */
+    /* Voltages as shares of the reference: rows at equal distances, the first at the slice's
+     * start, the last at its end, linear in between. Noise is added, in codes, per interval. */
+    double analog[SIM_MAX_ROWS][SIM_CHANNELS];
+    double analog_noise[SIM_MAX_ROWS][SIM_CHANNELS];
     int64_t loadcell_period_q16;       /* HX711: chip cycles of one conversion × 65536 */
     int64_t host_byte_q16;             /* cable: chip cycles of one byte from the host × 65536 */
     int32_t loadcell_counts;           /* value of a conversion that ends in this slice */
@@ -66,7 +69,7 @@ typedef struct sim_exchange {
     int32_t steps_per_turn;
     int32_t report_samples;            /* 1: report SIM_OUT_SAMPLE edges */
     int32_t report_steps;              /* 1: report SIM_OUT_STEP edges */
-    int32_t reserved;                  /* keeps the layout free of gaps */
+    int32_t analog_rows;               /* 1: constant, row 0 */
     /* in, consumed by sim_run */
     int32_t rx_count;
     int32_t input_count;

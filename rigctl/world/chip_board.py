@@ -52,6 +52,7 @@ class ChipBoard:
         self._now_us = now_us
         self._to_board = b""
         self._written_us = 0
+        self._awaited = self._answering = False
         self._to_host = bytearray()
         self._on_wire = b""
         self._arrived_us = 0.0
@@ -59,10 +60,12 @@ class ChipBoard:
         chip.exchange.host_byte_q16 = round(byte_us * clock.cycles_per_us * 65536)
         link.attach(self._receive)
 
-    @property
-    def written_us(self) -> int:
-        """World time at which the host last wrote."""
-        return self._written_us
+    def is_awaited(self, longest_us: int) -> bool:
+        """Whether an answer to what the host wrote may still be on its way.
+
+        It is over when the board has sent something and was silent for one run.
+        """
+        return self._awaited and self._now_us() - self._written_us < longest_us
 
     def run(self, until_us: int) -> None:
         """Let the chip catch up with the world."""
@@ -82,12 +85,15 @@ class ChipBoard:
     def _receive(self, data: bytes) -> None:
         self._to_board += data
         self._written_us = self._now_us()
+        self._awaited, self._answering = True, False
 
     def _collect(self, end: int) -> None:
         """Bytes whose stop bit is over have arrived; a last one may still be on the wire."""
         count = self.chip.exchange.tx_count
         self._to_host += self._on_wire
         self._on_wire = b""
+        self._awaited = self._awaited and not (self._answering and count == 0)
+        self._answering = count > 0
         if count == 0:
             return
         stamps = self.chip.tx_cycle[:count]

@@ -21,6 +21,7 @@ MAX_BYTES = 4096
 MAX_EDGES = 8192
 MAX_INPUTS = 1024
 VECTORS = 64
+MAX_ROWS = 33
 
 
 class Kind(IntEnum):
@@ -67,8 +68,8 @@ class Exchange(ctypes.Structure):
     """``sim_exchange`` of ``sim.h``; the meanings stand there."""
 
     _fields_ = (
-        ("analog_start", ctypes.c_double * CHANNELS),
-        ("analog_end", ctypes.c_double * CHANNELS),
+        ("analog", ctypes.c_double * CHANNELS * MAX_ROWS),
+        ("analog_noise", ctypes.c_double * CHANNELS * MAX_ROWS),
         ("loadcell_period_q16", _I64),
         ("host_byte_q16", _I64),
         ("loadcell_counts", _I32),
@@ -78,7 +79,7 @@ class Exchange(ctypes.Structure):
         ("steps_per_turn", _I32),
         ("report_samples", _I32),
         ("report_steps", _I32),
-        ("reserved", _I32),
+        ("analog_rows", _I32),
         ("rx_count", _I32),
         ("input_count", _I32),
         ("rx_start", _U64),
@@ -145,8 +146,9 @@ class Chip:
     """One simulated AVR with its image. Close it; nothing else frees the simulator's memory.
 
     Arrays are views of the exchange: ``tx``, ``tx_cycle``, ``edge_cycle``, ``edge_signal``,
-    ``edge_level`` (valid up to the counts, until the next :meth:`run`), ``analog_start`` and
-    ``analog_end`` (float64 (18,), share of the reference).
+    ``edge_level`` (valid up to the counts, until the next :meth:`run`); ``analog`` float64
+    (33, 18), shares of the reference at the start of the run, …, at its end; ``noise`` the same
+    in codes.
     """
 
     def __init__(self, library: ctypes.CDLL, image: Path, kind: Kind) -> None:
@@ -160,8 +162,8 @@ class Chip:
         self.edge_cycle = self._view("edge_cycle", np.uint64)
         self.edge_signal = self._view("edge_signal", np.uint8)
         self.edge_level = self._view("edge_level", np.uint8)
-        self.analog_start = self._view("analog_start", np.float64)
-        self.analog_end = self._view("analog_end", np.float64)
+        self.analog = self._view("analog", np.float64).reshape(MAX_ROWS, CHANNELS)
+        self.noise = self._view("analog_noise", np.float64).reshape(MAX_ROWS, CHANNELS)
         self._rx = self._view("rx", np.uint8)
 
     def _view(self, field: str, dtype: type[np.generic]) -> NDArray[Any]:

@@ -1,15 +1,15 @@
 """The bench with both boards' real firmware: compiled images on simavr, in lock-step.
 
 A slice is one world millisecond: first the drum's chip runs it, then the world with what that
-chip did, then the taxels' chip with the voltages and edges that came of it. Edges between the
-chips carry cycle stamps. Towards the drum's chip the world is one slice late, except for the
-index mark, which its step pulses move pulse by pulse. Bytes that the host writes go onto the
-wire at the world time of the call; bytes that arrive are handed over at the end of an advance.
+chip did. The taxels' chip, on which nothing depends but the host, follows every four slices
+with the voltages and edges that came of them. Edges between the chips carry cycle stamps.
+Towards the drum's chip the world is one slice late, except for the index mark, which its step
+pulses move pulse by pulse. Bytes that the host writes go onto the wire at the world time of the
+call; bytes that arrive are handed over at the end of an advance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -35,15 +35,14 @@ from rigctl.world.truth import Truth
 SLICE_US = 1000
 DRUM_BAUD = 115_200
 TAXELS_BAUD = 500_000
-ANSWER_US = 30_000
-"""After the host wrote to the drum it looks again every slice for so long."""
-IDLE_SLICES = 4
-"""Otherwise it looks after so many: taxel frames then come four at a time."""
-FULL_COUNTS = 1023
-CODES = 1024
+ANSWER_US = 60_000
+"""Longest time for which an answer of the drum is awaited."""
+BATCH = 4
+"""Slices that the taxels' chip follows at a time: as USB hands over about every 4 ms."""
 END_MM = 0.05
 """Actuator travel left at which an end switch opens."""
 
+_WIRES = {int(Output.SYNC): Input.SYNC, int(Output.INDEX): Input.INDEX}
 _LOADCELL_MODE = {
     LoadcellFault.NONE: 0,
     LoadcellFault.SILENT: 1,
@@ -82,6 +81,8 @@ class ChipSimulation:
         )
         self._adc_noise = NoiseRows(bench.seed, Stream.ADC, CHANNELS)
         self._start_steps = p.start_mm / p.mm_per_step
+        self._taxels_ms = 0
+        self._edges: list[tuple[Input, int, float]] = []
         self._switches = {Input.ESTOP: 0, Input.END_UP: 0, Input.END_DOWN: 0}
         self._wire_up()
 
@@ -92,15 +93,17 @@ class ChipSimulation:
 
     @property
     def slice_us(self) -> int:
-        """To the next slice's end while an answer of the drum may come, else some further."""
-        to_next = SLICE_US - self.time_us % SLICE_US
-        awaited = self.time_us - self.drum_board.written_us < ANSWER_US
-        return to_next if awaited else to_next + (IDLE_SLICES - 1) * SLICE_US
+        """To the next slice's end while an answer of the drum may come, else to the next batch."""
+        if self.drum_board.is_awaited(ANSWER_US):
+            return SLICE_US - self.time_us % SLICE_US
+        return BATCH * SLICE_US - self.time_us % (BATCH * SLICE_US)
 
     def advance(self, until_us: int) -> None:
         """Run every whole slice up to a world time, then hand over what arrived."""
         while (self._done_ms + 1) * SLICE_US <= until_us:
             self._run_slice()
+            if self._done_ms - self._taxels_ms >= BATCH:
+                self._run_taxels()
         self.time_us = until_us
         self.drum_board.deliver()
         self.taxels_board.deliver()
@@ -122,6 +125,7 @@ class ChipSimulation:
     def _wire_up(self) -> None:
         p = self._bench.parameters
         x = self.drum_board.chip.exchange
+        x.analog_rows = 2
         x.steps_per_turn = round(p.steps_per_turn)
         x.mark_length_steps = round(p.index_length_mm / p.mm_per_step)
         period_cycles = self._bench.loadcell.period_us * self.drum_board.clock.cycles_per_us
@@ -133,17 +137,18 @@ class ChipSimulation:
         end_ms = self._done_ms + 1
         self._run_drum(end_ms)
         x = self.drum_board.chip.exchange
+        if x.edge_count:
+            self._note_edges()
         travel_mm = (x.drum_place - self._start_steps) * self._bench.parameters.mm_per_step
         self._bench.advance(end_ms, x.drive, Motion(end_ms * 1000.0, travel_mm, 0.0, 0.0))
-        self._run_taxels(end_ms)
         self._done_ms = end_ms
 
     def _run_drum(self, end_ms: int) -> None:
         chip, plant = self.drum_board.chip, self._bench.plant
         x = chip.exchange
         rod_mm, travel_mm = plant.rod_mm, self._bench.parameters.actuator_travel_mm
-        chip.analog_start[0] = chip.analog_end[0]
-        chip.analog_end[0] = (rod_mm / travel_mm * FULL_COUNTS + 0.5) / CODES
+        chip.analog[0, 0] = chip.analog[1, 0]
+        chip.analog[1, 0] = rod_mm / travel_mm
         self._switch(Input.END_UP, int(rod_mm < END_MM), end_ms)
         self._switch(Input.END_DOWN, int(rod_mm > travel_mm - END_MM), end_ms)
         if x.loadcell_ready <= self.drum_board.clock.cycle(end_ms * SLICE_US):
@@ -156,28 +161,33 @@ class ChipSimulation:
             at_us = max(self.time_us, (end_ms - 1) * SLICE_US)
             self.drum_board.chip.set_input(signal, self.drum_board.clock.cycle(at_us), level)
 
-    def _run_taxels(self, end_ms: int) -> None:
-        chip, skin = self.taxels_board.chip, self._bench.skin
-        for signal, level, at_us in self._edges():
-            chip.set_input(signal, self.taxels_board.clock.cycle(at_us), level)
-            if signal is Input.SYNC:
-                self._bench.sync(level, int(at_us))
-        skin.advance()
-        noise = self._adc_noise.rows(end_ms, 1)[0] * self._bench.parameters.adc_noise_counts + 0.5
-        before, now = skin.levels[(end_ms - 1) % RING_MS], skin.levels[end_ms % RING_MS]
-        np.divide(before * FULL_COUNTS + noise, CODES, out=chip.analog_start)
-        np.divide(now * FULL_COUNTS + noise, CODES, out=chip.analog_end)
-        self.taxels_board.run(end_ms * SLICE_US)
-
-    def _edges(self) -> Iterator[tuple[Input, int, float]]:
+    def _note_edges(self) -> None:
         """What the drum did on the two wires to the taxel board, in world time."""
-        board = self.drum_board
-        for i in range(board.chip.exchange.edge_count):
-            signal = board.chip.edge_signal[i]
-            if signal in (Output.SYNC, Output.INDEX):
-                wire = Input.SYNC if signal == Output.SYNC else Input.INDEX
-                at_us = board.clock.us(int(board.chip.edge_cycle[i]))
-                yield wire, int(board.chip.edge_level[i]), at_us
+        chip, clock = self.drum_board.chip, self.drum_board.clock
+        for i in range(chip.exchange.edge_count):
+            wire = _WIRES.get(int(chip.edge_signal[i]))
+            if wire is None:
+                continue
+            at_us, level = clock.us(int(chip.edge_cycle[i])), int(chip.edge_level[i])
+            self._edges.append((wire, level, at_us))
+            if wire is Input.SYNC:
+                self._bench.sync(level, int(at_us))
+
+    def _run_taxels(self) -> None:
+        """Let the taxels' chip follow up to where the world is."""
+        chip, skin = self.taxels_board.chip, self._bench.skin
+        for signal, level, at_us in self._edges:
+            chip.set_input(signal, self.taxels_board.clock.cycle(at_us), level)
+        self._edges.clear()
+        skin.advance()
+        first, count = self._taxels_ms, self._done_ms - self._taxels_ms
+        rows = np.arange(first, first + count + 1) % RING_MS
+        chip.analog[: count + 1] = skin.levels[rows]
+        noise = self._adc_noise.rows(first, count)
+        np.multiply(noise, self._bench.parameters.adc_noise_counts, out=chip.noise[:count])
+        chip.exchange.analog_rows = count + 1
+        self._taxels_ms = self._done_ms
+        self.taxels_board.run(self._done_ms * SLICE_US)
 
     def _disturb(self) -> None:
         bench = self._bench.disturbances
@@ -188,6 +198,8 @@ class ChipSimulation:
         self._bench.disturb()
 
     def _reset(self, board: str) -> None:
+        if self._taxels_ms < self._done_ms:
+            self._run_taxels()
         chip = {DRUM: self.drum_board, TAXELS: self.taxels_board}[board].chip
         chip.reset(ResetBy.PIN)
 
