@@ -11,23 +11,18 @@ import math
 from collections.abc import Callable
 from enum import Enum
 
-from rigctl.wire.drum_map import SETTINGS, Command, CommandResult, ForceMode
+from rigctl.wire.drum_map import SETTINGS, Command, CommandResult
 from rigctl.wire.drum_states import LIFT_FAULTS, OUTPUTS, Event, Fault, State, next_state
 from rigctl.world.bench import Bench
-from rigctl.world.drum_actuator import ActuatorDrive
-from rigctl.world.drum_force import ForceLoop, Target
 from rigctl.world.drum_loadcell import PERIOD_US, SILENCE_PERIODS, LoadcellWatch
 from rigctl.world.drum_motion import DrumMotion
+from rigctl.world.drum_presser import Presser
 from rigctl.world.drum_registers import RegisterBank
 from rigctl.world.drum_turner import Turner
 
 BOOT_US = 10_000
 SELFTEST_LIMIT_US = 500_000
 LIFT_US = 700_000
-FAR_MM_S, SEARCH_MM_S, LIFT_MM_S = 8.0, 2.5, 10.0
-NEAR_MM = 1.5
-POSITION_BAND_MM = 0.06
-POSITION_GAIN = 4.0
 
 UNSUPERVISED = frozenset(
     {State.BOOT, State.SELFTEST, State.IDLE, State.FAULT_LIFT, State.FAULT_OFF}
@@ -86,16 +81,13 @@ class Controller:
         self.result = CommandResult.NONE
         self.saved: dict[str, int] = {}
         self.cell = LoadcellWatch()
-        self.force = ForceLoop()
         self.turner = Turner(bench, motion, clock, at_us)
-        p = bench.parameters
-        self.actuator = ActuatorDrive(bench.plant, p.actuator_travel_mm, p.potentiometer_counts)
-        self.settled = self.tared = False
-        self.contact_mm: float | None = None
+        self.presser = Presser(bench, bank, self.cell, clock)
+        self.actuator = self.presser.actuator
+        self.tared = False
         self._goal: State | None = None
         self._silent = True
-        self._beat_us = self._outside_us = at_us
-        self._start_mm = 0.0
+        self._beat_us = at_us
         self._timers = {Timer.BOOT: at_us + BOOT_US}
 
     # What happens to it
@@ -150,7 +142,7 @@ class Controller:
             self._lifted()
         elif self.actuator.at_lower_end:
             self.raise_fault(Fault.ACTUATOR_END)
-        elif self.state is State.APPROACH and not self.force.in_contact:
+        elif self.state is State.APPROACH and not self.presser.in_contact:
             self.raise_fault(Fault.NO_CONTACT)
 
     def estop_changed(self, now_us: int) -> None:
@@ -208,16 +200,6 @@ class Controller:
             found.append(Fault.HEARTBEAT)
         return found
 
-    @property
-    def force_set_g(self) -> float:
-        """Force that is held."""
-        return 0.1 * self._setting("force_set")
-
-    @property
-    def in_contact(self) -> bool:
-        """The drum rests on the sensor."""
-        return self.force.in_contact
-
     # Inside
 
     def _setting(self, name: str) -> int:
@@ -249,7 +231,7 @@ class Controller:
         self.raise_fault(Fault.LOADCELL_SILENT)
 
     def _approach_overdue(self) -> None:
-        touched = self.force.in_contact
+        touched = self.presser.in_contact
         self.raise_fault(Fault.FORCE_UNREACHED if touched else Fault.NO_CONTACT)
 
     def _check_loadcell(self) -> None:
@@ -279,8 +261,8 @@ class Controller:
             self.actuator.off()
         if not outputs.stepper_enabled:
             self.turner.halt(self.now_us)
-        if state not in (State.HOLD, State.RUN):
-            self.settled = False
+        if outputs.actuator != "force_loop":
+            self.presser.settled = False
         self._supervise_heartbeat()
         entry = {
             State.SELFTEST: lambda: self._wait(Timer.SELFTEST, SELFTEST_LIMIT_US),
@@ -345,7 +327,7 @@ class Controller:
         self.turner.move(self.now_us, self._bank.settings, self._move_done)
 
     def _begin_home(self) -> None:
-        self.force.forget_run_out()
+        self.presser.force.forget_run_out()
         self.turner.home(self.now_us, self._bank.settings, self._move_done)
 
     def _begin_run(self) -> None:
@@ -365,7 +347,7 @@ class Controller:
 
     def _zero_steps(self) -> None:
         self.turner.zero(self.now_us)
-        self.force.forget_run_out()
+        self.presser.force.forget_run_out()
         self._finish(CommandResult.DONE)
 
     def _save(self) -> None:
@@ -383,14 +365,13 @@ class Controller:
             self.tared = True
             self._finish(CommandResult.DONE)
 
-    # Lifting and pressing
+    # The actuator
 
     def _begin_lift(self) -> None:
         self.turner.brake(self.now_us, self._bank.settings, self._lifted)
-        self.force.in_contact = False
         clearance_mm = 1e-3 * self._setting("lift_clearance_um")
-        known_mm = self.contact_mm
-        self.actuator.lift_to(0.0 if known_mm is None else known_mm - clearance_mm)
+        known_mm = self.presser.contact_mm
+        self.presser.lift_to(0.0 if known_mm is None else known_mm - clearance_mm)
 
     def _lifted(self) -> None:
         still = not self.turner.motion.moving
@@ -400,72 +381,19 @@ class Controller:
     def _begin_fault_lift(self) -> None:
         self._fail()
         self.turner.brake(self.now_us, self._bank.settings, lambda: None)
-        self.actuator.lift_to(0.0)
-        self.force.in_contact = False
+        self.presser.lift_to(0.0)
         self._wait(Timer.LIFT, LIFT_US)
 
     def _begin_approach(self) -> None:
-        self._start_mm = self.actuator.position_mm
-        self._outside_us = self.now_us
-        stiffness = float(self._setting("stiffness_g_per_mm"))
-        self.force.begin(stiffness, self.cell.force_g)
-        self.actuator.press_until(self._start_mm + 1e-3 * self._setting("approach_limit_um"))
+        self.presser.begin(self.now_us)
         self._wait(Timer.APPROACH, 1000 * self._setting("approach_timeout_ms"))
 
     def _press(self) -> None:
         """One step of the force loop, with each reading of the load cell."""
-        if OUTPUTS[self.state].actuator not in ("approach", "force_loop"):
+        mode = OUTPUTS[self.state].actuator
+        if mode not in ("approach", "force_loop"):
             return
-        touched = self.force.in_contact
-        speed = self.force.sample(
-            self.cell.force_g,
-            self._target(),
-            self.turner.angle_rad(self.now_us),
-            self.turner.rate_rad_s(self.now_us),
-        )
-        if self.force.in_contact and not touched:
-            self._touch()
-        if self.force.in_contact and self._setting("force_mode") != ForceMode.HOLD:
-            speed = self._other_mode(speed)
-        asked = self.actuator.ask(speed, 1e-3 * self._setting("dead_band_permille"))
-        self.force.commanded(asked)
-        self._judge_settled()
-
-    def _touch(self) -> None:
-        self.contact_mm = self.actuator.position_mm
-        self.actuator.press_until(math.inf)
-        self._outside_us = self.now_us
-
-    def _target(self) -> Target:
-        limit = LIFT_MM_S
-        if not self.force.in_contact:
-            away_mm = (self.contact_mm or 0.0) - self.actuator.position_mm
-            limit = FAR_MM_S if away_mm > NEAR_MM else SEARCH_MM_S
-        gain_p, gain_i = 0.01 * self._setting("gain_p"), 0.01 * self._setting("gain_i")
-        return Target(self.force_set_g, gain_p, gain_i, limit)
-
-    def _other_mode(self, speed: float) -> float:
-        """LOCK rests once the force was reached; POSITION goes to a depth."""
-        if self._setting("force_mode") == ForceMode.LOCK:
-            return 0.0 if self.state is not State.APPROACH else speed
-        return POSITION_GAIN * self._depth_missing_mm()
-
-    def _depth_missing_mm(self) -> float:
-        wanted_mm = (self.contact_mm or 0.0) + 1e-3 * self._setting("depth_set_um")
-        return wanted_mm - self.actuator.position_mm
-
-    def _judge_settled(self) -> None:
-        if not self.force.in_contact or not self._inside_band():
-            self._outside_us = self.now_us
-        inside_ms = 1e-3 * self._clock * (self.now_us - self._outside_us)
-        self.settled = inside_ms >= self._setting("settle_time_ms")
-        if self.settled and self.state is State.APPROACH:
-            stiffness = min(5000, max(50, round(self.force.stiffness_g_mm)))
-            self._bank.put("stiffness_g_per_mm", stiffness)
+        self.presser.step(self.now_us, self.turner, self.state is State.APPROACH)
+        if self.presser.settled and self.state is State.APPROACH:
+            self.presser.keep_stiffness()
             self._go(Event.FORCE_SETTLED)
-
-    def _inside_band(self) -> bool:
-        if self._setting("force_mode") == ForceMode.POSITION:
-            return abs(self._depth_missing_mm()) < POSITION_BAND_MM
-        band_g = 1e-3 * self._setting("settle_band") * self.force_set_g
-        return abs(self.cell.force_g - self.force_set_g) <= band_g

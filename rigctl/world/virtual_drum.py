@@ -162,7 +162,7 @@ class VirtualDrum:
 
     def _report_state(self) -> Values:
         c = self.controller
-        contact_um = 0 if c.contact_mm is None else round(1e3 * c.contact_mm)
+        contact_um = round(1e3 * (c.presser.contact_mm or 0.0))
         return {
             "state": (c.state,),
             "fault": (c.fault,),
@@ -220,8 +220,8 @@ class VirtualDrum:
         shown = {
             Status.SYNC_HIGH: c.turner.sync_high,
             Status.INDEX_HIGH: self._bench.plant.index_high,
-            Status.FORCE_SETTLED: c.settled,
-            Status.IN_CONTACT: c.in_contact,
+            Status.FORCE_SETTLED: c.presser.settled,
+            Status.IN_CONTACT: c.presser.in_contact,
             Status.SPEED_CONSTANT: self._motion.constant,
             Status.ESTOP_CLOSED: not self._bench.disturbances.estop_pressed,
             Status.END_UP: c.actuator.at_upper_end,
