@@ -108,8 +108,8 @@ class Drum:
         at_s = self.line.received_at_s
         self._check_clock(words, at_s)
         ring = await self._read_ring(self._decoder.missing(words))
+        await self._after_tare(self._decoder.layout.raw(words))
         state = self._decoder.decode(words, at_s, ring)
-        await self._after_tare(state)
         for consumer in self._consumers:
             consumer(state)
         return state
@@ -253,9 +253,10 @@ class Drum:
         self._decoder.tare_counts = round(self.settings.get("tare_counts", 0))
         self._decoder.scale_ug_per_count = round(self.settings.get("scale_ug_per_count", 0))
 
-    async def _after_tare(self, state: DrumState) -> None:
+    async def _after_tare(self, raw: dict[str, tuple[int, ...]]) -> None:
         """A tare that is done changed what raw counts mean: read it."""
-        if _acknowledged(state) == self._tare_sequence and _result(state) is not _RUNNING:
+        done = raw["command_result"][0] != CommandResult.RUNNING
+        if done and raw["command_acknowledged"][0] == self._tare_sequence:
             self._tare_sequence = None
             await self.get("tare_counts", "scale_ug_per_count")
 
@@ -284,7 +285,6 @@ class Drum:
         return _result(state) is CommandResult.DONE
 
 
-_RUNNING = CommandResult.RUNNING
 _SEEN = table.BY_NAME["heartbeat_seen"].address - table.POLL_BLOCK[0]
 
 

@@ -1,0 +1,215 @@
+"""One trial on both kinds of boards, from power-up to lifted, looked at from all sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rigctl.errors import CommandRefused
+from rigctl.values import DrumState
+from rigctl.wire.drum_map import Command, Status
+from rigctl.wire.drum_states import State
+from rigctl.wire.taxels import Flag
+from tests.contract.operator import Operator
+
+SPEED_MM_S, FORCE_G, TRAVEL_MM, RUN_IN_MM = 80.0, 400.0, 120.0, 60.0
+PLATE_START_MM = 10.0
+MM_PER_STEP = 0.03125
+
+
+@dataclass
+class Trial:
+    """The record of one trial and what the world knows of it."""
+
+    states: list[DrumState]
+    counters: NDArray[np.int64]
+    samples: NDArray[np.uint16]
+    flags: NDArray[np.uint8]
+    edges: NDArray[np.uint8]
+    speed_mm_s: NDArray[np.float32]
+    force_g: NDArray[np.float32]
+    sync: NDArray[np.uint8]
+    run_from: int
+    refused: list[str]
+    lost: int
+    taxels_ppm: float
+
+    @property
+    def window(self) -> NDArray[np.intp]:
+        """Milliseconds of world time in which sync was high."""
+        return np.flatnonzero(self.sync)
+
+    @property
+    def sample_window(self) -> NDArray[np.intp]:
+        """Rows of samples taken with sync high."""
+        return np.flatnonzero(self.flags & Flag.SYNC)
+
+
+async def perform(at_rig: Operator) -> Trial:
+    """Arm, tare, home, move to the plate's start, approach, run, retract."""
+    drum, refused = at_rig.drum, []
+    at_rig.simulation.set_plate("G")
+    await drum.set(
+        speed_set=SPEED_MM_S,
+        force_set=FORCE_G,
+        travel_set=TRAVEL_MM,
+        run_in_set=RUN_IN_MM,
+        clock_trim_ppm=at_rig.clocks_ppm["drum"],
+    )
+    await at_rig.watch(0.2)
+    for command in (Command.ARM, Command.TARE, Command.HOME):
+        await at_rig.do(command)
+    await drum.set(move_target=PLATE_START_MM / MM_PER_STEP)
+    await at_rig.do(Command.MOVE)
+    await at_rig.do(Command.APPROACH)
+    for command in (Command.MOVE, Command.TARE, Command.HOME, Command.ARM, Command.CLEAR):
+        try:
+            await drum.command(command)
+        except CommandRefused:
+            refused.append(command.name)
+    run_from = len(at_rig.states)
+    await at_rig.do(Command.RUN)
+    await at_rig.do(Command.RETRACT)
+    await at_rig.watch(0.1)
+    truth = at_rig.simulation.truth.arrays()
+    return Trial(
+        list(at_rig.states),
+        at_rig.counters,
+        at_rig.samples,
+        at_rig.flags,
+        at_rig.edges,
+        truth.speed_mm_s,
+        truth.force_g,
+        truth.sync,
+        run_from,
+        refused,
+        at_rig.taxels.counters.lost,
+        at_rig.clocks_ppm["taxels"],
+    )
+
+
+@pytest.fixture(scope="module")
+def trial(at_rig: Operator) -> Trial:
+    """The trial of each kind of rig, performed once."""
+    at_rig.forget()
+    return at_rig.run(perform(at_rig))
+
+
+def visited(states: list[DrumState]) -> list[State]:
+    """States in order, repeats left out."""
+    seen = [State(s.state) for s in states]
+    return [seen[0]] + [b for a, b in pairwise(seen) if a is not b]
+
+
+def test_the_states_follow_the_table(trial: Trial) -> None:
+    way = visited(trial.states)
+    # A poll may miss a state that lasted less than its period, none of these does.
+    assert way[:2] == [State.IDLE, State.RETRACT]
+    assert way[-6:] == [
+        State.APPROACH,
+        State.HOLD,
+        State.RUN,
+        State.HOLD,
+        State.RETRACT,
+        State.ARMED,
+    ]
+    assert all(s.fault == 0 for s in trial.states)
+
+
+def test_home_finds_the_mark_and_move_goes_to_the_step(trial: Trial) -> None:
+    approach = next(s for s in trial.states if s.state == State.APPROACH)
+    assert approach.status_bits >> Status.HOMED & 1
+    assert approach.steps == PLATE_START_MM / MM_PER_STEP
+    assert approach.angle_deg == pytest.approx(9.0, abs=0.02)
+
+
+def test_the_tare_makes_the_lifted_drum_weigh_nothing(trial: Trial) -> None:
+    before_contact = [s for s in trial.states[: trial.run_from] if s.state < State.APPROACH]
+    tared = [s for s in before_contact if s.status_bits >> Status.TARED & 1]
+    assert abs(np.mean([x.force_g for s in tared for x in s.loadcell])) < 1.0
+    assert abs(tared[-1].force_g) < 3.0
+    assert abs(trial.states[-1].force_g) < 5.0
+
+
+def test_the_approach_stops_at_contact_and_never_presses_too_hard(trial: Trial) -> None:
+    hold = next(s for s in trial.states if s.state == State.HOLD)
+    assert hold.status_bits >> Status.IN_CONTACT & 1
+    assert hold.status_bits >> Status.FORCE_SETTLED & 1
+    assert 19_000 < hold.values["last_contact_um"] < 21_000
+    assert trial.force_g.max() < 1.1 * FORCE_G
+
+
+def test_commands_that_contact_does_not_allow_are_refused(trial: Trial) -> None:
+    assert trial.refused == ["MOVE", "TARE", "HOME", "ARM", "CLEAR"]
+
+
+def test_force_and_speed_in_the_window_are_those_set(trial: Trial) -> None:
+    force, speed = trial.force_g[trial.window], trial.speed_mm_s[trial.window]
+    assert abs(force.mean() / FORCE_G - 1) < 0.02
+    assert abs(speed[1:-1].mean() / SPEED_MM_S - 1) < 0.001
+    assert np.abs(speed[1:-1] / SPEED_MM_S - 1).max() < 0.05
+
+
+def test_sync_is_high_once_for_the_travel_set_after_the_run_in(trial: Trial) -> None:
+    window = trial.window
+    assert np.all(np.diff(window) == 1)
+    travel_mm = trial.speed_mm_s[window].sum() * 1e-3
+    assert travel_mm == pytest.approx(TRAVEL_MM, abs=2 * SPEED_MM_S * 1e-3)
+    before = trial.speed_mm_s[: window[0]]
+    start = np.flatnonzero(before == 0)[-1]
+    run_in_mm = before[start:].sum() * 1e-3
+    assert run_in_mm == pytest.approx(RUN_IN_MM, abs=2 * SPEED_MM_S * 1e-3)
+
+
+def test_the_boards_report_of_the_window_is_the_window(trial: Trial) -> None:
+    before, after = trial.states[trial.run_from - 1], trial.states[-1]
+    assert after.sync_count == before.sync_count + 1
+    duration_s = (after.sync_fall_us - after.sync_rise_us) * 1e-6
+    assert duration_s == pytest.approx(len(trial.window) * 1e-3, abs=0.006)
+    steps = after.steps - before.steps
+    assert steps * MM_PER_STEP > RUN_IN_MM + TRAVEL_MM
+
+
+def test_the_window_reaches_the_taxel_stream_to_the_sample(trial: Trial) -> None:
+    rows = trial.sample_window
+    assert np.all(np.diff(rows) == 1)
+    expected = TRAVEL_MM / SPEED_MM_S * 1000 * (1 + trial.taxels_ppm * 1e-6)
+    assert abs(len(rows) - expected) <= 2
+    rises = np.flatnonzero(np.diff(trial.edges & 3))
+    assert len(rises) == 1
+    assert abs(int(rises[0]) + 1 - int(rows[0])) <= 1
+
+
+def test_every_index_mark_reaches_the_taxel_stream(trial: Trial) -> None:
+    marks = np.diff((trial.edges >> 2).astype(np.int8)) % 4
+    told_by_drum = trial.states[-1].index_count - trial.states[0].index_count
+    assert told_by_drum >= 1
+    assert int(marks.sum()) == told_by_drum
+    assert np.count_nonzero(trial.flags & Flag.INDEX) == told_by_drum
+
+
+def test_no_frame_is_lost_and_no_load_cell_sample(trial: Trial) -> None:
+    np.testing.assert_array_equal(np.diff(trial.counters), 1)
+    assert trial.lost == 0
+    assert trial.states[-1].loadcell_lost == 0
+    numbers = [x.sequence for s in trial.states for x in s.loadcell]
+    np.testing.assert_array_equal(np.diff(numbers), 1)
+
+
+def test_touch_raises_the_readings(trial: Trial) -> None:
+    touched = trial.samples[trial.sample_window].mean(axis=0)
+    lifted = trial.samples[-50:].mean(axis=0)
+    assert (touched > lifted + 10).sum() >= 9
+    assert (touched < lifted - 10).sum() == 0
+
+
+def test_after_the_retract_the_drum_stands_clear(trial: Trial) -> None:
+    last = trial.states[-1]
+    assert (last.speed_mm_s, last.actuator_drive_permille) == (0.0, 0)
+    assert trial.force_g[-1] == 0
+    clearance_um = last.values["last_contact_um"] - last.actuator_position_um
+    assert 2900 < clearance_um < 3600
