@@ -69,7 +69,7 @@ def origin_of(session: Session) -> str:
     """Where a session's data come from, for the foot of a figure."""
     header = session.header
     bench = "Simulated bench" if header.simulated else "Real bench"
-    seed = f", seed {header.seed}" if header.simulated else ""
+    seed = f", seed {header.simulation['seed']}" if "seed" in header.simulation else ""
     return f"{bench} ({header.rig}{seed}) · session {session.path.name} · begun {header.start_utc}"
 
 

@@ -120,7 +120,7 @@ def _draw_force(axes: Axes, picture: TrialPicture) -> None:
     axes.plot(picture.force_s[inside], picture.force_g[inside], color=TEXT, lw=1.1)
     shown = np.append(picture.force_g[inside], picture.force_set_g)
     margin = max(0.02 * picture.force_set_g, 0.15 * float(np.ptp(shown)), 1.0)
-    axes.set_ylim(float(shown.min()) - margin, float(shown.max()) + margin)
+    axes.set_ylim(float(shown.min()) - margin, float(shown.max()) + 2 * margin)
     axes.set_ylabel("force (g)")
     _note(axes, f"load cell; dashed: set-point {picture.force_set_g:g} g")
     _tidy(axes)
@@ -132,7 +132,8 @@ def _draw_taxel(axes: Axes, picture: TrialPicture) -> None:
     time_s = np.arange(len(picture.samples)) / SAMPLE_RATE_HZ
     axes.plot(time_s, picture.samples[:, taxel], color=TEXT, lw=0.7)
     axes.set_ylabel("reading\n(counts)")
-    axes.margins(y=0.3)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.3 * (high - low))
     _note(axes, f"taxel {taxel + 1}, the liveliest of {picture.samples.shape[1]}")
     _tidy(axes)
 
