@@ -3,11 +3,6 @@
 #include "board.h"       // clock and step size
 #include "ramp_table.h"  // square roots
 
-#ifdef __AVR__
-// The compiler's own 16 × 16 bit product; left to itself it takes the 32 × 16 one.
-extern "C" uint32_t __umulhisi3(uint16_t, uint16_t);
-#endif
-
 namespace {
 
 constexpr uint8_t FRACTION_BITS = 8;
@@ -23,13 +18,12 @@ uint32_t square_root(uint64_t value) {
     return root;
 }
 
-// value * factor / 2^16 in two 16-bit products: it stands in an interrupt.
+// Both factors are cut to 16 bits first, so that the compiler takes its short product.
+inline uint32_t product(uint16_t a, uint16_t b) { return static_cast<uint32_t>(a) * b; }
+
+// value * factor / 2^16 in two short products: it stands in an interrupt.
 inline uint32_t scaled(uint32_t value, uint16_t factor) {
-#ifdef __AVR__
-    return __umulhisi3(value >> 16, factor) + (__umulhisi3(value, factor) >> 16);
-#else
-    return (value >> 16) * factor + ((value & 0xffff) * factor >> 16);
-#endif
+    return product(value >> 16, factor) + (product(value, factor) >> 16);
 }
 
 }  // namespace
