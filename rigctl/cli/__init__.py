@@ -14,21 +14,23 @@ COMMANDS = ("demo", "run", "stop", "check", "serve", "info", "verify", "ports", 
 INTERRUPTED = 130
 
 
-def parser() -> argparse.ArgumentParser:
-    """The whole command line, every command included."""
+def parser(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
+    """The command line with these commands; one alone starts without loading the others."""
     top = argparse.ArgumentParser(
         prog="rigctl", description="Drive the texture rig, record its taxels, watch its spikes."
     )
     top.add_argument("--version", action="version", version=f"rigctl {__version__}")
     subparsers = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in COMMANDS:
+    for name in commands:
         import_module(f"rigctl.cli.{name}").add_parser(subparsers)
     return top
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code (0 done, 1 answer is no, 2 wrong use, 3 rig fault)."""
-    args = parser().parse_args(argv)
+    words = list(sys.argv[1:] if argv is None else argv)
+    named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
+    args = parser(named).parse_args(words)
     command = import_module(f"rigctl.cli.{args.command}")
     try:
         return int(command.run(args))
