@@ -1,0 +1,244 @@
+"""The world's physics: what a bench would show."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rigctl.world.bench import Bench
+from rigctl.world.loadcell import FULL_SCALE
+from rigctl.world.parameters import WorldParameters
+from rigctl.world.plant import DEPTH_MM, FORCE_G, STANDING, Motion
+from rigctl.world.simulation import LoadcellFault
+from rigctl.world.textures import CATALOGUE, height_tables, profile, texture
+
+QUIET = WorldParameters(
+    run_out_mm=0.0,
+    ripple_share=0.0,
+    contact_spread=0.0,
+    contact_shift_mm=0.0,
+    friction_noise_mm=0.0,
+    adc_noise_counts=0.0,
+    print_roughness_mm=0.0,
+    plate_seating_mm=0.0,
+    imbalance_g=0.0,
+)
+
+
+def press(bench: Bench, force_g: float) -> None:
+    """Lower the drum until the contact force is reached."""
+    while bench.plant.force_g < force_g:
+        bench.advance(bench.plant.time_ms + 1, 0.2, STANDING)
+    bench.advance(bench.plant.time_ms + 300, 0.0, STANDING)
+
+
+def run(bench: Bench, until_ms: int, drive: float, motion: Motion) -> None:
+    """Advance, whatever index marks pass by."""
+    while bench.plant.time_ms < until_ms:
+        bench.advance(until_ms, drive, motion)
+
+
+def turn(bench: Bench, speed_mm_s: float, milliseconds: int) -> NDArray[np.uint16]:
+    """Turn at a speed; counts at 1 kHz meanwhile."""
+    start_ms = bench.plant.time_ms
+    motion = Motion(1000.0 * start_ms, bench.plant.drum_mm, speed_mm_s, 0.0)
+    motion = motion._replace(travel_mm=bench.plant.drum_mm - bench.parameters.start_mm)
+    run(bench, start_ms + milliseconds, 0.0, motion)
+    bench.skin.advance()
+    starts = 1000.0 * np.arange(start_ms, start_ms + milliseconds - 1, dtype=np.float64)
+    return bench.skin.read(start_ms, starts, 50.0)
+
+
+def main_frequency_hz(counts: NDArray[np.uint16]) -> float:
+    """Frequency of the strongest line of a signal sampled at 1 kHz, finely."""
+    signal = counts - counts.mean()
+    spectrum = np.abs(np.fft.rfft(signal * np.hanning(signal.size), 16 * signal.size))
+    line = int(np.argmax(spectrum))
+    return 1000.0 * line / (16 * int(signal.shape[0]))
+
+
+def test_force_grows_with_depth_a_little_faster_than_in_proportion() -> None:
+    bench = Bench(QUIET, 0)
+    forces = []
+    while bench.plant.force_g < 1000.0:
+        bench.advance(bench.plant.time_ms + 1, 0.2, STANDING)
+        row = bench.plant.log[bench.plant.time_ms % len(bench.plant.log)]
+        forces.append((row[DEPTH_MM], row[FORCE_G]))
+    depth, force = np.array([f for f in forces if f[0] > 0]).T
+    assert force[-1] / depth[-1] == pytest.approx(600 * (1 + 0.1 * depth[-1]))
+    assert np.all(np.diff(force) > 0)
+
+
+@pytest.mark.parametrize("drive", [0.05, -0.05, 0.0])
+def test_nothing_moves_inside_the_dead_band(drive: float) -> None:
+    bench = Bench(QUIET, 0)
+    bench.advance(500, drive, STANDING)
+    assert bench.plant.rod_mm == QUIET.actuator_start_mm
+
+
+def test_the_actuator_reaches_its_speed_with_its_lag_and_ends_at_its_ends() -> None:
+    bench = Bench(QUIET, 0)
+    bench.advance(30, -1.0, STANDING)
+    early_mm = QUIET.actuator_start_mm - bench.plant.rod_mm
+    assert early_mm == pytest.approx(10.0 * 0.030 * math.exp(-1), rel=0.06)
+    bench.advance(900, -1.0, STANDING)
+    assert bench.plant.rod_mm == 0.0
+    assert bench.plant.potentiometer == 0
+
+
+def test_play_opens_only_under_a_force_above_the_drums_weight() -> None:
+    slack = dataclasses.replace(QUIET, drum_weight_g=800.0, backlash_mm=0.05)
+    bench = Bench(slack, 0)
+    press(bench, 700.0)
+    rod_mm = bench.plant.rod_mm
+    press(bench, 900.0)
+    stiff = 900.0 / 600.0 / 1.14 - 700.0 / 600.0 / 1.11
+    assert bench.plant.rod_mm - rod_mm > stiff + 0.04
+
+
+def test_run_out_comes_once_a_turn() -> None:
+    bench = Bench(dataclasses.replace(QUIET, run_out_mm=0.05), 0)
+    press(bench, 500.0)
+    start_ms = bench.plant.time_ms
+    turn(bench, 200.0, 2000)
+    rows = np.arange(start_ms, start_ms + 2000) % len(bench.plant.log)
+    force = bench.plant.log[rows, FORCE_G]
+    assert np.ptp(force) == pytest.approx(2 * 0.05 * 690, rel=0.1)
+    assert force[0] == pytest.approx(force[-1], abs=0.5)
+
+
+@pytest.mark.parametrize(("plate", "space_mm"), [("B", 6.0), ("I", 12.0), ("L", 6.0), ("P", 3.0)])
+@pytest.mark.parametrize("speed_mm_s", [40.0, 120.0])
+def test_a_taxel_sings_at_speed_over_spacing(
+    plate: str, space_mm: float, speed_mm_s: float
+) -> None:
+    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
+    bench.set_plate(plate)
+    press(bench, 500.0)
+    counts = turn(bench, speed_mm_s, 1900)[200:, 4]
+    assert main_frequency_hz(counts) == pytest.approx(speed_mm_s / space_mm, rel=0.03)
+
+
+def test_at_rest_without_contact_the_readings_are_low_and_quiet() -> None:
+    bench = Bench(WorldParameters(), 1)
+    bench.advance(1000, 0.0, STANDING)
+    bench.skin.advance()
+    counts = bench.skin.read(0, 1000.0 * np.arange(900, dtype=np.float64), 50.0)
+    assert counts.max() < 40
+    assert 0.3 < counts.std(axis=0).mean() < 1.5
+
+
+def test_under_contact_the_readings_stand_mid_range_and_rise_with_force() -> None:
+    means = []
+    for force_g in (250.0, 500.0, 1000.0):
+        bench = Bench(WorldParameters(start_mm=20.0), 1)
+        bench.set_plate("B")
+        press(bench, force_g)
+        counts = turn(bench, 80.0, 1500)
+        assert counts.max() < 900
+        means.append(counts[:, :9].mean())
+    assert 150 < means[0] < means[1] < means[2] < 700
+    assert means[2] - means[1] < 2.2 * (means[1] - means[0])
+
+
+def test_the_top_layer_feels_the_texture_more_than_the_bottom_one() -> None:
+    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
+    bench.set_plate("B")
+    press(bench, 500.0)
+    spread = turn(bench, 80.0, 1500).astype(float).std(axis=0)
+    assert spread[:9].min() > 2 * spread[9:].max()
+
+
+def test_each_taxel_is_read_at_its_own_instant() -> None:
+    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, gain_spread=0.0), 0)
+    bench.set_plate("L")
+    press(bench, 500.0)
+    start_ms = bench.plant.time_ms
+    turn(bench, 120.0, 500)
+    starts = 1000.0 * np.arange(start_ms, start_ms + 400, dtype=np.float64)
+    early = bench.skin.read(0, starts, 50.0)[:, 8].astype(float)
+    late = bench.skin.read(0, starts + 8 * 50.0, 0.0)[:, 8].astype(float)
+    assert np.array_equal(early, late)
+
+
+def test_dead_and_stuck_taxels_do_not_feel() -> None:
+    broken = dataclasses.replace(QUIET, dead_taxels=(2,), stuck_taxels=(11,), start_mm=20.0)
+    bench = Bench(broken, 0)
+    bench.set_plate("B")
+    press(bench, 500.0)
+    counts = turn(bench, 80.0, 500)
+    assert np.all(counts[:, 2] == 0)
+    assert np.ptp(counts[:, 11]) == 0
+    assert np.ptp(counts[:, 10]) > 5
+
+
+def test_sessions_differ_a_little_and_contacts_less() -> None:
+    means = []
+    for seed in (1, 2):
+        bench = Bench(WorldParameters(), seed)
+        press(bench, 500.0)
+        means.append(turn(bench, 80.0, 500).mean(axis=0))
+    change = np.abs(means[0] / means[1] - 1)
+    assert 0.005 < change.mean() < 0.15
+
+
+def test_the_load_cell_weighs_the_contact_at_its_own_80_hz() -> None:
+    bench = Bench(dataclasses.replace(QUIET, loadcell_drift_g=0.0), 4)
+    readings, times = [], []
+    while bench.plant.time_ms < 2000:
+        due_us = bench.loadcell.next_us
+        bench.advance(due_us // 1000, 0.0, STANDING)
+        readings.append(bench.loadcell.convert())
+        times.append(due_us)
+    grams = (np.array(readings, float) - 80_000) * 2400e-6
+    assert grams.std() == pytest.approx(0.3, rel=0.25)
+    assert np.diff(times).mean() == pytest.approx(12_500 / 1.008, abs=1)
+    assert times[0] == pytest.approx(4 * 12_500 / 1.008, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [(LoadcellFault.SILENT, None), (LoadcellFault.SATURATED, FULL_SCALE)],
+)
+def test_the_load_cells_faults(fault: LoadcellFault, expected: int | None) -> None:
+    bench = Bench(QUIET, 0)
+    bench.advance(60, 0.0, STANDING)
+    bench.disturbances.loadcell = fault
+    assert bench.loadcell.convert() == expected
+
+
+def test_the_catalogue_has_sixteen_plates_with_their_heights_and_spacings() -> None:
+    p = WorldParameters()
+    along = np.arange(0.0, 60.0, 0.01)
+    assert "".join(CATALOGUE) == "ABCDEFGHIJKLMNOP"
+    for letter, plate in CATALOGUE.items():
+        heights = profile(plate, along, p)
+        assert heights.max() == pytest.approx(p.base_height_mm * plate.height, abs=1e-3)
+        if letter != "A":
+            shifted = profile(plate, along + p.base_space_mm * plate.space, p)
+            assert np.mean(np.abs(heights - shifted)) < 0.01
+
+
+def test_the_gap_of_the_drum_is_smooth() -> None:
+    p = dataclasses.replace(QUIET)
+    tables = height_tables(texture("C"), p, 0.0)
+    gap = tables.top[round(386 / 0.05) : round(394 / 0.05)]
+    assert np.abs(gap).max() < 0.01
+
+
+def test_truth_is_the_same_taken_whole_or_in_pieces() -> None:
+    whole, pieces = Bench(WorldParameters(), 1), Bench(WorldParameters(), 1)
+    motion = Motion(0.0, 0.0, 80.0, 0.0)
+    taken = []
+    for until in range(100, 3001, 100):
+        run(whole, until, 0.3, motion)
+        run(pieces, until, 0.3, motion)
+        taken.append(pieces.truth.take())
+    assert [t.first_ms for t in taken] == list(range(0, 3000, 100))
+    together = np.concatenate([t.force_g for t in taken])
+    assert np.array_equal(whole.truth.arrays().force_g, together)
+    assert whole.truth.arrays().speed_mm_s.mean() == pytest.approx(80.0)
