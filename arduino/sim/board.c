@@ -13,6 +13,7 @@
 #define MCUSR_ADDRESS 0x54 /* the same on both chips */
 #define EXTERNAL_INTERRUPTS 8
 #define BURST_CYCLES 1000
+#define EEPROM_REFUSED (-2) /* simavr answers −1 when it has done it */
 
 static const char *const MCU[] = {"atmega2560", "atmega328p"};
 
@@ -203,14 +204,14 @@ int sim_eeprom_read(sim_board *board, uint32_t offset, uint8_t *bytes, uint32_t 
 {
     avr_eeprom_desc_t what = {.ee = bytes, .offset = offset, .size = size};
     if (offset + size > board->avr->e2end + 1u) return 1;
-    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_GET, &what) < 0;
+    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_GET, &what) == EEPROM_REFUSED;
 }
 
 int sim_eeprom_write(sim_board *board, uint32_t offset, const uint8_t *bytes, uint32_t size)
 {
     avr_eeprom_desc_t what = {.ee = (uint8_t *)bytes, .offset = offset, .size = size};
     if (offset + size > board->avr->e2end + 1u) return 1;
-    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_SET, &what) < 0;
+    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_SET, &what) == EEPROM_REFUSED;
 }
 
 uint8_t sim_peek(sim_board *board, uint32_t address) { return board->avr->data[address]; }

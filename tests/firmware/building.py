@@ -1,0 +1,25 @@
+"""Builds what the firmware tests run; several test processes may ask at the same time."""
+
+from __future__ import annotations
+
+import fcntl
+import subprocess
+from functools import cache
+from pathlib import Path
+
+from rigctl.resources import checkout
+
+
+@cache
+def built(target: str) -> Path:
+    """Path of a file under ``build/`` that ``arduino/Makefile`` knows, up to date."""
+    root = checkout()
+    assert root is not None
+    path = root / "build" / target
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with (root / "build" / ".firmware-lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        command = ["make", "-s", "-C", str(root / "arduino"), f"../build/{target}"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return path

@@ -1,0 +1,95 @@
+"""The taxel board's image alone on its chip, fed and watched cycle by cycle."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.values import Block
+from rigctl.wire.taxels import FrameDecoder, TaxelIdentity, TaxelStatus
+from rigctl.world.chip_shim import Chip, Input, Kind, Output, load_library
+from tests.firmware.building import built
+
+FRAME_CYCLES = 16_000
+SLOT_CYCLES = 800
+BYTE_CYCLES = 320
+ENTRY_CYCLES = 4
+"""Interrupt entry of the 328P, which the simulator does not count."""
+
+
+class TaxelChip:
+    """One run of one image; used as a context so that the chip is freed."""
+
+    def __init__(self, image: str = "firmware/taxels.elf") -> None:
+        self.chip = Chip(load_library(built("sim/libchips.so")), built(image), Kind.TAXELS)
+        self.x = self.chip.exchange
+        self.x.report_samples = 1
+        self.x.host_byte_q16 = BYTE_CYCLES << 16
+        self.x.analog_rows = 1
+        self.blocks: list[Block] = []
+        self.statuses: list[TaxelStatus] = []
+        self.identities: list[TaxelIdentity] = []
+        self.rejected = 0
+        self._decoder = FrameDecoder()
+        self._samples: list[NDArray[np.int64]] = []
+
+    def __enter__(self) -> TaxelChip:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        self.chip.close()
+
+    def run(self, milliseconds: int) -> None:
+        """Run on, a millisecond at a time."""
+        for _ in range(milliseconds):
+            self.chip.run((self.x.cycle // FRAME_CYCLES + 1) * FRAME_CYCLES)
+            self._take()
+
+    def edge(self, signal: Input, level: int, cycle: int) -> None:
+        """Change a pin at a cycle from now on."""
+        self.chip.set_input(signal, cycle, level)
+
+    def _take(self) -> None:
+        x, chip = self.x, self.chip
+        decoded = self._decoder.feed(chip.tx[: x.tx_count].tobytes(), x.cycle / 16e6)
+        self.blocks += decoded.blocks
+        self.statuses += decoded.statuses
+        self.identities += decoded.identities
+        self.rejected += decoded.rejected_frames
+        sampled = chip.edge_signal[: x.edge_count] == Output.SAMPLE
+        stamps = chip.edge_cycle[: x.edge_count][sampled].astype(np.int64)
+        levels = chip.edge_level[: x.edge_count][sampled].astype(np.int64)
+        self._samples.append(np.stack([stamps, levels], axis=1))
+
+    def sampled(self, taxel: int) -> NDArray[np.int64]:
+        """Cycles at which a taxel was sampled, without the conversion that wakes the converter."""
+        rows = np.concatenate(self._samples)
+        cycles: NDArray[np.int64] = rows[rows[:, 1] == taxel, 0]
+        return cycles[1:] if taxel == 0 else cycles
+
+    @property
+    def counters(self) -> NDArray[np.int64]:
+        """Counters of all frames that came."""
+        return np.concatenate([np.empty(0, np.int64), *[b.counters for b in self.blocks]])
+
+    @property
+    def samples(self) -> NDArray[np.uint16]:
+        """Readings of all frames that came, (n, 18)."""
+        return np.concatenate([np.empty((0, 18), np.uint16), *[b.samples for b in self.blocks]])
+
+    @property
+    def flags(self) -> NDArray[np.uint8]:
+        """Flags of all frames that came."""
+        return np.concatenate([np.empty(0, np.uint8), *[b.flags for b in self.blocks]])
+
+    @property
+    def edges(self) -> NDArray[np.uint8]:
+        """Edge counts of all frames that came."""
+        return np.concatenate([np.empty(0, np.uint8), *[b.edges for b in self.blocks]])

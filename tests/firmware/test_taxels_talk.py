@@ -1,0 +1,99 @@
+"""What the taxel board says and hears: identity, requests, resets, the count of its boots."""
+
+from __future__ import annotations
+
+import subprocess
+
+import numpy as np
+import pytest
+
+from rigctl.wire.taxels import IDENTIFY, SELF_TEST, encode_request
+from rigctl.world.chip_shim import ResetBy
+from tests.firmware.building import built
+from tests.firmware.taxel_chip import TaxelChip
+
+FLASH_BYTES, RAM_BYTES, EEPROM_BYTES = 32256, 2048, 6
+POWER_ON, EXTERNAL = 1, 2
+
+
+def test_identity_comes_first_after_power_up() -> None:
+    with TaxelChip() as board:
+        board.run(3)
+        assert board.counters.size <= 2
+        (identity,) = board.identities
+        assert identity.board_id == 2 and identity.n_taxels == 18
+        assert identity.boot_count == 1 and identity.reset_cause == POWER_ON
+        assert identity.build_hash != 0
+
+
+def test_identity_on_request_while_frames_go_on() -> None:
+    with TaxelChip() as board:
+        board.run(30)
+        for _ in range(10):
+            board.chip.send(encode_request(IDENTIFY))
+            board.run(7)
+        assert len(board.identities) == 11
+        assert np.all(np.diff(board.counters) == 1)
+
+
+def test_garbage_from_the_host_harms_nothing() -> None:
+    noise = np.random.default_rng(1).integers(0, 256, 4000, np.uint8).tobytes()
+    with TaxelChip() as board:
+        board.run(30)
+        board.chip.send(noise)
+        board.run(120)
+        board.chip.send(b"\0" + encode_request(IDENTIFY))
+        board.run(5)
+        assert len(board.identities) == 2
+        assert np.all(np.diff(board.counters) == 1)
+        assert not board.flags.any()
+        assert board.x.rx_overruns == 0
+
+
+def test_self_test_is_answered_with_a_status() -> None:
+    with TaxelChip() as board:
+        board.run(30)
+        assert not board.statuses
+        board.chip.send(encode_request(SELF_TEST))
+        board.run(5)
+        assert board.statuses[-1].self_test_bits == 0b1000
+        assert np.all(np.diff(board.counters) == 1)
+
+
+def test_a_reset_is_told_with_its_cause_and_the_boots_are_counted() -> None:
+    with TaxelChip() as board:
+        board.run(30)
+        for boots in range(2, 6):
+            board.chip.reset(ResetBy.PIN)
+            board.run(10)
+            identity = board.identities[-1]
+            assert (identity.boot_count, identity.reset_cause) == (boots, EXTERNAL)
+
+
+@pytest.mark.parametrize("offset", range(EEPROM_BYTES))
+def test_a_damaged_byte_of_eeprom_costs_at_most_one_boot(offset: int) -> None:
+    with TaxelChip() as board:
+        for _ in range(3):
+            board.chip.reset(ResetBy.PIN)
+            board.run(5)
+        before = board.identities[-1].boot_count
+        damaged = board.chip.read_eeprom(offset, 1)[0] ^ 0x40
+        board.chip.write_eeprom(offset, bytes([damaged]))
+        board.chip.reset(ResetBy.PIN)
+        board.run(5)
+        assert before <= board.identities[-1].boot_count <= before + 1
+
+
+def test_the_image_fits_with_a_quarter_to_spare() -> None:
+    image = built("firmware/taxels.elf")
+    sizes = subprocess.run(["avr-size", image], check=True, capture_output=True, text=True).stdout
+    text, data, bss = (int(n) for n in sizes.splitlines()[1].split()[:3])
+    assert text + data <= 0.75 * FLASH_BYTES
+    assert data + bss <= 0.75 * RAM_BYTES
+
+
+def test_pure_parts_pass_their_own_tests_under_sanitizers() -> None:
+    done = subprocess.run(
+        [built("firmware/native-taxels")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
