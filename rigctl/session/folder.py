@@ -34,7 +34,7 @@ def part_number(path: Path) -> int:
 def open_part(path: Path) -> h5py.File:
     """A part for reading, also while it grows or after its writer was killed."""
     try:
-        file = h5py.File(path, "r", libver=layout.LIBVER, swmr=True)
+        file = _open(path)
     except OSError as error:
         raise SessionError(f"{path} is damaged, HDF5 cannot open it: {error}") from error
     found = attributes(file)
@@ -48,6 +48,16 @@ def open_part(path: Path) -> h5py.File:
         f"{path} has layout version {version}, this program reads {layout.LAYOUT_VERSION}: "
         "use the rigctl that recorded it"
     )
+
+
+def _open(path: Path) -> h5py.File:
+    """Finished parts the plain way: in SWMR mode HDF5 retries damaged ones for ever."""
+    try:
+        return h5py.File(path, "r", libver=layout.LIBVER)
+    except OSError as error:
+        if "already open" not in str(error):
+            raise
+    return h5py.File(path, "r", libver=layout.LIBVER, swmr=True)
 
 
 def attributes(node: Any) -> dict[str, Any]:

@@ -91,6 +91,22 @@ def lock_owner(folder: Path) -> int | None:
     return int(text) if text.strip().isdigit() else None
 
 
+def is_being_written(folder: Path) -> bool:
+    """Whether a living process writes the session."""
+    try:
+        writable = os.O_RDWR if sys.platform == "win32" else os.O_RDONLY
+        descriptor = os.open(folder / LOCK_FILE, writable)
+    except OSError:
+        return False
+    try:
+        _try_lock(descriptor)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
 def _owner(descriptor: int) -> int | None:
     os.lseek(descriptor, 0, os.SEEK_SET)
     text = os.read(descriptor, 32).decode("ascii", "replace").strip()

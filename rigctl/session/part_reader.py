@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.errors import SessionError
 from rigctl.session import layout
 from rigctl.session.folder import attributes, open_part, part_number
 from rigctl.session.header import SessionHeader
@@ -29,9 +30,13 @@ class PartReader:
         self.number = part_number(path)
         self._file = open_part(path)
         self.attributes = attributes(self._file)
-        self.header = SessionHeader.from_attributes(self.attributes)
-        self._arrays = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
-        self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
+        try:
+            self.header = SessionHeader.from_attributes(self.attributes)
+            self._arrays = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
+            self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
+        except KeyError as error:
+            self._file.close()
+            raise SessionError(f"{path} is damaged, it lacks {error}") from error
         self._dtypes = {t.path: _readable(t) for t in layout.TABLES}
         self.finished = False
         self.n_samples = 0
@@ -89,6 +94,10 @@ class PartReader:
             else:
                 high = middle
         return low
+
+    def column_sum(self, table: layout.Table, column: str) -> int:
+        """Sum of one integer column of a table."""
+        return int(self._tables[table.path].fields(column)[:].sum(dtype=np.int64))
 
     def text(self, path: str) -> str:
         """One of the texts that came with the part."""

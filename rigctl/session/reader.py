@@ -164,6 +164,10 @@ class Session:
         """All events."""
         return tuple(map(event_of, self._join(layout.EVENTS)))
 
+    def loadcell_lost(self) -> int:
+        """Load-cell samples that the host never got."""
+        return sum(part.column_sum(layout.DRUM, "loadcell_lost") for part in self.parts)
+
     def trial_row(self, index: int) -> TrialRow:
         """One attempt as a value."""
         return trial_of(self._trials[index])

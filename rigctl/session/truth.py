@@ -1,0 +1,196 @@
+"""What the simulated world itself logged, beside the session: ``world.h5``.
+
+A real bench has no such file. It judges the rig's speed and force in each trial independently
+of everything the rig measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import SessionError
+from rigctl.session import layout
+from rigctl.session.folder import attributes, open_part
+from rigctl.session.reader import Session
+
+PATTERN = "world*.h5"
+LAYOUT = "rigctl-world"
+CHUNK_ROWS = 65_536
+SLACK_MS = 1_000
+"""A window belongs to an attempt if it begins between its start and end, give or take this."""
+
+_COLUMNS = (
+    ("speed_mm_s", "<f4", "mm/s", "true speed of the texture, mean over the millisecond"),
+    ("force_g", "<f4", "g", "true contact force at the end of the millisecond"),
+    ("sync", "u1", "", "level of the sync line at the end of the millisecond"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class WorldTruth:
+    """One sitting's log, a row a millisecond; row i ends at ``first_ms + i + 1`` ms world time.
+
+    ``speed_mm_s`` and ``force_g``: float32 (n,); ``sync``: uint8 (n,).
+    """
+
+    first_ms: int
+    speed_mm_s: NDArray[np.float32]
+    force_g: NDArray[np.float32]
+    sync: NDArray[np.uint8]
+    sitting: int = 1
+
+    def rises_ms(self) -> NDArray[np.int64]:
+        """World time, in ms, of each rise of sync, to the millisecond in which it came."""
+        high = np.concatenate([[0], self.sync != 0]).astype(np.int8)
+        return np.flatnonzero(np.diff(high) == 1).astype(np.int64) + self.first_ms
+
+
+@dataclass(frozen=True, slots=True)
+class TrialTruth:
+    """True means over one committed trial's window; errors are relative to the set-points."""
+
+    index: int
+    trial_id: int
+    speed_mm_s: float
+    force_g: float
+    speed_error: float
+    force_error: float
+
+
+TruthLog = tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
+"""First millisecond, then speed in mm/s, force in g and sync, a value a millisecond."""
+
+
+def write_truth(folder: Path, log: TruthLog) -> Path:
+    """Write a log, or append what is new of it; returns the file.
+
+    Call it at the end of a run, or now and then with what came since. A resumed session gets
+    a file of its own for each sitting, because the world's time begins anew.
+    """
+    first_ms, speed, force, sync = log
+    columns: tuple[NDArray[Any], ...] = (speed, force, sync)
+    sitting = max(1, len(_sittings(folder)))
+    path = folder / ("world.h5" if sitting == 1 else f"world-{sitting:04d}.h5")
+    if not path.exists():
+        _create(path, first_ms, sitting)
+    with h5py.File(path, "r+", libver=layout.LIBVER) as file:
+        length = int(file["sync"].shape[0])
+        known = int(file.attrs["first_ms"]) + length - first_ms
+        if known < 0:
+            raise SessionError(f"{path} ends {-known} ms before the log goes on: truth is missing")
+        for (name, *_), values in zip(_COLUMNS, columns, strict=True):
+            new = values[known:]
+            file[name].resize(length + len(new), axis=0)
+            file[name][length:] = new
+    return path
+
+
+def load_truth(folder: Path) -> list[WorldTruth]:
+    """The logs of all sittings, in order; empty for a session of a real bench.
+
+    Raises SessionError for a file that is damaged.
+    """
+    return [_load(path) for path in sorted(folder.glob(PATTERN))]
+
+
+def trial_truths(session: Session) -> list[TrialTruth]:
+    """What was true in each committed trial that a log covers, by trial id."""
+    logs = {truth.sitting: truth for truth in load_truth(session.path)}
+    sittings = _sittings(session.path)
+    found = []
+    for index in session.committed():
+        row = session.trials[index]
+        truth = logs.get(_sitting_of(sittings, int(row["part"])))
+        rise = None if truth is None else _rise_of(truth, row)
+        if truth is not None and rise is not None:
+            found.append(_judge(truth, rise, int(index), row))
+    return found
+
+
+def summary(session: Session) -> dict[str, Any] | None:
+    """The ``world`` section of ``rigctl info``; None where no log is."""
+    if not list(session.path.glob(PATTERN)):
+        return None
+    truths = trial_truths(session)
+    speed = [abs(truth.speed_error) * 1000 for truth in truths]
+    force = [abs(truth.force_error) * 1000 for truth in truths]
+    return {
+        "trials": len(truths),
+        "max_speed_error_permille": round(max(speed), 4) if speed else None,
+        "max_force_error_permille": round(max(force), 4) if force else None,
+        "mean_speed_error_permille": round(float(np.mean(speed)), 4) if speed else None,
+        "mean_force_error_permille": round(float(np.mean(force)), 4) if force else None,
+    }
+
+
+def _judge(truth: WorldTruth, rise_ms: int, index: int, row: Any) -> TrialTruth:
+    """Means over the trial's own length from the millisecond behind the rise's."""
+    start = rise_ms + 1 - truth.first_ms
+    window = slice(start, start + int(row["count"]))
+    speed = float(np.mean(np.abs(truth.speed_mm_s[window]), dtype=np.float64))
+    force = float(np.mean(truth.force_g[window], dtype=np.float64))
+    return TrialTruth(
+        index=index,
+        trial_id=int(row["trial_id"]),
+        speed_mm_s=speed,
+        force_g=force,
+        speed_error=speed / float(row["speed_mm_s"]) - 1,
+        force_error=force / float(row["force_g"]) - 1 if row["force_g"] else 0.0,
+    )
+
+
+def _rise_of(truth: WorldTruth, row: Any) -> int | None:
+    """The last rise of the attempt; loop time is world time at a simulated bench."""
+    rises = truth.rises_ms()
+    low = np.searchsorted(rises, float(row["started_s"]) * 1000 - SLACK_MS)
+    high = np.searchsorted(rises, float(row["ended_s"]) * 1000)
+    complete = int(rises[high - 1]) + int(row["count"]) < truth.first_ms + len(truth.sync)
+    return int(rises[high - 1]) if high > low and complete else None
+
+
+def _sittings(folder: Path) -> list[list[int]]:
+    """Numbers of the parts of each sitting: a new start of the program begins one."""
+    found: list[list[int]] = []
+    last_start: tuple[str, float] | None = None
+    for path in sorted(folder.glob(layout.PART_PATTERN)):
+        with open_part(path) as file:
+            read = attributes(file)
+        start = (str(read["start_utc"]), float(read["start_loop_s"]))
+        if start != last_start:
+            found.append([])
+        last_start = start
+        found[-1].append(int(read["part"]))
+    return found
+
+
+def _sitting_of(sittings: list[list[int]], part: int) -> int:
+    return next((n for n, parts in enumerate(sittings, start=1) if part in parts), 0)
+
+
+def _create(path: Path, first_ms: int, sitting: int) -> None:
+    with h5py.File(path, "x", libver=layout.LIBVER) as file:
+        layout.describe(
+            file,
+            {"layout": LAYOUT, "layout_version": 1, "first_ms": first_ms, "sitting": sitting},
+        )
+        for name, dtype, unit, doc in _COLUMNS:
+            dataset = file.create_dataset(
+                name, (0,), dtype, maxshape=(None,), chunks=(CHUNK_ROWS,), compression=1
+            )
+            layout.describe(dataset, {"unit": unit or "none", "doc": doc, "shape": "(ms,)"})
+
+
+def _load(path: Path) -> WorldTruth:
+    try:
+        with h5py.File(path, "r") as file:
+            read = attributes(file)
+            speed, force, sync = (file[name][:] for name, *_ in _COLUMNS)
+            return WorldTruth(int(read["first_ms"]), speed, force, sync, int(read["sitting"]))
+    except (OSError, KeyError) as error:
+        raise SessionError(f"{path} is damaged: {error}") from error

@@ -1,0 +1,96 @@
+"""What must hold for the trials of one part: each window inside the data, in sync, and whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from rigctl.session.part_reader import PartReader
+from rigctl.values import TrialRow, Verdict
+from rigctl.wire.taxels import Flag
+
+RISES = 0b11
+
+
+def check_trials(part: PartReader, rows: list[TrialRow]) -> tuple[list[str], list[str]]:
+    """Problems and notes about the rows of one part, a line each."""
+    flagged = _has_sync(part, rows)
+    problems = []
+    for row in rows:
+        name = f"trial {row.trial.trial_id}, attempt {row.attempt}"
+        lines = (*_check_row(row), *_check_window(part, row, flagged))
+        problems += [f"{name}: {line}" for line in lines]
+    problems += _check_overlap(rows)
+    notes = []
+    if rows and not flagged and any(row.first_counter >= 0 for row in rows):
+        notes.append("the sync line was never high, so trials were not cut by it")
+    return problems, notes
+
+
+def _check_row(row: TrialRow) -> Iterator[str]:
+    committed = row.verdict is Verdict.COMMITTED
+    if row.ended_s < row.started_s:
+        yield "ended before it began"
+    if committed and row.count != row.trial.n_samples:
+        yield f"has {row.count} samples, {row.trial.n_samples} were planned"
+    if committed and row.first_counter < 0:
+        yield "is committed without a window"
+
+
+def _check_window(part: PartReader, row: TrialRow, flagged: bool) -> Iterator[str]:
+    first, behind = row.first_counter, row.first_counter + row.count
+    if first < 0 or row.verdict is not Verdict.COMMITTED:
+        return
+    start = row.first_sample
+    stop = min(start + row.count, part.n_samples)
+    if not 0 <= start < stop:
+        yield f"its first sample, row {start}, is not among the {part.n_samples} of the part"
+        return
+    counters = part.read("/taxels/counter", max(0, start - 1), stop)
+    before, own = (counters[0], counters[1:]) if start else (first - 1, counters)
+    if own[0] < first or before >= first:
+        yield f"row {start} is not the first sample from counter {first}"
+    if own[-1] < behind - 1 and stop == part.n_samples:
+        yield f"ends at counter {behind - 1}, the part's samples end at {own[-1]}"
+    if flagged:
+        inside = int(np.searchsorted(own, behind))
+        yield from _check_sync(part, start, start + inside)
+
+
+def _check_sync(part: PartReader, start: int, stop: int) -> Iterator[str]:
+    """Sync high in the whole window; its rise counted by the frame before the first."""
+    flags = part.read("/taxels/flags", start, stop)
+    low = np.count_nonzero((flags & Flag.SYNC) == 0)
+    if low:
+        yield f"the sync line was low in {low} samples of its window"
+    if start < 2:
+        return
+    counters = part.read("/taxels/counter", start - 2, start + 1)
+    rises = part.read("/taxels/edges", start - 2, start + 1) & RISES
+    if np.array_equal(np.diff(counters), [1, 1]) and rises[0] == rises[1]:
+        yield "it does not begin at a rise of the sync line"
+    if rises[1] != rises[2]:
+        yield "the sync line rose again in its first sample"
+
+
+def _check_overlap(rows: list[TrialRow]) -> Iterator[str]:
+    windows = sorted(
+        (row.first_counter, row.first_counter + row.count, row.trial.trial_id)
+        for row in rows
+        if row.verdict is Verdict.COMMITTED and row.first_counter >= 0
+    )
+    for (_, behind, one), (first, _, other) in pairwise(windows):
+        if first < behind:
+            yield f"trials {one} and {other} overlap"
+
+
+def _has_sync(part: PartReader, rows: list[TrialRow]) -> bool:
+    """Whether the sync wire is fitted: it is high in some window."""
+    for row in rows:
+        if row.first_sample >= 0:
+            flags = part.read("/taxels/flags", row.first_sample, row.first_sample + row.count)
+            if np.any(flags & Flag.SYNC):
+                return True
+    return False

@@ -1,0 +1,117 @@
+"""info says what a session is and holds, and what the simulated world knew."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.cli import info as command
+from rigctl.errors import SessionError
+from rigctl.session.info import info
+from rigctl.session.reader import Session
+from rigctl.session.recorder import Recorder
+from rigctl.session.truth import load_truth, trial_truths, write_truth
+from rigctl.session.verify import verify
+from tests.session.building import IDLE, PROTOCOL, RIG, header, plan, record_plan
+
+
+def run(*words: str) -> int:
+    top = argparse.ArgumentParser()
+    command.add_parser(top.add_subparsers(dest="command"))
+    return command.run(top.parse_args(["info", *words]))
+
+
+def test_json_holds_what_programs_ask_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record_plan(tmp_path / "s")
+    assert run(str(tmp_path / "s"), "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["trials_planned"] == answer["trials_committed"] == 8
+    assert (answer["gaps"], answer["lost_samples"]) == (0, 0)
+    assert answer["samples"] > sum(trial.n_samples for trial in plan().trials)
+    assert answer["rig"] == "virtual"
+    assert answer["firmware"] == {"taxels": "1.0 (0badcafe)"}
+    assert answer["layout"] == "rigctl-session 1"
+    assert answer["written_by"] is None
+    assert "world" not in answer
+    assert run(str(tmp_path / "s")) == 0
+    assert "trials committed   8" in capsys.readouterr().out
+
+
+def test_a_session_being_written_names_its_writer(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "s", header(), PROTOCOL, RIG) as rec:
+        rec.begin_part("start", "A")
+        rec.wait_written()
+        answer = info(tmp_path / "s")
+        assert answer["written_by"] is not None
+        assert answer["finished"] is False
+
+
+def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SessionError, match="is not a session"):
+        run(str(tmp_path))
+
+
+def truth_of(session: Session) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    """A world that is 1 ‰ fast and 1 % heavy in every window, and anything outside of them."""
+    end = session.parts[-1].read("/taxels/counter", session.parts[-1].n_samples - 1, 10**9)[0]
+    speed = np.full(int(end) + 1, 7.0, np.float32)
+    force = np.zeros_like(speed)
+    sync = np.zeros(len(speed), np.uint8)
+    for row in session.trials:
+        window = slice(int(row["first_counter"]), int(row["first_counter"] + row["count"]))
+        speed[window] = row["speed_mm_s"] * 1.001
+        force[window] = row["force_g"] * 0.99
+        sync[window.start - 1 : window.stop + 5] = 1
+    return 0, speed, force, sync
+
+
+def test_the_world_judges_each_trial(tmp_path: Path) -> None:
+    record_plan(tmp_path / "s")
+    with Session.open(tmp_path / "s") as session:
+        log = truth_of(session)
+        half = len(log[1]) // 2
+        write_truth(tmp_path / "s", (0, *(column[:half] for column in log[1:])))  # type: ignore[arg-type]
+        assert write_truth(tmp_path / "s", log).name == "world.h5"
+        assert np.array_equal(load_truth(tmp_path / "s")[0].speed_mm_s, log[1])
+        truths = trial_truths(session)
+    assert [truth.trial_id for truth in truths] == list(range(1, 9))
+    for truth in truths:
+        assert truth.speed_error == pytest.approx(0.001, abs=1e-5)
+        assert truth.force_error == pytest.approx(-0.01, abs=1e-5)
+    world = info(tmp_path / "s")["world"]
+    assert world["trials"] == 8
+    assert world["max_speed_error_permille"] == pytest.approx(1, abs=0.01)
+    assert world["max_force_error_permille"] == pytest.approx(10, abs=0.01)
+    assert any("its world saw 8 trials" in note for note in verify(tmp_path / "s").notes)
+
+
+def test_a_hole_in_the_log_is_refused(tmp_path: Path) -> None:
+    record_plan(tmp_path / "s")
+    empty = (np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros(3, np.uint8))
+    write_truth(tmp_path / "s", (0, *empty))
+    with pytest.raises(SessionError, match="ends 2 ms before the log goes on"):
+        write_truth(tmp_path / "s", (5, *empty))
+
+
+def test_each_sitting_has_a_log_of_its_own(tmp_path: Path) -> None:
+    record_plan(tmp_path / "s")
+    later = {name: getattr(header(), name) for name in type(header()).__slots__}
+    later["start_utc"] = "2026-11-22T08:00:00Z"
+    with Recorder(tmp_path / "s", type(header())(**later), PROTOCOL, RIG, resume=True) as rec:
+        rec.begin_part("resume", "A")
+    columns = (np.ones(IDLE, np.float32), np.ones(IDLE, np.float32), np.zeros(IDLE, np.uint8))
+    assert write_truth(tmp_path / "s", (0, *columns)).name == "world-0002.h5"
+    with Session.open(tmp_path / "s") as session:
+        assert trial_truths(session) == []
+
+
+def test_a_damaged_log_is_a_problem(tmp_path: Path) -> None:
+    record_plan(tmp_path / "s")
+    (tmp_path / "s" / "world.h5").write_bytes(b"not HDF5")
+    assert any("world.h5 is damaged" in line for line in verify(tmp_path / "s").problems)

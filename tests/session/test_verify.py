@@ -1,0 +1,222 @@
+"""verify says yes to a whole session and names what is wrong with any other."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from rigctl.cli import verify as command
+from rigctl.errors import SessionError
+from rigctl.session.recorder import Recorder
+from rigctl.session.verify import verify
+from rigctl.values import Gap, Verdict
+from tests.session.building import (
+    PROTOCOL,
+    RIG,
+    Bench,
+    block,
+    header,
+    plan,
+    record_plan,
+    recorder,
+)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "s"
+    record_plan(folder)
+    return folder
+
+
+@pytest.fixture
+def session(recorded: Path, tmp_path: Path) -> Path:
+    """A copy to spoil."""
+    copy = tmp_path / "s"
+    copy.mkdir()
+    for file in recorded.iterdir():
+        (copy / file.name).write_bytes(file.read_bytes())
+    return copy
+
+
+def run(*words: str) -> int:
+    top = argparse.ArgumentParser()
+    command.add_parser(top.add_subparsers(dest="command"))
+    return command.run(top.parse_args(["verify", *words]))
+
+
+def test_a_whole_session_is_whole(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(str(recorded)) == 0
+    assert "is whole: 8 trials committed" in capsys.readouterr().out
+    assert run(str(recorded), "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["whole"], answer["problems"], answer["lost_samples"]) == (True, [], 0)
+
+
+def test_what_is_no_session_is_wrong_use(tmp_path: Path) -> None:
+    with pytest.raises(SessionError, match="is not a session"):
+        run(str(tmp_path))
+    with pytest.raises(SessionError, match="is not a session"):
+        run(str(tmp_path / "none"))
+
+
+def spoil_table(path: str, row: int, **values: object) -> Callable[[h5py.File], None]:
+    def spoil(file: h5py.File) -> None:
+        changed = file[path][row]
+        for name, value in values.items():
+            changed[name] = value
+        file[path][row] = changed
+
+    return spoil
+
+
+def spoil_array(path: str, rows: slice, value: Any) -> Callable[[h5py.File], None]:
+    def spoil(file: h5py.File) -> None:
+        file[path][rows] = value
+
+    return spoil
+
+
+def cut(path: str, length: int) -> Callable[[h5py.File], None]:
+    return lambda file: file[path].resize(length, axis=0)
+
+
+def no_unit(file: h5py.File) -> None:
+    del file["/taxels/samples"].attrs["unit"]
+
+
+def other_seed(file: h5py.File) -> None:
+    file.attrs["seed"] = 99
+
+
+def again(file: h5py.File) -> None:
+    """The first trial committed a second time."""
+    rows = file["/trials"]
+    first = rows[0]
+    rows.resize(rows.shape[0] + 1, axis=0)
+    rows[-1] = first
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (cut("/taxels/samples", 500), "per-sample data sets differ in length"),
+        (spoil_array("/taxels/counter", slice(100, 101), 99), "goes back at row 100"),
+        (cut("/events", 0), "part-0002.h5: was not closed in order"),
+        (spoil_table("/trials", 0, first_sample=7), "row 7 is not the first sample from"),
+        (spoil_table("/trials", 0, count=200), "has 200 samples, 300 were planned"),
+        (spoil_table("/trials", 0, first_sample=10**6), "is not among the"),
+        (spoil_table("/trials", 0, speed_mm_s=41), "trial 5 is not in the plan"),
+        (spoil_table("/trials", 0, ended_s=-1), "ended before it began"),
+        (spoil_table("/trials", 0, first_counter=-1), "is committed without a window"),
+        (spoil_table("/trials", 1, trial_id=5), "trial 5 is committed 2 times"),
+        (again, "trials 5 and 5 overlap"),
+        (spoil_array("/taxels/flags", slice(60, 70), 0), "the sync line was low in 10 samples"),
+        (spoil_array("/taxels/edges", slice(0, 90), 0), "does not begin at a rise"),
+        (spoil_table("/taxels/arrivals", 3, arrived_s=0), "/taxels/arrivals goes back in time"),
+        (spoil_table("/taxels/arrivals", 3, first_row=5), "does not ascend in first_row"),
+        (spoil_table("/loadcell", 2, sequence=0), "holds a conversion twice"),
+        (spoil_table("/drum", 1, at_s=0), "/drum goes back in time"),
+        (no_unit, "/taxels/samples has no attribute unit"),
+        (other_seed, "has another seed than the first part"),
+    ],
+)
+def test_each_damage_is_named(
+    session: Path, spoil: Callable[[h5py.File], None], words: str
+) -> None:
+    with h5py.File(session / "part-0002.h5", "r+") as file:
+        spoil(file)
+    report = verify(session)
+    assert not report.whole
+    assert any(words in line for line in report.problems), report.problems
+    assert run(str(session)) == 1
+
+
+def test_a_missing_part_a_truncated_part_and_a_foreign_file_are_named(session: Path) -> None:
+    part = session / "part-0001.h5"
+    whole = part.read_bytes()
+    part.write_bytes(whole[: len(whole) // 2])
+    assert "part-0001.h5 is damaged" in verify(session).problems[0]
+    part.unlink()
+    assert "parts are missing: part-0001.h5" in verify(session).problems[0]
+    with h5py.File(part, "w") as file:
+        file["x"] = 1
+    assert "not a part of a rigctl session" in verify(session).problems[0]
+
+
+def test_gaps_must_be_told(tmp_path: Path) -> None:
+    for name, gap in (("told", Gap(110, 5, "crc")), ("untold", None), ("wrong", Gap(110, 4, ""))):
+        with recorder(tmp_path / name) as rec:
+            rec.begin_part("start", "A")
+            rec.add_block(block(100))
+            rec.add_block(block(115, gap=gap))
+    assert verify(tmp_path / "told").whole
+    assert verify(tmp_path / "told").lost_samples == 5
+    problems = verify(tmp_path / "untold").problems
+    assert problems == [
+        "part-0001.h5: 5 samples from counter 110 are missing at row 10, not in /gaps"
+    ]
+    assert "tells of 4 lost samples from counter 110" in verify(tmp_path / "wrong").problems[0]
+
+
+def test_gaps_before_the_first_sample_of_a_part_harm_nothing(tmp_path: Path) -> None:
+    with recorder(tmp_path / "s") as rec:
+        rec.begin_part("start", "A")
+        rec.add_block(block(100, gap=Gap(90, 10, "while the part was changed")))
+    assert verify(tmp_path / "s").whole
+
+
+def test_a_session_that_is_written_is_not_whole_yet(tmp_path: Path) -> None:
+    with recorder(tmp_path / "s") as rec:
+        rec.begin_part("start", "A")
+        rec.wait_written()
+        assert verify(tmp_path / "s").problems == ["part-0001.h5: is still being written"]
+    report = verify(tmp_path / "s")
+    assert report.whole
+    assert "8 of 8 planned trials are not committed" in report.notes
+
+
+def test_a_resumed_session_is_whole(session: Path) -> None:
+    """A part whose writer was killed stands before the one that went on."""
+    with h5py.File(session / "part-0001.h5", "r+") as file:
+        file["/events"].resize(0, axis=0)
+    report = verify(session)
+    assert report.whole
+    assert "part-0001.h5: its writer was killed, the session went on" in report.notes
+
+
+def test_rejected_attempts_are_kept_and_do_not_count(tmp_path: Path) -> None:
+    trial = plan().trials[0]
+    with recorder(tmp_path / "s") as rec:
+        rec.begin_part("start", "A")
+        bench = Bench(rec)
+        bench.trial(trial, Verdict.REJECTED, attempt=1)
+        bench.trial(trial, attempt=2)
+    report = verify(tmp_path / "s")
+    assert report.whole
+    assert report.trials_committed == 1
+
+
+def test_another_plan_hash_is_found(tmp_path: Path) -> None:
+    wrong = {**{name: getattr(header(), name) for name in type(header()).__slots__}}
+    wrong["plan_hash"] = "0" * 32
+    with Recorder(tmp_path / "s", type(header())(**wrong), PROTOCOL, RIG) as rec:
+        rec.begin_part("start", "A")
+    assert any("plan hash is not that" in line for line in verify(tmp_path / "s").problems)
+
+
+def test_a_session_without_sync_wire_says_so(tmp_path: Path) -> None:
+    record_plan(tmp_path / "s")
+    for path in (tmp_path / "s").glob("part-*.h5"):
+        with h5py.File(path, "r+") as file:
+            file["/taxels/flags"][:] = np.uint8(0)
+    report = verify(tmp_path / "s")
+    assert report.whole
+    assert any("the sync line was never high" in note for note in report.notes)
