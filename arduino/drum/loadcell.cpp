@@ -32,7 +32,8 @@ bool Loadcell::take(const Conversion &conversion) {
     ++sequence_;
     raw_[last()] = conversion.raw;
     time_us_[last()] = conversion.ready_us;
-    force_g_ = static_cast<float>(conversion.raw - tare_counts_) * g_per_count_;
+    // The end of the range is no force: the fault is the cell's, not an over-force.
+    if (!saturated_) force_g_ = static_cast<float>(conversion.raw - tare_counts_) * g_per_count_;
     if (tare_left_) add_to_tare(conversion.raw);
     return true;
 }
