@@ -213,3 +213,12 @@ def test_after_the_retract_the_drum_stands_clear(trial: Trial) -> None:
     assert trial.force_g[-1] == 0
     clearance_um = last.values["last_contact_um"] - last.actuator_position_um
     assert 2900 < clearance_um < 3600
+
+
+@pytest.mark.parametrize("end", ["start", "stop"])
+def test_ramps_have_the_acceleration_set(trial: Trial, end: str) -> None:
+    moving = np.flatnonzero(trial.speed_mm_s[trial.window[0] - 1000 : trial.window[-1] + 500])
+    speed = trial.speed_mm_s[trial.window[0] - 1000 :][moving]
+    ramp = speed[: np.argmax(speed >= 79)] if end == "start" else speed[::-1][:150]
+    middle = ramp[(ramp > 20) & (ramp < 60)]
+    assert abs(float(np.diff(middle[::5]).mean()) / 5 * 1000) == pytest.approx(600, rel=0.05)
