@@ -8,6 +8,7 @@ import os
 import secrets
 import signal
 import sys
+from contextlib import closing
 from datetime import UTC, datetime
 
 from rigctl.rig import open_rig
@@ -36,7 +37,8 @@ def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for the client that wanted it, serve."""
     folder, name, token = runtime_folder(), args.name or new_name(), secrets.token_urlsafe(24)
     order = _order(args)
-    with open_rig(args.rig, seed=args.seed, paced=args.paced) as rig, listen() as listener:
+    rig = open_rig(args.rig, seed=args.seed, paced=args.paced)
+    with closing(rig), listen() as listener:
         live = LiveWriter(folder / f"{name}.live")
         engine = Engine(rig, live, _utc_now, args.seed)
         port = listener.getsockname()[1]

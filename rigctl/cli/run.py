@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any
 
 from rigctl.cli.progress import Progress
-from rigctl.errors import RigctlError, WrongUse
+from rigctl.errors import WrongUse
 from rigctl.run.client import EngineClient
 from rigctl.session.reader import Session
 

@@ -11,7 +11,6 @@ from rigctl.run.motion import Motion
 from rigctl.run.pump import Pump
 from rigctl.run.quality import Limits, Measured, Window, judge, measure
 from rigctl.values import DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
-from rigctl.wire.drum_map import Command
 
 LATE_DATA_LIMIT_S = 1.0
 TRAVEL_SLACK_S = 10.0
@@ -81,7 +80,7 @@ class Attempt:
         await motion.approach()
         rises = motion.watch.healthy().sync_count
         state = await motion.run(self._travel_limit_s())
-        await motion.watch.drum.command(Command.RETRACT)
+        await motion.begin_lift()
         if state.sync_count == rises:
             raise RigFault("the drum ran without raising its sync line: load its firmware anew")
         self._measured = measure(self.trial, self._window(state))

@@ -25,6 +25,7 @@ TRIM_STEP_PPM = 10
 FARTHEST_STEPS = 1_900_000
 """Targets of MOVE end at two million steps; before that the drum homes and counts anew."""
 
+LIFTED: Final = (State.ARMED, State.IDLE)
 SHOWN_SETTINGS: Final = ("speed_set", "force_set", "acceleration_set", "travel_set", "run_in_set")
 
 
@@ -39,6 +40,7 @@ class Motion:
         self.check = check
         self.settings: dict[str, float] = {}
         self.homed = False
+        self._commanded_s = -1.0
 
     def forget(self) -> None:
         """The board rebooted: nothing that was set or found holds any more."""
@@ -76,26 +78,25 @@ class Motion:
 
     async def arm(self) -> None:
         """Power up and lift off; nothing to do where the drum is armed already."""
-        if self.watch.healthy().state == State.ARMED:
-            return
-        await self._do(Command.ARM, State.ARMED, LIFT_LIMIT_S, "lifting off")
+        if (await self._fresh()).state != State.ARMED:
+            await self._do(Command.ARM, State.ARMED, LIFT_LIMIT_S, "lifting off")
 
     async def disarm(self) -> None:
         """Lift off if need be and switch the drivers off."""
         await self.lift()
-        if self.watch.healthy().state == State.ARMED:
+        if (await self._fresh()).state == State.ARMED:
             self.homed = False  # a hand may turn the drum now
             await self._do(Command.DISARM, State.IDLE, LIFT_LIMIT_S, "disarming")
 
     async def tare(self) -> None:
         """Take the load cell's reading, lifted and still, as no load."""
-        await self.watch.drum.command(Command.TARE)
+        await self.command(Command.TARE)
         await self.watch.until(command_ended, TARE_LIMIT_S, "the tare", self.check)
 
     async def home(self) -> None:
         """Find the index mark and count steps from it."""
         if not self.config.signals.index:
-            await self.watch.drum.command(Command.ZERO_STEPS)
+            await self.command(Command.ZERO_STEPS)
         else:
             await self._do(Command.HOME, State.ARMED, HOME_LIMIT_S, "finding the index mark")
         self.homed = True
@@ -109,22 +110,25 @@ class Motion:
         """Turn through run-in, window and ramp; the state in which the drum holds again."""
         return await self._do(Command.RUN, State.HOLD, limit_s, "the travel")
 
+    async def begin_lift(self) -> None:
+        """Begin to lift off, from wherever the drum is; nothing to do where it is lifted."""
+        state = (await self._fresh()).state
+        if state == State.POSITION:
+            await self.command(Command.STOP)
+        elif state in (State.APPROACH, State.HOLD, State.RUN):
+            await self.command(Command.RETRACT)
+
     async def lift(self) -> None:
         """Lift off from wherever the drum is; the way out of a trial that was called off."""
-        state = self.watch.healthy().state
-        if state == State.POSITION:
-            await self.watch.drum.command(Command.STOP)
-        elif state in (State.APPROACH, State.HOLD, State.RUN):
-            await self.watch.drum.command(Command.RETRACT)
-        elif state in (State.ARMED, State.IDLE):
-            return
-        await self.watch.until(
-            lambda s: s.state in (State.ARMED, State.IDLE), LIFT_LIMIT_S, "lifting off", self.check
-        )
+        await self.begin_lift()
+        if (await self._fresh()).state not in LIFTED:
+            await self.watch.until(
+                lambda s: s.state in LIFTED, LIFT_LIMIT_S, "lifting off", self.check
+            )
 
     async def move_to_start(self, trial: PlannedTrial) -> None:
         """Turn the lifted drum the short way to where the trial's run-in begins."""
-        steps_now = self.watch.healthy().steps
+        steps_now = (await self._fresh()).steps
         target = self._nearest(self._start_steps(trial), steps_now)
         if abs(target) > FARTHEST_STEPS:
             await self.home()
@@ -169,8 +173,20 @@ class Motion:
         if abs(estimate.ppm - known) > max(TRIM_STEP_PPM, estimate.error_ppm):
             await self.apply(clock_trim_ppm=float(round(estimate.ppm)))
 
-    async def _do(self, command: Command, end: State, limit_s: float, what: str) -> DrumState:
+    async def command(self, command: Command) -> None:
+        """Give one command and do not wait for its work. Raises CommandRefused."""
         await self.watch.drum.command(command)
+        self._commanded_s = self.watch.loop.time()
+
+    async def _fresh(self) -> DrumState:
+        """A state that is newer than the last command."""
+        while self.watch.healthy().at_s < self._commanded_s:
+            await self.watch.turn()
+            self.check()
+        return self.watch.healthy()
+
+    async def _do(self, command: Command, end: State, limit_s: float, what: str) -> DrumState:
+        await self.command(command)
         return await self.watch.until(
             lambda s: s.state == end and command_ended(s), limit_s, what, self.check
         )

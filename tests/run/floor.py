@@ -1,0 +1,118 @@
+"""An engine on the virtual rig inside the test's process, in world time as fast as it goes."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rigctl.rig import Rig, open_rig
+from rigctl.run.engine import Doors, Engine
+from rigctl.run.live import LiveWriter
+from rigctl.run.opening import Order
+from rigctl.run.runner import Run
+from rigctl.run.server import listen
+from rigctl.session.reader import Session
+from rigctl.values import Event
+
+TINY = """
+name = "tiny"
+textures = ["A", "L"]
+speeds_mm_s = [100, 120]
+forces_g = [500]
+repeats = 1
+"""
+
+Scenario = Callable[["Floor"], Awaitable[None]]
+
+
+@dataclass
+class Floor:
+    """One engine with its rig, what it said, and folders to work in."""
+
+    rig: Rig
+    engine: Engine
+    folder: Path
+    said: list[Event] = field(default_factory=list)
+    exit_code: int | None = None
+
+    @property
+    def session(self) -> Path:
+        """Folder of the session that tests record into."""
+        return self.folder / "session"
+
+    def order(self, protocol: str = TINY, yes: bool = True) -> Order:
+        """An order to run this protocol's text."""
+        path = self.folder / "protocol.toml"
+        path.write_text(protocol)
+        return Order(protocol=str(path), out=str(self.session), yes=yes)
+
+    def play(self, scenario: Scenario, order: Order | None = None) -> None:
+        """Serve, with ``scenario`` as the person at the rig, until both are through."""
+        self.rig.loop.run_until_complete(self._play(scenario, order))
+
+    def record(self, protocol: str = TINY) -> Run:
+        """Run a protocol to its end; the run as it ended."""
+        self.play(until_ended, self.order(protocol))
+        assert self.engine.run is not None
+        return self.engine.run
+
+    async def passes(self, seconds: float) -> None:
+        """Let world time pass."""
+        end_s = self.rig.loop.time() + seconds
+        while self.rig.loop.time() < end_s:
+            await self.engine.boards.watch.turn()
+
+    async def until(self, condition: Callable[[], bool], limit_s: float = 120.0) -> None:
+        """Wait for something to become true, looking once a poll."""
+        end_s = self.rig.loop.time() + limit_s
+        while not condition():
+            assert self.rig.loop.time() < end_s, "it never happened"
+            await self.engine.boards.watch.turn()
+
+    def texts(self, kind: str) -> list[str]:
+        """What was said of that kind."""
+        return [event.text for event in self.said if event.kind == kind]
+
+    async def _play(self, scenario: Scenario, order: Order | None) -> None:
+        self.engine.news.listen(self.said.append)
+        with listen() as listener:
+            serving = self.rig.loop.create_task(self.engine.serve(Doors(listener, "token"), order))
+            acting = self.rig.loop.create_task(self._act(scenario))
+            await asyncio.wait((serving, acting), return_when=asyncio.FIRST_COMPLETED)
+            if acting.done():
+                self.engine.end("the test is over")
+            self.exit_code = await serving
+            acting.cancel()
+            with suppress(asyncio.CancelledError):
+                await acting
+
+    async def _act(self, scenario: Scenario) -> None:
+        while self.engine.boards.watch.state is None:
+            await asyncio.sleep(0.01)
+        await scenario(self)
+
+
+async def until_ended(floor: Floor) -> None:
+    """Watch the run to its end."""
+    await floor.until(lambda: floor.engine.run is not None and floor.engine.run.ended, 10_000)
+
+
+@contextmanager
+def open_floor(folder: Path, seed: int = 3) -> Iterator[Floor]:
+    """An engine on a virtual rig, not yet serving."""
+    rig = open_rig("virtual", seed=seed, paced=False)
+    live = LiveWriter(folder / "live.ring")
+    engine = Engine(rig, live, lambda: "2026-01-02T03:04:05+00:00", seed)
+    try:
+        yield Floor(rig, engine, folder)
+    finally:
+        live.close()
+        rig.close()
+
+
+def read(folder: Path) -> Session:
+    """The recorded session."""
+    return Session.open(folder)

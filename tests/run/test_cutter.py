@@ -1,0 +1,123 @@
+"""A trial is cut from the taxel samples at the sync line's rise, to the sample."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rigctl.run.cutter import CutTrial, TrialCutter
+from rigctl.values import Block
+from rigctl.wire.taxels import Flag
+
+N = 400
+RISE_IN = 100
+LENGTH = 200
+
+
+def stream(
+    rises_in: tuple[int, ...] = (RISE_IN,), lost: range = range(0), n: int = N, high: int = 250
+) -> Block:
+    """Samples 0…n-1 with sync rising during the given frames, ``lost`` ones missing."""
+    counters = np.arange(n)
+    rises = np.zeros(n, np.int64)
+    flags = np.zeros(n, np.uint8)
+    for frame in rises_in:
+        rises[frame:] += 1
+        flags[frame : frame + high] = Flag.SYNC
+    kept = ~np.isin(counters, np.array(lost))
+    edges = (rises % 4).astype(np.uint8)
+    samples = np.zeros((n, 18), np.uint16)
+    return Block(counters[kept], samples[kept], flags[kept], edges[kept], (), 0.0)
+
+
+def sliced(block: Block, cuts: list[int]) -> list[Block]:
+    bounds = [0, *sorted(cuts), len(block)]
+    return [
+        Block(
+            block.counters[a:b],
+            block.samples[a:b],
+            block.flags[a:b],
+            block.edges[a:b],
+            (),
+            0.0,
+        )
+        for a, b in pairwise(bounds)
+        if b > a
+    ]
+
+
+def cut(blocks: list[Block]) -> CutTrial | None:
+    cutter = TrialCutter()
+    cutter.expect(LENGTH)
+    for block in blocks:
+        cutter.feed(block)
+    return cutter.trial
+
+
+def test_the_first_sample_is_the_frame_that_starts_after_the_rise() -> None:
+    trial = cut([stream()])
+    assert trial == CutTrial(RISE_IN + 1, LENGTH, received=LENGTH, seen_to=N - 1)
+    assert trial.complete
+
+
+@given(st.lists(st.integers(0, N), max_size=12))
+def test_any_slicing_of_the_samples_cuts_the_same_trial(cuts: list[int]) -> None:
+    trial = cut(sliced(stream(), cuts))
+    whole = cut([stream()])
+    assert trial is not None and whole is not None
+    assert (trial.first_counter, trial.received) == (whole.first_counter, whole.received)
+    assert (trial.start_lost, trial.sync_low) == (False, 0)
+
+
+def test_a_lost_frame_within_the_trial_is_missed_and_nothing_moves() -> None:
+    trial = cut([stream(lost=range(150, 153))])
+    assert trial is not None
+    assert (trial.first_counter, trial.received, trial.start_lost) == (101, LENGTH - 3, False)
+
+
+def test_a_rise_in_a_lost_frame_is_known_but_its_place_is_not() -> None:
+    trial = cut([stream(lost=range(95, 105))])
+    assert trial is not None
+    assert trial.start_lost
+
+
+def test_a_gap_between_blocks_before_the_rise_is_seen_too() -> None:
+    block = stream(lost=range(95, 101))
+    trial = cut(sliced(block, [95]))
+    assert trial is not None
+    assert trial.start_lost
+
+
+def test_rises_are_counted_through_a_gap_modulo_four() -> None:
+    cutter = TrialCutter()
+    cutter.feed(stream(rises_in=(50, 60, 70), lost=range(45, 80)))
+    assert cutter.rises == 3
+
+
+def test_only_the_rise_that_was_expected_begins_a_trial() -> None:
+    cutter = TrialCutter()
+    early, late = sliced(stream(rises_in=(50, 200)), [120])
+    cutter.feed(early)
+    cutter.expect(LENGTH)
+    cutter.feed(late)
+    assert cutter.trial is not None
+    assert cutter.trial.first_counter == 201
+
+
+def test_sync_falling_within_the_trial_is_noticed() -> None:
+    trial = cut([stream(high=150)])
+    assert trial is not None
+    assert trial.sync_low == LENGTH - 149
+
+
+@pytest.mark.parametrize("first", [0, 3])
+def test_joining_a_running_stream_is_no_rise(first: int) -> None:
+    block = stream(rises_in=())
+    joined = Block(
+        block.counters, block.samples, block.flags, block.edges + np.uint8(first), (), 0.0
+    )
+    assert cut([joined]) is None

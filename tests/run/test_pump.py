@@ -1,0 +1,125 @@
+"""Every sample once: recorded, encoded as offline, shown, whatever slices it came in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.encoding.encoder import Encoder
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.run.live import LiveView, LiveWriter
+from rigctl.run.pump import Pump
+from rigctl.values import Block, Gap
+
+N = 1200
+RISES = (300, 700)
+
+
+def touch(n: int = N, lost: range = range(0)) -> Block:
+    """A press that comes and goes, with sync rising twice."""
+    counters = np.arange(n)
+    wave = 400 + 300 * np.sin(counters / 40)[:, None] + 10 * np.arange(18)
+    rises = sum((counters >= frame).astype(np.int64) for frame in RISES)
+    kept = ~np.isin(counters, np.array(lost))
+    gaps = (Gap(lost.start, len(lost), "lost on the line"),) if len(lost) else ()
+    flags = np.zeros(n, np.uint8)
+    samples = wave.astype(np.uint16)
+    edges = (rises % 4).astype(np.uint8)
+    return Block(counters[kept], samples[kept], flags[kept], edges[kept], gaps, 1.0)
+
+
+def pieces(block: Block, length: int) -> Iterator[Block]:
+    for first in range(0, len(block), length):
+        part = slice(first, first + length)
+        behind = {int(counter) for counter in block.counters[part]}
+        inside = tuple(g for g in block.gaps if g.first_counter + g.count in behind)
+        yield Block(
+            block.counters[part],
+            block.samples[part],
+            block.flags[part],
+            block.edges[part],
+            inside,
+            1.0 + first / 1000,
+        )
+
+
+@pytest.fixture
+def live(tmp_path: Path) -> Iterator[LiveWriter]:
+    writer = LiveWriter(tmp_path / "live.ring", taxel_rows=4096, drum_rows=16)
+    yield writer
+    writer.close()
+
+
+def encoder() -> Encoder:
+    return Encoder(Normalisation.full_scale(18))
+
+
+def pumped(live: LiveWriter, block: Block, length: int) -> tuple[Pump, np.ndarray]:
+    pump = Pump(encoder(), live, time_stands=False)
+    for piece in pieces(block, length):
+        pump.take(piece)
+    pump.flush()
+    view = LiveView(live.path)
+    try:
+        return pump, view.taxels(4096).spikes
+    finally:
+        view.close()
+
+
+def offline(block: Block, starts: list[int]) -> np.ndarray:
+    """Spikes as a fresh encoder gives them for each stretch."""
+    bounds = [0, *starts, len(block)]
+    return np.concatenate([encoder().encode(block.samples[a:b]) for a, b in pairwise(bounds)])
+
+
+@pytest.mark.parametrize("length", [1, 5, 7, 20, 33, 1200])
+def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, length: int) -> None:
+    block = touch()
+    pump, spikes = pumped(live, block, length)
+    expected = offline(block, [frame + 1 for frame in RISES])
+    assert np.array_equal(spikes, expected)
+    assert expected.sum() > 100
+    assert pump.samples == N
+
+
+def test_behind_a_gap_the_encoder_starts_anew(live: LiveWriter) -> None:
+    block = touch(lost=range(500, 520))
+    pump, spikes = pumped(live, block, 20)
+    assert np.array_equal(spikes, offline(block, [301, 500, 681]))
+    assert (pump.gaps, pump.lost_samples) == (1, 20)
+
+
+def test_shown_times_run_evenly_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
+    pump = Pump(encoder(), live, time_stands=False)
+    random = np.random.default_rng(2)
+    for piece in pieces(touch(), 20):
+        late = float(random.uniform(0, 0.008))
+        pump.take(
+            Block(
+                piece.counters,
+                piece.samples,
+                piece.flags,
+                piece.edges,
+                (),
+                10 + piece.counters[-1] / 1000 + late,
+            )
+        )
+    view = LiveView(live.path)
+    times = view.taxels(4096).time_s
+    view.close()
+    assert np.all(np.diff(times) > 0.0005)
+    assert abs(times[-1] - (10 + 1.199)) < 0.01
+
+
+def test_a_reboot_of_the_board_begins_anew(live: LiveWriter) -> None:
+    pump = Pump(encoder(), live, time_stands=False)
+    pump.cutter.expect(100)
+    pump.take(touch())
+    pump.take(touch(n=40))
+    pump.flush()
+    assert pump.samples == N + 40
+    assert pump.cutter.trial is None
