@@ -1,0 +1,110 @@
+"""Renders ``docs/reference/world.md`` from the parameter table, so that it cannot be stale.
+
+``python -m rigctl.world.reference`` writes the page, with ``--check`` it only compares.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from rigctl.world.parameters import ParameterInfo, WorldParameters, table
+from rigctl.world.textures import CATALOGUE
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "world.md"
+
+_GROUPS = {
+    "circumference_mm": "Drum",
+    "actuator_speed_mm_s": "Actuator",
+    "contact_mm": "Contact",
+    "loadcell_rate_hz": "Load cell",
+    "drum_clock_ppm": "Clocks of the boards",
+    "base_height_mm": "Textures",
+    "taxel_pitch_mm": "Skin and taxels",
+}
+
+_HEAD = """\
+# The simulated bench
+
+This page is written by `python -m rigctl.world.reference` from `rigctl/world/parameters.py`; a
+test fails when the two differ.
+
+The world is stepped in world time, a millisecond at a time, and is the same for a seed. Virtual
+boards and simulated chips are wired to the same world. Nothing here is measured on a real rig:
+what is not published is chosen from plausibility, within the ranges below, and was fixed before
+any classification was looked at. The ranges are what tests sweep; a value outside is refused.
+
+## How it works
+
+- **Drum.** The place of the surface comes from the steps, times the true travel of a step. While
+  the motor is jammed the place stands still and the steps are lost. The plate begins behind the
+  index mark; the rest of the turn is a smooth clamp.
+- **Actuator.** Duty beyond the dead band is speed, reached with a first-order lag. From rest it
+  needs a little more duty. The screw holds by itself. Its play is held on one flank by the drum's
+  weight and opens only under a contact force above it. A potentiometer tells the travel.
+- **Contact.** Depth is travel beyond touch, plus the drum's run-out once a turn, plus a share of
+  the mean texture height under the sensor. Force is stiffness times depth, growing a little.
+- **Load cell.** It feels contact force, imbalance once a turn, the inertia of the moved mass and
+  what pushes on it. A conversion is the mean of the last milliseconds, with noise, drift, creep
+  and an offset that carries the drum's weight. It converts by its own clock and settles for four
+  conversions after power-up. Inertia looks like a force of several grams while the actuator
+  gathers speed: tell it from touch.
+- **Skin.** Each taxel feels the depth, less what the drum's curve takes from the outer rows, plus
+  the texture under it, blurred by its own width and by the layer above it. Pressure lags and
+  relaxes, conductance rises with it, and a divider makes it saturate. Readings of one analog
+  input pull at each other a little. Gains differ from taxel to taxel for good, from session to
+  session, and from contact to contact; at each contact the skin also lies a little shifted.
+- **Converter.** Reading *i* is taken 50 µs × *i* after the start of its frame by the board's
+  clock, with noise, 10 bit.
+- **Truth.** Each millisecond the world logs the true speed, the true contact force and the level
+  of the sync line.
+
+Chance comes from counters, never from the order of calls: any slicing of time gives the same
+samples.
+
+## Parameters
+"""
+
+
+def render() -> str:
+    """The whole page."""
+    parts = [_HEAD]
+    for row in table():
+        if row.name in _GROUPS:
+            parts.append(
+                f"\n### {_GROUPS[row.name]}\n\n| parameter | nominal | range | unit |"
+                " meaning |\n|---|---|---|---|---|\n"
+            )
+        parts.append(_line(row))
+    parts.append(
+        "\n`dead_taxels` and `stuck_taxels` name readings that are broken; nominally none.\n"
+    )
+    return "".join(parts) + _plates()
+
+
+def _line(row: ParameterInfo) -> str:
+    span = f"{row.low:.6g} … {row.high:.6g}"
+    return f"| `{row.name}` | {row.value:.6g} | {span} | {row.unit} | {row.doc} |\n"
+
+
+def _plates() -> str:
+    p = WorldParameters()
+    head = "\n## Plates\n\n| plate | group | height, mm | spacing, mm |\n|---|---|---|---|\n"
+    lines = [
+        f"| {plate.name} | {plate.group} | {p.base_height_mm * plate.height:g} | "
+        f"{p.base_space_mm * plate.space:g} |\n"
+        for plate in CATALOGUE.values()
+    ]
+    return head + "".join(lines).replace("| A | smooth | 0 | 6 |", "| A | smooth | 0 | – |")
+
+
+def main(arguments: list[str]) -> int:
+    """Write the page, or compare it; returns 1 where it is stale."""
+    if "--check" in arguments:
+        return 0 if PAGE.read_text(encoding="utf-8") == render() else 1
+    PAGE.write_text(render(), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

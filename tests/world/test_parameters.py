@@ -1,0 +1,35 @@
+"""The parameter table: complete, plausible, refused in a sentence, and shown on its page."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from rigctl.errors import WrongUse
+from rigctl.world import reference
+from rigctl.world.parameters import WorldParameters, table
+from rigctl.world.virtual import open_virtual
+
+
+def test_every_nominal_value_lies_in_its_range_and_has_a_meaning() -> None:
+    for row in table():
+        assert row.low <= row.value <= row.high, row.name
+        assert row.doc
+
+
+def test_a_value_out_of_range_is_refused_by_name() -> None:
+    with pytest.raises(WrongUse, match="stiffness_g_mm is 5000 g/mm: choose 300 to 900"):
+        open_virtual(WorldParameters(stiffness_g_mm=5000.0))
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_a_rig_at_either_end_of_every_range_opens_and_runs(end: str) -> None:
+    values = {row.name: getattr(row, end) for row in table()}
+    rig = open_virtual(dataclasses.replace(WorldParameters(), **values))
+    rig.advance(100_000)
+    assert rig.truth.arrays().force_g.max() == 0.0 or end == "high"
+
+
+def test_the_page_shows_the_table() -> None:
+    assert reference.main(["--check"]) == 0, "run python -m rigctl.world.reference"

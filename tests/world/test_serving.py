@@ -1,0 +1,107 @@
+"""Outside programs on the simulated boards: pyserial, pymodbus and Debian's mbpoll."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import serial
+from pymodbus import FramerType
+from pymodbus.client import AsyncModbusTcpClient, ModbusSerialClient
+
+from rigctl.wire.drum_map import MAGIC
+from rigctl.wire.taxels import FrameDecoder
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are of POSIX")
+DEADLINE_S = 60
+
+
+@pytest.fixture(scope="module")
+def boards() -> Iterator[dict[str, dict[str, str]]]:
+    """Addresses of a virtual rig served by the command line; it ends well on SIGTERM."""
+    command = [sys.executable, "-m", "rigctl", "serve", "--rig", "virtual", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        yield json.loads(process.stdout.readline())
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(DEADLINE_S) == 0
+
+
+Boards = dict[str, dict[str, str]]
+
+
+def test_the_addresses_are_loopback_and_terminals(boards: Boards) -> None:
+    assert set(boards) == {"drum", "taxels"}
+    for board in boards.values():
+        assert board["tcp"].startswith("127.0.0.1:")
+        assert os.path.exists(board["pty"])  # noqa: PTH110
+
+
+def test_mbpoll_reads_the_identity(boards: Boards) -> None:
+    options = [
+        "-m",
+        "rtu",
+        "-a",
+        "1",
+        "-b",
+        "115200",
+        "-P",
+        "none",
+        "-t",
+        "4:hex",
+        "-r",
+        "1",
+        "-c",
+        "12",
+        "-1",
+    ]
+    for _ in range(2):
+        said = subprocess.run(
+            ["mbpoll", *options, boards["drum"]["pty"]],
+            capture_output=True,
+            text=True,
+            timeout=DEADLINE_S,
+            check=True,
+        )
+        assert "[1]: \t0x5247" in said.stdout
+
+
+def test_pymodbus_reads_over_the_terminal(boards: Boards) -> None:
+    client: Any = ModbusSerialClient(boards["drum"]["pty"], baudrate=115200, timeout=5)
+    assert client.connect()
+    assert client.read_holding_registers(0, count=1, device_id=1).registers == [MAGIC]
+    client.close()
+
+
+def test_pymodbus_reads_over_tcp(boards: Boards) -> None:
+    async def read() -> list[int]:
+        host, port = boards["drum"]["tcp"].split(":")
+        client = AsyncModbusTcpClient(host, port=int(port), framer=FramerType.RTU, timeout=5)
+        await client.connect()
+        reply = await client.read_holding_registers(16, count=40, device_id=1)
+        client.close()
+        return list(reply.registers)
+
+    assert len(asyncio.run(read())) == 40
+
+
+def test_pyserial_hears_the_taxels_and_two_programs_hear_the_same(boards: Boards) -> None:
+    host, port = boards["taxels"]["tcp"].split(":")
+    with (
+        serial.Serial(boards["taxels"]["pty"], 500_000, timeout=DEADLINE_S) as first,
+        serial.serial_for_url(f"socket://{host}:{port}", timeout=DEADLINE_S) as second,
+    ):
+        for port_of in (first, second):
+            decoder = FrameDecoder()
+            decoder.feed(port_of.read(33), 0.0)
+            decoded = decoder.feed(port_of.read(33 * 100), 0.0)
+            assert decoded.block is not None
+            assert len(decoded.block) >= 95
+            assert not decoded.block.gaps
