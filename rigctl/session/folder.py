@@ -37,12 +37,11 @@ def open_part(path: Path) -> h5py.File:
         file = _open(path)
     except OSError as error:
         raise SessionError(f"{path} is damaged, HDF5 cannot open it: {error}") from error
-    found = attributes(file)
-    version = found.get("layout_version")
-    if found.get("layout") == layout.LAYOUT and version == layout.LAYOUT_VERSION:
+    name, version = (_plain(file.attrs.get(key)) for key in ("layout", "layout_version"))
+    if name == layout.LAYOUT and version == layout.LAYOUT_VERSION:
         return file
     file.close()
-    if found.get("layout") != layout.LAYOUT:
+    if name != layout.LAYOUT:
         raise SessionError(f"{path} is an HDF5 file, but not a part of a rigctl session")
     raise SessionError(
         f"{path} has layout version {version}, this program reads {layout.LAYOUT_VERSION}: "

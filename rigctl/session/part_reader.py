@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +39,7 @@ class PartReader:
             self._file.close()
             raise SessionError(f"{path} is damaged, it lacks {error}") from error
         self._dtypes = {t.path: _readable(t) for t in layout.TABLES}
+        self._grows = bool(self._file.id.get_intent() & h5py.h5f.ACC_SWMR_READ)
         self.finished = False
         self.n_samples = 0
         self.refresh()
@@ -46,9 +48,10 @@ class PartReader:
         """See what was flushed since. Trials first: their samples were flushed before them."""
         if self.finished:
             return
-        self._tables[layout.TRIALS.path].refresh()
-        for dataset in (*self._tables.values(), *self._arrays.values()):
-            dataset.refresh()
+        if self._grows:
+            self._tables[layout.TRIALS.path].refresh()
+            for dataset in (*self._tables.values(), *self._arrays.values()):
+                dataset.refresh()
         self.n_samples = min(int(dataset.shape[0]) for dataset in self._arrays.values())
         self.finished = self._ended()
 

@@ -256,6 +256,14 @@ def test_an_unexpected_error_ends_as_a_sentence(
         assert rec.status.queue_blocks == 0
 
 
+def test_two_readers_in_one_process_do_not_disturb_each_other(tmp_path: Path) -> None:
+    record_plan(tmp_path / "s")
+    with Session.open(tmp_path / "s") as first, Session.open(tmp_path / "s") as second:
+        first.refresh()
+        for index in range(len(first.trials)):
+            assert np.array_equal(first.samples(index), second.samples(index))
+
+
 def test_older_tools_read_a_finished_part(tmp_path: Path) -> None:
     """Debian's h5dump is HDF5 1.10; it is one of the packages that make test installs."""
     h5dump = shutil.which("h5dump")

@@ -1,0 +1,66 @@
+"""Protocols are found in a checkout and in an installed wheel; images in a checkout only."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from rigctl import resources
+from rigctl.errors import ProtocolError, WrongUse
+
+ROOT = Path(__file__).resolve().parents[2]
+ASK = """
+from rigctl import resources
+from rigctl.protocol import load_protocol
+print(resources.__file__)
+print(len(load_protocol(resources.find_protocol("paper")).plan().trials))
+try:
+    resources.firmware_image("drum")
+except Exception as error:
+    print(error)
+"""
+
+
+def test_a_checkout_finds_its_own_protocols(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assert resources.checkout() == ROOT
+    monkeypatch.chdir(tmp_path)
+    shipped = ROOT / "protocols" / "quick.toml"
+    for name in ("quick", "quick.toml", "protocols/quick.toml"):
+        assert resources.find_protocol(name) == shipped
+    (tmp_path / "quick.toml").write_text("")
+    assert resources.find_protocol("quick.toml") == Path("quick.toml")
+    with pytest.raises(ProtocolError, match="quick, showcase"):
+        resources.find_protocol("elsewhere/quick.toml")
+
+
+def test_a_missing_image_says_how_to_build_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(resources, "checkout", lambda: tmp_path)
+    with pytest.raises(WrongUse, match="run make firmware"):
+        resources.firmware_image("drum")
+    image = tmp_path / "build" / "firmware" / "taxels.elf"
+    image.parent.mkdir(parents=True)
+    image.write_bytes(b"")
+    assert resources.firmware_image("taxels") == image
+
+
+def test_a_wheel_carries_the_protocols(tmp_path: Path) -> None:
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    wheel = next(tmp_path.glob("*.whl"))
+    installed = tmp_path / "site"
+    with zipfile.ZipFile(wheel) as file:
+        file.extractall(installed)
+    ask = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(installed)!r})\n{ASK}"]
+    out = subprocess.run(ask, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    where, trials, image = out.splitlines()
+    assert where.startswith(str(installed))
+    assert trials == "24000"
+    assert "need a source checkout" in image
