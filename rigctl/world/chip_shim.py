@@ -157,6 +157,9 @@ class Chip:
         if not self._handle:
             raise RigFault(f"{image}: no firmware image to run: run `make firmware`")
         self.exchange = Exchange.from_address(library.sim_exchange_of(self._handle))
+        self._map_exchange()
+
+    def _map_exchange(self) -> None:
         self.tx = self._view("tx", np.uint8)
         self.tx_cycle = self._view("tx_cycle", np.uint64)
         self.edge_cycle = self._view("edge_cycle", np.uint64)
@@ -188,7 +191,9 @@ class Chip:
         x.input_count += 1
 
     def run(self, until_cycle: int) -> None:
-        """Run to a cycle. Raises RigFault when the chip executed something impossible."""
+        """Run to a cycle. Raises RigFault when closed, or when the chip did the impossible."""
+        if not self._handle:
+            raise RigFault("the simulated chip is closed")
         if self._library.sim_run(self._handle, until_cycle):
             raise RigFault(f"the simulated chip stopped at cycle {self.exchange.cycle}")
 
@@ -217,7 +222,9 @@ class Chip:
         return int(self._library.sim_peek(self._handle, address))
 
     def close(self) -> None:
-        """Free the simulator's memory; harmless when closed already."""
+        """Free the simulator's memory; harmless when closed already. Counters can still be read."""
         if self._handle:
+            self.exchange = Exchange.from_buffer_copy(self.exchange)
+            self._map_exchange()
             self._library.sim_close(self._handle)
             self._handle = None

@@ -60,6 +60,7 @@ class ChipSimulation:
     def __init__(self, bench: Bench, drum_chip: Chip, taxels_chip: Chip) -> None:
         p = bench.parameters
         self.time_us = 0
+        self._closed = False
         self._done_ms = 0
         self._bench = bench
         self.drum = SimulatedLink(DRUM, bench.seed)
@@ -99,14 +100,17 @@ class ChipSimulation:
         return BATCH * SLICE_US - self.time_us % (BATCH * SLICE_US)
 
     def advance(self, until_us: int) -> None:
-        """Run every whole slice up to a world time, then hand over what arrived."""
-        while (self._done_ms + 1) * SLICE_US <= until_us:
+        """Run every whole slice up to a world time, then hand over what arrived.
+
+        Once closed, only the time goes on: a loop may have timers left.
+        """
+        while not self._closed and (self._done_ms + 1) * SLICE_US <= until_us:
             self._run_slice()
             if self._done_ms - self._taxels_ms >= BATCH:
                 self._run_taxels()
         self.time_us = until_us
-        self.drum_board.deliver()
-        self.taxels_board.deliver()
+        for board in (self.drum_board, self.taxels_board):
+            board.deliver()
 
     def set_plate(self, texture: str) -> None:
         """Snap in the plate of a texture. Raises WrongUse for another name."""
@@ -114,6 +118,7 @@ class ChipSimulation:
 
     def close(self) -> None:
         """Free the chips; the links close."""
+        self._closed = True
         self.drum.close()
         self.taxels.close()
         self.drum_board.chip.close()
