@@ -16,7 +16,7 @@ from rigctl.errors import BoardFault, CommandRefused, LinkLost, RigFault, WrongB
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire import drum_map as table
 from rigctl.wire.drum_map import Command, CommandResult
-from rigctl.wire.drum_poll import PollDecoder, RawSample
+from rigctl.wire.drum_poll import PollDecoder, Raw, RawSample
 from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
 from rigctl.wire.registers import BlockLayout, Write, plan_writes, reads_for
 
@@ -106,10 +106,11 @@ class Drum:
         """
         words = await (self._poll_beating() if beat else self.line.read(*table.POLL_BLOCK))
         at_s = self.line.received_at_s
-        self._check_clock(words, at_s)
-        ring = await self._read_ring(self._decoder.missing(words))
-        await self._after_tare(self._decoder.layout.raw(words))
-        state = self._decoder.decode(words, at_s, ring)
+        raw = self._decoder.read(words)
+        self._check_clock(raw, at_s)
+        ring = await self._read_ring(self._decoder.missing(raw))
+        await self._after_tare(raw)
+        state = self._decoder.decode(raw, at_s, ring)
         for consumer in self._consumers:
             consumer(state)
         return state
@@ -208,12 +209,12 @@ class Drum:
             self.line.stale += 1
             await asyncio.sleep(DRAIN_S)
 
-    def _check_clock(self, words: list[int], at_s: float) -> None:
+    def _check_clock(self, raw: Raw, at_s: float) -> None:
         """Raise where the board's clock did not run with ours since the last poll."""
         last = self._decoder.last
         if last is None:
             return
-        wire_us = self._decoder.layout.raw(words)["board_time_us"][0]
+        wire_us = raw["board_time_us"][0]
         expected_us = (at_s - last.at_s) * 1e6
         # Nearest way round the 32-bit clock between what it shows and what it should show.
         early_us = (wire_us - last.board_time_us - expected_us + 2**31) % 2**32 - 2**31
@@ -253,7 +254,7 @@ class Drum:
         self._decoder.tare_counts = round(self.settings.get("tare_counts", 0))
         self._decoder.scale_ug_per_count = round(self.settings.get("scale_ug_per_count", 0))
 
-    async def _after_tare(self, raw: dict[str, tuple[int, ...]]) -> None:
+    async def _after_tare(self, raw: Raw) -> None:
         """A tare that is done changed what raw counts mean: read it."""
         done = raw["command_result"][0] != CommandResult.RUNNING
         if done and raw["command_acknowledged"][0] == self._tare_sequence:

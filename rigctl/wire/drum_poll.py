@@ -15,6 +15,8 @@ from rigctl.wire.registers import BlockLayout
 _U16, _U32 = 1 << 16, 1 << 32
 _SCALES = {entry.name: entry.scale for entry in POLL}
 
+Raw = Mapping[str, tuple[int, ...]]
+"""The integers of one poll block by name, as :meth:`PollDecoder.read` gives them."""
 RawSample = tuple[int, int]
 """Raw counts and board time, µs modulo 2³², of one load-cell sample in the ring."""
 
@@ -46,22 +48,25 @@ class PollDecoder:
         """The newest state decoded, None before the first."""
         return self._last
 
-    def missing(self, words: Sequence[int]) -> range:
+    def read(self, words: Sequence[int]) -> Raw:
+        """Take a poll block apart."""
+        return self.layout.raw(words)
+
+    def missing(self, raw: Raw) -> range:
         """Sequence numbers that this block shows as new, does not hold, and the ring may."""
         if self._sequence is None:
             return range(0)
-        newest = later(self._sequence, self.layout.raw(words)["loadcell_sequence"][0], _U16)
+        newest = later(self._sequence, raw["loadcell_sequence"][0], _U16)
         oldest = max(self._sequence + 1, newest - RING_DEPTH + 1)
         return range(oldest, max(newest - LOADCELL_RECENT + 1, oldest))
 
     def decode(
-        self, words: Sequence[int], at_s: float, ring: Mapping[int, RawSample] | None = None
+        self, raw: Raw, at_s: float, ring: Mapping[int, RawSample] | None = None
     ) -> DrumState:
-        """The state that the block ``words`` shows, received at loop time ``at_s``.
+        """The state that a block shows, received at loop time ``at_s``.
 
         ``ring``: the samples that :meth:`missing` asked for, as far as they could be read.
         """
-        raw = self.layout.raw(words)
         now_us = self._board_time(raw["board_time_us"][0])
         samples = self._new_samples(raw, now_us, ring or {})
         self._last = self._state(raw, at_s, now_us, samples)
@@ -71,7 +76,7 @@ class PollDecoder:
         return wire_us if self._last is None else later(self._last.board_time_us, wire_us, _U32)
 
     def _new_samples(
-        self, raw: Mapping[str, tuple[int, ...]], now_us: int, ring: Mapping[int, RawSample]
+        self, raw: Raw, now_us: int, ring: Mapping[int, RawSample]
     ) -> tuple[LoadcellSample, ...]:
         """Samples since the last poll, oldest first; counts those that are gone."""
         wire = raw["loadcell_sequence"][0]
@@ -110,7 +115,7 @@ class PollDecoder:
 
     def _state(
         self,
-        raw: Mapping[str, tuple[int, ...]],
+        raw: Raw,
         at_s: float,
         now_us: int,
         samples: tuple[LoadcellSample, ...],
@@ -149,7 +154,7 @@ class PollDecoder:
             values=values,
         )
 
-    def _edge(self, name: str, raw: Mapping[str, tuple[int, ...]], now_us: int) -> int:
+    def _edge(self, name: str, raw: Raw, now_us: int) -> int:
         """Unwrapped time of a sync edge; one that did not change is not reckoned anew."""
         wire = raw[name][0]
         known = 0 if self._last is None else int(getattr(self._last, name))

@@ -167,6 +167,28 @@ class RegisterBoard:
             self.put("command_result", table.CommandResult.DONE)
 
 
+class WeighingBoard(RegisterBoard):
+    """A register board whose load cell converts every 12.4 ms; sample n has raw value 10 n."""
+
+    PERIOD_US = 12_400
+
+    def _read(self, function: int, data: bytes) -> bytes:
+        now_us = round(self._loop.time() * 1e6)
+        n = now_us // self.PERIOD_US
+        self.put("loadcell_sequence", n % 65536)
+        self.put("loadcell_time_us", n * self.PERIOD_US % 2**32)
+        self.put("loadcell_recent", *(10 * (n - i) for i in range(5)))
+        if int.from_bytes(data[:2], "big") >= table.BY_NAME["ring_raw"].address:
+            self._fill_ring(n)
+        return super()._read(function, data)
+
+    def _fill_ring(self, newest: int) -> None:
+        kept = {n % 64: n for n in range(newest - 63, newest + 1)}
+        self.put("ring_raw", *(10 * kept[place] for place in range(64)))
+        times_us = (kept[place] * self.PERIOD_US % 2**32 for place in range(64))
+        self.put("ring_time_us", *times_us)
+
+
 class Script:
     """A cable whose other end expects exact bytes: (sent, answered) pairs, in order."""
 

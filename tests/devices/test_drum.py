@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import random
 
 import pytest
 
@@ -13,7 +14,15 @@ from rigctl.errors import BoardFault, CommandRefused, LinkLost, WrongBoard, Wron
 from rigctl.values import DrumState
 from rigctl.wire.drum_map import Command, CommandResult
 from rigctl.wire.drum_states import Fault, State
-from tests.devices.bench import JumpingLoop, MemoryLink, RegisterBoard, Script, rtu, run
+from tests.devices.bench import (
+    JumpingLoop,
+    MemoryLink,
+    RegisterBoard,
+    Script,
+    WeighingBoard,
+    rtu,
+    run,
+)
 
 
 def bench(loop: JumpingLoop) -> tuple[Drum, RegisterBoard, MemoryLink]:
@@ -312,6 +321,28 @@ def test_a_gap_in_the_load_cell_is_read_from_the_ring() -> None:
         state = await drum.poll()
         assert [s.raw_counts for s in state.loadcell] == [n - 65500 for n in range(65521, 65561)]
         assert state.loadcell_lost == 0
+        drum.close()
+
+    run(main)
+
+
+def test_two_minutes_of_polls_with_stalls_lose_no_load_cell_sample() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        link = MemoryLink(loop)
+        WeighingBoard(loop, link)
+        drum = Drum(link, loop)
+        await asyncio.sleep(1.0)
+        await drum.connect()
+        numbers: list[int] = []
+        drum.on_state(lambda state: numbers.extend(s.raw_counts // 10 for s in state.loadcell))
+        pauses_s = random.Random(3)
+        while loop.time() < 121.0:
+            await drum.poll()
+            await asyncio.sleep(0.7 if pauses_s.random() < 0.01 else 0.03)
+        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+        assert len(numbers) > 120 / 0.0124 - 60
+        assert drum.state is not None
+        assert drum.state.loadcell_lost == 0
         drum.close()
 
     run(main)

@@ -50,8 +50,8 @@ class LoadcellBoard:
 
 
 def poll(decoder: PollDecoder, board: LoadcellBoard, now_us: int, lag_us: int = 0) -> DrumState:
-    words = board.words(now_us)
-    return decoder.decode(words, now_us * 1e-6, board.ring(decoder.missing(words), now_us + lag_us))
+    raw = decoder.read(board.words(now_us))
+    return decoder.decode(raw, now_us * 1e-6, board.ring(decoder.missing(raw), now_us + lag_us))
 
 
 @given(
