@@ -179,8 +179,8 @@ constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {85, Kind::U16, 500L, 20000L, 3000L},  // lift_clearance_um, µm
     {86, Kind::I32, -8388608L, 8388607L, 0L},  // tare_counts, counts
     {88, Kind::I32, -1000000L, 1000000L, 2400L},  // scale_ug_per_count, µg/count
-    {90, Kind::U16, 1L, 5000L, 400L},  // gain_p, 1/s × 0.01
-    {91, Kind::U16, 0L, 5000L, 150L},  // gain_i, 1/s² × 0.01
+    {90, Kind::U16, 1L, 5000L, 700L},  // gain_p, 1/s
+    {91, Kind::U16, 0L, 5000L, 1200L},  // gain_i, 1/s
     {92, Kind::U16, 50L, 5000L, 600L},  // stiffness_g_per_mm, g/mm
     {93, Kind::U16, 0L, 500L, 100L},  // dead_band_permille, permille
     {94, Kind::U16, 100L, 250L, 250L},  // heartbeat_limit_ms, ms

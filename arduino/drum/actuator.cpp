@@ -1,21 +1,86 @@
 #include "actuator.h"
 
-#include "board.h"  // speed at full duty
+namespace {
 
-namespace actuator {
+constexpr uint16_t RUN_UP_MS = 150;      // five time constants before a speed counts
+constexpr uint16_t LEAST_TRAVEL_UM = 1500;
+constexpr float SURE_TRAVEL_UM = 8000.0f;  // travel that weighs as much as all before
+constexpr uint16_t LONGEST_WATCH_MS = 4000;
+constexpr float LEAST_FULL_MM_S = 2.0f, MOST_FULL_MM_S = 40.0f;
+constexpr float MOST_DEAD_BAND = 400.0f;
 
-// Speeds below this are asked for by a share of the dead band, so that noise around
-// standstill does not throw the bridge from one side to the other.
-constexpr float CREEP_MM_S = 0.01f;
+float size_of(float value) { return value < 0 ? -value : value; }
 
-int16_t duty(float speed_mm_s, uint16_t dead_band_permille) {
-    const bool lifts = speed_mm_s < 0;
-    const float size = lifts ? -speed_mm_s : speed_mm_s;
-    float permille = (FULL - dead_band_permille) * size / board::ACTUATOR_MAX_MM_S;
-    permille += size < CREEP_MM_S ? dead_band_permille * size / CREEP_MM_S : dead_band_permille;
+}  // namespace
+
+int16_t Actuator::duty(float mm_s) const {
+    float permille = dead_band_ + (FULL - dead_band_) * size_of(mm_s) / full_mm_s_;
     if (permille > FULL) permille = FULL;
     const int16_t rounded = static_cast<int16_t>(permille + 0.5f);
-    return lifts ? -rounded : rounded;
+    return mm_s < 0 ? -rounded : rounded;
 }
 
-}  // namespace actuator
+void Actuator::want(float mm_s) {
+    pulsing_ = size_of(mm_s) < PULSE_MM_S;
+    wanted_ = mm_s;
+    if (!pulsing_) {
+        direct_ = duty(mm_s);
+        owed_ = 0;
+    } else if (mm_s == 0) {
+        owed_ = 0;
+        pulse_left_ = 0;
+        pulse_ = 0;
+    }
+}
+
+void Actuator::lift() {
+    pulsing_ = false;
+    direct_ = -FULL;
+}
+
+// Each slot of PULSE_MS gives one pulse or none; what it gave too much or too little is owed.
+int16_t Actuator::tick() {
+    if (!pulsing_) return direct_;
+    if (!pulse_left_) {
+        pulse_left_ = PULSE_MS;
+        owed_ += wanted_;
+        const bool due = size_of(owed_) > PULSE_MM_S / 2;
+        const float given = !due ? 0 : owed_ < 0 ? -PULSE_MM_S : PULSE_MM_S;
+        owed_ -= given;
+        pulse_ = due ? duty(given) : 0;
+    }
+    --pulse_left_;
+    return pulse_;
+}
+
+void Actuator::watch(uint16_t position_um) {
+    const int16_t now = pulsing_ ? 0 : direct_;
+    if (now == watched_ && watched_ms_ < LONGEST_WATCH_MS) {
+        if (watched_ms_ == RUN_UP_MS) started_um_ = position_um;
+        ++watched_ms_;
+        return;
+    }
+    const uint16_t travel = position_um > started_um_ ? position_um - started_um_
+                                                      : started_um_ - position_um;
+    if (watched_ && watched_ms_ > RUN_UP_MS && travel > LEAST_TRAVEL_UM)
+        learn(travel, watched_ms_ - RUN_UP_MS);
+    watched_ = now;
+    watched_ms_ = 0;
+}
+
+// speed = full speed × (duty − dead band) / (1 − dead band), solved for the unknown one.
+void Actuator::learn(uint16_t travel_um, uint16_t ms) {
+    const float mm_s = static_cast<float>(travel_um) / ms;
+    const bool at_full = watched_ == FULL || watched_ == -FULL;
+    if (at_full) {
+        if (mm_s < LEAST_FULL_MM_S || mm_s > MOST_FULL_MM_S) return;
+        const float weight = full_known_ ? travel_um / (travel_um + SURE_TRAVEL_UM) : 1;
+        full_mm_s_ += weight * (mm_s - full_mm_s_);
+        full_known_ = true;
+        return;
+    }
+    const float share = mm_s / full_mm_s_;
+    if (share > 0.9f) return;
+    const float band = (size_of(watched_) - FULL * share) / (1 - share);
+    if (band >= 0 && band <= MOST_DEAD_BAND) dead_band_ = static_cast<uint16_t>(band + 0.5f);
+}

@@ -1,16 +1,53 @@
-// From a wanted actuator speed to a bridge duty, and back from the potentiometer to travel.
+// Makes a bridge duty of a wanted speed, for an actuator that does not move below a dead band.
+//
+// Speeds above PULSE_MM_S are a duty. Slower ones are pulses of that speed, as many as give the
+// wanted travel: a duty near the dead band would stick or jump, and the force loop with it.
+// Dead band and full speed are measured on the way, by the potentiometer, whenever one duty is
+// held for long enough.
 #ifndef ACTUATOR_H
 #define ACTUATOR_H
 
 #include <stdint.h>
 
-namespace actuator {
+class Actuator {
+  public:
+    static constexpr int16_t FULL = 1000;
+    static constexpr float PULSE_MM_S = 0.8f;
+    static constexpr uint8_t PULSE_MS = 3;
 
-constexpr int16_t FULL = 1000;
+    // A dead band to start from; the one given before changes nothing that was learned since.
+    void start_from(uint16_t dead_band_permille) {
+        if (dead_band_permille != given_dead_band_) dead_band_ = dead_band_permille;
+        given_dead_band_ = dead_band_permille;
+    }
+    uint16_t dead_band() const { return dead_band_; }
 
-// Signed permille for a speed in mm/s; the dead band is jumped, except around standstill.
-int16_t duty(float speed_mm_s, uint16_t dead_band_permille);
+    // Wanted speed in mm/s, positive presses.
+    void want(float mm_s);
+    // Full duty upwards.
+    void lift();
+    void rest() { want(0); }
 
-}  // namespace actuator
+    // Once a millisecond: the duty in permille for the next one.
+    int16_t tick();
+    // Once a millisecond, where a potentiometer is fitted.
+    void watch(uint16_t position_um);
+
+  private:
+    int16_t duty(float mm_s) const;
+    void learn(uint16_t travel_um, uint16_t ms);
+
+    float wanted_ = 0;
+    float owed_ = 0;           // mm/s × pulses not yet given
+    float full_mm_s_ = 10.0f;  // speed at full duty
+    int16_t direct_ = 0;       // duty for speeds above PULSE_MM_S
+    int16_t pulse_ = 0;
+    uint8_t pulse_left_ = 0;
+    bool pulsing_ = true, full_known_ = false;
+    uint16_t dead_band_ = 100, given_dead_band_ = 100;
+    int16_t watched_ = 0;      // duty under observation
+    uint16_t watched_ms_ = 0;
+    uint16_t started_um_ = 0;
+};
 
 #endif  // ACTUATOR_H

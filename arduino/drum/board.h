@@ -27,7 +27,7 @@ constexpr uint16_t ACTUATOR_TRAVEL_UM = 50000;
 
 // HX711 at its 80 samples a second; a conversion shows the force of this long ago.
 constexpr uint16_t LOADCELL_PERIOD_US = 12500;
-constexpr float LOADCELL_DELAY_S = 0.0075f;
+constexpr float LOADCELL_DELAY_S = 0.006f;
 
 }  // namespace board
 

@@ -4,6 +4,7 @@
 
 namespace {
 
+constexpr uint8_t TARE_TRIES = 3;  // a drum just lifted still swings
 constexpr uint16_t HOMING_SPEED = 6000;  // 0.01 mm/s
 constexpr uint32_t HOMING_STEPS = board::STEPS_PER_TURN * 5UL / 4;
 
@@ -133,6 +134,7 @@ bool Drum::clear() {
 bool Drum::tare() {
     if (!resting() || loadcell_.faults()) return false;
     loadcell_.begin_tare();
+    tare_tries_ = TARE_TRIES;
     pending_ = Pending::Tare;
     return true;
 }
@@ -156,6 +158,7 @@ bool Drum::save() {
 bool Drum::defaults() {
     if (!resting()) return false;
     bank_.restore_defaults();
+    actuator_.start_from(word(reg::dead_band_permille));
     apply_scale();
     tared_ = false;
     return true;
@@ -165,6 +168,7 @@ void Drum::written(uint16_t address, uint16_t count) {
     const auto touched = [&](uint16_t place) { return place >= address && place - address < count; };
     if (touched(reg::heartbeat)) heartbeat_.seen(word(reg::heartbeat));
     if (touched(reg::tare_counts) || touched(reg::tare_counts + 1)) tared_ = true;
+    actuator_.start_from(word(reg::dead_band_permille));
     apply_scale();
     ports::watch_estop(fitted(0));
 }

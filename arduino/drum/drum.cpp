@@ -3,8 +3,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "actuator.h"  // speed to duty
 #include "board.h"     // geometry
+#include "circle.h"    // sine and cosine of the drum's angle
 
 namespace {
 
@@ -14,10 +14,10 @@ constexpr uint16_t ACTUATOR_FULL_LIFT_MS = 6000;
 constexpr uint16_t LIFT_LIMIT_MS = 8000;   // a lift that takes longer is stuck
 constexpr uint16_t TOP_UM = 300;           // the potentiometer at the upper end
 constexpr uint16_t BOTTOM_UM = 49700;
-constexpr uint16_t SLOW_ZONE_UM = 800;     // above the last contact
+constexpr uint16_t SLOW_ZONE_UM = 1500;    // above the last contact: slowing down takes 0.9 mm
 constexpr float SEARCH_MM_S = 3.0f;        // so slow that the stiffest contact stays below
 constexpr float QUICK_MM_S = 8.0f;         // the set force plus a tenth
-constexpr float CONTACT_MM_S = 3.0f;
+constexpr float CONTACT_MM_S = 6.0f;
 constexpr float SLOWEST_SEARCH_MM_S = 1.5f;
 constexpr int16_t INDEX_TOLERANCE = 4;     // steps
 constexpr int16_t INDEX_LATE = 40;
@@ -50,6 +50,7 @@ void Drum::boot(bool watchdog_reset) {
         bank_.restore_defaults();
     report_identity();
     apply_scale();
+    actuator_.start_from(word(reg::dead_band_permille));
     ports::watch_estop(fitted(0));
     enter(State::Boot);
     go(Event::Booted);
@@ -106,11 +107,12 @@ void Drum::enter(State state) {
     ports::enable_bridge(actuator_on);
     // APPROACH, HOLD and RUN hand the loop on without a hole in what was commanded.
     if (machine_.drive() == Drive::Lift) lift();
-    else if (machine_.drive() == Drive::Off || machine_.drive() == Drive::Hold) drive(0);
+    else if (machine_.drive() == Drive::Off || machine_.drive() == Drive::Hold) actuator_.rest();
+    move_actuator();
 }
 
-void Drum::drive(float speed_mm_s) {
-    permille_ = actuator::duty(speed_mm_s, word(reg::dead_band_permille));
+void Drum::move_actuator() {
+    permille_ = actuator_.tick();
     ports::drive(permille_);
 }
 
@@ -122,6 +124,8 @@ void Drum::tick(const Inputs &inputs) {
     watch_index();
     progress();
     progress_pending();
+    if (fitted(3)) actuator_.watch(inputs_.position_um);
+    move_actuator();
 }
 
 void Drum::sample(const Conversion &conversion) {
@@ -133,12 +137,13 @@ void Drum::sample(const Conversion &conversion) {
 }
 
 DrumTurn Drum::turn() const {
-    constexpr float RAD_PER_STEP = TWO_PI / board::STEPS_PER_TURN;
+    constexpr float RAD_S_TIMES_INTERVAL = TWO_PI / board::STEPS_PER_TURN * board::CLOCK_HZ * 256.0f;
     const int32_t place = ports::position() % board::STEPS_PER_TURN;
+    const uint8_t part = static_cast<uint8_t>(place * 256 / board::STEPS_PER_TURN);
     const uint32_t interval = ports::step_interval();
-    float rate = interval ? RAD_PER_STEP * board::CLOCK_HZ * 256.0f / interval : 0;
+    float rate = interval ? RAD_S_TIMES_INTERVAL / interval : 0;
     if (backwards_) rate = -rate;
-    return {place * RAD_PER_STEP, rate};
+    return {circle::cosine(part), circle::sine(part), rate};
 }
 
 bool Drum::within_band() const {
@@ -160,7 +165,7 @@ void Drum::press() {
     float speed = force_.update(loadcell_.force_g(), target, turn());
     if (locked_) speed = 0;
     force_.commanded(speed);
-    drive(speed);
+    actuator_.want(speed);
     if (searching && force_.in_contact()) {
         contact_ms_ = outside_ms_ = inputs_.now_ms;
         contact_um_ = inputs_.position_um;
@@ -227,8 +232,8 @@ void Drum::lift() {
     const bool retracting = machine_.state() == State::Retract;
     const uint32_t since_start = inputs_.now_ms - entered_ms_;
     const bool clear = lifted_clear();
-    permille_ = clear ? 0 : -actuator::FULL;
-    ports::drive(permille_);
+    if (clear) actuator_.rest();
+    else actuator_.lift();
     if (!retracting) {
         if (since_start >= LIFT_TIME_MS) go(Event::LiftTimeOver);
     } else if (clear && !ports::moving()) {
@@ -315,7 +320,11 @@ void Drum::progress_pending() {
 void Drum::end_tare() {
     const int64_t spread = static_cast<int64_t>(loadcell_.tare_spread()) *
                            labs(bank_.wide(reg::scale_ug_per_count));
-    if (spread > TARE_MAX_SPREAD_UG) return finish(CommandResult::Failed);
+    if (spread > TARE_MAX_SPREAD_UG) {
+        if (!tare_tries_) return finish(CommandResult::Failed);
+        --tare_tries_;
+        return loadcell_.begin_tare();
+    }
     bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(loadcell_.tare_mean()));
     apply_scale();
     tared_ = true;

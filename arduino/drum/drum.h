@@ -11,6 +11,7 @@
 
 #include <stdint.h>
 
+#include "actuator.h"    // speed to duty
 #include "bank.h"        // registers
 #include "force_loop.h"  // contact force
 #include "heartbeat.h"   // is the computer alive
@@ -57,7 +58,7 @@ class Drum : public Owner {
     void follow();
     void raise(Fault fault);
     void go(Event event);
-    void drive(float speed_mm_s);
+    void move_actuator();
     void press();
     void progress();
     void selftest();
@@ -108,6 +109,7 @@ class Drum : public Owner {
     Heartbeat heartbeat_;
     Loadcell loadcell_;
     ForceLoop force_;
+    Actuator actuator_;
     Bank bank_;
     Modbus modbus_;
     Inputs inputs_ = {0, 0, false, false, false, false};
@@ -121,6 +123,7 @@ class Drum : public Owner {
     uint16_t acknowledged_ = 0;
     CommandResult result_ = CommandResult::None;
     Pending pending_ = Pending::None;
+    uint8_t tare_tries_ = 0;
     State pending_goal_ = State::Idle;
     uint16_t index_seen_ = 0;
     int32_t index_expected_ = 0;  // position of the last mark, a multiple of a turn

@@ -11,18 +11,22 @@ constexpr float LAG_S = board::ACTUATOR_LAG_S;
 constexpr float DELAY_S = board::LOADCELL_DELAY_S;
 constexpr float DECAY = 0.65924063f;  // exp(-PERIOD / LAG)
 constexpr float CONTACT_G = 8.0f;     // far above noise, far below any set force
-constexpr float COMPRESSION_GAIN = 0.5f;
-constexpr float RUN_OUT_GAIN = 0.6f;
+constexpr float COMPRESSION_GAIN = 0.3f;
+constexpr float RUN_OUT_GAIN = 1.2f;
 constexpr float MAX_DRIFT = 1.0f;     // mm/s
 constexpr float MAX_RUN_OUT = 0.5f;   // mm
 constexpr float PRIOR = 4e-4f;        // mm²: weight of the stiffness believed before
 constexpr float FORGETTING = 0.96f;
 constexpr float MOVING_MM = 0.004f;   // a period's travel below this says nothing of stiffness
+constexpr float FREE_SPEED_STEP = 0.5f;  // mm/s a sample, 40 mm/s²
 constexpr float TURNING_RAD_S = 0.1f;
 
 float limited(float value, float bound) {
     return value > bound ? bound : value < -bound ? -bound : value;
 }
+
+// A turning drum moves the force by its own shape, not by the actuator's travel.
+bool turns(const DrumTurn &turn) { return fabsf(turn.rate_rad_s) >= TURNING_RAD_S; }
 
 }  // namespace
 
@@ -67,21 +71,20 @@ void ForceLoop::learn_stiffness(float force_g) {
     if (estimate > 50 && estimate < 5000) stiffness_ = estimate;
 }
 
-float ForceLoop::run_out_rate(float angle_rad, float rate_rad_s) const {
-    if (fabsf(rate_rad_s) < TURNING_RAD_S) return 0;
-    return rate_rad_s * (sine_ * cosf(angle_rad) - cosine_ * sinf(angle_rad));
+// How fast the drum's surface comes towards the skin because it is not round.
+float ForceLoop::run_out_rate(const DrumTurn &turn) const {
+    return turn.rate_rad_s * (sine_ * turn.cosine - cosine_ * turn.sine);
 }
 
 void ForceLoop::correct(float force_g, const DrumTurn &turn) {
-    const float seen_at = turn.angle_rad - turn.rate_rad_s * (DELAY_S + PERIOD_S / 2);
-    const float surface = drift_ + run_out_rate(seen_at, turn.rate_rad_s);
-    compression_ += shown_ + surface * PERIOD_S;
-    const float surprise = force_g / stiffness_ - compression_;
-    compression_ += COMPRESSION_GAIN * surprise;
-    if (fabsf(turn.rate_rad_s) < TURNING_RAD_S) return;
-    const float share = RUN_OUT_GAIN * surprise / turn.rate_rad_s;
-    sine_ = limited(sine_ + share * cosf(seen_at), MAX_RUN_OUT);
-    cosine_ = limited(cosine_ - share * sinf(seen_at), MAX_RUN_OUT);
+    const DrumTurn seen = turn.after(-DELAY_S - PERIOD_S / 2);
+    compression_ += shown_ + (drift_ + run_out_rate(seen)) * PERIOD_S;
+    surprise_ = force_g / stiffness_ - compression_;
+    compression_ += COMPRESSION_GAIN * surprise_;
+    if (!turns(turn)) return;
+    const float share = RUN_OUT_GAIN * surprise_ / turn.rate_rad_s;
+    sine_ = limited(sine_ + share * seen.cosine, MAX_RUN_OUT);
+    cosine_ = limited(cosine_ - share * seen.sine, MAX_RUN_OUT);
 }
 
 void ForceLoop::observe(float force_g, const DrumTurn &turn) {
@@ -89,7 +92,7 @@ void ForceLoop::observe(float force_g, const DrumTurn &turn) {
     if (!contact_) look_for_contact(force_g);
     else {
         if (since_contact_ < 65535) ++since_contact_;
-        learn_stiffness(force_g);
+        if (!turns(turn)) learn_stiffness(force_g);
         correct(force_g, turn);
     }
     last_g_ = force_g;
@@ -99,12 +102,13 @@ float ForceLoop::update(float force_g, const ForceTarget &target, const DrumTurn
     observe(force_g, turn);
     float speed = target.speed_limit;
     if (contact_) {
-        const float missing_before = force_g / stiffness_ - compression_;
-        drift_ = limited(drift_ + target.gain_i * missing_before, MAX_DRIFT);
-        const float ahead = turn.angle_rad + turn.rate_rad_s * LAG_S;
-        const float surface = drift_ + run_out_rate(ahead, turn.rate_rad_s);
+        drift_ = limited(drift_ + target.gain_i * surprise_, MAX_DRIFT);
+        const float surface = drift_ + run_out_rate(turn.after(LAG_S));
         const float now = compression_ + pending_ + surface * DELAY_S;
         speed = target.gain_p * (target.force_g / stiffness_ - now) - surface;
+    } else {
+        // The cell feels the drum's mass being hurried along and takes it for contact.
+        speed = command_ + limited(speed - command_, FREE_SPEED_STEP);
     }
     command_ = limited(speed, target.speed_limit);
     return command_;

@@ -20,9 +20,16 @@ struct ForceTarget {
     float speed_limit;  // mm/s
 };
 
+// Where the drum stands and how fast it turns.
 struct DrumTurn {
-    float angle_rad;
+    float cosine, sine;  // of its angle
     float rate_rad_s;
+
+    // The same drum a short time later or, with a negative time, earlier.
+    DrumTurn after(float seconds) const {
+        const float angle = rate_rad_s * seconds;
+        return {cosine - angle * sine, sine + angle * cosine, rate_rad_s};
+    }
 };
 
 class ForceLoop {
@@ -48,13 +55,14 @@ class ForceLoop {
     void look_for_contact(float force_g);
     void learn_stiffness(float force_g);
     void correct(float force_g, const DrumTurn &turn);
-    float run_out_rate(float angle_rad, float rate_rad_s) const;
+    float run_out_rate(const DrumTurn &turn) const;
 
     float command_ = 0, speed_ = 0;        // mm/s, asked for and modelled
     float moved_ = 0, moved_before_ = 0;   // mm in the last two periods
     float shown_ = 0, pending_ = 0;        // mm that the sample shows, and does not show yet
     float free_g_ = 0, last_g_ = 0;
     float compression_ = 0, drift_ = 0;    // mm, mm/s
+    float surprise_ = 0;                   // mm, what the model did not foresee
     float cosine_ = 0, sine_ = 0;          // run-out, mm
     float stiffness_ = 600, sum_xx_ = 0, sum_xy_ = 0;
     float depth_ = 0;

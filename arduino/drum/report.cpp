@@ -1,5 +1,4 @@
 // The readable registers, brought up to date once before each read.
-#include "actuator.h"  // nothing but its sign convention
 #include "board.h"     // identity and geometry
 #include "drum.h"
 
