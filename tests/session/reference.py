@@ -1,0 +1,38 @@
+"""The tables of docs/reference/session.md, from the layout; ``python -m tests.session.reference``."""
+
+from __future__ import annotations
+
+from rigctl.session import layout
+
+
+def table(of: layout.Table) -> str:
+    lines = [
+        f"### `{of.path}`: {of.doc}",
+        "",
+        "| column | type | unit | meaning |",
+        "|---|---|---|---|",
+    ]
+    lines += [f"| `{c.name}` | {kind(c.kind)} | {c.unit or '–'} | {c.doc} |" for c in of.columns]
+    return "\n".join(lines)
+
+
+def arrays() -> str:
+    lines = ["| data set | shape | type | unit | meaning |", "|---|---|---|---|---|"]
+    for array in layout.TAXEL_ARRAYS:
+        shape = "(n, n_taxels)" if array.per_taxel else "(n,)"
+        row = (f"`{array.path}`", shape, kind(array.kind), array.unit or "–", array.doc)
+        lines.append(f"| {' | '.join(row)} |")
+    return "\n".join(lines)
+
+
+def kind(code: str) -> str:
+    names = {"u": "uint", "i": "int", "f": "float"}
+    if code.startswith("S"):
+        return f"text, {code[1:]} bytes"
+    return f"{names[code[0]]}{8 * int(code[1:])}"
+
+
+if __name__ == "__main__":
+    print(arrays())
+    for each in layout.TABLES:
+        print(f"\n{table(each)}")

@@ -1,0 +1,26 @@
+"""The reference page shows the layout as it is."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from rigctl.session import layout
+from rigctl.session.header import SessionHeader
+from tests.session.reference import arrays, table
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "session.md"
+
+
+@pytest.mark.parametrize("of", layout.TABLES, ids=lambda of: of.path)
+def test_each_table_is_on_the_page(of: layout.Table) -> None:
+    assert table(of) in PAGE.read_text(encoding="utf-8"), table(of)
+
+
+def test_the_samples_and_the_attributes_are_on_the_page() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert arrays() in page
+    for item in fields(SessionHeader):
+        assert f"| `{item.name}` |" in page
