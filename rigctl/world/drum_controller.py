@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from enum import Enum
 
 from rigctl.wire.drum_map import SETTINGS, Command, CommandResult
 from rigctl.wire.drum_states import LIFT_FAULTS, OUTPUTS, Event, Fault, State, next_state
@@ -18,50 +17,17 @@ from rigctl.world.drum_loadcell import PERIOD_US, SILENCE_PERIODS, LoadcellWatch
 from rigctl.world.drum_motion import DrumMotion
 from rigctl.world.drum_presser import Presser
 from rigctl.world.drum_registers import RegisterBank
-from rigctl.world.drum_turner import Turner
-
-BOOT_US = 10_000
-SELFTEST_LIMIT_US = 500_000
-LIFT_US = 700_000
-
-UNSUPERVISED = frozenset(
-    {State.BOOT, State.SELFTEST, State.IDLE, State.FAULT_LIFT, State.FAULT_OFF}
+from rigctl.world.drum_tables import (
+    BOOT_US,
+    EVENTS,
+    GOALS,
+    LIFT_US,
+    RESTING,
+    SELFTEST_LIMIT_US,
+    UNSUPERVISED,
+    Timer,
 )
-RESTING = frozenset({State.IDLE, State.ARMED})
-
-
-class Timer(Enum):
-    """What the controller waits for besides its inputs."""
-
-    BOOT = "boot"
-    SELFTEST = "selftest"
-    HEARTBEAT = "heartbeat"
-    SILENCE = "silence"
-    APPROACH = "approach"
-    LIFT = "lift"
-
-
-_EVENTS = {
-    Command.ARM: Event.ARM,
-    Command.DISARM: Event.DISARM,
-    Command.MOVE: Event.MOVE,
-    Command.HOME: Event.MOVE,
-    Command.APPROACH: Event.APPROACH,
-    Command.RUN: Event.RUN,
-    Command.RETRACT: Event.RETRACT,
-    Command.STOP: Event.STOP,
-    Command.CLEAR: Event.CLEAR,
-}
-_GOALS = {
-    Command.ARM: State.ARMED,
-    Command.DISARM: State.IDLE,
-    Command.MOVE: State.ARMED,
-    Command.HOME: State.ARMED,
-    Command.APPROACH: State.HOLD,
-    Command.RUN: State.HOLD,
-    Command.RETRACT: State.ARMED,
-    Command.CLEAR: State.IDLE,
-}
+from rigctl.world.drum_turner import Turner
 
 
 class Controller:
@@ -163,8 +129,8 @@ class Controller:
         if not self._accepts(command):
             return False
         self.acknowledged, self.result = sequence, CommandResult.RUNNING
-        self._goal = _GOALS.get(command)
-        event = _EVENTS.get(command)
+        self._goal = GOALS.get(command)
+        event = EVENTS.get(command)
         if command is Command.STOP:
             self._goal = State.ARMED if self._stops_something() else self.state
         if event is not None:
@@ -293,7 +259,7 @@ class Controller:
     # Commands
 
     def _accepts(self, command: Command) -> bool:
-        event = _EVENTS.get(command)
+        event = EVENTS.get(command)
         if event is not None and next_state(self.state, event) is None:
             return False
         if command in (Command.ARM, Command.CLEAR):

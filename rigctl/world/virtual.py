@@ -47,21 +47,20 @@ class VirtualRig:
     def advance(self, until_us: int) -> None:
         """Run world and boards up to a world time."""
         while True:
-            cell_us = self._bench.loadcell.next_us
-            next_us = min(self._drum.next_us, cell_us, self._taxels.next_us, until_us)
-            at_us = max(self.time_us, int(next_us))
+            cell_us, drum_us = self._bench.loadcell.next_us, self._drum.next_us
+            due_us = min(drum_us, cell_us, self._taxels.next_us)
+            at_us = max(self.time_us, int(min(due_us, until_us)))
             if self._mechanics(at_us // 1000):
                 continue
-            self.time_us = at_us
+            self.time_us = self._drum.now_us = at_us
+            if due_us > at_us:
+                return
             if at_us >= cell_us:
                 self._convert(at_us)
-            if at_us >= self._drum.next_us:
+            if at_us >= drum_us:
                 self._drum.pass_time(at_us)
             if at_us >= self._taxels.next_us:
                 self._taxels.pass_time(at_us)
-            if at_us >= until_us and self._idle(at_us):
-                self._drum.now_us = at_us
-                return
 
     def set_plate(self, texture: str) -> None:
         """Snap in the plate of texture ``"A"``–``"P"``. Raises WrongUse for another name."""
@@ -72,14 +71,11 @@ class VirtualRig:
         self.drum.close()
         self.taxels.close()
 
-    def _idle(self, at_us: int) -> bool:
-        """Nothing is left to do at this very time."""
-        waiting = min(self._drum.next_us, self._bench.loadcell.next_us, self._taxels.next_us)
-        return waiting > at_us
-
     def _mechanics(self, until_ms: int) -> bool:
         """Run the plant; True when it stopped early and the boards were told why."""
         plant = self._bench.plant
+        if plant.time_ms >= until_ms:
+            return False
         marks = plant.index_rises
         low, high = self._drum.limits_mm
         stopped = self._bench.advance(until_ms, self._drum.duty, self._drum.motion, low, high)

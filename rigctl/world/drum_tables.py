@@ -1,0 +1,51 @@
+"""What the virtual drum's controller looks up: commands to events and goals, its waits."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from rigctl.wire.drum_map import Command
+from rigctl.wire.drum_states import Event, State
+
+BOOT_US = 10_000
+SELFTEST_LIMIT_US = 500_000
+LIFT_US = 700_000
+
+UNSUPERVISED = frozenset(
+    {State.BOOT, State.SELFTEST, State.IDLE, State.FAULT_LIFT, State.FAULT_OFF}
+)
+RESTING = frozenset({State.IDLE, State.ARMED})
+
+
+class Timer(Enum):
+    """What the controller waits for besides its inputs."""
+
+    BOOT = "boot"
+    SELFTEST = "selftest"
+    HEARTBEAT = "heartbeat"
+    SILENCE = "silence"
+    APPROACH = "approach"
+    LIFT = "lift"
+
+
+EVENTS = {
+    Command.ARM: Event.ARM,
+    Command.DISARM: Event.DISARM,
+    Command.MOVE: Event.MOVE,
+    Command.HOME: Event.MOVE,
+    Command.APPROACH: Event.APPROACH,
+    Command.RUN: Event.RUN,
+    Command.RETRACT: Event.RETRACT,
+    Command.STOP: Event.STOP,
+    Command.CLEAR: Event.CLEAR,
+}
+GOALS = {
+    Command.ARM: State.ARMED,
+    Command.DISARM: State.IDLE,
+    Command.MOVE: State.ARMED,
+    Command.HOME: State.ARMED,
+    Command.APPROACH: State.HOLD,
+    Command.RUN: State.HOLD,
+    Command.RETRACT: State.ARMED,
+    Command.CLEAR: State.IDLE,
+}
