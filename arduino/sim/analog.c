@@ -67,8 +67,7 @@ static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
     }
     if (channel >= 0) level = millivolts(code_now(board, channel));
     /* simavr looks at the multiplexer only when ADCL is read: all channels hold the sample. */
-    avr_irq_t *adc = avr_io_getirq(board->avr, AVR_IOCTL_ADC_GETIRQ, 0);
-    for (int c = 0; c < CHANNELS; c++) avr_raise_irq(adc + c, level);
+    for (int c = 0; c < CHANNELS; c++) board->adc->adc_values[c] = level;
     if (board->exchange.report_samples) report_edge(board, SIM_OUT_SAMPLE, channel);
 }
 
@@ -84,13 +83,13 @@ static void on_compare(avr_irq_t *irq, uint32_t value, void *param)
     if (board->compare_latched) return;
     board->compare_latched = 1;
     if ((avr->data[ADCSRB_328P] & TRIGGER_MASK) != TRIGGER_TIMER1_COMPB) return;
-    avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_IN_TRIGGER), 1);
+    avr_raise_irq(board->adc->io.irq + ADC_IRQ_IN_TRIGGER, 1);
 }
 
 void analog_open(sim_board *board)
 {
-    avr_irq_t *adc = avr_io_getirq(board->avr, AVR_IOCTL_ADC_GETIRQ, 0);
-    avr_irq_register_notify(adc + ADC_IRQ_OUT_TRIGGER, on_conversion, board);
+    board->adc = (avr_adc_t *)find_io(board->avr, "adc");
+    avr_irq_register_notify(board->adc->io.irq + ADC_IRQ_OUT_TRIGGER, on_conversion, board);
     if (board->kind != SIM_TAXELS) return;
     avr_irq_t *compare = avr_get_interrupt_irq(board->avr, TIMER1_COMPB_328P);
     avr_irq_register_notify(compare + AVR_INT_IRQ_PENDING, on_compare, board);

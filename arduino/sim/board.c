@@ -89,6 +89,14 @@ static void restore(sim_board *board)
     schedule(board);
 }
 
+/* simavr's own structure of a peripheral; the first of its kind in its list. */
+avr_io_t *find_io(avr_t *avr, const char *kind)
+{
+    avr_io_t *io = avr->io_port;
+    while (io && strcmp(io->kind, kind)) io = io->next;
+    return io;
+}
+
 static avr_t *load(const char *image, const char *mcu)
 {
     elf_firmware_t firmware;

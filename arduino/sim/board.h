@@ -63,6 +63,7 @@ struct sim_board {
     int was_reset;
     uint64_t slice_start, slice_end;
     void (*chip_reset)(struct avr_t *avr);
+    avr_adc_t *adc;
     struct serial serial;
     struct loadcell loadcell;
     struct inputs inputs;
@@ -79,6 +80,7 @@ struct sim_board {
 /* board.c */
 void report_edge(sim_board *board, int signal, int level);
 void schedule(sim_board *board);
+avr_io_t *find_io(avr_t *avr, const char *kind);
 
 /* pins.c */
 void pins_open(sim_board *board);

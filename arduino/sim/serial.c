@@ -1,6 +1,4 @@
 /* The board's cable: bytes at real byte times in both directions. */
-#include <string.h>
-
 #include "board.h"
 
 #define BITS_PER_BYTE 10 /* 8N1; simavr counts 11 */
@@ -63,19 +61,13 @@ static void on_fetched(avr_irq_t *irq, uint32_t value, void *param)
     if (waited > board->exchange.rx_latency) board->exchange.rx_latency = waited;
 }
 
-static avr_uart_t *find_uart(avr_t *avr)
-{
-    for (avr_io_t *io = avr->io_port; io; io = io->next)
-        if (!strcmp(io->kind, "uart") && ((avr_uart_t *)io)->name == '0') return (avr_uart_t *)io;
-    return NULL;
-}
-
 void serial_open(sim_board *board)
 {
     avr_t *avr = board->avr;
     struct serial *s = &board->serial;
     uint32_t flags = 0; /* neither sleep when polled nor print lines */
-    s->uart = find_uart(avr);
+    s->uart = (avr_uart_t *)find_io(avr, "uart"); /* the four of the 2560 stand together */
+    while (s->uart->name != '0') s->uart = (avr_uart_t *)s->uart->io.next;
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
     avr_irq_t *irq = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), 0);
     s->input = irq + UART_IRQ_INPUT;
