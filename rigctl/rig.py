@@ -71,11 +71,11 @@ class Rig:
         return True
 
     def save_truth(self, folder: Path) -> None:
-        """Store beside a session what the simulated world knows to be true; nothing at a bench."""
+        """Add to a session what the simulated world logged since the last call; nothing else."""
         if self.simulation is not None:
             from rigctl.session.truth import write_truth
 
-            write_truth(folder, self.simulation.truth.arrays())
+            write_truth(folder, self.simulation.truth.take())
 
     def close(self) -> None:
         """Free ports and boards, then the loop, unless it still runs."""

@@ -79,7 +79,13 @@ class ModbusLine:
         return self._transport.received_at_s if self._transport else 0.0
 
     async def open(self) -> None:
-        """Open the link. Raises LinkLost."""
+        """Open the link, unless it is open and only fell silent. Raises LinkLost.
+
+        Opening a serial port resets most Arduinos, and a drum that is just lifting off must
+        not be reset.
+        """
+        if self._client is not None and self._lost is None and self.link.is_open:
+            return
         self.close()
         client = AsyncModbusSerialClient(
             self.link.name, timeout=REPLY_S, retries=0, reconnect_delay=0

@@ -59,6 +59,7 @@ class MemoryLink:
         self.plugged = True
         self.board: Callable[[bytes], None] = lambda data: None
         self.written: list[bytes] = []
+        self.times_opened = 0
         self._loop = loop
         self._on_bytes: OnBytes | None = None
         self._on_lost: OnLost | None = None
@@ -67,6 +68,7 @@ class MemoryLink:
         if not self.plugged:
             raise LinkLost(f"{self.name}: there is no such port")
         self._on_bytes, self._on_lost, self.is_open = on_bytes, on_lost, True
+        self.times_opened += 1
 
     def write(self, data: bytes) -> None:
         if not self.is_open:
