@@ -49,8 +49,12 @@ class TaxelChip:
     def run(self, milliseconds: int) -> None:
         """Run on, a millisecond at a time."""
         for _ in range(milliseconds):
-            self.chip.run((self.x.cycle // FRAME_CYCLES + 1) * FRAME_CYCLES)
-            self._take()
+            self.run_slice(1)
+
+    def run_slice(self, milliseconds: int) -> None:
+        """Run on in one go."""
+        self.chip.run((self.x.cycle // FRAME_CYCLES + milliseconds) * FRAME_CYCLES)
+        self._take()
 
     def edge(self, signal: Input, level: int, cycle: int) -> None:
         """Change a pin at a cycle from now on."""
