@@ -24,6 +24,7 @@ from rigctl.world.drum_tables import (
     LIFT_US,
     RESTING,
     SELFTEST_LIMIT_US,
+    SLOWEST_SEARCH_MM_S,
     UNSUPERVISED,
     Timer,
 )
@@ -157,7 +158,7 @@ class Controller:
         found = [] if self._silent or not self.cell.sequence else self.cell.faults()
         if self._silent:
             found.append(Fault.LOADCELL_SILENT)
-        elif self.cell.force_g > 0.1 * self._setting("over_force"):
+        elif self._too_strong():
             found.append(Fault.OVER_FORCE)
         if self.estop_open:
             found.append(Fault.ESTOP)
@@ -192,6 +193,10 @@ class Controller:
         if self.estop_open:
             self.raise_fault(Fault.ESTOP)
 
+    def _too_strong(self) -> bool:
+        # Either way: with a scale of the wrong sign, pressing reads as pulling.
+        return abs(self.cell.force_g) > 0.1 * self._setting("over_force")
+
     def _loadcell_silent(self) -> None:
         self._silent = True
         self.raise_fault(Fault.LOADCELL_SILENT)
@@ -204,7 +209,7 @@ class Controller:
         if self.state in (State.BOOT, State.SELFTEST):
             return
         found = self.cell.faults()
-        if not found and self.cell.force_g > 0.1 * self._setting("over_force"):
+        if not found and self._too_strong():
             found = [Fault.OVER_FORCE]
         for fault in found:
             self.raise_fault(fault)
@@ -262,13 +267,20 @@ class Controller:
         event = EVENTS.get(command)
         if event is not None and next_state(self.state, event) is None:
             return False
+        settings = self._bank.settings
         if command in (Command.ARM, Command.CLEAR):
-            return not self.estop_open and not self.causes
+            return not self.causes
         if command in (Command.TARE, Command.SAVE, Command.DEFAULTS):
-            return self.state in RESTING
-        if command is Command.ZERO_STEPS:
-            return not self.turner.motion.moving and self.state is not State.BOOT
-        return command is not Command.NONE
+            healthy = command is not Command.TARE or not self.cell.faults()
+            return self.state in RESTING and healthy
+        if command is Command.HOME:
+            return self._fitted(1)
+        if command is Command.APPROACH:
+            # A set force too near the limit would end in OVER_FORCE at the first overshoot.
+            return 11 * settings["force_set"] <= 10 * settings["over_force"]
+        if command is Command.RUN:
+            return self.turner.run_in_suffices(settings)
+        return command is not Command.ZERO_STEPS or not self.turner.motion.moving
 
     def _stops_something(self) -> bool:
         return next_state(self.state, Event.STOP) is State.RETRACT
@@ -287,6 +299,7 @@ class Controller:
             Command.ZERO_STEPS: self._zero_steps,
             Command.SAVE: self._save,
             Command.DEFAULTS: self._defaults,
+            Command.NONE: lambda: self._finish(CommandResult.DONE),
         } | dict.fromkeys((Command.ARM, Command.DISARM, Command.APPROACH, Command.STOP), nothing)
 
     def _begin_move(self) -> None:
@@ -303,6 +316,9 @@ class Controller:
         self._moved(Event.MOVE_DONE)
 
     def _moved(self, event: Event) -> None:
+        if self.turner.homing:
+            self.turner.homing = False
+            self._finish(CommandResult.FAILED)
         if self._fitted(1) and self.turner.mark_missed(self.now_us):
             self.raise_fault(Fault.STEP_COUNT)
         else:
@@ -310,6 +326,10 @@ class Controller:
 
     def _forget_fault(self) -> None:
         self.fault, self.fault_at_us = Fault.NONE, 0
+
+    def tare_written(self) -> None:
+        """The computer set the tare itself."""
+        self.tared = True
 
     def _zero_steps(self) -> None:
         self.turner.zero(self.now_us)
@@ -322,14 +342,17 @@ class Controller:
 
     def _defaults(self) -> None:
         self._bank.restore({entry.name: entry.default for entry in SETTINGS})
+        self.tared = False
         self._finish(CommandResult.DONE)
 
     def _finish_tare(self) -> None:
-        mean = self.cell.finished_tare()
-        if mean is not None:
-            self._bank.put("tare_counts", mean)
+        tare = self.cell.finished_tare()
+        if tare is None:
+            return
+        if tare.steady:
+            self._bank.put("tare_counts", tare.mean_counts)
             self.tared = True
-            self._finish(CommandResult.DONE)
+        self._finish(CommandResult.DONE if tare.steady else CommandResult.FAILED)
 
     # The actuator
 
@@ -352,14 +375,18 @@ class Controller:
 
     def _begin_approach(self) -> None:
         self.presser.begin(self.now_us)
-        self._wait(Timer.APPROACH, 1000 * self._setting("approach_timeout_ms"))
+        search_ms = self._setting("approach_limit_um") / SLOWEST_SEARCH_MM_S + 500
+        self._wait(Timer.APPROACH, 1000 * search_ms)
 
     def _press(self) -> None:
         """One step of the force loop, with each reading of the load cell."""
         mode = OUTPUTS[self.state].actuator
         if mode not in ("approach", "force_loop"):
             return
+        touched = self.presser.in_contact
         self.presser.step(self.now_us, self.turner, self.state is State.APPROACH)
+        if self.presser.in_contact and not touched:
+            self._wait(Timer.APPROACH, 1000 * self._setting("approach_timeout_ms"))
         if self.presser.settled and self.state is State.APPROACH:
             self.presser.keep_stiffness()
             self._go(Event.FORCE_SETTLED)

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from rigctl.wire.drum_map import RING_DEPTH
 from rigctl.wire.drum_states import Fault
 from rigctl.world.loadcell import FULL_SCALE
 
 TARE_SAMPLES = 32
+TARE_TRIES = 4
+TARE_SPREAD_UG = 20_000_000
 FROZEN_RUN = 8
 SILENCE_PERIODS = 2.4
 PERIOD_US = 12_500
+
+
+class Tare(NamedTuple):
+    """A finished tare; not steady when the drum swung all the time."""
+
+    mean_counts: int
+    steady: bool
 
 
 class LoadcellWatch:
@@ -24,6 +35,7 @@ class LoadcellWatch:
         self.ug_per_count = 0
         self._equal_run = 0
         self._tare: list[int] | None = None
+        self._tries = TARE_TRIES
 
     @property
     def newest(self) -> int:
@@ -64,16 +76,23 @@ class LoadcellWatch:
 
     def begin_tare(self) -> None:
         """Average the readings from here on."""
+        self._tries = TARE_TRIES
         self._tare = []
 
     def abandon_tare(self) -> None:
         """Forget a tare that has begun."""
         self._tare = None
 
-    def finished_tare(self) -> int | None:
-        """Mean of a tare that is complete, once; None while it is not."""
+    def finished_tare(self) -> Tare | None:
+        """A tare that is complete, once; None while it is not. A drum that swings is retried."""
         if self._tare is None or len(self._tare) < TARE_SAMPLES:
+            return None
+        spread_ug = (max(self._tare) - min(self._tare)) * abs(self.ug_per_count)
+        steady = spread_ug <= TARE_SPREAD_UG
+        if not steady and self._tries > 1:
+            self._tries -= 1
+            self._tare = []
             return None
         mean = round(sum(self._tare) / len(self._tare))
         self._tare = None
-        return mean
+        return Tare(mean, steady)

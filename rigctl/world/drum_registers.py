@@ -50,8 +50,12 @@ class Owner(Protocol):
         """Execute; all settings of the same write are in place. False refuses the write."""
         ...
 
-    def beat(self, value: int) -> None:
-        """The heartbeat register was written."""
+    def beat(self) -> None:
+        """The heartbeat register changed."""
+        ...
+
+    def tare_written(self) -> None:
+        """The computer set the tare itself."""
         ...
 
 
@@ -110,9 +114,15 @@ class RegisterBank:
             answer = self._execute()
         if answer is not Answer.OK:
             self._words, self.settings = before, settings
-        elif "heartbeat" in touched:
-            self._owner.beat(self.settings["heartbeat"])
+        else:
+            self._tell(set(touched), settings["heartbeat"])
         return answer
+
+    def _tell(self, touched: set[str], beat_before: int) -> None:
+        if self.settings["heartbeat"] != beat_before:
+            self._owner.beat()
+        if "tare_counts" in touched:
+            self._owner.tare_written()
 
     def _take_over(self, entries: Sequence[Register]) -> Answer:
         for entry in entries:

@@ -10,6 +10,7 @@ from rigctl.wire.drum_states import Event, State
 BOOT_US = 10_000
 SELFTEST_LIMIT_US = 500_000
 LIFT_US = 700_000
+SLOWEST_SEARCH_MM_S = 1.5
 
 UNSUPERVISED = frozenset(
     {State.BOOT, State.SELFTEST, State.IDLE, State.FAULT_LIFT, State.FAULT_OFF}

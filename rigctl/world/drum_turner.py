@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from rigctl.world.bench import Bench
 from rigctl.world.drum_motion import DrumMotion, Trapezoid
 
-HOME_MM_S = 100.0
-HOME_TURNS = 1.2
+HOME_MM_S = 60.0
+HOME_TURNS = 1.25
 INDEX_TOLERANCE_STEPS = 4
 
 Done = Callable[[], None]
@@ -31,7 +31,7 @@ class Turner:
         self.index_count = self.index_error_steps = 0
         self.homed = False
         self.homing = False
-        self._mark_steps: int | None = None
+        self._mark_steps = 0
 
     def steps(self, at_us: int) -> int:
         """Signed microsteps since the zero."""
@@ -52,7 +52,6 @@ class Turner:
     def zero(self, at_us: int) -> None:
         """Count steps from here."""
         self._zero_mm = self.motion.travel_mm(at_us)
-        self._mark_steps = None
         self.homed = False
 
     def run(self, at_us: int, settings: Mapping[str, int], done: Done) -> None:
@@ -64,7 +63,12 @@ class Turner:
         shape = Trapezoid(fall_mm + 0.5 * speed**2 / acceleration, speed, acceleration)
         sign = -1 if settings["direction_set"] else 1
         marks = [(rise_mm, self._rise), (fall_mm, self._fall)]
-        self.motion.start(at_us, shape, sign, marks, lambda now_us: self._finish(now_us, done))
+        self.motion.start(at_us, shape, sign, marks, lambda now_us: done())
+
+    def run_in_suffices(self, settings: Mapping[str, int]) -> bool:
+        """The ramp ends before the trial window opens."""
+        ramp_mm = (0.01 * settings["speed_set"]) ** 2 / (2.0 * settings["acceleration_set"])
+        return 0.1 * settings["run_in_set"] >= ramp_mm + 2.0 * self._mm
 
     def move(self, at_us: int, settings: Mapping[str, int], done: Done) -> None:
         """Go to ``move_target`` lifted; at once done when it is here."""
@@ -78,8 +82,7 @@ class Turner:
         """Seek the index mark forwards; the mark's leading edge becomes step 0."""
         self.homing = True
         self.homed = False
-        speed = min(0.01 * settings["move_speed_set"], HOME_MM_S)
-        self._go(at_us, settings, speed, round(HOME_TURNS * self._turn_steps), done)
+        self._go(at_us, settings, HOME_MM_S, round(HOME_TURNS * self._turn_steps), done)
 
     def brake(self, at_us: int, settings: Mapping[str, int], done: Done) -> None:
         """Ramp down and forget what was planned; the window closes."""
@@ -88,9 +91,9 @@ class Turner:
         self.motion.brake(at_us, settings["acceleration_set"], lambda now_us: done())
 
     def halt(self, at_us: int) -> None:
-        """No more steps from now on."""
+        """No more steps from now on; anybody may turn a drum that is off."""
         self._fall(at_us)
-        self.homing = False
+        self.homing = self.homed = False
         self.motion.halt(at_us)
 
     def mark(self, at_us: int, settings: Mapping[str, int], done: Done) -> bool:
@@ -101,22 +104,21 @@ class Turner:
             self._mark_steps, self.index_error_steps, self.homed = 0, 0, True
             self.brake(at_us, settings, done)
             return True
+        if not self.homed:
+            return True
         steps = self.steps(at_us)
         if self.motion.speed_mm_s(at_us) < 0.0:
             steps -= round(self._bench.parameters.index_length_mm / self._mm)
-        known, self._mark_steps = self._mark_steps, steps
-        if known is None:
-            return True
         half = self._turn_steps // 2
-        self.index_error_steps = (steps - known + half) % self._turn_steps - half
+        self.index_error_steps = (steps + half) % self._turn_steps - half
+        self._mark_steps = steps - self.index_error_steps
         return abs(self.index_error_steps) <= INDEX_TOLERANCE_STEPS
 
     def mark_missed(self, at_us: int) -> bool:
         """More than a turn was counted since the last index mark."""
-        if self._mark_steps is None:
-            return False
         margin = 2 * round(self._bench.parameters.index_length_mm / self._mm)
-        return abs(self.steps(at_us) - self._mark_steps) > self._turn_steps + margin
+        since = abs(self.steps(at_us) - self._mark_steps)
+        return self.homed and since > self._turn_steps + margin
 
     def speed_set_mm_s(self, at_us: int, settings: Mapping[str, int]) -> float:
         """Speed now in the units of the set-points: by the board's trimmed clock."""
@@ -136,11 +138,7 @@ class Turner:
         acceleration = settings["acceleration_set"] * rate
         shape = Trapezoid(abs(steps) * self._mm, speed * rate, acceleration)
         sign = 1 if steps > 0 else -1
-        self.motion.start(at_us, shape, sign, [], lambda now_us: self._finish(now_us, done))
-
-    def _finish(self, at_us: int, done: Done) -> None:
-        self.homing = False
-        done()
+        self.motion.start(at_us, shape, sign, [], lambda now_us: done())
 
     def _rise(self, at_us: int) -> None:
         self.sync_high, self.sync_rise_us = True, at_us

@@ -128,9 +128,13 @@ class VirtualDrum:
         self._saved = self.controller.saved
         return done
 
-    def beat(self, value: int) -> None:
+    def beat(self) -> None:
         """The computer is alive."""
         self.controller.beat(self.now_us)
+
+    def tare_written(self) -> None:
+        """The computer set the tare itself."""
+        self.controller.tare_written()
 
     def ring(self) -> tuple[Sequence[int], Sequence[int]]:
         """Load-cell ring: raw counts, wrapped board times."""

@@ -242,7 +242,7 @@ def test_no_contact_within_the_travel_is_a_fault(host: Host) -> None:
 def test_a_force_that_does_not_settle_is_a_fault(host: Host) -> None:
     host.armed()
     host.put("settle_time_ms", 5000)
-    host.put("approach_timeout_ms", 9000)
+    host.put("approach_timeout_ms", 3000)
     host.command(Command.APPROACH)
     poll = host.until(lambda poll: poll["fault"] != Fault.NONE)
     assert poll["fault"] == Fault.FORCE_UNREACHED
