@@ -13,7 +13,7 @@ from tests.firmware.building import built
 from tests.firmware.taxel_chip import TaxelChip
 
 FLASH_BYTES, RAM_BYTES, EEPROM_BYTES = 32256, 2048, 6
-POWER_ON, EXTERNAL = 1, 2
+POWER_ON, EXTERNAL, WATCHDOG = 1, 2, 8
 
 
 def test_identity_comes_first_after_power_up() -> None:
@@ -97,3 +97,14 @@ def test_pure_parts_pass_their_own_tests_under_sanitizers() -> None:
         [built("firmware/native-taxels")], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_main_loop_that_hangs_is_restarted_and_the_board_says_so() -> None:
+    with TaxelChip("firmware/taxels-never-kick.elf") as hung:
+        hung.run(1000)
+        boots = [(i.boot_count, i.reset_cause) for i in hung.identities]
+        assert boots[0] == (1, POWER_ON)
+        assert boots[1:] == [(n + 2, WATCHDOG) for n in range(len(boots) - 1)]
+        assert 13 <= len(boots) <= 16  # the watchdog bites after 64 ms
+        assert hung.x.resets == len(boots) - 1
+        assert hung.rejected <= len(boots)  # frames that the resets cut
