@@ -10,8 +10,9 @@ import numpy as np
 
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session import layout
+from rigctl.session.dead_part import DeadPart
 from rigctl.session.header import SessionHeader
-from rigctl.session.lock import WriterLock
+from rigctl.session.lock import WriterLock, is_being_written
 
 
 def part_paths(folder: Path) -> list[Path]:
@@ -32,7 +33,10 @@ def part_number(path: Path) -> int:
 
 
 def open_part(path: Path) -> h5py.File:
-    """A part for reading, also while it grows or after its writer was killed."""
+    """A part for reading, also while it grows or after its writer was killed.
+
+    Raises SessionError where it is damaged, of another layout version, or none.
+    """
     try:
         file = _open(path)
     except OSError as error:
@@ -50,13 +54,21 @@ def open_part(path: Path) -> h5py.File:
 
 
 def _open(path: Path) -> h5py.File:
-    """Finished parts the plain way: in SWMR mode HDF5 retries damaged ones for ever."""
+    """The plain way unless the file says that a writer has it: a living or a dead one."""
     try:
         return h5py.File(path, "r", libver=layout.LIBVER)
     except OSError as error:
         if "already open" not in str(error):
             raise
-    return h5py.File(path, "r", libver=layout.LIBVER, swmr=True)
+    if _grows(path):
+        return h5py.File(path, "r", libver=layout.LIBVER, swmr=True)
+    return h5py.File(DeadPart(path), "r")
+
+
+def _grows(path: Path) -> bool:
+    """Whether a living writer appends to this part: then it is the session's last."""
+    last = max(path.parent.glob(layout.PART_PATTERN))
+    return path.name == last.name and is_being_written(path.parent)
 
 
 def attributes(node: Any) -> dict[str, Any]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +68,8 @@ class PartReader:
 
     def rows(self, table: layout.Table, start: int = 0, stop: int | None = None) -> Structured:
         """Rows of a table; text as Unicode."""
-        raw = self._tables[table.path][start:stop]
+        with self._named():
+            raw = self._tables[table.path][start:stop]
         dtype = self._dtypes[table.path]
         rows: Structured = np.empty(raw.shape, dtype)
         for column in table.columns:
@@ -77,30 +81,27 @@ class PartReader:
         """Rows [start, stop) of one of the per-sample data sets, in slices while it grows."""
         dataset = self._arrays[path]
         stop = min(stop, self.n_samples)
-        if self.finished:
-            whole: NDArray[Any] = dataset[start:stop]
-            return whole
-        out = np.empty((max(0, stop - start), *dataset.shape[1:]), dataset.dtype)
-        for first in range(start, stop, LIVE_SLICE_ROWS):
-            last = min(stop, first + LIVE_SLICE_ROWS)
-            out[first - start : last - start] = dataset[first:last]
-        return out
+        with self._named():
+            if not self._grows:
+                whole: NDArray[Any] = dataset[start:stop]
+                return whole
+            out = np.empty((max(0, stop - start), *dataset.shape[1:]), dataset.dtype)
+            for first in range(start, stop, LIVE_SLICE_ROWS):
+                last = min(stop, first + LIVE_SLICE_ROWS)
+                out[first - start : last - start] = dataset[first:last]
+            return out
 
     def first_at(self, table: layout.Table, column: str, value: float) -> int:
         """First row of an ascending column that is not below ``value``, without reading it all."""
         dataset = self._tables[table.path]
-        low, high = 0, int(dataset.shape[0])
-        while low < high:
-            middle = (low + high) // 2
-            if dataset[middle][column] < value:
-                low = middle + 1
-            else:
-                high = middle
-        return low
+        with self._named():
+            places = range(int(dataset.shape[0]))
+            return bisect_left(places, value, key=lambda row: dataset[row][column])
 
     def column_sum(self, table: layout.Table, column: str) -> int:
         """Sum of one integer column of a table."""
-        return int(self._tables[table.path].fields(column)[:].sum(dtype=np.int64))
+        with self._named():
+            return int(self._tables[table.path].fields(column)[:].sum(dtype=np.int64))
 
     def text(self, path: str) -> str:
         """One of the texts that came with the part."""
@@ -117,7 +118,16 @@ class PartReader:
 
     def _ended(self) -> bool:
         events = self._tables[layout.EVENTS.path]
-        return bool(events.shape[0]) and events[-1]["kind"] == layout.END_KIND.encode()
+        with self._named():
+            return bool(events.shape[0]) and events[-1]["kind"] == layout.END_KIND.encode()
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """What HDF5 cannot read is a fault of this file."""
+        try:
+            yield
+        except OSError as error:
+            raise SessionError(f"{self.path} is damaged: {error}") from error
 
 
 def _decoded(column: NDArray[np.bytes_]) -> NDArray[np.str_]:

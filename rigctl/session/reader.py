@@ -240,6 +240,8 @@ class Session:
     def _join(self, table: layout.Table) -> Structured:
         parts = [(part.number, part.rows(table)) for part in self.parts]
         rows = np.concatenate([rows for _, rows in parts])
+        if table is layout.TRIALS:
+            rows = rows[np.isin(rows["verdict"], list(Verdict))]  # not what a crash left empty
         if "part" in (rows.dtype.names or ()):
             return rows
         return _with_part(rows, np.repeat([n for n, _ in parts], [len(r) for _, r in parts]))

@@ -53,8 +53,8 @@ def verify(path: Path) -> Report:
     with session:
         try:
             _check_session(session, report)
-        except OSError as error:
-            report.problems.append(f"a part cannot be read, its data are damaged: {error}")
+        except SessionError as error:
+            report.problems.append(str(error))
     return report
 
 

@@ -1,4 +1,4 @@
-"""The tables of docs/reference/session.md, from the layout; ``python -m tests.session.reference``."""
+"""The tables of docs/reference/session.md; ``python -m tests.session.reference`` prints them."""
 
 from __future__ import annotations
 
