@@ -10,13 +10,11 @@ from PySide6.QtCore import (
     Qt,
     Signal,
 )
-from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QGroupBox,
     QHBoxLayout,
     QHeaderView,
-    QLabel,
     QLineEdit,
     QProgressBar,
     QPushButton,
@@ -81,6 +79,7 @@ class AnalysisPanel(QWidget):
     trial_asked = Signal(int)
     classify_asked = Signal(str)
     cancel_asked = Signal()
+    figure_asked = Signal()
 
     def __init__(self) -> None:
         super().__init__()
@@ -91,9 +90,10 @@ class AnalysisPanel(QWidget):
         self.model = TrialModel()
         self.table = QTableView()
         self.classify, self.cancel = QPushButton("Classify"), QPushButton("Cancel")
+        self.figure = QPushButton("Figure")
+        self.figure.setToolTip("Show the accuracy figure again")
         self.bar, self.stage = QProgressBar(), label("", "muted", wraps=True)
-        self.accuracy = label("", "heading", wraps=True)
-        self.figure = QLabel()
+        self.accuracy = label("", wraps=True)
         self._path = ""
         self._set_up()
         self._lay_out()
@@ -108,10 +108,14 @@ class AnalysisPanel(QWidget):
         """A session was read."""
         self._path = table.path
         self.model.show(table)
+        header = self.table.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+        header.setSectionResizeMode(len(table.columns) - 1, QHeaderView.ResizeMode.Fixed)
+        self.table.setColumnWidth(len(table.columns) - 1, 84)
         self.about.setText(table.about)
         set_property(self.about, "role", "muted")
         self.accuracy.clear()
-        self.figure.clear()
+        self.figure.setEnabled(False)
         self.show_idle()
         if table.rows:
             self.table.selectRow(0)
@@ -131,11 +135,7 @@ class AnalysisPanel(QWidget):
         """The classification's answer."""
         self.show_idle()
         self.accuracy.setText(found.sentence)
-        picture = QPixmap(found.figure)
-        if not picture.isNull():
-            mode = Qt.TransformationMode.SmoothTransformation
-            self.figure.setPixmap(picture.scaledToWidth(max(self.table.width(), 200), mode))
-            self.figure.setToolTip(found.figure)
+        self.figure.setEnabled(True)
 
     def show_busy(self) -> None:
         """The classification is going."""
@@ -163,7 +163,7 @@ class AnalysisPanel(QWidget):
         self.table.verticalHeader().setDefaultSectionSize(20)
         self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
-        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+        self.table.setMinimumHeight(120)
         self.table.setAlternatingRowColors(True)
         self.table.setShowGrid(False)
         self.browse.clicked.connect(self.browse_asked)
@@ -172,6 +172,7 @@ class AnalysisPanel(QWidget):
         self.table.selectionModel().selectionChanged.connect(self._selected)
         self.classify.clicked.connect(lambda: self.classify_asked.emit(self._path))
         self.cancel.clicked.connect(self.cancel_asked)
+        self.figure.clicked.connect(self.figure_asked)
 
     def _selected(self, selected: QItemSelection) -> None:
         rows = selected.indexes()
@@ -196,9 +197,9 @@ class AnalysisPanel(QWidget):
         column = QVBoxLayout(box)
         column.setContentsMargins(8, 6, 8, 8)
         row = QHBoxLayout()
-        row.addWidget(self.classify)
-        row.addWidget(self.cancel)
+        for button in (self.classify, self.cancel, self.figure):
+            row.addWidget(button)
         column.addLayout(row)
-        for widget in (self.stage, self.bar, self.accuracy, self.figure):
+        for widget in (self.stage, self.bar, self.accuracy):
             column.addWidget(widget)
         return box

@@ -21,11 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def show(rig: str | None, theme: str) -> int:
     """Show the window until it is closed; return the exit code."""
-    from PySide6.QtWidgets import QApplication
+    import pyqtgraph as pg
 
     from gui.window import Window
 
-    app = QApplication.instance() or QApplication(sys.argv[:1])
+    app = pg.mkQApp("rigctl")
     window = Window(choice=ThemeChoice[theme.upper()])
     window.show()
     if rig is not None:

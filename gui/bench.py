@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from string import ascii_uppercase
+from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QPushButton
@@ -10,23 +11,28 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QPushBu
 from gui.status import Status
 
 TEXTURES = tuple(ascii_uppercase[:16])
-FAULTS = {
-    "Press the E-stop": "press_estop",
-    "Release the E-stop": "release_estop",
-    "Unplug the drum": "unplug_drum",
-    "Plug the drum in": "replug_drum",
-    "Unplug the taxels": "unplug_taxels",
-    "Plug the taxels in": "replug_taxels",
-    "Silence the load cell": "loadcell_silent",
-    "Push with 2 kg": "push",
+FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "Press the E-stop": ("press_estop", {}),
+    "Release the E-stop": ("release_estop", {}),
+    "Silence the load cell": ("loadcell_silent", {"on": True}),
+    "Load cell speaks again": ("loadcell_silent", {"on": False}),
+    "Push with 2 kg": ("push", {"force_g": 2000.0}),
+    "Stop pushing": ("push", {"force_g": 0.0}),
+    "Jam the motor": ("jam_motor", {"on": True}),
+    "Free the motor": ("jam_motor", {"on": False}),
+    "Unplug the drum": ("unplug", {"board": "drum"}),
+    "Plug the drum in": ("replug", {"board": "drum"}),
+    "Unplug the taxels": ("unplug", {"board": "taxels"}),
+    "Plug the taxels in": ("replug", {"board": "taxels"}),
 }
+"""What can be made to happen: the words, the engine's name for it and its arguments."""
 
 
 class Bench(QGroupBox):
     """The plate in use; on a simulated rig also things that go wrong, to rehearse them."""
 
     plate_asked = Signal(str)
-    inject_asked = Signal(str)
+    inject_asked = Signal(str, dict)
 
     def __init__(self) -> None:
         super().__init__("Bench")
@@ -35,10 +41,9 @@ class Bench(QGroupBox):
         self.plate.setToolTip("Texture plate that is on the drum")
         self.plate.activated.connect(lambda: self.plate_asked.emit(self.plate.currentText()))
         self.fault = QComboBox()
-        for text, name in FAULTS.items():
-            self.fault.addItem(text, name)
+        self.fault.addItems(list(FAULTS))
         self.inject = QPushButton("Do it")
-        self.inject.clicked.connect(lambda: self.inject_asked.emit(self.fault.currentData()))
+        self.inject.clicked.connect(self._inject_clicked)
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 8)
         grid.addWidget(QLabel("Plate"), 0, 0)
@@ -47,6 +52,9 @@ class Bench(QGroupBox):
         for place, widget in enumerate((self._simulated_name, self.fault, self.inject)):
             grid.addWidget(widget, 1, place)
         grid.setColumnStretch(1, 1)
+
+    def _inject_clicked(self) -> None:
+        self.inject_asked.emit(*FAULTS[self.fault.currentText()])
 
     def show_status(self, status: Status) -> None:
         """Show the plate; offer faults where they are only simulated."""

@@ -14,7 +14,7 @@ from gui.theme import Theme
 from gui.words import age, duration, size
 from rigctl.values import SAMPLE_RATE_HZ
 
-RATE_TOLERANCE = 0.01
+RATE_TOLERANCE = 0.02
 BLOCK_AGE_LIMIT_S = 0.3
 POLL_AGE_LIMIT_S = 0.3
 CLOCK_LIMIT_PPM = 5000.0
@@ -31,7 +31,7 @@ class Reading(NamedTuple):
 
 
 CELLS = {
-    "rate": ("Frame rate", "Taxel frames received in the last second; 1000 Hz within 1 %"),
+    "rate": ("Frame rate", "Taxel frames received in the last second; 1000 Hz within 2 %"),
     "gaps": ("Gaps", "Places in the taxel stream where samples are missing, since connecting"),
     "lost": ("Lost samples", "Taxel samples taken by the board that never arrived"),
     "block": ("Block age", "Time since the last taxel samples arrived; up to 300 ms"),

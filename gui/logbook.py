@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QPlainTextEdit
 from gui.theme import Theme
 
 LINES_KEPT = 2000
-_BAD = frozenset({"fault", "refused", "lost", "gap", "disk", "failed", "stop"})
+BAD_KINDS = frozenset({"fault", "refused", "lost", "link", "gap", "disk", "failed", "stop"})
 
 
 class Logbook(QPlainTextEdit):
@@ -34,7 +34,7 @@ class Logbook(QPlainTextEdit):
     def add(self, kind: str, text: str) -> None:
         """Add a line; ``kind`` is a short word, bad ones are shown so."""
         time = QTime.currentTime().toString("HH:mm:ss")
-        colour = self._theme.bad if kind in _BAD else self._theme.text
+        colour = self._theme.bad if kind in BAD_KINDS else self._theme.text
         self.appendHtml(
             f'<span style="color:{self._theme.muted}">{time}&nbsp;&nbsp;{escape(kind)}&nbsp;'
             f'</span> <span style="color:{colour}">{escape(text)}</span>'

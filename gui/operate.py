@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.bench import Bench
-from gui.labels import label, set_property, show_text
+from gui.labels import elastic, label, set_property, show_text
 from gui.status import Status
 from gui.words import fault_sentence
 from rigctl.wire.drum_map import BY_NAME
@@ -36,15 +36,23 @@ ARM = Action("arm", "Arm", Event.ARM, "Lift the drum and switch the motors on")
 DISARM = Action("disarm", "Disarm", Event.DISARM, "Switch the motors off")
 TARE = Action("tare", "Tare", Event.MOVE, "Take the load cell's reading, lifted, as 0 g")
 HOME = Action("home", "Home", Event.MOVE, "Turn, lifted, to the drum's index mark")
+RANGE = Action(
+    "calibrate_range",
+    "Taxel range, 10 s",
+    Event.STOP,
+    "Take what the taxels show in the next 10 s as their range for traces and spikes",
+)
 APPROACH = Action("approach", "Approach", Event.APPROACH, "Press on until the set force is held")
 RUN = Action("run", "Run", Event.RUN, "Turn the drum once over the plate at the set speed")
 RETRACT = Action("retract", "Retract", Event.RETRACT, "Slow down and lift")
 CLEAR = Action("clear_fault", "Clear fault", Event.CLEAR, "Once the cause is gone")
-ACTIONS = (ARM, DISARM, TARE, HOME, APPROACH, RUN, RETRACT, CLEAR)
+ACTIONS = (ARM, DISARM, HOME, TARE, RANGE, APPROACH, RUN, RETRACT, CLEAR)
 
 
 def is_possible(action: Action, status: Status) -> bool:
     """Whether the command would change something now, and no protocol has the rig."""
+    if action is RANGE:
+        return status.taxels_connected
     if status.state is None or not status.drum_connected or status.run.is_going:
         return False
     if action is TARE:
@@ -58,7 +66,7 @@ class OperatePanel(QWidget):
     asked = Signal(str)
     set_asked = Signal(float, float)
     plate_asked = Signal(str)
-    inject_asked = Signal(str)
+    inject_asked = Signal(str, dict)
 
     def __init__(self) -> None:
         super().__init__()
@@ -68,8 +76,8 @@ class OperatePanel(QWidget):
         self.apply = QPushButton("Set")
         self.apply.setToolTip("Send speed and force to the drum; the answer is shown above")
         self.apply.clicked.connect(self._set_clicked)
-        self.read_back = label("–", "muted")
-        self.now = {name: label("–", "heading") for name in _NOW}
+        self.read_back = elastic(label("–", "muted"))
+        self.now = {name: elastic(label("–", "heading")) for name in _NOW}
         self.fault = label("no fault", "muted", wraps=True)
         self.bench = Bench()
         self.bench.plate_asked.connect(self.plate_asked)
@@ -118,10 +126,9 @@ class OperatePanel(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 4, 6, 6)
         column.setSpacing(4)
-        pairs = (("Drum", (ARM, DISARM, TARE, HOME)), ("Contact", (APPROACH, RUN, RETRACT)))
-        column.addWidget(self._actions(*pairs[0]))
+        column.addWidget(self._actions("Drum", (ARM, DISARM, HOME, TARE, RANGE)))
         column.addWidget(self._set_points())
-        column.addWidget(self._actions(*pairs[1]))
+        column.addWidget(self._actions("Contact", (APPROACH, RUN, RETRACT)))
         column.addWidget(self._fault_box())
         column.addWidget(self._now_box())
         column.addWidget(self.bench)
@@ -131,9 +138,9 @@ class OperatePanel(QWidget):
         box = QGroupBox(title)
         grid = QGridLayout(box)
         grid.setContentsMargins(8, 6, 8, 8)
-        columns = 2 if len(actions) % 2 == 0 else 3
         for place, action in enumerate(actions):
-            grid.addWidget(self.buttons[action.command], place // columns, place % columns)
+            button, span = self.buttons[action.command], 2 if action is RANGE else 1
+            grid.addWidget(button, place // 3, place % 3, 1, span)
         return box
 
     def _set_points(self) -> QGroupBox:

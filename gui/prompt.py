@@ -25,7 +25,7 @@ class PromptPanel(QFrame):
         self.text = label("", "heading", wraps=True)
         self.done = QPushButton("Done, go on")
         self.abort = QPushButton("Abort the run")
-        self.done.clicked.connect(lambda: self.answered.emit(self._prompt_id, "done"))
+        self.done.clicked.connect(lambda: self.answered.emit(self._prompt_id, "ok"))
         self.abort.clicked.connect(lambda: self.answered.emit(self._prompt_id, "abort"))
         row = QHBoxLayout(self)
         row.setContentsMargins(10, 6, 10, 6)

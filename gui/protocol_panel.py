@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
 
-from PySide6.QtCore import QDateTime, Qt, Signal
+from PySide6.QtCore import QDateTime, QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
     QComboBox,
     QFormLayout,
@@ -22,36 +22,11 @@ from PySide6.QtWidgets import (
 
 from gui.labels import elastic, label, set_property, show_text
 from gui.status import RunStatus, Status
-from gui.words import duration, size
+from gui.tasks import Summary
+from gui.words import duration
 from rigctl import resources
-from rigctl.errors import RigctlError
-from rigctl.protocol import load_protocol
 
 MAX_SEED = 2**31 - 1
-
-
-class Summary(NamedTuple):
-    """What a protocol asks for, in words; ``problem`` is the sentence where it cannot be run."""
-
-    trials: str = "–"
-    plates: str = "–"
-    time: str = "–"
-    disk: str = "–"
-    problem: str = ""
-
-
-def summarise(path: str, seed: int) -> Summary:
-    """Read and plan a protocol as ``rigctl check`` does."""
-    try:
-        plan = load_protocol(Path(path)).plan(seed)
-    except RigctlError as error:
-        return Summary(problem=str(error))
-    return Summary(
-        f"{len(plan.trials)}",
-        f"{plan.plate_changes}",
-        duration(plan.duration_s),
-        size(plan.bytes_estimate),
-    )
 
 
 class ProtocolPanel(QWidget):
@@ -59,6 +34,7 @@ class ProtocolPanel(QWidget):
 
     start_asked = Signal(str, str, int)
     asked = Signal(str)
+    summary_asked = Signal(str, object)
     file_asked = Signal()
     folder_asked = Signal()
 
@@ -127,15 +103,27 @@ class ProtocolPanel(QWidget):
         self.lines["Session"].setText(Path(run.session).name if run.session else "–")
         self.lines["Session"].setToolTip(run.session)
 
-    def _choose(self) -> None:
-        path = self.choice.currentData()
-        found = summarise(path, self.seed.value()) if path else Summary(problem="no protocol")
-        shown = zip(self.summary.values(), found[:4], strict=True)
-        for made, text in shown:
+    def show_summary(self, found: Summary) -> None:
+        """What the chosen protocol asks for."""
+        for made, text in zip(self.summary.values(), found[:4], strict=True):
             made.setText(text)
         self.problem.setText(found.problem)
         self.problem.setVisible(bool(found.problem))
         self._startable = not found.problem
+        with QSignalBlocker(self.seed):
+            self.seed.setValue(found.seed)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Plan the protocol when it can be seen for the first time."""
+        super().showEvent(event)
+        if not self._startable and not self.problem.text():
+            self._choose()
+
+    def _choose(self, seed: int | None = None) -> None:
+        """Ask for a summary; until it is there nothing can be started."""
+        self._startable = False
+        if path := self.choice.currentData():
+            self.summary_asked.emit(path, seed)
 
     def _start(self) -> None:
         stamp = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
@@ -144,7 +132,7 @@ class ProtocolPanel(QWidget):
 
     def _connect(self) -> None:
         self.choice.currentIndexChanged.connect(lambda _: self._choose())
-        self.seed.valueChanged.connect(lambda _: self._choose())
+        self.seed.valueChanged.connect(self._choose)
         self._open.clicked.connect(self.file_asked)
         self._browse.clicked.connect(self.folder_asked)
         self.buttons["Start"].clicked.connect(self._start)

@@ -13,8 +13,8 @@ from gui.raster import PER_GROUP, ROW_ORDER
 from gui.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
-FULL_SCALE_HZ = 200.0
-RATE_TICKS_HZ = (0, 50, 100, 150)
+FULL_SCALE_HZ = 300.0
+RATE_TICKS_HZ = (0, 100, 200)
 WINDOW_S = 1.0
 
 

@@ -1,19 +1,24 @@
-"""What the analysis process does for the window. No Qt in here: it runs in a process of its own."""
+"""What the window has done in other processes: planning, reading, encoding, classifying.
+
+No Qt in here, and what is slow to import is imported by the task that needs it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.encoder import Encoder
-from rigctl.encoding.normalisation import Normalisation
+from gui.words import duration, size
 from rigctl.errors import RigctlError
-from rigctl.session.reader import Session
+
+if TYPE_CHECKING:
+    from rigctl.encoding.normalisation import Normalisation
+    from rigctl.session.reader import Session
 
 Progress = Callable[[str, float], None]
 
@@ -47,6 +52,20 @@ class Classified(NamedTuple):
     figure: str
 
 
+class Summary(NamedTuple):
+    """What a protocol asks for, in words, and the seed of its order.
+
+    ``problem`` is the sentence that says why it cannot be run, empty where it can.
+    """
+
+    trials: str = "–"
+    plates: str = "–"
+    time: str = "–"
+    disk: str = "–"
+    seed: int = 0
+    problem: str = ""
+
+
 def serve(pipe: Connection) -> None:
     """Answer (task, args) with ("done", result) or ("failed", sentence) until the window goes."""
     analyst = Analyst(lambda stage, share: pipe.send(("progress", stage, share)))
@@ -75,8 +94,21 @@ class Analyst:
         self._path = Path()
         self._range: Normalisation | None = None
 
+    def summarise(self, path: str, seed: int | None) -> Summary:
+        """Plan a protocol as ``rigctl check`` does; by its own seed where None is given."""
+        from rigctl.protocol import load_protocol
+
+        try:
+            plan = load_protocol(Path(path)).plan(seed)
+        except RigctlError as error:
+            return Summary(problem=str(error))
+        time, disk = duration(plan.duration_s), size(plan.bytes_estimate)
+        return Summary(f"{len(plan.trials)}", f"{plan.plate_changes}", time, disk, plan.seed)
+
     def open_session(self, path: str) -> SessionTable:
         """Read a session's trial table. Raises SessionError."""
+        from rigctl.session.reader import Session
+
         self._path, self._range = Path(path).expanduser(), None
         with Session.open(self._path) as session:
             header, committed = session.header, len(session.committed())
@@ -89,6 +121,9 @@ class Analyst:
 
     def load_trial(self, row: int) -> TrialData:
         """Readings of one attempt and the spikes that the live encoder makes of them."""
+        from rigctl.encoding.encoder import Encoder
+        from rigctl.session.reader import Session
+
         with Session.open(self._path) as session:
             samples = np.ascontiguousarray(session.samples(row))
             texts = _trial_texts(session.trials[row])
@@ -101,10 +136,15 @@ class Analyst:
         return TrialData(title, samples, np.repeat(lane, times), np.repeat(at, times))
 
     def classify(self, path: str) -> Classified:
-        """The demo's classification of a session's textures."""
-        raise NotImplementedError(path)
+        """The demo's classification of a session's textures; its figures lie in the session."""
+        from rigctl.analysis.demo import analyse_session
+
+        answer = analyse_session(Path(path), Path(path) / FIGURES, progress=self._progress)
+        sentence = ". ".join((answer.sentence, *answer.remarks))
+        return Classified(sentence, str(answer.accuracy.with_suffix(".png")))
 
 
+FIGURES = "figures"
 COLUMNS = ("Trial", "Plate", "mm/s", "g", "Verdict")
 
 
@@ -120,6 +160,8 @@ def _trial_texts(row: Any) -> tuple[str, ...]:
 
 def _taxel_range(session: Session) -> Normalisation:
     """The calibrated range that stands in the session, else that of trials spread over it."""
+    from rigctl.encoding.normalisation import Normalisation
+
     header = session.header
     if header.taxel_low:
         low, high = (np.array(side, np.uint16) for side in (header.taxel_low, header.taxel_high))

@@ -23,6 +23,7 @@ RIGS = (
     ("Virtual rig", "virtual"),
     ("Firmware on simulated chips", "firmware"),
 )
+UNRECORDED_LIMIT = 12  # statuses, ten a second: the engine judges by the last second itself
 _OPEN_FILE = "open a rig.toml …"
 
 
@@ -56,6 +57,7 @@ class Toolbar(QFrame):
         self.stop.setToolTip("Stop the drum and lift it, from any state (Esc)")
         self.stop.pressed.connect(self.stop_asked)
         self._connected = False
+        self._unrecorded = 0
         self._lay_out()
 
     def set_theme(self, theme: Theme) -> None:
@@ -117,7 +119,9 @@ class Toolbar(QFrame):
         self.state.setText(name)
         set_property(self.state, "level", "bad" if status.fault else "ok")
         show_text(self.words, _state_words(status))
-        self._show_recording(*recording_truth(status.recording))
+        missing = status.run.state == "running" and not status.recording.active
+        self._unrecorded = self._unrecorded + 1 if missing else 0
+        self._show_recording(*recording_truth(status.recording, self._unrecorded))
 
     def _rig_chosen(self, index: int) -> None:
         if self.rig.itemData(index) is None:
@@ -155,16 +159,19 @@ class Toolbar(QFrame):
         row.addWidget(self.stop)
 
 
-def recording_truth(recording: RecordingStatus) -> tuple[Level, str, str]:
-    """Level, title and detail of the light; only samples that reached the disk make it green."""
+def recording_truth(recording: RecordingStatus, unrecorded: int) -> tuple[Level, str, str]:
+    """Level, title and detail of the light; only samples that reached the disk make it green.
+
+    ``unrecorded``: how many statuses in a row told of a running protocol and an idle disk.
+    """
     if recording.failure:
         return Level.BAD, "NOT RECORDING", recording.failure
     if recording.active:
         total = f"{recording.samples_on_disk:,} samples".replace(",", "\u202f")
         return Level.OK, "Recording", f"{total}, {recording.samples_last_s}/s to disk"
-    if recording.folder:
-        return Level.BAD, "NOT RECORDING", "nothing reached the disk for 1 s"
-    return Level.OFF, "Not recording", "no session is open"
+    if unrecorded > UNRECORDED_LIMIT:
+        return Level.BAD, "NOT RECORDING", "a run is going, but nothing reaches the disk"
+    return Level.OFF, "Not recording", "no trials are being run"
 
 
 def _state_words(status: Status) -> str:

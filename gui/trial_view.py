@@ -23,7 +23,7 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
-        self._data: TrialData | None = None
+        self.data: TrialData | None = None
         self.samples_plot = time_plot(self.ci, 0, "Taxels (own range)", last=False)
         self.spikes_plot = time_plot(self.ci, 1, "Spikes", last=True)
         self.spikes_plot.setLabel("bottom", "time in the trial (s)")
@@ -46,11 +46,11 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self.setBackground(theme.panel)
         for plot in (self.samples_plot, self.spikes_plot):
             colour_axes(plot, theme)
-        self.show_trial(self._data)
+        self.show_trial(self.data)
 
     def show_trial(self, data: TrialData | None) -> None:
         """Show another trial, or say that none is chosen."""
-        self._data = data
+        self.data = data
         for plot in (self.samples_plot, self.spikes_plot):
             plot.clear()
         title = data.title if data is not None else "Open a session at the left, choose a trial"

@@ -20,13 +20,14 @@ from PySide6.QtWidgets import (
 )
 
 from gui import theme as themes
-from gui.analysis_panel import AnalysisPanel
+from gui.analysis_desk import AnalysisDesk
 from gui.browser import Browser, Pick
 from gui.connection import Connection, Opener, open_engine
 from gui.health import HealthStrip
 from gui.labels import elastic, label, set_property, show_text
-from gui.logbook import Logbook
+from gui.logbook import BAD_KINDS, Logbook
 from gui.operate import OperatePanel
+from gui.planner import Planner
 from gui.prompt import PromptPanel
 from gui.protocol_panel import ProtocolPanel
 from gui.scene import Scene
@@ -34,11 +35,10 @@ from gui.status import Status
 from gui.stop_key import StopKey
 from gui.theme import ThemeChoice
 from gui.toolbar import Toolbar
-from gui.trial_view import TrialView
-from gui.worker import Worker
 
 FRAME_MS = 33
-TABS_PX = 306
+BAD_STAYS_MS = 8000
+TABS_PX = 316
 SPANS_S = (2, 5, 10)
 
 
@@ -53,8 +53,8 @@ class Window(QMainWindow):
         self._choice = choice
         self.theme = self._dress()
         self.connection = Connection(open_client)
-        self.worker = Worker()
         self._since_trial = QElapsedTimer()
+        self._bad_said = QElapsedTimer()
         self._committed = 0
         self._silent = False
         self._make_parts()
@@ -62,7 +62,6 @@ class Window(QMainWindow):
         self._make_menus()
         self._wire_engine()
         self._wire_panels()
-        self._wire_analysis()
         self._stop_key = StopKey(self, self.stop)
         self.timer = QTimer(self)
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
@@ -72,7 +71,8 @@ class Window(QMainWindow):
     def tick(self) -> None:
         """Thirty times a second: take what the engine said, draw what is new."""
         self.connection.poll()
-        self.worker.poll()
+        self.analysis.worker.poll()
+        self.planner.worker.poll()
         live = self.connection.live
         if live is not None and self.centre.currentWidget() is self.scene:
             self.scene.refresh(live)
@@ -86,25 +86,30 @@ class Window(QMainWindow):
         self.connection.ask("stop")
 
     def say(self, kind: str, text: str) -> None:
-        """Put a sentence into the log, and into the status line where it asks for attention."""
+        """Put a sentence into the log and the status line, where bad news stay for a while."""
         self.log.add(kind, text)
-        bad = kind in ("refused", "lost", "stop", "fault", "failed")
-        if bad or kind in ("rig", "run"):
-            show_text(self.sentence, text)
-            set_property(self.sentence, "role", "bad" if bad else "muted")
+        bad = kind in BAD_KINDS
+        if not bad and self._bad_said.isValid() and not self._bad_said.hasExpired(BAD_STAYS_MS):
+            return
+        if bad:
+            self._bad_said.start()
+        show_text(self.sentence, text)
+        set_property(self.sentence, "role", "bad" if bad else "muted")
 
     def set_theme(self, choice: ThemeChoice) -> None:
         """Take other colours."""
         self._choice = choice
         self.theme = self._dress()
-        parts = (self.toolbar, self.health, self.prompt, self.scene, self.trial_view, self.log)
+        parts = (self.toolbar, self.health, self.prompt, self.scene, self.log)
         for part in parts:
             part.set_theme(self.theme)
+        self.analysis.trial_view.set_theme(self.theme)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Leave the engine and end the analysis process; a run that goes on goes on."""
         self.timer.stop()
-        self.worker.cancel()
+        self.analysis.worker.cancel()
+        self.planner.worker.cancel()
         self.connection.close()
         self.connection.wait_closed()
         super().closeEvent(event)
@@ -121,8 +126,8 @@ class Window(QMainWindow):
         self.toolbar, self.health = Toolbar(self.theme), HealthStrip(self.theme)
         self.prompt, self.log = PromptPanel(self.theme), Logbook(self.theme)
         self.operate, self.protocol = OperatePanel(), ProtocolPanel()
-        self.analysis, self.browser = AnalysisPanel(), Browser()
-        self.scene, self.trial_view = Scene(self.theme), TrialView(self.theme)
+        self.analysis, self.browser = AnalysisDesk(self.theme), Browser()
+        self.planner, self.scene = Planner(self.protocol), Scene(self.theme)
         self.sentence = elastic(label("Choose a rig and press Connect.", "muted"))
         self.health.show_nothing()
 
@@ -132,11 +137,12 @@ class Window(QMainWindow):
         for panel, name in (
             (self.operate, "Operate"),
             (self.protocol, "Protocol"),
-            (self.analysis, "Analysis"),
+            (self.analysis.panel, "Analysis"),
         ):
             self.tabs.addTab(_scrolling(panel), name)
         self.centre = QStackedWidget()
-        for page in (self.scene, self.trial_view, self.browser):
+        views = (self.analysis.trial_view, self.analysis.figure)
+        for page in (self.scene, *views, self.browser):
             self.centre.addWidget(page)
         lower = QSplitter(Qt.Orientation.Vertical)
         lower.addWidget(_beside(self.tabs, self.centre))
@@ -211,7 +217,7 @@ class Window(QMainWindow):
         operate.asked.connect(lambda command: ask(command))
         operate.set_asked.connect(lambda v, f: ask("set", speed_mm_s=v, force_g=f))
         operate.plate_asked.connect(lambda texture: ask("plate", texture=texture))
-        operate.inject_asked.connect(lambda fault: ask("inject", fault=fault))
+        operate.inject_asked.connect(lambda fault, args: ask("inject", fault=fault, **args))
         protocol.asked.connect(lambda command: ask(command))
         protocol.start_asked.connect(
             lambda path, out, seed: ask("start", protocol=path, out=out, seed=seed, yes=False)
@@ -221,19 +227,12 @@ class Window(QMainWindow):
         self.prompt.answered.connect(
             lambda number, answer: ask("answer", prompt_id=number, answer=answer)
         )
+        desk = self.analysis
+        desk.said.connect(self.say)
+        desk.page_changed.connect(self._show_page)
+        desk.panel.browse_asked.connect(lambda: self._pick(Pick.SESSION, desk.panel.choose))
         self.tabs.currentChanged.connect(lambda _: self._show_page())
         self.browser.closed.connect(self._show_page)
-
-    def _wire_analysis(self) -> None:
-        panel, worker = self.analysis, self.worker
-        panel.browse_asked.connect(lambda: self._pick(Pick.SESSION, panel.choose))
-        panel.open_asked.connect(lambda path: worker.ask("open_session", path=path))
-        panel.trial_asked.connect(lambda row: worker.ask("load_trial", row=row))
-        panel.classify_asked.connect(self._classify)
-        panel.cancel_asked.connect(self._cancel_classify)
-        worker.done.connect(self._analysed)
-        worker.progressed.connect(panel.show_progress)
-        worker.failed.connect(lambda _, sentence: self._analysis_failed(sentence))
 
     def connect_rig(self, rig: str) -> None:
         """Start or join the engine of a rig."""
@@ -290,29 +289,7 @@ class Window(QMainWindow):
 
     def _show_page(self) -> None:
         analysing = self.tabs.currentIndex() == 2
-        self.centre.setCurrentWidget(self.trial_view if analysing else self.scene)
-
-    def _classify(self, path: str) -> None:
-        self.analysis.show_busy()
-        self.worker.ask("classify", path=path)
-
-    def _cancel_classify(self) -> None:
-        self.worker.cancel()
-        self.analysis.show_idle()
-        self.say("analysis", "classification cancelled")
-
-    def _analysed(self, task: str, result: Any) -> None:
-        if task == "open_session":
-            self.analysis.show_session(result)
-        elif task == "load_trial":
-            self.trial_view.show_trial(result)
-        else:
-            self.analysis.show_classified(result)
-            self.say("analysis", result.sentence)
-
-    def _analysis_failed(self, sentence: str) -> None:
-        self.analysis.show_failure(sentence)
-        self.say("refused", sentence)
+        self.centre.setCurrentWidget(self.analysis.page if analysing else self.scene)
 
 
 def _scrolling(panel: QWidget) -> QScrollArea:

@@ -137,7 +137,7 @@ class FakeEngine:
         beat = np.sin(2 * np.pi * time_s[:, None] * np.linspace(4, 21, 18) / 3)
         noise = self._random.standard_normal((n, 18))
         samples = (500 + 180 * beat + 12 * noise).astype(np.uint16)
-        rate = dense * (0.5 + 0.5 * np.sin(2 * np.pi * 0.7 * time_s))[:, None]
+        rate = dense * (1 + np.sin(2 * np.pi * 0.7 * time_s))[:, None]
         spikes = (self._random.random((n, 36)) < rate).astype(np.uint8)
         self._writer.add_taxels(time_s, counters, samples, np.zeros(n, np.uint8), spikes)
         beats = time_s[::12]

@@ -78,7 +78,7 @@ def test_a_silent_engine_turns_the_recording_light_bad(bench: Bench) -> None:
     [
         ({"active": False, "folder": None}, Level.OFF, "Not recording"),
         ({"active": True, "samples_last_s": 998, "folder": "/s"}, Level.OK, "Recording"),
-        ({"active": False, "samples_last_s": 0, "folder": "/s"}, Level.BAD, "NOT RECORDING"),
+        ({"active": False, "samples_last_s": 0, "folder": "/s"}, Level.OFF, "Not recording"),
         ({"active": True, "failure": "disk full", "folder": "/s"}, Level.BAD, "NOT RECORDING"),
     ],
 )
@@ -88,6 +88,14 @@ def test_the_recording_light_tells_the_truth(
     bench.see(recording=recording)
     assert bench.window.toolbar.lamp.level is level
     assert bench.window.toolbar.recording.text() == title
+
+
+def test_a_run_that_reaches_no_disk_is_told_loudly(bench: Bench) -> None:
+    for _ in range(20):
+        bench.see(run={"state": "running"}, recording={"active": False, "folder": "/s"})
+    assert bench.window.toolbar.lamp.level is Level.BAD
+    bench.see(run={"state": "prompt"})
+    assert bench.window.toolbar.lamp.level is Level.OFF
 
 
 def test_a_run_goes_on_without_the_window(app: QApplication, tmp_path: Path) -> None:

@@ -1,0 +1,150 @@
+"""``python -m gui.shots FOLDER``: the README's pictures, from a live virtual rig at work."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gui.window import Window
+
+SIZES = ((1280, 800), (1920, 1080))
+PROTOCOL = "quick"
+LIMIT_S = 300.0
+TRIALS_BEFORE = 2
+TABS = {"operate": 0, "protocol": 1, "analysis": 2}
+
+
+def main(argv: list[str]) -> int:
+    """Render everything into the folder; return the exit code."""
+    if len(argv) != 1:
+        print("usage: python -m gui.shots FOLDER", file=sys.stderr)
+        return 2
+    os.environ["QT_QPA_PLATFORM"] = "offscreen"
+    folder = Path(argv[0])
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as work:
+        session = record_session(Path(work) / "quick")
+        take_all(folder, Path(work), session)
+    return 0
+
+
+def record_session(folder: Path) -> Path:
+    """Record the quick protocol as fast as the virtual rig goes, for the Analysis picture."""
+    from rigctl.run.client import EngineClient
+
+    order = ["--protocol", PROTOCOL, "--yes", "--out", str(folder)]
+    client = EngineClient.start("virtual", paced=False, seed=1, run=order)
+    try:
+        states: list[str] = []
+        while not states or states[-1] in ("idle", "running", "prompt", "paused"):
+            told = [m for m in client.wait(LIMIT_S) if m.get("event") == "status"]
+            states += [message["data"]["run"]["state"] for message in told]
+    finally:
+        client.shut_down()
+    return folder
+
+
+def take_all(folder: Path, work: Path, session: Path) -> None:
+    """Run a protocol in a window and take its picture in every size and theme."""
+    import pyqtgraph as pg
+
+    from gui.theme import ThemeChoice
+    from gui.window import Window
+
+    pg.mkQApp()
+    window = Window(choice=ThemeChoice.LIGHT)
+    try:
+        window.show()
+        _begin_run(window, work)
+        for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
+            _take_live(window, folder, choice)
+        _take_analysis(window, folder, session)
+    finally:
+        window.connection.ask("abort")
+        window.close()
+
+
+def _begin_run(window: Window, work: Path) -> None:
+    """Connect, start the protocol, answer its questions until trials are on disk."""
+    window.connect_rig("virtual")
+    status = window.connection
+    _wait(lambda: status.status.drum_connected and status.status.taxels_connected)
+    window.protocol.set_out(str(work))
+    window.protocol.choice.setCurrentIndex(window.protocol.choice.findText(PROTOCOL))
+    _wait(window.protocol.buttons["Start"].isEnabled)
+    window.protocol.buttons["Start"].click()
+    _wait(lambda: _go_on(window) and status.status.run.trials_committed >= TRIALS_BEFORE)
+
+
+def _go_on(window: Window) -> bool:
+    """Answer a question as soon as it is asked."""
+    if window.connection.status.run.prompt is not None and window.prompt.isVisible():
+        window.prompt.done.click()
+    return True
+
+
+def _take_live(window: Window, folder: Path, choice: object) -> None:
+    from gui.theme import ThemeChoice
+
+    assert isinstance(choice, ThemeChoice)
+    window.set_theme(choice)
+    for width, height in SIZES:
+        window.resize(width, height)
+        for name in ("operate", "protocol"):
+            window.tabs.setCurrentIndex(TABS[name])
+            _wait(lambda: _go_on(window) and _is_turning(window))
+            _save(window, folder / f"{name}-{choice.name.lower()}-{width}x{height}.png")
+
+
+def _is_turning(window: Window) -> bool:
+    """A trial runs and has done so long enough to be seen."""
+    status = window.connection.status
+    return status.run.state == "running" and status.speed_mm_s > 0.99 * status.speed_set_mm_s > 0
+
+
+def _take_analysis(window: Window, folder: Path, session: Path) -> None:
+    from gui.theme import ThemeChoice
+
+    window.tabs.setCurrentIndex(TABS["analysis"])
+    window.analysis.panel.choose(str(session))
+    _wait(
+        lambda: not window.analysis.worker.is_busy and window.analysis.trial_view.data is not None
+    )
+    window.analysis.panel.table.selectRow(window.analysis.panel.model.rowCount() // 2)
+    _wait(lambda: not window.analysis.worker.is_busy)
+    window.analysis.panel.classify.click()
+    _wait(lambda: not window.analysis.worker.is_busy)
+    for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
+        window.set_theme(choice)
+        for width, height in SIZES:
+            window.resize(width, height)
+            _save(window, folder / f"analysis-{choice.name.lower()}-{width}x{height}.png")
+
+
+def _save(window: Window, path: Path) -> None:
+    from PySide6.QtTest import QTest
+
+    QTest.qWait(700)  # let layouts settle and the traces reach the new width
+    if not window.grab().save(str(path)):
+        raise SystemExit(f"{path} cannot be written: choose another folder")
+    print(path, flush=True)
+
+
+def _wait(done: Callable[[], bool]) -> None:
+    from PySide6.QtTest import QTest
+
+    end_s = time.monotonic() + LIMIT_S
+    while not done():
+        if time.monotonic() > end_s:
+            raise SystemExit("the virtual rig did not get there: look into its log")
+        QTest.qWait(30)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

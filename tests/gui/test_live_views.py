@@ -1,0 +1,175 @@
+"""What the live views show is what the engine wrote: nothing short is lost, gaps are seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtWidgets import QApplication
+
+from gui.history import History
+from gui.raster import ROW_ORDER, Raster, row_label
+from gui.rates import RateBars
+from gui.scene import Scene
+from gui.strip import columns_between, rgb
+from gui.theme import DARK, LIGHT
+from gui.traces import Traces
+from rigctl.run.live import LiveView, LiveWriter
+from tests.gui.fake_engine import FakeEngine
+
+WIDTH, HEIGHT = 500, 180
+
+
+def _write(
+    writer: LiveWriter, first: int, samples: np.ndarray, spikes: np.ndarray | None = None
+) -> None:
+    n = len(samples)
+    counters = np.arange(first, first + n, dtype=np.int64)
+    none = np.zeros((n, 36), np.uint8)
+    writer.add_taxels(
+        counters / 1000,
+        counters,
+        samples.astype(np.uint16),
+        np.zeros(n, np.uint8),
+        none if spikes is None else spikes,
+    )
+
+
+@pytest.fixture
+def writer(tmp_path: Path):  # type: ignore[no-untyped-def]
+    made = LiveWriter(tmp_path / "live")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def view(writer: LiveWriter):  # type: ignore[no-untyped-def]
+    made = LiveView(writer.path)
+    yield made
+    made.close()
+
+
+def test_pulls_of_any_length_give_the_same_history(engine: FakeEngine) -> None:
+    whole, pieces = History(capacity=3000), History(capacity=3000)
+    for n in (1, 7, 500, 2999, 3000, 4500, 10):
+        engine.produce(n)
+        pieces.pull(engine.live)
+    whole.pull(engine.live)
+    assert np.array_equal(whole.counters, pieces.counters)
+    assert np.array_equal(whole.samples, pieces.samples)
+    assert np.array_equal(whole.spikes, pieces.spikes)
+    assert len(whole) == 3000
+
+
+def test_a_rebooted_board_begins_anew(writer: LiveWriter, view: LiveView) -> None:
+    history = History()
+    _write(writer, 5000, np.ones((100, 18)))
+    history.pull(view)
+    before = history.generation
+    _write(writer, 0, np.full((30, 18), 9))
+    history.pull(view)
+    assert history.counters.tolist() == list(range(30))
+    assert history.generation == before + 1
+
+
+def test_columns_cover_every_sample_once() -> None:
+    counters = np.arange(12_345, 22_345, dtype=np.int64)
+    columns = columns_between(counters, 12_345 * 777 // 10_000, 777, 10_000)
+    assert columns.start[0] == 0 and columns.start[-1] == len(counters)
+    assert np.all(np.diff(columns.start)[1:-1] >= 12)
+    assert not columns.missing.any()
+
+
+def test_columns_of_lost_samples_are_marked() -> None:
+    counters = np.concatenate([np.arange(1000), np.arange(1400, 2000)]).astype(np.int64)
+    columns = columns_between(counters, 0, 500, 5000)
+    assert np.array_equal(np.flatnonzero(columns.missing), np.arange(100, 140))
+
+
+def test_one_sample_of_a_spike_in_a_trace_is_visible(
+    app: QApplication, writer: LiveWriter, view: LiveView
+) -> None:
+    samples = np.full((10_000, 18), 100)
+    samples[5000, 4] = 1000
+    _write(writer, 0, samples)
+    history, traces = History(), Traces(LIGHT)
+    history.pull(view)
+    traces.refresh(history, WIDTH, HEIGHT, 1.0)
+    ink = traces._pixels[:, traces_column(5000)] == rgb(LIGHT.layers[0])
+    assert ink[4 * HEIGHT // 18 : 5 * HEIGHT // 18].sum() >= 7
+    assert ink[5 * HEIGHT // 18 : 6 * HEIGHT // 18].sum() == 1
+
+
+def traces_column(counter: int) -> int:
+    """Ring column of a sample in a picture of ten seconds."""
+    return counter * WIDTH // 10_000 % WIDTH
+
+
+def test_every_spike_is_a_tick_in_its_row(
+    app: QApplication, writer: LiveWriter, view: LiveView
+) -> None:
+    spikes = np.zeros((10_000, 36), np.uint8)
+    for row in range(36):
+        spikes[100 + 250 * row, row] = 1
+    _write(writer, 0, np.zeros((10_000, 18)), spikes)
+    history, raster = History(), Raster(DARK)
+    history.pull(view)
+    raster.refresh(history, WIDTH, HEIGHT, 1.0)
+    inks = {rgb(colour) for colour in DARK.groups}
+    for shown, source in enumerate(ROW_ORDER):
+        column = raster._pixels[:, traces_column(100 + 250 * int(source))]
+        lit = [y for y in range(HEIGHT) if int(column[y]) in inks]
+        assert lit and all(y * 36 // HEIGHT == shown for y in lit)
+
+
+def test_drawing_in_steps_gives_the_same_picture(app: QApplication, engine: FakeEngine) -> None:
+    history, steps, once = History(), Raster(LIGHT), Raster(LIGHT)
+    engine.produce(9000)
+    for n in (33, 1, 700, 5000, 40):
+        engine.produce(n, skip=n // 30)
+        history.pull(engine.live)
+        steps.refresh(history, WIDTH, HEIGHT, 1.0)
+    once.refresh(history, WIDTH, HEIGHT, 1.0)
+    assert np.array_equal(steps._pixels, once._pixels)
+
+
+def test_gaps_are_coloured(app: QApplication, engine: FakeEngine) -> None:
+    history, traces = History(), Traces(LIGHT)
+    engine.produce(3000)
+    engine.produce(3000, skip=400)
+    history.pull(engine.live)
+    traces.refresh(history, WIDTH, HEIGHT, 1.0)
+    gap = np.all(traces._pixels == rgb(LIGHT.gap), axis=0)
+    assert gap.sum() == 400 * WIDTH // 10_000
+
+
+def test_rows_are_named_and_ordered_as_in_the_paper() -> None:
+    names = [row_label(row) for row in range(36)]
+    assert names[0] == "SA-1" and names[9] == "RA-1"
+    assert names[18] == "SA-10" and names[35] == "RA-18"
+
+
+def test_rates_are_spikes_a_second(app: QApplication) -> None:
+    bars = RateBars(LIGHT)
+    spikes = np.zeros((3000, 36), np.uint8)
+    spikes[2000::10, 0] = 1
+    spikes[::2, 1] = 0
+    bars.refresh(spikes)
+    assert bars.rates_hz[0] == 100.0 and bars.rates_hz[1:].sum() == 0
+
+
+def test_the_whole_scene_draws_in_both_themes(app: QApplication, engine: FakeEngine) -> None:
+    scene = Scene(LIGHT)
+    scene.resize(900, 600)
+    engine.produce(4000)
+    for theme in (LIGHT, DARK):
+        scene.set_theme(theme)
+        scene.refresh(engine.live)
+        picture = scene.grab().toImage()
+        colours = {picture.pixel(x, y) for x in range(0, 900, 2) for y in range(0, 600, 2)}
+        assert {rgb(colour) for colour in (*theme.groups, *theme.layers)} <= colours
+    scene.set_span(2)
+    scene.refresh(engine.live)
+    scene.hide()
+    engine.close()

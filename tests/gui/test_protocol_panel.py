@@ -1,0 +1,120 @@
+"""A protocol is chosen, understood, started, watched, and answered."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gui.protocol_panel import ProtocolPanel
+from tests.gui.steps import Bench, click, wait_until
+
+RUN = {
+    "state": "running",
+    "trial_id": 38,
+    "trials_planned": 96,
+    "trials_committed": 37,
+    "trials_rejected": 2,
+    "eta_s": 400.0,
+    "current": {"texture": "C", "speed_mm_s": 80.0, "force_g": 500.0, "repeat": 2},
+    "session": "/data/quick-20260101",
+}
+
+
+def _panel(bench: Bench) -> ProtocolPanel:
+    bench.window.tabs.setCurrentIndex(1)
+    panel = bench.window.protocol
+    if panel.choice.currentText() != "quick":
+        panel.choice.setCurrentIndex(panel.choice.findText("quick"))
+    planned(bench)
+    return panel
+
+
+def planned(bench: Bench) -> None:
+    """Wait for the plan of what is chosen."""
+    wait_until(lambda: not bench.window.planner.worker.is_busy)
+
+
+def test_the_quick_protocol_is_offered_with_its_count(bench: Bench) -> None:
+    panel = _panel(bench)
+    assert panel.choice.currentText() == "quick"
+    assert int(panel.summary["Trials"].text()) > 0
+    assert panel.summary["Disk"].text().endswith("MB")
+
+
+def test_start_sends_file_folder_and_seed(bench: Bench, tmp_path: Path) -> None:
+    panel = _panel(bench)
+    panel.set_out(str(tmp_path))
+    panel.seed.setValue(7)
+    planned(bench)
+    bench.see()
+    click(panel.buttons["Start"])
+    command, args = bench.engine.asked[-1]
+    assert command == "start" and args["seed"] == 7 and args["yes"] is False
+    assert args["protocol"].endswith("quick.toml")
+    assert Path(args["out"]).parent == tmp_path
+
+
+def test_a_bad_protocol_cannot_be_started_and_says_why(bench: Bench, tmp_path: Path) -> None:
+    panel = _panel(bench)
+    bad = tmp_path / "bad.toml"
+    bad.write_text('textures = ["A"]\nspeed_mm_s = [80]\n')
+    panel.add_protocol(str(bad))
+    planned(bench)
+    bench.see()
+    assert "bad.toml" in panel.problem.text()
+    assert not panel.buttons["Start"].isEnabled()
+
+
+def test_progress_is_the_engines(bench: Bench) -> None:
+    panel = _panel(bench)
+    bench.see(run=RUN)
+    assert panel.lines["Progress"].text() == "37 of 96 trials, 6 min 40 s left"
+    assert panel.lines["Now"].text() == "#38: C, 80 mm/s, 500 g, repeat 2"
+    assert panel.lines["Session"].text() == "quick-20260101"
+    assert panel.bar.value() == 37 and panel.bar.maximum() == 96
+
+
+def test_buttons_follow_the_run(bench: Bench) -> None:
+    panel = _panel(bench)
+    for state, offered in (
+        ("idle", {"Start"}),
+        ("running", {"Pause", "Abort"}),
+        ("paused", {"Resume", "Abort"}),
+        ("prompt", {"Abort"}),
+        ("done", {"Start"}),
+    ):
+        bench.see(run={"state": state})
+        assert {n for n, b in panel.buttons.items() if b.isEnabled()} == offered
+
+
+def test_pause_resume_abort_reach_the_engine(bench: Bench) -> None:
+    panel = _panel(bench)
+    bench.see(run={**RUN, "state": "running"})
+    click(panel.buttons["Pause"])
+    bench.see(run={"state": "paused", "reasons": ["operator"]})
+    assert panel.state.text() == "Paused, lifted (operator)"
+    click(panel.buttons["Resume"])
+    click(panel.buttons["Abort"])
+    assert bench.engine.commands == ["pause", "resume", "abort"]
+
+
+def test_a_prompt_is_answered_in_the_window(bench: Bench) -> None:
+    prompt = {"id": 4, "text": "Mount plate B, then confirm.", "texture": "B"}
+    bench.see(run={"state": "prompt", "prompt": prompt})
+    assert bench.window.prompt.text.text() == "Mount plate B, then confirm."
+    click(bench.window.prompt.done)
+    assert bench.engine.asked[-1] == ("answer", {"prompt_id": 4, "answer": "ok"})
+    bench.see(run={"state": "running", "prompt": None})
+    assert bench.window.prompt.isHidden()
+
+
+def test_a_prompt_can_end_the_run(bench: Bench) -> None:
+    bench.see(run={"state": "prompt", "prompt": {"id": 5, "text": "?", "texture": None}})
+    click(bench.window.prompt.abort)
+    assert bench.engine.asked[-1] == ("answer", {"prompt_id": 5, "answer": "abort"})
+
+
+def test_time_since_the_last_trial_is_shown(bench: Bench) -> None:
+    bench.see(run={**RUN, "trials_committed": 0})
+    assert bench.window.health.cells["trial"].value.text() == "–"
+    bench.see(run={**RUN, "trials_committed": 1})
+    assert bench.window.health.cells["trial"].value.text().endswith("ago")
