@@ -59,6 +59,8 @@ class Drum:
         self._whos_there = whos_there
         self._decoder = PollDecoder()
         self._connected = False
+        # States are decoded in the order in which they were read.
+        self._polling = asyncio.Lock()
         self._boot_count: int | None = None
         self._beat = 0
         self._sequence = 0
@@ -104,13 +106,13 @@ class Drum:
 
         Raises BoardRebooted where the board's clock shows that it started anew.
         """
-        words = await (self._poll_beating() if beat else self.line.read(*table.POLL_BLOCK))
-        at_s = self.line.received_at_s
-        raw = self._decoder.read(words)
-        self._check_clock(raw, at_s)
-        ring = await self._read_ring(self._decoder.missing(raw))
-        await self._after_tare(raw)
-        state = self._decoder.decode(raw, at_s, ring)
+        async with self._polling:
+            words = await (self._poll_beating() if beat else self.line.read(*table.POLL_BLOCK))
+            raw, at_s = self._decoder.read(words), self.line.received_at_s
+            self._check_clock(raw, at_s)
+            ring = await self._read_ring(self._decoder.missing(raw))
+            await self._after_tare(raw)
+            state = self._decoder.decode(raw, at_s, ring)
         for consumer in self._consumers:
             consumer(state)
         return state
@@ -219,7 +221,7 @@ class Drum:
         # Nearest way round the 32-bit clock between what it shows and what it should show.
         early_us = (wire_us - last.board_time_us - expected_us + 2**31) % 2**32 - 2**31
         if abs(early_us) > BOARD_TIME_JUMP_US + BOARD_TIME_SHARE * expected_us:
-            self.line.close()
+            self._connected = False
             raise BoardRebooted(f"{self.link.name}: the drum board restarted by itself: connect it")
 
     async def _read_ring(self, wanted: range) -> dict[int, RawSample]:

@@ -12,6 +12,7 @@ import zlib
 from dataclasses import KW_ONLY, dataclass
 from enum import IntFlag
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,8 +80,7 @@ class TaxelIdentity:
     slots: int = 20
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
+class Decoded(NamedTuple):
     """What one piece of the byte stream held.
 
     ``blocks``: samples in order, one block; a new one begins where the board rebooted, because
@@ -234,7 +234,7 @@ class FrameDecoder:
         rows, gaps, controls, reboots, frames, junk, used = self._tally.tolist()
         self._keep(wire, used)
         cuts = [0, *self._notes[:reboots, 4].tolist(), rows] if reboots else [0, rows]
-        blocks = tuple(
+        blocks = [
             Block(
                 counters[first:end],
                 samples[first:end],
@@ -245,9 +245,9 @@ class FrameDecoder:
             )
             for first, end in pairwise(cuts)
             if end > first
-        )
+        ]
         said = self._said(controls) if controls else ((), ())
-        return Decoded(blocks, *said, reboots, frames, junk)
+        return Decoded(tuple(blocks), *said, reboots, frames, junk)
 
     def _make_room(self, room: int) -> None:
         self._notes = np.empty((room, 5), np.int64)

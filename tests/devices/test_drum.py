@@ -331,6 +331,24 @@ def test_a_gap_in_the_load_cell_is_read_from_the_ring() -> None:
     run(main)
 
 
+def test_polls_of_two_tasks_share_the_samples_between_them() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        link = MemoryLink(loop)
+        WeighingBoard(loop, link)
+        drum = Drum(link, loop)
+        await asyncio.sleep(1.0)
+        await drum.connect()
+        numbers: list[int] = []
+        drum.on_state(lambda state: numbers.extend(s.sequence for s in state.loadcell))
+        for _ in range(10):
+            await asyncio.gather(drum.poll(), drum.poll(), drum.poll())
+            await asyncio.sleep(0.5)
+        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+        drum.close()
+
+    run(main)
+
+
 def test_two_minutes_of_polls_with_stalls_lose_no_load_cell_sample() -> None:
     async def main(loop: JumpingLoop) -> None:
         link = MemoryLink(loop)
@@ -362,7 +380,14 @@ def test_a_board_that_restarts_by_itself_is_noticed() -> None:
         await asyncio.sleep(0.04)
         clock = loop.time()
         board._loop = type("", (), {"time": lambda self: loop.time() - clock})()
-        with pytest.raises(BoardRebooted, match="restarted by itself"):
-            await drum.poll()
+        for _ in range(2):
+            with pytest.raises(BoardRebooted, match="restarted by itself"):
+                await drum.poll()
+        assert not drum.connected
+        board.put("boot_count", 42)
+        await drum.connect()
+        assert drum.rebooted
+        await drum.poll()
+        drum.close()
 
     run(main)
