@@ -11,12 +11,13 @@ from collections.abc import Callable
 
 from rigctl.devices.identity import WhosThere, drum_identity, explain
 from rigctl.devices.link import BoardRebooted, ByteLink
+from rigctl.devices.loadcell_ring import read_ring
 from rigctl.devices.modbus import DRAIN_S, SILENCE_S, ModbusLine, Refused
 from rigctl.errors import BoardFault, CommandRefused, LinkLost, RigFault, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire import drum_map as table
 from rigctl.wire.drum_map import Command, CommandResult
-from rigctl.wire.drum_poll import PollDecoder, Raw, RawSample
+from rigctl.wire.drum_poll import PollDecoder, Raw
 from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
 from rigctl.wire.registers import BlockLayout, Write, plan_writes, reads_for
 
@@ -24,8 +25,6 @@ ANSWER_S = 4.0
 """A board that was reset by opening its port answers within this time, bootloader included."""
 BOARD_TIME_JUMP_US, BOARD_TIME_SHARE = 1_000_000, 0.01
 """A board clock that runs further away from ours, in sum, has started anew."""
-RING_READ = 20
-"""Ring samples read in one exchange: 40 registers."""
 WAIT_POLL_S = 0.02
 
 _IDENTITY = BlockLayout(*table.IDENTITY_BLOCK, entries=table.IDENTITY)
@@ -110,7 +109,7 @@ class Drum:
             words = await (self._poll_beating() if beat else self.line.read(*table.POLL_BLOCK))
             raw, at_s = self._decoder.read(words), self.line.received_at_s
             self._check_clock(raw, at_s)
-            ring = await self._read_ring(self._decoder.missing(raw))
+            ring = await read_ring(self.line, self._decoder.missing(raw))
             await self._after_tare(raw)
             state = self._decoder.decode(raw, at_s, ring)
         for consumer in self._consumers:
@@ -224,23 +223,6 @@ class Drum:
             self._connected = False
             raise BoardRebooted(f"{self.link.name}: the drum board restarted by itself: connect it")
 
-    async def _read_ring(self, wanted: range) -> dict[int, RawSample]:
-        """Samples that the poll block did not hold any more, from the board's ring."""
-        found: dict[int, RawSample] = {}
-        for part in _ring_parts(wanted):
-            place = part.start % table.RING_DEPTH
-            raw = await self._ring_numbers("ring_raw", place, len(part))
-            times = await self._ring_numbers("ring_time_us", place, len(part))
-            found |= dict(zip(part, zip(raw, times, strict=True), strict=True))
-        return found
-
-    async def _ring_numbers(self, name: str, place: int, count: int) -> tuple[int, ...]:
-        entry = table.BY_NAME[name]
-        address = entry.address + entry.words * place
-        words = await self.line.read(address, entry.words * count)
-        some = table.Register(name, address, entry.kind, "", 1, "", count=count)
-        return BlockLayout(address, len(words), (some,)).raw(words)[name]
-
     async def _set(self, write: Write) -> dict[str, float]:
         layout = BlockLayout(write.address, len(write.words))
         try:
@@ -297,15 +279,3 @@ def _acknowledged(state: DrumState) -> int:
 
 def _result(state: DrumState) -> CommandResult:
     return CommandResult(int(state.values["command_result"]))
-
-
-def _ring_parts(wanted: range) -> list[range]:
-    """Runs of sequence numbers that stand side by side in the ring, each one read long."""
-    parts: list[range] = []
-    at = wanted.start
-    while at < wanted.stop:
-        to_end = table.RING_DEPTH - at % table.RING_DEPTH
-        part = range(at, min(wanted.stop, at + min(RING_READ, to_end)))
-        parts.append(part)
-        at = part.stop
-    return parts
