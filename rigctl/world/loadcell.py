@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from rigctl.world.noise import NoiseRows, Stream
 from rigctl.world.parameters import WorldParameters
 from rigctl.world.plant import FELT_G, RING_MS, Plant
@@ -66,8 +64,12 @@ class Loadcell:
         self.next_us = int(self._origin_us + self._since_origin * self.period_us)
 
     def _felt_g(self, end_ms: int) -> float:
-        rows = np.arange(end_ms - self._average_ms + 1, end_ms + 1) % RING_MS
-        return float(self._plant.log[rows, FELT_G].sum()) / self._average_ms
+        end = end_ms % RING_MS + 1
+        first = end - self._average_ms
+        if first >= 0:
+            return float(self._plant.log[first:end, FELT_G].sum()) / self._average_ms
+        wrapped = self._plant.log[first:, FELT_G].sum() + self._plant.log[:end, FELT_G].sum()
+        return float(wrapped) / self._average_ms
 
     def _slow_g(self, at_us: int) -> float:
         """Drift of the bridge and creep of its glue."""

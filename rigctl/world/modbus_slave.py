@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import Protocol
 
+import numpy as np
+
 from rigctl.wire.drum_map import UNIT
 
 RESET_SILENCE_US = 10_000
@@ -45,21 +47,33 @@ class Bank(Protocol):
         ...
 
 
-def crc(data: bytes) -> int:
-    """CRC-16 of Modbus over serial line (V1.02, §6.2.2); 0 over a frame with its own."""
-    value = 0xFFFF
-    for byte in data:
-        value = value >> 8 ^ _CRC_TABLE[(value ^ byte) & 0xFF]
-    return value
-
-
 def _crc_of_byte(byte: int) -> int:
     for _ in range(8):
         byte = byte >> 1 ^ (0xA001 if byte & 1 else 0)
     return byte
 
 
-_CRC_TABLE = [_crc_of_byte(byte) for byte in range(256)]
+def _crc_of_words() -> list[int]:
+    """What two bytes at once, already mixed with the CRC so far, leave of it."""
+    of_byte = np.array(_CRC_OF_BYTE, np.uint16)
+    value = np.arange(0x10000, dtype=np.uint16)
+    for _ in range(2):
+        value = value >> 8 ^ of_byte[value & 0xFF]
+    return value.tolist()
+
+
+_CRC_OF_BYTE = [_crc_of_byte(byte) for byte in range(256)]
+_CRC_OF_WORD = _crc_of_words()
+
+
+def crc(data: bytes) -> int:
+    """CRC-16 of Modbus over serial line (V1.02, §6.2.2); 0 over a frame with its own."""
+    value = 0xFFFF
+    for word in struct.unpack_from(f"<{len(data) // 2}H", data):
+        value = _CRC_OF_WORD[value ^ word]
+    if len(data) & 1:
+        value = value >> 8 ^ _CRC_OF_BYTE[(value ^ data[-1]) & 0xFF]
+    return value
 
 
 class ModbusSlave:

@@ -302,6 +302,11 @@ class Plant:
         return float(self._state[_FORCE])
 
     @property
+    def contacts(self) -> int:
+        """Contacts that began since power-up."""
+        return int(self._state[_CONTACTS])
+
+    @property
     def rod_mm(self) -> float:
         """True actuator travel from its upper end."""
         return float(self._state[_ROD])

@@ -135,6 +135,8 @@ class Skin:
     def advance(self) -> None:
         """Follow the plant up to its present time; at most RING_MS / 2 at once."""
         until_ms = self._plant.time_ms
+        if self._plant.contacts == self._contact and until_ms > self.time_ms:
+            self._run(until_ms - self.time_ms)
         while self.time_ms < until_ms:
             rows = np.arange(self.time_ms + 1, until_ms + 1) % RING_MS
             contacts = self._plant.log[rows, CONTACTS]
@@ -166,10 +168,12 @@ class Skin:
             jitter,
             self.time_ms + 1,
         )
-        self._break_taxels(np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS)
+        if self._p.dead_taxels or self._p.stuck_taxels:
+            self._break_taxels(count)
         self.time_ms += count
 
-    def _break_taxels(self, rows: NDArray[np.int64]) -> None:
+    def _break_taxels(self, count: int) -> None:
+        rows = np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS
         for taxel in self._p.dead_taxels:
             self.levels[rows, taxel] = 0.0
         for taxel in self._p.stuck_taxels:
