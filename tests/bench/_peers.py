@@ -1,0 +1,46 @@
+"""Runs a script of this folder in the peers' environment and reads back what it measured."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+ABSENT = "no peers environment: make bench builds it and sets RIGCTL_PEERS_PYTHON"
+
+
+def available() -> bool:
+    """Whether there is a peers environment."""
+    return Path(os.environ.get("RIGCTL_PEERS_PYTHON", "")).is_file()
+
+
+def ask(script: str, *arguments: str) -> dict[str, Any]:
+    """Run ``script`` with the peers' Python on one thread; its last line is a JSON object."""
+    python = os.environ["RIGCTL_PEERS_PYTHON"]
+    path = str(Path(__file__).with_name(script))
+    single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [python, path, *arguments], capture_output=True, text=True, env={**os.environ, **single}
+    )
+    if done.returncode:
+        raise RuntimeError(f"{script} {' '.join(arguments)}: {done.stderr.strip()[-800:]}")
+    answer: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
+    return answer
+
+
+def row(
+    name: str, value: float, unit: str, peer: str, peer_value: float | None, note: str
+) -> dict[str, Any]:
+    """One figure; the ratio says how many times the peer's value ours is worth."""
+    ratio = peer_value / value if peer_value is not None and value else None
+    return {
+        "name": name,
+        "value": value,
+        "unit": unit,
+        "peer": peer,
+        "peer_value": peer_value,
+        "ratio": ratio,
+        "note": note,
+    }

@@ -1,0 +1,159 @@
+"""The encoder beside Brian2 and NumPy: 36 neurons × 10 s × 100 trials, strict float64, one thread.
+
+Brian2 and NumPy are handed the finished input currents; ours normalises, filters and
+differentiates the integer readings within the measured time.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from rigctl.encoding import kernel
+from rigctl.encoding.encoder import encode_trials, rasters
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
+from tests.bench import _peers
+
+N_TRIALS, N_SAMPLES, N_TAXELS = 100, 10_000, 18
+NEURON_MS = N_TRIALS * N_SAMPLES * 2 * N_TAXELS
+COMPARED_TRAINS, PER_TRIAL_SAMPLE = 500, 2
+RANGES = Normalisation.full_scale(N_TAXELS)
+SCENE = "36 neurons x 10 s x 100 trials, 1 ms samples, 4 substeps, float64, one thread each"
+
+Trials = list[NDArray[np.uint16]]
+
+
+def measure() -> Iterator[dict[str, Any]]:
+    """All figures of the encoder."""
+    trials = scene()
+    ours_s = best_of(5, lambda: [None for _ in rasters(trials, RANGES, DEFAULT)])
+    ours = 1e9 * ours_s / NEURON_MS
+    yield from _against_numpy(trials, ours)
+    if not _peers.available():
+        for name in ("vs_brian2_cpp", "vs_brian2_cython", "differing_trains"):
+            yield _peers.row(f"encoder.{name}", ours, "ns/neuron-ms", "Brian2", None, _peers.ABSENT)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield from _against_brian2(trials, ours, Path(folder))
+
+
+def scene(seed: int = 0) -> Trials:
+    """Trials uint16 (10,000, 18) of waves at 5–30 Hz on a steady pressure, with a little noise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(N_SAMPLES)[:, None] / 1000
+    trials = []
+    for _ in range(N_TRIALS):
+        wave = np.sin(2 * np.pi * rng.uniform(5, 30, N_TAXELS) * t + rng.uniform(0, 6, N_TAXELS))
+        x = rng.uniform(0.3, 0.7, N_TAXELS) + rng.uniform(0.02, 0.2, N_TAXELS) * wave
+        x += rng.normal(0, 0.002, x.shape)
+        trials.append(np.round(1023 * np.clip(x, 0, 1)).astype(np.uint16))
+    return trials
+
+
+def currents(samples: NDArray[np.uint16], p: EncoderParameters) -> NDArray[np.float64]:
+    """k·x of one trial by SciPy, float64 (n, 36): SA, then RA."""
+    x = samples / 1023.0
+    b, a = kernel.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    smooth, _ = signal.lfilter(b, a, x, axis=0, zi=signal.lfilter_zi(b, a)[:, None] * x[0])
+    slope = np.diff(smooth, axis=0, prepend=smooth[:1]) * p.sample_rate_hz
+    return np.hstack([p.sa_gain * x, p.ra_gain * slope])
+
+
+def numpy_spikes(drive: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """The default scheme as a careful NumPy loop over time: drive (n, m) to counts (n, m)."""
+    n, m = drive.shape
+    v, u = np.full(m, -70.0), np.full(m, -14.0)
+    counts = np.zeros((n, m), np.uint8)
+    rise, fired = np.empty(m), np.empty(m, bool)
+    for t in range(n):
+        for _ in range(4):
+            np.multiply(v, 0.04, out=rise)
+            rise += 5.0
+            rise *= v
+            rise += 140.0
+            rise -= u
+            rise += drive[t]
+            rise *= 0.25
+            v += rise
+            np.multiply(v, 0.2, out=rise)
+            rise -= u
+            rise *= 0.005
+            u += rise
+            np.greater_equal(v, 30.0, out=fired)
+            if fired.any():
+                v[fired] = -65.0
+                u[fired] += 6.0
+                counts[t] += fired
+    return counts
+
+
+def best_of(times: int, action: Callable[[], Any]) -> float:
+    """Shortest wall time of an action, s, after one run to warm it."""
+    action()
+    shortest = float("inf")
+    for _ in range(times):
+        start = time.perf_counter()
+        action()
+        shortest = min(shortest, time.perf_counter() - start)
+    return shortest
+
+
+def _against_numpy(trials: Trials, ours: float) -> Iterator[dict[str, Any]]:
+    unit = "ns/neuron-ms"
+    all_drives = np.hstack([currents(samples, DEFAULT) for samples in trials])
+    start = time.perf_counter()
+    numpy_spikes(all_drives)
+    batched = 1e9 * (time.perf_counter() - start) / NEURON_MS
+    yield _peers.row("encoder.vs_numpy_batched", ours, unit, "NumPy, all trials", batched, SCENE)
+    start = time.perf_counter()
+    for samples in trials[:PER_TRIAL_SAMPLE]:
+        numpy_spikes(currents(samples, DEFAULT))
+    spent = time.perf_counter() - start
+    alone = 1e9 * spent / (PER_TRIAL_SAMPLE * N_SAMPLES * 2 * N_TAXELS)
+    note = f"{SCENE}; the peer measured on {PER_TRIAL_SAMPLE} of the trials"
+    yield _peers.row("encoder.vs_numpy_per_trial", ours, unit, "NumPy, trial by trial", alone, note)
+
+
+def _against_brian2(trials: Trials, ours: float, folder: Path) -> Iterator[dict[str, Any]]:
+    explicit = PRESETS["explicit"]
+    ours_s = best_of(3, lambda: [None for _ in rasters(trials, RANGES, explicit)])
+    ours = 1e9 * ours_s / NEURON_MS
+    np.save(folder / "all.npy", np.hstack([currents(samples, explicit) for samples in trials]))
+    for target in ("cpp", "cython"):
+        answer = _ask_brian2(target, folder, "all", strict=False)
+        theirs = 1e9 * answer["seconds"] / NEURON_MS
+        peer = f"Brian2 {answer['brian2']} {target}"
+        note = f"{SCENE}; preset explicit; Brian2 with its default flags, compilation left out"
+        yield _peers.row(f"encoder.vs_brian2_{target}", ours, "ns/neuron-ms", peer, theirs, note)
+    yield _differing_trains(trials, folder)
+
+
+def _differing_trains(trials: Trials, folder: Path) -> dict[str, Any]:
+    """Trains of the explicit preset whose spikes are not all in Brian2's samples."""
+    explicit = PRESETS["explicit"]
+    some = trials[: -(-COMPARED_TRAINS // (2 * N_TAXELS))]
+    drive = np.hstack([currents(samples, explicit) for samples in some])
+    np.save(folder / "some.npy", drive[:, :COMPARED_TRAINS])
+    answer = _ask_brian2("cpp", folder, "some", strict=True)
+    theirs = np.load(folder / "some.npz")
+    ours = [s.train(row) for s in encode_trials(some, RANGES, explicit) for row in range(36)]
+    differing = sum(
+        not np.array_equal(train, np.sort(theirs["sample"][theirs["neuron"] == index]))
+        for index, train in enumerate(ours[:COMPARED_TRAINS])
+    )
+    peer = f"Brian2 {answer['brian2']} cpp, fast-math off"
+    note = f"of {COMPARED_TRAINS} SA and RA trains of 10 s, {answer['spikes']} spikes in all"
+    return _peers.row("encoder.differing_trains", differing, "trains", peer, 0, note)
+
+
+def _ask_brian2(target: str, folder: Path, name: str, *, strict: bool) -> dict[str, Any]:
+    source, destination = str(folder / f"{name}.npy"), str(folder / f"{name}.npz")
+    return _peers.ask("_brian2_scene.py", target, source, destination, str(int(strict)))
