@@ -113,6 +113,21 @@ class Exchange(ctypes.Structure):
     )
 
 
+_POINTER, _SIZE = ctypes.c_void_p, ctypes.c_uint32
+_SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
+    "sim_open": (_POINTER, [ctypes.c_char_p, ctypes.c_int]),
+    "sim_close": (None, [_POINTER]),
+    "sim_exchange_of": (_POINTER, [_POINTER]),
+    "sim_exchange_size": (ctypes.c_ulong, []),
+    "sim_run": (ctypes.c_int, [_POINTER, _U64]),
+    "sim_reset": (None, [_POINTER, ctypes.c_int]),
+    "sim_place_drum": (None, [_POINTER, _I64]),
+    "sim_eeprom_read": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
+    "sim_eeprom_write": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
+    "sim_peek": (_U8, [_POINTER, _SIZE]),
+}
+
+
 def load_library(path: Path) -> ctypes.CDLL:
     """Load the shim. Raises RigFault when it is missing or of another version than this file."""
     try:
@@ -121,20 +136,7 @@ def load_library(path: Path) -> ctypes.CDLL:
         raise RigFault(
             f"{path}: the chip simulator cannot be loaded ({error}): run `make firmware`"
         ) from error
-    pointer, size = ctypes.c_void_p, ctypes.c_uint32
-    signatures: dict[str, tuple[Any, list[Any]]] = {
-        "sim_open": (pointer, [ctypes.c_char_p, ctypes.c_int]),
-        "sim_close": (None, [pointer]),
-        "sim_exchange_of": (pointer, [pointer]),
-        "sim_exchange_size": (ctypes.c_ulong, []),
-        "sim_run": (ctypes.c_int, [pointer, _U64]),
-        "sim_reset": (None, [pointer, ctypes.c_int]),
-        "sim_place_drum": (None, [pointer, _I64]),
-        "sim_eeprom_read": (ctypes.c_int, [pointer, size, ctypes.c_char_p, size]),
-        "sim_eeprom_write": (ctypes.c_int, [pointer, size, ctypes.c_char_p, size]),
-        "sim_peek": (_U8, [pointer, size]),
-    }
-    for name, (result, arguments) in signatures.items():
+    for name, (result, arguments) in _SIGNATURES.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
     if library.sim_exchange_size() != ctypes.sizeof(Exchange):

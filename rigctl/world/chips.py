@@ -58,34 +58,24 @@ class ChipSimulation:
     """
 
     def __init__(self, bench: Bench, drum_chip: Chip, taxels_chip: Chip) -> None:
-        p = bench.parameters
         self.time_us = 0
         self._closed = False
-        self._done_ms = 0
+        self._done_ms = self._taxels_ms = 0
         self._bench = bench
         self.drum = SimulatedLink(DRUM, bench.seed)
         self.taxels = SimulatedLink(TAXELS, bench.seed + 1)
-        # Nobody switches two boards on in the same microsecond.
-        on_us = int(generator(bench.seed, Stream.POWER_UP).integers(0, SLICE_US))
-        self.drum_board = ChipBoard(
-            drum_chip, BoardClock(p.drum_clock_ppm), self.drum, DRUM_BAUD, self._now_us
-        )
+        drum_clock, taxels_clock = _clocks(bench)
+        self.drum_board = ChipBoard(drum_chip, drum_clock, self.drum, DRUM_BAUD, self._now_us)
         self.taxels_board = ChipBoard(
-            taxels_chip,
-            BoardClock(p.taxel_clock_ppm, on_us),
-            self.taxels,
-            TAXELS_BAUD,
-            self._now_us,
+            taxels_chip, taxels_clock, self.taxels, TAXELS_BAUD, self._now_us
         )
         self.faults = FaultPanel(
             {DRUM: self.drum, TAXELS: self.taxels}, bench.disturbances, self._disturb, self._reset
         )
         self._adc_noise = NoiseRows(bench.seed, Stream.ADC, CHANNELS)
-        self._start_steps = p.start_mm / p.mm_per_step
-        self._taxels_ms = 0
         self._edges: list[tuple[Input, int, float]] = []
         self._switches = {Input.ESTOP: 0, Input.END_UP: 0, Input.END_DOWN: 0}
-        self._wire_up()
+        self._start_steps = self._wire_up()
 
     @property
     def truth(self) -> Truth:
@@ -127,7 +117,8 @@ class ChipSimulation:
     def _now_us(self) -> int:
         return self.time_us
 
-    def _wire_up(self) -> None:
+    def _wire_up(self) -> float:
+        """Put drum, mark and amplifier as the bench has them; the drum's place in steps."""
         p = self._bench.parameters
         x = self.drum_board.chip.exchange
         x.analog_rows = 2
@@ -135,8 +126,8 @@ class ChipSimulation:
         x.mark_length_steps = round(p.index_length_mm / p.mm_per_step)
         period_cycles = self._bench.loadcell.period_us * self.drum_board.clock.cycles_per_us
         x.loadcell_period_q16 = round(period_cycles * 65536)
-        self.drum_board.chip.place_drum(round(self._start_steps))
-        self._start_steps = x.drum_place
+        self.drum_board.chip.place_drum(round(p.start_mm / p.mm_per_step))
+        return float(x.drum_place)
 
     def _run_slice(self) -> None:
         end_ms = self._done_ms + 1
@@ -207,6 +198,13 @@ class ChipSimulation:
             self._run_taxels()
         chip = {DRUM: self.drum_board, TAXELS: self.taxels_board}[board].chip
         chip.reset(ResetBy.PIN)
+
+
+def _clocks(bench: Bench) -> tuple[BoardClock, BoardClock]:
+    """The drum's clock and the taxels'; nobody switches on two boards in the same microsecond."""
+    on_us = int(generator(bench.seed, Stream.POWER_UP).integers(0, SLICE_US))
+    p = bench.parameters
+    return BoardClock(p.drum_clock_ppm), BoardClock(p.taxel_clock_ppm, on_us)
 
 
 def shim_path() -> Path:

@@ -1,0 +1,90 @@
+"""The simulated load-cell amplifier does what its data sheet says, bit by bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from rigctl.world.chip_shim import Chip, Kind, load_library
+from tests.firmware.building import built
+
+PERIOD = 200_000  # cycles: 12.5 ms
+NORMAL, SILENT, FROZEN, SATURATED = range(4)
+
+
+class Probe:
+    """A chip that reads the amplifier and says what it read."""
+
+    def __init__(self) -> None:
+        library = load_library(built("sim/libchips.so"))
+        self.chip = Chip(library, built("firmware/probe-hx711.elf"), Kind.DRUM)
+        self.x = self.chip.exchange
+        self.x.loadcell_period_q16 = PERIOD << 16
+        self.x.host_byte_q16 = 1389 << 16
+
+    def read(self, periods: float, send: bytes = b"") -> list[int]:
+        """Conversions read within so many periods."""
+        said = b""
+        if send:
+            self.chip.send(send)
+        end = self.x.cycle + round(periods * PERIOD)
+        while self.x.cycle < end:
+            self.chip.run(min(end, self.x.cycle + 16_000))
+            said += self.chip.tx[: self.x.tx_count].tobytes()
+        words = (said[i : i + 3] for i in range(0, len(said) - 2, 3))
+        return [int.from_bytes(word, "big", signed=True) for word in words]
+
+
+@pytest.fixture
+def probe() -> Iterator[Probe]:
+    """A probe that has read its first conversion."""
+    probe = Probe()
+    probe.x.loadcell_counts = 100
+    assert probe.read(4.5) == [100]
+    yield probe
+    probe.chip.close()
+
+
+@pytest.mark.parametrize("counts", [0, 1, -1, 123_456, -123_456, 8_388_607, -8_388_608])
+def test_every_bit_arrives(probe: Probe, counts: int) -> None:
+    probe.x.loadcell_counts = counts
+    assert probe.read(3) == [counts] * 3
+    assert probe.x.loadcell_reads == probe.x.loadcell_conversions == 4
+
+
+def test_the_first_conversion_comes_after_four_periods() -> None:
+    probe = Probe()
+    probe.x.loadcell_counts = 7
+    assert probe.read(3.9) == []
+    assert probe.read(0.2) == [7]
+    probe.chip.close()
+
+
+def test_beyond_the_range_it_saturates(probe: Probe) -> None:
+    probe.x.loadcell_counts = 9_000_000
+    assert probe.read(1) == [8_388_607]
+
+
+def test_another_gain_takes_four_periods_and_halves_the_reading(probe: Probe) -> None:
+    probe.x.loadcell_counts = 1000
+    assert probe.read(1, b"3") == [1000]  # chosen by this read, in force from the next
+    assert probe.read(3.5) == []
+    assert probe.read(2) == [500, 500]
+
+
+def test_a_long_clock_powers_it_down_and_it_settles_anew(probe: Probe) -> None:
+    assert probe.read(3.8, b"p") == []
+    assert probe.read(1) == [100]
+
+
+def test_faults_look_as_they_do_on_the_wire(probe: Probe) -> None:
+    probe.x.loadcell_mode = FROZEN
+    probe.x.loadcell_counts = 555
+    assert probe.read(2) == [100, 100]
+    probe.x.loadcell_mode = SATURATED
+    assert probe.read(2) == [8_388_607] * 2
+    probe.x.loadcell_mode = SILENT
+    assert probe.read(3) == []
+    probe.x.loadcell_mode = NORMAL
+    assert probe.read(1) == [555]
