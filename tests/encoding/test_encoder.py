@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from rigctl.encoding import kernel
 from rigctl.encoding.encoder import Encoder, encode_trial, encode_trials, membrane_mv
 from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.presets import PRESETS, EncoderParameters, Recovery, Rectify, Reset, preset
-from rigctl.encoding.rates import sa_rates_hz
+from rigctl.encoding.rates import sa_rates_hz, table
 from rigctl.errors import WrongUse
 
 N_TAXELS = 4
@@ -314,3 +315,8 @@ def test_parameters_survive_storage_and_typos_are_named() -> None:
 def test_samples_of_another_width_are_refused() -> None:
     with pytest.raises(WrongUse, match="4 taxels"):
         Encoder(RANGES).encode(np.zeros((5, 18), np.uint16))
+
+
+def test_the_table_of_rates_in_the_reference_is_fresh() -> None:
+    page = Path(__file__).parents[2] / "docs" / "reference" / "encoding.md"
+    assert table() in page.read_text(encoding="utf-8")
