@@ -15,13 +15,13 @@ constexpr uint16_t LIFT_LIMIT_MS = 8000;   // a lift that takes longer is stuck
 constexpr uint16_t TOP_UM = 300;           // the potentiometer at the upper end
 constexpr uint16_t BOTTOM_UM = 49700;
 constexpr uint16_t SLOW_ZONE_UM = 1500;    // above the last contact: slowing down takes 0.9 mm
-constexpr float SEARCH_MM_S = 3.0f;        // so slow that the stiffest contact stays below
-constexpr float QUICK_MM_S = 8.0f;         // the set force plus a tenth
+constexpr float SEARCH_MM_S = 3.0f;        // near the surface, at most
+constexpr float SEARCH_S = 0.1f;           // and so slow that contact is a matter of this time
+constexpr float QUICK_MM_S = 8.0f;
 constexpr float CONTACT_MM_S = 6.0f;
-constexpr float SLOWEST_SEARCH_MM_S = 1.5f;
 constexpr int16_t INDEX_TOLERANCE = 4;     // steps
 constexpr int16_t INDEX_LATE = 40;
-constexpr int32_t TARE_MAX_SPREAD_UG = 20000000;  // 20 g
+constexpr int32_t TARE_MAX_SPREAD_UG = 10000000;  // 10 g
 constexpr float TWO_PI = 6.28318531f;
 
 constexpr uint16_t bit(Fault fault) { return 1u << static_cast<uint8_t>(fault); }
@@ -151,6 +151,14 @@ bool Drum::within_band() const {
     return fabsf(loadcell_.force_g() - set) <= set * word(reg::settle_band) * 0.001f;
 }
 
+// From the first touch to the actuator's stop pass about 60 ms; what is travelled meanwhile must
+// stay below the set force, also where the contact is half as stiff again as believed.
+float Drum::search_speed() const {
+    const float depth_mm = force_set_g() / word(reg::stiffness_g_per_mm);
+    const float speed = depth_mm / SEARCH_S;
+    return speed < SEARCH_MM_S ? speed : SEARCH_MM_S;
+}
+
 // One step of the force loop: in APPROACH, HOLD and RUN, at each sample.
 void Drum::press() {
     const bool near_contact = !contact_known_ || !fitted(3) ||
@@ -158,7 +166,7 @@ void Drum::press() {
     const bool searching = !force_.in_contact();
     ForceTarget target = {force_set_g(), word(reg::gain_p) * 0.01f, word(reg::gain_i) * 0.01f,
                           CONTACT_MM_S};
-    if (searching) target.speed_limit = near_contact ? SEARCH_MM_S : QUICK_MM_S;
+    if (searching) target.speed_limit = near_contact ? search_speed() : QUICK_MM_S;
     const ForceMode mode = static_cast<ForceMode>(word(reg::force_mode));
     if (mode == ForceMode::Position)
         target.force_g = word(reg::depth_set_um) * 0.001f * force_.stiffness();
@@ -202,7 +210,7 @@ void Drum::approach() {
     if (!force_.in_contact()) {
         const uint16_t limit = word(reg::approach_limit_um);
         const bool too_far = fitted(3) && inputs_.position_um > static_cast<uint32_t>(start_um_) + limit;
-        const bool too_long = since_start > limit / SLOWEST_SEARCH_MM_S + 500;
+        const bool too_long = since_start > limit / (0.5f * search_speed()) + 500;
         if (too_far || too_long) raise(Fault::NoContact);
         return;
     }
@@ -225,6 +233,8 @@ bool Drum::lifted_clear() const {
     if (end_up()) return true;
     if (!fitted(3)) return !fitted(2) && since_start > ACTUATOR_FULL_LIFT_MS;
     if (inputs_.position_um <= TOP_UM) return true;
+    // A fault lifts as far as its time allows: whatever happened, distance helps.
+    if (machine_.state() == State::FaultLift) return false;
     return contact_known_ && inputs_.position_um + clearance <= contact_um_;
 }
 

@@ -60,6 +60,7 @@ class Drum : public Owner {
     void go(Event event);
     void move_actuator();
     void press();
+    float search_speed() const;
     void progress();
     void selftest();
     void approach();

@@ -62,12 +62,16 @@ void Loadcell::set_scale(int32_t tare_counts, int32_t ug_per_count) {
 }
 
 void Loadcell::begin_tare() {
-    tare_left_ = TARE_SAMPLES;
+    tare_left_ = TARE_PAUSE + TARE_SAMPLES;
     tare_sum_ = 0;
 }
 
 // Summed as differences from the first sample: 32 differences of a still drum fit 32 bits.
 void Loadcell::add_to_tare(int32_t raw) {
+    if (tare_left_ > TARE_SAMPLES) {
+        --tare_left_;
+        return;
+    }
     if (tare_left_ == TARE_SAMPLES) tare_first_ = tare_low_ = tare_high_ = raw;
     if (raw < tare_low_) tare_low_ = raw;
     if (raw > tare_high_) tare_high_ = raw;

@@ -17,6 +17,8 @@ class Loadcell {
     // Conversions after a reset that are thrown away: the amplifier's filter settles.
     static constexpr uint8_t SETTLING = 4;
     static constexpr uint8_t TARE_SAMPLES = 32;
+    // Before these, so many pass by: the cell still feels the drum's mass coming to rest.
+    static constexpr uint8_t TARE_PAUSE = 16;
     // Equal readings in a row that no living bridge gives.
     static constexpr uint8_t FROZEN_RUN = 8;
 
@@ -60,7 +62,7 @@ class Loadcell {
     uint16_t dropped_ = 0;
     uint8_t settled_ = 0;
     uint8_t equal_run_ = 0;
-    uint8_t tare_left_ = 0;
+    uint8_t tare_left_ = 0;  // samples of the pause and of the tare itself
     bool silent_ = false, saturated_ = false, out_of_step_ = false;
     int32_t tare_counts_ = 0, tare_mean_ = 0, tare_low_ = 0, tare_high_ = 0;
     int32_t tare_first_ = 0, tare_sum_ = 0;
