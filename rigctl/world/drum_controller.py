@@ -13,6 +13,7 @@ from collections.abc import Callable
 from rigctl.wire.drum_map import SETTINGS, Command, CommandResult
 from rigctl.wire.drum_states import LIFT_FAULTS, OUTPUTS, Event, Fault, State, next_state
 from rigctl.world.bench import Bench
+from rigctl.world.drum_health import Health
 from rigctl.world.drum_loadcell import PERIOD_US, SILENCE_PERIODS, LoadcellWatch
 from rigctl.world.drum_motion import DrumMotion
 from rigctl.world.drum_presser import Presser
@@ -37,7 +38,6 @@ class Controller:
     def __init__(
         self, bench: Bench, motion: DrumMotion, bank: RegisterBank, clock: float, at_us: int
     ) -> None:
-        self._bench = bench
         self._bank = bank
         self._clock = clock
         self._boot_us = self.now_us = at_us
@@ -53,8 +53,7 @@ class Controller:
         self.actuator = self.presser.actuator
         self.tared = False
         self._goal: State | None = None
-        self._silent = True
-        self._beat_us = at_us
+        self.health = Health(bench.disturbances, bank, self.cell, at_us)
         self._timers = {Timer.BOOT: at_us + BOOT_US}
 
     # What happens to it
@@ -82,7 +81,7 @@ class Controller:
     def conversion(self, now_us: int, raw: int) -> None:
         """The load cell's amplifier offers a reading."""
         self.now_us = now_us
-        self._silent = False
+        self.health.silent = False
         self._wait(Timer.SILENCE, SILENCE_PERIODS * PERIOD_US)
         self.cell.tare_counts = self._setting("tare_counts")
         self.cell.ug_per_count = self._setting("scale_ug_per_count")
@@ -97,7 +96,7 @@ class Controller:
         """An index mark began."""
         self.now_us = max(self.now_us, at_us)
         good = self.turner.mark(at_us, self._bank.settings, self._move_done)
-        if not good and self._fitted(1):
+        if not good and self.health.fitted(1):
             self.raise_fault(Fault.STEP_COUNT)
 
     def limit_reached(self, now_us: int) -> None:
@@ -115,12 +114,12 @@ class Controller:
     def estop_changed(self, now_us: int) -> None:
         """The emergency-stop contact opened or closed."""
         self.now_us = now_us
-        if self.estop_open and self.state is not State.BOOT:
+        if self.health.estop_open and self.state is not State.BOOT:
             self.raise_fault(Fault.ESTOP)
 
     def beat(self, now_us: int) -> None:
         """The computer shows that it is alive."""
-        self._beat_us = now_us
+        self.health.beat_us = now_us
         if Timer.HEARTBEAT in self._timers:
             self._wait(Timer.HEARTBEAT, 1000 * self._setting("heartbeat_limit_ms"))
 
@@ -129,6 +128,7 @@ class Controller:
         self.now_us = now_us
         if not self._accepts(command):
             return False
+        self.cell.abandon_tare()
         self.acknowledged, self.result = sequence, CommandResult.RUNNING
         self._goal = GOALS.get(command)
         event = EVENTS.get(command)
@@ -145,35 +145,15 @@ class Controller:
             self.fault, self.fault_at_us = fault, self.board_us(self.now_us)
         self._go(Event.TIMED_FAULT if fault in LIFT_FAULTS else Event.OFF_FAULT)
 
-    # What it knows
-
-    @property
-    def estop_open(self) -> bool:
-        """The emergency stop is pressed and fitted."""
-        return self._bench.disturbances.estop_pressed and self._fitted(0)
-
     @property
     def causes(self) -> list[Fault]:
         """Faults whose cause is present now."""
-        found = [] if self._silent or not self.cell.sequence else self.cell.faults()
-        if self._silent:
-            found.append(Fault.LOADCELL_SILENT)
-        elif self._too_strong():
-            found.append(Fault.OVER_FORCE)
-        if self.estop_open:
-            found.append(Fault.ESTOP)
-        limit_us = 1000 * self._setting("heartbeat_limit_ms")
-        if self.fault is Fault.HEARTBEAT and self.now_us - self._beat_us > limit_us:
-            found.append(Fault.HEARTBEAT)
-        return found
+        return self.health.causes(self.fault, self.now_us)
 
     # Inside
 
     def _setting(self, name: str) -> int:
         return self._bank.settings[name]
-
-    def _fitted(self, signal: int) -> bool:
-        return bool(self._setting("optional_signals") >> signal & 1)
 
     def _wait(self, timer: Timer, board_us: float) -> None:
         self._timers[timer] = self.now_us + math.ceil(board_us / self._clock)
@@ -190,15 +170,11 @@ class Controller:
 
     def _booted(self) -> None:
         self._go(Event.BOOTED)
-        if self.estop_open:
+        if self.health.estop_open:
             self.raise_fault(Fault.ESTOP)
 
-    def _too_strong(self) -> bool:
-        # Either way: with a scale of the wrong sign, pressing reads as pulling.
-        return abs(self.cell.force_g) > 0.1 * self._setting("over_force")
-
     def _loadcell_silent(self) -> None:
-        self._silent = True
+        self.health.silent = True
         self.raise_fault(Fault.LOADCELL_SILENT)
 
     def _approach_overdue(self) -> None:
@@ -208,10 +184,7 @@ class Controller:
     def _check_loadcell(self) -> None:
         if self.state in (State.BOOT, State.SELFTEST):
             return
-        found = self.cell.faults()
-        if not found and self._too_strong():
-            found = [Fault.OVER_FORCE]
-        for fault in found:
+        for fault in self.health.loadcell:
             self.raise_fault(fault)
 
     def _go(self, event: Event) -> None:
@@ -274,7 +247,7 @@ class Controller:
             healthy = command is not Command.TARE or not self.cell.faults()
             return self.state in RESTING and healthy
         if command is Command.HOME:
-            return self._fitted(1)
+            return self.health.fitted(1)
         if command is Command.APPROACH:
             # A set force too near the limit would end in OVER_FORCE at the first overshoot.
             return 11 * settings["force_set"] <= 10 * settings["over_force"]
@@ -319,7 +292,7 @@ class Controller:
         if self.turner.homing:
             self.turner.homing = False
             self._finish(CommandResult.FAILED)
-        if self._fitted(1) and self.turner.mark_missed(self.now_us):
+        if self.health.fitted(1) and self.turner.mark_missed(self.now_us):
             self.raise_fault(Fault.STEP_COUNT)
         else:
             self._go(event)

@@ -279,3 +279,35 @@ def test_a_reset_forgets_everything_but_what_was_saved(rig: VirtualRig, host: Ho
 def test_contact_faults_are_judged_from_the_true_world(rig: VirtualRig, host: Host) -> None:
     host.holding(1000.0)
     assert rig.truth.arrays().force_g.max() < 1100.0
+
+
+def test_a_command_during_a_tare_abandons_it(host: Host) -> None:
+    host.armed()
+    before = host.get("tare_counts")
+    host.command(Command.TARE)
+    host.command(Command.APPROACH)
+    host.state(State.HOLD)
+    assert host.get("tare_counts") == before
+
+
+def test_a_run_in_shorter_than_the_ramp_is_refused(host: Host) -> None:
+    host.holding()
+    host.put("run_in_set", 50)
+    with pytest.raises(Refused, match="exception 4"):
+        host.command(Command.RUN)
+    assert host.poll()["state"] == State.HOLD
+
+
+def test_home_without_an_index_sensor_is_refused(host: Host) -> None:
+    host.armed()
+    host.put("optional_signals", 0b1101)
+    with pytest.raises(Refused, match="exception 4"):
+        host.command(Command.HOME)
+
+
+def test_homing_a_held_drum_fails_and_says_so(rig: VirtualRig, host: Host) -> None:
+    host.armed()
+    rig.faults.jam_motor(True)
+    host.command(Command.HOME)
+    poll = host.until(lambda poll: poll["command_result"] != CommandResult.RUNNING)
+    assert poll["command_result"] == CommandResult.FAILED
