@@ -54,3 +54,27 @@ def firmware_image(board: str) -> Path:
     if not image.is_file():
         raise WrongUse(f"{image} is not built: run make firmware")
     return image
+
+
+def source_commit() -> str:
+    """Commit of the checkout that runs, 40 hexadecimal digits; empty where it is not known."""
+    root = checkout()
+    if root is None:
+        return ""
+    try:
+        head = (root / ".git" / "HEAD").read_text().strip()
+        if not head.startswith("ref: "):
+            return head
+        return _commit_of(root / ".git", head.removeprefix("ref: "))
+    except OSError:
+        return ""
+
+
+def _commit_of(git: Path, name: str) -> str:
+    """A branch's commit lies in a file of its own, or in a line of ``packed-refs``."""
+    if (git / name).is_file():
+        return (git / name).read_text().strip()
+    for line in (git / "packed-refs").read_text().splitlines():
+        if line.endswith(f" {name}"):
+            return line.split()[0]
+    return ""

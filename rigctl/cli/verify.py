@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from typing import Any
 from rigctl.session.verify import Report, verify
 
 WHOLE, NOT_WHOLE = 0, 1
+QUIET_S = 2.0
 
 
 def add_parser(subparsers: Any) -> None:
@@ -22,12 +25,26 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print one line a finding, then the answer."""
-    report = verify(args.session)
+    report = verify(args.session, _Progress())
     if args.json:
         print(json.dumps({"whole": report.whole, **asdict(report)}, ensure_ascii=False))
     else:
         _print(report, args.session)
     return WHOLE if report.whole else NOT_WHOLE
+
+
+class _Progress:
+    """Says on the terminal how far a long check is and how long the rest takes."""
+
+    def __init__(self) -> None:
+        self._started_s = time.monotonic()
+
+    def __call__(self, done: int, parts: int) -> None:
+        spent_s = time.monotonic() - self._started_s
+        if spent_s < QUIET_S or not done:
+            return
+        left_s = spent_s / done * (parts - done)
+        print(f"part {done + 1} of {parts}, about {left_s:.0f} s left", file=sys.stderr)
 
 
 def _print(report: Report, path: Path) -> None:

@@ -7,6 +7,7 @@ writer was killed and whose session went on, trials that are not recorded yet.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -40,8 +41,11 @@ class Report:
         return not self.problems
 
 
-def verify(path: Path) -> Report:
-    """Check everything in a session. Raises SessionError for a folder that is none."""
+def verify(path: Path, on_part: Callable[[int, int], None] | None = None) -> Report:
+    """Check everything in a session. Raises SessionError for a folder that is none.
+
+    ``on_part`` is told how many parts are done, and of how many, before each.
+    """
     report = Report()
     try:
         session = Session.open(path)
@@ -52,16 +56,20 @@ def verify(path: Path) -> Report:
         return report
     with session:
         try:
-            _check_session(session, report)
+            _check_session(session, report, on_part)
         except SessionError as error:
             report.problems.append(str(error))
     return report
 
 
-def _check_session(session: Session, report: Report) -> None:
+def _check_session(
+    session: Session, report: Report, on_part: Callable[[int, int], None] | None
+) -> None:
     _check_parts(session, report)
     rows = [session.trial_row(index) for index in range(len(session.trials))]
-    for part in session.parts:
+    for done, part in enumerate(session.parts):
+        if on_part is not None:
+            on_part(done, len(session.parts))
         own = [row for row in rows if row.part == part.number]
         problems, notes = check_trials(part, own)
         report.problems += [f"{part.path.name}: {line}" for line in check_part(part) + problems]

@@ -12,6 +12,7 @@ from rigctl.values import TrialRow, Verdict
 from rigctl.wire.taxels import Flag
 
 RISES = 0b11
+SLICE_ROWS = 500_000
 
 
 def check_trials(part: PartReader, rows: list[TrialRow]) -> tuple[list[str], list[str]]:
@@ -23,10 +24,27 @@ def check_trials(part: PartReader, rows: list[TrialRow]) -> tuple[list[str], lis
         lines = (*_check_row(row), *_check_window(part, row, flagged))
         problems += [f"{name}: {line}" for line in lines]
     problems += _check_overlap(rows)
-    notes = []
-    if rows and not flagged and any(row.first_counter >= 0 for row in rows):
-        notes.append("the sync line was never high, so trials were not cut by it")
-    return problems, notes
+    return problems, list(_notes(part, rows, flagged))
+
+
+def _notes(part: PartReader, rows: list[TrialRow], flagged: bool) -> Iterator[str]:
+    windows = sum(row.first_counter >= 0 for row in rows)
+    spare = _rises(part) - windows
+    if windows and not flagged:
+        yield "the sync line was never high, so trials were not cut by it"
+    elif spare > 0:
+        yield f"rises of the sync line that belong to no trial: {spare}"
+
+
+def _rises(part: PartReader) -> int:
+    """Rises of the sync line that the part's samples counted."""
+    total, last = 0, None
+    for start in range(0, part.n_samples, SLICE_ROWS):
+        counts = part.read("/taxels/edges", start, start + SLICE_ROWS) & RISES
+        before = counts[0] if last is None else last
+        total += int(np.sum(np.diff(counts, prepend=before) & RISES))
+        last = counts[-1]
+    return total
 
 
 def _check_row(row: TrialRow) -> Iterator[str]:

@@ -51,6 +51,24 @@ def test_a_missing_image_says_how_to_build_it(
     assert resources.firmware_image("taxels") == image
 
 
+def test_the_commit_is_read_from_the_checkout(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(resources, "checkout", lambda: tmp_path)
+    assert resources.source_commit() == ""
+    branch = tmp_path / ".git" / "refs" / "heads" / "main"
+    branch.parent.mkdir(parents=True)
+    (tmp_path / ".git" / "HEAD").write_text("ref: refs/heads/main\n")
+    (tmp_path / ".git" / "packed-refs").write_text(f"# pack-refs\n{'b' * 40} refs/heads/main\n")
+    assert resources.source_commit() == "b" * 40
+    branch.write_text("a" * 40 + "\n")
+    assert resources.source_commit() == "a" * 40
+    (tmp_path / ".git" / "HEAD").write_text("c" * 40)
+    assert resources.source_commit() == "c" * 40
+    monkeypatch.setattr(resources, "checkout", lambda: None)
+    assert resources.source_commit() == ""
+
+
 def test_a_wheel_carries_the_protocols(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)

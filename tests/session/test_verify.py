@@ -199,9 +199,13 @@ def test_rejected_attempts_are_kept_and_do_not_count(tmp_path: Path) -> None:
         bench = Bench(rec)
         bench.trial(trial, Verdict.REJECTED, attempt=1)
         bench.trial(trial, attempt=2)
+        bench.trial(trial, Verdict.ABORTED, attempt=3)
+    with h5py.File(tmp_path / "s" / "part-0001.h5", "r+") as file:
+        spoil_table("/trials", 2, first_counter=-1)(file)
     report = verify(tmp_path / "s")
     assert report.whole
     assert report.trials_committed == 1
+    assert "part-0001.h5: rises of the sync line that belong to no trial: 1" in report.notes
 
 
 def test_another_plan_hash_is_found(tmp_path: Path) -> None:
