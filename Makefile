@@ -79,12 +79,12 @@ shots: $(VENV)/.ready
 	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m gui.shots docs/images
 
 soak: firmware
-	$(SAY) "an hour of world time on both kinds of simulated boards"
-	@$(BIN)/python -m pytest -q tests/soak --soak
+	$(SAY) "an hour of world time on virtual boards, ten minutes on the chips"
+	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_hour.py
 
 fuzz: firmware
 	$(SAY) "both wires under a million corrupted bytes"
-	@$(BIN)/python -m pytest -q tests/soak --fuzz
+	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_wires.py
 
 docs: $(VENV)/.ready
 	$(SAY) "reference pages that are rendered from the code"

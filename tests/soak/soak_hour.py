@@ -1,0 +1,53 @@
+"""An hour of world time on each kind of simulated boards: nothing lost, nothing tripped.
+
+Run by ``make soak``; the file's name keeps it out of the suite.
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from rigctl.rig import Rig, open_rig
+from rigctl.values import Block
+
+WORLD_S = {"virtual": 3600.0, "firmware": 600.0}
+POLL_PERIOD_S = 0.04
+
+
+async def _watch(rig: Rig, world_s: float) -> dict[str, int]:
+    """Poll and listen for so long; what was lost on the way."""
+    rows = 0
+
+    def count(block: Block) -> None:
+        nonlocal rows
+        rows += len(block)
+
+    rig.taxels.on_block(count)
+    await rig.drum.connect()
+    await rig.taxels.connect()
+    loadcell_lost = polls = 0
+    next_s = rig.loop.time()
+    end_s = next_s + world_s
+    while rig.loop.time() < end_s:
+        state = await rig.drum.poll()
+        polls += 1
+        loadcell_lost += state.loadcell_lost
+        next_s += POLL_PERIOD_S
+        await asyncio.sleep(max(0.0, next_s - rig.loop.time()))
+    return {"rows": rows, "polls": polls, "loadcell_lost": loadcell_lost}
+
+
+@pytest.mark.parametrize("kind", ["virtual", "firmware"])
+def test_nothing_is_lost_in_a_long_time(kind: str) -> None:
+    rig = open_rig(kind, seed=1, paced=False)
+    try:
+        seen = rig.loop.run_until_complete(_watch(rig, WORLD_S[kind]))
+        lost = rig.taxels.counters.lost
+    finally:
+        rig.close()
+    assert seen["loadcell_lost"] == 0
+    assert lost == 0
+    assert seen["rows"] == pytest.approx(WORLD_S[kind] * 1000, rel=0.006)
+    assert seen["polls"] >= WORLD_S[kind] / POLL_PERIOD_S * 0.99
