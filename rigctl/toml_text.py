@@ -31,7 +31,7 @@ class Text:
         self._lines = text.splitlines()
         try:
             data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as problem:
+        except (ValueError, RecursionError) as problem:  # TOMLDecodeError is a ValueError
             raise error(f"{name}: this is not TOML: {problem}") from problem
         self.root = Table(self, (), data)
 
@@ -204,7 +204,8 @@ class Table:
             self.fail(key, f"must be a number, not {_say(value)}")
         if not low <= value <= high:
             in_unit = f" {unit}" if unit else ""
-            self.fail(key, f"{value:g} is outside {low:g} to {high:g}{in_unit}")
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            self.fail(key, f"{shown} is outside {low:g} to {high:g}{in_unit}")
         return float(value)
 
     def _refuse_doubles(self, key: str, values: tuple[Any, ...]) -> None:

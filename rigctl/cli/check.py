@@ -13,6 +13,9 @@ from rigctl.errors import NegativeAnswer
 from rigctl.protocol import Plan, load_protocol
 from rigctl.resources import find_protocol
 
+NOMINAL = ("virtual", "firmware")
+"""Simulated rigs are the nominal one."""
+
 
 def add_parser(subparsers: Any) -> None:
     """Describe the command line."""
@@ -22,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("protocol", help="a file, or the name of a protocol that comes with us")
     parser.add_argument("--seed", type=int, help="order by this seed, not by the written one")
     parser.add_argument(
-        "--rig", type=Path, metavar="RIG.toml", help="check against this rig, not the nominal one"
+        "--rig", default=NOMINAL[0], metavar="RIG", help="virtual, firmware, or a rig.toml"
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="answer no if the disk of DIR has too little room"
@@ -32,7 +35,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the answer; raises ProtocolError for a protocol that cannot be run."""
-    config = load_config(args.rig) if args.rig else RigConfig()
+    config = RigConfig() if args.rig in NOMINAL else load_config(Path(args.rig))
     plan = load_protocol(find_protocol(args.protocol), config).plan(args.seed)
     answer = describe(plan)
     if args.json:

@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from rigctl.config import RigConfig
 from rigctl.errors import ProtocolError
@@ -173,6 +175,46 @@ def test_a_mistake_names_file_line_and_key(text: str, words: list[str]) -> None:
     assert message.startswith("some.toml")
     for word in words:
         assert word in message
+
+
+ODD_VALUES = (
+    "true",
+    '""',
+    "[]",
+    "[[]]",
+    "{}",
+    "[1, 'a']",
+    "-1",
+    "0",
+    "1e308",
+    "nan",
+    "inf",
+    "9" * 400,
+    "9" * 5000,
+    "1979-05-27",
+    "'A'",
+    "[{}]",
+    "[1" + "0" * 400 + "]",
+)
+
+
+@given(st.data())
+@settings(max_examples=200, deadline=None)
+def test_nothing_but_a_sentence_comes_of_a_spoilt_protocol(data: st.DataObject) -> None:
+    lines = (protocols() / "showcase.toml").read_text().splitlines()
+    for _ in range(data.draw(st.integers(1, 3))):
+        place = data.draw(st.integers(0, len(lines) - 1))
+        key, equals, _ = lines[place].partition("=")
+        odd = data.draw(st.sampled_from(ODD_VALUES))
+        spoilt = (f"{key}{equals}{odd}", "", lines[place] * 2, lines[place][1:], odd)
+        lines[place] = data.draw(st.sampled_from(spoilt))
+    try:
+        plan = plan_of("\n".join(lines))
+    except ProtocolError as error:
+        assert str(error).startswith("some.toml")
+    else:
+        assert plan.duration_s > 0
+        assert len(plan.hash) == 32
 
 
 def test_a_speed_whose_ramp_is_longer_than_the_run_in_is_refused() -> None:
