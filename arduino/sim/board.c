@@ -159,13 +159,23 @@ void report_edge(sim_board *board, int signal, int level)
     x->edge_level[x->edge_count++] = level;
 }
 
+/* Outside of a run: what is reported now belongs to the next one. */
+static void begin_outside(sim_board *board)
+{
+    if (!board->keep_edges) board->exchange.edge_count = 0;
+    board->keep_edges = 1;
+}
+
 static void begin(sim_board *board, uint64_t until)
 {
     board->slice_start = board->avr->cycle;
     board->slice_end = until;
-    board->exchange.tx_count = board->exchange.edge_count = 0;
+    board->exchange.tx_count = 0;
+    if (!board->keep_edges) board->exchange.edge_count = 0;
+    board->keep_edges = 0;
     serial_begin(board);
     pins_begin(board);
+    bridge_begin(board);
     avr_cycle_timer_register(board->avr, until - board->avr->cycle, on_stop, board);
     schedule(board);
 }
@@ -183,7 +193,7 @@ int sim_run(sim_board *board, uint64_t until)
             restore(board);
         }
     }
-    pins_end(board);
+    if (board->kind == SIM_DRUM) motor_end(board), bridge_end(board);
     board->exchange.cycle = avr->cycle;
     board->exchange.loadcell_ready = (uint64_t)board->loadcell.ready_q16 >> 16;
     return state == cpu_Done || state == cpu_Crashed;
@@ -192,6 +202,7 @@ int sim_run(sim_board *board, uint64_t until)
 void sim_reset(sim_board *board, int cause)
 {
     avr_t *avr = board->avr;
+    begin_outside(board);
     avr_reset(avr);
     avr->data[MCUSR_ADDRESS] = cause == 1 ? 1 : 2;
     if (cause == 1) memset(avr->data + avr->ioend + 1, 0, avr->ramend - avr->ioend);
@@ -202,6 +213,7 @@ void sim_reset(sim_board *board, int cause)
 
 void sim_place_drum(sim_board *board, int64_t steps)
 {
+    begin_outside(board);
     board->drum = (struct drum){.steps = steps, .from = steps};
     board->exchange.drum_steps = steps;
     board->exchange.drum_place = steps;

@@ -10,6 +10,7 @@
 #include "sim.h"
 
 #define NEVER UINT64_MAX
+#define BIT(value, n) ((value) >> (n) & 1)
 
 struct serial {
     avr_uart_t *uart;
@@ -61,6 +62,7 @@ struct sim_board {
     avr_t *avr;
     int kind;
     int was_reset;
+    int keep_edges;      /* edges reported since the last run, by a reset from outside */
     uint64_t slice_start, slice_end;
     void (*chip_reset)(struct avr_t *avr);
     avr_adc_t *adc;
@@ -86,10 +88,22 @@ avr_io_t *find_io(avr_t *avr, const char *kind);
 void pins_open(sim_board *board);
 void pins_restore(sim_board *board);
 void pins_begin(sim_board *board);
-void pins_end(sim_board *board);
 uint64_t pins_next(const sim_board *board);
 void pins_run(sim_board *board, uint64_t now);
 void set_pin(sim_board *board, char port, int bit, int level);
+void on_output(sim_board *board, int signal, int level);
+
+/* motor.c */
+void motor_open(sim_board *board);
+void motor_step(sim_board *board);
+void motor_show_mark(sim_board *board);
+void motor_end(sim_board *board);
+
+/* bridge.c */
+void bridge_open(sim_board *board);
+void bridge_changed(sim_board *board);
+void bridge_begin(sim_board *board);
+void bridge_end(sim_board *board);
 
 /* serial.c */
 void serial_open(sim_board *board);
