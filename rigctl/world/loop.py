@@ -34,13 +34,16 @@ class _WorldSelector(selectors.DefaultSelector):
 
     def select(self, timeout: float | None = None) -> _Ready:
         ready = super().select(0)
-        if ready or (timeout is not None and timeout <= 0):
+        if (timeout is not None and timeout <= 0) or (ready and self._pace is None):
             return ready
         now_us = self._simulation.time_us
         until_us = now_us + self._simulation.slice_us
         if timeout is not None:
             until_us = min(until_us, now_us + max(1, round(timeout * 1e6)))
-        return self._free(until_us) if self._pace is None else self._paced(until_us)
+        if self._pace is None:
+            self._simulation.advance(until_us)
+            return ready
+        return self._paced(until_us, ready, self._pace)
 
     def lag_s(self) -> float:
         """How far the world is behind the wall clock now; 0 when not paced."""
@@ -48,21 +51,16 @@ class _WorldSelector(selectors.DefaultSelector):
             return 0.0
         return max(0.0, (self._due_us() - self._simulation.time_us) / 1e6)
 
-    def _free(self, until_us: int) -> _Ready:
-        self._simulation.advance(until_us)
-        return []
-
-    def _paced(self, until_us: int) -> _Ready:
-        assert self._pace is not None
-        ready: _Ready = []
+    def _paced(self, until_us: int, ready: _Ready, pace: float) -> _Ready:
         early_us = until_us - self._due_us()
-        if early_us > 0:
-            ready = super().select(early_us / (1e6 * self._pace))
-            # A file woke the loop early: the world stops where the wall clock is.
-            until_us = min(until_us, self._due_us()) if ready else until_us
-        elif -early_us > LAG_FORGOTTEN_S * 1e6:
+        if early_us > 0 and not ready:
+            ready = super().select(early_us / (1e6 * pace))
+        if -early_us > LAG_FORGOTTEN_S * 1e6:
             self.dropped_s += -early_us / 1e6
             self._anchor()
+        if ready:
+            # A file woke the loop early: the world stops where the wall clock is.
+            until_us = min(until_us, self._due_us())
         if until_us > self._simulation.time_us:
             self._simulation.advance(until_us)
         return ready

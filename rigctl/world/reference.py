@@ -59,6 +59,9 @@ any classification was looked at. The ranges are what tests sweep; a value outsi
 - **Truth.** Each millisecond the world logs the true speed, the true contact force and the level
   of the sync line.
 
+`rigctl serve` offers both boards to other programs in real time, each as a TCP port on the
+loopback and as a pseudo-terminal; `--json` prints the addresses as one line.
+
 Chance comes from counters, never from the order of calls: any slicing of time gives the same
 samples.
 

@@ -130,3 +130,20 @@ def test_a_paced_loop_stops_at_its_timers_too() -> None:
         assert loop.lag_s >= 0.0
     finally:
         loop.close()
+
+
+def test_a_chatty_client_does_not_stop_a_paced_world() -> None:
+    loop = WorldLoop(ClockOnly(), pace=50.0)
+    here, there = socket.socketpair()
+    here.setblocking(False)
+
+    async def chat() -> None:
+        there.sendall(b"never read, so the file stays ready")
+        await asyncio.sleep(0.05)
+
+    with here, there:
+        loop.add_reader(here, lambda: None)
+        loop.run_until_complete(chat())
+        assert loop.time() == 0.05
+        loop.remove_reader(here)
+        loop.close()
