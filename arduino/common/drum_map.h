@@ -169,7 +169,7 @@ constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {74, Kind::U16, 0L, 2000L, 600L},  // run_in_set, mm
     {75, Kind::U16, 0L, 10000L, 1000L},  // depth_set_um, µm
     {76, Kind::I32, -2000000L, 2000000L, 0L},  // move_target, steps
-    {78, Kind::U16, 500L, 30000L, 20000L},  // move_speed_set, mm/s
+    {78, Kind::U16, 500L, 32000L, 20000L},  // move_speed_set, mm/s
     {79, Kind::I16, -10000L, 10000L, 0L},  // clock_trim_ppm, ppm
     {80, Kind::U16, 2L, 200L, 20L},  // settle_band, permille
     {81, Kind::U16, 50L, 5000L, 300L},  // settle_time_ms, ms

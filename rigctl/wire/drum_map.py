@@ -201,7 +201,7 @@ SETTINGS = (
         "u16",
         "mm/s",
         "surface speed of MOVE, lifted",
-        (500, 30000, 20000),
+        (500, 32000, 20000),
         0.01,
     ),
     _rw(

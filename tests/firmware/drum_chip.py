@@ -1,0 +1,213 @@
+"""The drum controller's image alone on its chip, with a little bench and a Modbus master."""
+
+from __future__ import annotations
+
+import struct
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.wire.drum_map import BY_NAME, Command, CommandResult, Register
+from rigctl.wire.drum_states import State
+from rigctl.world.chip_shim import Chip, Input, Kind, Output, load_library
+from tests.firmware.building import built
+
+MS = 16_000
+ENTRY_CYCLES = 5
+"""Interrupt entry of the 2560, which the simulator does not count."""
+CONTACT_MM = 20.0
+STIFFNESS_G_MM = 600.0
+OFFSET_COUNTS = 80_000
+G_PER_COUNT = 2400e-6
+
+
+def crc16(data: bytes) -> bytes:
+    """CRC of Modbus, low byte first."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
+    return struct.pack("<H", crc)
+
+
+class DrumChip:
+    """One run of one image, a millisecond at a time; used as a context so that it is freed."""
+
+    def __init__(self, image: str = "firmware/drum.elf") -> None:
+        self.chip = Chip(load_library(built("sim/libchips.so")), built(image), Kind.DRUM)
+        self.x = self.chip.exchange
+        self.x.report_steps = 1
+        self.x.host_byte_q16 = round(16e6 * 10 / 115200 * 65536)
+        self.x.loadcell_period_q16 = 198_413 << 16
+        self.x.analog_rows = 1
+        self.x.loadcell_counts = OFFSET_COUNTS
+        self.beating = True
+        self.rod_mm, self.force_g = 5.0, 0.0
+        self._velocity = 0.0
+        self._felt = [0.0] * 10
+        self._noise = np.random.default_rng(1)
+        self._edges: list[NDArray[np.int64]] = []
+        self._answer = b""
+        self.last_byte_cycle = 0
+        self.first_reply_cycle = 0
+        self._sequence = self._beat = 0
+        self.run(120)
+
+    def __enter__(self) -> DrumChip:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        self.chip.close()
+
+    # --- time and bench ---------------------------------------------------------------------
+
+    def run(self, milliseconds: int) -> None:
+        """Run on; no byte is sent."""
+        for _ in range(milliseconds):
+            self._one_ms()
+
+    def _one_ms(self) -> None:
+        self.chip.run((self.x.cycle // MS + 1) * MS)
+        count = self.x.edge_count
+        rows = (self.chip.edge_cycle, self.chip.edge_signal, self.chip.edge_level)
+        self._edges.append(np.stack([r[:count].astype(np.int64) for r in rows], axis=1))
+        if self.x.tx_count and not self._answer:
+            self.first_reply_cycle = int(self.chip.tx_cycle[0])
+        self._answer += self.chip.tx[: self.x.tx_count].tobytes()
+        self._press(self.x.drive)
+
+    def _press(self, duty: float) -> None:
+        target = 0.0
+        if abs(duty) > 0.08:
+            target = np.sign(duty) * (abs(duty) - 0.08) / 0.92 * 10.0
+        self._velocity += (target - self._velocity) / 30.5
+        self.rod_mm = min(max(self.rod_mm + self._velocity * 1e-3, 0.0), 50.0)
+        depth = self.rod_mm - CONTACT_MM
+        self.force_g = max(0.0, STIFFNESS_G_MM * depth)
+        self._felt = [*self._felt[1:], self.force_g]
+        felt = sum(self._felt) / 10 + 0.3 * self._noise.standard_normal()
+        self.x.loadcell_counts = OFFSET_COUNTS + round(felt / G_PER_COUNT)
+        self.chip.analog[0, 0] = self.rod_mm / 50.0
+
+    def pin(self, signal: Input, level: int, after_cycles: int = 0) -> int:
+        """Change an input pin; returns the cycle at which it will change."""
+        at = int(self.x.cycle) + after_cycles
+        self.chip.set_input(signal, at, level)
+        return at
+
+    # --- edges ------------------------------------------------------------------------------
+
+    def clear_edges(self) -> None:
+        """Forget the output edges seen so far."""
+        self._edges = []
+
+    def edges(self, signal: Output) -> NDArray[np.int64]:
+        """Rows (cycle, level) of an output since the last clear."""
+        rows = np.concatenate([np.empty((0, 3), np.int64), *self._edges])
+        return rows[rows[:, 1] == signal][:, (0, 2)]
+
+    def steps(self) -> NDArray[np.int64]:
+        """Cycles of the step pulses since the last clear."""
+        return self.edges(Output.STEP)[:, 0]
+
+    # --- Modbus -----------------------------------------------------------------------------
+
+    def exchange(self, pdu: bytes, limit_ms: int = 40) -> bytes:
+        """Send a request of unit 1; the answer without its CRC, empty when none came."""
+        frame = b"\x01" + pdu
+        return self.raw(frame + crc16(frame), limit_ms)
+
+    def raw(self, data: bytes, limit_ms: int = 40) -> bytes:
+        """Send bytes as they are; the answer without its CRC, empty when none came."""
+        self._answer = b""
+        begun = int(self.x.cycle)
+        self.chip.send(data)
+        self.last_byte_cycle = begun + round(len(data) * self.x.host_byte_q16 / 65536)
+        for _ in range(limit_ms):
+            self._one_ms()
+            if self._whole():
+                answer, check = self._answer[:-2], self._answer[-2:]
+                assert crc16(answer) == check
+                return answer
+        assert not self._answer, f"half an answer: {self._answer.hex()}"
+        return b""
+
+    def _whole(self) -> bool:
+        got = self._answer
+        if len(got) < 5:
+            return False
+        if got[1] & 0x80:
+            return True
+        return len(got) == (5 + got[2] if got[1] in (3, 23) else 8)
+
+    def get(self, name: str) -> int:
+        """One register, signed where it is."""
+        register = BY_NAME[name]
+        answer = self.exchange(struct.pack(">BHH", 3, register.address, register.words))
+        return _value(register, answer[3:])
+
+    def write(self, address: int, *words: int) -> int:
+        """Function 16; returns the exception code, 0 when it was accepted."""
+        head = struct.pack(">BHHB", 16, address, len(words), 2 * len(words))
+        answer = self.exchange(head + struct.pack(f">{len(words)}H", *words))
+        return answer[2] if answer[1] & 0x80 else 0
+
+    def set(self, name: str, value: int) -> int:
+        """Write one setting in raw integers."""
+        register = BY_NAME[name]
+        if register.words == 1:
+            return self.write(register.address, value & 0xFFFF)
+        return self.write(register.address, value >> 16 & 0xFFFF, value & 0xFFFF)
+
+    def beat(self) -> None:
+        """One poll with a heartbeat."""
+        self._beat = (self._beat + 1) & 0xFFFF
+        self.exchange(struct.pack(">BHHHHBH", 23, 16, 40, 64, 1, 2, self._beat))
+
+    def poll_for(self, milliseconds: int) -> None:
+        """Poll and beat 50 times a second."""
+        end = self.x.cycle // MS + milliseconds
+        while self.x.cycle // MS < end:
+            start = self.x.cycle // MS
+            if self.beating:
+                self.beat()
+            self.run(int(max(0, start + 20 - self.x.cycle // MS)))
+
+    def command(self, command: Command, limit_ms: int = 0) -> int:
+        """Give a command and, with a limit, poll until it is done; the exception code or 0."""
+        self._sequence += 1
+        refused = self.write(BY_NAME["command"].address, int(command), self._sequence)
+        end = self.x.cycle // MS + limit_ms
+        while limit_ms and self.get("command_result") == CommandResult.RUNNING:
+            assert self.x.cycle // MS < end, f"{command.name} takes too long"
+            self.poll_for(20)
+        return refused
+
+    @property
+    def state(self) -> State:
+        """The board's state."""
+        return State(self.get("state"))
+
+    def arm(self) -> None:
+        """To ARMED, with the load cell tared."""
+        assert self.command(Command.ARM, 5000) == 0
+        assert self.command(Command.TARE, 3000) == 0
+        assert self.state is State.ARMED
+
+    def hold(self, force_g: int) -> None:
+        """To HOLD at a force."""
+        self.set("force_set", force_g * 10)
+        assert self.command(Command.APPROACH, 15_000) == 0
+        assert self.state is State.HOLD
+
+
+def _value(register: Register, data: bytes) -> int:
+    signed = register.kind.startswith("i")
+    return int.from_bytes(data[: 2 * register.words], "big", signed=signed)

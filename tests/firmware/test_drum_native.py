@@ -1,0 +1,28 @@
+"""What needs no chip: the generated files, and the C++ tests under sanitizers."""
+
+from __future__ import annotations
+
+import subprocess
+
+from rigctl.resources import checkout
+from rigctl.wire import generate
+from tests.firmware.building import built
+
+
+def test_headers_and_page_say_what_the_tables_say() -> None:
+    assert generate.stale() == []
+
+
+def test_a_changed_header_is_noticed() -> None:
+    root = checkout()
+    assert root is not None
+    path = next(iter(generate.rendered()))
+    assert generate.rendered()[path] == (root / path).read_text(encoding="utf-8")
+    assert set(generate.stale(root / "docs")) == set(generate.rendered())
+
+
+def test_the_pure_parts_pass_their_tests_under_sanitizers() -> None:
+    done = subprocess.run(
+        [str(built("firmware/native-drum"))], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]

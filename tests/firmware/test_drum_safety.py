@@ -1,0 +1,233 @@
+"""What the drum controller's image does by itself when things go wrong, on its chip."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+
+from rigctl.wire.drum_map import BY_NAME, MAGIC, Command, ResetCause
+from rigctl.wire.drum_states import Fault, State
+from rigctl.world.chip_shim import Input, Output, ResetBy
+from tests.firmware.drum_chip import MS, DrumChip, crc16
+
+ESTOP_LIMIT = 1600
+"""Cycles in 100 µs."""
+
+
+def bring(drum: DrumChip, state: State) -> None:
+    """Into a state in which something moves or holds."""
+    drum.arm()
+    if state is State.POSITION:
+        drum.set("move_target", 100_000)
+        drum.command(Command.MOVE)
+        drum.poll_for(600)
+    elif state is State.APPROACH:
+        drum.command(Command.APPROACH)
+        drum.poll_for(300)
+    elif state in (State.HOLD, State.RUN):
+        drum.hold(500)
+        if state is State.RUN:
+            drum.command(Command.RUN)
+            drum.poll_for(600)
+    assert drum.state is state
+
+
+@pytest.mark.parametrize(
+    "state", [State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN]
+)
+def test_the_emergency_stop_acts_within_100_microseconds(state: State) -> None:
+    with DrumChip() as drum:
+        bring(drum, state)
+        drum.clear_edges()
+        at = drum.pin(Input.ESTOP, 1, 5000)
+        drum.run(3)
+        for signal, off in ((Output.ENABLE, 1), (Output.BRIDGE, 0)):
+            edges = drum.edges(signal)
+            assert edges[0, 1] == off
+            assert 0 < edges[0, 0] - at <= ESTOP_LIMIT
+        assert not np.any(drum.steps() > at + ESTOP_LIMIT)
+        assert drum.x.drive == 0
+        assert drum.state is State.FAULT_OFF
+        assert drum.get("fault") == Fault.ESTOP
+        assert drum.command(Command.CLEAR) == 4
+        drum.pin(Input.ESTOP, 0)
+        drum.run(3)
+        assert drum.command(Command.CLEAR) == 0
+        assert drum.state is State.IDLE
+
+
+def test_a_short_opening_of_the_emergency_stop_is_not_forgotten() -> None:
+    with DrumChip() as drum:
+        drum.arm()
+        drum.pin(Input.ESTOP, 1, 3000)
+        drum.pin(Input.ESTOP, 0, 3200)
+        drum.run(3)
+        assert drum.get("fault") == Fault.ESTOP
+
+
+def test_an_open_emergency_stop_at_boot_refuses_to_arm() -> None:
+    with DrumChip() as drum:
+        drum.pin(Input.ESTOP, 1)
+        drum.run(1)
+        drum.chip.reset(ResetBy.PIN)
+        drum.run(200)
+        assert drum.get("fault") == Fault.ESTOP
+        assert drum.command(Command.ARM) == 4
+
+
+def test_a_hung_main_loop_is_reset_within_100_ms_and_says_so() -> None:
+    with DrumChip("firmware/drum-hangs.elf") as drum:
+        drum.arm()
+        boots = drum.get("boot_count")
+        drum.set("move_target", -32_000)  # where this image stops thinking
+        drum.set("move_target", 100_000)
+        drum.clear_edges()
+        hung_at = int(drum.x.cycle)
+        resets = drum.x.resets
+        while drum.x.resets == resets and drum.x.cycle < hung_at + 200 * MS:
+            drum.run(1)
+        assert drum.x.cycle - hung_at <= 100 * MS
+        drum.run(150)
+        assert drum.get("reset_cause") >> ResetCause.WATCHDOG & 1
+        assert drum.get("boot_count") == boots + 1
+        assert drum.get("fault") == Fault.HANG
+        assert drum.state is State.FAULT_OFF
+        assert drum.command(Command.CLEAR) == 0
+
+
+def test_the_emergency_stop_works_with_a_hung_main_loop() -> None:
+    with DrumChip("firmware/drum-hangs.elf") as drum:
+        drum.arm()
+        drum.set("move_target", 100_000)
+        drum.command(Command.MOVE)
+        drum.poll_for(200)
+        drum.set("move_target", -32_000)
+        drum.run(3)
+        drum.clear_edges()
+        at = drum.pin(Input.ESTOP, 1, 2000)
+        drum.run(2)
+        assert drum.edges(Output.ENABLE)[0].tolist()[1] == 1
+        assert drum.edges(Output.ENABLE)[0, 0] - at <= ESTOP_LIMIT
+        assert not np.any(drum.steps() > at + ESTOP_LIMIT)
+
+
+def test_without_its_interrupt_the_emergency_stop_would_be_late() -> None:
+    """Negative control: the tick alone does not keep the 100 µs."""
+    with DrumChip("firmware/drum-no-estop.elf") as drum:
+        drum.arm()
+        late = []
+        for phase in range(0, MS, 3000):
+            drum.clear_edges()
+            at = drum.pin(Input.ESTOP, 1, phase)
+            drum.run(3)
+            late.append(int(drum.edges(Output.ENABLE)[0, 0] - at))
+            drum.pin(Input.ESTOP, 0)
+            drum.run(3)
+            assert drum.command(Command.CLEAR) == 0
+            drum.arm()
+        assert max(late) > ESTOP_LIMIT
+
+
+def test_a_silent_computer_is_noticed_at_250_ms_and_everything_is_off_within_a_second() -> None:
+    with DrumChip() as drum:
+        bring(drum, State.RUN)
+        drum.beat()
+        begun = int(drum.x.cycle) // MS
+        drum.clear_edges()
+        drum.run(1100)
+        closed = drum.edges(Output.BRIDGE)
+        assert closed[-1, 1] == 0
+        assert closed[-1, 0] // MS - begun <= 1000
+        assert (drum.steps()[-1] // MS - begun) <= 700
+        assert drum.force_g == 0
+        assert drum.get("fault") == Fault.HEARTBEAT
+
+
+def test_over_force_lifts_within_a_millisecond_of_its_sample() -> None:
+    with DrumChip() as drum:
+        bring(drum, State.HOLD)
+        drum.set("over_force", 4000)  # the 500 g held are too much from now on
+        drum.run(2)
+        assert drum.x.drive < -0.9
+        assert drum.state is State.FAULT_LIFT
+        assert drum.get("fault") == Fault.OVER_FORCE
+
+
+@pytest.mark.parametrize(
+    ("mode", "fault", "within_ms"),
+    [(1, Fault.LOADCELL_SILENT, 46), (2, Fault.LOADCELL_FROZEN, 125)],
+)
+def test_a_failed_load_cell_lifts(mode: int, fault: Fault, within_ms: int) -> None:
+    with DrumChip() as drum:
+        bring(drum, State.HOLD)
+        drum.x.loadcell_mode = mode
+        drum.run(within_ms)
+        assert drum.state is State.FAULT_LIFT
+        assert drum.get("fault") == fault
+
+
+def test_fuzz_changes_no_setting_and_hangs_nothing() -> None:
+    dice = random.Random(5)
+    with DrumChip() as drum:
+        before = [
+            drum.get(name)
+            for name in ("speed_set", "force_set", "over_force", "scale_ug_per_count")
+        ]
+        resets = drum.x.resets
+        for _ in range(150):
+            noise = bytearray(dice.randbytes(100))
+            if dice.random() < 0.5:
+                noise[:7] = bytes([1, 16, 0, BY_NAME["speed_set"].address, 0, 2, 4])
+            drum.chip.send(bytes(noise))
+            drum.run(10)
+        drum.run(20)
+        assert drum.get("magic") == MAGIC
+        after = [
+            drum.get(name)
+            for name in ("speed_set", "force_set", "over_force", "scale_ug_per_count")
+        ]
+        assert after == before
+        assert drum.x.resets == resets
+        assert drum.state is State.IDLE
+
+
+def test_torn_and_merged_requests_are_answered() -> None:
+    with DrumChip() as drum:
+        body = bytes([1, 3, 0, 0, 0, 1])
+        frame = body + crc16(body)
+        drum.chip.send(frame[:3])
+        drum.run(5)
+        assert drum.raw(frame[3:])[3:] == MAGIC.to_bytes(2, "big")
+        assert drum.raw(frame[:4]) == b""
+        drum.run(12)
+        assert drum.raw(frame)[3:] == MAGIC.to_bytes(2, "big")
+
+
+def test_settings_outlive_the_power_and_a_half_written_slot() -> None:
+    with DrumChip() as drum:
+        boots = drum.get("boot_count")
+        for value in (6100, 6200):
+            drum.set("speed_set", value)
+            assert drum.command(Command.SAVE, 2000) == 0
+        drum.chip.reset(ResetBy.POWER)
+        drum.run(150)
+        assert drum.get("boot_count") == boots + 1
+        assert drum.get("speed_set") == 6200
+        slot = drum.chip.read_eeprom(64 + 128, 8)
+        drum.chip.write_eeprom(64 + 128, bytes(b ^ 0xFF for b in slot))
+        drum.chip.reset(ResetBy.POWER)
+        drum.run(150)
+        assert drum.get("speed_set") == 6100
+        slot = drum.chip.read_eeprom(64, 8)
+        drum.chip.write_eeprom(64, bytes(b ^ 0xFF for b in slot))
+        drum.chip.reset(ResetBy.POWER)
+        drum.run(150)
+        assert drum.get("speed_set") == BY_NAME["speed_set"].default
+
+
+def test_most_of_the_stack_was_never_used() -> None:
+    with DrumChip() as drum:
+        bring(drum, State.RUN)
+        assert drum.get("free_stack_bytes") > 0.25 * 8192
