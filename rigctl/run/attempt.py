@@ -15,6 +15,9 @@ from rigctl.values import DrumState, LoadcellSample, PlannedTrial, TrialRow, Ver
 LATE_DATA_LIMIT_S = 1.0
 TRAVEL_SLACK_S = 10.0
 TRAVEL_SLACK = 1.5
+CLOCK_ERROR_PPM = 100.0
+CLOCK_SPAN_S = 5.0
+CLOCK_LIMIT_S = 30.0
 
 
 class Attempt:
@@ -69,7 +72,6 @@ class Attempt:
         )
 
     async def _prepare(self) -> None:
-        await self._motion.trim()
         await self._motion.set_trial(self.trial)
         await self._motion.move_to_start(self.trial)
         self._pump.flush()
@@ -78,6 +80,7 @@ class Attempt:
     async def _touch_and_turn(self) -> None:
         motion = self._motion
         await motion.approach()
+        await self._set_clock()
         rises = motion.watch.healthy().sync_count
         state = await motion.run(self._travel_limit_s())
         await motion.begin_lift()
@@ -85,6 +88,20 @@ class Attempt:
             raise RigFault("the drum ran without raising its sync line: load its firmware anew")
         self._measured = measure(self.trial, self._window(state))
         await self._await_samples()
+
+    async def _set_clock(self) -> None:
+        """Wait until the drum's clock error is known well enough for a true speed, and set it."""
+        watch = self._motion.watch
+        late_s = self._now_s() + CLOCK_LIMIT_S
+        while not _is_known(watch.clock.estimate):
+            if self._now_s() > late_s:
+                raise RigFault(
+                    "the drum's clock cannot be followed, its replies come too unevenly: "
+                    "give the board a USB port of its own"
+                )
+            await watch.turn()
+            self._motion.check()
+        await self._motion.trim()
 
     async def _await_samples(self) -> None:
         """Give the last samples of the window time to arrive; a lost one is judged, not awaited."""
@@ -109,6 +126,14 @@ class Attempt:
 
     def _note(self, state: DrumState) -> None:
         self._loadcell.extend(state.loadcell)
+
+
+def _is_known(estimate: ClockEstimate | None) -> bool:
+    return (
+        estimate is not None
+        and estimate.span_s >= CLOCK_SPAN_S
+        and estimate.error_ppm <= CLOCK_ERROR_PPM
+    )
 
 
 def clock_ppm(estimate: ClockEstimate | None) -> float:

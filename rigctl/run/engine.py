@@ -56,6 +56,7 @@ class Engine:
             bench, live, self.news, self.vitals.may_beat, self._taxels_changed, self._fail_run
         )
         self.run: Run | None = None
+        self.is_ready = False
         self._now_s = bench.loop.time
         self._utc_now = utc_now
         self._rig_seed = rig_seed
@@ -82,6 +83,7 @@ class Engine:
             self._server.welcome(_message("failed", str(error), {"exit_code": error.exit_code}))
             await self._leave()
             return error.exit_code
+        self.is_ready = True
         self._server.welcome(_message("ready", "", {"rig": self.bench.description}))
         await self._ended.wait()
         await self._leave()
@@ -221,7 +223,8 @@ class Engine:
 
     async def _leave(self) -> None:
         """See a run to its safe end, switch the rig off, let go of everything."""
-        if self._run_task is not None:
+        if self.run is not None and self._run_task is not None:
+            self.run.control.abort("the engine ends")
             await self._run_task
         try:
             if self.boards.watch.connected and self.boards.watch.state is not None:

@@ -19,7 +19,7 @@ from rigctl.protocol import (
     Step,
     Tare,
 )
-from rigctl.run.attempt import Attempt
+from rigctl.run.attempt import Attempt, clock_ppm
 from rigctl.run.control import Control, Paused, Stopped
 from rigctl.run.motion import Motion
 from rigctl.run.news import News
@@ -29,9 +29,7 @@ from rigctl.run.quality import Limits
 from rigctl.session.recorder import Recorder
 from rigctl.values import PlannedTrial, Verdict
 
-CLOCK_ERROR_PPM = 100.0
-CLOCK_SPAN_S = 5.0
-CLOCK_LIMIT_S = 30.0
+CLOCK_NEWS_PPM = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +74,7 @@ class Performer:
         self._limits = Limits.of(plan.protocol.quality)
         self._part_reason = "resume" if options.resumed else "start"
         self._tared = False
+        self._clocks_ppm = [float("inf"), float("inf")]
 
     async def take(self, step: Step) -> None:
         """Take one step. Raises Paused, Stopped and RigFault; the drum may be in contact then."""
@@ -158,7 +157,7 @@ class Performer:
             await self._parts.control.ask(step.text, None)
 
     async def _ready(self) -> None:
-        """Recording, armed, homed, tared, and the drum's clock known."""
+        """Recording, armed, homed and tared."""
         motion = self._parts.motion
         if not self._parts.pump.recording:
             self._parts.recorder.begin_part(self._part_reason or "goes on", self.texture)
@@ -170,21 +169,6 @@ class Performer:
         if not self._tared:
             await motion.tare()
             self._tared = True
-        await self._know_clock()
-
-    async def _know_clock(self) -> None:
-        """Wait until the drum's clock error is known well enough for a true speed."""
-        watch = self._parts.motion.watch
-        late_s = watch.loop.time() + CLOCK_LIMIT_S
-        while watch.loop.time() < late_s:
-            estimate = watch.clock.estimate
-            known = estimate is not None and estimate.span_s >= CLOCK_SPAN_S
-            if known and estimate is not None and estimate.error_ppm <= CLOCK_ERROR_PPM:
-                return
-            await self._parts.control.turn()
-        raise RigFault(
-            "the drum's clock cannot be followed, replies come too unevenly: use a port of its own"
-        )
 
     async def _attempt(self, trial: PlannedTrial) -> bool:
         """Take the trial once; True when it is committed. A row is stored whatever happens."""
@@ -220,6 +204,24 @@ class Performer:
             attempt=row.attempt,
             verdict=str(verdict),
             reasons=list(reasons),
+        )
+        self._tell_clocks()
+
+    def _tell_clocks(self) -> None:
+        """Both boards' clock errors, with the run's first trial and whenever they move."""
+        estimates = (self._parts.motion.watch.clock.estimate, self._parts.pump.clock.estimate)
+        told = [clock_ppm(estimate) for estimate in estimates]
+        if (
+            max(abs(new - old) for new, old in zip(told, self._clocks_ppm, strict=True))
+            < CLOCK_NEWS_PPM
+        ):
+            return
+        self._clocks_ppm = told
+        self._parts.news.tell(
+            "clock",
+            f"clocks run fast: drum {told[0]:.0f} ppm, taxels {told[1]:.0f} ppm",
+            drum_ppm=round(told[0], 1),
+            taxels_ppm=round(told[1], 1),
         )
 
 

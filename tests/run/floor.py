@@ -80,7 +80,7 @@ class Floor:
         self.engine.news.listen(self.said.append)
         with listen() as listener:
             serving = self.rig.loop.create_task(self.engine.serve(Doors(listener, "token"), order))
-            acting = self.rig.loop.create_task(self._act(scenario))
+            acting = self.rig.loop.create_task(self._act(scenario, order is not None))
             await asyncio.wait((serving, acting), return_when=asyncio.FIRST_COMPLETED)
             if acting.done():
                 self.engine.end("the test is over")
@@ -89,8 +89,8 @@ class Floor:
             with suppress(asyncio.CancelledError):
                 await acting
 
-    async def _act(self, scenario: Scenario) -> None:
-        while self.engine.boards.watch.state is None:
+    async def _act(self, scenario: Scenario, ordered: bool) -> None:
+        while not self.engine.is_ready or (ordered and self.engine.run is None):
             await asyncio.sleep(0.01)
         await scenario(self)
 
