@@ -178,12 +178,12 @@ def encode_trials(
     ``trials``: uint16 (n_i, n_taxels) each. ``sa_scale``: float64 (n_trials, n_taxels), a factor
     on the SA current of each trial and taxel (the force matrix C), or None for 1 everywhere.
     """
-    spikes: list[Spikes | None] = [None] * len(trials)
-    n_taxels = normalisation.n_taxels
-    for index, first_lane, counts in rasters(trials, normalisation, parameters, sa_scale):
-        n = len(trials[index])
-        spikes[index] = raster.to_spikes(counts, n, first_lane, n_taxels)
-    return [s for s in spikes if s is not None]
+    spikes: dict[int, Spikes] = {}
+    for chosen, counts in _tiles(trials, normalisation, parameters, sa_scale):
+        lengths = [len(trials[i]) for i in chosen]
+        trains = raster.to_spikes(counts, lengths, normalisation.n_taxels)
+        spikes.update(zip(chosen, trains, strict=True))
+    return [spikes[i] for i in range(len(trials))]
 
 
 def rasters(
@@ -194,9 +194,21 @@ def rasters(
 ) -> Iterator[tuple[int, int, Counts]]:
     """Each trial's place in an encoded tile: (index, first lane, counts uint8 (n, 2·lanes)).
 
-    Trials come in order of their length. SA taxel i of the trial is column ``first_lane + i``,
+    Trials come in order of their length. SA taxel i of the trial is column ``first lane + i``,
     RA the same plus half the columns; rows past the trial's own length are filling.
     """
+    for chosen, counts in _tiles(trials, normalisation, parameters, sa_scale):
+        for place, index in enumerate(chosen):
+            yield index, place * normalisation.n_taxels, counts
+
+
+def _tiles(
+    trials: Sequence[Samples],
+    normalisation: Normalisation,
+    parameters: EncoderParameters,
+    sa_scale: NDArray[np.float64] | None,
+) -> Iterator[tuple[list[int], Counts]]:
+    """Trials that were encoded side by side, by index, and their raster."""
     for samples in trials:
         _check(samples, normalisation)
     if sa_scale is None:
@@ -207,21 +219,8 @@ def rasters(
     for start in range(0, len(order), per_tile):
         chosen = order[start : start + per_tile]
         lanes = _Lanes.of(normalisation, parameters, sa_scale[chosen])
-        counts = _Stream(lanes, parameters).counts(_side_by_side([trials[i] for i in chosen]))
-        for place, index in enumerate(chosen):
-            yield index, place * normalisation.n_taxels, counts
-
-
-def _side_by_side(trials: Sequence[Samples]) -> Samples:
-    """One array uint16 (longest, sum of taxels); shorter trials hold their last reading."""
-    longest = max(len(samples) for samples in trials)
-    n_taxels = trials[0].shape[1]
-    tile = np.zeros((longest, len(trials), n_taxels), np.uint16)
-    for place, samples in enumerate(trials):
-        tile[: len(samples), place] = samples
-        if len(samples):
-            tile[len(samples) :, place] = samples[-1]
-    return tile.reshape(longest, len(trials) * n_taxels)
+        tile = raster.side_by_side([trials[i] for i in chosen])
+        yield chosen, _Stream(lanes, parameters).counts(tile)
 
 
 def membrane_mv(
