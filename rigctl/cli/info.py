@@ -39,5 +39,5 @@ def _say(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     if value is None:
-        return "nobody"
+        return "–"
     return f"{value:,}" if isinstance(value, int) else str(value)

@@ -90,13 +90,13 @@ def _check_parts(session: Session, report: Report) -> None:
         if part.finished:
             continue
         if part is not session.parts[-1]:
-            report.notes.append(f"{part.path.name}: its writer was killed, the session went on")
+            report.notes.append(f"{part.path.name}: was not closed in order, the session went on")
         elif is_being_written(session.path):
             report.problems.append(f"{part.path.name}: is still being written")
         else:
             report.problems.append(
-                f"{part.path.name}: was not closed in order, its writer was killed; what it "
-                "committed is kept, go on with rigctl run --resume"
+                f"{part.path.name}: was not closed in order, its writer was killed or could "
+                "not write; what it committed is kept, go on with rigctl run --resume"
             )
 
 
@@ -158,6 +158,9 @@ def _check_world(session: Session, report: Report) -> None:
     if world is None:
         if session.header.simulated:
             report.notes.append("recorded at a simulated bench; the world's own log is not there")
+        return
+    if not world["trials"]:
+        report.notes.append("recorded at a simulated bench; its world saw no committed trial")
         return
     report.notes.append(
         f"recorded at a simulated bench; its world saw {world['trials']} trials, largest error "

@@ -189,7 +189,7 @@ def test_a_resumed_session_is_whole(session: Path) -> None:
         file["/events"].resize(0, axis=0)
     report = verify(session)
     assert report.whole
-    assert "part-0001.h5: its writer was killed, the session went on" in report.notes
+    assert "part-0001.h5: was not closed in order, the session went on" in report.notes
 
 
 def test_rejected_attempts_are_kept_and_do_not_count(tmp_path: Path) -> None:
