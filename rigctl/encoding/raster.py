@@ -97,17 +97,15 @@ _distribute_compiled = _compile(_distribute)
 _windows_compiled = _compile(_windows)
 
 
-def side_by_side(trials: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
-    """One array uint16 (longest, trials · n_taxels); a shorter trial holds its last reading."""
-    longest, n_taxels = max(map(len, trials)), trials[0].shape[1]
-    tile = np.empty((longest, len(trials) * n_taxels), np.uint16)
+def lay_side_by_side(trials: Sequence[NDArray[np.uint16]], tile: NDArray[np.uint16]) -> None:
+    """Fill a tile, uint16 (longest, trials · n_taxels); a shorter trial holds its last reading."""
+    n_taxels = trials[0].shape[1]
     for place, samples in enumerate(trials):
         if len(samples):
             contiguous = np.ascontiguousarray(samples, dtype=np.uint16)
             _copy_compiled(contiguous, tile, place * n_taxels)
         else:
             tile[:, place * n_taxels : (place + 1) * n_taxels] = 0
-    return tile
 
 
 def to_spikes(counts: NDArray[np.uint8], n_samples: Sequence[int], n_taxels: int) -> list[Spikes]:
