@@ -66,6 +66,7 @@ class Pump:
         self._next_counter: int | None = None
         self._anew_at = -1
         self._clock_samples = 0
+        self._unwritten = 0
         self._shown = _ShownTime()
         self._watchers: list[Callable[[Block], None]] = []
 
@@ -103,7 +104,9 @@ class Pump:
         self._count(block)
         if self._recorder is not None:
             self._recorder.add_block(block)
-            self._wait_for_disk(self._recorder)
+            self._unwritten += len(block)
+            if self._time_stands and self._unwritten > STANDING_SAMPLES // 4:
+                self._wait_for_disk(self._recorder)
         starts = self.cutter.feed(block)
         spikes = self._encode(block, starts)
         for watcher in self._watchers:
@@ -129,7 +132,8 @@ class Pump:
             self.clock.add(int(block.counters[-1]) * _SAMPLE_S, block.arrived_s)
 
     def _wait_for_disk(self, recorder: Recorder) -> None:
-        if self._time_stands and recorder.status.queue_samples > STANDING_SAMPLES:
+        self._unwritten = 0
+        if recorder.status.queue_samples > STANDING_SAMPLES:
             recorder.wait_written()
 
     def _encode(self, block: Block, starts: list[int]) -> NDArray[np.uint8]:

@@ -1,0 +1,184 @@
+"""``rigctl run`` and ``rigctl stop`` as a person meets them: processes, signals, exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rigctl.run.client import EngineClient, EngineRefusal
+from rigctl.run.runtime import Announcement, running_engines, runtime_folder
+from rigctl.session.reader import Session
+from rigctl.session.verify import verify
+
+ONE = """
+name = "one"
+textures = ["A"]
+speeds_mm_s = [120]
+forces_g = [500]
+repeats = 1
+"""
+LIMIT_S = 120
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to work in, engines announced in it, a protocol that takes one trial."""
+    monkeypatch.setenv("RIGCTL_RUNTIME", str(tmp_path / "runtime"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "one.toml").write_text(ONE)
+    (tmp_path / "many.toml").write_text(ONE.replace("repeats = 1", "repeats = 500"))
+    return tmp_path
+
+
+def rigctl(*args: str) -> list[str]:
+    return [sys.executable, "-m", "rigctl", *args]
+
+
+def finished(*args: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        rigctl(*args), capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=LIMIT_S
+    )
+
+
+@pytest.fixture
+def running() -> Iterator[subprocess.Popen[str]]:
+    """A run of 500 trials, well begun."""
+    process = subprocess.Popen(
+        rigctl("run", "many.toml", "--out", "session", "--yes", "--json"),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        watch(until_committed(1))
+        yield process
+        process.kill()
+
+
+def the_engine() -> Announcement:
+    engines = running_engines(runtime_folder())
+    while not engines:
+        engines = running_engines(runtime_folder())
+    return engines[0]
+
+
+def until_committed(n: int) -> tuple[str, int]:
+    return "trials_committed", n
+
+
+def watch(goal: tuple[str, int]) -> None:
+    """Look at the running engine until its run has come so far."""
+    client = EngineClient.attach(the_engine())
+    try:
+        while True:
+            for message in client.wait(1.0):
+                if message.get("event") == "status" and message["data"]["run"][goal[0]] >= goal[1]:
+                    return
+    finally:
+        client.close()
+
+
+def committed(folder: Path) -> list[int]:
+    with Session.open(folder) as session:
+        return session.trials["trial_id"][session.committed()].tolist()
+
+
+def test_a_run_leaves_a_whole_session_and_says_where(place: Path) -> None:
+    done = finished("run", "one.toml", "--out", "session", "--yes")
+    assert done.returncode == 0, done.stderr
+    assert "session: session" in done.stdout.splitlines()
+    assert verify(place / "session").whole
+    assert committed(place / "session") == [1]
+    assert running_engines(runtime_folder()) == []
+
+
+def test_without_anybody_to_answer_a_prompt_ends_the_run(place: Path) -> None:
+    done = finished("run", "one.toml", "--out", "session")
+    assert done.returncode == 130
+    assert "--yes" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "words"),
+    [
+        (("run",), 2, "give a protocol"),
+        (("run", "absent.toml"), 2, "absent.toml"),
+        (("run", "one.toml", "--rig", "nowhere.toml"), 2, "nowhere.toml"),
+        (("run", "--resume", "."), 2, "not a session"),
+        (("stop",), 1, "no engine is running"),
+    ],
+)
+def test_wrong_use_gets_one_sentence_and_a_code(
+    args: tuple[str, ...], code: int, words: str
+) -> None:
+    done = finished(*args)
+    assert done.returncode == code
+    assert words in done.stderr
+    assert done.stderr.startswith("rigctl: ")
+    assert "Traceback" not in done.stderr
+
+
+def test_ctrl_c_stops_safely_and_the_run_can_be_gone_on_with(
+    place: Path, running: subprocess.Popen[str]
+) -> None:
+    running.send_signal(signal.SIGINT)
+    out, _ = running.communicate(timeout=LIMIT_S)
+    assert running.returncode == 130
+    said = json.loads(out)
+    assert said["state"] == "aborted"
+    assert verify(place / "session").whole
+    assert committed(place / "session") == list(range(1, said["trials_committed"] + 1))
+
+
+def test_stop_from_another_terminal_ends_the_run(
+    place: Path, running: subprocess.Popen[str]
+) -> None:
+    assert finished("stop").returncode == 0
+    running.communicate(timeout=LIMIT_S)
+    assert running.returncode == 130
+    assert verify(place / "session").whole
+
+
+def test_a_killed_engine_leaves_a_session_that_opens(
+    place: Path, running: subprocess.Popen[str]
+) -> None:
+    os.kill(the_engine().pid, signal.SIGKILL)
+    _, said = running.communicate(timeout=LIMIT_S)
+    assert running.returncode == 3
+    assert "session it wrote is kept" in said
+    assert len(committed(place / "session")) >= 1
+
+
+def test_a_killed_client_leaves_the_run_going(place: Path, running: subprocess.Popen[str]) -> None:
+    running.kill()
+    running.communicate(timeout=LIMIT_S)
+    watch(until_committed(3))
+    client = EngineClient.attach()
+    with pytest.raises(EngineRefusal, match="a run is going"):
+        client.request("tare")
+    assert client.live.heads.taxels > 0
+    engine = client.announcement
+    client.request("abort", limit_s=60)
+    client.shut_down()
+    while running_engines(runtime_folder()):
+        pass
+    assert not Path(engine.live).exists()
+    assert verify(place / "session").whole
+
+
+def test_the_same_seed_gives_the_same_bits_in_two_processes(place: Path) -> None:
+    recorded = []
+    for name in ("first", "second"):
+        assert finished("run", "one.toml", "--out", name, "--yes", "--seed", "7").returncode == 0
+        with Session.open(place / name) as session:
+            part = session.parts[0]
+            recorded.append(part.read("/taxels/samples", 0, part.n_samples).tobytes())
+    assert recorded[0] == recorded[1]
