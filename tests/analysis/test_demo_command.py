@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +35,15 @@ def test_results_are_named_one_a_line(session: Path, capsys: pytest.CaptureFixtu
 
 
 def test_a_window_opens_only_where_somebody_can_see_it(
-    session: Path, monkeypatch: pytest.MonkeyPatch
+    session: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    opened: list[str] = []
-    monkeypatch.setattr(demo.window, "run", lambda args: opened.append(args.rig) or 0)
+    opened: list[list[str]] = []
+
+    def crash(command: list[str], check: bool) -> subprocess.CompletedProcess[bytes]:
+        opened.append(command[1:])
+        return subprocess.CompletedProcess(command, -6)
+
+    monkeypatch.setattr(demo.subprocess, "run", crash)
     monkeypatch.setattr(demo.sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -45,7 +51,8 @@ def test_a_window_opens_only_where_somebody_can_see_it(
     assert opened == []
     monkeypatch.setenv("DISPLAY", ":7")
     assert main(["demo"]) == 0
-    assert opened == ["virtual"]
+    assert opened == [["-m", "rigctl", "gui", "--rig", "virtual"]]
+    assert "libxcb-cursor0" in capsys.readouterr().err
 
 
 def test_a_damaged_session_is_told(
