@@ -90,8 +90,9 @@ def _open_window(rig: str) -> int:
     code = subprocess.run(command, check=False).returncode
     if code:
         _say(
-            f"the window ended with code {code}; where Qt's platform plugin does not load, install "
-            "libxcb-cursor0 on Debian; the results above are complete"
+            f"the window ended with code {code}; the results above are complete. Where Qt's "
+            "platform plugin does not load, on Debian install libxcb-cursor0 libxcb-icccm4 "
+            "libxcb-keysyms1"
         )
     return 0
 
