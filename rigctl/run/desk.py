@@ -50,10 +50,7 @@ class Desk:
         if method is None:
             known = ", ".join(sorted(self._commands))
             raise WrongUse(f"the engine knows no command {command!r}: it knows {known}")
-        try:
-            inspect.signature(method).bind(**args)
-        except TypeError as error:
-            raise WrongUse(f"command {command}: {error}") from error
+        _check_arguments(f"command {command}", method, args)
         return await method(**args)
 
     async def on_status(self) -> Result:
@@ -172,6 +169,7 @@ class Desk:
         method = getattr(panel, fault, None)
         if fault.startswith("_") or not callable(method):
             raise WrongUse(f"the simulated bench knows no fault {fault!r}")
+        _check_arguments(f"fault {fault}", method, args)
         method(**args)
         return {}
 
@@ -191,3 +189,10 @@ class Desk:
         if run is None or run.ended:
             raise WrongUse("no run is going: start one first")
         return run
+
+
+def _check_arguments(what: str, method: Callable[..., object], args: dict[str, Any]) -> None:
+    try:
+        inspect.signature(method).bind(**args)
+    except TypeError as error:
+        raise WrongUse(f"{what}: {error}") from error

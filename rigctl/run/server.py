@@ -34,15 +34,26 @@ def await_client(
     listener.settimeout(limit_s)
     try:
         connection, _ = listener.accept()
-        connection.settimeout(limit_s)
-        with connection.makefile("rb", buffering=0) as lines:
-            shown = decode_message(lines.readline(LINE_LIMIT_BYTES)).get("token")
-    except (OSError, ValueError):
+    except OSError:
         return None
     finally:
         listener.setblocking(False)
-    connection.setblocking(False)
-    return connection if _is_token(shown, token) else None
+    if _shows(connection, token, limit_s):
+        connection.setblocking(False)
+        return connection
+    connection.close()
+    return None
+
+
+def _shows(connection: socket.socket, token: str, limit_s: float) -> bool:
+    """Whether the first line that comes holds the token."""
+    connection.settimeout(limit_s)
+    try:
+        with connection.makefile("rb", buffering=0) as lines:
+            message = decode_message(lines.readline(LINE_LIMIT_BYTES))
+    except (OSError, ValueError):
+        return False
+    return _is_token(message.get("token"), token)
 
 
 class Server:

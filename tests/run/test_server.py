@@ -1,0 +1,100 @@
+"""The engine's door: strangers stay outside, friends are answered in order of their ids."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from typing import Any
+
+import pytest
+
+from rigctl.errors import BoardFault, WrongUse
+from rigctl.run.messages import decode_message, encode_message
+from rigctl.run.server import Server, await_client, listen
+
+TOKEN = "a secret"
+
+
+async def handle(command: str, args: dict[str, Any]) -> dict[str, Any]:
+    if command == "fail":
+        raise BoardFault("the board said no: ask it kindly")
+    if command == "crash":
+        raise ZeroDivisionError
+    return {"command": command, **args}
+
+
+async def talk(*lines: bytes, answers: int) -> list[dict[str, Any]]:
+    """What a client gets back for these lines; fewer answers when it is cut off."""
+    server = Server(TOKEN, handle)
+    listener = listen()
+    port = listener.getsockname()[1]
+    await server.open(listener, None)
+    server.welcome({"event": "ready"})
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.writelines(lines)
+    heard = []
+    while len(heard) < answers and (line := await reader.readline()):
+        heard.append(decode_message(line))
+    writer.close()
+    await writer.wait_closed()
+    await server.close()
+    return heard
+
+
+def said(*messages: dict[str, Any], answers: int) -> list[dict[str, Any]]:
+    return asyncio.run(talk(*map(encode_message, messages), answers=answers))
+
+
+def test_a_friend_is_greeted_and_answered() -> None:
+    heard = said(
+        {"token": TOKEN},
+        {"id": 1, "command": "arm", "args": {"gently": 1}},
+        {"id": 2, "command": "fail", "args": {}},
+        {"id": 3, "command": "crash"},
+        answers=4,
+    )
+    assert heard[0] == {"event": "ready"}
+    assert heard[1] == {"reply": 1, "ok": True, "result": {"command": "arm", "gently": 1}}
+    assert heard[2]["error"] == "the board said no: ask it kindly"
+    assert (heard[2]["ok"], heard[2]["exit_code"]) == (False, 3)
+    assert "ZeroDivisionError" in heard[3]["error"]
+
+
+@pytest.mark.parametrize("first", [{"token": "wrong"}, {"id": 1, "command": "arm"}, {"token": 7}])
+def test_a_stranger_is_cut_off(first: dict[str, Any]) -> None:
+    assert said(first, {"id": 1, "command": "arm", "args": {}}, answers=2) == []
+
+
+def test_a_line_that_is_no_message_ends_the_connection() -> None:
+    lines = (encode_message({"token": TOKEN}), b"[1, 2]\n")
+    assert asyncio.run(talk(*lines, answers=9)) == [{"event": "ready"}]
+
+
+def test_args_must_be_an_object() -> None:
+    heard = said({"token": TOKEN}, {"id": 1, "command": "arm", "args": [1]}, answers=2)
+    assert heard[1]["exit_code"] == WrongUse.exit_code
+
+
+@pytest.mark.parametrize(("token", "let_in"), [(TOKEN, True), ("wrong", False)])
+def test_the_first_client_is_awaited_before_any_loop_runs(token: str, let_in: bool) -> None:
+    with listen() as listener:
+        port = listener.getsockname()[1]
+
+        def come() -> None:
+            with socket.create_connection(("127.0.0.1", port)) as connection:
+                connection.sendall(encode_message({"token": token}))
+                connection.recv(1)
+
+        client = threading.Thread(target=come)
+        client.start()
+        first = await_client(listener, TOKEN)
+        assert (first is not None) is let_in
+        if first is not None:
+            first.close()
+        client.join()
+
+
+def test_nobody_coming_is_no_reason_to_wait_for_ever() -> None:
+    with listen() as listener:
+        assert await_client(listener, TOKEN, limit_s=0.05) is None
