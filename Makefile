@@ -9,7 +9,8 @@ PEERS := .peers
 SAY := @printf '==> %s\n'
 
 # Qt and its fonts: without a font every label is blank.
-DEBIAN_RUN := python3-venv libegl1 libgl1 libxkbcommon0 libdbus-1-3 libfontconfig1 fonts-dejavu-core
+DEBIAN_RUN := python3-venv libegl1 libgl1 libxkbcommon0 libdbus-1-3 libfontconfig1 fonts-dejavu-core \
+  libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4 libxcb-keysyms1 libxcb-image0 libxcb-render-util0 libxcb-shape0
 DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
 
@@ -59,7 +60,7 @@ firmware: $(VENV)/.ready
 pytest: firmware
 	@sh .ci/debian-packages $(DEBIAN_TEST)
 	$(SAY) "test suite, two workers"
-	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+	@QT_QPA_PLATFORM=offscreen OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
 $(PEERS)/.ready: tests/bench/peers.txt
 	$(SAY) "peers to measure against, in an environment of their own"
