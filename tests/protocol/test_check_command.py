@@ -31,9 +31,9 @@ def test_it_prints_trials_plate_changes_time_and_disk(capsys: pytest.CaptureFixt
 def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("quick", "--json") == 0
     answer = json.loads(capsys.readouterr().out)
-    assert answer["trials"] == 24
+    assert answer["trials"] == 32
     assert answer["plate_changes"] == 4
-    assert answer["trial_seconds"] == 88
+    assert answer["trial_seconds"] == 96
     assert answer["bytes"] > 5_000_000
 
 
