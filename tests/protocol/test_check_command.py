@@ -52,5 +52,5 @@ def test_an_unknown_protocol_names_those_there_are() -> None:
 def test_too_little_room_is_a_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(check.shutil, "disk_usage", lambda _: usage(2_000_000, 1, 1_000_000))
-    with pytest.raises(NegativeAnswer, match=r"1 MB free, the protocol needs 11 MB"):
+    with pytest.raises(NegativeAnswer, match=r"1 MB free, the protocol needs 14 MB"):
         run("quick", "--out", str(tmp_path / "new" / "folder"))
