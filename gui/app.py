@@ -3,30 +3,71 @@
 from __future__ import annotations
 
 import argparse
+import os
+import signal
+import subprocess
 import sys
 from collections.abc import Sequence
 
-from gui.theme import ThemeChoice
+from rigctl.errors import RigctlError, WrongUse
 
+DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
 DESCRIPTION = "Open the window: work the rig, watch samples and spikes, run protocols."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What may be said on the command line."""
     parser.add_argument(
-        "--rig", metavar="RIG", help="connect at once: virtual, firmware, or the path of a rig.toml"
+        "--rig",
+        metavar="RIG",
+        help="connect at once: virtual, firmware, join (a running engine), or a rig.toml",
     )
     parser.add_argument("--theme", choices=("system", "light", "dark"), default="system")
 
 
+def check_display() -> None:
+    """Raise WrongUse where Qt would end the process for want of a display or of libraries.
+
+    Qt offers no question for that, it aborts: so another process tries.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    tried = subprocess.run(
+        [sys.executable, "-c", "from PySide6.QtGui import QGuiApplication as A; A([])"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if tried.returncode:
+        raise WrongUse(_why_not(tried.stderr))
+
+
+def _why_not(said: str) -> str:
+    shown = (os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"))
+    if not any(shown):
+        return (
+            "the window needs a display and there is none here: log in at a desktop, use ssh -X, "
+            "or work without it (rigctl run, rigctl demo --no-window)"
+        )
+    line = next((line for line in said.splitlines() if line.strip()), "no reason given")
+    return (
+        f"the window needs Qt, which does not start here ({line.strip()}): install "
+        f"PySide6-Essentials and, on Debian, {DEBIAN_PACKAGES}"
+    )
+
+
 def show(rig: str | None, theme: str) -> int:
-    """Show the window until it is closed; return the exit code."""
+    """Show the window until it is closed; return the exit code. Raises WrongUse."""
+    check_display()
     import pyqtgraph as pg
 
+    from gui.theme import ThemeChoice
     from gui.window import Window
 
     app = pg.mkQApp("rigctl")
     window = Window(choice=ThemeChoice[theme.upper()])
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: window.close())
     window.show()
     if rig is not None:
         window.connect_rig(rig)
@@ -38,7 +79,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="rigctl-gui", description=DESCRIPTION)
     add_arguments(parser)
     args = parser.parse_args(argv)
-    return show(args.rig, args.theme)
+    try:
+        return show(args.rig, args.theme)
+    except RigctlError as error:
+        print(f"rigctl-gui: {error}", file=sys.stderr)
+        return error.exit_code
 
 
 if __name__ == "__main__":

@@ -20,6 +20,8 @@ from rigctl.run.client import EngineClient
 from rigctl.run.live import LiveView
 from rigctl.run.runtime import running_engines, runtime_folder
 
+JOIN = "join"
+SIMULATED = ("virtual", "firmware")
 SILENCE_LIMIT_S = 1.5
 STOP_LIMIT_S = 0.5
 
@@ -43,10 +45,17 @@ Opener = Callable[[str], Client]
 
 
 def open_engine(rig: str) -> Client:
-    """Join the engine that has this rig already, or start one; raises what kept it from opening."""
-    for announcement in running_engines(runtime_folder()):
-        if announcement.rig == rig:
-            return EngineClient.attach(announcement)
+    """Start an engine, or join one; raises what kept it from opening.
+
+    ``JOIN`` joins the newest that runs. A bench has one engine: where one has it already, that
+    one is joined. Simulated rigs are as many as one likes.
+    """
+    if rig == JOIN:
+        return EngineClient.attach()
+    if rig not in SIMULATED:
+        for announcement in running_engines(runtime_folder()):
+            if announcement.rig == rig:
+                return EngineClient.attach(announcement)
     return EngineClient.start(rig)
 
 
@@ -65,6 +74,7 @@ class Connection(QObject):
     refused = Signal(str, str)
     happened = Signal(dict)
     status_changed = Signal(object)
+    heard = Signal(float)
     silent = Signal(float)
     stop_unanswered = Signal()
 
@@ -176,6 +186,7 @@ class Connection(QObject):
             self._take_reply(message)
         elif message.get("event") == "status":
             self.status = read_status(message.get("data") or {})
+            self.heard.emit(float(message.get("at_s", 0.0)))
             self.status_changed.emit(self.status)
         else:
             self.happened.emit(message)

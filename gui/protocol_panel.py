@@ -127,7 +127,9 @@ class ProtocolPanel(QWidget):
 
     def _start(self) -> None:
         stamp = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
-        folder = Path(self.out.text()).expanduser() / f"{self.choice.currentText()}-{stamp}"
+        folder = (
+            Path(self.out.text()).expanduser() / f"{Path(self.choice.currentText()).stem}-{stamp}"
+        )
         self.start_asked.emit(self.choice.currentData(), str(folder), self.seed.value())
 
     def _connect(self) -> None:

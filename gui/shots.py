@@ -10,13 +10,26 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rigctl.run.runtime import FOLDER_VARIABLE
+from rigctl.wire.drum_states import State
+
 if TYPE_CHECKING:
     from gui.window import Window
 
 SIZES = ((1280, 800), (1920, 1080))
 PROTOCOL = "quick"
+RIDGES = """\
+name = "ridges"
+description = "Three ridged plates, for pictures."
+textures = ["D", "I", "L"]
+speeds_mm_s = [40, 60]
+forces_g = [500]
+repeats = 6
+"""
 LIMIT_S = 300.0
-TRIALS_BEFORE = 2
+TRIALS_BEFORE = 3
+RANGE_S = 2.0
+SETTLING_MS = 1500  # layouts settle, and traces reach the new width
 TABS = {"operate": 0, "protocol": 1, "analysis": 2}
 
 
@@ -29,6 +42,7 @@ def main(argv: list[str]) -> int:
     folder = Path(argv[0])
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as work:
+        os.environ[FOLDER_VARIABLE] = work
         session = record_session(Path(work) / "quick")
         take_all(folder, Path(work), session)
     return 0
@@ -74,12 +88,17 @@ def _begin_run(window: Window, work: Path) -> None:
     """Connect, start the protocol, answer its questions until trials are on disk."""
     window.connect_rig("virtual")
     status = window.connection
-    _wait(lambda: status.status.drum_connected and status.status.taxels_connected)
+    _wait(window, lambda: status.status.drum_connected and status.status.taxels_connected)
     window.protocol.set_out(str(work))
-    window.protocol.choice.setCurrentIndex(window.protocol.choice.findText(PROTOCOL))
-    _wait(window.protocol.buttons["Start"].isEnabled)
+    ridges = work / "ridges.toml"
+    ridges.write_text(RIDGES, encoding="utf-8")
+    window.tabs.setCurrentIndex(TABS["protocol"])
+    window.protocol.add_protocol(str(ridges))
+    _wait(window, window.protocol.buttons["Start"].isEnabled)
     window.protocol.buttons["Start"].click()
-    _wait(lambda: _go_on(window) and status.status.run.trials_committed >= TRIALS_BEFORE)
+    _wait(window, lambda: _go_on(window) and _is_turning(window))
+    status.ask("calibrate_range", seconds=RANGE_S)
+    _wait(window, lambda: _go_on(window) and status.status.run.trials_committed >= TRIALS_BEFORE)
 
 
 def _go_on(window: Window) -> bool:
@@ -98,14 +117,14 @@ def _take_live(window: Window, folder: Path, choice: object) -> None:
         window.resize(width, height)
         for name in ("operate", "protocol"):
             window.tabs.setCurrentIndex(TABS[name])
-            _wait(lambda: _go_on(window) and _is_turning(window))
-            _save(window, folder / f"{name}-{choice.name.lower()}-{width}x{height}.png")
+            path = folder / f"{name}-{choice.name.lower()}-{width}x{height}.png"
+            _save(window, path, lambda: _go_on(window) and _is_turning(window))
 
 
 def _is_turning(window: Window) -> bool:
-    """A trial runs and has done so long enough to be seen."""
+    """The drum turns under force at its set speed."""
     status = window.connection.status
-    return status.run.state == "running" and status.speed_mm_s > 0.99 * status.speed_set_mm_s > 0
+    return status.state is State.RUN and status.speed_mm_s > 0.99 * status.speed_set_mm_s
 
 
 def _take_analysis(window: Window, folder: Path, session: Path) -> None:
@@ -114,12 +133,17 @@ def _take_analysis(window: Window, folder: Path, session: Path) -> None:
     window.tabs.setCurrentIndex(TABS["analysis"])
     window.analysis.panel.choose(str(session))
     _wait(
-        lambda: not window.analysis.worker.is_busy and window.analysis.trial_view.data is not None
+        window,
+        lambda: not window.analysis.worker.is_busy and window.analysis.trial_view.data is not None,
     )
     window.analysis.panel.table.selectRow(window.analysis.panel.model.rowCount() // 2)
-    _wait(lambda: not window.analysis.worker.is_busy)
+    _wait(window, lambda: not window.analysis.worker.is_busy)
     window.analysis.panel.classify.click()
-    _wait(lambda: not window.analysis.worker.is_busy)
+    _wait(window, lambda: not window.analysis.worker.is_busy)
+    window.resize(*SIZES[0])
+    _save(window, folder / "classified-dark-1280x800.png")
+    window.analysis.panel.table.selectRow(window.analysis.panel.model.rowCount() // 2 + 1)
+    _wait(window, lambda: not window.analysis.worker.is_busy)
     for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
         window.set_theme(choice)
         for width, height in SIZES:
@@ -127,22 +151,23 @@ def _take_analysis(window: Window, folder: Path, session: Path) -> None:
             _save(window, folder / f"analysis-{choice.name.lower()}-{width}x{height}.png")
 
 
-def _save(window: Window, path: Path) -> None:
+def _save(window: Window, path: Path, ready: Callable[[], bool] = lambda: True) -> None:
     from PySide6.QtTest import QTest
 
-    QTest.qWait(700)  # let layouts settle and the traces reach the new width
+    QTest.qWait(SETTLING_MS)
+    _wait(window, ready)
     if not window.grab().save(str(path)):
         raise SystemExit(f"{path} cannot be written: choose another folder")
     print(path, flush=True)
 
 
-def _wait(done: Callable[[], bool]) -> None:
+def _wait(window: Window, done: Callable[[], bool]) -> None:
     from PySide6.QtTest import QTest
 
     end_s = time.monotonic() + LIMIT_S
     while not done():
         if time.monotonic() > end_s:
-            raise SystemExit("the virtual rig did not get there: look into its log")
+            raise SystemExit(f"the rig did not get there:\n{window.log.toPlainText()}")
         QTest.qWait(30)
 
 

@@ -22,6 +22,7 @@ from gui.words import fault_sentence
 RIGS = (
     ("Virtual rig", "virtual"),
     ("Firmware on simulated chips", "firmware"),
+    ("Join the running engine", "join"),
 )
 UNRECORDED_LIMIT = 12  # statuses, ten a second: the engine judges by the last second itself
 _OPEN_FILE = "open a rig.toml …"

@@ -1,0 +1,112 @@
+"""The window on a real engine with the virtual rig: by hand, then a protocol, stopped both ways."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtWidgets import QApplication
+from shiboken6 import delete
+
+from gui.lamp import Level
+from gui.window import Window
+from rigctl.run.runtime import FOLDER_VARIABLE
+from rigctl.session.reader import Session
+from rigctl.wire.drum_states import State
+from tests.gui.steps import click, press_escape, wait_until
+
+LIMIT_MS = 120_000
+RIDGES = """
+name = "ridges"
+textures = ["D"]
+speeds_mm_s = [120]
+forces_g = [500]
+repeats = 3
+"""
+
+
+@pytest.fixture(scope="module")
+def window(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
+    """A window with an engine of its own, started by pressing Connect."""
+    before = os.environ.get(FOLDER_VARIABLE)
+    os.environ[FOLDER_VARIABLE] = str(tmp_path_factory.mktemp("runtime"))
+    window = Window()
+    window.show()
+    click(window.toolbar.connect_button)
+    _wait(window, State.IDLE)
+    yield window
+    window.close()
+    delete(window)
+    if before is None:
+        del os.environ[FOLDER_VARIABLE]
+    else:
+        os.environ[FOLDER_VARIABLE] = before
+
+
+def _wait(window: Window, *states: State) -> None:
+    wait_until(lambda: window.connection.status.state in states, LIMIT_MS)
+
+
+def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: Window) -> None:
+    buttons = window.operate.buttons
+    click(buttons["arm"])
+    _wait(window, State.ARMED)
+    window.operate.speed.setValue(40.0)
+    click(window.operate.apply)
+    wait_until(lambda: window.operate.read_back.text() == "40.0 mm/s, 500 g")
+    wait_until(buttons["approach"].isEnabled)
+    click(buttons["approach"])
+    _wait(window, State.HOLD)
+    click(buttons["run"])
+    _wait(window, State.RUN)
+    wait_until(lambda: window.connection.status.speed_mm_s > 20)
+    click(window.toolbar.stop)
+    _wait(window, State.RETRACT, State.ARMED)
+    _wait(window, State.ARMED)
+    assert window.connection.status.speed_mm_s == 0
+    assert len(window.scene.history) > 1000
+    assert window.scene.bars.rates_hz.shape == (36,)
+
+
+def test_a_refusal_of_the_board_is_a_sentence(window: Window) -> None:
+    window.connection.ask("run")
+    wait_until(lambda: window.log.toPlainText().count("refused") > 0)
+    assert "Traceback" not in window.log.toPlainText()
+
+
+def test_a_protocol_from_prompt_to_disk_ended_by_escape(window: Window, tmp_path: Path) -> None:
+    path = tmp_path / "ridges.toml"
+    path.write_text(RIDGES)
+    window.tabs.setCurrentIndex(1)
+    panel, status = window.protocol, window.connection
+    panel.add_protocol(str(path))
+    panel.set_out(str(tmp_path))
+    wait_until(panel.buttons["Start"].isEnabled, LIMIT_MS)
+    click(panel.buttons["Start"])
+    wait_until(lambda: window.prompt.isVisible() or status.status.run.state == "running", LIMIT_MS)
+    if window.prompt.isVisible():
+        click(window.prompt.done)
+    wait_until(lambda: status.status.run.trials_committed == 1, LIMIT_MS)
+    wait_until(lambda: window.toolbar.lamp.level is Level.OK)
+    _wait(window, State.RUN)
+    press_escape(panel.out)
+    wait_until(lambda: status.status.run.state == "aborted", LIMIT_MS)
+    with Session.open(Path(status.status.run.session)) as session:
+        assert session.trials["verdict"].tolist()[0] == "committed"
+        assert np.all(session.window(0).flags & 1)
+    wait_until(lambda: window.toolbar.lamp.level is Level.OFF)
+
+
+def test_a_pulled_plug_is_seen_and_said(window: Window) -> None:
+    bench = window.operate.bench
+    window.tabs.setCurrentIndex(0)
+    bench.fault.setCurrentText("Unplug the taxels")
+    click(bench.inject)
+    wait_until(lambda: not window.connection.status.taxels_connected, LIMIT_MS)
+    assert window.health.cells["rate"].lamp.level is Level.BAD
+    bench.fault.setCurrentText("Plug the taxels in")
+    click(bench.inject)
+    wait_until(lambda: window.connection.status.taxels_connected, LIMIT_MS)
