@@ -65,7 +65,7 @@ def record_session(folder: Path) -> Path:
 
 
 def take_all(folder: Path, work: Path, session: Path) -> None:
-    """Run a protocol in a window and take its picture in every size and theme."""
+    """Run a protocol in a window and take its pictures."""
     import pyqtgraph as pg
 
     from gui.theme import ThemeChoice
@@ -76,8 +76,7 @@ def take_all(folder: Path, work: Path, session: Path) -> None:
     try:
         window.show()
         _begin_run(window, work)
-        for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
-            _take_live(window, folder, choice)
+        _take_live(window, folder)
         _take_analysis(window, folder, session)
     finally:
         window.connection.ask("abort")
@@ -108,17 +107,21 @@ def _go_on(window: Window) -> bool:
     return True
 
 
-def _take_live(window: Window, folder: Path, choice: object) -> None:
+def _take_live(window: Window, folder: Path) -> None:
+    """The Operate tab in both themes and sizes, the Protocol tab once."""
     from gui.theme import ThemeChoice
 
-    assert isinstance(choice, ThemeChoice)
-    window.set_theme(choice)
-    for width, height in SIZES:
-        window.resize(width, height)
-        for name in ("operate", "protocol"):
-            window.tabs.setCurrentIndex(TABS[name])
-            path = folder / f"{name}-{choice.name.lower()}-{width}x{height}.png"
-            _save(window, path, lambda: _go_on(window) and _is_turning(window))
+    def ready() -> bool:
+        return _go_on(window) and _is_turning(window)
+
+    window.resize(*SIZES[0])
+    _save(window, folder / "protocol.png", ready)
+    window.tabs.setCurrentIndex(TABS["operate"])
+    for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
+        window.set_theme(choice)
+        for width, height in SIZES:
+            window.resize(width, height)
+            _save(window, folder / f"window-{choice.name.lower()}-{width}x{height}.png", ready)
 
 
 def _is_turning(window: Window) -> bool:
@@ -128,27 +131,27 @@ def _is_turning(window: Window) -> bool:
 
 
 def _take_analysis(window: Window, folder: Path, session: Path) -> None:
+    """A trial of the recorded session, and what the classification drew."""
     from gui.theme import ThemeChoice
 
+    panel = window.analysis.panel
+
+    def idle() -> bool:
+        return not window.analysis.worker.is_busy
+
     window.tabs.setCurrentIndex(TABS["analysis"])
-    window.analysis.panel.choose(str(session))
-    _wait(
-        window,
-        lambda: not window.analysis.worker.is_busy and window.analysis.trial_view.data is not None,
-    )
-    window.analysis.panel.table.selectRow(window.analysis.panel.model.rowCount() // 2)
-    _wait(window, lambda: not window.analysis.worker.is_busy)
-    window.analysis.panel.classify.click()
-    _wait(window, lambda: not window.analysis.worker.is_busy)
+    panel.choose(str(session))
+    _wait(window, lambda: idle() and window.analysis.trial_view.data is not None)
+    panel.table.selectRow(panel.model.rowCount() // 2)
+    _wait(window, idle)
+    panel.classify.click()
+    _wait(window, idle)
+    window.set_theme(ThemeChoice.LIGHT)
     window.resize(*SIZES[0])
-    _save(window, folder / "classified-dark-1280x800.png")
-    window.analysis.panel.table.selectRow(window.analysis.panel.model.rowCount() // 2 + 1)
-    _wait(window, lambda: not window.analysis.worker.is_busy)
-    for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
-        window.set_theme(choice)
-        for width, height in SIZES:
-            window.resize(width, height)
-            _save(window, folder / f"analysis-{choice.name.lower()}-{width}x{height}.png")
+    _save(window, folder / "classified.png")
+    panel.table.selectRow(panel.model.rowCount() // 2 + 1)
+    _wait(window, idle)
+    _save(window, folder / "analysis.png")
 
 
 def _save(window: Window, path: Path, ready: Callable[[], bool] = lambda: True) -> None:

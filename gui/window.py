@@ -249,6 +249,7 @@ class Window(QMainWindow):
         self.say("rig", "connected")
 
     def _closed(self, sentence: str) -> None:
+        self.setWindowTitle("rigctl")
         self.toolbar.show_disconnected(sentence)
         self.health.show_nothing()
         self.operate.show_nothing()
@@ -270,6 +271,7 @@ class Window(QMainWindow):
         self._committed = status.run.trials_committed
         known = self._since_trial.isValid()
         since_s = self._since_trial.elapsed() / 1000 if known else None
+        self.setWindowTitle(f"rigctl: {status.rig}{', simulated' if status.simulated else ''}")
         self.toolbar.show_status(status)
         self.health.show_status(status, since_s)
         self.operate.show_status(status)
