@@ -131,7 +131,7 @@ class Watcher:
             self._client.send("answer", prompt_id=self._prompt["id"], answer="ok")
         elif key in _COMMANDS:
             self._client.send(_COMMANDS[key])
-        else:
+        elif key:
             self._progress.say(KEYS)
 
     def _read_keys(self) -> None:

@@ -83,7 +83,13 @@ class EngineClient:
             client = cls(_await_announcement(folder, name, process, log, limit_s), process)
         finally:
             log.close()
-        client._await_ready(limit_s)
+        try:
+            client._await_ready(limit_s)
+        except RigctlError:
+            client.close()
+            process.terminate()  # it makes the rig safe first
+            process.wait()
+            raise
         return client
 
     @classmethod
@@ -176,7 +182,6 @@ class EngineClient:
         self._wait_until(self._has_begun, limit_s, "the rig did not answer")
         for message in self._events:
             if message.get("event") == "failed":
-                self.close()
                 raise EngineRefusal(message["text"], int(message["data"]["exit_code"]))
 
     def _has_begun(self) -> bool:

@@ -100,7 +100,8 @@ class Engine:
             lambda: recorder.status.failure,
         )
         parts = RunParts(boards.motion, boards.pump, self.news, recorder, control, self.set_plate)
-        options = RunOptions(order.yes, opened.resumed, opened.done, opened.attempts)
+        unasked = order.yes and self.bench.simulated
+        options = RunOptions(unasked, opened.resumed, opened.done, opened.attempts)
         self._guard = DiskGuard(recorder)
         self.run = Run(parts, opened.plan, options)
         self._run_task = self.spawn(self._execute(self.run))

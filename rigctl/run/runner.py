@@ -24,10 +24,12 @@ from rigctl.run.messages import CurrentTrial, RunStatus
 from rigctl.run.progress import Progress
 from rigctl.run.steps import Performer, RunOptions, RunParts, steps_left
 from rigctl.values import DrumState, Event, PlannedTrial
+from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import State
 
 ENDED = ("done", "aborted", "failed")
 SAFE_LIMIT_S = 20.0
+CLEAR_TURNS = 3
 
 
 class Run:
@@ -74,6 +76,8 @@ class Run:
             unwatch()
             unlisten()
             parts.pump.record_to(None)
+            if parts.recorder.status.part == 0:
+                parts.recorder.begin_part("nothing was recorded", "")
             parts.recorder.close()
         self._end(ending, text)
 
@@ -106,6 +110,7 @@ class Run:
     async def _take_steps(self) -> tuple[str, str]:
         """Last state of the run, and a sentence on it."""
         try:
+            await self._clear_old_fault()
             await self._parts.motion.configure()
             await self._parts.motion.set_settle(self._plan.protocol.settle)
             for step in steps_left(self._plan.steps, self._options.done):
@@ -120,7 +125,17 @@ class Run:
         missing = self._progress.planned - self._progress.committed
         if missing:
             return "done", f"{missing} trials could not be committed: see their reasons"
-        return "done", "every trial is committed"
+        return "done", "every trial is committed" if self._plan.trials else "every step is taken"
+
+    async def _clear_old_fault(self) -> None:
+        """Who starts a run has seen the rig: an old fault is cleared, if its cause is gone."""
+        if not self._watch.fault_latched:
+            return
+        self._parts.news.tell("log", "a fault from before this run is cleared")
+        await self._watch.drum.command(Command.CLEAR)
+        for _ in range(CLEAR_TURNS):
+            await self._watch.turn()
+            self.control.check_in()
 
     async def _take(self, step: Step) -> None:
         """Take one step; after each pause, begin it anew."""

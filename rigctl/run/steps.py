@@ -34,25 +34,25 @@ CLOCK_NEWS_PPM = 20.0
 
 @dataclass(frozen=True, slots=True)
 class RunParts:
-    """What a run works with; ``set_plate`` is True where a plate changed by itself."""
+    """What a run works with; ``set_plate`` says which plate is mounted from now on."""
 
     motion: Motion
     pump: Pump
     news: News
     recorder: Recorder
     control: Control
-    set_plate: Callable[[str], bool]
+    set_plate: Callable[[str], object]
 
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
     """How the run answers by itself, and what earlier sittings left done.
 
-    ``yes``: plates that change by themselves do so without asking. ``done``: trials committed
-    before; ``attempts``: how often each trial was tried before.
+    ``unasked``: plates change by themselves and nobody is there to be asked. ``done``: trials
+    committed before; ``attempts``: how often each trial was tried before.
     """
 
-    yes: bool
+    unasked: bool
     resumed: bool
     done: frozenset[int]
     attempts: dict[int, int]
@@ -99,10 +99,10 @@ class Performer:
 
     @_perform.register
     async def _(self, step: ChangePlate) -> None:
-        if not (self._options.yes and self._parts.set_plate(step.texture)):
+        if not self._options.unasked:
             await self.make_safe()
             await self._parts.control.ask(step.prompt, step.texture)
-            self._parts.set_plate(step.texture)
+        self._parts.set_plate(step.texture)
         self.texture = step.texture
         self._tared = False
         self._parts.pump.record_to(None)
@@ -152,7 +152,7 @@ class Performer:
     @_perform.register
     async def _(self, step: Message) -> None:
         self._parts.news.tell("message", step.text)
-        if step.wait:
+        if step.wait and not self._options.unasked:
             await self.make_safe()
             await self._parts.control.ask(step.text, None)
 

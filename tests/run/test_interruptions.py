@@ -61,7 +61,7 @@ def test_a_pause_lifts_and_the_interrupted_trial_is_taken_anew(floor: Floor) -> 
 
     floor.play(person, floor.order(PAIR))
     assert verdicts(floor) == [(1, "aborted"), (1, "committed"), (2, "committed")]
-    assert verify(floor.session).problems == []
+    assert verify(floor.session).whole
 
 
 def test_one_reasons_end_does_not_lift_another(floor: Floor) -> None:
@@ -93,13 +93,13 @@ def test_an_aborted_run_can_be_gone_on_with(floor: Floor, tmp_path: Path) -> Non
 
     floor.play(person, floor.order(PAIR))
     assert verdicts(floor) == [(1, "committed"), (2, "aborted")]
-    assert verify(floor.session).problems == []
+    assert verify(floor.session).whole
     (tmp_path / "again").mkdir()
     with open_floor(tmp_path / "again") as second:
         second.play(until_ended, Order(resume=str(floor.session), yes=True))
         assert second.engine.run is not None and second.engine.run.complete
     assert verdicts(floor) == [(1, "committed"), (2, "aborted"), (2, "committed")]
-    assert verify(floor.session).problems == []
+    assert verify(floor.session).whole
     with read(floor.session) as session:
         assert session.trials["attempt"].tolist() == [1, 1, 2]
 
@@ -118,7 +118,7 @@ def test_an_emergency_stop_ends_the_run_with_its_session_whole(floor: Floor) -> 
     assert run.ending == "failed"
     assert "emergency stop" in run.text
     assert verdicts(floor) == [(1, "committed"), (2, "aborted")]
-    assert verify(floor.session).problems == []
+    assert verify(floor.session).whole
 
 
 def test_lost_taxels_hold_the_run_until_they_are_back(floor: Floor) -> None:
@@ -279,3 +279,19 @@ def test_a_session_in_use_is_refused_to_a_second_run(floor: Floor) -> None:
         await until_ended(floor)
 
     floor.play(person, floor.order(PAIR))
+
+
+def test_a_run_ended_at_its_first_question_is_a_session_too(floor: Floor) -> None:
+    async def person(floor: Floor) -> None:
+        run = floor.engine.run
+        assert run is not None
+        await floor.until(lambda: run.status()["prompt"] is not None)
+        prompt = run.status()["prompt"]
+        assert prompt is not None
+        run.control.answer(prompt["id"], "abort")
+        await until_ended(floor)
+
+    floor.play(person, floor.order(PAIR, yes=False))
+    assert floor.engine.run is not None and floor.engine.run.ending == "aborted"
+    assert verdicts(floor) == []
+    assert verify(floor.session).whole

@@ -27,7 +27,7 @@ def test_every_trial_is_committed_whole_and_true(floor: Floor) -> None:
     for truth in truths:
         assert abs(truth.speed_error) < 0.001
         assert abs(truth.force_error) < 0.02
-    assert verify(floor.session).problems == []
+    assert verify(floor.session).whole
 
 
 def test_the_window_begins_at_the_first_sample_behind_the_rise(floor: Floor) -> None:
@@ -69,3 +69,54 @@ def test_both_clocks_and_boards_are_told(floor: Floor) -> None:
         assert session.header.simulated
         assert {board.board for board in session.header.boards} == {"drum", "taxels"}
     assert clocks, "the corrections stand in the session"
+
+
+EVERY_STEP = """
+name = "steps"
+textures = ["A", "D"]
+speeds_mm_s = [120]
+forces_g = [400]
+repeats = 2
+[order]
+kind = "shuffled"
+seed = 7
+[trial]
+travel_mm = 120
+direction = "alternate"
+[[steps]]
+at = "start"
+kind = "message"
+text = "Wipe the sensor."
+wait = true
+[[steps]]
+at = "start"
+kind = "baseline"
+seconds = 2
+[[steps]]
+at = "plate_start"
+kind = "approach_only"
+force_g = 300
+seconds = 1
+[[steps]]
+at = "every"
+trials = 1
+kind = "tare"
+[[steps]]
+at = "end"
+kind = "rest"
+seconds = 1
+"""
+
+
+def test_every_kind_of_step_is_taken_unattended(floor: Floor) -> None:
+    run = floor.record(EVERY_STEP)
+    assert (run.ending, run.complete) == ("done", True)
+    with read(floor.session) as session:
+        kinds = [event.kind for event in session.events]
+        assert set(session.trials["direction"].tolist()) == {"forward", "backward"}
+        truths = trial_truths(session)
+    assert kinds.count("baseline") == 2
+    assert kinds.count("approach") == 4
+    assert floor.texts("message") == ["Wipe the sensor."]
+    assert max(abs(truth.speed_error) for truth in truths) < 0.001
+    assert verify(floor.session).whole

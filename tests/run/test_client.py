@@ -1,0 +1,67 @@
+"""A client and an engine in two processes, as the window uses them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rigctl.errors import LinkLost, WrongUse
+from rigctl.run.client import EngineClient, EngineRefusal
+from rigctl.run.messages import StatusData
+from rigctl.run.runtime import running_engines, runtime_folder
+
+
+@pytest.fixture(autouse=True)
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Engines announce themselves where no other test looks."""
+    monkeypatch.setenv("RIGCTL_RUNTIME", str(tmp_path))
+
+
+def test_a_window_drives_a_rig_in_real_time_and_leaves() -> None:
+    client = EngineClient.start("virtual")
+    try:
+        client.request("arm", limit_s=30)
+        status = client.request("status")
+        assert set(status) == set(StatusData.__annotations__)
+        assert (status["rig"], status["simulated"]) == ("virtual", True)
+        assert status["state_words"] == "armed, lifted"
+        seen = client.live.heads.taxels
+        number = client.send("tare")
+        events = client.wait(5)
+        while not any(event.get("reply") == number for event in events):
+            events += client.wait(5)
+        assert any(event.get("event") == "status" for event in events)
+        assert client.live.heads.taxels > seen
+        window = client.live.taxels(100)
+        assert window.spikes.shape == (100, 36)
+        assert client.live.drum(10).force_set_g[0] == status["force_set_g"]
+        with pytest.raises(EngineRefusal, match="no run is going") as refusal:
+            client.request("pause")
+        assert refusal.value.exit_code == 2
+        second = EngineClient.attach()
+        assert second.request("status")["state_words"] == "armed, lifted"
+        second.close()
+    finally:
+        assert client.shut_down() == 0
+    assert running_engines(runtime_folder()) == []
+
+
+def test_a_rig_that_cannot_be_opened_says_why_through_the_client() -> None:
+    with pytest.raises(EngineRefusal, match=r"there is no rig absent\.toml") as refusal:
+        EngineClient.start("absent.toml")
+    assert refusal.value.exit_code == 2
+
+
+def test_a_board_that_does_not_answer_is_told_with_its_exit_code(tmp_path: Path) -> None:
+    description = tmp_path / "rig.toml"
+    description.write_text('[ports]\ndrum = "tcp://127.0.0.1:9"\ntaxels = "tcp://127.0.0.1:9"\n')
+    with pytest.raises((EngineRefusal, LinkLost)) as refusal:
+        EngineClient.start(str(description))
+    assert refusal.value.exit_code == 3
+    assert running_engines(runtime_folder()) == []
+
+
+def test_joining_where_nothing_runs_is_refused() -> None:
+    with pytest.raises(WrongUse, match="no engine is running"):
+        EngineClient.attach()
