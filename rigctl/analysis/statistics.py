@@ -1,0 +1,141 @@
+"""The paper's tests of difference, its asterisks, and a sentence where an assumption is weak."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import WrongUse
+
+Values = NDArray[np.float64]
+
+
+class AsteriskRule(NamedTuple):
+    """Both bounds of a rule must be passed: p below, the size of the effect above."""
+
+    effect: str
+    one: tuple[float, float]
+    two: tuple[float, float]
+
+    def stars(self, p: float, effect: float) -> str:
+        """``""``, ``"*"`` or ``"**"``; the sign of the effect does not matter."""
+        for stars, (p_below, effect_above) in (("**", self.two), ("*", self.one)):
+            if p < p_below and abs(effect) > effect_above:
+                return stars
+        return ""
+
+
+FIGURE_4 = AsteriskRule("Cohen's d", (0.05, 0.5), (0.01, 1.0))
+FIGURE_S5 = AsteriskRule("Cohen's h", (0.05, 0.2), (0.01, 0.5))
+
+REDRAWN = (
+    "The values compared are accuracies of repeated draws from the same trials. They are not "
+    "independent, so p is smaller and d is larger than for new recordings."
+)
+CEILING_SHARE = 0.99
+FEWEST_EXPECTED = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One comparison. ``p`` and ``effect`` are None where the test is not defined.
+
+    ``assumptions``: plain sentences on what does not hold.
+    """
+
+    test: str
+    rule: AsteriskRule
+    statistic: float | None
+    p: float | None
+    effect: float | None
+    assumptions: tuple[str, ...]
+
+    @property
+    def stars(self) -> str:
+        """The paper's asterisks; none where the test is not defined."""
+        if self.p is None or self.effect is None:
+            return ""
+        return self.rule.stars(self.p, self.effect)
+
+
+def cohens_d(first: Values, second: Values) -> float | None:
+    """Difference of means over the pooled standard deviation; None where that is 0."""
+    n, m = len(first), len(second)
+    if n + m < 3:
+        return None
+    squares = (n - 1) * _variance(first) + (m - 1) * _variance(second)
+    pooled = sqrt(squares / (n + m - 2))
+    return float(first.mean() - second.mean()) / pooled if pooled > 0 else None
+
+
+def cohens_h(first: float, second: float) -> float:
+    """Difference of two proportions on the arcsine scale (statsmodels)."""
+    from statsmodels.stats.proportion import proportion_effectsize
+
+    return float(proportion_effectsize(first, second))
+
+
+def welch(first: Values, second: Values, *, redrawn: bool = True) -> Difference:
+    """Two-tailed Welch t-test of two samples of accuracies (0–1), by Figure 4's rule.
+
+    ``redrawn``: the values come from draws out of one set of trials. Raises :class:`WrongUse`
+    for values that are no numbers.
+    """
+    if not (np.isfinite(first).all() and np.isfinite(second).all()):
+        raise WrongUse("a test of difference was given a value that is no number")
+    said = [REDRAWN] if redrawn else []
+    said += _spread_sentences(first, second)
+    if min(len(first), len(second)) < 2:
+        said.append("One value on a side has no spread: Welch's test needs two or more.")
+        return Difference("Welch t", FIGURE_4, None, None, None, tuple(said))
+    if _variance(first) == 0 and _variance(second) == 0:
+        said.append("Neither side varies at all: Welch's t and Cohen's d are not defined.")
+        return Difference("Welch t", FIGURE_4, None, None, None, tuple(said))
+    from scipy import stats
+
+    found = stats.ttest_ind(first, second, equal_var=False)
+    d = cohens_d(first, second)
+    return Difference(
+        "Welch t", FIGURE_4, float(found.statistic), float(found.pvalue), d, tuple(said)
+    )
+
+
+def two_proportions(correct: tuple[int, int], n: tuple[int, int]) -> Difference:
+    """Two-tailed z-test of two shares of right answers, by Figure S5's rule.
+
+    Raises :class:`WrongUse` where a side has no trials, or more right answers than trials.
+    """
+    if min(n) < 1 or any(not 0 <= c <= m for c, m in zip(correct, n, strict=True)):
+        raise WrongUse(f"{correct} right answers of {n} trials cannot be compared")
+    effect = cohens_h(correct[0] / n[0], correct[1] / n[1])
+    pooled = sum(correct) / sum(n)
+    if pooled in (0.0, 1.0):
+        alike = "All answers of both sides are alike: the z-test is not defined."
+        return Difference("two-proportion z", FIGURE_S5, None, None, effect, (alike,))
+    from statsmodels.stats.proportion import proportions_ztest
+
+    z, p = proportions_ztest(correct, n)
+    expected = min(min(pooled, 1 - pooled) * m for m in n)
+    few = f"Fewer than {FEWEST_EXPECTED:g} answers of a kind are expected: z is a rough guide."
+    said = (few,) if expected < FEWEST_EXPECTED else ()
+    return Difference("two-proportion z", FIGURE_S5, float(z), float(p), effect, said)
+
+
+def _variance(values: Values) -> float:
+    """With divisor n − 1; equal values have exactly 0, whatever the rounding of their mean."""
+    if len(values) < 2 or bool(np.all(values == values[0])):
+        return 0.0
+    return float(values.var(ddof=1))
+
+
+def _spread_sentences(first: Values, second: Values) -> list[str]:
+    if max(first.mean(), second.mean()) <= CEILING_SHARE:
+        return []
+    return [
+        "One side is close to 100 %, where accuracies cannot be normally distributed: "
+        "p is a rough guide."
+    ]
