@@ -10,6 +10,7 @@ import signal
 import sys
 from contextlib import closing
 from datetime import UTC, datetime
+from pathlib import Path
 
 from rigctl.rig import open_rig
 from rigctl.run.engine import Doors, Engine
@@ -51,8 +52,9 @@ def run(args: argparse.Namespace) -> int:
             _end_on_signals(rig.loop, engine)
             return rig.loop.run_until_complete(engine.serve(doors, order))
         finally:
-            path.unlink(missing_ok=True)
             live.close()
+            _drop_empty(folder / f"{name}.log")
+            path.unlink(missing_ok=True)
 
 
 def _order(args: argparse.Namespace) -> Order | None:
@@ -72,6 +74,12 @@ def _end_on_signals(loop: asyncio.AbstractEventLoop, engine: Engine) -> None:
             signal.signal(number, lambda *_: loop.call_soon_threadsafe(end))
         else:
             loop.add_signal_handler(number, end)
+
+
+def _drop_empty(log: Path) -> None:
+    """Whoever started us gave us a log; one in which nothing stands is of no use to anybody."""
+    if sys.platform != "win32" and log.is_file() and log.stat().st_size == 0:
+        log.unlink()
 
 
 def _utc_now() -> str:
