@@ -89,10 +89,18 @@ def running_engines(folder: Path) -> list[Announcement]:
     for path in folder.glob("*" + _SUFFIX):
         found = read_announcement(path)
         if found is not None and _is_alive(found.pid):
-            alive.append((path.stat().st_mtime, found))
+            alive.append((_written_s(path), found))
         else:
             _sweep(path, found)
     return [found for _, found in sorted(alive, key=lambda item: -item[0])]
+
+
+def _written_s(path: Path) -> float:
+    """When the file was written; 0 for one that is gone just now."""
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
 
 
 def _sweep(path: Path, found: Announcement | None) -> None:
