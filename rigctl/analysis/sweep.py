@@ -135,20 +135,24 @@ def predict_folds(
     ``features`` float64 (n, p); ``folds``: (training rows, test rows) each. Returns for each fold
     an array (k_max, n_test). Raises :class:`WrongUse` where a fold is too small for k_max.
     """
+    principals = fold_principals(features, folds, k_max)
+    results = []
+    for (train, test), principal in zip(folds, principals, strict=True):
+        lda = fit_nested_lda(principal.scores(features[train]), labels[train], divisor)
+        results.append(lda.predictions(principal.scores(features[test])))
+    return results
+
+
+def fold_principals(features: Matrix, folds: Sequence[Fold], k_max: int) -> list[Principal]:
+    """Principal components of each fold's training rows; see :func:`predict_folds`."""
     if not np.isfinite(features).all():
         row = int(np.flatnonzero(~np.isfinite(features).all(axis=1))[0])
         raise WrongUse(f"the features of trial {row + 1} of the set hold a value that is no number")
     smallest = min(len(train) for train, _ in folds)
     _check_components(smallest, features.shape[1], k_max)
     if features.shape[1] > smallest:
-        principals = [fit_principal(features[train], k_max) for train, _ in folds]
-    else:
-        principals = _principals_by_difference(features, folds, k_max)
-    results = []
-    for (train, test), principal in zip(folds, principals, strict=True):
-        lda = fit_nested_lda(principal.scores(features[train]), labels[train], divisor)
-        results.append(lda.predictions(principal.scores(features[test])))
-    return results
+        return [fit_principal(features[train], k_max) for train, _ in folds]
+    return _principals_by_difference(features, folds, k_max)
 
 
 def _principals_by_difference(

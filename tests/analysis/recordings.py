@@ -17,13 +17,13 @@ from tests.session.building import drum_state, trial_row
 PROTOCOL = """\
 name = "by hand"
 textures = [{textures}]
-speeds_mm_s = [40, 80, 120]
-forces_g = [250, 500]
+speeds_mm_s = {speeds}
+forces_g = {forces}
 repeats = {repeats}
 [trial]
 travel_mm = {travel}
 """
-WAVELENGTHS_MM = {"A": 0.0, "B": 4.0, "D": 8.0, "L": 5.5}
+WAVELENGTHS_MM = {"A": 0.0, "B": 4.0, "D": 8.0, "L": 5.5, "G": 6.5, "X": 7.0}
 IDLE = 300
 BLOCK = 100
 
@@ -48,11 +48,19 @@ def record(
     repeats: int = 1,
     travel_mm: float = 48.0,
     torn: tuple[int, ...] = (),
+    speeds: tuple[int, ...] = (40, 80, 120),
+    forces: tuple[int, ...] = (250, 500),
     seed: int = 3,
 ) -> Path:
     """Record every trial of a small plan; trials in ``torn`` lack a few samples."""
     names = ", ".join(f'"{name}"' for name in textures)
-    text = PROTOCOL.format(textures=names, repeats=repeats, travel=travel_mm)
+    text = PROTOCOL.format(
+        textures=names,
+        repeats=repeats,
+        travel=travel_mm,
+        speeds=list(speeds),
+        forces=list(forces),
+    )
     plan = parse_protocol(text, "by hand").plan()
     header = SessionHeader(
         plan.hash, seed, len(plan.trials), "virtual", True, "2026-11-21T12:00:00Z"

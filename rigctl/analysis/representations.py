@@ -1,0 +1,262 @@
+"""The paper's four representations of a set of trials, and two whose C knows no texture.
+
+Every condition is read once for the force search and both encodings, and once more for the
+texture-blind C, which needs all conditions searched first. Feature matrices are files that are
+mapped into memory, so that a large set needs no more memory than one condition does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.conditions import (
+    Condition,
+    Features,
+    encoded_condition,
+    joined_matrix,
+    range_of,
+)
+from rigctl.analysis.jobs import Progress, work_through
+from rigctl.analysis.trial_set import TrialSet
+from rigctl.encoding.features import FeatureLayout
+from rigctl.encoding.force import REFERENCE_FORCE_G, ForceMatrix, Status
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.presets import EncoderParameters
+
+CHUNK = 64
+PAPER_UNCONVERGED = (62, 4320)
+
+
+class Representation(NamedTuple):
+    """A way to make features: scaled to speed or not; C none, by true texture, or blind."""
+
+    name: str
+    key: str
+    speed_scaled: bool
+    force: str
+
+    @property
+    def sees_labels(self) -> bool:
+        """Whether the test trial's own texture chose its C."""
+        return self.force == "texture"
+
+
+REPRESENTATIONS = (
+    Representation("Original", "original", False, ""),
+    Representation("Speed Scaled", "speed", True, ""),
+    Representation("Force Scaled", "force", False, "texture"),
+    Representation("Speed and Force Scaled", "speed_force", True, "texture"),
+    Representation("Force Scaled, texture-blind", "force_blind", False, "blind"),
+    Representation("Speed and Force Scaled, texture-blind", "speed_force_blind", True, "blind"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RepresentationSet:
+    """Feature files of a set, a row for each of ``trials``; ``files`` by representation key."""
+
+    trials: TrialSet
+    normalisation: Normalisation
+    parameters: EncoderParameters
+    unscaled: FeatureLayout
+    scaled: FeatureLayout
+    force: ForceMatrix | None
+    files: dict[str, Path]
+    remarks: tuple[str, ...]
+
+    @property
+    def present(self) -> tuple[Representation, ...]:
+        """The representations that could be made."""
+        return tuple(r for r in REPRESENTATIONS if r.key in self.files)
+
+    def features(self, representation: Representation) -> Features:
+        """Feature matrix, float64 (n_trials, width), read only."""
+        matrix: Features = np.load(self.files[representation.key], mmap_mode="r")
+        return matrix
+
+
+def represent(
+    trials: TrialSet,
+    parameters: EncoderParameters,
+    folder: Path,
+    *,
+    workers: int = 1,
+    progress: Progress = lambda stage, done, all_: None,
+) -> RepresentationSet:
+    """Encode a set in every representation that it allows; feature files go into ``folder``.
+
+    Taxel ranges are the minimum and maximum over all trials used, as in the paper. Trials with
+    gaps are left out and named. Raises SessionError where no complete trial is left.
+    """
+    trials, ranges = _ranges(trials, workers, progress)
+    remarks = list(trials.remarks)
+    if ranges.constant_taxels:
+        named = ", ".join(map(str, ranges.constant_taxels))
+        remarks.append(f"constant taxels, which read 0 and never spike: {named}")
+    lacking = _why_no_force(trials)
+    if lacking:
+        remarks.append(lacking)
+    lengths = [trial.n_planned for trial in trials.trials]
+    speeds = [trial.speed_mm_s for trial in trials.trials]
+    layouts = (
+        FeatureLayout.covering(lengths, speeds, scaled=False),
+        FeatureLayout.covering(lengths, speeds, scaled=True),
+    )
+    conditions = _conditions(trials, ranges, parameters, layouts, with_force=not lacking)
+    files = _Files(folder, len(trials.trials), [lay.width(trials.n_taxels) for lay in layouts])
+    force = _encode(conditions, files, workers, progress)
+    if force is not None:
+        _encode_blind(conditions, force, files, workers, progress)
+    return RepresentationSet(
+        trials, ranges, parameters, *layouts, force, files.close(), tuple(remarks)
+    )
+
+
+def status_counts(force: ForceMatrix) -> dict[str, int]:
+    """How many searches ended how, for taxels at forces other than the reference."""
+    return {
+        status.name.lower(): int((force.status == status).sum())
+        for status in Status
+        if status is not Status.REFERENCE
+    }
+
+
+def force_sentence(force: ForceMatrix) -> str:
+    """What the search for C came to, beside the paper's figure."""
+    counts = status_counts(force)
+    searched = sum(counts.values())
+    reference = int((force.status == Status.REFERENCE).sum())
+    ours, entries = PAPER_UNCONVERGED
+    return (
+        f"C has {searched + reference:,} entries, {reference:,} of them 1 by definition at "
+        f"{force.reference_g:g} g; {searched:,} were searched: {counts['converged']:,} converged "
+        f"within 0.1 Hz, {counts['capped']:,} were capped at 5, {counts['discontinuity']:,} lie "
+        f"at a jump of the rate. Not converged: {force.unconverged:,} of {searched:,} "
+        f"(the paper: {ours} of {entries:,})"
+    )
+
+
+class _Files:
+    """Feature matrices on disk that are filled row by row."""
+
+    def __init__(self, folder: Path, n_trials: int, widths: Sequence[int]) -> None:
+        self._folder, self._n, self._widths = folder, n_trials, widths
+        self._open: dict[str, NDArray[np.float64]] = {}
+
+    def put(self, force: str, rows: Sequence[int], matrices: Sequence[Features]) -> None:
+        """Write the unscaled and the speed-scaled rows of one way to treat force."""
+        pair = [r for r in REPRESENTATIONS if r.force == force]
+        for representation, matrix, width in zip(pair, matrices, self._widths, strict=True):
+            key = representation.key
+            if key not in self._open:
+                self._open[key] = np.lib.format.open_memmap(
+                    self._folder / f"{key}.npy", "w+", np.float64, (self._n, width)
+                )
+            self._open[key][list(rows)] = matrix
+
+    def close(self) -> dict[str, Path]:
+        """Let go of the files; their paths by key."""
+        keys = list(self._open)
+        self._open.clear()
+        return {key: self._folder / f"{key}.npy" for key in keys}
+
+
+def _ranges(trials: TrialSet, workers: int, progress: Progress) -> tuple[TrialSet, Normalisation]:
+    """Taxel ranges over complete trials, and the set without the others."""
+    starts = range(0, len(trials.trials), CHUNK)
+    jobs = [(trials.paths, trials.trials[at : at + CHUNK]) for at in starts]
+    stage = "reading trials for the taxel ranges"
+    found = list(work_through(range_of, jobs, workers=workers, stage=stage, progress=progress))
+    complete = np.concatenate([mask for mask, _ in found])
+    torn = [int(i) for i in np.flatnonzero(~complete)]
+    kept = trials.without(torn, "gaps in their samples")
+    ends = [end for _, both in found for end in both]
+    return kept, Normalisation.over(ends, "minimum and maximum over all trials used")
+
+
+def _why_no_force(trials: TrialSet) -> str:
+    """A sentence where force cannot be scaled; empty where it can."""
+    without = "Force Scaled representations are left out: "
+    if len(trials.forces_g) < 2:
+        return f"{without}there is one level of force only"
+    if REFERENCE_FORCE_G not in trials.forces_g:
+        return f"{without}no trial was made at the reference force of {REFERENCE_FORCE_G:g} g"
+    there = {(t.texture, t.speed_mm_s, t.force_g) for t in trials.trials}
+    for texture, speed in sorted({(t.texture, t.speed_mm_s) for t in trials.trials}):
+        for force in trials.forces_g:
+            if (texture, speed, force) not in there:
+                return f"{without}texture {texture} at {speed:g} mm/s has no trial at {force:g} g"
+    crossed = len(trials.textures) * len(trials.speeds_mm_s) * len(trials.forces_g)
+    return "" if len(there) == crossed else f"{without}some texture lacks a speed"
+
+
+def _conditions(
+    trials: TrialSet,
+    ranges: Normalisation,
+    parameters: EncoderParameters,
+    layouts: tuple[FeatureLayout, FeatureLayout],
+    *,
+    with_force: bool,
+) -> list[tuple[list[int], Condition]]:
+    """Rows of each texture and speed, and the work to be done on them."""
+    rows: dict[tuple[str, float], list[int]] = {}
+    for i, trial in enumerate(trials.trials):
+        rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
+    forces = trials.forces_g if with_force else ()
+    return [
+        (
+            rows[key],
+            Condition(
+                trials.paths,
+                tuple(trials.trials[i] for i in rows[key]),
+                ranges,
+                parameters,
+                layouts,
+                forces,
+                (),
+            ),
+        )
+        for key in sorted(rows)
+    ]
+
+
+def _encode(
+    conditions: Sequence[tuple[list[int], Condition]],
+    files: _Files,
+    workers: int,
+    progress: Progress,
+) -> ForceMatrix | None:
+    jobs = [condition for _, condition in conditions]
+    stage = "searching C, encoding"
+    found = work_through(encoded_condition, jobs, workers=workers, stage=stage, progress=progress)
+    pieces: list[ForceMatrix] = []
+    for (rows, _), encoded in zip(conditions, found, strict=True):
+        files.put("", rows, encoded.plain)
+        if encoded.force is not None:
+            files.put("texture", rows, encoded.forced)
+            pieces.append(encoded.force)
+    return joined_matrix(pieces) if pieces else None
+
+
+def _encode_blind(
+    conditions: Sequence[tuple[list[int], Condition]],
+    force: ForceMatrix,
+    files: _Files,
+    workers: int,
+    progress: Progress,
+) -> None:
+    jobs = []
+    for _, condition in conditions:
+        speed = condition.trials[0].speed_mm_s
+        blind = tuple(force.texture_blind(speed, f) for f in condition.forces_g)
+        jobs.append(condition._replace(blind=blind))
+    stage = "encoding with texture-blind C"
+    found = work_through(encoded_condition, jobs, workers=workers, stage=stage, progress=progress)
+    for (rows, _), encoded in zip(conditions, found, strict=True):
+        files.put("blind", rows, encoded.forced)

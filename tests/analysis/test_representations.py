@@ -1,0 +1,101 @@
+"""Sessions to feature files: what is joined, what is left out and said, and what C changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.analysis.representations import force_sentence, represent, status_counts
+from rigctl.analysis.trial_set import join_sessions, opened
+from rigctl.encoding.features import feature_matrices
+from rigctl.encoding.presets import DEFAULT
+from rigctl.errors import SessionError
+from rigctl.session.recorder import Recorder
+from rigctl.values import Verdict
+from tests.analysis.recordings import record
+from tests.session.building import PROTOCOL, RIG, Bench, header, plan
+
+
+def test_two_days_make_one_set(tmp_path: Path) -> None:
+    days = [
+        record(tmp_path / "one", "AB", travel_mm=24.0, torn=(9,), forces=(250, 500)),
+        record(tmp_path / "two", "B", travel_mm=24.0, seed=4, forces=(250, 500)),
+    ]
+    joined = join_sessions(days)
+    assert len(joined.trials) == 12 + 6
+    assert joined.textures == ("A", "B") and joined.forces_g == (250.0, 500.0)
+    assert [source["seed"] for source in joined.provenance] == [3, 4]
+    made = represent(joined, DEFAULT, tmp_path)
+    assert len(made.trials.trials) == 17
+    assert any("1 trial left out for gaps in their samples: 9" in said for said in made.remarks)
+    with opened(made.trials.paths) as reader:
+        samples = [reader.of(trial) for trial in made.trials.trials]
+    speeds = [trial.speed_mm_s for trial in made.trials.trials]
+    layouts = (made.unscaled, made.scaled)
+    plain = feature_matrices(samples, speeds, made.normalisation, layouts)
+    by_key = {r.key: made.features(r) for r in made.present}
+    np.testing.assert_array_equal(by_key["original"], plain[0])
+    np.testing.assert_array_equal(by_key["speed"], plain[1])
+    assert list(by_key) == [
+        "original", "speed", "force", "speed_force", "force_blind", "speed_force_blind"
+    ]  # fmt: skip
+    at_500 = [trial.force_g == 500 for trial in made.trials.trials]
+    np.testing.assert_array_equal(by_key["force"][at_500], plain[0][at_500])
+    assert not np.array_equal(by_key["force"], plain[0])
+    assert not np.array_equal(by_key["force"], by_key["force_blind"])
+    assert all(np.isfinite(matrix).all() for matrix in by_key.values())
+    assert made.force is not None
+    assert sum(status_counts(made.force).values()) == 2 * 3 * 18
+    assert "(the paper: 62 of 4,320)" in force_sentence(made.force)
+
+
+def test_processes_give_equal_features(tmp_path: Path) -> None:
+    session = record(tmp_path / "session", "AB", travel_mm=12.0)
+    folders = [tmp_path / "alone", tmp_path / "together"]
+    for folder in folders:
+        folder.mkdir()
+    alone = represent(join_sessions([session]), DEFAULT, folders[0])
+    together = represent(join_sessions([session]), DEFAULT, folders[1], workers=2)
+    for representation in alone.present:
+        first, second = (made.files[representation.key] for made in (alone, together))
+        assert first.read_bytes() == second.read_bytes()
+
+
+def test_without_the_reference_force_c_is_left_out_and_said(tmp_path: Path) -> None:
+    session = record(tmp_path / "session", "AB", travel_mm=12.0, forces=(250, 1000))
+    made = represent(join_sessions([session]), DEFAULT, tmp_path)
+    assert [r.key for r in made.present] == ["original", "speed"]
+    assert any("reference force of 500 g" in said for said in made.remarks)
+
+
+def test_other_layouts_and_empty_sets_are_refused_by_name(tmp_path: Path) -> None:
+    session = record(tmp_path / "eighteen", "A", travel_mm=12.0)
+    nine = header(n_taxels=9)
+    with Recorder(tmp_path / "nine", nine, PROTOCOL, RIG) as recorder:
+        recorder.begin_part("start", "A")
+    with pytest.raises(SessionError, match=r"nine has 9 taxels, .*eighteen has 18"):
+        join_sessions([session, tmp_path / "nine"])
+    with pytest.raises(SessionError, match="no committed trial with motion"):
+        join_sessions([tmp_path / "nine"])
+    with pytest.raises(SessionError, match="named twice"):
+        join_sessions([session, tmp_path / "nine" / ".." / "eighteen"])
+    torn = record(tmp_path / "torn", "A", travel_mm=12.0, torn=tuple(range(1, 7)))
+    with pytest.raises(SessionError, match="no complete trial is left"):
+        represent(join_sessions([torn]), DEFAULT, tmp_path)
+
+
+def test_aborted_attempts_and_constant_taxels_are_said(tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    with Recorder(folder, header(), PROTOCOL, RIG) as recorder:
+        recorder.begin_part("start", "A")
+        bench = Bench(recorder)
+        trials = plan().trials
+        bench.trial(trials[0], Verdict.ABORTED)
+        for trial in trials:
+            bench.trial(trial, attempt=2)
+    joined = join_sessions([folder])
+    assert any("attempts left out: 1 aborted" in said for said in joined.remarks)
+    assert len(joined.trials) == len(trials)
+    assert joined.provenance[0]["firmware"] == {"taxels": "1.0 0badcafe"}
