@@ -41,7 +41,8 @@ def run(args: argparse.Namespace) -> int:
     rig = open_rig(args.rig, seed=args.seed, paced=args.paced)
     with closing(rig), listen() as listener:
         live = LiveWriter(folder / f"{name}.live")
-        engine = Engine(rig, live, _utc_now, args.seed)
+        watched = args.paced or not rig.simulated
+        engine = Engine(rig, live, _utc_now, args.seed, watched)
         port = listener.getsockname()[1]
         path = announce(
             folder, Announcement(name, os.getpid(), port, token, args.rig, str(live.path))

@@ -31,7 +31,7 @@ class Boards:
     """The drum with its watch and moves, the taxels with their pump, encoder and live data.
 
     ``on_taxels(connected)`` is told when the taxel board is lost or back, ``on_failure`` when
-    samples cannot be handled any more.
+    samples cannot be handled any more. ``gather``: samples that the pump handles at a time.
     """
 
     def __init__(
@@ -42,13 +42,14 @@ class Boards:
         may_beat: Callable[[], bool],
         on_taxels: Callable[[bool], None],
         on_failure: Callable[[RigFault], None],
+        gather: int,
     ) -> None:
         self.taxels_connected = False
         self.identities: dict[str, BoardIdentity] = {}
         self.watch = DrumWatch(bench.drum, bench.loop, may_beat, self._drum_lost, self._drum_back)
         self.motion = Motion(self.watch, bench.config)
         self.encoder = _encoder(bench)
-        self.pump = Pump(self.encoder, live, time_stands=bench.simulated)
+        self.pump = Pump(self.encoder, live, time_stands=bench.simulated, gather=gather)
         self._bench = bench
         self._live = live
         self._news = news
@@ -105,11 +106,17 @@ class Boards:
         return seen.normalisation
 
     def _follow_range(self) -> None:
-        """Without a calibration the range is what was seen so far."""
+        """Without a calibration the range is what was seen so far.
+
+        The encoder counts readings outside its range anyway: only when it did can it widen.
+        """
         running = RunningRange(self._bench.config.taxels.count)
+        clipped = -1
 
         def widen(block: Block) -> None:
-            if running.update(block.samples):
+            nonlocal clipped
+            before, clipped = clipped, int(self.encoder.clipped.sum())
+            if clipped != before and running.update(block.samples):
                 self.set_range(running.normalisation)
 
         self._stop_following = self.pump.watch(widen)
@@ -117,7 +124,6 @@ class Boards:
 
     def _look(self, state: DrumState) -> None:
         """Every poll: show it, and say what changed."""
-        self.pump.flush()
         self._show(state)
         before, self._told = self._told, (state.state, state.fault)
         if state.fault and state.fault != before[1]:

@@ -23,6 +23,7 @@ from rigctl.run.live import LiveWriter
 from rigctl.run.messages import STATUS_PERIOD_S, StatusData
 from rigctl.run.news import News
 from rigctl.run.opening import Bearings, Order, open_run
+from rigctl.run.pump import UNWATCHED_SAMPLES, WATCHED_SAMPLES
 from rigctl.run.runner import Run
 from rigctl.run.server import Server
 from rigctl.run.status import StatusBuilder, idle_run
@@ -44,16 +45,30 @@ class Doors:
 
 
 class Engine:
-    """Everything that happens on one rig. :meth:`serve` is its life."""
+    """Everything that happens on one rig. :meth:`serve` is its life.
+
+    ``watched``: loop time goes as fast as ours, so that people can watch.
+    """
 
     def __init__(
-        self, bench: Bench, live: LiveWriter, utc_now: Callable[[], str], rig_seed: int = 0
+        self,
+        bench: Bench,
+        live: LiveWriter,
+        utc_now: Callable[[], str],
+        rig_seed: int = 0,
+        watched: bool = True,
     ) -> None:
         self.bench = bench
         self.news = News(bench.loop.time)
         self.vitals = Vitals(bench.loop.time)
         self.boards = Boards(
-            bench, live, self.news, self.vitals.may_beat, self._taxels_changed, self._fail_run
+            bench,
+            live,
+            self.news,
+            self.vitals.may_beat,
+            self._taxels_changed,
+            self._fail_run,
+            WATCHED_SAMPLES if watched else UNWATCHED_SAMPLES,
         )
         self.run: Run | None = None
         self.is_ready = False

@@ -166,7 +166,12 @@ class LiveWriter:
     ) -> None:
         """Add samples, oldest first, shapes as in :class:`TaxelWindow`."""
         self._memory.taxels.append(
-            time_s=time_s, counters=counters, samples=samples, flags=flags, spikes=spikes
+            len(counters),
+            time_s=time_s,
+            counters=counters,
+            samples=samples,
+            flags=flags,
+            spikes=spikes,
         )
 
     def add_drum(
@@ -179,14 +184,14 @@ class LiveWriter:
         state: int,
     ) -> None:
         """Add load-cell samples, oldest first, with the state of the poll that brought them."""
-        n = len(time_s)
         self._memory.drum.append(
+            len(time_s),
             time_s=time_s,
             force_g=force_g,
-            force_set_g=np.full(n, force_set_g),
-            speed_mm_s=np.full(n, speed_mm_s),
-            speed_set_mm_s=np.full(n, speed_set_mm_s),
-            state=np.full(n, state, dtype=np.uint8),
+            force_set_g=force_set_g,
+            speed_mm_s=speed_mm_s,
+            speed_set_mm_s=speed_set_mm_s,
+            state=state,
         )
 
     def close(self) -> None:

@@ -1,6 +1,6 @@
 """The pump: every taxel sample, once, from the driver to the recorder, the encoder and the eye.
 
-Blocks arrive every few milliseconds and are gathered to about twenty samples, so that a second
+Blocks arrive every few milliseconds and are gathered, to about twenty samples, so that a second
 costs fifty turns of the pump whatever the driver's slices are. What is gathered is, in this
 order: recorded, searched for the sync line's rise, encoded, shown. The encoder starts anew at
 each rise and behind each gap, exactly as it does offline, so live and offline spikes of a trial
@@ -22,7 +22,10 @@ from rigctl.run.live import LiveWriter
 from rigctl.session.recorder import Recorder
 from rigctl.values import SAMPLE_RATE_HZ, Block
 
-GATHER_SAMPLES = 20
+WATCHED_SAMPLES = 20
+"""Gathered where people watch: 20 ms late at most."""
+UNWATCHED_SAMPLES = 100
+"""Gathered where the world runs ahead of our time, and nobody can watch."""
 STANDING_SAMPLES = 30_000
 """A world that stands still while we work is made to wait for the disk from here on."""
 _CLOCK_EVERY_SAMPLES = 50
@@ -47,10 +50,17 @@ class Pump:
     """One consumer of the taxel driver's blocks; all calls are in the loop's thread.
 
     ``time_stands``: the loop's clock stands still while this process works, so waiting for the
-    disk costs nothing and no sample need ever be dropped.
+    disk costs nothing and no sample need ever be dropped. ``gather``: samples a turn.
     """
 
-    def __init__(self, encoder: LiveEncoder, live: LiveWriter, *, time_stands: bool) -> None:
+    def __init__(
+        self,
+        encoder: LiveEncoder,
+        live: LiveWriter,
+        *,
+        time_stands: bool,
+        gather: int = WATCHED_SAMPLES,
+    ) -> None:
         self.cutter = TrialCutter()
         self.clock = ClockFit()
         self.encoder = encoder
@@ -60,6 +70,7 @@ class Pump:
         self.last_arrival_s: float | None = None
         self._live = live
         self._time_stands = time_stands
+        self._gather = gather
         self._recorder: Recorder | None = None
         self._pending: list[Block] = []
         self._pending_samples = 0
@@ -74,7 +85,7 @@ class Pump:
         """Accept what the driver decoded."""
         self._pending.append(block)
         self._pending_samples += len(block)
-        if self._pending_samples >= GATHER_SAMPLES:
+        if self._pending_samples >= self._gather:
             self.flush()
 
     def flush(self) -> None:

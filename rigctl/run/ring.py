@@ -44,20 +44,21 @@ class Ring:
         """Rows written or being written since the file was made."""
         return int(self._counters[0])
 
-    def append(self, **values: NDArray[Any]) -> None:
-        """Add rows, oldest first; all columns at once and of equal length."""
-        count = len(next(iter(values.values())))
+    def append(self, count: int, **values: NDArray[Any] | float) -> None:
+        """Add ``count`` rows, oldest first: for each column an array, or one value for all."""
         if count > self.rows:
-            values = {name: value[count - self.rows :] for name, value in values.items()}
+            values = {
+                name: _part(value, count - self.rows, count) for name, value in values.items()
+            }
             count = self.rows
         head = self.head
         self._counters[0] = head + count
         place = head % self.rows
         first = min(count, self.rows - place)
         for name, column in self._columns.items():
-            column[place : place + first] = values[name][:first]
+            column[place : place + first] = _part(values[name], 0, first)
             if count > first:
-                column[: count - first] = values[name][first:]
+                column[: count - first] = _part(values[name], first, count)
         self._counters[1] = head + count
 
     def newest(self, n: int) -> tuple[int, Mapping[str, NDArray[Any]]]:
@@ -81,6 +82,10 @@ class Ring:
         if start + count <= self.rows:
             return column[start : start + count].copy()
         return np.concatenate((column[start:], column[: start + count - self.rows]))
+
+
+def _part(value: NDArray[Any] | float, first: int, behind: int) -> NDArray[Any] | float:
+    return value[first:behind] if isinstance(value, np.ndarray) else value
 
 
 def ring_bytes(rows: int, columns: Sequence[Column]) -> int:

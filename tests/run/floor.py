@@ -105,7 +105,7 @@ def open_floor(folder: Path, seed: int = 3) -> Iterator[Floor]:
     """An engine on a virtual rig, not yet serving."""
     rig = open_rig("virtual", seed=seed, paced=False)
     live = LiveWriter(folder / "live.ring")
-    engine = Engine(rig, live, lambda: "2026-01-02T03:04:05+00:00", seed)
+    engine = Engine(rig, live, lambda: "2026-01-02T03:04:05+00:00", seed, False)
     try:
         yield Floor(rig, engine, folder)
     finally:
