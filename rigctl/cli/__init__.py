@@ -10,7 +10,9 @@ from importlib import import_module
 from rigctl import __version__
 from rigctl.errors import RigctlError
 
-COMMANDS = ("demo", "run", "stop", "check", "serve", "info", "verify", "ports", "gui", "engine")
+COMMANDS = (
+    *("demo", "run", "synth", "stop", "check", "serve", "info", "verify", "ports", "gui", "engine"),
+)
 INTERRUPTED = 130
 
 

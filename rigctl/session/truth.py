@@ -102,12 +102,13 @@ def load_truth(folder: Path) -> list[WorldTruth]:
 def trial_truths(session: Session) -> list[TrialTruth]:
     """What was true in each committed trial that a log covers, by trial id."""
     logs = {truth.sitting: truth for truth in load_truth(session.path)}
+    rises = {sitting: truth.rises_ms() for sitting, truth in logs.items()}
     sittings = _sittings(session.path)
     found = []
     for index in session.committed():
         row = session.trials[index]
         truth = logs.get(_sitting_of(sittings, int(row["part"])))
-        rise = None if truth is None else _rise_of(truth, row)
+        rise = None if truth is None else _rise_of(truth, rises[truth.sitting], row)
         if truth is not None and rise is not None:
             found.append(_judge(truth, rise, int(index), row))
     return found
@@ -145,9 +146,8 @@ def _judge(truth: WorldTruth, rise_ms: int, index: int, row: Any) -> TrialTruth:
     )
 
 
-def _rise_of(truth: WorldTruth, row: Any) -> int | None:
+def _rise_of(truth: WorldTruth, rises: NDArray[np.int64], row: Any) -> int | None:
     """The last rise of the attempt; loop time is world time at a simulated bench."""
-    rises = truth.rises_ms()
     low = np.searchsorted(rises, float(row["started_s"]) * 1000 - SLACK_MS)
     high = np.searchsorted(rises, float(row["ended_s"]) * 1000)
     complete = int(rises[high - 1]) + int(row["count"]) < truth.first_ms + len(truth.sync)

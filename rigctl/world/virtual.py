@@ -21,15 +21,18 @@ def open_virtual(parameters: WorldParameters | None = None, seed: int = 0) -> Vi
 
 
 class VirtualRig:
-    """A :class:`~rigctl.world.simulation.Simulation` that goes from event to event."""
+    """A :class:`~rigctl.world.simulation.Simulation` that goes from event to event.
 
-    def __init__(self, bench: Bench) -> None:
+    ``taxels``: another taxel board than the one on this rig's cable.
+    """
+
+    def __init__(self, bench: Bench, taxels: VirtualTaxels | None = None) -> None:
         self.time_us = 0
         self._bench = bench
         self.drum = SimulatedLink(DRUM, 2 * bench.seed)
         self.taxels = SimulatedLink(TAXELS, 2 * bench.seed + 1)
         self._drum = VirtualDrum(bench, self.drum)
-        self._taxels = VirtualTaxels(bench, self.taxels)
+        self._taxels = taxels or VirtualTaxels(bench, self.taxels)
         bench.on_sync = self._taxels.sync_edge
         links = {DRUM: self.drum, TAXELS: self.taxels}
         self.faults = FaultPanel(links, bench.disturbances, self._disturb, self._reset)

@@ -67,6 +67,11 @@ class VirtualDrum:
         self.controller.saved = self._saved
 
     @property
+    def registers(self) -> RegisterBank:
+        """Its registers, behind the wire."""
+        return self._bank
+
+    @property
     def duty(self) -> float:
         """Drive of the actuator now."""
         return self.controller.actuator.duty

@@ -1,0 +1,104 @@
+"""``rigctl synth``: a virtual data set without waiting for time to pass."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rigctl.cli.progress import clock
+from rigctl.resources import find_protocol
+
+INTERRUPTED = 130
+TELL_EVERY_S = 2.0
+
+
+def add_parser(subparsers: Any) -> None:
+    """Describe the command line."""
+    parser = subparsers.add_parser(
+        "synth",
+        help="make a virtual data set",
+        description="Take the trials of a protocol at the simulated bench, without wires and "
+        "without waiting, into a session that says that it is simulated.",
+    )
+    parser.add_argument("--plan", required=True, metavar="PROTOCOL", help="a file, or a name")
+    parser.add_argument("--repeats", type=int, metavar="N", help="instead of the protocol's")
+    parser.add_argument("--seed", type=int, required=True, help="of the world and the order")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new session")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the data set; 0 when every trial is in it, 1 when some could not be committed."""
+    from rigctl.synth.generate import Order, generate, plan_of
+
+    plan = plan_of(find_protocol(args.plan), args.repeats, args.seed)
+    order = Order(plan, args.seed, args.out, datetime.now(UTC).isoformat(timespec="seconds"))
+    with Interrupt() as interrupt:
+        teller = Teller(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
+        whole = generate(order, teller.tell, interrupt.asked)
+    teller.finish()
+    print(f"session: {args.out}")
+    if not whole:
+        print("rigctl: interrupted; the session holds what was made", file=sys.stderr)
+        return INTERRUPTED
+    return 0 if teller.committed == len(plan.trials) else 1
+
+
+class Interrupt:
+    """While entered, Ctrl-C and a polite kill are noted; a second one acts as ever."""
+
+    def __init__(self) -> None:
+        self._before: dict[int, Any] = {}
+        self._asked = False
+
+    def asked(self) -> bool:
+        """Whether somebody wants it to end."""
+        return self._asked
+
+    def __enter__(self) -> Interrupt:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._before[number] = signal.signal(number, self._caught)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _caught(self, number: int, frame: FrameType | None) -> None:
+        self._asked = True
+        signal.signal(number, self._before[number])
+
+
+class Teller:
+    """Says how far it is, on a terminal in one line, elsewhere a line now and then."""
+
+    def __init__(self, trials: int, trial_s: float) -> None:
+        self._trials = trials
+        self._trial_s = trial_s
+        self._began_s = self._told_s = time.monotonic()
+        self._redraws = sys.stderr.isatty()
+        self.committed = 0
+
+    def tell(self, progress: Any) -> None:
+        """Take note of progress; show it if it is time to."""
+        self.committed = progress.committed
+        now_s = time.monotonic()
+        if now_s - self._told_s < (0.2 if self._redraws else TELL_EVERY_S):
+            return
+        self._told_s = now_s
+        pace = progress.trial_s / (now_s - self._began_s)
+        left_s = (self._trial_s - progress.trial_s) / pace
+        line = f"{progress.trials}/{self._trials} trials · {pace:.0f} × real time · "
+        line += f"{clock(left_s)} left"
+        start, end = ("\r", "  ") if self._redraws else ("", "\n")
+        print(f"{start}{line}", end=end, file=sys.stderr, flush=True)
+
+    def finish(self) -> None:
+        """Leave the line and say what came of it."""
+        end = "\n" if self._redraws else ""
+        print(f"{end}{self.committed} of {self._trials} trials committed", file=sys.stderr)

@@ -1,0 +1,1 @@
+"""Recordings from elsewhere into sessions, and sessions into the formats of others."""

@@ -1,0 +1,165 @@
+"""The virtual rig without its cables: registers are written and samples taken directly.
+
+Mechanics, skin, load cell, state machine and force loop are those of the virtual rig. Left out
+is what the bytes cost: frames, Modbus, polls. So it goes many times as fast.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.values import DrumState, LoadcellSample
+from rigctl.wire.drum_map import RING_DEPTH, Command, CommandResult
+from rigctl.wire.drum_states import State
+from rigctl.wire.registers import plan_writes, register, words_of
+from rigctl.world.bench import Bench
+from rigctl.world.parameters import WorldParameters
+from rigctl.world.simulation import TAXELS, SimulatedLink
+from rigctl.world.skin import SLOT_US
+from rigctl.world.virtual import VirtualRig
+from rigctl.world.virtual_drum import VirtualDrum
+from rigctl.world.virtual_taxels import BOOT_US, FRAME_US, VirtualTaxels
+
+NEVER_US = 1 << 62
+
+
+class Frames(NamedTuple):
+    """Frames as the board would send them: uint16 (n, 18) samples, uint8 (n,) flags, edges."""
+
+    samples: NDArray[np.uint16]
+    flags: NDArray[np.uint8]
+    edges: NDArray[np.uint8]
+
+
+class TaxelTap(VirtualTaxels):
+    """The taxel board with its samples taken by number, at most 2 s after they were felt."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench, SimulatedLink(TAXELS))
+        self.next_us = NEVER_US
+
+    @property
+    def frame_us(self) -> float:
+        """Length of a frame in world time."""
+        return self._frame_us
+
+    def frame_at(self, at_us: float) -> int:
+        """Number of the first frame that starts at or after a world time."""
+        return int(np.ceil((at_us - BOOT_US) / self._frame_us))
+
+    def start_us(self, frame: int) -> float:
+        """World time at which a frame starts."""
+        return BOOT_US + frame * self._frame_us
+
+    def complete(self, now_us: int) -> int:
+        """How many frames have ended by a world time."""
+        return int((now_us - BOOT_US) / self._frame_us)
+
+    def take(self, first: int, behind: int) -> Frames:
+        """Frames ``first`` … ``behind - 1``; in rising order, each once, felt already."""
+        numbers = np.arange(first, behind, dtype=np.int64)
+        starts: NDArray[np.float64] = BOOT_US + numbers.astype(np.float64) * self._frame_us
+        self._bench.skin.advance()
+        slot_us = SLOT_US * self._frame_us / FRAME_US
+        samples = self._bench.skin.read(first, starts, slot_us)
+        return Frames(samples, *self._edges(starts + self._frame_us))
+
+    def skip_marks(self, before_us: int) -> None:
+        """Count the index marks before a world time, but show none of them in a frame."""
+        passed = sum(at_us < before_us for at_us in self._marks)
+        del self._marks[:passed]
+        self._marks_before += passed
+
+
+class DirectRig(VirtualRig):
+    """One bench with the virtual drum's registers at hand. The same for a seed and calls.
+
+    Raises WrongUse when a parameter lies outside its plausible range.
+    """
+
+    def __init__(self, parameters: WorldParameters, seed: int) -> None:
+        bench = Bench(parameters, seed)
+        self.tap = TaxelTap(bench)
+        super().__init__(bench, self.tap)
+        self.parameters = parameters
+        self.board: VirtualDrum = self._drum
+        self._sequence = 0
+        self._conversions = 0
+
+    @property
+    def state(self) -> State:
+        """State of the drum."""
+        return self.board.controller.state
+
+    @property
+    def result(self) -> CommandResult:
+        """What became of the last command."""
+        return CommandResult(self.board.controller.result)
+
+    def set(self, **values: float) -> None:
+        """Write settings in engineering units. Raises WrongUse for one out of its bounds."""
+        for write in plan_writes(values):
+            self.board.registers.write(write.address, write.words)
+
+    def setting(self, name: str) -> float:
+        """A setting in engineering units."""
+        return self.board.registers.settings[name] * register(name).scale
+
+    def command(self, command: Command) -> bool:
+        """Give a command; False where the drum refuses it."""
+        self._sequence = self._sequence % 65535 + 1
+        entries = register("command"), register("command_sequence")
+        words = [*words_of(entries[0], command), *words_of(entries[1], self._sequence)]
+        answer = self.board.registers.write(entries[0].address, words)
+        return answer.name == "OK"
+
+    def beat(self) -> None:
+        """Show the drum that somebody is there."""
+        self.board.beat()
+
+    def poll(self) -> DrumState:
+        """What a poll of the drum would show now, with the conversions since the last one.
+
+        Times are the world's and the board's own, not wrapped.
+        """
+        brain, now_us = self.board.controller, self.time_us
+        raw = self.board.report("poll")
+        return DrumState(
+            at_s=now_us * 1e-6,
+            board_time_us=brain.board_us(now_us),
+            state=int(brain.state),
+            fault=int(brain.fault),
+            fault_bits=raw["fault_bits"][0],
+            steps=raw["steps"][0],
+            angle_deg=raw["angle"][0] * register("angle").scale,
+            speed_mm_s=raw["speed"][0] * register("speed").scale,
+            force_g=raw["force"][0] * register("force").scale,
+            actuator_position_um=raw["actuator_position_um"][0],
+            actuator_drive_permille=raw["actuator_drive"][0],
+            sync_count=brain.turner.sync_count,
+            sync_rise_us=brain.board_us(brain.turner.sync_rise_us),
+            sync_fall_us=brain.board_us(brain.turner.sync_fall_us),
+            index_count=brain.turner.index_count,
+            status_bits=raw["status_bits"][0],
+            loadcell=tuple(self.conversions()),
+            loadcell_lost=0,
+            values={},
+        )
+
+    def conversions(self) -> list[LoadcellSample]:
+        """Load-cell samples since the last call, at most RING_DEPTH, oldest first."""
+        cell = self.board.controller.cell
+        first = max(self._conversions, cell.sequence - RING_DEPTH)
+        self._conversions = cell.sequence
+        return [
+            LoadcellSample(
+                number,
+                cell.time_us[number % RING_DEPTH],
+                cell.raw[number % RING_DEPTH],
+                (cell.raw[number % RING_DEPTH] - cell.tare_counts) * cell.ug_per_count * 1e-6,
+            )
+            for number in range(first + 1, cell.sequence + 1)
+        ]

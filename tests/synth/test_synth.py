@@ -1,0 +1,159 @@
+"""A virtual data set: whole, simulated by its own word, and like what the virtual rig records."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rigctl.cli import main
+from rigctl.errors import ProtocolError, SessionError
+from rigctl.session.reader import Session
+from rigctl.session.truth import trial_truths
+from rigctl.session.verify import verify
+from rigctl.synth import generate as making
+from rigctl.synth.generate import Order, Progress, generate, plan_of
+from tests.run.floor import open_floor
+
+TEXT = """
+name = "tiny"
+textures = ["L", "D"]
+speeds_mm_s = [100, 120]
+forces_g = [500]
+repeats = 7
+"""
+SEED = 3
+SPACES_MM = {"L": 6.0, "D": 12.0}
+
+
+@pytest.fixture(scope="module")
+def protocol(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("protocol") / "tiny.toml"
+    path.write_text(TEXT)
+    return path
+
+
+def make(protocol: Path, folder: Path, seed: int = SEED, stop_at: int = 1000) -> list[Progress]:
+    told: list[Progress] = []
+    order = Order(plan_of(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00")
+    generate(order, told.append, lambda: len(told) >= stop_at)
+    return told
+
+
+@pytest.fixture(scope="module")
+def made(protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("synth") / "session"
+    make(protocol, folder)
+    return folder
+
+
+def test_the_session_is_whole_and_says_that_it_is_simulated(made: Path) -> None:
+    report = verify(made)
+    assert report.problems == []
+    assert report.trials_committed == 4
+    with Session.open(made) as session:
+        header = session.header
+        assert (header.rig, header.simulated, header.trials_planned) == ("synth", True, 4)
+        assert header.simulation["seed"] == SEED
+        assert header.simulation["method"] == "direct"
+        assert "repeats = 1" in session.protocol_text
+        assert [part.attributes["texture"] for part in session.parts] == ["L", "D"]
+
+
+def test_each_trial_has_its_load_cell_polls_and_truth(made: Path) -> None:
+    with Session.open(made) as session:
+        truths = trial_truths(session)
+        assert [truth.trial_id for truth in truths] == [1, 2, 3, 4]
+        assert max(abs(truth.speed_error) for truth in truths) < 1e-3
+        assert max(abs(truth.force_error) for truth in truths) < 0.02
+        for index in session.committed():
+            row = session.trials[index]
+            window_s = row["count"] / 1000
+            drum = session.drum(int(index))
+            inside = (drum.loadcell_s >= 0) & (drum.loadcell_s <= window_s)
+            assert abs(inside.sum() - 80 * window_s) < 5
+            assert len(drum.polls) > 9 * window_s
+            assert drum.loadcell["force_g"][inside].mean() == pytest.approx(500, rel=0.02)
+            window = session.window(int(index))
+            assert window.complete
+            assert np.all(window.flags & 1)
+
+
+def test_a_seed_gives_the_same_samples_however_they_are_batched(
+    made: Path, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(making, "QUEUE_SAMPLES", 0)
+    monkeypatch.setattr(making, "TRUTH_ROWS", 0)
+    make(protocol, tmp_path / "again", stop_at=2)
+    make(protocol, tmp_path / "other", seed=SEED + 1, stop_at=1)
+    with (
+        Session.open(made) as one,
+        Session.open(tmp_path / "again") as two,
+        Session.open(tmp_path / "other") as other,
+    ):
+        for index in range(2):
+            assert np.array_equal(one.samples(index), two.samples(index))
+        assert not np.array_equal(one.samples(0), other.samples(0))
+
+
+def test_an_interrupted_one_is_a_session_that_opens(protocol: Path, tmp_path: Path) -> None:
+    make(protocol, tmp_path / "part", stop_at=1)
+    report = verify(tmp_path / "part")
+    assert report.whole
+    assert report.trials_committed == 1
+    make(protocol, tmp_path / "none", stop_at=0)
+    with Session.open(tmp_path / "none") as session:
+        assert session.finished
+
+
+def test_it_is_like_a_trial_of_the_whole_virtual_rig(made: Path, tmp_path: Path) -> None:
+    """Tolerances are those of docs/reference/synth.md."""
+    with open_floor(tmp_path, SEED) as floor:
+        floor.record(TEXT.replace("repeats = 7", "repeats = 1"))
+        real_folder = floor.session
+    with Session.open(made) as synth, Session.open(real_folder) as real:
+        for one, other in zip(synth.committed(), real.committed(), strict=True):
+            row = synth.trials[one]
+            assert row["trial_id"] == real.trials[other]["trial_id"]
+            a, b = synth.samples(int(one)), real.samples(int(other))
+            assert a.shape == b.shape
+            np.testing.assert_allclose(a.mean(axis=0), b.mean(axis=0), rtol=0.02)
+            texture_hz = row["speed_mm_s"] / SPACES_MM[row["texture"]]
+            bin_hz, depth = spectrum(a)
+            bins = np.argmax(depth[1:], axis=0) + 1
+            other_depth = spectrum(b)[1]
+            assert np.array_equal(bins, np.argmax(other_depth[1:], axis=0) + 1)
+            assert abs(np.median(bins) * bin_hz - texture_hz) <= bin_hz
+            place = round(texture_hz / bin_hz)
+            np.testing.assert_allclose(depth[place], other_depth[place], rtol=0.05, atol=0.5)
+
+
+def spectrum(samples: NDArray[np.uint16]) -> tuple[float, NDArray[np.float64]]:
+    """Width of a bin in Hz; amplitude (bins, taxels) in counts."""
+    level = samples - samples.mean(axis=0)
+    return 1000 / len(samples), 2 * np.abs(np.fft.rfft(level, axis=0)) / len(samples)
+
+
+def test_the_command_makes_a_session_and_refuses_in_a_sentence(
+    protocol: Path, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, out = ["synth", "--plan", str(protocol)], ["--out", str(tmp_path / "session")]
+    assert main([*plan, "--repeats", "1", "--seed", "5", *out]) == 0
+    assert "4 of 4 trials committed" in capsys.readouterr().err
+    assert verify(tmp_path / "session").whole
+    assert main([*plan, "--repeats", "0", "--seed", "5", "--out", str(tmp_path / "no")]) == 2
+    assert "repeats" in capsys.readouterr().err
+    copy = tmp_path / "taken"
+    shutil.copytree(made, copy)
+    with pytest.raises(SessionError):
+        make(protocol, copy)
+
+
+def test_repeats_that_stand_elsewhere_are_not_guessed(tmp_path: Path) -> None:
+    path = tmp_path / "odd.toml"
+    path.write_text(TEXT.replace("repeats = 7", '"repeats" = 7'))
+    with pytest.raises(ProtocolError):
+        plan_of(path, 2, 1)
