@@ -101,9 +101,9 @@ async def until_ended(floor: Floor) -> None:
 
 
 @contextmanager
-def open_floor(folder: Path, seed: int = 3) -> Iterator[Floor]:
-    """An engine on a virtual rig, not yet serving."""
-    rig = open_rig("virtual", seed=seed, paced=False)
+def open_floor(folder: Path, seed: int = 3, rig_kind: str = "virtual") -> Iterator[Floor]:
+    """An engine on a simulated rig, not yet serving."""
+    rig = open_rig(rig_kind, seed=seed, paced=False)
     live = LiveWriter(folder / "live.ring")
     engine = Engine(rig, live, lambda: "2026-01-02T03:04:05+00:00", seed, False)
     try:
