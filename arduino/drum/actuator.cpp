@@ -14,23 +14,20 @@ float size_of(float value) { return value < 0 ? -value : value; }
 }  // namespace
 
 int16_t Actuator::duty(float mm_s) const {
-    float permille = dead_band_ + (FULL - dead_band_) * size_of(mm_s) / full_mm_s_;
+    float permille = dead_band_ + slope_ * size_of(mm_s);
     if (permille > FULL) permille = FULL;
     const int16_t rounded = static_cast<int16_t>(permille + 0.5f);
     return mm_s < 0 ? -rounded : rounded;
 }
 
+// The pulse's duty is worked out here, once a sample, and not each millisecond.
 void Actuator::want(float mm_s) {
     pulsing_ = size_of(mm_s) < PULSE_MM_S;
-    wanted_ = mm_s;
-    if (!pulsing_) {
-        direct_ = duty(mm_s);
-        owed_ = 0;
-    } else if (mm_s == 0) {
-        owed_ = 0;
-        pulse_left_ = 0;
-        pulse_ = 0;
-    }
+    wanted_ = static_cast<int16_t>(mm_s * (WHOLE_PULSE / PULSE_MM_S));
+    direct_ = duty(pulsing_ ? PULSE_MM_S : mm_s);
+    if (pulsing_ && wanted_) return;
+    owed_ = 0;
+    if (pulsing_) pulse_left_ = pulse_ = 0;
 }
 
 void Actuator::lift() {
@@ -44,10 +41,10 @@ int16_t Actuator::tick() {
     if (!pulse_left_) {
         pulse_left_ = PULSE_MS;
         owed_ += wanted_;
-        const bool due = size_of(owed_) > PULSE_MM_S / 2;
-        const float given = !due ? 0 : owed_ < 0 ? -PULSE_MM_S : PULSE_MM_S;
-        owed_ -= given;
-        pulse_ = due ? duty(given) : 0;
+        pulse_ = 0;
+        if (owed_ > WHOLE_PULSE / 2) pulse_ = direct_;
+        if (owed_ < -WHOLE_PULSE / 2) pulse_ = -direct_;
+        if (pulse_) owed_ -= pulse_ > 0 ? WHOLE_PULSE : -WHOLE_PULSE;
     }
     --pulse_left_;
     return pulse_;
@@ -77,10 +74,11 @@ void Actuator::learn(uint16_t travel_um, uint16_t ms) {
         const float weight = full_known_ ? travel_um / (travel_um + SURE_TRAVEL_UM) : 1;
         full_mm_s_ += weight * (mm_s - full_mm_s_);
         full_known_ = true;
-        return;
+        return set_slope();
     }
     const float share = mm_s / full_mm_s_;
     if (share > 0.9f) return;
     const float band = (size_of(watched_) - FULL * share) / (1 - share);
     if (band >= 0 && band <= MOST_DEAD_BAND) dead_band_ = static_cast<uint16_t>(band + 0.5f);
+    set_slope();
 }

@@ -17,8 +17,9 @@ class Actuator {
 
     // A dead band to start from; the one given before changes nothing that was learned since.
     void start_from(uint16_t dead_band_permille) {
-        if (dead_band_permille != given_dead_band_) dead_band_ = dead_band_permille;
-        given_dead_band_ = dead_band_permille;
+        if (dead_band_permille == given_dead_band_) return;
+        given_dead_band_ = dead_band_ = dead_band_permille;
+        set_slope();
     }
     uint16_t dead_band() const { return dead_band_; }
 
@@ -34,13 +35,17 @@ class Actuator {
     void watch(uint16_t position_um);
 
   private:
+    void set_slope() { slope_ = (FULL - dead_band_) / full_mm_s_; }
     int16_t duty(float mm_s) const;
     void learn(uint16_t travel_um, uint16_t ms);
 
-    float wanted_ = 0;
-    float owed_ = 0;           // mm/s × pulses not yet given
+    static constexpr int16_t WHOLE_PULSE = 8192;
+
     float full_mm_s_ = 10.0f;  // speed at full duty
-    int16_t direct_ = 0;       // duty for speeds above PULSE_MM_S
+    float slope_ = 90.0f;      // permille for each mm/s above the dead band
+    int16_t wanted_ = 0;       // share of a pulse each slot, in parts of WHOLE_PULSE
+    int16_t owed_ = 0;         // the same, not yet given
+    int16_t direct_ = 0;       // duty of a speed above PULSE_MM_S, or of a pulse that presses
     int16_t pulse_ = 0;
     uint8_t pulse_left_ = 0;
     bool pulsing_ = true, full_known_ = false;

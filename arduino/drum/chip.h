@@ -59,7 +59,7 @@ void begin();
 bool watchdog_reset();
 void kick();           // the watchdog, when all have checked in
 void count_late(uint8_t ticks);
-void sleep_until_interrupt();  // called with interrupts off
+void sleep_until_interrupt();  // called, and left, with interrupts off
 }  // namespace health
 
 namespace store {  // chip_store.cpp: EEPROM

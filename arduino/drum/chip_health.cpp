@@ -24,6 +24,7 @@ constexpr uint16_t CYCLES_PER_PERMILLE = 16000;
 uint8_t reset_cause __attribute__((section(".noinit")));
 uint16_t late_ticks;
 uint32_t slept_cycles;
+uint16_t slept_in_tick;  // short, because every interrupt's wake adds to it
 uint16_t idle_permille;
 uint16_t second_ms;
 uint16_t unused_stack;
@@ -63,6 +64,7 @@ void begin() {
     while (*byte == PAINT && byte < &__stack) ++byte;
     unused_stack = byte - &_end;
     set_sleep_mode(SLEEP_MODE_IDLE);
+    sleep_enable();
     // 64 ms on the chip: less than the 100 ms in which a hang has to end.
     wdt_enable(WDTO_60MS);
 }
@@ -71,6 +73,8 @@ bool watchdog_reset() { return reset_cause & _BV(WDRF); }
 
 void kick() {
     wdt_reset();
+    slept_cycles += slept_in_tick;
+    slept_in_tick = 0;
     if (++second_ms < SECOND_MS) return;
     second_ms = 0;
     idle_permille = slept_cycles / CYCLES_PER_PERMILLE;
@@ -79,18 +83,18 @@ void kick() {
 
 void count_late(uint8_t ticks) { late_ticks += ticks; }
 
-// Sleep ends with an interrupt, whose own time is no rest.
+// Sleep ends with an interrupt, whose own time is no rest. Returns with interrupts off.
 void sleep_until_interrupt() {
     const uint16_t start = TCNT1;
     IsrMeter::sum = 0;
-    sleep_enable();
     sei();
     sleep_cpu();
+    // The chip serves the interrupt that woke it before it goes on; simavr may take two more
+    // instructions for that, and would sleep again for ever.
+    asm volatile("nop\n\tnop");
     cli();
-    sleep_disable();
     const uint16_t cycles = TCNT1 - start, busy = IsrMeter::sum;
-    sei();
-    if (cycles > busy) slept_cycles += cycles - busy;
+    if (cycles > busy) slept_in_tick += cycles - busy;
 }
 
 }  // namespace health
@@ -102,7 +106,7 @@ Health health() {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { longest = IsrMeter::longest; }
     look_at_stack();
     return {late_ticks,
-            static_cast<uint16_t>((longest + IsrMeter::AROUND_CYCLES) / 16),
+            static_cast<uint16_t>((longest + IsrMeter::MOST_AROUND_CYCLES) / 16),
             unused_stack,
             idle_permille,
             store::boot_count(),

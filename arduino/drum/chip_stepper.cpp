@@ -20,6 +20,8 @@
 #include "isr_meter.h"
 #include "ports.h"
 
+#pragma GCC optimize("O2")  // also where the IDE builds for size
+
 namespace {
 
 constexpr uint16_t HIGH_CYCLES = 640;      // 40 µs; at 10,000 steps/s the low part is 60 µs
@@ -35,10 +37,9 @@ enum class Next : uint8_t { Rise, Fall, Wait };
 
 StepEngine engine;
 Next next;
-uint32_t wait;      // cycles still to wait before the rise
+uint32_t wait;      // cycles still to wait before the rise, after the present piece
 uint8_t fraction;   // of a cycle, summed up over steps
 volatile bool running;
-volatile uint8_t breaths;
 ports::SyncLine sync_state;
 volatile uint16_t index_count;
 int32_t index_position;
@@ -50,16 +51,16 @@ inline void set_match(uint16_t at) {
         OCR1A = TCNT1 + LATE_MARGIN;
 }
 
-inline void aim_at_rise(uint16_t from) {
-    if (wait > LONGEST_WAIT) {
-        wait -= PIECE;
+inline void aim_at_rise(uint16_t from, uint32_t left) {
+    if (left > LONGEST_WAIT) {
+        wait = left - PIECE;
         next = Next::Wait;
         TCCR1A = PIN_RESTS;
         set_match(from + PIECE);
     } else {
         next = Next::Rise;
         TCCR1A = PIN_TOGGLES;
-        set_match(from + static_cast<uint16_t>(wait));
+        set_match(from + static_cast<uint16_t>(left));
     }
 }
 
@@ -75,8 +76,7 @@ inline void schedule(uint16_t from, uint16_t over) {
     if (!interval) return halt();
     const uint32_t exact = interval + fraction;
     fraction = static_cast<uint8_t>(exact);
-    wait = (exact >> 8) - over;
-    aim_at_rise(from);
+    aim_at_rise(from, (exact >> 8) - over);
 }
 
 inline void move_sync(Mark mark) {
@@ -98,7 +98,6 @@ inline void move_sync(Mark mark) {
 ISR(TIMER1_COMPA_vect, __attribute__((flatten))) {
     const IsrMeter meter;
     const uint16_t now = OCR1A;
-    breaths = breaths + 1;
     switch (next) {
         case Next::Rise:
             next = Next::Fall;
@@ -106,7 +105,7 @@ ISR(TIMER1_COMPA_vect, __attribute__((flatten))) {
             move_sync(engine.count_step());
             break;
         case Next::Fall: schedule(now, HIGH_CYCLES); break;
-        case Next::Wait: aim_at_rise(now); break;
+        case Next::Wait: aim_at_rise(now, wait); break;
     }
 }
 
@@ -141,9 +140,12 @@ void cut() {
 }
 
 bool breathing() {
-    static uint8_t last, silent;
-    const bool alive = !running || breaths != last;
-    last = breaths;
+    static uint16_t last;
+    static uint8_t silent;
+    uint16_t aim = 0;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { aim = OCR1A; }
+    const bool alive = !running || aim != last;
+    last = aim;
     silent = alive ? 0 : silent + 1;
     return silent < SILENT_TICKS;
 }

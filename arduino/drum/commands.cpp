@@ -158,17 +158,17 @@ bool Drum::save() {
 bool Drum::defaults() {
     if (!resting()) return false;
     bank_.restore_defaults();
-    actuator_.start_from(word(reg::dead_band_permille));
-    apply_scale();
+    apply_settings();
     tared_ = false;
     return true;
 }
 
 void Drum::written(uint16_t address, uint16_t count) {
-    const auto touched = [&](uint16_t place) { return place >= address && place - address < count; };
+    const auto touched = [&](uint16_t place) {
+        return place >= address && place - address < count;
+    };
     if (touched(reg::heartbeat)) heartbeat_.seen(word(reg::heartbeat));
+    if (address + count <= reg::speed_set) return;  // only the computer's own traffic
     if (touched(reg::tare_counts) || touched(reg::tare_counts + 1)) tared_ = true;
-    actuator_.start_from(word(reg::dead_band_permille));
-    apply_scale();
-    ports::watch_estop(fitted(0));
+    apply_settings();
 }

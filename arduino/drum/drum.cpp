@@ -35,23 +35,28 @@ bool supervised(State state) {
 
 bool Drum::fitted(uint8_t signal) const { return word(reg::optional_signals) >> signal & 1; }
 
-void Drum::apply_scale() {
+// Works out once what each sample needs: every product of numbers with a point costs 10 µs.
+void Drum::apply_settings() {
+    const float force_g = word(reg::force_set) * 0.1f;
+    target_ = {force_g, word(reg::gain_p) * 0.01f, word(reg::gain_i) * 0.01f, 0};
+    band_g_ = force_g * word(reg::settle_band) * 0.001f;
+    over_force_g_ = word(reg::over_force) * 0.1f;
+    actuator_.start_from(word(reg::dead_band_permille));
+    ports::watch_estop(fitted(0));
     loadcell_.set_scale(bank_.wide(reg::tare_counts), bank_.wide(reg::scale_ug_per_count));
     judge_force();
 }
 
 // Either way: with a scale of the wrong sign, pressing reads as pulling.
 void Drum::judge_force() {
-    over_force_ = fabsf(loadcell_.force_g()) > word(reg::over_force) * 0.1f;
+    over_force_ = fabsf(loadcell_.force_g()) > over_force_g_;
 }
 
 void Drum::boot(bool watchdog_reset) {
     if (ports::load(bank_.settings(), SETTINGS_WORDS) && !bank_.settings_valid())
         bank_.restore_defaults();
     report_identity();
-    apply_scale();
-    actuator_.start_from(word(reg::dead_band_permille));
-    ports::watch_estop(fitted(0));
+    apply_settings();
     enter(State::Boot);
     go(Event::Booted);
     if (watchdog_reset) raise(Fault::Hang);
@@ -136,25 +141,28 @@ void Drum::sample(const Conversion &conversion) {
     if (mode == Drive::Approach || mode == Drive::ForceLoop) press();
 }
 
-DrumTurn Drum::turn() const {
+DrumTurn Drum::turn() {
     constexpr float RAD_S_TIMES_INTERVAL = TWO_PI / board::STEPS_PER_TURN * board::CLOCK_HZ * 256.0f;
-    const int32_t place = ports::position() % board::STEPS_PER_TURN;
-    const uint8_t part = static_cast<uint8_t>(place * 256 / board::STEPS_PER_TURN);
+    constexpr int16_t STEPS_PER_PART = board::STEPS_PER_TURN / 256;
+    const int16_t place = ports::position() % board::STEPS_PER_TURN;
+    const uint8_t part = static_cast<uint8_t>(place / STEPS_PER_PART);
     const uint32_t interval = ports::step_interval();
-    float rate = interval ? RAD_S_TIMES_INTERVAL / interval : 0;
-    if (backwards_) rate = -rate;
-    return {circle::cosine(part), circle::sine(part), rate};
+    if (interval != turn_interval_) {
+        turn_interval_ = interval;
+        turn_rate_ = interval ? RAD_S_TIMES_INTERVAL / interval : 0;
+        if (backwards_) turn_rate_ = -turn_rate_;
+    }
+    return {circle::cosine(part), circle::sine(part), turn_rate_};
 }
 
 bool Drum::within_band() const {
-    const float set = force_set_g();
-    return fabsf(loadcell_.force_g() - set) <= set * word(reg::settle_band) * 0.001f;
+    return fabsf(loadcell_.force_g() - target_.force_g) <= band_g_;
 }
 
 // From the first touch to the actuator's stop pass about 60 ms; what is travelled meanwhile must
 // stay below the set force, also where the contact is half as stiff again as believed.
 float Drum::search_speed() const {
-    const float depth_mm = force_set_g() / word(reg::stiffness_g_per_mm);
+    const float depth_mm = target_.force_g / word(reg::stiffness_g_per_mm);
     const float speed = depth_mm / SEARCH_S;
     return speed < SEARCH_MM_S ? speed : SEARCH_MM_S;
 }
@@ -164,13 +172,11 @@ void Drum::press() {
     const bool near_contact = !contact_known_ || !fitted(3) ||
                               inputs_.position_um + SLOW_ZONE_UM >= contact_um_;
     const bool searching = !force_.in_contact();
-    ForceTarget target = {force_set_g(), word(reg::gain_p) * 0.01f, word(reg::gain_i) * 0.01f,
-                          CONTACT_MM_S};
-    if (searching) target.speed_limit = near_contact ? search_speed() : QUICK_MM_S;
-    const ForceMode mode = static_cast<ForceMode>(word(reg::force_mode));
-    if (mode == ForceMode::Position)
-        target.force_g = word(reg::depth_set_um) * 0.001f * force_.stiffness();
-    float speed = force_.update(loadcell_.force_g(), target, turn());
+    target_.speed_limit = CONTACT_MM_S;
+    if (searching) target_.speed_limit = near_contact ? search_speed() : QUICK_MM_S;
+    const bool by_depth = word(reg::force_mode) == static_cast<uint16_t>(ForceMode::Position);
+    if (by_depth) target_.force_g = word(reg::depth_set_um) * 0.001f * force_.stiffness();
+    float speed = force_.update(loadcell_.force_g(), target_, turn());
     if (locked_) speed = 0;
     force_.commanded(speed);
     actuator_.want(speed);
@@ -179,7 +185,6 @@ void Drum::press() {
         contact_um_ = inputs_.position_um;
         contact_known_ = true;
     }
-    if (force_.in_contact()) bank_.put(reg::stiffness_g_per_mm, lroundf(force_.stiffness()));
     if (!within_band()) outside_ms_ = inputs_.now_ms;
 }
 
@@ -220,6 +225,7 @@ void Drum::approach() {
         ? inputs_.now_ms - contact_ms_ > 1000U
         : settled_ms >= word(reg::settle_time_ms);
     if (settled) {
+        bank_.put(reg::stiffness_g_per_mm, lroundf(force_.stiffness()));
         locked_ = word(reg::force_mode) == static_cast<uint16_t>(ForceMode::Lock);
         go(Event::ForceSettled);
     } else if (inputs_.now_ms - contact_ms_ > word(reg::approach_timeout_ms)) {
@@ -336,7 +342,7 @@ void Drum::end_tare() {
         return loadcell_.begin_tare();
     }
     bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(loadcell_.tare_mean()));
-    apply_scale();
+    apply_settings();
     tared_ = true;
     finish(CommandResult::Done);
 }

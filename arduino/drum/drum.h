@@ -72,15 +72,14 @@ class Drum : public Owner {
     void progress_pending();
     void end_tare();
     void start(const Motion &motion, uint16_t speed);
-    DrumTurn turn() const;
+    DrumTurn turn();
     bool fitted(uint8_t signal) const;
     bool estop_open() const { return fitted(0) && inputs_.estop_open; }
     bool end_up() const { return fitted(2) && inputs_.end_up; }
     bool end_down() const { return fitted(2) && inputs_.end_down; }
-    float force_set_g() const { return word(reg::force_set) * 0.1f; }
     uint16_t word(uint16_t address) const { return bank_.word(address); }
     bool within_band() const;
-    void apply_scale();
+    void apply_settings();
     void judge_force();
 
     // commands.cpp
@@ -133,6 +132,10 @@ class Drum : public Owner {
     bool locked_ = false;         // force mode 1: the force was reached, the actuator rests
     bool homing_ = false, homed_ = false, tared_ = false;
     bool backwards_ = false, over_force_ = false;
+    ForceTarget target_ = {0, 0, 0, 0};
+    float band_g_ = 0, over_force_g_ = 0;
+    uint32_t turn_interval_ = 0;  // for which turn_rate_ was worked out
+    float turn_rate_ = 0;
     uint16_t cruise_speed_ = 0;   // 0.01 mm/s
 };
 

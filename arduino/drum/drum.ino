@@ -56,16 +56,23 @@ static void run_serial() {
     if (length) serial::send(drum.modbus().reply(), length);
 }
 
+static inline bool idle() {
+    return !clock::pending() && !amplifier::ready() && !serial::available();
+}
+
 int main() {
     begin_all();
     for (;;) {
+        // Most interrupts, each step for one, leave nothing to do out here.
+        cli();
+        while (idle()) health::sleep_until_interrupt();
+        sei();
         const uint8_t ticks = clock::take_ticks();
         if (ticks > 1) health::count_late(ticks - 1);
         for (uint8_t i = 0; i < ticks; ++i) run_tick();
+        // One piece of work a round, so that no tick waits for more than the longest of them.
+        if (ticks) continue;
         if (amplifier::ready()) drum.sample(amplifier::read());
-        if (serial::available()) run_serial();
-        cli();
-        if (clock::pending() || amplifier::ready() || serial::available()) sei();
-        else health::sleep_until_interrupt();
+        else if (serial::available()) run_serial();
     }
 }

@@ -51,6 +51,7 @@ class ForceLoop {
     float depth_mm() const { return depth_; }
 
   private:
+    void believe(float stiffness_g_per_mm);
     void advance_model();
     void look_for_contact(float force_g);
     void learn_stiffness(float force_g);
@@ -64,7 +65,8 @@ class ForceLoop {
     float compression_ = 0, drift_ = 0;    // mm, mm/s
     float surprise_ = 0;                   // mm, what the model did not foresee
     float cosine_ = 0, sine_ = 0;          // run-out, mm
-    float stiffness_ = 600, sum_xx_ = 0, sum_xy_ = 0;
+    float stiffness_ = 600, compliance_ = 1 / 600.0f;  // g/mm, mm/g
+    float sum_xx_ = 0, sum_xy_ = 0;
     float depth_ = 0;
     uint16_t since_contact_ = 0;
     uint8_t free_samples_ = 0;

@@ -1,5 +1,7 @@
 #include "modbus.h"
 
+#include "crc16_table.h"  // polynomial
+
 namespace {
 
 constexpr uint8_t READ = 3, WRITE_ONE = 6, WRITE = 16, READ_WRITE = 23;
@@ -8,6 +10,10 @@ constexpr uint8_t MIN_FRAME = 4;
 constexpr uint8_t TOO_LONG = 255;
 constexpr uint8_t MAX_READ = 125;
 
+inline uint16_t crc_after(uint16_t crc, uint8_t byte) {
+    return flash::word_at(&CRC16_OF_BYTE[static_cast<uint8_t>(crc ^ byte)]) ^ crc >> 8;
+}
+
 uint8_t total(uint16_t head, uint8_t data) {
     const uint16_t length = head + data + 2;
     return length > Modbus::MAX_REQUEST ? TOO_LONG : static_cast<uint8_t>(length);
@@ -15,14 +21,7 @@ uint8_t total(uint16_t head, uint8_t data) {
 
 }  // namespace
 
-// Nibble table of the CRC of Modbus (polynomial 0xA001): small and quick enough.
-uint16_t Modbus::crc_step(uint16_t crc, uint8_t byte) {
-    static constexpr uint16_t TABLE[16] FLASH = {
-        0x0000, 0xcc01, 0xd801, 0x1400, 0xf001, 0x3c00, 0x2800, 0xe401,
-        0xa001, 0x6c00, 0x7800, 0xb401, 0x5000, 0x9c01, 0x8801, 0x4400};
-    crc = flash::word_at(&TABLE[(crc ^ byte) & 15]) ^ crc >> 4;
-    return flash::word_at(&TABLE[(crc ^ byte >> 4) & 15]) ^ crc >> 4;
-}
+uint16_t Modbus::crc_step(uint16_t crc, uint8_t byte) { return crc_after(crc, byte); }
 
 uint16_t Modbus::field(uint8_t offset) const {
     return static_cast<uint16_t>(request_[offset] << 8 | request_[offset + 1]);
@@ -53,7 +52,7 @@ uint16_t Modbus::take(uint8_t byte) {
     silence_ms_ = 0;
     if (lost_) return 0;
     request_[size_++] = byte;
-    crc_ = crc_step(crc_, byte);
+    crc_ = crc_after(crc_, byte);
     const bool done = complete();
     if (!done) {
         lost_ = size_ == MAX_REQUEST || length_by_function() == TOO_LONG;
@@ -96,7 +95,7 @@ uint16_t Modbus::serve() {
 
 uint16_t Modbus::finish(uint16_t length) {
     uint16_t crc = 0xffff;
-    for (uint16_t i = 0; i < length; ++i) crc = crc_step(crc, reply_[i]);
+    for (uint16_t i = 0; i < length; ++i) crc = crc_after(crc, reply_[i]);
     reply_[length] = static_cast<uint8_t>(crc);
     reply_[length + 1] = static_cast<uint8_t>(crc >> 8);
     return length + 2;

@@ -11,6 +11,14 @@ uint16_t tenths(float value) {
     return static_cast<uint16_t>(static_cast<int16_t>(scaled));
 }
 
+// 36000 / 12800 in small numbers: the compiler shifts instead of dividing.
+uint16_t hundredths_of_degree(uint16_t place) {
+    constexpr uint16_t TIMES = 45, OVER = 16;
+    static_assert(TIMES * static_cast<uint32_t>(board::STEPS_PER_TURN) == 36000UL * OVER,
+                  "reduce 36000 / STEPS_PER_TURN anew");
+    return static_cast<uint32_t>(place) * TIMES / OVER;
+}
+
 uint16_t flag(Status status, bool on) {
     return on ? 1u << static_cast<uint8_t>(status) : 0;
 }
@@ -71,7 +79,7 @@ void Drum::report_motion() {
     const uint16_t speed = ports::at_speed() ? cruise_speed_ : ramp::speed_of(ports::step_interval());
     const ports::SyncLine sync = ports::sync_line();
     bank_.put_wide(reg::steps, static_cast<uint32_t>(steps));
-    bank_.put(reg::angle, static_cast<uint16_t>(place * 36000UL / board::STEPS_PER_TURN));
+    bank_.put(reg::angle, hundredths_of_degree(place));
     bank_.put(reg::speed, backwards_ ? -speed : speed);
     bank_.put(reg::sync_count, sync.count);
     bank_.put_wide(reg::sync_rise_us, sync.rise_us);

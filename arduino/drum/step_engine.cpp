@@ -1,5 +1,8 @@
 #include "step_engine.h"
 
+// Runs inside the step interrupt, also where the IDE builds for size.
+#pragma GCC optimize("O2")
+
 void StepEngine::begin(const Motion &motion) {
     profile_ = motion.profile;
     backwards_ = motion.backwards;
@@ -8,38 +11,32 @@ void StepEngine::begin(const Motion &motion) {
     sync_length_ = motion.sync_length;
     index_ = 0;
     stopping_ = false;
+    at_speed_ = false;
     sync_ = false;
     interval_ = motion.steps ? profile_.first : 0;
 }
 
-uint32_t StepEngine::slower() {
-    if (!index_) return 0;
-    return ramp::interval(profile_.first, --index_);
-}
-
-uint32_t StepEngine::faster() {
-    const uint32_t next = ramp::interval(profile_.first, index_);
-    if (next <= profile_.cruise || index_ >= ramp::MAX_INDEX) return profile_.cruise;
-    ++index_;
-    return next;
-}
-
 // A step of acceleration needs one more step to brake, hence the two that must remain.
 uint32_t StepEngine::next_interval() {
-    if (!interval_) return 0;
-    if (stopping_ || remaining_ <= index_) {
-        interval_ = slower();
-    } else if (interval_ != profile_.cruise && remaining_ >= index_ + 2UL) {
-        interval_ = faster();
-    } else if (remaining_ == 1 && !index_) {
-        interval_ = profile_.first;
+    uint16_t index = index_;
+    const int32_t spare = static_cast<int32_t>(remaining_ - index);  // ENDLESS counts as many
+    const bool brake = stopping_ || spare <= 0;
+    if (!brake && (at_speed_ || spare == 1)) return interval_;
+    at_speed_ = false;
+    if (brake && !index--) return interval_ = 0;
+    uint32_t next = ramp::interval(profile_.first, index);
+    if (!brake) {
+        at_speed_ = next <= profile_.cruise || index == ramp::MAX_INDEX;
+        if (at_speed_) next = profile_.cruise;
+        else ++index;
     }
-    return interval_;
+    index_ = index;
+    return interval_ = next;
 }
 
 Mark StepEngine::count_step() {
     position_ += backwards_ ? -1 : 1;
-    if (remaining_ != ENDLESS) --remaining_;
+    if (remaining_ < ENDLESS) --remaining_;
     if (to_mark_ == ENDLESS || --to_mark_) return Mark::None;
     sync_ = !sync_;
     to_mark_ = sync_ ? sync_length_ : ENDLESS;

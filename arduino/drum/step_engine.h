@@ -9,7 +9,8 @@
 
 #include "ramp.h"  // intervals
 
-constexpr uint32_t ENDLESS = 0xffffffffUL;
+// More steps than any motion has, and still positive with a sign.
+constexpr uint32_t ENDLESS = 0x7fffffffUL;
 
 struct Motion {
     Profile profile;
@@ -34,7 +35,7 @@ class StepEngine {
     Mark count_step();
 
     bool moving() const { return interval_ != 0; }
-    bool at_speed() const { return moving() && interval_ == profile_.cruise; }
+    bool at_speed() const { return moving() && at_speed_; }
     uint32_t interval() const { return interval_; }
     bool backwards() const { return backwards_; }
     int32_t position() const { return position_; }
@@ -43,9 +44,6 @@ class StepEngine {
     uint16_t steps_to_stop() const { return index_; }
 
   private:
-    uint32_t slower();
-    uint32_t faster();
-
     Profile profile_ = {0, 0};
     int32_t position_ = 0;
     uint32_t remaining_ = 0;
@@ -54,7 +52,7 @@ class StepEngine {
     uint32_t interval_ = 0;
     uint16_t index_ = 0;
     bool backwards_ = false;
-    bool stopping_ = false;
+    bool stopping_ = false, at_speed_ = false;
     bool sync_ = false;
 };
 

@@ -111,11 +111,13 @@ class DrumChip:
     def edges(self, signal: Output) -> NDArray[np.int64]:
         """Rows (cycle, level) of an output since the last clear."""
         rows = np.concatenate([np.empty((0, 3), np.int64), *self._edges])
-        return rows[rows[:, 1] == signal][:, (0, 2)]
+        chosen: NDArray[np.int64] = rows[rows[:, 1] == signal][:, (0, 2)]
+        return chosen
 
     def steps(self) -> NDArray[np.int64]:
         """Cycles of the step pulses since the last clear."""
-        return self.edges(Output.STEP)[:, 0]
+        cycles: NDArray[np.int64] = self.edges(Output.STEP)[:, 0]
+        return cycles
 
     # --- Modbus -----------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import struct
 
 import numpy as np
 import pytest
@@ -14,6 +15,11 @@ from tests.firmware.drum_chip import MS, DrumChip, crc16
 
 ESTOP_LIMIT = 1600
 """Cycles in 100 µs."""
+
+
+def hang(drum: DrumChip) -> None:
+    """Write the target at which ``drum-hangs.elf`` stops thinking."""
+    drum.exchange(struct.pack(">BHHBi", 16, BY_NAME["move_target"].address, 2, 4, -32_000), 2)
 
 
 def bring(drum: DrumChip, state: State) -> None:
@@ -81,9 +87,7 @@ def test_a_hung_main_loop_is_reset_within_100_ms_and_says_so() -> None:
     with DrumChip("firmware/drum-hangs.elf") as drum:
         drum.arm()
         boots = drum.get("boot_count")
-        drum.set("move_target", -32_000)  # where this image stops thinking
-        drum.set("move_target", 100_000)
-        drum.clear_edges()
+        hang(drum)
         hung_at = int(drum.x.cycle)
         resets = drum.x.resets
         while drum.x.resets == resets and drum.x.cycle < hung_at + 200 * MS:
@@ -103,8 +107,7 @@ def test_the_emergency_stop_works_with_a_hung_main_loop() -> None:
         drum.set("move_target", 100_000)
         drum.command(Command.MOVE)
         drum.poll_for(200)
-        drum.set("move_target", -32_000)
-        drum.run(3)
+        hang(drum)
         drum.clear_edges()
         at = drum.pin(Input.ESTOP, 1, 2000)
         drum.run(2)

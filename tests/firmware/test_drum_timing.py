@@ -69,10 +69,10 @@ def test_interrupts_are_short_and_load_cell_reads_quick(holding: DrumChip) -> No
     x = holding.x
     longest = max(x.longest_isr) + ENTRY_CYCLES
     assert longest <= 400, list(x.longest_isr)  # 25 µs
-    assert x.longest_read <= 960  # 60 µs
+    assert x.longest_read <= 1280  # 80 µs when each kind of interrupt falls into one read
     assert x.loadcell_reads == x.loadcell_conversions
     assert holding.get("longest_isr_us") == pytest.approx(longest / 16, abs=4)
-    assert holding.get("late_ticks") <= 2  # the start alone takes longer than a tick
+    assert holding.get("late_ticks") < 1e-3 * x.cycle / 16_000
     assert holding.get("loadcell_dropped") == 0
 
 
@@ -102,8 +102,8 @@ def test_ten_thousand_steps_a_second_for_as_long_as_wanted() -> None:
         fastest = np.diff(steps[18_000:22_000])
         assert np.abs(fastest - STEP_CYCLES_AT_1_MM_S / 320).max() <= FLOOR + 1
         assert max(drum.x.longest_isr) + ENTRY_CYCLES <= 400
-        assert drum.x.longest_read <= 960
-        assert drum.get("late_ticks") <= 2
+        assert drum.x.longest_read <= 1200  # step interrupts take 40 % of the time
+        assert drum.get("late_ticks") <= 5
 
 
 def test_replies_begin_within_five_milliseconds(holding: DrumChip) -> None:

@@ -43,11 +43,9 @@ constexpr double MM_PER_STEP = board::NM_PER_STEP * 1e-6;
 
 }  // namespace
 
-TEST(the_tables_are_square_roots) {
-    for (int n = 0; n < 64; ++n)
-        CHECK_NEAR(ROOT_DIFFERENCES[n], 65536 * (std::sqrt(n + 1.0) - std::sqrt(n)), n ? 0.51 : 1.1);
-    for (int n = 0; n < 192; ++n)
-        CHECK_NEAR(INVERSE_ROOTS[n], 65536 / (2 * std::sqrt(64.5 + n)), 0.51);
+TEST(the_table_is_square_roots) {
+    for (int n = 0; n < 256; ++n)
+        CHECK_NEAR(STEP_SHARES[n], 65536 * (std::sqrt(n + 1.0) - std::sqrt(n)), n ? 0.6 : 1.1);
 }
 
 TEST(motions_end_on_the_exact_step) {
