@@ -19,6 +19,10 @@ CLOCK_RESOLUTION_S = 1e-6
 LAG_FORGOTTEN_S = 0.5
 """A paced world that is later than this is not hurried to catch up: people watch it."""
 
+FREE_LOOKS = 8
+"""A free-running world looks at files once in so many turns: each look is a system call, and
+nothing that comes through a file may decide a sample there."""
+
 _Ready = list[tuple[selectors.SelectorKey, int]]
 
 
@@ -30,6 +34,7 @@ class _WorldSelector(selectors.DefaultSelector):
         self._simulation = simulation
         self._pace = pace
         self.dropped_s = 0.0
+        self._turns = 0
         self._anchor()
 
     def select(self, timeout: float | None = None) -> _Ready:

@@ -9,7 +9,7 @@ from rigctl.world.truth import Truth
 from rigctl.world.virtual_drum import VirtualDrum
 from rigctl.world.virtual_taxels import VirtualTaxels
 
-SLICE_US = 10_000
+SLICE_US = 16_000
 
 
 def open_virtual(parameters: WorldParameters | None = None, seed: int = 0) -> VirtualRig:

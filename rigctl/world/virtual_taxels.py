@@ -11,8 +11,8 @@ from rigctl.world.simulation import SimulatedLink
 from rigctl.world.skin import SLOT_US
 
 FRAME_US = 1000
-FLUSH_US = 10_000
-"""The cable hands over what came in this time, as a USB port does."""
+FLUSH_US = 16_000
+"""The cable hands over what came in this time: the latency timer of common USB adapters."""
 
 SEND_US = 700
 """From the end of a frame's samples to the last byte of the frame."""
