@@ -83,8 +83,8 @@ def raster_figure(picture: TrialPicture, stem: Path) -> Path:
     )
     travel.set_xlabel("texture travelled (mm)", color=MUTED)
     travel.tick_params(colors=MUTED)
-    _finish(figure, picture.title, picture.origin)
-    return _save(figure, stem)
+    finish(figure, picture.title, picture.origin)
+    return save(figure, stem)
 
 
 def accuracy_figure(held_out: HeldOut, origin: str, stem: Path) -> Path:
@@ -100,8 +100,8 @@ def accuracy_figure(held_out: HeldOut, origin: str, stem: Path) -> Path:
         f"Textures told apart on held-out trials: {correct} of {n} "
         f"({correct / n:.0%}) with {held_out.shown} components"
     )
-    _finish(figure, title, origin)
-    return _save(figure, stem)
+    finish(figure, title, origin)
+    return save(figure, stem)
 
 
 def train_order(n_taxels: int) -> list[tuple[TrainGroup, list[int]]]:
@@ -123,7 +123,7 @@ def _draw_force(axes: Axes, picture: TrialPicture) -> None:
     axes.set_ylim(float(shown.min()) - margin, float(shown.max()) + 2 * margin)
     axes.set_ylabel("force (g)")
     _note(axes, f"load cell; dashed: set-point {picture.force_set_g:g} g")
-    _tidy(axes)
+    tidy(axes)
 
 
 def _draw_taxel(axes: Axes, picture: TrialPicture) -> None:
@@ -135,7 +135,7 @@ def _draw_taxel(axes: Axes, picture: TrialPicture) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.3 * (high - low))
     _note(axes, f"taxel {taxel + 1}, the liveliest of {picture.samples.shape[1]}")
-    _tidy(axes)
+    tidy(axes)
 
 
 def _draw_spikes(axes: Axes, spikes: Spikes) -> None:
@@ -150,7 +150,7 @@ def _draw_spikes(axes: Axes, spikes: Spikes) -> None:
     axes.set_yticks(ticks, names)
     axes.set_ylim(y - 0.8, -0.8)
     axes.set_ylabel("taxel", labelpad=2)
-    _tidy(axes)
+    tidy(axes)
 
 
 def _draw_group(
@@ -206,7 +206,7 @@ def _draw_accuracy(axes: Axes, held_out: HeldOut) -> None:
         color=MUTED,
         loc="left",
     )
-    _tidy(axes)
+    tidy(axes)
 
 
 def _draw_confusion(axes: Axes, held_out: HeldOut) -> None:
@@ -234,18 +234,20 @@ def _note(axes: Axes, text: str) -> None:
     )
 
 
-def _tidy(axes: Axes) -> None:
+def tidy(axes: Axes) -> None:
+    """Two spines, a faint grid behind."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="x", color=FAINT, lw=0.6)
     axes.set_axisbelow(True)
 
 
-def _finish(figure: Figure, title: str, origin: str) -> None:
+def finish(figure: Figure, title: str, origin: str) -> None:
+    """Title above, and below it where the data come from."""
     figure.suptitle(title, size=13, x=0.01, ha="left", color=TEXT)
     figure.supxlabel(origin, size=8.5, x=0.01, ha="left", color=MUTED)
 
 
-def _save(figure: Figure, stem: Path) -> Path:
+def save(figure: Figure, stem: Path) -> Path:
     """Write both formats; equal data give equal files."""
     import matplotlib as mpl
 

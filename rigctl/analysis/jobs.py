@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import TypeVar
@@ -52,4 +53,6 @@ def _there(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -> 
 
 
 def _one_thread() -> None:
+    # Ctrl-C reaches every process of a terminal; the first one alone decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threadpool_limits(1, "blas")

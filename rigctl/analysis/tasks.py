@@ -45,9 +45,9 @@ class Curve:
     """One representation in one task.
 
     ``accuracy``: float64 (iterations, k_max), shares of ``tested`` trials an iteration.
-    ``confusion``: int64 (classes, classes) with k_max components, summed over iterations, rows
-    the truth. ``set_aside``: most components without within-class variance in a fit;
-    ``beyond_rank``: most components that a fit's training trials did not have.
+    ``confusion``: int64 (classes, classes) with 50 components (k_max where that is less), summed
+    over iterations, rows the truth. ``set_aside``: most components without within-class variance
+    in a fit; ``beyond_rank``: most components that a fit's training trials did not have.
     """
 
     representation: Representation
@@ -86,6 +86,11 @@ class TaskResult:
     def curve(self, key: str) -> Curve | None:
         """The curve of one representation, None where that is not there."""
         return next((c for c in self.curves if c.representation.key == key), None)
+
+    @property
+    def shown(self) -> int:
+        """Components of the single figures of accuracy: the paper's 50, or as many as there are."""
+        return min(paper.K_MAX, self.k_max)
 
     @property
     def chance(self) -> float:
@@ -252,7 +257,7 @@ def _scored(job: _Job) -> dict[str, _Score]:
             said = found.predictions[task.key]
             correct += (said == truth).sum(axis=1)
             tested += len(truth)
-            np.add.at(confusion, (truth, said[-1]), 1)
+            np.add.at(confusion, (truth, said[min(paper.K_MAX, len(said)) - 1]), 1)
         set_aside = max(found.without_variance for found in answers)
         beyond = max(found.beyond_rank for found in answers)
         scores[task.key] = _Score(correct, confusion, tested, set_aside, beyond)

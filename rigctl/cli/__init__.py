@@ -6,13 +6,18 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import Any
 
 from rigctl import __version__
 from rigctl.errors import RigctlError
 
 COMMANDS = (
-    *("demo", "run", "synth", "stop", "check", "serve", "info", "verify", "ports", "gui", "engine"),
+    *("demo", "run", "synth", "analyse", "stop", "check", "serve", "info", "verify", "ports"),
+    *("gui", "engine"),
 )
+MODULES = {"import": "import_"}
+"""Modules of commands whose name Python keeps for itself."""
+
 INTERRUPTED = 130
 
 
@@ -24,7 +29,7 @@ def parser(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"rigctl {__version__}")
     subparsers = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in commands:
-        import_module(f"rigctl.cli.{name}").add_parser(subparsers)
+        _module(name).add_parser(subparsers)
     return top
 
 
@@ -33,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
     args = parser(named).parse_args(words)
-    command = import_module(f"rigctl.cli.{args.command}")
+    command = _module(args.command)
     try:
         return int(command.run(args))
     except RigctlError as error:
@@ -42,3 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("rigctl: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def _module(command: str) -> Any:
+    return import_module(f"rigctl.cli.{MODULES.get(command, command)}")

@@ -1,0 +1,223 @@
+"""The report as one HTML file that needs no other: tables, figures inside, every input named."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from rigctl.analysis.tables import LABELS_SEEN
+from rigctl.analysis.verdicts import NAME_OF
+
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; margin: 2rem auto; max-width: 68rem;
+  padding: 0 1.2rem; }
+h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.4rem; }
+.lead { color: #59636e; margin-top: 0; }
+.simulated { background: #fff4d6; border-left: 4px solid #d9a400; padding: .6rem 1rem; }
+.seen { background: #fdecec; border-left: 4px solid #c8102e; padding: .6rem 1rem; }
+table { border-collapse: collapse; margin: .8rem 0; font-variant-numeric: tabular-nums; }
+th, td { padding: .28rem .7rem; border-bottom: 1px solid #e6e9ed; text-align: right; }
+th:first-child, td:first-child { text-align: left; }
+td.words { text-align: left; } th { font-weight: 600; vertical-align: bottom; }
+.paper { color: #59636e; font-size: .87em; }
+img { max-width: 100%; height: auto; } figure { margin: 1rem 0; }
+figcaption, small { color: #59636e; } .wide { overflow-x: auto; }
+@media print { body { max-width: none; } h2 { break-after: avoid; }
+  figure { break-inside: avoid; } }
+"""
+ABSENT = "–"
+
+Figures = Mapping[str, Path]
+
+
+def html_report(plain: Mapping[str, Any], figures: Figures) -> str:
+    """The whole page. ``plain``: from :func:`rigctl.analysis.tables.as_plain`."""
+    tasks = plain["tasks"]
+    body = [
+        f"<h1>Textures told apart</h1><p class=lead>{_lead(plain)}</p>",
+        _simulated(plain),
+        f"<h2>Accuracy beside the paper's Table 1</h2>{_table_1(tasks)}",
+        f"<h2>Whether the paper's orders hold</h2>{_orders(tasks)}",
+        f"<h2>Accuracy over components</h2>{_figure(figures['fig3'], 'Accuracy over components')}",
+        f"<h2>Components needed</h2>{_needed(tasks)}",
+        f"<h2>Differences from Original</h2>{_differences(tasks)}",
+        f"<h2>Who is taken for whom</h2>{_figure(figures['confusion'], 'Confusion matrices')}",
+        f"<h2>Force scaling</h2>{_force(plain['force_matrix'])}",
+        f"<h2>One taxel</h2>{_figure(figures['fig2c'], 'One taxel, its spikes')}",
+        f"<h2>Left out, changed, to be known</h2>{_list(plain['remarks'], 'Nothing.')}",
+        f"<h2>Where it comes from</h2>{_provenance(plain)}",
+    ]
+    title = "Textures told apart"
+    return (
+        f"<!doctype html><html lang=en><meta charset=utf-8><title>{title}</title>"
+        '<meta name=viewport content="width=device-width">'
+        f"<style>{STYLE}</style><body>{''.join(body)}</body></html>\n"
+    )
+
+
+def _lead(plain: Mapping[str, Any]) -> str:
+    trials, settings = plain["trials"], plain["settings"]
+    n = len(plain["inputs"])
+    return escape(
+        f"{trials['used']:,} trials from {n} session{'s' if n > 1 else ''}: "
+        f"{len(trials['textures'])} textures × {_numbers(trials['speeds_mm_s'])} mm/s × "
+        f"{_numbers(trials['forces_g'])} g. {settings['iterations']} draws, PCA and LDA by "
+        f"{'scikit-learn' if settings['engine'] == 'sklearn' else 'the nested sweep'}, encoder "
+        f"preset {settings['encoder']['name']}, seed {settings['seed']}."
+    )
+
+
+def _simulated(plain: Mapping[str, Any]) -> str:
+    if not plain["simulated"]:
+        return ""
+    return (
+        "<p class=simulated><b>Simulated.</b> These trials come from a simulated bench, not from "
+        "a sensor. They show that the method runs; they are not the paper's experiment.</p>"
+    )
+
+
+def _table_1(tasks: Mapping[str, Any]) -> str:
+    keys = _keys(tasks)
+    head = ["task", *(NAME_OF[key] for key in keys)]
+    rows = []
+    for task in tasks.values():
+        k, theirs = task["shown_components"], task["paper"]
+        cells = [_task_name(task, f"{k} components, chance {task['chance']:.1%}")]
+        for key in keys:
+            curve = task["representations"].get(key)
+            cells.append(_accuracy(curve, k, theirs.get(key)))
+        rows.append(cells)
+    note = "Ours, mean ± standard deviation in %; below, the paper's with 50 components."
+    return f"{_table(head, rows)}<small>{note}</small>"
+
+
+def _accuracy(curve: Mapping[str, Any] | None, k: int, theirs: Sequence[float] | None) -> str:
+    if curve is None:
+        return ABSENT
+    sd = "" if curve["sd"] is None else f" ± {100 * curve['sd'][k - 1]:.2f}"
+    paper = f"{theirs[0]:.2f} ± {theirs[1]:.2f}" if theirs else ABSENT
+    return f"{100 * curve['mean'][k - 1]:.2f}{sd}<br><span class=paper>{paper}</span>"
+
+
+def _orders(tasks: Mapping[str, Any]) -> str:
+    rows = []
+    for task in tasks.values():
+        found = task["order"]
+        if found is None:
+            continue
+        why = "; ".join(found["reasons"])
+        rows.append([_task_name(task, ""), escape(found["sentence"]), escape(why) or ABSENT])
+    if not rows:
+        return "<p>The paper has no table for the tasks that this set allows.</p>"
+    head = ["task", "the paper's differences between two representations", "why that may be"]
+    note = (
+        "A difference counts where it is larger than two standard deviations of the pair. It is "
+        "not the same experiment: other plates, another sensor, another bench."
+    )
+    return f"{_table(head, rows, words=True)}<small>{note}</small>"
+
+
+def _needed(tasks: Mapping[str, Any]) -> str:
+    head = ["task", "representation", "80 %", "90 %", "95 %", "as Original"]
+    rows = []
+    for task in tasks.values():
+        for number, (key, needed) in enumerate(task["components_needed"].items()):
+            cells = [ABSENT if k is None else str(k) for k in needed.values()]
+            rows.append(["" if number else _task_name(task, ""), NAME_OF[key], *cells])
+    note = (
+        "Fewest components with which the mean accuracy is reached; "
+        f"{ABSENT}: never. As Original: the accuracy of Original with the components of the first "
+        "table."
+    )
+    return f"{_table(head, rows)}<small>{note}</small>"
+
+
+def _differences(tasks: Mapping[str, Any]) -> str:
+    head = ["task", "representation", "Welch t", "p", "Cohen's d", ""]
+    rows, said = [], {}
+    for task in tasks.values():
+        for number, (key, found) in enumerate(task["differences_from_original"].items()):
+            name = "" if number else _task_name(task, "")
+            values = [_number(found[part]) for part in ("statistic", "p", "effect")]
+            rows.append([name, NAME_OF[key], *values, found["stars"]])
+            said.update(dict.fromkeys(found["assumptions"]))
+    note = "* p &lt; 0.05 and d &gt; 0.5; ** p &lt; 0.01 and d &gt; 1 (the paper's rule)."
+    return f"{_table(head, rows)}<small>{note}</small>{_list(list(said), '')}"
+
+
+def _force(force: Mapping[str, Any] | None) -> str:
+    if force is None:
+        return "<p>Force was not scaled; the remarks below say why.</p>"
+    return (
+        f"<p>{escape(force['sentence'])}. A search took {force['mean_evaluations']:.1f} encodings "
+        f"on average.</p><p class=seen><b>What C has seen.</b> {escape(LABELS_SEEN)}</p>"
+    )
+
+
+def _provenance(plain: Mapping[str, Any]) -> str:
+    keys = (
+        ("path", "session"), ("simulated", "simulated"), ("rig", "rig"), ("begun_utc", "begun"),
+        ("protocol", "protocol"), ("plan_hash", "plan"), ("seed", "seed"),
+        ("simulation_seed", "seed of the bench"), ("software", "software"),
+        ("firmware", "firmware"), ("trials_committed", "trials"), ("closed", "closed"),
+    )  # fmt: skip
+    rows = [[words, *(_value(source[key]) for source in plain["inputs"])] for key, words in keys]
+    encoder = ", ".join(f"{k} {v}" for k, v in plain["settings"]["encoder"].items())
+    made = f"rigctl {plain['program']['version']}, {plain['made_utc']}"
+    return (
+        f"<div class=wide>{_table(['', *('' for _ in plain['inputs'])], rows, words=True)}</div>"
+        f"<p><small>Report by {escape(made)}. Encoder: {escape(encoder)}. Every number is in "
+        "results.json beside this page.</small></p>"
+    )
+
+
+def _figure(png: Path, words: str) -> str:
+    """The SVG inside the page, so that it stays sharp and the page stays whole."""
+    data = base64.b64encode(png.with_suffix(".svg").read_bytes()).decode()
+    source = f"data:image/svg+xml;base64,{data}"
+    return f'<figure><img alt="{escape(words)}" src="{source}"></figure>'
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = False) -> str:
+    kind = " class=words" if words else ""
+    top = "".join(f"<th{kind}>{cell}</th>" for cell in head)
+    body = "".join(f"<tr>{''.join(f'<td{kind}>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<div class=wide><table><tr>{top}</tr>{body}</table></div>"
+
+
+def _list(sentences: Sequence[str], otherwise: str) -> str:
+    if not sentences:
+        return f"<p>{otherwise}</p>" if otherwise else ""
+    return f"<ul>{''.join(f'<li>{escape(s)}</li>' for s in sentences)}</ul>"
+
+
+def _task_name(task: Mapping[str, Any], below: str) -> str:
+    figure = f" ({task['figure']})" if task["figure"] else ""
+    under = f"<br><span class=paper>{escape(below)}</span>" if below else ""
+    return f"{escape(task['title'])}{escape(figure)}{under}"
+
+
+def _keys(tasks: Mapping[str, Any]) -> list[str]:
+    there = {key for task in tasks.values() for key in task["representations"]}
+    return [key for key in NAME_OF if key in there]
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        return escape("; ".join(f"{k} {v}" for k, v in value.items())) or ABSENT
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return escape(str(value)) if value not in (None, "") else ABSENT
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return ABSENT
+    return f"{value:.2g}" if abs(value) < 0.01 else f"{value:.2f}"
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)

@@ -1,0 +1,188 @@
+"""``rigctl analyse`` end to end: the folder, its numbers, its page, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from rigctl.analysis import paper, report
+from rigctl.analysis.representations import REPRESENTATIONS
+from rigctl.analysis.tasks import Curve, TaskResult
+from rigctl.analysis.verdicts import components_needed, order
+from rigctl.cli import main
+from rigctl.cli.analyse import StageLine
+from tests.analysis.recordings import record
+
+FILES = {
+    "report.html", "results.json", "table1.csv", "fig3.svg", "fig3.png",
+    "confusion.svg", "confusion.png", "fig2c.svg", "fig2c.png",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    yield record(
+        tmp_path_factory.mktemp("analyse") / "session", "ABG", repeats=3, travel_mm=12.0,
+        torn=(7,), speeds=(40, 60, 80, 120), forces=(250, 500, 1000),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(session: Path) -> Iterator[Path]:
+    out = session.parent / "report"
+    assert main(["analyse", str(session), "--out", str(out), "--iterations", "2"]) == 0
+    yield out
+
+
+def test_the_folder_holds_everything_and_nothing_else(made: Path) -> None:
+    assert {path.name for path in made.iterdir()} == FILES
+    assert not list(made.parent.glob("*.partial"))
+    for svg in made.glob("*.svg"):
+        text = " ".join(ElementTree.parse(svg).getroot().itertext())
+        assert "Simulated bench" in text
+        assert "nan" not in text.lower().split()
+
+
+def test_numbers_agree_between_the_files(made: Path) -> None:
+    def refuse(word: str) -> None:
+        raise AssertionError(word)
+
+    plain = json.loads((made / "results.json").read_text(), parse_constant=refuse)
+    assert plain["simulated"] is True and plain["trials"]["used"] == 107
+    assert plain["inputs"][0]["plan_hash"] and plain["settings"]["encoder"]["sa_gain"] == 100.0
+    assert list(plain["tasks"]) == [task.key for task in paper.TASKS[:6]]
+    with (made / "table1.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 6 * 6
+    for row, kept in zip(rows, plain["table1"], strict=True):
+        assert float(row["mean_percent"]) == kept["mean_percent"]
+    first = plain["tasks"]["textures"]["representations"]["original"]
+    k = plain["tasks"]["textures"]["shown_components"]
+    assert float(rows[0]["mean_percent"]) == pytest.approx(
+        100 * np.mean([a[k - 1] for a in first["accuracy"]])
+    )
+    assert (rows[0]["paper_mean_percent"], rows[0]["c_knows_the_label"]) == ("91.78", "no")
+    assert rows[2]["c_knows_the_label"] == "yes"
+    assert plain["force_matrix"]["paper"] == {"unconverged": 62, "of": 4320}
+
+
+def test_the_page_stands_alone_and_says_what_matters(made: Path) -> None:
+    class Page(HTMLParser):
+        sources: list[str] = []  # noqa: RUF012
+        words = ""
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            self.sources += [v or "" for k, v in attrs if k in ("src", "href")]
+
+        def handle_data(self, data: str) -> None:
+            self.words += data
+
+    page = Page()
+    page.feed((made / "report.html").read_text())
+    assert len(page.sources) == 3
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)
+    for words in (
+        "Simulated.",
+        "indexed by the true texture",
+        "new to the classifier, but not to C",
+        "(the paper: 62 of 4,320)",
+        "1 trial left out for gaps in their samples: 7",
+        "98.85 ± 0.16",
+        "differences that the paper separates hold",
+        "not independent",
+    ):
+        assert words in page.words
+    assert str(made.parent / "session") in page.words
+
+
+def test_what_cannot_be_done_is_refused_and_leaves_nothing(
+    session: Path, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start = ["analyse", str(session), "--out"]
+    for words, said in (
+        ([str(made)], "is there already"),
+        ([str(tmp_path / "r"), "--preset", "fast"], "unknown encoder preset 'fast'"),
+        ([str(tmp_path / "r"), "--task", "colours"], "no task 'colours'"),
+        ([str(tmp_path / "r"), "--taxel", "19"], "no taxel 19"),
+        ([str(tmp_path / "r"), "--trial", "999"], "no session has a committed trial 999"),
+        ([str(tmp_path / "r"), "--iterations", "0"], "at least 1"),
+    ):
+        assert main([*start, *words]) == 2
+        assert said in capsys.readouterr().err
+    assert main(["analyse", str(tmp_path), "--out", str(tmp_path / "r")]) == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_interrupted_it_leaves_no_half_report(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(report, "run_tasks", interrupt)
+    assert main(["analyse", str(session), "--out", str(tmp_path / "r")]) == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_told_in_words(
+    session: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(report, "represent", full)
+    assert main(["analyse", str(session), "--out", str(tmp_path / "r")]) == 3
+    assert "free some space" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def result(**shares: list[float]) -> TaskResult:
+    """A task-3C result; accuracies of two draws around each share, one component a share."""
+    by_key = {r.key: r for r in REPRESENTATIONS}
+    curves = tuple(
+        Curve(by_key[key], np.add.outer([-0.001, 0.001], means),
+              np.eye(16, dtype=np.int64), 800, 0, 0)
+        for key, means in shares.items()
+    )  # fmt: skip
+    task = paper.TASK_OF["untrained-both"]
+    return TaskResult(task, tuple("ABCDEFGHIJKLMNOP"), 2, 7200, 1 / 16, curves)
+
+
+def test_orders_are_read_as_the_paper_separates_them() -> None:
+    found = order(
+        result(original=[0.2, 0.4], speed=[0.5, 0.7], force=[0.5, 0.75], speed_force=[0.6, 0.75]),
+        simulated=True,
+    )
+    assert found is not None
+    assert (found.pairs, found.held) == (6, 4)
+    assert found.reversed_pairs == (("speed", "force"),)
+    assert found.ties == (("speed_force", "force"),)
+    assert "reversed: Speed Scaled over Force Scaled" in found.sentence
+    assert any("model" in reason for reason in found.reasons)
+
+
+def test_components_needed_are_the_first_that_reach_it() -> None:
+    needed = components_needed(result(original=[0.5, 0.85], speed=[0.86, 0.99]))
+    assert needed["original"].thresholds == {0.80: 2, 0.90: None, 0.95: None}
+    assert needed["original"].as_original == 2
+    assert needed["speed"].as_original == 1
+
+
+def test_progress_says_how_long_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+    import sys
+
+    line = StageLine(sys.stderr)
+    for done in range(3):
+        line.show("classifying", done, 2)
+    assert capsys.readouterr().err.splitlines() == ["classifying: 0 of 2"]
