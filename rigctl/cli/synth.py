@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
+from rigctl.cli import INTERRUPTED
+from rigctl.cli.interrupt import Interrupt
 from rigctl.cli.progress import clock
 from rigctl.resources import find_protocol
 
-INTERRUPTED = 130
 TELL_EVERY_S = 2.0
 
 
@@ -47,31 +46,6 @@ def run(args: argparse.Namespace) -> int:
         print("rigctl: interrupted; the session holds what was made", file=sys.stderr)
         return INTERRUPTED
     return 0 if teller.committed == len(plan.trials) else 1
-
-
-class Interrupt:
-    """While entered, Ctrl-C and a polite kill are noted; a second one acts as ever."""
-
-    def __init__(self) -> None:
-        self._before: dict[int, Any] = {}
-        self._asked = False
-
-    def asked(self) -> bool:
-        """Whether somebody wants it to end."""
-        return self._asked
-
-    def __enter__(self) -> Interrupt:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._before[number] = signal.signal(number, self._caught)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _caught(self, number: int, frame: FrameType | None) -> None:
-        self._asked = True
-        signal.signal(number, self._before[number])
 
 
 class Teller:

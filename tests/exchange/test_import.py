@@ -1,0 +1,261 @@
+"""Recordings from elsewhere: every format, every label, and every defect told of."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.io import savemat
+
+from rigctl.cli import main
+from rigctl.errors import ConfigError, WrongUse
+from rigctl.exchange.extra import FILE
+from rigctl.exchange.importing import import_files
+from rigctl.exchange.mapping import load_map
+from rigctl.exchange.survey import Survey
+from rigctl.session.reader import Session
+from rigctl.session.verify import verify
+
+PATTERN = r"""
+[files]
+pattern = '(?P<texture>[a-z]+)_(?P<speed>-?\d+)cm_(?P<force>[\d.]+)N_(?P<repeat>\d+)'
+
+[labels]
+speed_unit = "cm/s"
+force_unit = "N"
+"""
+TIMED = PATTERN + '[time]\ncolumn = "t"\nunit = "ms"\n[taxels]\ncolumns = ["a..c"]\n'
+RATED = PATTERN + '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["1..3"]\n'
+
+
+def bring(
+    folder: Path, text: str, files: Sequence[Path], out: str = "session"
+) -> tuple[Path, Survey]:
+    path = folder / "map.toml"
+    path.write_text(text)
+    session = folder / out
+    surveyed, whole = import_files(files, load_map(path), session, "2026-01-02T03:04:05+00:00")
+    assert whole
+    return session, surveyed
+
+
+def write_csv(
+    path: Path, time_ms: NDArray[np.float64], columns: NDArray[np.float64], end: str = ""
+) -> Path:
+    rows = [",".join(f"{value:g}" for value in row) for row in np.c_[time_ms, columns]]
+    path.write_text("\n".join(["t, a, b, c", *rows]) + end)
+    return path
+
+
+def ramp(n: int, step: float = 1.0) -> NDArray[np.float64]:
+    return np.arange(n)[:, None] * step + np.array([0.0, 100.0, 200.0])
+
+
+def test_rows_between_milliseconds_are_joined_by_straight_lines(tmp_path: Path) -> None:
+    time_ms = 5000.0 + np.arange(101) * 10.0
+    file = write_csv(tmp_path / "cotton_-5cm_2.5N_3.csv", time_ms, ramp(101))
+    folder, surveyed = bring(tmp_path, TIMED, [file])
+    assert verify(folder).problems == []
+    with Session.open(folder) as session:
+        row = session.trial_row(0).trial
+        assert (row.texture, row.speed_mm_s, row.direction, row.repeat) == (
+            *("cotton", 50.0, "backward"),
+            3,
+        )
+        assert row.force_g == pytest.approx(254.93, abs=0.01)
+        assert (session.header.simulated, session.header.rig) == (False, "import")
+        samples = session.samples(0)
+        assert samples.shape == (1001, 3)
+        scaling = [event.data for event in session.events if event.kind == "scaling"]
+        assert [entry["name"] for entry in scaling] == ["a", "b", "c"]
+        restored = np.array([s["offset"] for s in scaling]) + samples * np.array(
+            [s["scale"] for s in scaling]
+        )
+        expected = np.arange(1001)[:, None] / 10 + np.array([0.0, 100.0, 200.0])
+        np.testing.assert_allclose(restored, expected, atol=0.001)
+        told = [event.text for event in session.events if event.kind == "import"]
+        assert tuple(told) == surveyed.lines
+    assert (folder / "import.toml").read_text() == TIMED
+
+
+def test_every_format_gives_the_same_samples(tmp_path: Path) -> None:
+    table = np.random.Generator(np.random.Philox(1)).integers(0, 1024, (300, 3))
+    files = {name: tmp_path / f"silk_6cm_5N_1.{name}" for name in ("npy", "npz", "mat", "tsv")}
+    np.save(files["npy"], table)
+    np.savez(files["npz"], table)
+    savemat(files["mat"], {"table": table})
+    np.savetxt(files["tsv"], table, fmt="%d", delimiter="\t")
+    new = tmp_path / "new"
+    new.mkdir()
+    files["v73"] = new / "silk_6cm_5N_1.mat"
+    with h5py.File(files["v73"], "w", userblock_size=512) as file:
+        file["table"] = table.T
+    for name, path in files.items():
+        folder, surveyed = bring(tmp_path, RATED, [path], name)
+        assert surveyed.lines == ()
+        with Session.open(folder) as session:
+            assert np.array_equal(session.samples(0), table), name
+
+
+def test_defects_of_time_are_told_and_nothing_is_made_up_in_a_gap(tmp_path: Path) -> None:
+    time_ms = np.arange(200.0)
+    time_ms[20] = time_ms[19]
+    time_ms[30:33] -= 15.0
+    time_ms[100:] += 50.0
+    columns = ramp(200)
+    columns[150, 1] = 9000.0
+    file = write_csv(tmp_path / "silk_6cm_5N_1.csv", time_ms, columns, "\n250,1")
+    folder, surveyed = bring(tmp_path, TIMED, [file])
+    told = "\n".join(surveyed.lines)
+    assert "time runs backwards before 3 rows, first row 32" in told
+    assert "1 rows repeat a time stamp, first row 22" in told
+    assert "gap from 0.099 to 0.150 s" in told
+    assert "outliers from 0.200 s on, kept: b 1" in told
+    assert "cut short" in told
+    report = verify(folder)
+    assert report.problems == []
+    assert report.lost_samples == 53
+    with Session.open(folder) as session:
+        window = session.window(0)
+        assert not window.complete
+        assert [(gap.first_counter, gap.count) for gap in window.gaps] == [(30, 3), (100, 50)]
+
+
+def test_empty_cells_leave_their_row_out(tmp_path: Path) -> None:
+    columns = ramp(50)
+    columns[7, 0] = np.nan
+    file = write_csv(tmp_path / "silk_6cm_5N_1.csv", np.arange(50.0), columns)
+    _, surveyed = bring(tmp_path, TIMED, [file])
+    assert surveyed.lines[0].endswith("1 rows lack a value, the first is row 9: left out")
+
+
+def test_a_gap_at_a_block_edge_is_a_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rigctl.exchange.importing.BLOCK_ROWS", 100)
+    time_ms = np.arange(300.0)
+    time_ms[200:] += 40.0
+    file = write_csv(tmp_path / "silk_6cm_5N_1.csv", time_ms, ramp(300))
+    folder, _ = bring(tmp_path, TIMED, [file])
+    report = verify(folder)
+    assert (report.problems, report.lost_samples) == ([], 40)
+
+
+def test_sampling_too_slow_for_the_texture_is_told(tmp_path: Path) -> None:
+    file = write_csv(tmp_path / "silk_10cm_5N_1.csv", np.arange(100) * 28.0, ramp(100))
+    _, surveyed = bring(tmp_path, TIMED, [file])
+    assert "100 mm/s: 35.7 Hz shows nothing finer than 5.6 mm" in surveyed.lines[-1]
+
+
+def test_load_cell_and_extra_channels_come_along(tmp_path: Path) -> None:
+    n = 400
+    table = np.c_[np.arange(n) * 2.0, ramp(n), np.full(n, 2.0), np.linspace(0, 1, n)]
+    path = tmp_path / "silk_6cm_5N_1.csv"
+    header = "t,a,b,c,load,heat"
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    text = TIMED + '[loadcell]\ncolumn = "load"\nunit = "N"\n[extra]\ncolumns = ["heat"]\n'
+    other = tmp_path / "silk_6cm_5N_2.csv"
+    other.write_text(path.read_text())
+    folder, _ = bring(tmp_path, text, [path, other])
+    assert verify(folder).problems == []
+    with Session.open(folder) as session:
+        for index in (0, 1):
+            drum = session.drum(index)
+            assert len(drum.loadcell) == n
+            assert drum.loadcell_s[[0, -1]] == pytest.approx([0.0, 0.798])
+            assert drum.loadcell["force_g"].mean() == pytest.approx(203.94, abs=0.01)
+        rows = session.n_samples
+    with h5py.File(folder / FILE) as file:
+        assert list(file.attrs["names"]) == ["heat"]
+        assert file["values"].shape == (rows, 1)
+
+
+def test_files_without_number_are_numbered_and_sorted_by_condition(tmp_path: Path) -> None:
+    text = (
+        "[files]\npattern = '(?P<texture>[a-z])'\n[labels]\nspeed_mm_s = 20\n"
+        '[time]\nrate_hz = 500\n[taxels]\ncolumns = ["1", "3"]\n'
+    )
+    files = []
+    for name in ("b1", "a1", "b2"):
+        files.append(tmp_path / f"{name}.npy")
+        np.save(files[-1], ramp(40))
+    folder, _ = bring(tmp_path, text, files)
+    with Session.open(folder) as session:
+        rows = [session.trial_row(k).trial for k in range(3)]
+        assert [(row.texture, row.repeat) for row in rows] == [("a", 1), ("b", 1), ("b", 2)]
+        assert session.samples(0).shape == (79, 2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"a..c"', '"a..d"', "no column 'd'"),
+        (r"(?P<speed>-?\d+)cm", r"(?P<speed>[a-z]+)", "does not match the pattern"),
+        ("?P<repeat>", "?P<count>", "known are texture, speed, force, repeat"),
+        ("(?P<texture>", "(?P<texture>(", "no regular expression"),
+        ('unit = "ms"', 'unit = "min"', "must be one of s, ms, us, ns"),
+        ('column = "t"', "rate_hz = 0", "either a time column, or rate_hz"),
+        ("[taxels]", "[taxel]", "taxel"),
+    ],
+)
+def test_a_wrong_map_is_a_sentence(tmp_path: Path, old: str, new: str, said: str) -> None:
+    file = write_csv(tmp_path / "silk_6cm_5N_1.csv", np.arange(9.0), ramp(9))
+    with pytest.raises((WrongUse, ConfigError), match=said.replace("?", r"\?")):
+        bring(tmp_path, TIMED.replace(old, new), [file])
+    assert not (tmp_path / "session").exists()
+
+
+def test_wrong_files_are_sentences_and_nothing_is_written(tmp_path: Path) -> None:
+    good = "silk_6cm_5N_1"
+    cases: dict[str, tuple[Path, str]] = {}
+    for name in ("word", "short", "empty", "binary", "cube", "struct", "broken", "gone", "odd"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "word" / f"{good}.csv").write_text("t,a,b,c\n1,2,3,x\n")
+    cases["word"] = tmp_path / "word" / f"{good}.csv", "row 2, column c: 'x' is not a number"
+    (tmp_path / "short" / f"{good}.csv").write_text("t,a,b,c\n1,2\n2,3,4,5\n3,4,5,6\n")
+    cases["short"] = tmp_path / "short" / f"{good}.csv", "row 2: has 2 cells"
+    (tmp_path / "empty" / f"{good}.csv").write_text("")
+    cases["empty"] = tmp_path / "empty" / f"{good}.csv", "is empty"
+    (tmp_path / "binary" / f"{good}.csv").write_bytes(b"\xff\xfe\x00")
+    cases["binary"] = tmp_path / "binary" / f"{good}.csv", "not a text table"
+    savemat(tmp_path / "cube" / f"{good}.mat", {"x": np.zeros((3, 3, 3))})
+    cases["cube"] = tmp_path / "cube" / f"{good}.mat", "x is 3 × 3 × 3"
+    savemat(tmp_path / "struct" / f"{good}.mat", {"x": {"y": "text"}})
+    cases["struct"] = tmp_path / "struct" / f"{good}.mat", "not columns|no plain numbers|no column"
+    (tmp_path / "broken" / f"{good}.npy").write_bytes(b"\x93NUMPY")
+    cases["broken"] = tmp_path / "broken" / f"{good}.npy", "is damaged"
+    cases["gone"] = tmp_path / "gone" / f"{good}.csv", "cannot read"
+    cases["odd"] = tmp_path / "odd" / f"{good}.xlsx", "can be imported end in"
+    for path, said in cases.values():
+        with pytest.raises(WrongUse, match=said):
+            bring(tmp_path, TIMED, [path])
+    assert not (tmp_path / "session").exists()
+
+
+def test_files_of_other_width_are_refused(tmp_path: Path) -> None:
+    files = []
+    for number, width in ((1, 3), (2, 4)):
+        files.append(tmp_path / f"silk_6cm_5N_{number}.npy")
+        np.save(files[-1], np.zeros((20, width)))
+    text = RATED.replace('"1..3"', '"1", "2", "3"')
+    bring(tmp_path, text, files)
+    named = PATTERN + '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["4"]\n'
+    with pytest.raises(WrongUse, match="no column '4'"):
+        bring(tmp_path, named, files, "other")
+
+
+def test_the_command_prints_its_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = write_csv(tmp_path / "silk_10cm_5N_1.csv", np.arange(100) * 28.0, ramp(100))
+    (tmp_path / "map.toml").write_text(TIMED)
+    words = ["import", "--map", str(tmp_path / "map.toml"), str(file), "--out"]
+    assert main([*words, str(tmp_path / "one")]) == 0
+    said = capsys.readouterr()
+    assert "1 trials of 3 taxels" in said.out
+    assert "sampled too slowly" in said.err
+    assert main([*words, str(tmp_path / "two"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["trials"] == 1
+    assert main([*words, str(tmp_path / "one")]) == 2
+    assert "one" in capsys.readouterr().err
