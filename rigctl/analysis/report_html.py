@@ -20,8 +20,10 @@ h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-t
 .seen { background: #fdecec; border-left: 4px solid #c8102e; padding: .6rem 1rem; }
 table { border-collapse: collapse; margin: .8rem 0; font-variant-numeric: tabular-nums; }
 th, td { padding: .28rem .7rem; border-bottom: 1px solid #e6e9ed; text-align: right; }
-th:first-child, td:first-child { text-align: left; }
-td.words { text-align: left; } th { font-weight: 600; vertical-align: bottom; }
+td { white-space: nowrap; vertical-align: top; } td:first-child { white-space: normal; }
+th:first-child, td:first-child, .words { text-align: left; } td.words { white-space: normal; }
+table.named td:nth-child(2), table.named th:nth-child(2) { text-align: left; }
+th { font-weight: 600; vertical-align: bottom; }
 .paper { color: #59636e; font-size: .87em; }
 img { max-width: 100%; height: auto; } figure { margin: 1rem 0; }
 figcaption, small { color: #59636e; } .wide { overflow-x: auto; }
@@ -132,7 +134,7 @@ def _needed(tasks: Mapping[str, Any]) -> str:
         f"{ABSENT}: never. As Original: the accuracy of Original with the components of the first "
         "table."
     )
-    return f"{_table(head, rows)}<small>{note}</small>"
+    return f"{_table(head, rows, named=True)}<small>{note}</small>"
 
 
 def _differences(tasks: Mapping[str, Any]) -> str:
@@ -145,7 +147,7 @@ def _differences(tasks: Mapping[str, Any]) -> str:
             rows.append([name, NAME_OF[key], *values, found["stars"]])
             said.update(dict.fromkeys(found["assumptions"]))
     note = "* p &lt; 0.05 and d &gt; 0.5; ** p &lt; 0.01 and d &gt; 1 (the paper's rule)."
-    return f"{_table(head, rows)}<small>{note}</small>{_list(list(said), '')}"
+    return f"{_table(head, rows, named=True)}<small>{note}</small>{_list(list(said), '')}"
 
 
 def _force(force: Mapping[str, Any] | None) -> str:
@@ -181,11 +183,15 @@ def _figure(png: Path, words: str) -> str:
     return f'<figure><img alt="{escape(words)}" src="{source}"></figure>'
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = False) -> str:
+def _table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = False, named: bool = False
+) -> str:
+    """``words``: every cell is a sentence. ``named``: the second column holds names."""
     kind = " class=words" if words else ""
+    whole = "<table class=named>" if named else "<table>"
     top = "".join(f"<th{kind}>{cell}</th>" for cell in head)
     body = "".join(f"<tr>{''.join(f'<td{kind}>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<div class=wide><table><tr>{top}</tr>{body}</table></div>"
+    return f"<div class=wide>{whole}<tr>{top}</tr>{body}</table></div>"
 
 
 def _list(sentences: Sequence[str], otherwise: str) -> str:
@@ -195,7 +201,7 @@ def _list(sentences: Sequence[str], otherwise: str) -> str:
 
 
 def _task_name(task: Mapping[str, Any], below: str) -> str:
-    figure = f" ({task['figure']})" if task["figure"] else ""
+    figure = f" ({task['figure']})".replace(". ", ".\u00a0") if task["figure"] else ""
     under = f"<br><span class=paper>{escape(below)}</span>" if below else ""
     return f"{escape(task['title'])}{escape(figure)}{under}"
 

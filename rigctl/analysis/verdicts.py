@@ -18,6 +18,8 @@ from rigctl.analysis.tasks import Curve, TaskResult
 THRESHOLDS = (0.80, 0.90, 0.95)
 SEPARATE = 2.0
 CEILING = 0.99
+LEARNT = {"folds": 6000, "extrapolation": 7200}
+SMALL_SHARE = 0.5
 NAME_OF = {representation.key: representation.name for representation in REPRESENTATIONS}
 
 
@@ -48,8 +50,10 @@ class Order:
     @property
     def sentence(self) -> str:
         """The verdict in words."""
+        if not self.pairs:
+            return "The paper's own spreads separate no pair here."
         said = [f"{self.held} of the {self.pairs} differences that the paper separates hold"]
-        for pairs, what in ((self.ties, "within the spread"), (self.reversed_pairs, "reversed")):
+        for pairs, what in ((self.ties, "Within the spread"), (self.reversed_pairs, "Reversed")):
             if pairs:
                 named = "; ".join(f"{NAME_OF[a]} over {NAME_OF[b]}" for a, b in pairs)
                 said.append(f"{what}: {named}")
@@ -134,8 +138,11 @@ def _reasons(result: TaskResult, near_ceiling: bool, simulated: bool) -> tuple[s
         )
     if len(result.classes) != (4 if result.task.grouped else 16):
         said.append(f"{len(result.classes)} classes are told apart, not the paper's")
-    if result.curves[0].tested < 200:
-        said.append(f"only {result.curves[0].tested} trials are asked in an iteration")
+    if result.learnt < SMALL_SHARE * LEARNT[result.task.family]:
+        said.append(
+            f"the classifier learns from {result.learnt:,} trials, the paper's from "
+            f"{LEARNT[result.task.family]:,}"
+        )
     if simulated:
         said.append(
             "the simulated sensor and plates are a model: heights, spacings and the sensor's "

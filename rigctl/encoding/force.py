@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rigctl.encoding.encoder import rasters
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
+from rigctl.encoding.raster import window_counts
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
@@ -28,6 +29,7 @@ TOLERANCE_HZ = 0.1
 HIGHEST_C = 5.0
 NARROWEST = 1e-6
 MOST_EVALUATIONS = 60
+LEVEL_EVERY = 16
 
 
 class Status(IntEnum):
@@ -161,8 +163,8 @@ def mean_sa_rates_hz(
     for index, first, counts in rasters(trials, normalisation, parameters, scale):
         n = len(trials[index])
         if n:
-            spikes = counts[:n, first : first + n_taxels].sum(axis=0, dtype=np.int64)
-            total += spikes * (parameters.sample_rate_hz / n)
+            spikes = window_counts(counts, np.zeros(n, np.int64), first, n_taxels, 1)
+            total += spikes[:n_taxels, 0] * (parameters.sample_rate_hz / n)
     return total / len(trials)
 
 
@@ -182,7 +184,9 @@ def search(
         if not open_ones:
             break
         some = Normalisation(normalisation.low[open_ones], normalisation.high[open_ones])
-        part = [np.ascontiguousarray(samples[:, open_ones]) for samples in trials]
+        part = trials
+        if len(open_ones) < len(brackets):
+            part = [np.ascontiguousarray(samples[:, open_ones]) for samples in trials]
         guesses = np.array([brackets[i].guess for i in open_ones])
         rates = mean_sa_rates_hz(part, some, parameters, guesses)
         for i, rate in zip(open_ones, rates, strict=True):
@@ -278,8 +282,9 @@ def _trials(
 
 
 def _mean_level(trials: Trials, normalisation: Normalisation) -> Floats:
-    """Mean normalised reading of each taxel."""
+    """Mean normalised reading of each taxel, of some of the samples: a guess needs no more."""
     low, scale = normalisation.low.astype(np.float64), normalisation.scale
-    means = [np.clip(s, normalisation.low, normalisation.high).mean(axis=0) for s in trials]
+    some = (samples[::LEVEL_EVERY] for samples in trials)
+    means = [np.clip(s, normalisation.low, normalisation.high).mean(axis=0) for s in some]
     level: Floats = (np.mean(means, axis=0) - low) * scale
     return level

@@ -168,7 +168,7 @@ def test_orders_are_read_as_the_paper_separates_them() -> None:
     assert (found.pairs, found.held) == (6, 4)
     assert found.reversed_pairs == (("speed", "force"),)
     assert found.ties == (("speed_force", "force"),)
-    assert "reversed: Speed Scaled over Force Scaled" in found.sentence
+    assert "Reversed: Speed Scaled over Force Scaled" in found.sentence
     assert any("model" in reason for reason in found.reasons)
 
 
