@@ -14,7 +14,7 @@ from rigctl.errors import ProtocolError, SessionError
 from rigctl.session.reader import Session
 from rigctl.session.truth import trial_truths
 from rigctl.session.verify import verify
-from rigctl.synth import generate as making
+from rigctl.synth import work as making
 from rigctl.synth.generate import Order, Progress, generate, plan_of
 from tests.run.floor import open_floor
 
