@@ -95,6 +95,7 @@ class _Offer:
     def __init__(self, link: SimulatedLink) -> None:
         self._link = link
         self._clients: set[asyncio.StreamWriter] = set()
+        self._serving: set[asyncio.Task[None]] = set()
         self._server: asyncio.Server | None = None
         self._terminal = _Terminal(link) if hasattr(os, "openpty") else None
 
@@ -117,12 +118,18 @@ class _Offer:
         for client in self._clients:
             client.close()
         await self._server.wait_closed()
+        # Python 3.11 does not wait for the connections' own tasks here.
+        await asyncio.gather(*self._serving, return_exceptions=True)
         if self._terminal is not None:
             self._terminal.close(asyncio.get_running_loop())
         self._link.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._clients.add(writer)
+        task = asyncio.current_task()
+        assert task is not None
+        self._serving.add(task)
+        task.add_done_callback(self._serving.discard)
         try:
             while data := await reader.read(_READ_SIZE):
                 self._link.write(data)

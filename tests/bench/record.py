@@ -1,0 +1,95 @@
+"""What headless recording costs: the engine's own processor time, boards in another process."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rigctl.run.client import EngineClient
+from rigctl.run.runtime import FOLDER_VARIABLE
+from rigctl.wire.drum_states import State
+
+SECONDS = 20.0
+TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
+
+
+def measure() -> Iterator[dict[str, Any]]:
+    """Yield ``record.cpu_share`` and ``record.headroom``."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ[FOLDER_VARIABLE] = str(Path(folder) / "runtime")
+        share = recording_share(Path(folder))
+        del os.environ[FOLDER_VARIABLE]
+    note = (
+        f"{SECONDS:.0f} s of the quick protocol in real time over TCP, 25 polls a second, live "
+        "encoder, recorder; user and system time of the engine's process"
+    )
+    yield _row("record.cpu_share", round(share, 4), "of one core", note)
+    yield _row("record.headroom", round(1.0 / share, 1), "× real time", note)
+
+
+def _row(name: str, value: float, unit: str, note: str) -> dict[str, Any]:
+    nobody = {"peer": None, "peer_value": None, "ratio": None}
+    return {"name": name, "value": value, "unit": unit, **nobody, "note": note}
+
+
+def recording_share(folder: Path) -> float:
+    """Share of one core that an engine takes while it records from served virtual boards."""
+    with served_boards() as ports:
+        rig = folder / "rig.toml"
+        rig.write_text(f'[ports]\ndrum = "{ports["drum"]}"\ntaxels = "{ports["taxels"]}"\n')
+        protocol = folder / "one-plate.toml"
+        protocol.write_text(
+            'name = "one-plate"\ntextures = ["A"]\nspeeds_mm_s = [40]\nforces_g = [500]\n'
+            'repeats = 20\n[order]\nkind = "blocked"\n'
+        )
+        order = ["--protocol", str(protocol), "--out", str(folder / "session")]
+        client = EngineClient.start(str(rig), run=order)
+        try:
+            _wait_for_recording(client)
+            return _share_of(client.announcement.pid)
+        finally:
+            client.request("abort", limit_s=30)
+            client.shut_down()
+
+
+@contextmanager
+def served_boards() -> Iterator[dict[str, str]]:
+    """Virtual boards in real time in a process of their own; their addresses."""
+    command = [sys.executable, "-m", "rigctl", "serve", "--rig", "virtual", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        boards = json.loads(process.stdout.readline())
+        try:
+            yield {name: f"tcp://{boards[name]['tcp']}" for name in ("drum", "taxels")}
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.wait()
+
+
+def _wait_for_recording(client: EngineClient) -> None:
+    while True:
+        for message in client.wait(60.0):
+            if message.get("event") == "prompt":
+                client.send("answer", prompt_id=message["data"]["id"], answer="ok")
+            if message.get("event") == "status" and message["data"]["state"] == State.RUN:
+                return
+
+
+def _share_of(pid: int) -> float:
+    began, began_s = _processor_s(pid), time.perf_counter()
+    time.sleep(SECONDS)
+    return (_processor_s(pid) - began) / (time.perf_counter() - began_s)
+
+
+def _processor_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS_A_SECOND
