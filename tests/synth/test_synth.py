@@ -120,7 +120,7 @@ def test_it_is_like_a_trial_of_the_whole_virtual_rig(made: Path, tmp_path: Path)
             assert row["trial_id"] == real.trials[other]["trial_id"]
             a, b = synth.samples(int(one)), real.samples(int(other))
             assert a.shape == b.shape
-            np.testing.assert_allclose(a.mean(axis=0), b.mean(axis=0), rtol=0.02)
+            np.testing.assert_allclose(a.mean(axis=0), b.mean(axis=0), rtol=0.005)
             texture_hz = row["speed_mm_s"] / SPACES_MM[row["texture"]]
             bin_hz, depth = spectrum(a)
             bins = np.argmax(depth[1:], axis=0) + 1
@@ -128,7 +128,7 @@ def test_it_is_like_a_trial_of_the_whole_virtual_rig(made: Path, tmp_path: Path)
             assert np.array_equal(bins, np.argmax(other_depth[1:], axis=0) + 1)
             assert abs(np.median(bins) * bin_hz - texture_hz) <= bin_hz
             place = round(texture_hz / bin_hz)
-            np.testing.assert_allclose(depth[place], other_depth[place], rtol=0.05, atol=0.5)
+            np.testing.assert_allclose(depth[place], other_depth[place], rtol=0.02, atol=0.1)
 
 
 def spectrum(samples: NDArray[np.uint16]) -> tuple[float, NDArray[np.float64]]:
