@@ -133,12 +133,12 @@ def force_matrix(
         for v, speed in enumerate(speeds_mm_s):
             reference = _trials(trials_of, texture, speed, reference_g)
             target = mean_sa_rates_hz(reference, normalisation, parameters)
-            goal_level = _mean_level(reference, normalisation)
+            goal_level = mean_level(reference, normalisation)
             for f, force in enumerate(forces_g):
                 if force == reference_g:
                     continue
                 trials = _trials(trials_of, texture, speed, force)
-                level = _mean_level(trials, normalisation)
+                level = mean_level(trials, normalisation)
                 start = np.divide(goal_level, level, out=np.ones_like(level), where=level > 0)
                 found = search(
                     trials, target, start, normalisation, parameters, tolerance_hz, method
@@ -186,7 +186,7 @@ def search(
         some = Normalisation(normalisation.low[open_ones], normalisation.high[open_ones])
         part = trials
         if len(open_ones) < len(brackets):
-            part = [np.ascontiguousarray(samples[:, open_ones]) for samples in trials]
+            part = [np.take(samples, open_ones, axis=1) for samples in trials]
         guesses = np.array([brackets[i].guess for i in open_ones])
         rates = mean_sa_rates_hz(part, some, parameters, guesses)
         for i, rate in zip(open_ones, rates, strict=True):
@@ -281,8 +281,8 @@ def _trials(
     return trials
 
 
-def _mean_level(trials: Trials, normalisation: Normalisation) -> Floats:
-    """Mean normalised reading of each taxel, of some of the samples: a guess needs no more."""
+def mean_level(trials: Trials, normalisation: Normalisation) -> Floats:
+    """Mean normalised reading of each taxel over some of the samples, float64: a start for C."""
     low, scale = normalisation.low.astype(np.float64), normalisation.scale
     some = (samples[::LEVEL_EVERY] for samples in trials)
     means = [np.clip(s, normalisation.low, normalisation.high).mean(axis=0) for s in some]
