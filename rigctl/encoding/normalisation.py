@@ -76,9 +76,14 @@ class Normalisation:
 
 
 class RunningRange:
-    """The range seen so far, for a live view that has no calibration; it can only widen."""
+    """The range seen so far, for a live view that has no calibration; it can only widen.
 
-    def __init__(self, n_taxels: int) -> None:
+    ``least_width`` counts above its lowest reading belong to a taxel's range in any case: while
+    nothing touches the sensor, a range as wide as the noise would have every neuron fire.
+    """
+
+    def __init__(self, n_taxels: int, least_width: int = 0) -> None:
+        self._least_width = least_width
         self._low = np.full(n_taxels, np.iinfo(np.uint16).max, np.uint16)
         self._high = np.zeros(n_taxels, np.uint16)
 
@@ -97,4 +102,7 @@ class RunningRange:
         """The range so far; before the first sample the converter's whole range."""
         if bool(np.any(self._low > self._high)):
             return Normalisation.full_scale(self._low.shape[0])
-        return Normalisation(self._low, self._high, "running range since the start")
+        least = self._low.astype(np.int64) + self._least_width
+        high = np.minimum(np.maximum(self._high, least), np.iinfo(np.uint16).max)
+        source = "running range since the start"
+        return Normalisation(self._low, high.astype(np.uint16), source)

@@ -26,6 +26,9 @@ from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
 DRUM, TAXELS = "drum", "taxels"
 Spawn = Callable[[Coroutine[Any, Any, None]], object]
 
+LEAST_RANGE_COUNTS = 128
+"""A running range is at least so wide: well above the converter's noise, well below a touch."""
+
 
 class Boards:
     """The drum with its watch and moves, the taxels with their pump, encoder and live data.
@@ -110,7 +113,7 @@ class Boards:
 
         The encoder counts readings outside its range anyway: only when it did can it widen.
         """
-        running = RunningRange(self._bench.config.taxels.count)
+        running = RunningRange(self._bench.config.taxels.count, LEAST_RANGE_COUNTS)
         clipped = -1
 
         def widen(block: Block) -> None:

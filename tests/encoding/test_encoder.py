@@ -260,6 +260,15 @@ def test_the_running_range_only_widens() -> None:
     assert "running" in running.normalisation.source
 
 
+def test_a_running_range_of_noise_alone_keeps_the_neurons_quiet() -> None:
+    rng = np.random.default_rng(2)
+    idle = rng.integers(30, 34, (3000, 2)).astype(np.uint16)
+    running = RunningRange(2, least_width=128)
+    running.update(idle)
+    assert running.normalisation.high.tolist() == [158, 158]
+    assert Encoder(running.normalisation).encode(idle).sum() == 0
+
+
 def test_constant_readings_never_drive_the_ra_channel() -> None:
     samples = np.full((3000, 1), 777, np.uint16)
     spikes = encode_trial(samples, Normalisation.full_scale(1))
