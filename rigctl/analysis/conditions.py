@@ -28,6 +28,7 @@ class Condition(NamedTuple):
     parameters: EncoderParameters
     layouts: tuple[FeatureLayout, FeatureLayout]
     forces_g: tuple[float, ...]
+    reference_g: float
     blind: tuple[NDArray[np.float64], ...]
 
 
@@ -71,7 +72,14 @@ def encoded_condition(condition: Condition) -> Encoded:
         return [readings for trial, readings in both if trial.force_g == force]
 
     ways = (condition.normalisation, condition.parameters)
-    force = force_matrix(trials_of, [texture], [speed], condition.forces_g, *ways)
+    force = force_matrix(
+        trials_of,
+        [texture],
+        [speed],
+        condition.forces_g,
+        *ways,
+        reference_g=condition.reference_g,
+    )
     by_force = {f: force.of(texture, speed, f) for f in condition.forces_g}
     return Encoded(plain, _features(condition, samples, by_force), force)
 

@@ -24,6 +24,7 @@ from rigctl.analysis.tables import as_plain, table_csv
 from rigctl.analysis.tasks import Settings, TaskResult, run_tasks
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, opened
 from rigctl.encoding.encoder import encode_trial, membrane_mv
+from rigctl.encoding.force import REFERENCE_FORCE_G
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.errors import DiskFault, WrongUse
 
@@ -42,6 +43,7 @@ class Request:
     out: Path
     settings: Settings = field(default_factory=Settings)
     parameters: EncoderParameters = DEFAULT
+    reference_g: float = REFERENCE_FORCE_G
     workers: int = 1
     trial: int | None = None
     taxel: int | None = None
@@ -73,9 +75,17 @@ def make_report(
     with _appearing(request.out) as folder:
         features = folder / FEATURES
         features.mkdir()
-        ways = {"workers": request.workers}
-        made = represent(trials, request.parameters, features, progress=progress, **ways)
-        results, said = run_tasks(made, request.settings, progress=progress, **ways)
+        made = represent(
+            trials,
+            request.parameters,
+            features,
+            reference_g=request.reference_g,
+            workers=request.workers,
+            progress=progress,
+        )
+        results, said = run_tasks(
+            made, request.settings, workers=request.workers, progress=progress
+        )
         remarks = (*made.remarks, *said, *_aside(results))
         progress("writing the report", 0, 1)
         _write(folder, request, made, results, remarks, made_utc)

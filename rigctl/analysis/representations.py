@@ -86,11 +86,13 @@ def represent(
     parameters: EncoderParameters,
     folder: Path,
     *,
+    reference_g: float = REFERENCE_FORCE_G,
     workers: int = 1,
     progress: Progress = lambda stage, done, all_: None,
 ) -> RepresentationSet:
     """Encode a set in every representation that it allows; feature files go into ``folder``.
 
+    ``reference_g``: the force whose SA rates the others are scaled to.
     Taxel ranges are the minimum and maximum over all trials used, as in the paper. Trials with
     gaps are left out and named. Raises SessionError where no complete trial is left.
     """
@@ -99,7 +101,7 @@ def represent(
     if ranges.constant_taxels:
         named = ", ".join(map(str, ranges.constant_taxels))
         remarks.append(f"constant taxels, which read 0 and never spike: {named}")
-    lacking = _why_no_force(trials)
+    lacking = _why_no_force(trials, reference_g)
     if lacking:
         remarks.append(lacking)
     lengths = [trial.n_planned for trial in trials.trials]
@@ -108,7 +110,9 @@ def represent(
         FeatureLayout.covering(lengths, speeds, scaled=False),
         FeatureLayout.covering(lengths, speeds, scaled=True),
     )
-    conditions = _conditions(trials, ranges, parameters, layouts, with_force=not lacking)
+    conditions = _conditions(
+        trials, ranges, parameters, layouts, reference_g, with_force=not lacking
+    )
     files = _Files(folder, len(trials.trials), [lay.width(trials.n_taxels) for lay in layouts])
     force = _encode(conditions, files, workers, progress)
     if force is not None:
@@ -180,13 +184,16 @@ def _ranges(trials: TrialSet, workers: int, progress: Progress) -> tuple[TrialSe
     return kept, Normalisation.over(ends, "minimum and maximum over all trials used")
 
 
-def _why_no_force(trials: TrialSet) -> str:
+def _why_no_force(trials: TrialSet, reference_g: float) -> str:
     """A sentence where force cannot be scaled; empty where it can."""
     without = "Force Scaled representations are left out: "
     if len(trials.forces_g) < 2:
         return f"{without}there is one level of force only"
-    if REFERENCE_FORCE_G not in trials.forces_g:
-        return f"{without}no trial was made at the reference force of {REFERENCE_FORCE_G:g} g"
+    if reference_g not in trials.forces_g:
+        return (
+            f"{without}no trial was made at the reference force of {reference_g:g} g "
+            "(--reference-force names another)"
+        )
     there = {(t.texture, t.speed_mm_s, t.force_g) for t in trials.trials}
     for texture, speed in sorted({(t.texture, t.speed_mm_s) for t in trials.trials}):
         for force in trials.forces_g:
@@ -201,6 +208,7 @@ def _conditions(
     ranges: Normalisation,
     parameters: EncoderParameters,
     layouts: tuple[FeatureLayout, FeatureLayout],
+    reference_g: float,
     *,
     with_force: bool,
 ) -> list[tuple[list[int], Condition]]:
@@ -219,6 +227,7 @@ def _conditions(
                 parameters,
                 layouts,
                 forces,
+                reference_g,
                 (),
             ),
         )

@@ -34,6 +34,13 @@ def add_parser(subparsers: Any) -> None:
         default="own",
         help="own: one decomposition a fold; sklearn: a pipeline for each k (slow, equal)",
     )
+    parser.add_argument(
+        "--reference-force",
+        type=float,
+        default=500.0,
+        metavar="G",
+        help="force whose SA rates the others are scaled to (500)",
+    )
     parser.add_argument("--preset", default="default", metavar="NAME", help="encoder preset")
     parser.add_argument(
         "--task",
@@ -65,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
         Path(args.out),
         Settings(args.iterations, args.k_max, args.seed, engine, tuple(args.task)),
         preset(args.preset),
+        args.reference_force,
         args.workers,
         args.trial,
         args.taxel,

@@ -68,6 +68,9 @@ def test_without_the_reference_force_c_is_left_out_and_said(tmp_path: Path) -> N
     made = represent(join_sessions([session]), DEFAULT, tmp_path)
     assert [r.key for r in made.present] == ["original", "speed"]
     assert any("reference force of 500 g" in said for said in made.remarks)
+    other = represent(join_sessions([session]), DEFAULT, tmp_path, reference_g=250.0)
+    assert len(other.present) == 6 and other.force is not None
+    assert (other.force.c[..., 0] == 1).all() and (other.force.c[..., 1] < 1).all()
 
 
 def test_other_layouts_and_empty_sets_are_refused_by_name(tmp_path: Path) -> None:
