@@ -64,14 +64,12 @@ def curves_figure(results: Sequence[TaskResult], origin: str, stem: Path) -> Pat
     rows = ceil(len(results) / columns)
     figure = Figure(figsize=(3.9 * columns + 0.4, 3.1 * rows + 1.1), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False)
-    for letter, result, axes in zip("ABCDEFGH", results, panels.flat, strict=False):
-        _draw_curves(axes, result, letter)
+    for result, axes in zip(results, panels.flat, strict=False):
+        _draw_curves(axes, result)
     for axes in panels.flat[len(results) :]:
         axes.set_axis_off()
     lines, names = panels.flat[0].get_legend_handles_labels()
-    figure.legend(
-        lines, names, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
-    )
+    figure.legend(lines, names, loc="outside lower right", ncols=columns, frameon=False, fontsize=9)
     iterations = len(results[0].curves[0].accuracy)
     bars = "bars: standard deviation" if iterations > 1 else "one draw, no spread"
     title = f"Textures told apart: mean accuracy of {iterations} draws; {bars}"
@@ -127,7 +125,7 @@ def taxel_figure(picture: TaxelPicture, stem: Path) -> Path:
     return save(figure, stem)
 
 
-def _draw_curves(axes: Axes, result: TaskResult, letter: str) -> None:
+def _draw_curves(axes: Axes, result: TaskResult) -> None:
     k = np.arange(1, result.k_max + 1)
     for curve in result.curves:
         style = STYLES[curve.representation.key]
@@ -143,17 +141,14 @@ def _draw_curves(axes: Axes, result: TaskResult, letter: str) -> None:
             label=curve.representation.name,
         )
     axes.axhline(100 * result.chance, color=MUTED, lw=1, ls=":")
-    axes.text(
-        k[-1], 100 * result.chance + 1.5, f"chance {100 * result.chance:.3g} %",
-        ha="right", size=7.5, color=MUTED, zorder=5,
-        bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 0.8},
-    )  # fmt: skip
+    chance = f"chance {100 * result.chance:.3g} %"
+    axes.set_title(chance, size=7.5, loc="right", color=MUTED)
     axes.set_ylim(0, 103)
     axes.set_xlim(0.5, k[-1] + 0.5)
     axes.set_xlabel("principal components")
     axes.set_ylabel("accuracy (%)")
-    figure = f" ({result.task.figure})" if result.task.figure else ""
-    axes.set_title(f"{letter}  {result.task.title}{figure}", size=10, loc="left", color=TEXT)
+    named = f"{result.task.figure}  {result.task.title}".strip()
+    axes.set_title(named, size=9.5, loc="left", color=TEXT)
     tidy(axes)
     axes.grid(axis="y", color=FAINT, lw=0.6)
 
