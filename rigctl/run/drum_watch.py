@@ -1,7 +1,7 @@
 """The one who polls the drum: 25 times a second, with the heartbeat, until the engine ends.
 
 Everybody who waits for the drum waits here, for the next turn of the poll loop. A turn comes
-every 40 ms whether the board answers or not, so a waiter always learns of a fault or of a lost
+every 50 ms whether the board answers or not, so a waiter always learns of a fault or of a lost
 link, and can be called off.
 """
 
@@ -17,7 +17,7 @@ from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum_map import CommandResult
 from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
 
-POLL_PERIOD_S = 0.04
+POLL_PERIOD_S = 0.05
 RECONNECT_PERIOD_S = 0.5
 FAULT_STATES = (State.FAULT_LIFT, State.FAULT_OFF)
 

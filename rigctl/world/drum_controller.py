@@ -62,8 +62,8 @@ class Controller:
     def next_us(self) -> float:
         """When :meth:`pass_time` must be called next."""
         planned = self.turner.motion.next_us
-        waits = [*self._timers.values(), math.inf if planned is None else planned]
-        return min(waits)
+        waiting = min(self._timers.values(), default=math.inf)
+        return waiting if planned is None or planned > waiting else planned
 
     def board_us(self, at_us: int) -> int:
         """The board's own clock, not wrapped."""

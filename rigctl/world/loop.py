@@ -19,7 +19,7 @@ CLOCK_RESOLUTION_S = 1e-6
 LAG_FORGOTTEN_S = 0.5
 """A paced world that is later than this is not hurried to catch up: people watch it."""
 
-FREE_LOOKS = 8
+FREE_LOOKS = 16
 """A free-running world looks at files once in so many turns: each look is a system call, and
 nothing that comes through a file may decide a sample there."""
 

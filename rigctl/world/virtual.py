@@ -9,7 +9,7 @@ from rigctl.world.truth import Truth
 from rigctl.world.virtual_drum import VirtualDrum
 from rigctl.world.virtual_taxels import VirtualTaxels
 
-SLICE_US = 16_000
+SLICE_US = 20_000
 
 
 def open_virtual(parameters: WorldParameters | None = None, seed: int = 0) -> VirtualRig:
@@ -51,9 +51,10 @@ class VirtualRig:
         """Run world and boards up to a world time."""
         while True:
             cell_us, drum_us = self._bench.loadcell.next_us, self._drum.next_us
-            due_us = min(drum_us, cell_us, self._taxels.next_us)
+            taxels_us = self._taxels.next_us
+            due_us = min(drum_us, cell_us, taxels_us)
             at_us = max(self.time_us, int(min(due_us, until_us)))
-            if self._mechanics(at_us // 1000):
+            if at_us // 1000 > self._bench.plant.time_ms and self._mechanics(at_us // 1000):
                 continue
             self.time_us = self._drum.now_us = at_us
             if due_us > at_us:
@@ -62,7 +63,7 @@ class VirtualRig:
                 self._convert(at_us)
             if at_us >= drum_us:
                 self._drum.pass_time(at_us)
-            if at_us >= self._taxels.next_us:
+            if at_us >= taxels_us:
                 self._taxels.pass_time(at_us)
 
     def set_plate(self, texture: str) -> None:
@@ -77,8 +78,6 @@ class VirtualRig:
     def _mechanics(self, until_ms: int) -> bool:
         """Run the plant; True when it stopped early and the boards were told why."""
         plant = self._bench.plant
-        if plant.time_ms >= until_ms:
-            return False
         marks = plant.index_rises
         low, high = self._drum.limits_mm
         stopped = self._bench.advance(until_ms, self._drum.duty, self._drum.motion, low, high)

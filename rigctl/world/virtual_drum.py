@@ -89,7 +89,12 @@ class VirtualDrum:
     @property
     def next_us(self) -> float:
         """When :meth:`pass_time` must be called next."""
-        return min(self.controller.next_us, self.next_wire_us)
+        due_us = self.controller.next_us
+        if self._inbox and self._inbox[0][1] < due_us:
+            due_us = self._inbox[0][1]
+        if self._outbox and self._outbox[0][0] < due_us:
+            due_us = self._outbox[0][0]
+        return due_us
 
     @property
     def next_wire_us(self) -> float:

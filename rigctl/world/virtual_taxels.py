@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,7 @@ from rigctl.world.simulation import SimulatedLink
 from rigctl.world.skin import SLOT_US
 
 FRAME_US = 1000
-FLUSH_US = 16_000
+FLUSH_US = 20_000
 """The cable hands over what came in this time: the latency timer of common USB adapters."""
 
 SEND_US = 700
@@ -110,7 +112,7 @@ class VirtualTaxels:
         """Flags and edge counts while nothing happens on the lines."""
         flag = self._levels[0][1] * int(wire.Flag.SYNC)
         edge = self._rises_before % 4 + self._marks_before % 4 * 4
-        return np.full(count, flag, np.uint8), np.full(count, edge, np.uint8)
+        return _repeated(flag, count), _repeated(edge, count)
 
     def _forget(self, rises: int, marks: int, level: int) -> None:
         del self._rises[: rises - self._rises_before]
@@ -147,3 +149,9 @@ class VirtualTaxels:
             sync_rises=self._rises_before,
             self_test_bits=self._self_test,
         )
+
+
+@lru_cache(maxsize=1024)
+def _repeated(value: int, count: int) -> NDArray[np.uint8]:
+    """The same byte so many times; nobody writes to it."""
+    return np.full(count, value, np.uint8)

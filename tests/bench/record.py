@@ -29,7 +29,7 @@ def measure() -> Iterator[dict[str, Any]]:
         share = recording_share(Path(folder))
         del os.environ[FOLDER_VARIABLE]
     note = (
-        f"{SECONDS:.0f} s of the quick protocol in real time over TCP, 25 polls a second, live "
+        f"{SECONDS:.0f} s of the quick protocol in real time over TCP, 20 polls a second, live "
         "encoder, recorder; user and system time of the engine's process"
     )
     yield _row("record.cpu_share", round(share, 4), "of one core", note)
