@@ -1,4 +1,4 @@
-"""The one who polls the drum: 25 times a second, with the heartbeat, until the engine ends.
+"""The one who polls the drum: 20 times a second, with the heartbeat, until the engine ends.
 
 Everybody who waits for the drum waits here, for the next turn of the poll loop. A turn comes
 every 50 ms whether the board answers or not, so a waiter always learns of a fault or of a lost
