@@ -130,6 +130,7 @@ class Strip(QGraphicsItem):
 
     def render_columns(self, history: History, columns: Columns) -> NDArray[np.uint32]:
         """Pixels of some columns, uint32 (height, k); for subclasses to say."""
+        # Qt's metaclass and ABCMeta do not combine, so the method cannot be declared abstract.
         raise NotImplementedError
 
     def laid_out(self, height: int) -> None:
@@ -174,6 +175,7 @@ def rgb(colour: str) -> int:
 def blend(colour: str, background: str, share: float) -> str:
     """``colour`` laid over ``background`` with opacity ``share``."""
     over, under = QColor(colour), QColor(background)
+    # PySide6 declares getRgb() to return an object; it is a tuple of four integers.
     mixed = [
         round(share * a + (1 - share) * b)
         for a, b in zip(over.getRgb()[:3], under.getRgb()[:3], strict=True)  # type: ignore[index]

@@ -195,6 +195,7 @@ def _config(text: Text) -> RigConfig:
 
 
 def _section(table: Table, kind: type[_Section]) -> _Section:
+    # Every section is a dataclass, which ``type`` cannot say.
     values = {f.name: _value(table, f) for f in fields(kind)}  # type: ignore[arg-type]
     table.finish()
     return kind(**values)

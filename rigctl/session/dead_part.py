@@ -68,6 +68,7 @@ class DeadPart(io.RawIOBase):
         self._at = base + offset
         return self._at
 
+    # h5py hands over these two kinds of buffer; RawIOBase declares every kind there is.
     def readinto(self, buffer: bytearray | memoryview) -> int:  # type: ignore[override]
         """Fill ``buffer`` from the file, the superblock from memory."""
         data = self._map[self._at : self._at + len(buffer)]

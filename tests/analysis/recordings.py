@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigctl.protocol import parse_protocol
 from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import Recorder
-from rigctl.values import Block, Gap, PlannedTrial
+from rigctl.values import Block, DrumState, Gap, PlannedTrial
 from tests.session.building import drum_state, trial_row
 
 PROTOCOL = """\
@@ -96,7 +96,7 @@ def _samples(recorder: Recorder, trial: PlannedTrial, counter: int, seed: int, t
     return counter + n
 
 
-def _weighed(state, trial: PlannedTrial, sequence: int):  # type: ignore[no-untyped-def]
+def _weighed(state: DrumState, trial: PlannedTrial, sequence: int) -> DrumState:
     """The load cell reads the set-point with a little noise."""
     noise = np.random.default_rng(sequence).normal(0, 1.5, len(state.loadcell))
     cells = zip(state.loadcell, noise, strict=True)

@@ -8,6 +8,7 @@ import pytest
 from rigctl.analysis.statistics import (
     FIGURE_4,
     FIGURE_S5,
+    AsteriskRule,
     cohens_d,
     cohens_h,
     two_proportions,
@@ -49,7 +50,9 @@ def test_two_proportions_are_those_worked_by_hand() -> None:
         (FIGURE_S5, 0.004, 0.1, ""),
     ],
 )
-def test_asterisks_need_both_bounds(rule, p: float, effect: float, stars: str) -> None:  # type: ignore[no-untyped-def]
+def test_asterisks_need_both_bounds(
+    rule: AsteriskRule, p: float, effect: float, stars: str
+) -> None:
     assert rule.stars(p, effect) == stars
 
 
