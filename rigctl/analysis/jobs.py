@@ -1,14 +1,19 @@
-"""Independent pieces of work, one after another or in several processes, with equal results."""
+"""Independent pieces of work and the crew that does them, with equal results whoever it is."""
 
 from __future__ import annotations
 
 import multiprocessing
 import signal
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from typing import TypeVar
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import Final, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
+
+from rigctl.errors import RigFault
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -16,40 +21,89 @@ Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many pieces are finished, and how many there are."""
 
 
+class Crew(Protocol):
+    """Who does pieces of work. Linear algebra keeps to one thread each, so no bit depends on it."""
+
+    @property
+    def shares_disk(self) -> bool:
+        """Whether everybody in it sees this machine's files, under the same paths."""
+
+    def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Results in the order of the jobs. ``work`` must be a module's function (it is pickled).
+
+        Whoever stops asking for results should close the iterator: what is left is not done then.
+        """
+
+
+class Here:
+    """This process, one job after another."""
+
+    shares_disk = True
+
+    def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Each result is worked out when it is asked for."""
+        for job in jobs:
+            with threadpool_limits(1, "blas"):
+                result = work(job)
+            yield result
+
+
+HERE: Final[Crew] = Here()
+
+
+class Processes:
+    """Processes on this machine, started when first needed and kept; see :func:`processes`."""
+
+    shares_disk = True
+
+    def __init__(self, pool: ProcessPoolExecutor) -> None:
+        self._pool = pool
+
+    def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Raises RigFault where a process died."""
+        waiting: deque[Future[Result]] = deque()
+        try:
+            waiting.extend(self._pool.submit(work, job) for job in jobs)
+            while waiting:
+                yield waiting.popleft().result()
+        except BrokenProcessPool as error:
+            raise RigFault(
+                "a process of the analysis died, perhaps for want of memory: "
+                "free some, or use fewer --workers"
+            ) from error
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+@contextmanager
+def processes(n: int) -> Iterator[Crew]:
+    """A crew of ``n`` processes, or this one alone for ``n`` = 1; gone at the end."""
+    if n == 1:
+        yield HERE
+        return
+    # Forked processes would inherit threads and open files; fresh ones start clean everywhere.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(n, context, initializer=_one_thread)
+    try:
+        yield Processes(pool)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
 def work_through(
     work: Callable[[Job], Result],
     jobs: Sequence[Job],
     *,
-    workers: int = 1,
+    crew: Crew = HERE,
     stage: str = "",
     progress: Progress = lambda stage, done, all_: None,
 ) -> Iterator[Result]:
-    """Results in the order of the jobs. ``work`` must be a module's function (it is pickled).
-
-    Linear algebra keeps to one thread a process, so that results do not depend on ``workers``.
-    """
+    """What :meth:`Crew.map` gives, telling how far it is."""
     progress(stage, 0, len(jobs))
-    done = _here(work, jobs) if workers <= 1 or len(jobs) < 2 else _there(work, jobs, workers)
-    for number, result in enumerate(done, start=1):
+    for number, result in enumerate(crew.map(work, jobs), start=1):
         progress(stage, number, len(jobs))
         yield result
-
-
-def _here(work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-    for job in jobs:
-        with threadpool_limits(1, "blas"):
-            result = work(job)
-        yield result
-
-
-def _there(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -> Iterator[Result]:
-    # Forked processes would inherit threads and open files; fresh ones start clean everywhere.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(workers, len(jobs)), context, initializer=_one_thread)
-    try:
-        yield from pool.map(work, jobs)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _one_thread() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.analysis.jobs import Progress
+from rigctl.analysis.jobs import HERE, Crew, Progress
 from rigctl.analysis.report_figures import (
     TaxelPicture,
     confusion_figure,
@@ -44,7 +44,6 @@ class Request:
     settings: Settings = field(default_factory=Settings)
     parameters: EncoderParameters = DEFAULT
     reference_g: float = REFERENCE_FORCE_G
-    workers: int = 1
     trial: int | None = None
     taxel: int | None = None
 
@@ -63,9 +62,10 @@ def make_report(
     request: Request,
     made_utc: str,
     *,
+    crew: Crew = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> Report:
-    """Analyse and write. ``made_utc``: wall-clock stamp for the report's foot.
+    """Analyse and write. ``made_utc``: wall-clock stamp for the report's foot; ``crew``: who works.
 
     Raises SessionError or WrongUse for what cannot be analysed, DiskFault where nothing can be
     written; then no report folder is left.
@@ -80,12 +80,10 @@ def make_report(
             request.parameters,
             features,
             reference_g=request.reference_g,
-            workers=request.workers,
+            crew=crew,
             progress=progress,
         )
-        results, said = run_tasks(
-            made, request.settings, workers=request.workers, progress=progress
-        )
+        results, said = run_tasks(made, request.settings, crew=crew, progress=progress)
         remarks = (*made.remarks, *said, *_aside(results))
         progress("writing the report", 0, 1)
         _write(folder, request, made, results, remarks, made_utc)

@@ -22,7 +22,7 @@ from rigctl.analysis.conditions import (
     joined_matrix,
     range_of,
 )
-from rigctl.analysis.jobs import Progress, work_through
+from rigctl.analysis.jobs import HERE, Crew, Progress, work_through
 from rigctl.analysis.trial_set import TrialSet
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force import REFERENCE_FORCE_G, ForceMatrix, Status
@@ -87,7 +87,7 @@ def represent(
     folder: Path,
     *,
     reference_g: float = REFERENCE_FORCE_G,
-    workers: int = 1,
+    crew: Crew = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> RepresentationSet:
     """Encode a set in every representation that it allows; feature files go into ``folder``.
@@ -96,7 +96,7 @@ def represent(
     Taxel ranges are the minimum and maximum over all trials used, as in the paper. Trials with
     gaps are left out and named. Raises SessionError where no complete trial is left.
     """
-    trials, ranges = _ranges(trials, workers, progress)
+    trials, ranges = _ranges(trials, crew, progress)
     remarks = list(trials.remarks)
     if ranges.constant_taxels:
         named = ", ".join(map(str, ranges.constant_taxels))
@@ -114,9 +114,9 @@ def represent(
         trials, ranges, parameters, layouts, reference_g, with_force=not lacking
     )
     files = _Files(folder, len(trials.trials), [lay.width(trials.n_taxels) for lay in layouts])
-    force = _encode(conditions, files, workers, progress)
+    force = _encode(conditions, files, crew, progress)
     if force is not None:
-        _encode_blind(conditions, force, files, workers, progress)
+        _encode_blind(conditions, force, files, crew, progress)
     return RepresentationSet(
         trials, ranges, parameters, *layouts, force, files.close(), tuple(remarks)
     )
@@ -171,12 +171,12 @@ class _Files:
         return {key: self._folder / f"{key}.npy" for key in keys}
 
 
-def _ranges(trials: TrialSet, workers: int, progress: Progress) -> tuple[TrialSet, Normalisation]:
+def _ranges(trials: TrialSet, crew: Crew, progress: Progress) -> tuple[TrialSet, Normalisation]:
     """Taxel ranges over complete trials, and the set without the others."""
     starts = range(0, len(trials.trials), CHUNK)
     jobs = [(trials.paths, trials.trials[at : at + CHUNK]) for at in starts]
     stage = "reading trials for the taxel ranges"
-    found = list(work_through(range_of, jobs, workers=workers, stage=stage, progress=progress))
+    found = list(work_through(range_of, jobs, crew=crew, stage=stage, progress=progress))
     complete = np.concatenate([mask for mask, _ in found])
     torn = [int(i) for i in np.flatnonzero(~complete)]
     kept = trials.without(torn, "gaps in their samples")
@@ -238,12 +238,12 @@ def _conditions(
 def _encode(
     conditions: Sequence[tuple[list[int], Condition]],
     files: _Files,
-    workers: int,
+    crew: Crew,
     progress: Progress,
 ) -> ForceMatrix | None:
     jobs = [condition for _, condition in conditions]
     stage = "searching C, encoding"
-    found = work_through(encoded_condition, jobs, workers=workers, stage=stage, progress=progress)
+    found = work_through(encoded_condition, jobs, crew=crew, stage=stage, progress=progress)
     pieces: list[ForceMatrix] = []
     for (rows, _), encoded in zip(conditions, found, strict=True):
         files.put("", rows, encoded.plain)
@@ -257,7 +257,7 @@ def _encode_blind(
     conditions: Sequence[tuple[list[int], Condition]],
     force: ForceMatrix,
     files: _Files,
-    workers: int,
+    crew: Crew,
     progress: Progress,
 ) -> None:
     jobs = []
@@ -266,6 +266,6 @@ def _encode_blind(
         blind = tuple(force.texture_blind(speed, f) for f in condition.forces_g)
         jobs.append(condition._replace(blind=blind))
     stage = "encoding with texture-blind C"
-    found = work_through(encoded_condition, jobs, workers=workers, stage=stage, progress=progress)
+    found = work_through(encoded_condition, jobs, crew=crew, stage=stage, progress=progress)
     for (rows, _), encoded in zip(conditions, found, strict=True):
         files.put("blind", rows, encoded.forced)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis import paper
 from rigctl.analysis.engines import Engine, answer
-from rigctl.analysis.jobs import Progress, work_through
+from rigctl.analysis.jobs import HERE, Crew, Progress, work_through
 from rigctl.analysis.representations import Representation, RepresentationSet
 from rigctl.analysis.splits import Design, extrapolation_fits, splits
 from rigctl.errors import WrongUse
@@ -127,7 +127,7 @@ def run_tasks(
     made: RepresentationSet,
     settings: Settings,
     *,
-    workers: int = 1,
+    crew: Crew = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> tuple[list[TaskResult], tuple[str, ...]]:
     """Results of the tasks that the trials allow, and sentences on what was left out or changed.
@@ -142,7 +142,7 @@ def run_tasks(
         for plan, representation in ways
         for iteration in range(settings.iterations)
     ]
-    scores = work_through(_scored, jobs, workers=workers, stage="classifying", progress=progress)
+    scores = work_through(_scored, jobs, crew=crew, stage="classifying", progress=progress)
     curves: dict[str, list[Curve]] = {task.key: [] for plan in plans for task in plan.tasks}
     for plan, representation in ways:
         several = [next(scores) for _ in range(settings.iterations)]

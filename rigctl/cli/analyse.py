@@ -59,6 +59,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the report; the last lines on standard output say where it is."""
     from rigctl.analysis.engines import Engine
+    from rigctl.analysis.jobs import processes
     from rigctl.analysis.report import Report, Request, make_report
     from rigctl.analysis.tasks import Settings
     from rigctl.encoding.presets import preset
@@ -73,14 +74,14 @@ def run(args: argparse.Namespace) -> int:
         Settings(args.iterations, args.k_max, args.seed, engine, tuple(args.task)),
         preset(args.preset),
         args.reference_force,
-        args.workers,
         args.trial,
         args.taxel,
     )
     line = StageLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
-        report: Report = make_report(request, now, progress=line.show)
+        with processes(args.workers) as crew:
+            report: Report = make_report(request, now, crew=crew, progress=line.show)
     finally:
         line.end()
     print(summary(report), flush=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.analysis.jobs import processes
 from rigctl.analysis.representations import force_sentence, represent, status_counts
 from rigctl.analysis.trial_set import join_sessions, opened
 from rigctl.encoding.features import feature_matrices
@@ -57,7 +58,8 @@ def test_processes_give_equal_features(tmp_path: Path) -> None:
     for folder in folders:
         folder.mkdir()
     alone = represent(join_sessions([session]), DEFAULT, folders[0])
-    together = represent(join_sessions([session]), DEFAULT, folders[1], workers=2)
+    with processes(2) as crew:
+        together = represent(join_sessions([session]), DEFAULT, folders[1], crew=crew)
     for representation in alone.present:
         first, second = (made.files[representation.key] for made in (alone, together))
         assert first.read_bytes() == second.read_bytes()

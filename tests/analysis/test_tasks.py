@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rigctl.analysis.engines import Engine, answer
+from rigctl.analysis.jobs import processes
 from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.splits import Design, Split, splits
 from rigctl.analysis.tasks import Settings, TaskResult, run_tasks
@@ -96,7 +97,9 @@ def test_both_engines_give_equal_answers(made: RepresentationSet) -> None:
 
 def test_processes_give_equal_answers(made: RepresentationSet) -> None:
     chosen = Settings(iterations=2, k_max=4, tasks=("textures",))
-    alone, together = (run_tasks(made, chosen, workers=n)[0] for n in (1, 2))
+    alone, _ = run_tasks(made, chosen)
+    with processes(2) as crew:
+        together, _ = run_tasks(made, chosen, crew=crew)
     for a, b in zip(alone[0].curves, together[0].curves, strict=True):
         np.testing.assert_array_equal(a.accuracy, b.accuracy)
 
