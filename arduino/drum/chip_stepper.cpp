@@ -162,14 +162,16 @@ void enable_stepper(bool on) {
 }
 
 // The first interval is milliseconds long: far more than a driver wants between the direction
-// line and the first step.
+// line and the first step. It is worked out before interrupts have to wait: only the emergency
+// stop may come between, and that is looked at last.
 void start(const Motion &motion) {
+    if (motion.backwards) PORTA |= pins::DIRECTION;
+    else PORTA &= ~pins::DIRECTION;
+    engine.begin(motion);
+    const uint32_t first = engine.next_interval();
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        if (estop::tripped()) return;
-        if (motion.backwards) PORTA |= pins::DIRECTION;
-        else PORTA &= ~pins::DIRECTION;
-        engine.begin(motion);
-        fraction = 0;
+        if (!first || estop::tripped()) return engine.abandon();
+        fraction = static_cast<uint8_t>(first);
         running = true;
         // A cut inside a pulse left the compare output high behind the port's back.
         TCCR1A = PIN_CLEARS;
@@ -177,7 +179,7 @@ void start(const Motion &motion) {
         TCCR1A = PIN_RESTS;
         TIFR1 = _BV(OCF1A);
         TIMSK1 = _BV(OCIE1A);
-        schedule(TCNT1, 0);
+        aim_at_rise(TCNT1, first >> 8);
     }
 }
 

@@ -70,6 +70,13 @@ static void on_reset(avr_t *avr)
     board->was_reset = 1;
 }
 
+/* A reset leaves simavr looking at its timers after every instruction; they bound a burst by
+ * themselves, so longer ones give the same cycles in half the time. */
+static void bound_burst(sim_board *board)
+{
+    board->avr->run_cycle_limit = board->exchange.watch_interrupts ? 1 : BURST_CYCLES;
+}
+
 /* What every reset undoes: level-triggered pins, pin states, timers, receiver state. */
 static void restore(sim_board *board)
 {
@@ -77,9 +84,7 @@ static void restore(sim_board *board)
     board->compare_latched = 0;
     /* Strict level triggering polls each low pin every few cycles and halves the speed. */
     for (int n = 0; n < EXTERNAL_INTERRUPTS; n++) avr_extint_set_strict_lvl_trig(board->avr, n, 0);
-    /* A reset leaves simavr looking at its timers after every instruction; they bound a burst
-     * by themselves, so longer ones give the same cycles in half the time. */
-    board->avr->run_cycle_limit = BURST_CYCLES;
+    bound_burst(board);
     profile_restore(board);
     serial_restore(board);
     pins_restore(board);
@@ -176,6 +181,7 @@ static void begin(sim_board *board, uint64_t until)
     serial_begin(board);
     pins_begin(board);
     bridge_begin(board);
+    bound_burst(board);
     avr_cycle_timer_register(board->avr, until - board->avr->cycle, on_stop, board);
     schedule(board);
 }
@@ -188,6 +194,7 @@ int sim_run(sim_board *board, uint64_t until)
     int state = cpu_Running;
     while (avr->cycle < until && state != cpu_Done && state != cpu_Crashed) {
         state = avr_run(avr);
+        if (board->exchange.watch_interrupts) profile_look(board);
         if (board->was_reset) {
             board->exchange.resets++;
             restore(board);

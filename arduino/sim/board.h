@@ -26,6 +26,7 @@ struct serial {
 struct loadcell {
     uint64_t ready_q16;     /* cycle × 65536 of the next conversion's end */
     uint64_t sck_rise, read_start;
+    uint64_t offered;       /* cycle at which the conversion held was offered */
     int32_t held;           /* conversion offered to the reader */
     int32_t last;           /* last conversion, for the frozen mode */
     int settling;           /* conversions to swallow */
@@ -56,6 +57,7 @@ struct profile {
     uint64_t entered[SIM_VECTORS]; /* stack of entry cycles */
     uint8_t vector[SIM_VECTORS];
     int depth;
+    uint64_t off_since;            /* cycle at which interrupts went off, 0: they are on */
 };
 
 struct sim_board {
@@ -125,5 +127,6 @@ void loadcell_restore(sim_board *board);
 /* profile.c */
 void profile_open(sim_board *board);
 void profile_restore(sim_board *board);
+void profile_look(sim_board *board);
 
 #endif

@@ -74,6 +74,7 @@ static void finish_conversion(sim_board *board)
     cell->held = cell->last = conversion(board);
     if (!cell->dout) put_dout(board, 1);
     put_dout(board, 0);
+    cell->offered = board->avr->cycle;
 }
 
 static uint64_t power_down_at(const struct loadcell *cell)
@@ -103,8 +104,10 @@ void loadcell_run(sim_board *board, uint64_t now)
 static void end_of_read(sim_board *board)
 {
     struct loadcell *cell = &board->loadcell;
-    uint64_t lasted = board->avr->cycle - cell->read_start;
-    if (lasted > board->exchange.longest_read) board->exchange.longest_read = lasted;
+    sim_exchange *x = &board->exchange;
+    uint64_t now = board->avr->cycle;
+    if (now - cell->read_start > x->longest_read) x->longest_read = now - cell->read_start;
+    if (now - cell->offered > x->loadcell_latency) x->loadcell_latency = now - cell->offered;
 }
 
 static void clock_rise(sim_board *board)

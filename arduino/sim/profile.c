@@ -39,4 +39,22 @@ void profile_open(sim_board *board)
     }
 }
 
-void profile_restore(sim_board *board) { board->profile.depth = 0; }
+void profile_restore(sim_board *board)
+{
+    board->profile.depth = 0;
+    board->profile.off_since = 0;
+}
+
+/* After an instruction: how long the main program has kept interrupts off. */
+void profile_look(sim_board *board)
+{
+    struct profile *p = &board->profile;
+    sim_exchange *x = &board->exchange;
+    uint64_t now = board->avr->cycle;
+    if (!board->avr->sreg[S_I] && !p->depth) {
+        if (!p->off_since) p->off_since = now;
+        return;
+    }
+    if (p->off_since && now - p->off_since > x->longest_off) x->longest_off = now - p->off_since;
+    p->off_since = 0;
+}

@@ -70,6 +70,7 @@ typedef struct sim_exchange {
     int32_t report_samples;            /* 1: report SIM_OUT_SAMPLE edges */
     int32_t report_steps;              /* 1: report SIM_OUT_STEP edges */
     int32_t analog_rows;               /* 1: constant, row 0 */
+    int32_t watch_interrupts;          /* 1: look at the interrupt flag after each instruction */
     /* in, consumed by sim_run */
     int32_t rx_count;
     int32_t input_count;
@@ -103,6 +104,8 @@ typedef struct sim_exchange {
     uint64_t loadcell_conversions;
     uint64_t loadcell_reads;  /* conversions that were shifted out completely */
     uint64_t longest_read;    /* first clock rise to last clock fall of a read, cycles */
+    uint64_t loadcell_latency; /* longest time from an offered conversion to its read's end */
+    uint64_t longest_off;     /* interrupts off outside of interrupt routines, while watched */
 } sim_exchange;
 
 /* Loads an ELF image. Returns NULL when it cannot be read. */

@@ -80,6 +80,7 @@ class Exchange(ctypes.Structure):
         ("report_samples", _I32),
         ("report_steps", _I32),
         ("analog_rows", _I32),
+        ("watch_interrupts", _I32),
         ("rx_count", _I32),
         ("input_count", _I32),
         ("rx_start", _U64),
@@ -110,6 +111,8 @@ class Exchange(ctypes.Structure):
         ("loadcell_conversions", _U64),
         ("loadcell_reads", _U64),
         ("longest_read", _U64),
+        ("loadcell_latency", _U64),
+        ("longest_off", _U64),
     )
 
 
