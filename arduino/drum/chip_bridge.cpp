@@ -69,6 +69,9 @@ void enable_bridge(bool on) {
 
 // A side that rests is taken off the timer, so that it stays low without a spike.
 void drive(int16_t permille) {
+#ifdef SWAPPED_ACTUATOR  // a broken image that the tests must catch
+    permille = -permille;
+#endif
     const uint16_t counts = static_cast<uint16_t>(permille < 0 ? -permille : permille) * 4;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         if (!counts || estop::tripped()) {

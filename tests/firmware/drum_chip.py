@@ -45,6 +45,7 @@ class DrumChip:
         self.x.loadcell_counts = OFFSET_COUNTS
         self.beating = True
         self.rod_mm, self.force_g = 5.0, 0.0
+        self.forces: list[float] = []
         self._velocity = 0.0
         self._felt = [0.0] * 10
         self._noise = np.random.default_rng(1)
@@ -91,6 +92,7 @@ class DrumChip:
         self.rod_mm = min(max(self.rod_mm + self._velocity * 1e-3, 0.0), 50.0)
         depth = self.rod_mm - CONTACT_MM
         self.force_g = max(0.0, STIFFNESS_G_MM * depth)
+        self.forces.append(self.force_g)
         self._felt = [*self._felt[1:], self.force_g]
         felt = sum(self._felt) / 10 + 0.3 * self._noise.standard_normal()
         self.x.loadcell_counts = OFFSET_COUNTS + round(felt / G_PER_COUNT)
