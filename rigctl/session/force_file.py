@@ -1,0 +1,46 @@
+"""The force matrix C as HDF5 arrays: a group of a model file or of an encoded session."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rigctl.encoding.force import ForceMatrix
+from rigctl.session.described import put_array, put_texts, take_array, take_texts
+
+AXES = "texture, taxel, speed, force"
+STATUS_DOC = "0 reference force, 1 converged, 2 capped, 3 at a jump of the rate"
+
+
+def put_force(group: Any, force: ForceMatrix) -> None:
+    """Store C with how it was found."""
+    put_texts(group, "textures", force.textures, "names, in the order of the first axis", "texture")
+    put_array(group, "speeds_mm_s", np.array(force.speeds_mm_s), "mm/s", "planned", "speed")
+    put_array(group, "forces_g", np.array(force.forces_g), "g", "planned", "force")
+    put_array(
+        group, "reference_g", np.float64(force.reference_g), "g", "force whose SA rates are aimed at"
+    )
+    put_array(group, "c", force.c, "none", "factor on the SA current", AXES)
+    put_array(group, "status", force.status, "none", STATUS_DOC, AXES)
+    put_array(group, "residual_hz", force.residual_hz, "Hz", "rate reached less the target", AXES)
+    put_array(group, "evaluations", force.evaluations, "none", "encodings that it took", AXES)
+
+
+def take_force(group: Any) -> ForceMatrix:
+    """C as it was stored. Raises KeyError or ValueError where the group does not hold it."""
+    force = ForceMatrix(
+        take_texts(group, "textures"),
+        tuple(take_array(group, "speeds_mm_s").tolist()),
+        tuple(take_array(group, "forces_g").tolist()),
+        float(group["reference_g"][()]),
+        take_array(group, "c"),
+        take_array(group, "status", np.int8),
+        take_array(group, "residual_hz"),
+        take_array(group, "evaluations", np.int64),
+    )
+    textures, speeds, forces = len(force.textures), len(force.speeds_mm_s), len(force.forces_g)
+    shape = (textures, force.c.shape[1] if force.c.ndim == 4 else -1, speeds, forces)
+    if force.c.shape != shape or not np.isfinite(force.c).all():
+        raise ValueError("C has not a finite value for each texture, taxel, speed and force")
+    return force
