@@ -20,7 +20,7 @@ Features = NDArray[np.float64]
 
 
 class Condition(NamedTuple):
-    """All trials of one texture at one speed; ``blind``: C by force instead of a search."""
+    """All trials of one texture at one speed; ``given``: C by force instead of a search."""
 
     paths: tuple[Path, ...]
     trials: tuple[TrialRef, ...]
@@ -29,7 +29,7 @@ class Condition(NamedTuple):
     layouts: tuple[FeatureLayout, FeatureLayout]
     forces_g: tuple[float, ...]
     reference_g: float
-    blind: tuple[NDArray[np.float64], ...]
+    given: tuple[NDArray[np.float64], ...]
 
 
 class Encoded(NamedTuple):
@@ -59,8 +59,8 @@ def encoded_condition(condition: Condition) -> Encoded:
     """Features of one texture and speed: with the C it is given, or plain and with its own."""
     with opened(condition.paths) as reader:
         samples = [reader.of(trial) for trial in condition.trials]
-    if condition.blind:
-        by_force = dict(zip(condition.forces_g, condition.blind, strict=True))
+    if condition.given:
+        by_force = dict(zip(condition.forces_g, condition.given, strict=True))
         return Encoded([], _features(condition, samples, by_force), None)
     plain = _features(condition, samples, None)
     if not condition.forces_g:

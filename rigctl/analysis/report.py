@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rigctl.analysis.carried_c import c_of
 from rigctl.analysis.jobs import HERE, Crew, Progress
 from rigctl.analysis.report_figures import (
     TaxelPicture,
@@ -22,11 +23,13 @@ from rigctl.analysis.report_html import html_report
 from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.tables import as_plain, table_csv
 from rigctl.analysis.tasks import Settings, TaskResult, run_tasks
+from rigctl.analysis.training import ModelRequest, train
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, opened
 from rigctl.encoding.encoder import encode_trial, membrane_mv
 from rigctl.encoding.force import REFERENCE_FORCE_G
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.errors import DiskFault, WrongUse
+from rigctl.session.model_file import check_new, save_model
 
 PARTIAL = "{name}.partial"
 FEATURES = "features"
@@ -37,7 +40,10 @@ CONFUSED = ("untrained-both", "leave-speed-out", "leave-force-out", "textures", 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a report is to hold. ``trial``, ``taxel``: of the one taxel's figure, or None."""
+    """What a report is to hold. ``trial``, ``taxel``: of the one taxel's figure, or None.
+
+    ``model``: one to be kept beside the report. ``c``: a file that C is taken from, not searched.
+    """
 
     sessions: tuple[Path, ...]
     out: Path
@@ -46,6 +52,8 @@ class Request:
     reference_g: float = REFERENCE_FORCE_G
     trial: int | None = None
     taxel: int | None = None
+    model: ModelRequest | None = None
+    c: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +64,7 @@ class Report:
     made: RepresentationSet
     results: tuple[TaskResult, ...]
     remarks: tuple[str, ...]
+    model: Path | None = None
 
 
 def make_report(
@@ -72,6 +81,9 @@ def make_report(
     """
     trials = join_sessions(request.sessions)
     _check_shown(request, trials)
+    if request.model is not None:
+        check_new(request.model.path)
+    source = None if request.c is None else c_of(request.c, trials)
     with _appearing(request.out) as folder:
         features = folder / FEATURES
         features.mkdir()
@@ -80,16 +92,23 @@ def make_report(
             request.parameters,
             features,
             reference_g=request.reference_g,
+            source=source,
             crew=crew,
             progress=progress,
         )
         results, said = run_tasks(made, request.settings, crew=crew, progress=progress)
         remarks = (*made.remarks, *said, *_aside(results))
+        if request.model is not None:
+            model, words = train(made, request.model, made_utc, request.settings.seed, progress)
+            remarks = (*remarks, words)
         progress("writing the report", 0, 1)
         _write(folder, request, made, results, remarks, made_utc)
         shutil.rmtree(features)
+        if request.model is not None:
+            save_model(model, request.model.path)
     progress("writing the report", 1, 1)
-    return Report(request.out, made, tuple(results), remarks)
+    kept = request.model.path if request.model is not None else None
+    return Report(request.out, made, tuple(results), remarks, kept)
 
 
 def origin_of(trials: TrialSet) -> str:

@@ -153,9 +153,10 @@ def _differences(tasks: Mapping[str, Any]) -> str:
 def _force(force: Mapping[str, Any] | None) -> str:
     if force is None:
         return "<p>Force was not scaled; the remarks below say why.</p>"
+    took = f" A search took {force['mean_evaluations']:.1f} encodings on average."
     return (
-        f"<p>{escape(force['sentence'])}. A search took {force['mean_evaluations']:.1f} encodings "
-        f"on average.</p><p class=seen><b>What C has seen.</b> {escape(LABELS_SEEN)}</p>"
+        f"<p>{escape(force['sentence'])}.{'' if force['from_file'] else took}</p>"
+        f"<p class=seen><b>What C has seen.</b> {escape(LABELS_SEEN)}</p>"
     )
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.carried_c import Carried, Source, carried
 from rigctl.analysis.conditions import (
     Condition,
     Features,
@@ -59,7 +60,10 @@ REPRESENTATIONS = (
 
 @dataclass(frozen=True, slots=True)
 class RepresentationSet:
-    """Feature files of a set, a row for each of ``trials``; ``files`` by representation key."""
+    """Feature files of a set, a row for each of ``trials``; ``files`` by representation key.
+
+    ``carried``: where ``force`` is from, if it was not searched on these trials.
+    """
 
     trials: TrialSet
     normalisation: Normalisation
@@ -69,6 +73,7 @@ class RepresentationSet:
     force: ForceMatrix | None
     files: dict[str, Path]
     remarks: tuple[str, ...]
+    carried: Carried | None = None
 
     @property
     def present(self) -> tuple[Representation, ...]:
@@ -87,12 +92,14 @@ def represent(
     folder: Path,
     *,
     reference_g: float = REFERENCE_FORCE_G,
+    source: Source | None = None,
     crew: Crew = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> RepresentationSet:
     """Encode a set in every representation that it allows; feature files go into ``folder``.
 
-    ``reference_g``: the force whose SA rates the others are scaled to.
+    ``reference_g``: the force whose SA rates the others are scaled to. ``source``: a C to be used
+    as it is, instead of a search.
     Taxel ranges are the minimum and maximum over all trials used, as in the paper. Trials with
     gaps are left out and named. Raises SessionError where no complete trial is left.
     """
@@ -101,7 +108,7 @@ def represent(
     if ranges.constant_taxels:
         named = ", ".join(map(str, ranges.constant_taxels))
         remarks.append(f"constant taxels, which read 0 and never spike: {named}")
-    lacking = _why_no_force(trials, reference_g)
+    lacking = "" if source else _why_no_force(trials, reference_g)
     if lacking:
         remarks.append(lacking)
     lengths = [trial.n_planned for trial in trials.trials]
@@ -111,14 +118,19 @@ def represent(
         FeatureLayout.covering(lengths, speeds, scaled=True),
     )
     conditions = _conditions(
-        trials, ranges, parameters, layouts, reference_g, with_force=not lacking
+        trials, ranges, parameters, layouts, reference_g, with_force=not (lacking or source)
     )
     files = _Files(folder, len(trials.trials), [lay.width(trials.n_taxels) for lay in layouts])
-    force = _encode(conditions, files, crew, progress)
+    force, worth = _encode(conditions, files, crew, progress), None
+    if source is not None:
+        force = source.force
+        worth = carried(source, trials, ranges, parameters, crew=crew, progress=progress)
+        remarks.append(worth.sentence)
+        _encode_with(conditions, force, files, "texture", crew, progress)
     if force is not None:
-        _encode_blind(conditions, force, files, crew, progress)
+        _encode_with(conditions, force, files, "blind", crew, progress)
     return RepresentationSet(
-        trials, ranges, parameters, *layouts, force, files.close(), tuple(remarks)
+        trials, ranges, parameters, *layouts, force, files.close(), tuple(remarks), worth
     )
 
 
@@ -253,19 +265,25 @@ def _encode(
     return joined_matrix(pieces) if pieces else None
 
 
-def _encode_blind(
+def _encode_with(
     conditions: Sequence[tuple[list[int], Condition]],
     force: ForceMatrix,
     files: _Files,
+    way: str,
     crew: Crew,
     progress: Progress,
 ) -> None:
+    """Encode with a C that is known: each texture's own, or ``blind`` their mean."""
     jobs = []
     for _, condition in conditions:
-        speed = condition.trials[0].speed_mm_s
-        blind = tuple(force.texture_blind(speed, f) for f in condition.forces_g)
-        jobs.append(condition._replace(blind=blind))
-    stage = "encoding with texture-blind C"
+        texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
+        forces = tuple(sorted({trial.force_g for trial in condition.trials}))
+        given = tuple(
+            force.texture_blind(speed, f) if way == "blind" else force.of(texture, speed, f)
+            for f in forces
+        )
+        jobs.append(condition._replace(forces_g=forces, given=given))
+    stage = f"encoding with {'texture-blind C' if way == 'blind' else 'C'}"
     found = work_through(encoded_condition, jobs, crew=crew, stage=stage, progress=progress)
     for (rows, _), encoded in zip(conditions, found, strict=True):
-        files.put("blind", rows, encoded.forced)
+        files.put(way, rows, encoded.forced)

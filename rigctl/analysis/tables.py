@@ -119,7 +119,9 @@ def _force(made: RepresentationSet) -> dict[str, Any] | None:
         return None
     searched = made.force.evaluations[made.force.evaluations > 0]
     return {
-        "sentence": force_sentence(made.force),
+        "sentence": made.carried.sentence if made.carried else force_sentence(made.force),
+        "from_file": str(made.carried.source.file) if made.carried else None,
+        "rate_error": [m.as_dict() for m in made.carried.misses] if made.carried else None,
         "labels_seen": LABELS_SEEN,
         "status": status_counts(made.force),
         "unconverged": made.force.unconverged,

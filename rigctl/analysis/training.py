@@ -10,12 +10,16 @@ import numpy as np
 from rigctl import __version__
 from rigctl.analysis import paper
 from rigctl.analysis.engines import RANK_SHARE
+from rigctl.analysis.jobs import Progress
 from rigctl.analysis.representations import REPRESENTATIONS, Representation, RepresentationSet
 from rigctl.analysis.splits import Design
 from rigctl.analysis.sweep import fit_nested_lda, fit_principal
 from rigctl.errors import WrongUse
 from rigctl.resources import source_commit
+from rigctl.session.content import content_of
 from rigctl.session.model import Model, Training
+
+STAGE = "training the model, noting its sessions by content"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +47,11 @@ def named(words: str) -> Representation:
 
 
 def train(
-    made: RepresentationSet, request: ModelRequest, made_utc: str, seed: int
+    made: RepresentationSet,
+    request: ModelRequest,
+    made_utc: str,
+    seed: int,
+    progress: Progress = lambda stage, done, all_: None,
 ) -> tuple[Model, str]:
     """Fit PCA and LDA on all trials of a set; the model, and a sentence on it.
 
@@ -84,13 +92,18 @@ def train(
         np.ascontiguousarray(lda.log_priors),
         np.array(lda.dropped, np.int64),
         made.force if representation.force else None,
-        _training(made, made_utc, seed),
+        _training(made, made_utc, seed, progress),
     )
     return model, _sentence(model, request)
 
 
-def _training(made: RepresentationSet, made_utc: str, seed: int) -> Training:
+def _training(made: RepresentationSet, made_utc: str, seed: int, progress: Progress) -> Training:
     trials = made.trials
+    inputs = []
+    for number, (path, source) in enumerate(zip(trials.paths, trials.provenance, strict=True)):
+        progress(STAGE, number, len(trials.paths))
+        inputs.append({**source, "content": content_of(path)})
+    progress(STAGE, len(trials.paths), len(trials.paths))
     return Training(
         made_utc,
         __version__,
@@ -100,7 +113,7 @@ def _training(made: RepresentationSet, made_utc: str, seed: int) -> Training:
         len(trials.trials),
         trials.speeds_mm_s,
         trials.forces_g,
-        trials.provenance,
+        tuple(inputs),
     )
 
 

@@ -12,7 +12,19 @@ from rigctl import __version__
 from rigctl.errors import RigctlError
 
 COMMANDS = (
-    *("demo", "run", "synth", "import", "analyse", "stop", "check", "serve", "info", "verify"),
+    *(
+        "demo",
+        "run",
+        "synth",
+        "import",
+        "analyse",
+        "classify",
+        "stop",
+        "check",
+        "serve",
+        "info",
+        "verify",
+    ),
     *("ports", "gui", "engine"),
 )
 MODULES = {"import": "import_"}

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
-from rigctl.cli.progress import clock
-
-EVERY_S = 5.0
-REDRAW_EVERY_S = 0.2
+from rigctl.cli.stages import StageLine
 
 
 def add_parser(subparsers: Any) -> None:
@@ -41,6 +37,12 @@ def add_parser(subparsers: Any) -> None:
         metavar="G",
         help="force whose SA rates the others are scaled to (500)",
     )
+    parser.add_argument(
+        "--c",
+        type=Path,
+        metavar="FILE",
+        help="take C from a model file instead of searching it; its rate error is measured",
+    )
     parser.add_argument("--preset", default="default", metavar="NAME", help="encoder preset")
     parser.add_argument(
         "--task",
@@ -54,6 +56,16 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the draws (0)")
     parser.add_argument("--trial", type=int, metavar="ID", help="trial of the figure of one taxel")
     parser.add_argument("--taxel", type=int, metavar="N", help="its taxel, from 1")
+    _add_model(parser)
+
+
+def _add_model(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("a model to keep, for rigctl classify")
+    group.add_argument("--save-model", type=Path, metavar="FILE", help="learnt from all trials")
+    group.add_argument(
+        "--representation", metavar="NAME", help='such as "Original" (default: "Speed Scaled")'
+    )
+    group.add_argument("--components", type=int, metavar="K", help="principal components (50)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -76,6 +88,8 @@ def run(args: argparse.Namespace) -> int:
         args.reference_force,
         args.trial,
         args.taxel,
+        _model_of(args),
+        args.c,
     )
     line = StageLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -88,6 +102,20 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _model_of(args: argparse.Namespace) -> Any:
+    """The model that is asked for, None for none."""
+    from rigctl.analysis.training import ModelRequest
+    from rigctl.errors import WrongUse
+
+    said = {"representation": args.representation, "components": args.components}
+    given = {name: value for name, value in said.items() if value is not None}
+    if args.save_model is not None:
+        return ModelRequest(args.save_model, **given)
+    if given:
+        raise WrongUse(f"--{next(iter(given))} is of a model to keep: name one with --save-model")
+    return None
+
+
 def summary(report: Any) -> str:
     """Remarks, one line a task, and where the files are."""
     lines = [f"note: {remark}" for remark in report.remarks]
@@ -98,44 +126,7 @@ def summary(report: Any) -> str:
         )
         lines.append(f"{result.task.title} ({result.shown} components): {', '.join(shares)}")
     names = {"report": "report.html", "results": "results.json", "table": "table1.csv"}
-    return "\n".join([*lines, *(f"{k}: {report.folder / v}" for k, v in names.items())])
-
-
-class StageLine:
-    """A line that says what is being done, how far it is and how long the stage still takes."""
-
-    def __init__(self, out: TextIO) -> None:
-        self._out = out
-        self._redraws = out.isatty()
-        self._stage = ""
-        self._began_s = self._shown_s = 0.0
-        self._width = 0
-
-    def show(self, stage: str, done: int, all_: int) -> None:
-        """One step of a stage; drawn when the stage is new or some time has passed."""
-        now_s = time.monotonic()
-        if stage != self._stage:
-            self.end()
-            self._stage, self._began_s, self._shown_s = stage, now_s, float("-inf")
-        period_s = REDRAW_EVERY_S if self._redraws else EVERY_S
-        if now_s - self._shown_s < period_s and (done < all_ or not self._redraws):
-            return
-        self._shown_s = now_s
-        left = ""
-        if 0 < done < all_:
-            left = f", {clock((now_s - self._began_s) * (all_ - done) / done)} left"
-        self._write(f"{stage}: {done} of {all_}{left}")
-
-    def end(self) -> None:
-        """Leave the line."""
-        if self._redraws and self._width:
-            self._out.write("\n")
-            self._width = 0
-
-    def _write(self, text: str) -> None:
-        if self._redraws:
-            self._out.write(f"\r{text}{' ' * (self._width - len(text))}")
-            self._width = len(text)
-        else:
-            self._out.write(text + "\n")
-        self._out.flush()
+    files = {k: report.folder / v for k, v in names.items()}
+    if report.model is not None:
+        files["model"] = report.model
+    return "\n".join([*lines, *(f"{k}: {path}" for k, path in files.items())])

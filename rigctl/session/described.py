@@ -13,11 +13,15 @@ from rigctl.session import layout
 
 
 def put_array(
-    group: Any, name: str, array: NDArray[Any], unit: str, doc: str, shape: str = ""
+    group: Any, name: str, values: NDArray[Any] | float, unit: str, doc: str, shape: str = ""
 ) -> None:
     """Store numbers; ``shape`` names the axes, empty for a single value."""
-    described = {"unit": unit or "none", "doc": doc, "shape": f"({shape})" if shape else "()"}
-    layout.describe(group.create_dataset(name, data=array), described)
+    described: dict[str, str | int | float] = {
+        "unit": unit or "none",
+        "doc": doc,
+        "shape": f"({shape})" if shape else "()",
+    }
+    layout.describe(group.create_dataset(name, data=values), described)
 
 
 def put_text(group: Any, name: str, text: str, doc: str) -> None:

@@ -19,7 +19,11 @@ def put_force(group: Any, force: ForceMatrix) -> None:
     put_array(group, "speeds_mm_s", np.array(force.speeds_mm_s), "mm/s", "planned", "speed")
     put_array(group, "forces_g", np.array(force.forces_g), "g", "planned", "force")
     put_array(
-        group, "reference_g", np.float64(force.reference_g), "g", "force whose SA rates are aimed at"
+        group,
+        "reference_g",
+        np.float64(force.reference_g),
+        "g",
+        "force whose SA rates are aimed at",
     )
     put_array(group, "c", force.c, "none", "factor on the SA current", AXES)
     put_array(group, "status", force.status, "none", STATUS_DOC, AXES)

@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import DiskFault, SessionError, WrongUse
@@ -72,16 +71,6 @@ def load_model(path: Path) -> Model:
             raise SessionError(f"{path} is damaged, it lacks what a model has: {error}") from error
 
 
-def load_force(path: Path) -> ForceMatrix:
-    """C out of a model file. Raises SessionError where the file is no model or holds none."""
-    force = load_model(path).c
-    if force is None:
-        raise SessionError(
-            f"{path} holds no C: its representation is not scaled to force; give a model that is"
-        )
-    return force
-
-
 def _opened(path: Path) -> Any:
     try:
         file = h5py.File(path, "r")
@@ -107,7 +96,11 @@ def _opened(path: Path) -> Any:
 
 def _write(file: Any, model: Model) -> None:
     simulated = int(model.training.simulated)
-    head = {"layout": LAYOUT, "layout_version": LAYOUT_VERSION, "simulated": simulated}
+    head: dict[str, str | int | float] = {
+        "layout": LAYOUT,
+        "layout_version": LAYOUT_VERSION,
+        "simulated": simulated,
+    }
     layout.describe(file, head)
     put_text(file, "representation", model.representation, "the paper's name of it")
     put_text(file, "key", model.key, "the same as a short word")
@@ -128,7 +121,7 @@ def _write_encoder(group: Any, model: Model) -> None:
         if isinstance(value, str):
             put_text(group, name, value, doc)
         else:
-            put_array(group, name, np.asarray(value), ENCODER_UNITS.get(name, ""), doc)
+            put_array(group, name, value, ENCODER_UNITS.get(name, ""), doc)
     ranges, unit = model.normalisation, "stored counts"
     put_array(group, "taxel_low", ranges.low, unit, "reading that becomes 0", "taxel")
     put_array(group, "taxel_high", ranges.high, unit, "reading that becomes 1", "taxel")
@@ -136,14 +129,10 @@ def _write_encoder(group: Any, model: Model) -> None:
 
 
 def _write_features(group: Any, features: FeatureLayout) -> None:
-    put_array(group, "n_windows", np.int64(features.n_windows), "", "windows of a train")
-    put_array(group, "window_ms", np.int64(features.window_ms), "ms", "at the reference speed")
-    put_array(
-        group, "reference_mm_s", np.float64(features.reference_mm_s), "mm/s", "reference speed"
-    )
-    put_array(
-        group, "speed_scaled", np.int64(features.scaled), "", "1: windows of texture travelled"
-    )
+    put_array(group, "n_windows", features.n_windows, "", "windows of a train")
+    put_array(group, "window_ms", features.window_ms, "ms", "at the reference speed")
+    put_array(group, "reference_mm_s", features.reference_mm_s, "mm/s", "reference speed")
+    put_array(group, "speed_scaled", features.scaled, "", "1: windows of texture travelled")
     order = "SA taxel 1 … n, RA taxel 1 … n; each with its windows; SA in Hz, RA as counts"
     put_text(group, "order", order, "what a feature vector holds")
 
@@ -169,8 +158,8 @@ def _write_training(group: Any, training: Training) -> None:
     put_text(group, "made_utc", training.made_utc, "wall clock, ISO 8601")
     put_text(group, "software_version", training.software_version, "of rigctl")
     put_text(group, "software_commit", training.software_commit, "of rigctl, where it is known")
-    put_array(group, "seed", np.int64(training.seed), "", "of the analysis that made it")
-    put_array(group, "trials", np.int64(training.trials), "", "that were learnt from")
+    put_array(group, "seed", training.seed, "", "of the analysis that made it")
+    put_array(group, "trials", training.trials, "", "that were learnt from")
     put_array(group, "speeds_mm_s", np.array(training.speeds_mm_s), "mm/s", "learnt", "speed")
     put_array(group, "forces_g", np.array(training.forces_g), "g", "learnt", "force")
     inputs = json.dumps(training.inputs, ensure_ascii=False)
@@ -182,19 +171,23 @@ def _read(file: Any) -> Model:
     parameters = EncoderParameters.from_dict({n: _value(encoder[n]) for n in _parameter_names()})
     low, high = (take_array(encoder, f"taxel_{end}", np.uint16) for end in ("low", "high"))
     model = Model(
-        take_text(file, "representation"),
-        take_text(file, "key"),
-        take_text(file, "force"),
-        take_texts(file, "classes"),
-        parameters,
-        Normalisation(low, high, take_text(encoder, "taxel_range_source")),
-        _features_of(file["features"]),
-        *(take_array(pca, name) for name in ("mean", "axes", "variance")),
-        *(take_array(lda, name) for name in ("factor", "whitened_means", "log_priors")),
-        take_array(lda, "dropped", np.int64),
-        take_force(file["c"]) if "c" in file else None,
-        _training_of(file["training"], bool(file.attrs["simulated"])),
-        round(parameters.sample_rate_hz),
+        representation=take_text(file, "representation"),
+        key=take_text(file, "key"),
+        force=take_text(file, "force"),
+        classes=take_texts(file, "classes"),
+        parameters=parameters,
+        normalisation=Normalisation(low, high, take_text(encoder, "taxel_range_source")),
+        features=_features_of(file["features"]),
+        mean=take_array(pca, "mean"),
+        axes=take_array(pca, "axes"),
+        variance=take_array(pca, "variance"),
+        factor=take_array(lda, "factor"),
+        whitened_means=take_array(lda, "whitened_means"),
+        log_priors=take_array(lda, "log_priors"),
+        dropped=take_array(lda, "dropped", np.int64),
+        c=take_force(file["c"]) if "c" in file else None,
+        training=_training_of(file["training"], bool(file.attrs["simulated"])),
+        sample_rate_hz=round(parameters.sample_rate_hz),
     )
     _check_shapes(model)
     return model
@@ -204,9 +197,9 @@ def _parameter_names() -> list[str]:
     return list(EncoderParameters().as_dict())
 
 
-def _value(dataset: Any) -> str | float | int | bool:
+def _value(dataset: Any) -> Any:
     value = dataset[()]
-    return value.decode() if isinstance(value, bytes) else value.item()  # type: ignore[no-any-return]  # h5py has no types
+    return value.decode() if isinstance(value, bytes) else value.item()
 
 
 def _features_of(group: Any) -> FeatureLayout:
@@ -220,13 +213,15 @@ def _features_of(group: Any) -> FeatureLayout:
 
 def _training_of(group: Any, simulated: bool) -> Training:
     return Training(
-        *(take_text(group, n) for n in ("made_utc", "software_version", "software_commit")),
-        int(group["seed"][()]),
-        simulated,
-        int(group["trials"][()]),
-        tuple(take_array(group, "speeds_mm_s").tolist()),
-        tuple(take_array(group, "forces_g").tolist()),
-        tuple(json.loads(take_text(group, "inputs"))),
+        made_utc=take_text(group, "made_utc"),
+        software_version=take_text(group, "software_version"),
+        software_commit=take_text(group, "software_commit"),
+        seed=int(group["seed"][()]),
+        simulated=simulated,
+        trials=int(group["trials"][()]),
+        speeds_mm_s=tuple(take_array(group, "speeds_mm_s").tolist()),
+        forces_g=tuple(take_array(group, "forces_g").tolist()),
+        inputs=tuple(json.loads(take_text(group, "inputs"))),
     )
 
 

@@ -18,7 +18,7 @@ from rigctl.analysis.representations import REPRESENTATIONS
 from rigctl.analysis.tasks import Curve, TaskResult
 from rigctl.analysis.verdicts import components_needed, order
 from rigctl.cli import main
-from rigctl.cli.analyse import StageLine
+from rigctl.cli.stages import StageLine
 from tests.analysis.recordings import record
 
 FILES = {

@@ -1,0 +1,223 @@
+"""Sessions asked of a model: a prediction a trial, and what is to be said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.answering import log_posteriors
+from rigctl.analysis.carried_c import Miss, check_covers, rate_errors, warning
+from rigctl.analysis.classify_words import sentences
+from rigctl.analysis.jobs import HERE, Crew, Progress, work_through
+from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, opened
+from rigctl.encoding.features import feature_matrices
+from rigctl.errors import SessionError
+from rigctl.session.content import content_of
+from rigctl.session.model import Model
+from rigctl.session.reader import Session
+
+CHUNK = 64
+STAGE = "encoding and classifying"
+
+
+class Prediction(NamedTuple):
+    """One trial's answer. ``margin``: ln of the posterior over that of the runner-up."""
+
+    session: str
+    trial_id: int
+    texture: str
+    speed_mm_s: float
+    force_g: float
+    predicted: str
+    posterior: float
+    runner_up: str
+    margin: float
+    known: bool
+
+    @property
+    def right(self) -> bool | None:
+        """Whether it is the true texture; None where the model does not know that texture."""
+        return self.predicted == self.texture if self.known else None
+
+
+@dataclass(frozen=True, slots=True)
+class Classification:
+    """Answers for all trials. ``confusion``: int64 (classes, classes), rows the truth, of trials
+    whose texture the model knows. ``clipped``: share of each taxel's readings outside its range.
+    """
+
+    model: Model
+    trials: TrialSet
+    predictions: tuple[Prediction, ...]
+    confusion: NDArray[np.int64]
+    clipped: tuple[float, ...]
+    misses: tuple[Miss, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def asked(self) -> int:
+        """Trials whose texture the model knows."""
+        return int(self.confusion.sum())
+
+    @property
+    def correct(self) -> int:
+        """How many of these were told right."""
+        return int(np.trace(self.confusion))
+
+
+class _Job(NamedTuple):
+    paths: tuple[Path, ...]
+    trials: tuple[TrialRef, ...]
+    model: Model
+
+
+class _Answered(NamedTuple):
+    """``complete``: bool a trial; ``logs``: (complete trials, classes); clipped, read: a taxel."""
+
+    complete: NDArray[np.bool_]
+    logs: NDArray[np.float64]
+    lengths: list[int]
+    clipped: NDArray[np.int64]
+    read: int
+
+
+def classify(
+    model: Model,
+    paths: Sequence[Path],
+    *,
+    crew: Crew = HERE,
+    progress: Progress = lambda stage, done, all_: None,
+) -> Classification:
+    """Ask a model for every complete trial of some sessions.
+
+    Raises WrongUse or SessionError where it cannot answer: another number of taxels or sample
+    rate, no motion, a speed, force or texture that its C lacks, no complete trial.
+    """
+    _check_sensor(model, paths)
+    trials = join_sessions(paths)
+    if model.c is not None:
+        check_covers(trials, model.c, by_texture=model.force == "texture")
+    chunks = [trials.trials[at : at + CHUNK] for at in range(0, len(trials.trials), CHUNK)]
+    jobs = [_Job(trials.paths, chunk, model) for chunk in chunks]
+    parts = list(work_through(_answered, jobs, crew=crew, stage=STAGE, progress=progress))
+    complete = np.concatenate([part.complete for part in parts])
+    torn = [int(i) for i in np.flatnonzero(~complete)]
+    kept = trials.without(torn, "gaps in their samples")
+    predictions = _predictions(model, kept, np.concatenate([part.logs for part in parts]))
+    clipped = np.sum([p.clipped for p in parts], axis=0) / max(1, sum(p.read for p in parts))
+    misses, warned = _carried(model, kept, crew, progress)
+    lengths = [n for part in parts for n in part.lengths]
+    new = [answer.texture for answer in predictions if not answer.known]
+    remarks = (*warned, *kept.remarks, *sentences(model, kept, new, clipped, lengths))
+    return Classification(
+        model,
+        kept,
+        predictions,
+        _confusion(model, predictions),
+        tuple(clipped.tolist()),
+        misses,
+        remarks,
+    )
+
+
+def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
+    for path in paths:
+        with Session.open(path) as session:
+            header = session.header
+        for theirs, ours, what in (
+            (header.n_taxels, model.n_taxels, "taxels"),
+            (header.sample_rate_hz, model.sample_rate_hz, "samples a second"),
+        ):
+            if theirs != ours:
+                raise SessionError(
+                    f"{path} has {theirs} {what}, the model was trained with {ours}: "
+                    "train one on recordings of this kind"
+                )
+
+
+def _answered(job: _Job) -> _Answered:
+    model, n = job.model, len(job.trials)
+    complete, kept, samples = np.zeros(n, np.bool_), [], []
+    with opened(job.paths) as reader:
+        for i, trial in enumerate(job.trials):
+            readings = reader.of(trial)
+            complete[i] = len(readings) > 0 and reader.complete(trial, readings)
+            if complete[i]:
+                kept.append(trial)
+                samples.append(readings)
+    clipped = np.zeros(model.n_taxels, np.int64)
+    for readings in samples:
+        clipped += model.normalisation.clipped(readings)
+    speeds = [trial.speed_mm_s for trial in kept]
+    ways = (model.normalisation, [model.features], model.parameters)
+    features = feature_matrices(samples, speeds, *ways, sa_scale=_scale(model, kept))[0]
+    lengths = [len(readings) for readings in samples]
+    logs = log_posteriors(model, features)
+    return _Answered(complete, logs, lengths, clipped, sum(lengths))
+
+
+def _scale(model: Model, trials: Sequence[TrialRef]) -> NDArray[np.float64] | None:
+    """Factor on the SA current of each trial and taxel, None for 1."""
+    c = model.c
+    if c is None or not trials:
+        return None
+    if model.force == "texture":
+        return np.array([c.of(t.texture, t.speed_mm_s, t.force_g) for t in trials])
+    return np.array([c.texture_blind(t.speed_mm_s, t.force_g) for t in trials])
+
+
+def _predictions(
+    model: Model, trials: TrialSet, logs: NDArray[np.float64]
+) -> tuple[Prediction, ...]:
+    answers = []
+    for trial, row in zip(trials.trials, logs, strict=True):
+        best = int(row.argmax())
+        others = row.copy()
+        others[best] = -np.inf
+        second = int(others.argmax())
+        answers.append(
+            Prediction(
+                str(trials.paths[trial.session]),
+                trial.trial_id,
+                trial.texture,
+                trial.speed_mm_s,
+                trial.force_g,
+                model.classes[best],
+                float(np.exp(row[best])),
+                model.classes[second],
+                float(row[best] - row[second]),
+                trial.texture in model.classes,
+            )
+        )
+    return tuple(answers)
+
+
+def _confusion(model: Model, predictions: Sequence[Prediction]) -> NDArray[np.int64]:
+    table = np.zeros((len(model.classes), len(model.classes)), np.int64)
+    place = {name: i for i, name in enumerate(model.classes)}
+    for answer in predictions:
+        if answer.known:
+            table[place[answer.texture], place[answer.predicted]] += 1
+    return table
+
+
+def _carried(
+    model: Model, trials: TrialSet, crew: Crew, progress: Progress
+) -> tuple[tuple[Miss, ...], list[str]]:
+    """The rate error of C and its warning, where a session is none of those learnt from."""
+    if model.c is None:
+        return (), []
+    learnt = model.training.contents
+    foreign = [path for path in trials.paths if content_of(path) not in learnt]
+    if not foreign:
+        return (), []
+    blind = model.force == "blind"
+    ways = (model.c, model.normalisation, model.parameters)
+    misses = rate_errors(trials, *ways, blind=blind, crew=crew, progress=progress)
+    where = ", ".join(map(str, foreign))
+    return tuple(misses), [warning(misses, model.c, where)]
