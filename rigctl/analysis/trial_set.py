@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,13 +14,17 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session.reader import Session
+from rigctl.session.sample_map import Place, SampleFile, SampleReader
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 NAMED_IDS = 5
 
 
 class TrialRef(NamedTuple):
-    """One trial: which session and row it is, and what was under the sensor, as planned."""
+    """One trial: which session and row it is, and what was under the sensor, as planned.
+
+    ``place``: where its samples lie in the ``files`` of the set.
+    """
 
     session: int
     row: int
@@ -29,19 +33,22 @@ class TrialRef(NamedTuple):
     speed_mm_s: float
     force_g: float
     n_planned: int
+    place: Place
 
 
 @dataclass(frozen=True, slots=True)
 class TrialSet:
     """Committed trials with motion, out of one session or several of one layout.
 
-    ``provenance``: a plain mapping for each session; ``remarks``: sentences on what was left out.
+    ``provenance``: a plain mapping for each session; ``files``: parts of all sessions;
+    ``remarks``: sentences on what was left out.
     """
 
     paths: tuple[Path, ...]
     trials: tuple[TrialRef, ...]
     n_taxels: int
     provenance: tuple[dict[str, Any], ...]
+    files: tuple[SampleFile, ...]
     remarks: tuple[str, ...] = field(default=())
 
     @property
@@ -77,36 +84,35 @@ class TrialSet:
                 remarks.append(f"{path}: {_plural(len(ids))} left out for {why}: {_named(ids)}")
         if not kept:
             raise SessionError(f"{remarks[-1]}; no complete trial is left, record some first")
-        return TrialSet(self.paths, kept, self.n_taxels, self.provenance, tuple(remarks))
+        return replace(self, trials=kept, remarks=tuple(remarks))
 
 
 class Samples:
-    """Reads the samples of a set's trials while its sessions are open."""
+    """Reads the samples of trials, in one thread, while it is open."""
 
-    def __init__(self, sessions: Sequence[Session]) -> None:
-        self._sessions = sessions
+    def __init__(self, reader: SampleReader, files: Sequence[SampleFile]) -> None:
+        self._reader = reader
+        self._files = files
 
-    def of(self, trial: TrialRef) -> NDArray[np.uint16]:
-        """Readings uint16 (n, n_taxels), contiguous. Raises SessionError naming the trial."""
-        session = self._sessions[trial.session]
+    def of(self, trial: TrialRef, out: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
+        """Readings uint16 (n, n_taxels), in ``out`` where it is given.
+
+        Raises SessionError naming the trial.
+        """
         try:
-            return np.ascontiguousarray(session.samples(trial.row))
-        except OSError as error:
+            return self._reader.read(trial.place, out)
+        except (OSError, SessionError) as error:
             raise SessionError(
-                f"{session.path}: trial {trial.trial_id} cannot be read ({error}); "
-                "rigctl verify says what is left of the session"
+                f"{self._files[trial.place.file].path.parent}: trial {trial.trial_id} cannot be "
+                f"read ({error}); rigctl verify says what is left of the session"
             ) from error
-
-    def complete(self, trial: TrialRef, samples: NDArray[np.uint16]) -> bool:
-        """Whether no sample of the trial's window is missing."""
-        return len(samples) == int(self._sessions[trial.session].trials[trial.row]["count"])
 
 
 @contextmanager
-def opened(paths: Sequence[Path]) -> Iterator[Samples]:
-    """The sessions of a set for reading."""
-    with ExitStack() as stack:
-        yield Samples([stack.enter_context(Session.open(path)) for path in paths])
+def opened(files: Sequence[SampleFile]) -> Iterator[Samples]:
+    """The files of a set (:attr:`TrialSet.files`) for reading."""
+    with SampleReader(files) as reader:
+        yield Samples(reader, files)
 
 
 def join_sessions(paths: Sequence[Path]) -> TrialSet:
@@ -114,20 +120,30 @@ def join_sessions(paths: Sequence[Path]) -> TrialSet:
     trials: list[TrialRef] = []
     remarks: list[str] = []
     sources: list[dict[str, Any]] = []
+    files: list[SampleFile] = []
     for number, path in enumerate(paths):
         if path.resolve() in {p.resolve() for p in paths[:number]}:
             raise SessionError(f"{path} is named twice: its trials would be both learnt and tested")
         with Session.open(path) as session:
             sources.append(_provenance(session))
             _same_layout(sources)
-            found, said = _trials_of(session, number)
+            found, said = _trials_of(session, number, len(files))
+            files += session.sample_files()
         trials += found
         remarks += said
     if not trials:
         told = "; ".join(remarks) or ", ".join(map(str, paths))
         raise SessionError(f"there is no committed trial with motion: {told}")
-    n_taxels = int(sources[0]["n_taxels"])
-    return TrialSet(tuple(paths), tuple(trials), n_taxels, tuple(sources), tuple(remarks))
+    joined = TrialSet(
+        tuple(paths),
+        tuple(trials),
+        int(sources[0]["n_taxels"]),
+        tuple(sources),
+        tuple(files),
+        tuple(remarks),
+    )
+    torn = [i for i, trial in enumerate(trials) if not trial.place.complete]
+    return joined.without(torn, "gaps in their samples")
 
 
 def _same_layout(sources: Sequence[dict[str, Any]]) -> None:
@@ -145,10 +161,12 @@ def _same_layout(sources: Sequence[dict[str, Any]]) -> None:
         )
 
 
-def _trials_of(session: Session, number: int) -> tuple[list[TrialRef], list[str]]:
+def _trials_of(
+    session: Session, number: int, first_file: int
+) -> tuple[list[TrialRef], list[str]]:
     table = session.trials
     remarks = []
-    verdicts = Counter(str(verdict) for verdict in table["verdict"])
+    verdicts = Counter(table["verdict"].tolist())
     ill = {v: n for v, n in verdicts.items() if v != Verdict.COMMITTED.value}
     if ill:
         told = ", ".join(f"{n} {verdict}" for verdict, n in sorted(ill.items()))
@@ -157,27 +175,24 @@ def _trials_of(session: Session, number: int) -> tuple[list[TrialRef], list[str]
         remarks.append(
             f"{session.path} is still being written or was not closed: trials committed so far"
         )
-    rows = [int(row) for row in session.committed()]
-    still = [i for i in rows if table[i]["speed_mm_s"] <= 0 or table[i]["travel_mm"] <= 0]
-    if still:
-        ids = [int(table[i]["trial_id"]) for i in still]
+    rows = session.committed()
+    still = (table["speed_mm_s"][rows] <= 0) | (table["travel_mm"][rows] <= 0)
+    if still.any():
+        ids = table["trial_id"][rows[still]].tolist()
         remarks.append(f"{session.path}: {_plural(len(ids))} left out for no motion: {_named(ids)}")
-    moving = [row for row in rows if row not in set(still)]
-    return [_reference(table[row], row, number) for row in moving], remarks
+    return _references(session, rows[~still], number, first_file), remarks
 
 
-def _reference(row: Any, index: int, session: int) -> TrialRef:
-    speed = float(row["speed_mm_s"])
-    planned = round(float(row["travel_mm"]) / speed * SAMPLE_RATE_HZ)
-    return TrialRef(
-        session,
-        index,
-        int(row["trial_id"]),
-        str(row["texture"]),
-        speed,
-        float(row["force_g"]),
-        planned,
-    )
+def _references(
+    session: Session, rows: NDArray[np.int64], number: int, first_file: int
+) -> list[TrialRef]:
+    table = session.trials[rows]
+    planned = np.rint(table["travel_mm"] / table["speed_mm_s"] * SAMPLE_RATE_HZ).astype(np.int64)
+    named = ("trial_id", "texture", "speed_mm_s", "force_g")
+    columns = (rows, *(table[name] for name in named), planned)
+    places = [p._replace(file=first_file + p.file) for p in session.places(rows.tolist())]
+    told = zip(*(column.tolist() for column in columns), places, strict=True)
+    return [TrialRef(number, *row) for row in told]
 
 
 def _provenance(session: Session) -> dict[str, Any]:

@@ -58,6 +58,15 @@ class PartReader:
         self.n_samples = min(int(dataset.shape[0]) for dataset in self._arrays.values())
         self.finished = self._ended()
 
+    @property
+    def grows(self) -> bool:
+        """Whether a living writer may append to it."""
+        return self._grows
+
+    def array(self, path: str) -> Any:
+        """One of the per-sample data sets as h5py has it."""
+        return self._arrays[path]
+
     def n_rows(self, table: layout.Table) -> int:
         """Rows of a table."""
         return int(self._tables[table.path].shape[0])
@@ -68,7 +77,7 @@ class PartReader:
 
     def rows(self, table: layout.Table, start: int = 0, stop: int | None = None) -> Structured:
         """Rows of a table; text as Unicode."""
-        with self._named():
+        with self.named():
             raw = self._tables[table.path][start:stop]
         dtype = self._dtypes[table.path]
         rows: Structured = np.empty(raw.shape, dtype)
@@ -81,7 +90,7 @@ class PartReader:
         """Rows [start, stop) of one of the per-sample data sets, in slices while it grows."""
         dataset = self._arrays[path]
         stop = min(stop, self.n_samples)
-        with self._named():
+        with self.named():
             if not self._grows:
                 whole: NDArray[Any] = dataset[start:stop]
                 return whole
@@ -94,13 +103,13 @@ class PartReader:
     def first_at(self, table: layout.Table, column: str, value: float) -> int:
         """First row of an ascending column that is not below ``value``, without reading it all."""
         dataset = self._tables[table.path]
-        with self._named():
+        with self.named():
             places = range(int(dataset.shape[0]))
             return bisect_left(places, value, key=lambda row: dataset[row][column])
 
     def column_sum(self, table: layout.Table, column: str) -> int:
         """Sum of one integer column of a table."""
-        with self._named():
+        with self.named():
             return int(self._tables[table.path].fields(column)[:].sum(dtype=np.int64))
 
     def text(self, path: str) -> str:
@@ -118,11 +127,11 @@ class PartReader:
 
     def _ended(self) -> bool:
         events = self._tables[layout.EVENTS.path]
-        with self._named():
+        with self.named():
             return bool(events.shape[0]) and events[-1]["kind"] == layout.END_KIND.encode()
 
     @contextmanager
-    def _named(self) -> Iterator[None]:
+    def named(self) -> Iterator[None]:
         """What HDF5 cannot read is a fault of this file."""
         try:
             yield

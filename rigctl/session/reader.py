@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +18,7 @@ from rigctl.session.folder import part_number, part_paths
 from rigctl.session.header import SessionHeader
 from rigctl.session.part_reader import PartReader, Structured
 from rigctl.session.rows import event_of, trial_of
+from rigctl.session.sample_map import Place, SampleFile, places_of, sample_file
 from rigctl.values import Event, Gap, PlannedTrial, TrialRow, Verdict
 
 
@@ -193,6 +195,28 @@ class Session:
         part, start, stop = self._rows_of(index)
         return part.read("/taxels/samples", start, stop)
 
+    def sample_files(self) -> tuple[SampleFile, ...]:
+        """Where the samples of each of ``parts`` lie."""
+        return tuple(map(sample_file, self.parts))
+
+    def places(self, indices: Sequence[int]) -> list[Place]:
+        """Where the windows of trials lie; ``file`` counts :meth:`sample_files`.
+
+        Raises SessionError for a part that cannot be read.
+        """
+        rows = self._trials[list(indices)]
+        found: dict[int, Place] = {}
+        for number, part in enumerate(self.parts):
+            chosen = np.flatnonzero(rows["part"] == part.number)
+            found.update(zip(chosen.tolist(), places_of(part, rows[chosen], number), strict=True))
+        if len(found) < len(rows):
+            lost = rows[min(set(range(len(rows))) - set(found))]
+            raise SessionError(
+                f"{self.path}: trial {lost['trial_id']} should lie in part {lost['part']}, "
+                "which is not there"
+            )
+        return [found[i] for i in range(len(rows))]
+
     def window(self, index: int) -> TrialSamples:
         """One trial's window with counters, flags and gaps."""
         part, start, stop = self._rows_of(index)
@@ -225,17 +249,11 @@ class Session:
         return next(part for part in self.parts if part.number == number)
 
     def _rows_of(self, index: int) -> tuple[PartReader, int, int]:
-        """Part and rows of a window: as many as its count, less where the counter jumps."""
-        row = self._trials[index]
-        part, start = self._part(int(row["part"])), int(row["first_sample"])
-        if start < 0:
-            return part, 0, 0
-        stop = min(start + int(row["count"]), part.n_samples)
-        behind = int(row["first_counter"] + row["count"])
-        if stop > start and part.read("/taxels/counter", stop - 1, stop)[0] >= behind:
-            counters = part.read("/taxels/counter", start, stop)
-            stop = start + int(np.searchsorted(counters, behind))
-        return part, start, stop
+        """Part and rows of a window."""
+        row = self._trials[[index]]
+        part = self._part(int(row["part"][0]))
+        place = places_of(part, row, 0)[0]
+        return part, place.start, place.stop
 
     def _join(self, table: layout.Table) -> Structured:
         parts = [(part.number, part.rows(table)) for part in self.parts]

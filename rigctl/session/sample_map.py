@@ -1,0 +1,177 @@
+"""Where the samples of trials lie in a session's files, so that they are read without HDF5.
+
+To open a part takes HDF5 ten milliseconds, and a slice of it a tenth of one, under a lock that all
+threads share. But a part is not compressed: its samples are plain chunks at places that never
+change. They are looked up once; after that any thread or process reads a trial with a file's own
+``seek`` and ``read``. Only a part that still grows, or whose chunks somebody compressed, is left
+to HDF5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.session.part_reader import PartReader, Structured
+
+SAMPLES, COUNTER = "/taxels/samples", "/taxels/counter"
+WORTH_LOOKING_UP = 16
+"""For fewer single rows HDF5 is faster than to look up where they lie."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleFile:
+    """The samples of one part.
+
+    ``chunk_rows`` rows stand together at each of ``offsets`` (int64, bytes from the start of the
+    file); ``offsets`` is None where only HDF5 can read them.
+    """
+
+    path: Path
+    n_taxels: int
+    chunk_rows: int
+    offsets: NDArray[np.int64] | None
+
+
+class Place(NamedTuple):
+    """Rows ``start`` … ``stop`` - 1 of a file hold a trial. ``complete``: none of it was lost."""
+
+    file: int
+    start: int
+    stop: int
+    complete: bool
+
+
+def sample_file(part: PartReader) -> SampleFile:
+    """Where the samples of a part lie."""
+    dataset = part.array(SAMPLES)
+    chunk_rows = dataset.chunks[0] if dataset.chunks else 0
+    return SampleFile(part.path, int(dataset.shape[1]), chunk_rows, _offsets(part, SAMPLES))
+
+
+def places_of(part: PartReader, rows: Structured, file: int) -> list[Place]:
+    """Where the windows of some trials of a part lie; ``rows``: theirs in /trials.
+
+    A window is as many rows as its count, less where the counter jumps. Raises SessionError for
+    a part that cannot be read.
+    """
+    start = np.maximum(rows["first_sample"], 0)
+    count = np.where(rows["first_sample"] < 0, 0, rows["count"])
+    stop = np.minimum(start + count, part.n_samples)
+    behind = rows["first_counter"] + rows["count"]
+    there = np.flatnonzero(stop > start)
+    last = _counters_at(part, stop[there] - 1)
+    for i in there[last >= behind[there]]:
+        counters = part.read(COUNTER, int(start[i]), int(stop[i]))
+        stop[i] = start[i] + np.searchsorted(counters, behind[i])
+    whole = (stop - start == rows["count"]) & (rows["first_sample"] >= 0)
+    columns = (start.tolist(), np.maximum(stop, start).tolist(), whole.tolist())
+    return [Place(file, *row) for row in zip(*columns, strict=True)]
+
+
+class SampleReader:
+    """Reads trials of some files; use it in a ``with``, in one thread."""
+
+    def __init__(self, files: Sequence[SampleFile]) -> None:
+        self._files = files
+        self._open: dict[int, BinaryIO | PartReader] = {}
+
+    def __enter__(self) -> SampleReader:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for file in self._open.values():
+            file.close()
+        self._open.clear()
+
+    def read(self, place: Place, out: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
+        """Samples uint16 (n, n_taxels) of a trial, in ``out`` where it is given.
+
+        Raises OSError or SessionError for what cannot be read.
+        """
+        file = self._files[place.file]
+        if out is None:
+            out = np.empty((place.stop - place.start, file.n_taxels), np.uint16)
+        source = self._source(place.file)
+        if isinstance(source, PartReader):
+            out[:] = source.read(SAMPLES, place.start, place.stop)
+        elif file.offsets is not None:
+            _read_chunks(source, file.offsets, file.chunk_rows, place.start, out)
+        return out
+
+    def _source(self, number: int) -> BinaryIO | PartReader:
+        if number not in self._open:
+            file = self._files[number]
+            plain = file.offsets is not None
+            self._open[number] = (
+                file.path.open("rb", buffering=0) if plain else PartReader(file.path)
+            )
+        return self._open[number]
+
+
+def _offsets(part: PartReader, path: str) -> NDArray[np.int64] | None:
+    """Place of each chunk in the file, int64 bytes; None where that does not tell all."""
+    dataset = part.array(path)
+    as_in_memory = dataset.dtype in (np.dtype(np.uint16), np.dtype(np.int64))
+    if part.grows or not dataset.chunks or dataset.id.get_create_plist().get_nfilters():
+        return None
+    if not as_in_memory or (dataset.ndim == 2 and dataset.chunks[1] != dataset.shape[1]):
+        return None
+    offsets = np.full(-(-dataset.shape[0] // dataset.chunks[0]), -1, np.int64)
+
+    def take(chunk: Any) -> None:
+        number = chunk.chunk_offset[0] // dataset.chunks[0]
+        if number < len(offsets):
+            offsets[number] = chunk.byte_offset
+
+    dataset.id.chunk_iter(take)
+    return offsets if (offsets >= 0).all() else None
+
+
+def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The board's counter at single rows, int64."""
+    out = np.empty((len(rows), 1), np.int64)
+    offsets = _offsets(part, COUNTER) if len(rows) >= WORTH_LOOKING_UP else None
+    if offsets is None:
+        for i, row in enumerate(rows.tolist()):
+            out[i] = part.read(COUNTER, row, row + 1)
+        return out[:, 0]
+    chunk_rows = part.array(COUNTER).chunks[0]
+    with part.named(), part.path.open("rb", buffering=0) as file:
+        for i, row in enumerate(rows.tolist()):
+            _read_chunks(file, offsets, chunk_rows, row, out[i : i + 1])
+    return out[:, 0]
+
+
+def _read_chunks(
+    file: BinaryIO, offsets: NDArray[np.int64], chunk_rows: int, start: int, out: NDArray[Any]
+) -> None:
+    """Fill ``out`` (n, columns) with the rows from ``start``. Raises OSError where they end."""
+    row_bytes = out.shape[1] * out.itemsize
+    target = memoryview(out.reshape(-1)).cast("B")
+    row, stop = start, start + len(out)
+    while row < stop:
+        chunk, within = divmod(row, chunk_rows)
+        last = min(stop, (chunk + 1) * chunk_rows)
+        file.seek(int(offsets[chunk]) + within * row_bytes)
+        _fill(file, target[(row - start) * row_bytes : (last - start) * row_bytes])
+        row = last
+
+
+def _fill(file: Any, target: memoryview) -> None:
+    while len(target):
+        n = file.readinto(target)
+        if not n:
+            raise OSError("the file ends before its samples do")
+        target = target[n:]
