@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from rigctl.encoding.force import ForceMatrix, force_matrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import WrongUse
+from rigctl.session.sample_map import SampleFile
 
 Features = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ Features = NDArray[np.float64]
 class Condition(NamedTuple):
     """All trials of one texture at one speed; ``given``: C by force instead of a search."""
 
-    paths: tuple[Path, ...]
+    files: tuple[SampleFile, ...]
     trials: tuple[TrialRef, ...]
     normalisation: Normalisation
     parameters: EncoderParameters
@@ -41,23 +41,21 @@ class Encoded(NamedTuple):
 
 
 def range_of(
-    job: tuple[tuple[Path, ...], tuple[TrialRef, ...]],
-) -> tuple[NDArray[np.bool_], list[NDArray[np.uint16]]]:
-    """Which trials are complete, and the lowest and highest readings of each that is."""
-    paths, trials = job
-    complete, ends = np.zeros(len(trials), np.bool_), []
-    with opened(paths) as reader:
-        for i, trial in enumerate(trials):
+    job: tuple[tuple[SampleFile, ...], tuple[TrialRef, ...]],
+) -> list[NDArray[np.uint16]]:
+    """The lowest and highest readings of each trial."""
+    files, trials = job
+    ends = []
+    with opened(files) as reader:
+        for trial in trials:
             samples = reader.of(trial)
-            complete[i] = len(samples) > 0 and reader.complete(trial, samples)
-            if complete[i]:
-                ends.append(np.stack([samples.min(axis=0), samples.max(axis=0)]))
-    return complete, ends
+            ends.append(np.stack([samples.min(axis=0), samples.max(axis=0)]))
+    return ends
 
 
 def encoded_condition(condition: Condition) -> Encoded:
     """Features of one texture and speed: with the C it is given, or plain and with its own."""
-    with opened(condition.paths) as reader:
+    with opened(condition.files) as reader:
         samples = [reader.of(trial) for trial in condition.trials]
     if condition.given:
         by_force = dict(zip(condition.forces_g, condition.given, strict=True))

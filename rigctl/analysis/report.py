@@ -197,7 +197,7 @@ def _check_shown(request: Request, trials: TrialSet) -> None:
 def _taxel_picture(request: Request, made: RepresentationSet, origin: str) -> TaxelPicture:
     """Figure 2C for the trial and taxel asked for, or the one most like the paper's."""
     trial = _shown_trial(request, made.trials)
-    with opened(made.trials.paths) as reader:
+    with opened(made.trials.files) as reader:
         samples = reader.of(trial)
     ranges = made.normalisation
     x = (samples.astype(np.float64) - ranges.low) * ranges.scale

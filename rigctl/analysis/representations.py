@@ -185,14 +185,13 @@ class _Files:
 
 def _ranges(trials: TrialSet, crew: Crew, progress: Progress) -> tuple[TrialSet, Normalisation]:
     """Taxel ranges over complete trials, and the set without the others."""
-    starts = range(0, len(trials.trials), CHUNK)
-    jobs = [(trials.paths, trials.trials[at : at + CHUNK]) for at in starts]
-    stage = "reading trials for the taxel ranges"
-    found = list(work_through(range_of, jobs, crew=crew, stage=stage, progress=progress))
-    complete = np.concatenate([mask for mask, _ in found])
-    torn = [int(i) for i in np.flatnonzero(~complete)]
+    torn = [i for i, trial in enumerate(trials.trials) if not trial.place.complete]
     kept = trials.without(torn, "gaps in their samples")
-    ends = [end for _, both in found for end in both]
+    starts = range(0, len(kept.trials), CHUNK)
+    jobs = [(kept.files, kept.trials[at : at + CHUNK]) for at in starts]
+    stage = "reading trials for the taxel ranges"
+    found = work_through(range_of, jobs, crew=crew, stage=stage, progress=progress)
+    ends = [end for several in found for end in several]
     return kept, Normalisation.over(ends, "minimum and maximum over all trials used")
 
 
@@ -233,7 +232,7 @@ def _conditions(
         (
             rows[key],
             Condition(
-                trials.paths,
+                trials.files,
                 tuple(trials.trials[i] for i in rows[key]),
                 ranges,
                 parameters,

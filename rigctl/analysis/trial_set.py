@@ -134,7 +134,7 @@ def join_sessions(paths: Sequence[Path]) -> TrialSet:
     if not trials:
         told = "; ".join(remarks) or ", ".join(map(str, paths))
         raise SessionError(f"there is no committed trial with motion: {told}")
-    joined = TrialSet(
+    return TrialSet(
         tuple(paths),
         tuple(trials),
         int(sources[0]["n_taxels"]),
@@ -142,8 +142,6 @@ def join_sessions(paths: Sequence[Path]) -> TrialSet:
         tuple(files),
         tuple(remarks),
     )
-    torn = [i for i, trial in enumerate(trials) if not trial.place.complete]
-    return joined.without(torn, "gaps in their samples")
 
 
 def _same_layout(sources: Sequence[dict[str, Any]]) -> None:
@@ -161,9 +159,7 @@ def _same_layout(sources: Sequence[dict[str, Any]]) -> None:
         )
 
 
-def _trials_of(
-    session: Session, number: int, first_file: int
-) -> tuple[list[TrialRef], list[str]]:
+def _trials_of(session: Session, number: int, first_file: int) -> tuple[list[TrialRef], list[str]]:
     table = session.trials
     remarks = []
     verdicts = Counter(table["verdict"].tolist())

@@ -70,7 +70,7 @@ def places_of(part: PartReader, rows: Structured, file: int) -> list[Place]:
     for i in there[last >= behind[there]]:
         counters = part.read(COUNTER, int(start[i]), int(stop[i]))
         stop[i] = start[i] + np.searchsorted(counters, behind[i])
-    whole = (stop - start == rows["count"]) & (rows["first_sample"] >= 0)
+    whole = (stop - start == rows["count"]) & (stop > start)
     columns = (start.tolist(), np.maximum(stop, start).tolist(), whole.tolist())
     return [Place(file, *row) for row in zip(*columns, strict=True)]
 
@@ -159,7 +159,7 @@ def _read_chunks(
 ) -> None:
     """Fill ``out`` (n, columns) with the rows from ``start``. Raises OSError where they end."""
     row_bytes = out.shape[1] * out.itemsize
-    target = memoryview(out.reshape(-1)).cast("B")
+    target = out.reshape(-1).view(np.uint8).data
     row, stop = start, start + len(out)
     while row < stop:
         chunk, within = divmod(row, chunk_rows)

@@ -31,7 +31,7 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     made = represent(joined, DEFAULT, tmp_path)
     assert len(made.trials.trials) == 17
     assert any("1 trial left out for gaps in their samples: 9" in said for said in made.remarks)
-    with opened(made.trials.paths) as reader:
+    with opened(made.trials.files) as reader:
         samples = [reader.of(trial) for trial in made.trials.trials]
     speeds = [trial.speed_mm_s for trial in made.trials.trials]
     layouts = (made.unscaled, made.scaled)

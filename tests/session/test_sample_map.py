@@ -1,0 +1,95 @@
+"""Samples read from where they lie in the files, against what HDF5 says of the same trials."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rigctl.session.layout import LIBVER
+from rigctl.session.reader import Session
+from rigctl.session.sample_map import SampleReader
+from rigctl.values import Gap
+from tests.session.building import Bench, block, plan, record_plan, recorder, trial_row
+
+CHUNKS_APART = 9_000
+"""Idle samples between trials that put them into chunks of their own."""
+
+
+def recorded(folder: Path) -> Path:
+    """Two trials far apart, one of which lacks samples; the second begins a new part."""
+    trials = plan().trials
+    with recorder(folder) as rec:
+        rec.begin_part("start", "A")
+        bench = Bench(rec)
+        bench.idle(CHUNKS_APART)
+        bench.trial(trials[0])
+        first = bench.counter + 60
+        rec.add_block(block(bench.counter, 100))
+        rec.add_block(block(bench.counter + 107, 500, gap=Gap(bench.counter + 100, 7, "here")))
+        bench.counter += 607
+        rec.commit_trial(trial_row(trials[1], first))
+        rec.begin_part("plate change", "A")
+        bench.idle(4096 - 60)
+        bench.trial(trials[2])
+    return folder
+
+
+def check(folder: Path, *, plain: bool) -> list[bool]:
+    """Both ways give the same samples; returns which trials are complete."""
+    with Session.open(folder) as session:
+        files = session.sample_files()
+        assert all((file.offsets is not None) is plain for file in files)
+        rows = session.committed().tolist()
+        places = session.places(rows)
+        with SampleReader(files) as reader:
+            for row, place in zip(rows, places, strict=True):
+                window = session.window(row)
+                np.testing.assert_array_equal(reader.read(place), window.samples)
+                assert place.complete is window.complete
+    return [place.complete for place in places]
+
+
+def test_samples_are_those_that_hdf5_reads(tmp_path: Path) -> None:
+    assert check(recorded(tmp_path / "session"), plain=True) == [True, False, True]
+
+
+def test_many_single_counters_are_looked_up(tmp_path: Path) -> None:
+    record_plan(tmp_path / "session")
+    with Session.open(tmp_path / "session") as session:
+        rows = session.committed().tolist() * 5
+        assert all(place.complete for place in session.places(rows))
+
+
+def test_a_part_that_grows_or_is_compressed_is_left_to_hdf5(tmp_path: Path) -> None:
+    with recorder(tmp_path / "live") as rec:
+        rec.begin_part("start", "A")
+        Bench(rec).trial(plan().trials[0])
+        rec.wait_written()
+        assert check(tmp_path / "live", plain=False) == [True]
+    folder = recorded(tmp_path / "session")
+    for part in folder.glob("part-*.h5"):
+        small = part.with_name("small")
+        with h5py.File(part) as source, h5py.File(small, "w", libver=LIBVER) as target:
+            target.attrs.update(source.attrs)
+            for name in ("drum", "loadcell", "trials", "events", "gaps", "protocol_toml"):
+                source.copy(name, target)
+            source.copy("rig_toml", target)
+            for name, node in source["taxels"].items():
+                packed = {} if name == "arrivals" else {"compression": "gzip"}
+                target.create_dataset(f"taxels/{name}", data=node[...], chunks=True, **packed)
+        small.replace(part)
+    assert check(folder, plain=False) == [True, False, True]
+
+
+def test_a_file_cut_short_behind_our_back_is_an_error(tmp_path: Path) -> None:
+    folder = recorded(tmp_path / "session")
+    with Session.open(folder) as session:
+        files, places = session.sample_files(), session.places(session.committed().tolist())
+    assert files[0].offsets is not None
+    with files[0].path.open("r+b") as file:
+        file.truncate(int(files[0].offsets[0]) + 1)
+    with SampleReader(files) as reader, pytest.raises(OSError, match="ends before"):
+        reader.read(places[0])
