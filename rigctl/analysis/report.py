@@ -8,10 +8,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from rigctl.analysis.carried_c import c_of
+from rigctl.analysis.carried_c import Source, c_of
 from rigctl.analysis.jobs import HERE, Crew, Progress
 from rigctl.analysis.report_figures import (
     TaxelPicture,
@@ -21,6 +22,9 @@ from rigctl.analysis.report_figures import (
 )
 from rigctl.analysis.report_html import html_report
 from rigctl.analysis.representations import RepresentationSet, represent
+from rigctl.analysis.sensitivity import Line, sensitivity
+from rigctl.analysis.sensitivity import as_csv as sensitivity_csv
+from rigctl.analysis.sensitivity import as_plain as sensitivity_table
 from rigctl.analysis.tables import as_plain, table_csv
 from rigctl.analysis.tasks import Settings, TaskResult, run_tasks
 from rigctl.analysis.training import ModelRequest, train
@@ -29,6 +33,7 @@ from rigctl.encoding.encoder import encode_trial, membrane_mv
 from rigctl.encoding.force import REFERENCE_FORCE_G
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.errors import DiskFault, WrongUse
+from rigctl.session.model import Model
 from rigctl.session.model_file import check_new, save_model
 
 PARTIAL = "{name}.partial"
@@ -43,6 +48,7 @@ class Request:
     """What a report is to hold. ``trial``, ``taxel``: of the one taxel's figure, or None.
 
     ``model``: one to be kept beside the report. ``c``: a file that C is taken from, not searched.
+    ``sensitivity``: whether the other encoder presets are tried too.
     """
 
     sessions: tuple[Path, ...]
@@ -54,6 +60,7 @@ class Request:
     taxel: int | None = None
     model: ModelRequest | None = None
     c: Path | None = None
+    sensitivity: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,30 +92,66 @@ def make_report(
         check_new(request.model.path)
     source = None if request.c is None else c_of(request.c, trials)
     with _appearing(request.out) as folder:
-        features = folder / FEATURES
-        features.mkdir()
-        made = represent(
+        found = _find(request, trials, source, folder / FEATURES, made_utc, crew, progress)
+        progress("writing the report", 0, 1)
+        _write(folder, request, found, made_utc)
+        shutil.rmtree(folder / FEATURES)
+        if request.model is not None and found.model is not None:
+            save_model(found.model, request.model.path)
+    progress("writing the report", 1, 1)
+    kept = request.model.path if request.model is not None else None
+    return Report(request.out, found.made, found.results, found.remarks, kept)
+
+
+class _Found(NamedTuple):
+    """What goes into the report."""
+
+    made: RepresentationSet
+    results: tuple[TaskResult, ...]
+    remarks: tuple[str, ...]
+    sensitivity: list[Line]
+    model: Model | None
+
+
+def _find(
+    request: Request,
+    trials: TrialSet,
+    source: Source | None,
+    features: Path,
+    made_utc: str,
+    crew: Crew,
+    progress: Progress,
+) -> _Found:
+    """Encode, classify and train; feature files go into the new folder ``features``."""
+    features.mkdir()
+    reference_g = request.reference_g
+    made = represent(
+        trials,
+        request.parameters,
+        features,
+        reference_g=reference_g,
+        source=source,
+        crew=crew,
+        progress=progress,
+    )
+    results, said = run_tasks(made, request.settings, crew=crew, progress=progress)
+    remarks = (*made.remarks, *said, *_aside(results))
+    lines: list[Line] = []
+    if request.sensitivity:
+        lines = sensitivity(
             trials,
-            request.parameters,
+            (made, results),
+            request.settings,
             features,
-            reference_g=request.reference_g,
+            reference_g=reference_g,
             source=source,
             crew=crew,
             progress=progress,
         )
-        results, said = run_tasks(made, request.settings, crew=crew, progress=progress)
-        remarks = (*made.remarks, *said, *_aside(results))
-        if request.model is not None:
-            model, words = train(made, request.model, made_utc, request.settings.seed, progress)
-            remarks = (*remarks, words)
-        progress("writing the report", 0, 1)
-        _write(folder, request, made, results, remarks, made_utc)
-        shutil.rmtree(features)
-        if request.model is not None:
-            save_model(model, request.model.path)
-    progress("writing the report", 1, 1)
-    kept = request.model.path if request.model is not None else None
-    return Report(request.out, made, tuple(results), remarks, kept)
+    if request.model is None:
+        return _Found(made, tuple(results), remarks, lines, None)
+    model, words = train(made, request.model, made_utc, request.settings.seed, progress)
+    return _Found(made, tuple(results), (*remarks, words), lines, model)
 
 
 def origin_of(trials: TrialSet) -> str:
@@ -147,11 +190,10 @@ def _appearing(out: Path) -> Iterator[Path]:
 def _write(
     folder: Path,
     request: Request,
-    made: RepresentationSet,
-    results: Sequence[TaskResult],
-    remarks: Sequence[str],
+    found: _Found,
     made_utc: str,
 ) -> None:
+    made, results = found.made, found.results
     origin = origin_of(made.trials)
     confused = next(r for key in CONFUSED for r in results if r.task.key == key)
     figures = {
@@ -159,7 +201,10 @@ def _write(
         "confusion": confusion_figure(confused, origin, folder / "confusion"),
         "fig2c": taxel_figure(_taxel_picture(request, made, origin), folder / "fig2c"),
     }
-    plain = as_plain(made, request.settings, results, remarks, made_utc)
+    plain = as_plain(made, request.settings, results, found.remarks, made_utc)
+    plain["sensitivity"] = table = sensitivity_table(found.sensitivity)
+    if table is not None:
+        (folder / "sensitivity.csv").write_text(sensitivity_csv(table), encoding="utf-8")
     # NaN would not be JSON, and nothing here may be one.
     text = json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")

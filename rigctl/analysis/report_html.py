@@ -48,6 +48,7 @@ def html_report(plain: Mapping[str, Any], figures: Figures) -> str:
         f"<h2>Differences from Original</h2>{_differences(tasks)}",
         f"<h2>Who is taken for whom</h2>{_figure(figures['confusion'], 'Confusion matrices')}",
         f"<h2>Force scaling</h2>{_force(plain['force_matrix'])}",
+        *_sensitivity(plain["sensitivity"], tasks),
         f"<h2>One taxel</h2>{_figure(figures['fig2c'], 'One taxel, its spikes')}",
         f"<h2>Left out, changed, to be known</h2>{_list(plain['remarks'], 'Nothing.')}",
         f"<h2>Where it comes from</h2>{_provenance(plain)}",
@@ -158,6 +159,36 @@ def _force(force: Mapping[str, Any] | None) -> str:
         f"<p>{escape(force['sentence'])}.{'' if force['from_file'] else took}</p>"
         f"<p class=seen><b>What C has seen.</b> {escape(LABELS_SEEN)}</p>"
     )
+
+
+def _sensitivity(table: Mapping[str, Any] | None, tasks: Mapping[str, Any]) -> list[str]:
+    """Rates and accuracies by encoder preset, a row a representation; nothing if not asked for."""
+    if table is None:
+        return []
+    by_row: dict[tuple[str, str], dict[str, Any]] = {}
+    for line in table["rows"]:
+        by_row.setdefault((line["preset"], line["representation"]), {})[line["task"]] = line
+    rows, before = [], ""
+    for (preset, key), lines in by_row.items():
+        one = next(iter(lines.values()))
+        cells = [f"{one['sa_hz']:.2f}", f"{one['ra_hz']:.2f}"]
+        cells += [_percent(lines.get(task)) for task in tasks]
+        rows.append(["" if preset == before else preset, NAME_OF[key], *cells])
+        before = preset
+    head = ["encoder preset", "representation", "SA Hz", "RA Hz"]
+    head += [_task_name(task, "") for task in tasks.values()]
+    note = (
+        f"Mean rates over trials and taxels; accuracy with {table['components']} components (fewer "
+        "where the trials allow fewer), mean ± standard deviation in %, over the same draws."
+    )
+    return [f"<h2>Encoder presets</h2>{_table(head, rows, named=True)}<small>{note}</small>"]
+
+
+def _percent(line: Mapping[str, Any] | None) -> str:
+    if line is None:
+        return ABSENT
+    sd = "" if line["sd_percent"] is None else f" ± {line['sd_percent']:.1f}"
+    return f"{line['mean_percent']:.1f}{sd}"
 
 
 def _provenance(plain: Mapping[str, Any]) -> str:

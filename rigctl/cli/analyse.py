@@ -45,6 +45,11 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--preset", default="default", metavar="NAME", help="encoder preset")
     parser.add_argument(
+        "--sensitivity",
+        action="store_true",
+        help="a table over all encoder presets, with 10 components and the same draws",
+    )
+    parser.add_argument(
         "--task",
         action="append",
         default=[],
@@ -90,6 +95,7 @@ def run(args: argparse.Namespace) -> int:
         args.taxel,
         _model_of(args),
         args.c,
+        args.sensitivity,
     )
     line = StageLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

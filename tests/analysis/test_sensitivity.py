@@ -1,0 +1,79 @@
+"""The table over encoder presets: rates as encoded, answers over the same draws."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.analysis import report
+from rigctl.analysis.representations import REPRESENTATIONS, represent
+from rigctl.analysis.sensitivity import ORDER, STAGE, mean_rates_hz
+from rigctl.analysis.tasks import Settings, run_tasks
+from rigctl.analysis.trial_set import join_sessions
+from rigctl.encoding.encoder import encode_trials
+from rigctl.encoding.presets import PRESETS
+from rigctl.session.reader import Session
+from tests.analysis.recordings import record
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sensitivity") / "session"
+    return record(folder, "ABG", repeats=2, travel_mm=12.0, speeds=(40, 80))
+
+
+def test_rates_are_those_of_the_spikes(session: Path, tmp_path: Path) -> None:
+    made = represent(join_sessions([session]), PRESETS["explicit"], tmp_path)
+    with Session.open(session) as opened:
+        samples = [opened.samples(int(row)) for row in opened.committed()]
+    trains = encode_trials(samples, made.normalisation, made.parameters)
+    by_hand = []
+    for spikes in trains:
+        counts = np.diff(spikes.row_start) / (spikes.n_samples / 1000)
+        by_hand.append([counts[:18].mean(), counts[18:].mean()])
+    for representation in REPRESENTATIONS[:2]:
+        found = mean_rates_hz(made, representation)
+        assert found == pytest.approx(np.mean(by_hand, axis=0), rel=1e-9)
+
+
+def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+
+    def listen(stage: str, done: int, all_: int) -> None:
+        if stage == STAGE:
+            told.append((done, all_))
+
+    settings = Settings(iterations=2, k_max=12, seed=5, tasks=("textures",))
+    request = report.Request((session,), tmp_path / "r", settings, sensitivity=True)
+    report.make_report(request, "2026-11-21T12:00:00Z", progress=listen)
+    plain = json.loads((tmp_path / "r" / "results.json").read_text())
+    rows = plain["sensitivity"]["rows"]
+    assert list(dict.fromkeys(row["preset"] for row in rows)) == list(ORDER)
+    assert len(rows) == 5 * 6
+    shares = [done / all_ for done, all_ in told]
+    assert shares == sorted(shares) and shares[-1] == 1.0 and len(set(shares)) > 10
+
+    by = {(row["preset"], row["representation"]): row for row in rows}
+    rate = {name: by[name, "original"]["sa_hz"] for name in ORDER}
+    assert 2 * rate["quarter-rate"] < rate["default"] < rate["explicit"]
+    curve = plain["tasks"]["textures"]["representations"]["speed"]
+    k = by["default", "speed"]["components"] - 1
+    assert by["default", "speed"]["mean_percent"] == pytest.approx(100 * curve["mean"][k], abs=1e-4)
+
+    alone = represent(join_sessions([session]), PRESETS["iskarous2022"], tmp_path)
+    (result,), _ = run_tasks(alone, settings)
+    expected = result.curve("original")
+    assert expected is not None
+    found = by["iskarous2022", "original"]["mean_percent"]
+    assert found == pytest.approx(100 * float(expected.mean[k]), abs=1e-4)
+
+    with (tmp_path / "r" / "sensitivity.csv").open() as file:
+        kept = list(csv.DictReader(file))
+    assert [float(row["sa_hz"]) for row in kept] == [row["sa_hz"] for row in rows]
+    page = (tmp_path / "r" / "report.html").read_text()
+    assert "Encoder presets" in page and "iskarous2022" in page
+    assert not (tmp_path / "r" / "features").exists()
