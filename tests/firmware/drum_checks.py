@@ -34,7 +34,7 @@ def bring(drum: DrumChip, state: State) -> None:
     """From IDLE into a state in which something moves or holds."""
     drum.arm()
     if state is State.POSITION:
-        drum.set("move_target", drum.get("steps") + 100_000)
+        drum.set("move_target", drum.get("steps") + 40_000)
         assert drum.command(Command.MOVE) == 0
         drum.poll_for(300)
     elif state is State.APPROACH:

@@ -40,9 +40,8 @@ class DrumChip:
         self.x = self.chip.exchange
         self.x.report_steps = 1
         self.x.host_byte_q16 = round(16e6 * 10 / 115200 * 65536)
-        self.x.loadcell_period_q16 = 198_413 << 16
         self.x.analog_rows = 1
-        self.x.loadcell_counts = OFFSET_COUNTS
+        self._wire_up()
         self.beating = True
         self.rod_mm, self.force_g = 5.0, 0.0
         self.forces: list[float] = []
@@ -66,6 +65,10 @@ class DrumChip:
         at: TracebackType | None,
     ) -> None:
         self.chip.close()
+
+    def _wire_up(self) -> None:
+        self.x.loadcell_period_q16 = 198_413 << 16
+        self.x.loadcell_counts = OFFSET_COUNTS
 
     # --- time and bench ---------------------------------------------------------------------
 
