@@ -22,6 +22,7 @@ from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.session.content import content_of
 from rigctl.session.model_file import load_model
+from rigctl.session.sample_map import SampleFile
 
 Floats = NDArray[np.float64]
 STAGE = "measuring the rate error of C"
@@ -66,7 +67,7 @@ class Carried(NamedTuple):
 class _Job(NamedTuple):
     """The trials of one texture and speed."""
 
-    paths: tuple[Path, ...]
+    files: tuple[SampleFile, ...]
     trials: tuple[TrialRef, ...]
     normalisation: Normalisation
     parameters: EncoderParameters
@@ -199,14 +200,14 @@ def _jobs(
             for f in sorted({t.force_g for t in members})
         }
         jobs.append(
-            _Job(trials.paths, tuple(members), normalisation, parameters, c, force.reference_g)
+            _Job(trials.files, tuple(members), normalisation, parameters, c, force.reference_g)
         )
     return jobs
 
 
 def _misses_of(job: _Job) -> dict[float, Floats]:
     """By force other than the reference: rates aimed at, with C, without, float64 (3, n_taxels)."""
-    with opened(job.paths) as reader:
+    with opened(job.files) as reader:
         samples = [(trial.force_g, reader.of(trial)) for trial in job.trials]
     ways = (job.normalisation, job.parameters)
 

@@ -20,6 +20,7 @@ from rigctl.errors import SessionError
 from rigctl.session.content import content_of
 from rigctl.session.model import Model
 from rigctl.session.reader import Session
+from rigctl.session.sample_map import SampleFile
 
 CHUNK = 64
 STAGE = "encoding and classifying"
@@ -71,15 +72,14 @@ class Classification:
 
 
 class _Job(NamedTuple):
-    paths: tuple[Path, ...]
+    files: tuple[SampleFile, ...]
     trials: tuple[TrialRef, ...]
     model: Model
 
 
 class _Answered(NamedTuple):
-    """``complete``: bool a trial; ``logs``: (complete trials, classes); clipped, read: a taxel."""
+    """``logs``: float64 (trials, classes); ``clipped``: int64 (taxels,), of ``read`` samples."""
 
-    complete: NDArray[np.bool_]
     logs: NDArray[np.float64]
     lengths: list[int]
     clipped: NDArray[np.int64]
@@ -102,12 +102,11 @@ def classify(
     trials = join_sessions(paths)
     if model.c is not None:
         check_covers(trials, model.c, by_texture=model.force == "texture")
-    chunks = [trials.trials[at : at + CHUNK] for at in range(0, len(trials.trials), CHUNK)]
-    jobs = [_Job(trials.paths, chunk, model) for chunk in chunks]
-    parts = list(work_through(_answered, jobs, crew=crew, stage=STAGE, progress=progress))
-    complete = np.concatenate([part.complete for part in parts])
-    torn = [int(i) for i in np.flatnonzero(~complete)]
+    torn = [i for i, trial in enumerate(trials.trials) if not trial.place.complete]
     kept = trials.without(torn, "gaps in their samples")
+    chunks = [kept.trials[at : at + CHUNK] for at in range(0, len(kept.trials), CHUNK)]
+    jobs = [_Job(kept.files, chunk, model) for chunk in chunks]
+    parts = list(work_through(_answered, jobs, crew=crew, stage=STAGE, progress=progress))
     predictions = _predictions(model, kept, np.concatenate([part.logs for part in parts]))
     clipped = np.sum([p.clipped for p in parts], axis=0) / max(1, sum(p.read for p in parts))
     misses, warned = _carried(model, kept, crew, progress)
@@ -141,30 +140,23 @@ def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
 
 
 def _answered(job: _Job) -> _Answered:
-    model, n = job.model, len(job.trials)
-    complete, kept, samples = np.zeros(n, np.bool_), [], []
-    with opened(job.paths) as reader:
-        for i, trial in enumerate(job.trials):
-            readings = reader.of(trial)
-            complete[i] = len(readings) > 0 and reader.complete(trial, readings)
-            if complete[i]:
-                kept.append(trial)
-                samples.append(readings)
+    model = job.model
+    with opened(job.files) as reader:
+        samples = [reader.of(trial) for trial in job.trials]
     clipped = np.zeros(model.n_taxels, np.int64)
     for readings in samples:
         clipped += model.normalisation.clipped(readings)
-    speeds = [trial.speed_mm_s for trial in kept]
+    speeds = [trial.speed_mm_s for trial in job.trials]
     ways = (model.normalisation, [model.features], model.parameters)
-    features = feature_matrices(samples, speeds, *ways, sa_scale=_scale(model, kept))[0]
+    features = feature_matrices(samples, speeds, *ways, sa_scale=_scale(model, job.trials))[0]
     lengths = [len(readings) for readings in samples]
-    logs = log_posteriors(model, features)
-    return _Answered(complete, logs, lengths, clipped, sum(lengths))
+    return _Answered(log_posteriors(model, features), lengths, clipped, sum(lengths))
 
 
 def _scale(model: Model, trials: Sequence[TrialRef]) -> NDArray[np.float64] | None:
     """Factor on the SA current of each trial and taxel, None for 1."""
     c = model.c
-    if c is None or not trials:
+    if c is None:
         return None
     if model.force == "texture":
         return np.array([c.of(t.texture, t.speed_mm_s, t.force_g) for t in trials])
