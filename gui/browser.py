@@ -17,6 +17,7 @@ class Pick(Enum):
     PROTOCOL = ("Protocol (*.toml)", QFileDialog.FileMode.ExistingFile)
     OUTPUT = ("Folder that will hold the new session", QFileDialog.FileMode.Directory)
     SESSION = ("Folder of a session", QFileDialog.FileMode.Directory)
+    INTERRUPTED = ("Folder of the session to go on with", QFileDialog.FileMode.Directory)
 
 
 class Browser(QWidget):

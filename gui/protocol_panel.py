@@ -35,6 +35,7 @@ class ProtocolPanel(QWidget):
     start_asked = Signal(str, str, int)
     asked = Signal(str)
     summary_asked = Signal(str, object)
+    session_asked = Signal()
     file_asked = Signal()
     folder_asked = Signal()
 
@@ -49,6 +50,8 @@ class ProtocolPanel(QWidget):
         self.summary = {name: label("–") for name in ("Trials", "Plate changes", "Time", "Disk")}
         self.problem = label("", "bad", wraps=True)
         self.buttons = {name: QPushButton(name) for name in ("Start", "Pause", "Resume", "Abort")}
+        self.go_on = QPushButton("Continue a session …")
+        self.go_on.setToolTip("Run the trials that an interrupted session still lacks")
         self.bar = QProgressBar()
         self.bar.setTextVisible(True)
         self.lines = {name: elastic(label("–")) for name in _LINES}
@@ -82,6 +85,7 @@ class ProtocolPanel(QWidget):
         run = status.run
         ready = status.drum_connected and status.taxels_connected and not status.fault
         self.buttons["Start"].setEnabled(self._startable and ready and not run.is_going)
+        self.go_on.setEnabled(ready and not run.is_going)
         self.buttons["Pause"].setEnabled(run.state == "running")
         self.buttons["Resume"].setEnabled(run.state == "paused")
         self.buttons["Abort"].setEnabled(run.is_going)
@@ -138,6 +142,7 @@ class ProtocolPanel(QWidget):
         self._open.clicked.connect(self.file_asked)
         self._browse.clicked.connect(self.folder_asked)
         self.buttons["Start"].clicked.connect(self._start)
+        self.go_on.clicked.connect(self.session_asked)
         for name in ("Pause", "Resume", "Abort"):
             self.buttons[name].clicked.connect(lambda _=False, n=name: self.asked.emit(n.lower()))
 
@@ -171,6 +176,7 @@ class ProtocolPanel(QWidget):
         grid = QGridLayout()
         for place, button in enumerate(self.buttons.values()):
             grid.addWidget(button, place // 2, place % 2)
+        grid.addWidget(self.go_on, 2, 0, 1, 2)
         column.addLayout(grid)
         column.addWidget(self.state)
         column.addWidget(self.bar)

@@ -222,6 +222,7 @@ class Window(QMainWindow):
         protocol.start_asked.connect(
             lambda path, out, seed: ask("start", protocol=path, out=out, seed=seed, yes=False)
         )
+        protocol.session_asked.connect(lambda: self._pick(Pick.INTERRUPTED, self._go_on))
         protocol.file_asked.connect(lambda: self._pick(Pick.PROTOCOL, protocol.add_protocol))
         protocol.folder_asked.connect(lambda: self._pick(Pick.OUTPUT, protocol.set_out))
         self.prompt.answered.connect(
@@ -240,6 +241,9 @@ class Window(QMainWindow):
         self.toolbar.show_connecting(rig)
         self.say("rig", f"connecting to {rig} …")
         self.connection.open(rig)
+
+    def _go_on(self, folder: str) -> None:
+        self.connection.ask("start", resume=folder, yes=False)
 
     def _opened(self) -> None:
         self._committed, self._silent = 0, False

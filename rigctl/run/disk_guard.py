@@ -38,7 +38,7 @@ class DiskGuard:
         """Whether the disk is so full that a run has to wait; ``held``: it waits already."""
         reserve = self._reserve_bytes() * (2 if held else 1)
         newest = self._seen[-1][1] if self._seen else None
-        return newest is not None and newest.part > 0 and newest.disk_free_bytes < reserve
+        return newest is not None and newest.disk_free_bytes < reserve
 
     def status(self, recording: bool) -> RecordingStatus:
         """The truth about the disk."""

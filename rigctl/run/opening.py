@@ -97,6 +97,12 @@ def _go_on(order: Order, folder: Path, bearings: Bearings) -> Opened:
     with Session.open(folder) as session:
         seed, tried = session.header.seed, Counter(session.trials["trial_id"].tolist())
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
+        rig = session.header.rig
+    if rig != bearings.rig:
+        raise SessionError(
+            f"{folder} was recorded on the {rig} rig and this is the {bearings.rig} one: "
+            "connect the rig that began the session"
+        )
     plan = load_protocol(folder / layout.PROTOCOL_FILE, bearings.config).plan(seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned trial is committed")

@@ -226,6 +226,8 @@ class Recorder:
             action()
         if actions:
             self._writer.flush()
+        else:
+            self._writer.look_at_disk()
 
 
 class _Mailbox:

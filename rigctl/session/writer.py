@@ -49,7 +49,7 @@ class Writer:
     def __init__(
         self, folder: Path, header: SessionHeader, texts: tuple[str, str], last_part: int
     ) -> None:
-        self.disk = DiskStatus(part=last_part)
+        self.disk = DiskStatus(part=last_part, free_bytes=shutil.disk_usage(folder).free)
         self._folder = folder
         self._header = header
         self._texts = texts
@@ -146,6 +146,10 @@ class Writer:
             bytes=self._closed.bytes + size,
         )
         self._publish(0, 0)
+
+    def look_at_disk(self) -> None:
+        """Learn how much room there is, also while nothing is written."""
+        self.disk = replace(self.disk, free_bytes=shutil.disk_usage(self._folder).free)
 
     def abandon(self) -> None:
         """Let the file go after a failure; what was flushed stays readable."""

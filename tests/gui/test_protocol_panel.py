@@ -53,6 +53,18 @@ def test_start_sends_file_folder_and_seed(bench: Bench, tmp_path: Path) -> None:
     assert Path(args["out"]).parent == tmp_path
 
 
+def test_an_interrupted_session_goes_on_where_it_stopped(bench: Bench, tmp_path: Path) -> None:
+    panel = _panel(bench)
+    bench.see(run={"state": "running"})
+    assert not panel.go_on.isEnabled()
+    bench.see(run={"state": "idle"})
+    click(panel.go_on)
+    chooser = bench.window.browser.dialog
+    assert chooser is not None
+    chooser.fileSelected.emit(str(tmp_path))
+    assert bench.engine.asked[-1] == ("start", {"resume": str(tmp_path), "yes": False})
+
+
 def test_a_bad_protocol_cannot_be_started_and_says_why(bench: Bench, tmp_path: Path) -> None:
     panel = _panel(bench)
     bad = tmp_path / "bad.toml"

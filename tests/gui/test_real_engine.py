@@ -98,6 +98,25 @@ def test_a_protocol_from_prompt_to_disk_ended_by_escape(window: Window, tmp_path
         assert session.trials["verdict"].tolist()[0] == "committed"
         assert np.all(session.window(0).flags & 1)
     wait_until(lambda: window.toolbar.lamp.level is Level.OFF)
+    _go_on_from(window, Path(status.status.run.session))
+
+
+def _go_on_from(window: Window, session: Path) -> None:
+    """Continue the interrupted session through the chooser, see it count on, stop it again."""
+    run = window.connection
+    wait_until(window.protocol.go_on.isEnabled, LIMIT_MS)
+    click(window.protocol.go_on)
+    assert window.browser.dialog is not None
+    window.browser.dialog.fileSelected.emit(str(session))
+    window.browser.dismiss()
+    wait_until(lambda: window.prompt.isVisible() or run.status.run.state == "running", LIMIT_MS)
+    if window.prompt.isVisible():
+        click(window.prompt.done)
+    wait_until(lambda: run.status.run.trials_committed == 2, LIMIT_MS)
+    press_escape(window)
+    wait_until(lambda: run.status.run.state == "aborted", LIMIT_MS)
+    with Session.open(session) as reopened:
+        assert len(reopened.parts) == 2 and len(reopened.committed()) == 2
 
 
 def test_a_pulled_plug_is_seen_and_said(window: Window) -> None:

@@ -104,6 +104,33 @@ def test_an_aborted_run_can_be_gone_on_with(floor: Floor, tmp_path: Path) -> Non
         assert session.trials["attempt"].tolist() == [1, 1, 2]
 
 
+def test_a_session_gone_on_with_waits_for_the_plate_alone(floor: Floor, tmp_path: Path) -> None:
+    """It once held for a full disk: the room left was taken as 0 until the first byte."""
+
+    async def stopped(floor: Floor) -> None:
+        await floor.until(lambda: len(floor.texts("trial")) == 1)
+        assert floor.engine.run is not None
+        floor.engine.run.control.abort("enough")
+        await until_ended(floor)
+
+    async def asked(floor: Floor) -> None:
+        run = floor.engine.run
+        assert run is not None
+        await floor.until(lambda: run.status()["prompt"] is not None)
+        await floor.passes(2)
+        assert run.status()["reasons"] == ["prompt"]
+        prompt = run.status()["prompt"]
+        assert prompt is not None
+        run.control.answer(prompt["id"], "ok")
+        await until_ended(floor)
+
+    floor.play(stopped, floor.order(PAIR))
+    (tmp_path / "again").mkdir()
+    with open_floor(tmp_path / "again") as second:
+        second.play(asked, Order(resume=str(floor.session)))
+        assert second.engine.run is not None and second.engine.run.complete
+
+
 def test_an_emergency_stop_ends_the_run_with_its_session_whole(floor: Floor) -> None:
     async def person(floor: Floor) -> None:
         await floor.until(lambda: len(floor.texts("trial")) == 1)
@@ -279,6 +306,18 @@ def test_a_session_in_use_is_refused_to_a_second_run(floor: Floor) -> None:
         await until_ended(floor)
 
     floor.play(person, floor.order(PAIR))
+
+
+def test_a_session_of_another_rig_is_not_gone_on_with(floor: Floor, tmp_path: Path) -> None:
+    async def person(other: Floor) -> None:
+        with pytest.raises(SessionError, match="on the virtual rig and this is the bench one"):
+            other.engine.start(Order(resume=str(floor.session)))
+
+    floor.record(PAIR)
+    (tmp_path / "again").mkdir()
+    with open_floor(tmp_path / "again") as other:
+        other.rig.kind = "bench"
+        other.play(person)
 
 
 def test_a_run_ended_at_its_first_question_is_a_session_too(floor: Floor) -> None:
