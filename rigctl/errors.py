@@ -8,6 +8,7 @@
     │   ├── ConfigError             rig.toml: names file and key
     │   ├── ProtocolError           protocols/*.toml: names file, line or key
     │   └── SessionError            a folder that is not a session, is locked, or is damaged
+    ├── CrewLost         exit 3     the processes or machines that worked for an analysis are gone
     └── RigFault         exit 3     the bench failed; the rig is safe, what was recorded is kept
         ├── LinkLost                a port vanished or fell silent
         ├── WrongBoard              somebody answered, but not the board or firmware asked for
@@ -47,6 +48,10 @@ class ProtocolError(WrongUse):
 
 class SessionError(WrongUse):
     """A folder that is not a session, is in use, or is damaged."""
+
+
+class CrewLost(RigctlError):
+    """Processes or machines that worked for an analysis are gone; no report was made."""
 
 
 class RigFault(RigctlError):

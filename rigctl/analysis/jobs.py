@@ -9,11 +9,12 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Final, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from rigctl.errors import RigFault
+from rigctl.errors import CrewLost
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -26,7 +27,14 @@ class Crew(Protocol):
 
     @property
     def shares_disk(self) -> bool:
-        """Whether everybody in it sees this machine's files, under the same paths."""
+        """Whether everybody in it runs on this machine, and so may write into one mapped file."""
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences for the report on what this crew may change."""
+
+    def must_see(self, folders: Sequence[Path]) -> None:
+        """Raises WrongUse where somebody in it does not see one of the folders."""
 
     def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Results in the order of the jobs. ``work`` must be a module's function (it is pickled).
@@ -35,10 +43,16 @@ class Crew(Protocol):
         """
 
 
-class Here:
-    """This process, one job after another."""
-
+class _OnThisMachine:
     shares_disk = True
+    remarks: tuple[str, ...] = ()
+
+    def must_see(self, folders: Sequence[Path]) -> None:
+        """Everybody here does."""
+
+
+class Here(_OnThisMachine):
+    """This process, one job after another."""
 
     def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Each result is worked out when it is asked for."""
@@ -51,23 +65,21 @@ class Here:
 HERE: Final[Crew] = Here()
 
 
-class Processes:
+class Processes(_OnThisMachine):
     """Processes on this machine, started when first needed and kept; see :func:`processes`."""
-
-    shares_disk = True
 
     def __init__(self, pool: ProcessPoolExecutor) -> None:
         self._pool = pool
 
     def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """Raises RigFault where a process died."""
+        """Raises CrewLost where a process died."""
         waiting: deque[Future[Result]] = deque()
         try:
             waiting.extend(self._pool.submit(work, job) for job in jobs)
             while waiting:
                 yield waiting.popleft().result()
         except BrokenProcessPool as error:
-            raise RigFault(
+            raise CrewLost(
                 "a process of the analysis died, perhaps for want of memory: "
                 "free some, or use fewer --workers"
             ) from error

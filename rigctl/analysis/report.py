@@ -91,7 +91,9 @@ def make_report(
     if request.model is not None:
         check_new(request.model.path)
     source = None if request.c is None else c_of(request.c, trials)
+    crew.must_see(trials.paths)
     with _appearing(request.out) as folder:
+        crew.must_see([folder])
         found = _find(request, trials, source, folder / FEATURES, made_utc, crew, progress)
         progress("writing the report", 0, 1)
         _write(folder, request, found, made_utc)
@@ -135,7 +137,7 @@ def _find(
         progress=progress,
     )
     results, said = run_tasks(made, request.settings, crew=crew, progress=progress)
-    remarks = (*made.remarks, *said, *_aside(results))
+    remarks = (*made.remarks, *said, *_aside(results), *crew.remarks)
     lines: list[Line] = []
     if request.sensitivity:
         lines = sensitivity(
@@ -167,7 +169,7 @@ def _appearing(out: Path) -> Iterator[Path]:
     """A folder beside ``out`` that takes its name at the end; otherwise nothing stays."""
     if out.exists():
         raise WrongUse(f"{out} is there already: name another folder, or remove it")
-    folder = out.with_name(PARTIAL.format(name=out.name))
+    folder = out.absolute().with_name(PARTIAL.format(name=out.name))
     try:
         folder.mkdir(parents=True)
     except FileExistsError:

@@ -130,7 +130,7 @@ def represent(
     if force is not None:
         _encode_with(conditions, force, files, "blind", crew, progress)
     return RepresentationSet(
-        trials, ranges, parameters, *layouts, force, files.close(), tuple(remarks), worth
+        trials, ranges, parameters, *layouts, force, files.close(crew), tuple(remarks), worth
     )
 
 
@@ -176,10 +176,14 @@ class _Files:
                 )
             self._open[key][list(rows)] = matrix
 
-    def close(self) -> dict[str, Path]:
-        """Let go of the files; their paths by key."""
+    def close(self, crew: Crew) -> dict[str, Path]:
+        """Let go of the files, so that the crew can read them; their paths by key."""
         keys = list(self._open)
-        self._open.clear()
+        while self._open:
+            _, matrix = self._open.popitem()
+            # Other machines see what reached the file server, not this one's memory.
+            if isinstance(matrix, np.memmap) and not crew.shares_disk:
+                matrix.flush()
         return {key: self._folder / f"{key}.npy" for key in keys}
 
 

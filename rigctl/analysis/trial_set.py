@@ -40,8 +40,8 @@ class TrialRef(NamedTuple):
 class TrialSet:
     """Committed trials with motion, out of one session or several of one layout.
 
-    ``provenance``: a plain mapping for each session; ``files``: parts of all sessions;
-    ``remarks``: sentences on what was left out.
+    ``paths``: absolute, as other processes open them too. ``provenance``: a plain mapping for each
+    session; ``files``: parts of all sessions; ``remarks``: sentences on what was left out.
     """
 
     paths: tuple[Path, ...]
@@ -135,11 +135,11 @@ def join_sessions(paths: Sequence[Path]) -> TrialSet:
         told = "; ".join(remarks) or ", ".join(map(str, paths))
         raise SessionError(f"there is no committed trial with motion: {told}")
     return TrialSet(
-        tuple(paths),
+        tuple(path.absolute() for path in paths),
         tuple(trials),
         int(sources[0]["n_taxels"]),
         tuple(sources),
-        tuple(files),
+        tuple(replace(file, path=file.path.absolute()) for file in files),
         tuple(remarks),
     )
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigctl.cli.stages import StageLine
+
+if TYPE_CHECKING:
+    from rigctl.analysis.jobs import Crew
 
 
 def add_parser(subparsers: Any) -> None:
@@ -57,7 +61,13 @@ def add_parser(subparsers: Any) -> None:
         help="textures, groups, extrapolation, leave-speed-out or leave-force-out; may be "
         "repeated (default: all that fit the set)",
     )
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (1)")
+    crew = parser.add_mutually_exclusive_group()
+    crew.add_argument("--workers", type=int, default=1, metavar="N", help="processes here (1)")
+    crew.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="workers of a Dask scheduler, as tcp://host:8786; they must see the folders",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the draws (0)")
     parser.add_argument("--trial", type=int, metavar="ID", help="trial of the figure of one taxel")
     parser.add_argument("--taxel", type=int, metavar="N", help="its taxel, from 1")
@@ -76,7 +86,6 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the report; the last lines on standard output say where it is."""
     from rigctl.analysis.engines import Engine
-    from rigctl.analysis.jobs import processes
     from rigctl.analysis.report import Report, Request, make_report
     from rigctl.analysis.tasks import Settings
     from rigctl.encoding.presets import preset
@@ -100,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     line = StageLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
-        with processes(args.workers) as crew:
+        with _crew(args) as crew:
             report: Report = make_report(request, now, crew=crew, progress=line.show)
     finally:
         line.end()
@@ -120,6 +129,16 @@ def _model_of(args: argparse.Namespace) -> Any:
     if given:
         raise WrongUse(f"--{next(iter(given))} is of a model to keep: name one with --save-model")
     return None
+
+
+def _crew(args: argparse.Namespace) -> AbstractContextManager[Crew]:
+    if args.dask is not None:
+        from rigctl.analysis.dask_crew import dask_crew
+
+        return dask_crew(args.dask)
+    from rigctl.analysis.jobs import processes
+
+    return processes(args.workers)
 
 
 def summary(report: Any) -> str:
