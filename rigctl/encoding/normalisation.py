@@ -56,10 +56,10 @@ class Normalisation:
         return counts
 
     @classmethod
-    def full_scale(cls, n_taxels: int) -> Normalisation:
-        """The converter's whole range, 0–1023, for each taxel."""
+    def full_scale(cls, n_taxels: int, highest: int = FULL_SCALE) -> Normalisation:
+        """The whole range that readings can have: the converter's, 0–1023, or a session's own."""
         low = np.zeros(n_taxels, np.uint16)
-        return cls(low, np.full(n_taxels, FULL_SCALE, np.uint16), "full scale 0–1023")
+        return cls(low, np.full(n_taxels, highest, np.uint16), f"full scale 0–{highest}")
 
     @classmethod
     def over(cls, recordings: Iterable[NDArray[np.uint16]], source: str) -> Normalisation:

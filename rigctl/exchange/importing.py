@@ -17,7 +17,7 @@ from rigctl.exchange.extra import ExtraChannels
 from rigctl.exchange.mapping import ImportMap
 from rigctl.exchange.reading import read_columns
 from rigctl.exchange.resampling import Floats, Resampled, Track, resample
-from rigctl.exchange.survey import Survey, Surveyed, survey, track_of
+from rigctl.exchange.survey import COUNTS, Scaling, Survey, Surveyed, survey, track_of
 from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import Recorder
 from rigctl.values import (
@@ -57,7 +57,7 @@ def import_files(
     if n_taxels > MAX_TAXELS:
         raise WrongUse(f"{n_taxels} taxels are mapped, a session holds up to {MAX_TAXELS}")
     trials = [file.label.trial(number, file.count) for number, file in enumerate(surveyed.files, 1)]
-    header = _header(mapping, n_taxels, trials, start_utc)
+    header = _header(mapping, surveyed.scaling, trials, start_utc)
     config = _config(mapping, n_taxels)
     with Recorder(folder, header, "", config.to_toml()) as recorder:
         (folder / MAP_FILE).write_text(mapping.text, encoding="utf-8")
@@ -73,7 +73,7 @@ def import_files(
 
 
 def _header(
-    mapping: ImportMap, n_taxels: int, trials: Sequence[PlannedTrial], start_utc: str
+    mapping: ImportMap, scaling: Scaling, trials: Sequence[PlannedTrial], start_utc: str
 ) -> SessionHeader:
     text = "\n".join(map(repr, trials))
     return SessionHeader(
@@ -86,7 +86,9 @@ def _header(
         protocol=mapping.name,
         sensor=mapping.sensor,
         software_version=__version__,
-        n_taxels=n_taxels,
+        n_taxels=len(scaling.names),
+        sample_unit=scaling.unit(mapping.unit),
+        highest_reading=COUNTS,
     )
 
 
@@ -118,7 +120,7 @@ class _Book:
         if file.label.texture != self._texture:
             self._begin_part(file.label.texture)
         track, _ = track_of(read_columns(file.path, self._mapping), self._mapping)
-        grid, _ = resample(track, self._mapping.max_gap_s)
+        grid, _ = resample(track, self._mapping.max_gap_s, self._mapping.low_pass_hz)
         first = self._counter
         for block in self._blocks(grid):
             self._recorder.add_block(block)

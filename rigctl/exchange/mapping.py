@@ -14,6 +14,7 @@ MM_PER_S = {"mm/s": 1.0, "cm/s": 10.0, "m/s": 1000.0}
 GRAMS = {"g": 1.0, "kg": 1000.0, "N": 101.971621, "mN": 0.101971621, "level": 1.0}
 LABELS = ("texture", "speed", "force", "repeat")
 FASTEST_HZ = 1e7
+LOW_PASS_HZ, LOW_PASS_MAX_HZ = 400.0, 499.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +24,7 @@ class ImportMap:
     ``time_column`` is empty where ``rate_hz`` is given. Factors turn what stands in the file
     into s, mm/s and g. ``texture``, ``speed_mm_s``, ``force_g`` hold where the pattern has no
     such group. ``max_gap_s`` is 0 for three times the usual distance of rows.
+    ``low_pass_hz`` is 0 for no filter before rows faster than 1 kHz are thinned out.
     """
 
     name: str
@@ -49,6 +51,7 @@ class ImportMap:
     max_gap_s: float
     outlier_sigma: float
     finest_mm: float
+    low_pass_hz: float
 
 
 def load_map(path: Path) -> ImportMap:
@@ -87,6 +90,9 @@ def load_map(path: Path) -> ImportMap:
         max_gap_s=quality.number("max_gap_s", 0.0, unit="s", low=0, high=1e6),
         outlier_sigma=quality.number("outlier_sigma", 12.0, low=3, high=1e6),
         finest_mm=quality.number("finest_mm", 1.0, unit="mm", low=1e-3, high=1e4),
+        low_pass_hz=quality.number(
+            "low_pass_hz", LOW_PASS_HZ, unit="Hz", low=0, high=LOW_PASS_MAX_HZ
+        ),
     )
     for table in (files, time, taxels, labels, loadcell, quality):
         table.finish()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from rigctl.errors import WrongUse
 from rigctl.exchange.mapping import ImportMap
+from rigctl.exchange.matlab import read_mat
 
 Floats = NDArray[np.float64]
 _DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
-_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-_MATLAB_HEADER = 512
 RANGE = ".."
 
 
@@ -67,7 +66,7 @@ def read_columns(path: Path, mapping: ImportMap) -> Columns:
         if ending in _DELIMITERS:
             return _read_text(path, mapping.delimiter or _DELIMITERS[ending])
         if ending == ".mat":
-            return _from_variables(path, _mat(path), mapping)
+            return _from_variables(path, read_mat(path), mapping)
         if ending in (".npy", ".npz"):
             return _from_variables(path, _numpy(path), mapping)
     except OSError as error:
@@ -130,53 +129,70 @@ def _numpy(path: Path) -> dict[str, Any]:
         ) from error
 
 
-def _mat(path: Path) -> dict[str, Any]:
-    with path.open("rb") as file:
-        start = file.read(_MATLAB_HEADER + len(_HDF5_MAGIC))
-    if _HDF5_MAGIC in (start[: len(_HDF5_MAGIC)], start[_MATLAB_HEADER:]):
-        return _mat73(path)
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        found = loadmat(str(path))
-    except (ValueError, TypeError, NotImplementedError, MatReadError) as error:
-        raise WrongUse(f"{path} is no MATLAB file, or is damaged: {error}") from error
-    return {name: value for name, value in found.items() if not name.startswith("__")}
-
-
-def _mat73(path: Path) -> dict[str, Any]:
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        # MATLAB counts columns first, HDF5 rows.
-        return {
-            name: np.asarray(node[()]).T
-            for name, node in file.items()
-            if isinstance(node, h5py.Dataset)
-        }
-
-
 def _from_variables(path: Path, variables: Mapping[str, Any], mapping: ImportMap) -> Columns:
-    """One chosen variable, or all that are columns of one length."""
-    if mapping.variable:
-        if mapping.variable not in variables:
-            raise WrongUse(
-                f"{path} has no variable {mapping.variable!r}: it has {_listed(tuple(variables))}"
-            )
-        variables = {"": variables[mapping.variable]}
+    """One chosen variable or structure, or all that the map names, as columns of one length."""
+    chosen = _chosen(path, variables, mapping.variable) if mapping.variable else variables
     names: list[str] = []
     columns: list[Floats] = []
-    for name, value in variables.items():
+    for name, value in _asked_for(chosen, mapping).items():
         for own, column in _columns_of(path, name, value, mapping.transpose):
             names.append(own)
             columns.append(column)
     if not columns or len({len(column) for column in columns}) > 1:
         raise WrongUse(
-            f"{path}: its variables {_listed(tuple(variables))} are not columns of one length: "
+            f"{path}: its variables {_lengths(names, columns)} are not columns of one length: "
             "name one with variable = in [files]"
         )
     return Columns(path, tuple(names), np.stack(columns, axis=1))
+
+
+def _lengths(names: Sequence[str], columns: Sequence[Floats]) -> str:
+    """Columns with their lengths, one of each length."""
+    by_length = {len(column): name for name, column in zip(names, columns, strict=True)}
+    return _listed(tuple(f"{name} ({n})" for n, name in by_length.items()))
+
+
+def _chosen(path: Path, variables: Mapping[str, Any], wanted: str) -> dict[str, Any]:
+    """The variable of that name, or the fields of the structure of that name."""
+    if wanted in variables:
+        return {"": variables[wanted]}
+    start = f"{wanted}."
+    fields = {
+        name.removeprefix(start): value
+        for name, value in variables.items()
+        if name.startswith(start)
+    }
+    if not fields:
+        raise WrongUse(f"{path} has no variable {wanted!r}: it has {_listed(tuple(variables))}")
+    return fields
+
+
+def _asked_for(variables: Mapping[str, Any], mapping: ImportMap) -> Mapping[str, Any]:
+    """Variables that a column of the map names; all of them where it names none."""
+    wanted = (*mapping.taxels, mapping.time_column, mapping.loadcell, *mapping.extra)
+    ends = {end.strip() for item in wanted for end in (item, *item.split(RANGE)) if end.strip()}
+
+    if any(end.isdigit() for end in ends):
+        return variables  # numbers count the columns of all of them
+
+    def named(name: str) -> bool:
+        return name in ends or any(
+            end.startswith(name) and end[len(name) :].isdigit() for end in ends if name
+        )
+
+    between = _between(tuple(variables), mapping.taxels)
+    found = {n: value for n, value in variables.items() if n in between or named(n)}
+    return found or variables
+
+
+def _between(names: tuple[str, ...], items: tuple[str, ...]) -> set[str]:
+    """Variables that stand between the ends of a range."""
+    inside: set[str] = set()
+    for item in items:
+        first, dots, last = (part.strip() for part in item.partition(RANGE))
+        if dots and first in names and last in names:
+            inside |= set(names[names.index(first) : names.index(last) + 1])
+    return inside
 
 
 def _columns_of(path: Path, name: str, value: Any, transpose: bool) -> list[tuple[str, Floats]]:
@@ -186,7 +202,7 @@ def _columns_of(path: Path, name: str, value: Any, transpose: bool) -> list[tupl
             (field, _plain(path, field, array[field].reshape(-1))) for field in array.dtype.names
         ]
     array = _plain(path, name, array)
-    if array.ndim == 2 and 1 in array.shape:
+    if array.ndim == 0 or (array.ndim == 2 and 1 in array.shape):
         array = array.reshape(-1)
     if array.ndim == 1:
         return [(name or "1", array)]
@@ -200,8 +216,8 @@ def _columns_of(path: Path, name: str, value: Any, transpose: bool) -> list[tupl
 def _plain(path: Path, name: str, array: NDArray[Any]) -> Floats:
     if array.dtype.kind not in "biuf":
         raise WrongUse(
-            f"{path}: {name or 'the array'} holds no plain numbers: save arrays of numbers, "
-            "no structures or texts"
+            f"{path}: {name or 'the array'} holds no plain numbers: name arrays of numbers in the "
+            "map, such as a field of a structure by structure.field"
         )
     return array.astype(np.float64)
 

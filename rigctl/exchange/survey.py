@@ -14,7 +14,15 @@ from rigctl.errors import WrongUse
 from rigctl.exchange.labels import Label, label_of, numbered
 from rigctl.exchange.mapping import ImportMap
 from rigctl.exchange.reading import Columns, read_columns
-from rigctl.exchange.resampling import Floats, Track, outliers, resample, sound_track
+from rigctl.exchange.resampling import (
+    Floats,
+    Resampled,
+    Track,
+    is_fast,
+    outliers,
+    resample,
+    sound_track,
+)
 from rigctl.values import SAMPLE_RATE_HZ
 
 COUNTS = 65535
@@ -41,6 +49,20 @@ class Scaling:
     names: tuple[str, ...]
     offset: Floats
     scale: Floats
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether what is stored is what stood in the files."""
+        return bool(np.all(self.offset == 0) and np.all(self.scale == 1))
+
+    def unit(self, named: str) -> str:
+        """What a stored reading is, for the session; ``named``: the map's own unit."""
+        if self.is_plain:
+            return f"{named or 'as in the files'}, 0–{COUNTS}"
+        return (
+            f"0–{COUNTS} from each taxel's lowest to its highest value; "
+            f"scaling events turn it into {named or 'what stood in the files'}"
+        )
 
     def counts(self, values: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
         """Values (n, taxels) as stored, uint16."""
@@ -125,10 +147,10 @@ class _Seen:
         self._names = self._names or names
         track, lines = track_of(columns, self._mapping)
         lines += self._outlier_lines(track)
-        grid, gaps = resample(track, self._mapping.max_gap_s)
+        grid, gaps = resample(track, self._mapping.max_gap_s, self._mapping.low_pass_hz)
         lines += [f"gap from {start:.3f} to {end:.3f} s" for start, end in gaps]
         self.lines += [f"{path.name}: {line}" for line in lines]
-        self._note_range(track)
+        self._note_range(track, grid)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         self.files.append(
             Surveyed(path, label, len(track.time_s), track.rate_hz, grid.count, digest)
@@ -153,8 +175,10 @@ class _Seen:
         first_s = track.time_s[min(row for *_, row in found)]
         return [f"outliers from {first_s:.3f} s on, kept: {where}"]
 
-    def _note_range(self, track: Track) -> None:
-        values = track.values[:, : len(self._names)]
+    def _note_range(self, track: Track, grid: Resampled) -> None:
+        # What is filtered may swing past the rows that it is made of.
+        source = grid.values if is_fast(track.rate_hz) else track.values
+        values = source[:, : len(self._names)]
         low, high = values.min(axis=0), values.max(axis=0)
         self._low = np.minimum(self._low, low) if self._low.size else low
         self._high = np.maximum(self._high, high) if self._high.size else high
@@ -177,10 +201,14 @@ def _rate_lines(files: Sequence[Surveyed], mapping: ImportMap) -> list[str]:
             f"nothing finer than {2 * speed / rate:.2g} mm, {mapping.finest_mm:g} mm need "
             f"{2 * speed / mapping.finest_mm:.0f} Hz"
         )
-    fast = [file for file in files if file.rate_hz > 1.01 * SAMPLE_RATE_HZ]
+    fast = [file for file in files if is_fast(file.rate_hz)]
     if fast:
         lines.append(
             f"{len(fast)} files have more than {SAMPLE_RATE_HZ} rows a second: taken at 1 kHz "
-            "without a filter before"
+            + (
+                f"behind a low-pass of {mapping.low_pass_hz:g} Hz"
+                if mapping.low_pass_hz
+                else "without a filter before, as the map says"
+            )
         )
     return lines

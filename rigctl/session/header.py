@@ -6,7 +6,10 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from rigctl.encoding.normalisation import FULL_SCALE
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
+
+ADC_COUNTS = f"ADC counts, 0–{FULL_SCALE}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +18,8 @@ class SessionHeader:
 
     ``start_utc`` is an ISO 8601 stamp that the command line took, ``start_loop_s`` the loop
     time at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each
-    taxel in ADC counts, empty when there was no calibration. ``simulation`` holds what a
+    taxel in stored counts, empty when there was no calibration. ``sample_unit`` says what a reading
+    is, ``highest_reading`` how high one can be. ``simulation`` holds what a
     simulated bench needs to be repeated (seed, slice length, parameters) and is empty at a
     real one.
     """
@@ -36,6 +40,8 @@ class SessionHeader:
     encoder_preset: str = ""
     n_taxels: int = N_TAXELS
     sample_rate_hz: int = SAMPLE_RATE_HZ
+    sample_unit: str = ADC_COUNTS
+    highest_reading: int = FULL_SCALE
     taxel_low: tuple[int, ...] = ()
     taxel_high: tuple[int, ...] = ()
     simulation: dict[str, Any] = field(default_factory=dict)

@@ -72,8 +72,11 @@ def _stored(kind: str) -> np.dtype[Any]:
     return dtype
 
 
+SAMPLE_UNIT = "attribute `sample_unit`"
+"""What a reading is depends on who made it, so the part's own attribute says it."""
+
 TAXEL_ARRAYS = (
-    Array("/taxels/samples", "u2", "ADC counts, 0–1023", "readings in wire order", True),
+    Array("/taxels/samples", "u2", SAMPLE_UNIT, "readings in wire order", True),
     Array("/taxels/counter", "i8", "samples", "the board's own sample number, unwrapped"),
     Array("/taxels/flags", "u1", "", "bits of the taxel wire's flags; bit 0 is the sync level"),
     Array("/taxels/edges", "u1", "", "sync rises mod 4 in bits 0–1, index marks mod 4 in 2–3"),
@@ -206,7 +209,7 @@ def image(attributes: dict[str, str | int | float], n_taxels: int, texts: tuple[
     with h5py.File("new", "w", driver="core", backing_store=False, libver=LIBVER) as file:
         describe(file, attributes)
         for array in TAXEL_ARRAYS:
-            _create_array(file, array, n_taxels)
+            _create_array(file, array, n_taxels, str(attributes.get("sample_unit", "")))
         for table in TABLES:
             _create_table(file, table)
         for (path, doc), text in zip(TEXTS, texts, strict=True):
@@ -215,7 +218,7 @@ def image(attributes: dict[str, str | int | float], n_taxels: int, texts: tuple[
         return bytes(file.id.get_file_image())
 
 
-def _create_array(file: Any, array: Array, n_taxels: int) -> None:
+def _create_array(file: Any, array: Array, n_taxels: int, sample_unit: str) -> None:
     tail = (n_taxels,) if array.per_taxel else ()
     dataset = file.create_dataset(
         array.path,
@@ -225,7 +228,8 @@ def _create_array(file: Any, array: Array, n_taxels: int) -> None:
         dtype=f"<{array.kind}",
     )
     shape = "(sample, taxel)" if array.per_taxel else "(sample,)"
-    describe(dataset, {"doc": array.doc, "unit": array.unit or "none", "shape": shape})
+    unit = sample_unit if array.per_taxel and sample_unit else array.unit or "none"
+    describe(dataset, {"doc": array.doc, "unit": unit, "shape": shape})
 
 
 def _create_table(file: Any, table: Table) -> None:

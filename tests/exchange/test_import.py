@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 
 from rigctl.cli import main
+from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import ConfigError, WrongUse
 from rigctl.exchange.extra import FILE
 from rigctl.exchange.importing import import_files
@@ -142,6 +143,65 @@ def test_a_gap_at_a_block_edge_is_a_gap(tmp_path: Path, monkeypatch: pytest.Monk
     folder, _ = bring(tmp_path, TIMED, [file])
     report = verify(folder)
     assert (report.problems, report.lost_samples) == ([], 40)
+
+
+def fast_csv(path: Path, hertz: float) -> Path:
+    """Half a second at 8 kHz: a slow wave, and one of so many hertz that folds back at 1 kHz."""
+    time_ms = np.arange(4000) / 8
+    wave = 500 + 200 * np.sin(2 * np.pi * 20 * time_ms / 1000)
+    fine = 200 * np.sin(2 * np.pi * hertz * time_ms / 1000)
+    return write_csv(path, time_ms, np.stack([wave, wave + fine, fine], axis=1))
+
+
+def spectrum(session: Path) -> NDArray[np.float64]:
+    """Amplitude in the file's units at each hertz, float64 (250, 3), ends of the trial left out."""
+    with Session.open(session) as opened:
+        samples = opened.samples(0)[:500].astype(float)
+        data = [event.data for event in opened.events if event.kind == "scaling"]
+    values = samples * np.array([entry["scale"] for entry in data])
+    return 2 * np.abs(np.fft.rfft(values, axis=0))[:250] / len(values)
+
+
+def test_what_is_faster_than_1_khz_passes_a_low_pass_first(tmp_path: Path) -> None:
+    file = fast_csv(tmp_path / "silk_6cm_5N_1.csv", 900)  # would fold back to 100 Hz
+    kept, surveyed = bring(tmp_path, TIMED, [file], "kept")
+    assert "taken at 1 kHz behind a low-pass of 400 Hz" in surveyed.lines[-1]
+    filtered = spectrum(kept)
+    assert filtered[10, 0] == pytest.approx(200, rel=0.02)  # 20 Hz stays: 2 Hz a line
+    assert filtered[50, 1] < 1.0
+    raw, surveyed = bring(tmp_path, TIMED + "[quality]\nlow_pass_hz = 0\n", [file], "raw")
+    assert "without a filter before, as the map says" in surveyed.lines[-1]
+    assert spectrum(raw)[50, 1] == pytest.approx(200, rel=0.05)
+    slow = write_csv(tmp_path / "silk_6cm_5N_2.csv", np.arange(100.0), ramp(100))
+    assert bring(tmp_path, TIMED, [slow], "slow")[1].lines == ()
+
+
+def test_a_filter_stops_at_gaps(tmp_path: Path) -> None:
+    time_ms = np.arange(2000) / 4
+    time_ms[1000:] += 100
+    step = np.where(np.arange(2000) < 1000, 0.0, 1000.0)[:, None] * np.ones(3)
+    file = write_csv(tmp_path / "silk_6cm_5N_1.csv", time_ms, step)
+    folder, _ = bring(tmp_path, TIMED, [file])
+    with Session.open(folder) as session:
+        samples = session.samples(0)
+    assert set(np.unique(samples)) == {0, 65535}
+
+
+def test_the_session_says_what_a_reading_is(tmp_path: Path) -> None:
+    text = TIMED.replace('columns = ["a..c"]', 'columns = ["a..c"]\nunit = "mV"')
+    plain = write_csv(tmp_path / "silk_6cm_5N_1.csv", np.arange(50.0), ramp(50))
+    scaled = write_csv(tmp_path / "silk_6cm_5N_2.csv", np.arange(50.0), ramp(50) / 7)
+    for name, file, unit in (
+        ("plain", plain, "mV, 0–65535"),
+        ("scaled", scaled, "0–65535 from each taxel's lowest to its highest value; scaling events "
+         "turn it into mV"),
+    ):  # fmt: skip
+        folder, _ = bring(tmp_path, text, [file], name)
+        with Session.open(folder) as session:
+            assert session.header.sample_unit == unit
+            assert session.parts[0].documentation()["/taxels/samples"]["unit"] == unit
+            full = Normalisation.full_scale(3, session.header.highest_reading)
+            assert full.clipped(session.samples(0)).sum() == 0 and "0–65535" in full.source
 
 
 def test_sampling_too_slow_for_the_texture_is_told(tmp_path: Path) -> None:

@@ -1,0 +1,145 @@
+"""MATLAB files with structures, cells and texts in them, of both formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from rigctl.errors import WrongUse
+from rigctl.session.reader import Session
+from tests.exchange.test_import import PATTERN, bring
+
+N = 200
+TABLE = np.random.Generator(np.random.Philox(2)).integers(0, 1024, (N, 3)).astype(float)
+TIME_MS = np.arange(float(N))
+WHOLE = {
+    "run": {
+        "clock": {"t": TIME_MS},
+        "skin": TABLE,
+        "load": np.full(N, 2.0),
+        "who": "Jörg",
+        "rate": 1000.0,
+    },
+    "notes": "by hand",
+    "version": 3.0,
+}
+MAP = PATTERN + (
+    '[time]\ncolumn = "run.clock.t"\nunit = "ms"\n[taxels]\ncolumns = ["run.skin1..run.skin3"]\n'
+    '[loadcell]\ncolumn = "run.load"\nunit = "N"\n'
+)
+
+
+def write_73(path: Path, whole: dict[str, Any]) -> Path:
+    """As MATLAB lays out version 7.3: structures are groups, texts are numbers, axes are turned."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_group("#refs#")
+        _put(file, file, whole)
+    return path
+
+
+def _put(file: Any, group: Any, fields: dict[str, Any]) -> None:
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            inner = group.create_group(name)
+            inner.attrs["MATLAB_class"] = np.bytes_("struct")
+            _put(file, inner, value)
+        elif isinstance(value, str):
+            codes = np.array([[ord(letter)] for letter in value], np.uint16)
+            group.create_dataset(name, data=codes).attrs["MATLAB_class"] = np.bytes_("char")
+        elif isinstance(value, list):
+            kind = "struct" if isinstance(value[0], dict) else "cell"
+            group.create_dataset(name, data=_references(file, value)).attrs["MATLAB_class"] = (
+                np.bytes_(kind)
+            )
+        else:
+            array = np.atleast_2d(value).astype(float)
+            array = array.T if array.shape[0] == 1 else array
+            data = group.create_dataset(name, data=array.T)
+            data.attrs["MATLAB_class"] = np.bytes_("double")
+
+
+def _references(file: Any, items: list[Any]) -> Any:
+    hidden = file["#refs#"]
+    found = []
+    for item in items:
+        name = f"x{len(hidden)}"
+        _put(file, hidden, {name: item})
+        found.append([hidden[name].ref])
+    return np.array(found, h5py.ref_dtype)
+
+
+def both(folder: Path, whole: dict[str, Any]) -> list[Path]:
+    (folder / "old").mkdir()
+    (folder / "new").mkdir()
+    old, new = (folder / name / "silk_6cm_5N_1.mat" for name in ("old", "new"))
+    savemat(old, whole)
+    return [old, write_73(new, whole)]
+
+
+def test_fields_of_structures_are_named_with_dots(tmp_path: Path) -> None:
+    for number, path in enumerate(both(tmp_path, WHOLE)):
+        folder, surveyed = bring(tmp_path, MAP, [path], f"s{number}")
+        assert surveyed.lines == ()
+        with Session.open(folder) as session:
+            np.testing.assert_array_equal(session.samples(0), TABLE)
+            assert session.drum(0).loadcell["force_g"].mean() == pytest.approx(203.94, abs=0.01)
+
+
+def test_a_structure_can_be_the_variable(tmp_path: Path) -> None:
+    text = PATTERN + ('[time]\ncolumn = "clock.t"\nunit = "ms"\n[taxels]\ncolumns = ["skin2"]\n')
+    text = text.replace("[files]\n", '[files]\nvariable = "run"\n')
+    for number, path in enumerate(both(tmp_path, WHOLE)):
+        folder, _ = bring(tmp_path, text, [path], f"s{number}")
+        with Session.open(folder) as session:
+            np.testing.assert_array_equal(session.samples(0), TABLE[:, 1:2])
+
+
+def test_arrays_of_structures_and_cells_are_numbered_from_one(tmp_path: Path) -> None:
+    whole = {
+        "trial": [{"skin": TABLE[:, k], "no": k + 1.0} for k in range(3)],
+        "cells": [TIME_MS, "text", np.eye(2)],
+    }
+    taxels = '"trial.1.skin", "trial.2.skin", "trial.3.skin"'
+    text = PATTERN + f'[time]\ncolumn = "cells.1"\nunit = "ms"\n[taxels]\ncolumns = [{taxels}]\n'
+    mat5 = dict(whole)
+    mat5["cells"] = np.array([TIME_MS, "text", np.eye(2)], dtype=object)  # type: ignore[assignment]
+    kind = [("skin", object), ("no", object)]
+    mat5["trial"] = np.array([(t["skin"], t["no"]) for t in whole["trial"]], dtype=kind)  # type: ignore[assignment, index]
+    (tmp_path / "old").mkdir()
+    (tmp_path / "new").mkdir()
+    old = tmp_path / "old" / "silk_6cm_5N_1.mat"
+    savemat(old, mat5)
+    new = write_73(tmp_path / "new" / old.name, whole)
+    for number, path in enumerate((old, new)):
+        folder, _ = bring(tmp_path, text, [path], f"s{number}")
+        with Session.open(folder) as session:
+            np.testing.assert_array_equal(session.samples(0), TABLE)
+
+
+def test_what_a_matlab_file_lacks_is_named(tmp_path: Path) -> None:
+    for number, path in enumerate(both(tmp_path, WHOLE)):
+        for old, new, said in (
+            ("run.skin1..run.skin3", "run.skin1..run.skin4", r"no column 'run\.skin4'"),
+            ("run.skin1..run.skin3", "run.who", r"run\.who holds no plain numbers"),
+            ("run.clock.t", "run.rate", "are not columns of one length"),
+        ):
+            with pytest.raises(WrongUse, match=f"{path.parent.name}/silk.*{said}"):
+                bring(tmp_path, MAP.replace(old, new), [path], f"x{number}")
+        absent = MAP.replace("[files]\n", '[files]\nvariable = "walk"\n')
+        with pytest.raises(WrongUse, match=r"no variable 'walk': it has .*run\.clock\.t"):
+            bring(tmp_path, absent, [path], f"x{number}")
+
+
+def test_cut_matlab_files_are_sentences(tmp_path: Path) -> None:
+    for path in both(tmp_path, WHOLE):
+        whole = path.read_bytes()
+        for tenths in range(1, 10):
+            path.write_bytes(whole[: len(whole) * tenths // 10])
+            with pytest.raises(WrongUse, match=str(path)):
+                bring(tmp_path, MAP, [path], "cut")
+    assert not (tmp_path / "cut").exists()
