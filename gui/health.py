@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QWidget
 
 from gui.labels import elastic, label, set_property
 from gui.lamp import Lamp, Level
-from gui.status import RecordingStatus, Status
+from gui.status import BoardStatus, RecordingStatus, Status
 from gui.theme import Theme
 from gui.words import age, duration, size
 from rigctl.values import SAMPLE_RATE_HZ
@@ -21,6 +21,7 @@ CLOCK_LIMIT_PPM = 5000.0
 DISK_HOURS_LIMIT = 1.0
 DISK_FREE_LIMIT_BYTES = 2_000_000_000
 TRIAL_AGE_LIMIT_S = 180.0
+SUPPLY_LIMITS_V = (4.6, 5.4)
 
 
 class Reading(NamedTuple):
@@ -39,6 +40,7 @@ CELLS = {
     "loadcell": ("Load cell lost", "Load-cell samples that never arrived"),
     "disk": ("Disk left", "Free space, and how long it lasts at the rate now being written"),
     "clock": ("Clocks (ppm)", "How fast the clocks of drum and taxel board run; up to ±5000 ppm"),
+    "boards": ("Boards", "Supply of the taxel board, its self-test, and why the boards restarted"),
     "trial": ("Last trial", "Time since a trial was committed; during a run up to 3 min"),
 }
 
@@ -69,6 +71,7 @@ class HealthStrip(QWidget):
         """Judge a fresh status."""
         for key, reading in readings(status, since_trial_s).items():
             self.cells[key].show_reading(reading)
+        self.cells["boards"].show_hint("\n".join([CELLS["boards"][1], *board_lines(status.boards)]))
 
 
 def readings(status: Status, since_trial_s: float | None) -> dict[str, Reading]:
@@ -82,6 +85,7 @@ def readings(status: Status, since_trial_s: float | None) -> dict[str, Reading]:
         "loadcell": _count(status.loadcell_lost, status.drum_connected),
         "disk": _disk(status.recording),
         "clock": _clock(status.clock_ppm),
+        "boards": _boards(status.boards),
         "trial": _trial(since_trial_s, status.run.state == "running"),
     }
 
@@ -126,6 +130,34 @@ def _clock(ppm: Mapping[str, float | None]) -> Reading:
     return Reading(text, _judge(max(map(abs, known)) <= CLOCK_LIMIT_PPM))
 
 
+def _boards(boards: Mapping[str, BoardStatus]) -> Reading:
+    """The worst that the boards say of themselves, else the supply."""
+    supply_v = boards["taxels"].supply_v if "taxels" in boards else None
+    if not boards:
+        return Reading("–", Level.OFF)
+    if found := sum(len(board.self_test or ()) for board in boards.values()):
+        return Reading(f"{found} found", Level.BAD)
+    if any(board.unwanted for board in boards.values()):
+        return Reading("restarted", Level.BAD)
+    if supply_v is None:
+        return Reading("–", Level.OFF)
+    low_v, high_v = SUPPLY_LIMITS_V
+    return Reading(f"{supply_v:.2f} V", _judge(low_v <= supply_v <= high_v))
+
+
+def board_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
+    """All that each board says of itself, and what its self-test found, a line each."""
+    lines = []
+    for name, board in boards.items():
+        supply = "" if board.supply_v is None else f", supply {board.supply_v:.2f} V"
+        lines.append(
+            f"{name}: firmware {board.firmware}, start {board.boot_count} by {board.reset}{supply}"
+        )
+        if board.self_test is not None:
+            lines += board.self_test or ["self-test: nothing found"]
+    return lines
+
+
 def _trial(seconds: float | None, running: bool) -> Reading:
     if seconds is None:
         return Reading("–", Level.OFF)
@@ -150,6 +182,11 @@ class _Cell(QFrame):
         grid.addWidget(self.lamp, 0, 2)
         grid.addWidget(self.value, 1, 0, 1, 3)
         grid.setColumnStretch(0, 1)
+
+    def show_hint(self, hint: str) -> None:
+        """Say more where the pointer rests."""
+        if self.toolTip() != hint:
+            self.setToolTip(hint)
 
     def show_reading(self, reading: Reading) -> None:
         """Show another value and verdict."""

@@ -10,7 +10,9 @@ from PySide6.QtWidgets import QPlainTextEdit
 from gui.theme import Theme
 
 LINES_KEPT = 2000
-BAD_KINDS = frozenset({"fault", "refused", "lost", "link", "gap", "disk", "failed", "stop"})
+BAD_KINDS = frozenset(
+    {"fault", "refused", "lost", "link", "gap", "disk", "failed", "stop", "check"}
+)
 
 
 class Logbook(QPlainTextEdit):

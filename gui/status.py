@@ -57,6 +57,18 @@ class RunStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class BoardStatus:
+    """What a board says of itself; ``self_test`` None before it is known."""
+
+    firmware: str = ""
+    boot_count: int = 0
+    reset: str = ""
+    unwanted: bool = False
+    supply_v: float | None = None
+    self_test: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Status:
     """The whole rig as the engine told it, ten times a second."""
 
@@ -85,6 +97,7 @@ class Status:
     poll_age_s: float | None = None
     loadcell_lost: int = 0
     clock_ppm: Mapping[str, float | None] = field(default_factory=dict)
+    boards: Mapping[str, BoardStatus] = field(default_factory=dict)
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
 
@@ -94,6 +107,7 @@ def read_status(data: Mapping[str, Any]) -> Status:
     known = dict(data)
     known["state"] = _state(data.get("state"))
     known["recording"] = _fill(RecordingStatus, data.get("recording") or {})
+    known["boards"] = {name: _board(said) for name, said in (data.get("boards") or {}).items()}
     known["run"] = _run(data.get("run") or {})
     return _fill(Status, known)
 
@@ -104,6 +118,11 @@ def _run(data: Mapping[str, Any]) -> RunStatus:
     prompt = data.get("prompt")
     known["prompt"] = _fill(Prompt, prompt) if prompt else None
     return _fill(RunStatus, known)
+
+
+def _board(data: Mapping[str, Any]) -> BoardStatus:
+    found = data.get("self_test")
+    return _fill(BoardStatus, {**data, "self_test": None if found is None else tuple(found)})
 
 
 def _state(value: Any) -> State | None:

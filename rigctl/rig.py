@@ -122,7 +122,7 @@ def _simulated_rig(
         config,
         loop,
         Drum(simulation.drum, loop),
-        Taxels(simulation.taxels, loop),
+        Taxels(simulation.taxels, loop, array=config.taxels),
         simulation,
     )
 
@@ -151,6 +151,7 @@ def _bench(path: Path, config: RigConfig) -> Rig:
             open_link(ports[TAXELS], TAXELS, loop),
             loop,
             _whos_there(path, ports[TAXELS], TAXELS, loop),
+            config.taxels,
         )
     except BaseException:
         loop.close()

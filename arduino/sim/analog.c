@@ -27,20 +27,34 @@ static uint32_t millivolts(int code)
     return (code * MILLIVOLTS + SIMAVR_STEPS - 1) / SIMAVR_STEPS;
 }
 
-/* The code that a sample taken now converts to. */
-static int code_now(const sim_board *board, int channel)
+/* The row of the slice in which now lies, and the share of it that has passed. */
+static int row_now(const sim_board *board, double *passed)
+{
+    double length = (double)(board->slice_end - board->slice_start), place;
+    int row, last = board->exchange.analog_rows - 1;
+    *passed = 0;
+    if (last <= 0 || length <= 0) return 0;
+    place = (double)(board->avr->cycle - board->slice_start) / length * last;
+    row = place < last ? (int)place : last - 1;
+    *passed = place - row;
+    return row;
+}
+
+/* What the world puts on a channel now, as a share of the reference. */
+double share_now(const sim_board *board, int channel)
 {
     const sim_exchange *x = &board->exchange;
-    double length = (double)(board->slice_end - board->slice_start), share = 0;
-    int row = 0, last = x->analog_rows - 1;
-    if (last > 0 && length > 0) {
-        share = (double)(board->avr->cycle - board->slice_start) / length * last;
-        row = share < last ? (int)share : last - 1;
-        share -= row;
-    }
-    double here = x->analog[row][channel], next = last > 0 ? x->analog[row + 1][channel] : here;
-    double level = here + (next - here) * share;
-    return (int)(level * FULL_SCALE + x->analog_noise[row][channel] + 0.5);
+    double passed;
+    int row = row_now(board, &passed);
+    double here = x->analog[row][channel];
+    return x->analog_rows > 1 ? here + (x->analog[row + 1][channel] - here) * passed : here;
+}
+
+static int code_of(const sim_board *board, double share, int channel)
+{
+    double passed;
+    int row = row_now(board, &passed);
+    return (int)(share * FULL_SCALE + board->exchange.analog_noise[row][channel] + 0.5);
 }
 
 /* The line that is driven, or -1 when none or several are, or one floats. */
@@ -65,7 +79,10 @@ static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
     } else if (input > 0) {
         channel = -1;
     }
-    if (channel >= 0) level = millivolts(code_now(board, channel));
+    if (board->kind == SIM_TAXELS && input < INPUTS && sensor_is_odd(board))
+        level = millivolts(code_of(board, sensor_share(board, input), input));
+    else if (channel >= 0)
+        level = millivolts(code_of(board, share_now(board, channel), channel));
     /* simavr looks at the multiplexer only when ADCL is read: all channels hold the sample. */
     for (int c = 0; c < CHANNELS; c++) board->adc->adc_values[c] = level;
     if (board->exchange.report_samples) report_edge(board, SIM_OUT_SAMPLE, channel);

@@ -135,6 +135,7 @@ sim_board *sim_open(const char *image, int kind)
     analog_open(board);
     pins_open(board);
     if (kind == SIM_DRUM) loadcell_open(board);
+    else sensor_open(board);
     profile_open(board);
     sim_reset(board, 1);
     board->exchange.resets = 0;

@@ -68,6 +68,7 @@ struct sim_board {
     uint64_t slice_start, slice_end;
     void (*chip_reset)(struct avr_t *avr);
     avr_adc_t *adc;
+    avr_io_read_t pins_read; /* taxels: simavr's own reading of port D */
     struct serial serial;
     struct loadcell loadcell;
     struct inputs inputs;
@@ -116,6 +117,12 @@ void serial_run(sim_board *board, uint64_t now);
 
 /* analog.c */
 void analog_open(sim_board *board);
+double share_now(const sim_board *board, int channel);
+
+/* sensor.c */
+void sensor_open(sim_board *board);
+int sensor_is_odd(const sim_board *board);
+double sensor_share(const sim_board *board, int input);
 
 /* loadcell.c */
 void loadcell_open(sim_board *board);

@@ -71,6 +71,10 @@ typedef struct sim_exchange {
     int32_t report_steps;              /* 1: report SIM_OUT_STEP edges */
     int32_t analog_rows;               /* 1: constant, row 0 */
     int32_t watch_interrupts;          /* 1: look at the interrupt flag after each instruction */
+    /* The sensor's wiring, a bit a line or an input: held by a short, connected to each other,
+     * without a divider. */
+    int32_t lines_low, lines_high, lines_together;
+    int32_t inputs_low, inputs_high, inputs_together, inputs_open;
     /* in, consumed by sim_run */
     int32_t rx_count;
     int32_t input_count;

@@ -7,6 +7,7 @@
 #include "chip_boot.h"
 #include "chip_sampling.h"
 #include "chip_serial.h"
+#include "chip_test.h"
 #include "request.h"
 #include "wire.h"
 
@@ -18,7 +19,7 @@ uint16_t boots;
 uint16_t idle_permille;
 uint32_t ring_full;     // frames that found no room in the ring
 bool identity_due = true;
-bool status_due, test_running;
+bool status_due, tested_due;
 uint8_t since_status;
 RequestParser parser;
 
@@ -64,15 +65,22 @@ void wait_for_frame()
     }
 }
 
-void send_data()
+void send_data(const Frame &frame)
 {
     uint8_t wire[WIRE_MAX];
-    uint8_t size = write_data(take_frame(), dropped(), wire);
+    uint8_t size = write_data(frame, dropped(), wire);
     if (!serial_send(wire, size)) ring_full++;
     if (++since_status == STATUS_EVERY) {
         since_status = 0;
         status_due = true;
     }
+}
+
+uint8_t test_bits()
+{
+    const SelfTest &test = last_self_test();
+    return uint8_t((test.count ? TEST_DONE : 0) | (found_fault(test) ? TEST_FOUND : 0) |
+                   (self_test_running() ? TEST_RUNNING : 0));
 }
 
 bool send_status()
@@ -85,6 +93,8 @@ bool send_status()
     status.boot_count = boots;
     status.free_stack_bytes = free_stack_bytes();
     status.idle_permille = idle_permille;
+    status.supply_mv = supply_mv();
+    status.self_test = test_bits();
     return serial_send(wire, write_status(status, wire));
 }
 
@@ -94,20 +104,22 @@ bool send_identity()
     return serial_send(wire, write_identity(boots, reset_cause(), wire));
 }
 
+bool send_tested()
+{
+    uint8_t wire[WIRE_MAX];
+    return serial_send(wire, write_tested(last_self_test(), wire));
+}
+
 void take_requests()
 {
     uint8_t byte;
     while (serial_receive(byte)) {
         uint8_t type = parser.feed(byte);
-        if (type == TYPE_IDENTIFY) identity_due = true;
-        if (type == TYPE_SELF_TEST) {
-            request_self_test();
-            test_running = true;
+        if (type == TYPE_IDENTIFY) {
+            identity_due = true;
+            tested_due = last_self_test().count != 0;
         }
-    }
-    if (test_running && self_test_done()) {
-        test_running = false;
-        status_due = true;
+        if (type == TYPE_SELF_TEST) begin_self_test();
     }
 }
 
@@ -115,6 +127,7 @@ void take_requests()
 void send_what_is_due()
 {
     if (identity_due) identity_due = !send_identity();
+    if (tested_due && !identity_due) tested_due = !send_tested();
     if (status_due && !identity_due) status_due = !send_status();
 }
 
@@ -125,6 +138,7 @@ int main()
     boots = count_boot();
     serial_begin();
     sampling_begin();
+    begin_self_test();
     set_sleep_mode(SLEEP_MODE_IDLE);
     wdt_enable(WDTO_60MS);
     sei();
@@ -134,7 +148,9 @@ int main()
 #ifndef NEVER_KICK_WATCHDOG
         wdt_reset();
 #endif
-        send_data();
+        const Frame &frame = take_frame();
+        send_data(frame);
+        if (continue_self_test(frame)) tested_due = true;
         take_requests();
         look_at_stack();
         send_what_is_due();

@@ -29,7 +29,8 @@ const uint16_t LATE_AFTER = SLOT_CYCLES - 200;
 const uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADATE) | _BV(ADPS2) | _BV(ADPS0);
 const uint8_t ISR_FRAME_CYCLES = 163;        // entry, saving and restoring registers, reti
 
-#define SETUP(line, input) {uint8_t(PORTD_REST | 1 << (LINE_SHIFT + (line))), uint8_t(_BV(REFS0) | (input))}
+#define SETUP(line, input) \
+    {uint8_t(PORTD_IDLE ^ 1 << LINE_BIT[line]), uint8_t(_BV(REFS0) | INPUT_CHANNEL[input])}
 #define ROW(line) SETUP(line, 0), SETUP(line, 1), SETUP(line, 2), \
                   SETUP(line, 3), SETUP(line, 4), SETUP(line, 5)
 
@@ -37,7 +38,7 @@ const uint8_t ISR_FRAME_CYCLES = 163;        // entry, saving and restoring regi
 struct Setup {
     uint8_t lines, mux;
 };
-Setup setup[SLOTS] = {ROW(0), ROW(1), ROW(2), {PORTD_REST, BANDGAP}, {PORTD_REST, BANDGAP}};
+Setup setup[SLOTS] = {ROW(0), ROW(1), ROW(2), {PORTD_IDLE, BANDGAP}, {PORTD_IDLE, BANDGAP}};
 
 Frame frames[2];
 Frame *filling = &frames[0], *closed = &frames[1];
@@ -46,9 +47,17 @@ uint8_t slot;                   // the slot whose conversion ends next
 uint8_t frame_flags;
 bool running;                   // a first frame has begun
 uint32_t samples;
-uint16_t late_slots, missed, longest, bandgap;
-uint8_t self_test;
-volatile bool self_test_wanted;
+uint16_t late_slots, missed, longest;
+
+// What the spare slots are asked for. A self-test has slot 19 convert an input instead of the
+// bandgap, its line tests lie between the two.
+volatile uint8_t spare_pulls;   // pull-ups of port C during slot 19
+volatile uint8_t spare_asked;   // number of the order; served when it comes back
+volatile uint8_t line_asked;    // mask of the line to test, 0: none
+uint8_t spare_taken;
+volatile uint8_t spare_served;
+uint16_t spare_reading;
+LineTest line_found;
 
 uint8_t pins;                   // sync and index as last seen
 uint8_t sync_mod4, index_mod4;  // of the frame being filled
@@ -73,7 +82,11 @@ inline void note_duration(uint16_t entered)
 inline void close_frame()
 {
     Frame *full = filling;
+#ifdef STUCK_FRAME_COUNTER
+    full->counter = samples;
+#else
     full->counter = samples++;
+#endif
     full->edges = uint8_t((sync_mod4 & 3) | (index_mod4 & 3) << 2);
     full->flags = uint8_t(frame_flags | ((pins ^ late_toggles) & SYNC_MASK));
     frame_flags = late_marks ? FLAG_INDEX : 0;
@@ -87,29 +100,34 @@ inline void close_frame()
     store = filling->reading;
 }
 
-// Each line must follow its driver: high, then low again, read back at the pin.
-__attribute__((noinline)) uint8_t test_lines()
+// One line follows its driver to both levels while the others only listen: what does not
+// follow is stuck, what follows with it is connected to it. About 60 cycles.
+__attribute__((noinline)) void test_line(uint8_t line)
 {
-    uint8_t stuck = 0;
-    for (uint8_t line = 0; line < LINES; line++) {
-        uint8_t mask = uint8_t(1 << (LINE_SHIFT + line));
-        PORTD = PORTD_REST | mask;
-        __asm__ volatile("nop\n nop\n nop");
-        uint8_t high = PIND;
-        PORTD = PORTD_REST;
-        __asm__ volatile("nop\n nop\n nop");
-        if (!(high & mask) || (PIND & mask)) stuck |= uint8_t(1 << line);
-    }
-    return stuck | 1 << 3;
+    const uint8_t others = LINE_MASK & uint8_t(~line);
+    DDRD = line;
+    PORTD = uint8_t(PORTD_IDLE ^ line);
+    __asm__ volatile("nop\n nop\n nop\n nop");
+    uint8_t driven = PIND;
+    PORTD = PORTD_IDLE;
+    __asm__ volatile("nop\n nop\n nop\n nop");
+    uint8_t rested = PIND;
+    DDRD = LINE_MASK;
+    uint8_t high = DRIVE_HIGH ? driven : rested, low = DRIVE_HIGH ? rested : driven;
+    if (!(high & line)) line_found.low |= line;
+    if (low & line) line_found.high |= line;
+    uint8_t with_it = uint8_t(driven ^ rested) & others;
+    if (with_it) line_found.together |= line | with_it;
 }
 
-void spare_slot(uint8_t done, uint16_t reading)
+inline void spare_slot(uint8_t done, uint16_t reading)
 {
     if (done == BANDGAP_SLOT) {
-        bandgap = reading;
-    } else if (self_test_wanted) {
-        self_test = test_lines();
-        self_test_wanted = false;
+        spare_reading = reading;
+        spare_served = spare_taken;
+    } else if (line_asked) {
+        test_line(line_asked);
+        line_asked = 0;
     }
 }
 
@@ -197,10 +215,12 @@ extern "C" void __vector_adc_slow()
     uint8_t next = after(overrun ? after(done) : done);
     PORTD = setup[next].lines;
     ADMUX = setup[next].mux;
+    PORTC = next == BANDGAP_SLOT ? spare_pulls : 0;
 #ifndef NEVER_CLEAR_COMPARE
     TIFR1 = _BV(OCF1B);
 #endif
     slot = next;
+    if (next == BANDGAP_SLOT) spare_taken = spare_asked;
     if (overrun || entered > LATE_AFTER) note_late(overrun);
     // Once, or twice where the trigger of one slot was lost: its place is filled, the
     // millisecond stays.
@@ -218,7 +238,7 @@ ISR(PCINT0_vect)
     bool passed = slot == 0 && (TIFR1 & _BV(OCF1B));
     uint16_t entered = TCNT1;
     uint16_t captured = ICR1;
-    uint8_t now = PINB & (SYNC_MASK | INDEX_MASK);
+    uint8_t now = PINB & WATCHED_MASK;
     uint8_t rose = now & uint8_t(~pins);
     if (rose & SYNC_MASK) {
         sync_rises++;
@@ -251,12 +271,12 @@ static void warm_up()
 
 void sampling_begin()
 {
-    DDRD = LINE_MASK;
     PORTD = setup[0].lines;
-    PORTB = uint8_t(~(SYNC_MASK | INDEX_MASK)) & 0x3F;
+    DDRD = LINE_MASK;
+    PORTB = uint8_t(~WATCHED_MASK) & 0x3F;
     DIDR0 = 0x3F;
-    pins = PINB & (SYNC_MASK | INDEX_MASK);
-    PCMSK0 = SYNC_MASK | INDEX_MASK;
+    pins = PINB & WATCHED_MASK;
+    PCMSK0 = WATCHED_MASK;
     PCICR = _BV(PCIE0);
     warm_up();
     ADCSRB = _BV(ADTS2) | _BV(ADTS0);
@@ -286,25 +306,71 @@ uint16_t missed_frames()
 
 void report_sampling(Status &status)
 {
-    uint16_t reading;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
         status.samples = samples;
         status.late_slots = late_slots;
         status.longest_isr_cycles = longest + ISR_FRAME_CYCLES;
         status.sync_rises = sync_rises;
-        status.self_test = self_test;
-        reading = bandgap;
     }
-    status.supply_mv = reading ? uint16_t(uint32_t(BANDGAP_MV) * 1024 / reading) : 0;
 }
 
-void request_self_test()
+void ask_bandgap()
 {
-    self_test_wanted = true;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        setup[BANDGAP_SLOT].mux = BANDGAP;
+        spare_pulls = 0;
+        spare_asked++;
+    }
 }
 
-bool self_test_done()
+void ask_input(uint8_t input, uint8_t pulled_inputs)
 {
-    return !self_test_wanted;
+    uint8_t pulls = 0;
+    for (uint8_t i = 0; i < INPUTS; i++)
+        if (pulled_inputs >> i & 1) pulls |= uint8_t(1 << INPUT_CHANNEL[i]);
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        setup[BANDGAP_SLOT].mux = uint8_t(_BV(REFS0) | INPUT_CHANNEL[input]);
+        spare_pulls = pulls;
+        spare_asked++;
+    }
+}
+
+bool spare_answered(uint16_t &reading)
+{
+    bool answered;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        answered = spare_served == spare_asked;
+        reading = spare_reading;
+    }
+    return answered;
+}
+
+void ask_line(uint8_t line)
+{
+    line_asked = uint8_t(1 << LINE_BIT[line]);
+}
+
+bool line_answered()
+{
+    return line_asked == 0;
+}
+
+static uint8_t lines_of(uint8_t port_bits)
+{
+    uint8_t lines = 0;
+    for (uint8_t line = 0; line < LINES; line++)
+        if (port_bits >> LINE_BIT[line] & 1) lines |= uint8_t(1 << line);
+    return lines;
+}
+
+LineTest take_line_tests()
+{
+    LineTest found = {lines_of(line_found.low), lines_of(line_found.high),
+                      lines_of(line_found.together)};
+    line_found = LineTest();
+    return found;
 }

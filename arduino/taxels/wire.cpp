@@ -17,6 +17,13 @@ uint8_t *put32(uint8_t *at, uint32_t value)
     return put16(put16(at, uint16_t(value)), uint16_t(value >> 16));
 }
 
+uint8_t *put24(uint8_t *at, uint32_t value)
+{
+    at = put16(at, uint16_t(value));
+    *at++ = uint8_t(value >> 16);
+    return at;
+}
+
 uint8_t close_frame(uint8_t *body, uint8_t size, uint8_t *wire)
 {
     put32(body + size, crc32(body, size));
@@ -57,7 +64,7 @@ uint8_t write_status(const Status &status, uint8_t *wire)
     uint8_t body[STATUS_SIZE + CRC_SIZE];
     uint8_t *at = body;
     *at++ = TYPE_STATUS;
-    *at++ = 1;
+    *at++ = WIRE_VERSION;
     at = put32(at, status.samples);
     at = put32(at, status.dropped);
     at = put16(at, status.late_slots);
@@ -78,7 +85,7 @@ uint8_t write_identity(uint16_t boot_count, uint8_t reset_cause, uint8_t *wire)
     uint8_t *at = body;
     *at++ = TYPE_IDENTITY;
     at = put16(at, 0x5247);
-    *at++ = 1;
+    *at++ = WIRE_VERSION;
     *at++ = 2;
     at = put16(at, uint16_t(FIRMWARE_MAJOR << 8 | FIRMWARE_MINOR));
     at = put32(at, BUILD_HASH);
@@ -89,4 +96,25 @@ uint8_t write_identity(uint16_t boot_count, uint8_t reset_cause, uint8_t *wire)
     at = put16(at, SLOT_CYCLES);
     *at++ = SLOTS;
     return close_frame(body, IDENTITY_SIZE, wire);
+}
+
+uint8_t write_tested(const SelfTest &test, uint8_t *wire)
+{
+    uint8_t body[TESTED_SIZE + CRC_SIZE];
+    uint8_t *at = body;
+    *at++ = TYPE_TESTED;
+    *at++ = WIRE_VERSION;
+    *at++ = test.count;
+    *at++ = test.tested;
+    *at++ = test.lines_low;
+    *at++ = test.lines_high;
+    *at++ = test.lines_together;
+    *at++ = test.inputs_high;
+    *at++ = test.inputs_low;
+    *at++ = test.inputs_open;
+    *at++ = test.inputs_together;
+    at = put24(at, test.silent);
+    at = put24(at, test.full);
+    *at = 0;  // spare
+    return close_frame(body, TESTED_SIZE, wire);
 }

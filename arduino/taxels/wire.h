@@ -5,12 +5,16 @@
 #include <stdint.h>
 
 #include "board.h"
+#include "self_test.h"
+
+const uint8_t WIRE_VERSION = 2;
 
 const uint8_t TYPE_IDENTIFY = 0x01;   // host → board
 const uint8_t TYPE_SELF_TEST = 0x02;  // host → board
 const uint8_t TYPE_IDENTITY = 0x10;
 const uint8_t TYPE_DATA = 0x11;
 const uint8_t TYPE_STATUS = 0x12;
+const uint8_t TYPE_TESTED = 0x13;
 
 const uint8_t FLAG_SYNC = 1 << 0;     // level of the sync line when the frame was closed
 const uint8_t FLAG_INDEX = 1 << 1;    // an index mark began in this frame
@@ -23,6 +27,7 @@ const uint8_t CRC_SIZE = 4;
 const uint8_t DATA_SIZE = 27;
 const uint8_t STATUS_SIZE = 26;
 const uint8_t IDENTITY_SIZE = 20;
+const uint8_t TESTED_SIZE = 18;
 const uint8_t WIRE_MAX = DATA_SIZE + CRC_SIZE + 2;
 
 // One millisecond of samples as it was closed.
@@ -32,6 +37,11 @@ struct Frame {
     uint8_t flags;             // FLAG_ bits
     uint8_t edges;             // sync rises mod 4 in bits 0–1, index marks mod 4 in bits 2–3
 };
+
+// Bits of Status::self_test.
+const uint8_t TEST_DONE = 1 << 0;
+const uint8_t TEST_FOUND = 1 << 1;    // it found something
+const uint8_t TEST_RUNNING = 1 << 2;
 
 struct Status {
     uint32_t samples;
@@ -44,12 +54,13 @@ struct Status {
     uint16_t free_stack_bytes;
     uint16_t idle_permille;
     uint16_t sync_rises;
-    uint8_t self_test;         // bits 0–2: line stuck, bit 3: done
+    uint8_t self_test;
 };
 
 // Each writes a complete frame, closing zero included, and returns its size.
 uint8_t write_data(const Frame &frame, uint32_t dropped, uint8_t *wire);
 uint8_t write_status(const Status &status, uint8_t *wire);
 uint8_t write_identity(uint16_t boot_count, uint8_t reset_cause, uint8_t *wire);
+uint8_t write_tested(const SelfTest &test, uint8_t *wire);
 
 #endif

@@ -8,6 +8,7 @@ import json
 from typing import Any
 
 from rigctl.devices.ports import PortReport, look_at_all
+from rigctl.wire.reset import reset_words
 
 
 def add_parser(subparsers: Any) -> None:
@@ -31,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     elif not reports:
         print("no serial port found: plug a board in")
     for report in reports if not args.json else ():
-        print(_as_line(report))
+        print("\n  ".join([_as_line(report), *_findings(report)]))
     return 0
 
 
@@ -43,10 +44,18 @@ def _as_line(report: PortReport) -> str:
     board = report.identity
     if board is None:
         return f"{report.port}: {report.text}"
+    supply = "" if report.supply_v is None else f", supply {report.supply_v:.2f} V"
     return (
         f"{report.port}: {board.board} board, firmware {board.firmware_version}, "
-        f"build {board.build_hash}, boot {board.boot_count}"
+        f"build {board.build_hash}, boot {board.boot_count} by {reset_words(board.reset_cause)}"
+        f"{supply}"
     )
+
+
+def _findings(report: PortReport) -> tuple[str, ...]:
+    if report.self_test is None:
+        return ()
+    return report.self_test or ("self-test: nothing found",)
 
 
 def _as_json(report: PortReport) -> dict[str, object]:
@@ -58,5 +67,8 @@ def _as_json(report: PortReport) -> dict[str, object]:
         "firmware": board.firmware_version if board else None,
         "build": board.build_hash if board else None,
         "boot_count": board.boot_count if board else None,
+        "reset": reset_words(board.reset_cause) if board else None,
+        "supply_v": report.supply_v,
+        "self_test": None if report.self_test is None else list(report.self_test),
         "text": report.text,
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from serial.tools import list_ports
 
@@ -24,12 +24,17 @@ TAXELS_GATHER_S = 0.01
 
 @dataclass(frozen=True, slots=True)
 class PortReport:
-    """A port, and who answered on it: an identity, or a sentence why nobody did."""
+    """A port, and who answered on it: an identity, or a sentence why nobody did.
+
+    ``supply_v`` and ``self_test``, what it found, are known of a taxel board only.
+    """
 
     port: str
     description: str
     identity: BoardIdentity | None
     text: str
+    supply_v: float | None = None
+    self_test: tuple[str, ...] | None = None
 
 
 def open_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteLink:
@@ -46,12 +51,31 @@ def open_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteLin
 
 async def ask(port: str, board: str, loop: asyncio.AbstractEventLoop) -> BoardIdentity:
     """Ask ``port`` in the language of ``board``; the port is closed again. Raises RigFault."""
+    report = await _ask(port, "", board, loop)
+    assert report.identity is not None
+    return report.identity
+
+
+async def _ask(
+    port: str, description: str, board: str, loop: asyncio.AbstractEventLoop
+) -> PortReport:
     link = open_link(port, board, loop)
     device = Drum(link, loop) if board == DRUM else Taxels(link, loop)
     try:
-        return await device.connect()
+        identity = await device.connect()
+        report = PortReport(port, description, identity, "")
+        return _with_health(report, device) if isinstance(device, Taxels) else report
     finally:
         device.close()
+
+
+def _with_health(report: PortReport, taxels: Taxels) -> PortReport:
+    millivolts = taxels.status.supply_mv if taxels.status else 0
+    return replace(
+        report,
+        supply_v=millivolts / 1000 if millivolts else None,
+        self_test=tuple(taxels.findings) if taxels.self_test else None,
+    )
 
 
 async def look(port: str, description: str, loop: asyncio.AbstractEventLoop) -> PortReport:
@@ -59,7 +83,7 @@ async def look(port: str, description: str, loop: asyncio.AbstractEventLoop) -> 
     reason = ""
     for board in (DRUM, TAXELS):
         try:
-            return PortReport(port, description, await ask(port, board, loop), "")
+            return await _ask(port, description, board, loop)
         except LinkLost as lost:
             reason = str(lost)
             if "answered" not in reason:

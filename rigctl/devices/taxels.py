@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from rigctl.config import ADC_MAX, TaxelArray
 from rigctl.devices.identity import WhosThere, explain, taxel_identity
 from rigctl.devices.link import BoardRebooted, ByteLink
 from rigctl.errors import LinkLost, RigFault, WrongBoard
 from rigctl.values import Block, BoardIdentity
+from rigctl.wire.taxel_test import SelfTest, findings
 from rigctl.wire.taxels import (
     IDENTIFY,
+    SELF_TEST,
     Decoded,
     FrameDecoder,
     TaxelIdentity,
@@ -26,7 +31,11 @@ SILENCE_S = 0.2
 """Without a byte for so long the board counts as lost."""
 CHECK_S = 0.05
 
+TEST_S = 1.0
+"""A self-test takes 21 ms; its outcome may wait behind samples."""
+
 OnBlock = Callable[[Block], None]
+OnTest = Callable[[SelfTest], None]
 OnFault = Callable[[RigFault], None]
 
 
@@ -46,8 +55,9 @@ class Taxels:
     """The taxel board over one link.
 
     ``identity`` is that of the last connect, ``rebooted`` whether the board started anew between
-    the last two, ``status`` what the board last said about itself, ``last_block_at_s`` the loop
-    time of the newest samples.
+    the last two, ``status`` and ``self_test`` what the board last said about itself,
+    ``last_block_at_s`` the loop time of the newest samples. Blocks come as the sensor has its
+    taxels, in the order and polarity that ``array`` tells; on the wire they stand as wired.
     """
 
     identity: BoardIdentity
@@ -57,9 +67,12 @@ class Taxels:
         link: ByteLink,
         loop: asyncio.AbstractEventLoop,
         whos_there: WhosThere | None = None,
+        array: TaxelArray | None = None,
     ) -> None:
         self.link = link
+        self.array = array or TaxelArray()
         self.status: TaxelStatus | None = None
+        self.self_test: SelfTest | None = None
         self.counters = TaxelCounters()
         self.rebooted = False
         self.last_block_at_s: float | None = None
@@ -72,6 +85,8 @@ class Taxels:
         self._heard_s = 0.0
         self._on_block: list[OnBlock] = []
         self._on_fault: list[OnFault] = []
+        self._on_test: list[OnTest] = []
+        self._order = np.array(self.array.wiring, np.intp)
 
     @property
     def connected(self) -> bool:
@@ -88,6 +103,39 @@ class Taxels:
     def on_fault(self, consumer: OnFault) -> None:
         """Have ``consumer`` called when the board is lost or restarts, or a consumer fails."""
         self._on_fault.append(consumer)
+
+    def on_self_test(self, consumer: OnTest) -> None:
+        """Have ``consumer`` called with the outcome of every self-test that the board tells."""
+        self._on_test.append(consumer)
+
+    @property
+    def findings(self) -> list[str]:
+        """What the last self-test found, a sentence each; empty where all is well or unknown."""
+        return findings(self.self_test, self.array.wiring) if self.self_test else []
+
+    async def test(self) -> SelfTest:
+        """Have the board test its lines and the sensor, while samples flow on.
+
+        Nothing should touch the sensor. Raises LinkLost where no outcome comes.
+        """
+        outcome: asyncio.Future[SelfTest] = self._loop.create_future()
+        before = self.self_test
+
+        def take(test: SelfTest) -> None:
+            if not outcome.done() and (before is None or test.count != before.count):
+                outcome.set_result(test)
+
+        self._on_test.append(take)
+        try:
+            self.link.write(encode_request(SELF_TEST))
+            return await asyncio.wait_for(outcome, TEST_S)
+        except TimeoutError:
+            raise LinkLost(
+                f"{self.link.name}: the taxel board told no outcome of its self-test within "
+                f"{TEST_S:g} s: check the cable"
+            ) from None
+        finally:
+            self._on_test.remove(take)
 
     async def connect(self) -> BoardIdentity:
         """Open the link, ask who is there, and wait until the sample counter is known.
@@ -151,13 +199,26 @@ class Taxels:
         self._count(decoded)
         if decoded.statuses:
             self.status = decoded.statuses[-1]
+        for test in decoded.self_tests:
+            self.self_test = test
+            for consumer in tuple(self._on_test):
+                consumer(test)
         if decoded.identities:
             self._introduced(decoded.identities[-1])
         if decoded.reboots and self._watch is not None:
             self._restarted()
         for block in decoded.blocks:
             self.last_block_at_s = block.arrived_s
-            self._deliver(block)
+            self._deliver(self._placed(block))
+
+    def _placed(self, block: Block) -> Block:
+        """The block as the sensor has its taxels: in its order, pressure upwards."""
+        samples = block.samples
+        if self._order.size:
+            samples = np.ascontiguousarray(samples[:, self._order])
+        if not self.array.pressure_raises:
+            samples = ADC_MAX - samples
+        return block if samples is block.samples else replace(block, samples=samples)
 
     def _count(self, decoded: Decoded) -> None:
         counters = self.counters

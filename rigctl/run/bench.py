@@ -15,6 +15,8 @@ from rigctl.config import RigConfig
 from rigctl.errors import RigFault
 from rigctl.values import Block, BoardIdentity, DrumState
 from rigctl.wire.drum_map import Command
+from rigctl.wire.taxel_test import SelfTest
+from rigctl.wire.taxels import TaxelStatus
 
 
 class DrumBoard(Protocol):
@@ -51,6 +53,22 @@ class DrumBoard(Protocol):
 
 class TaxelBoard(Protocol):
     """The taxel board as its driver offers it."""
+
+    status: TaxelStatus | None
+    self_test: SelfTest | None
+
+    @property
+    def findings(self) -> list[str]:
+        """What the last self-test found, a sentence each."""
+        ...
+
+    async def test(self) -> SelfTest:
+        """Have the board test its lines and the sensor. Raises LinkLost."""
+        ...
+
+    def on_self_test(self, consumer: Callable[[SelfTest], None]) -> None:
+        """Have the outcome of every self-test given to ``consumer``."""
+        ...
 
     async def connect(self) -> BoardIdentity:
         """Ask who is there. Raises LinkLost or WrongBoard."""

@@ -22,6 +22,8 @@ from rigctl.run.pump import Pump
 from rigctl.run.status import STATE_WORDS
 from rigctl.values import Block, BoardIdentity, DrumState
 from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
+from rigctl.wire.reset import reset_words
+from rigctl.wire.taxel_test import SelfTest
 
 DRUM, TAXELS = "drum", "taxels"
 Spawn = Callable[[Coroutine[Any, Any, None]], object]
@@ -47,6 +49,7 @@ class Boards:
         on_failure: Callable[[RigFault], None],
         gather: int,
     ) -> None:
+        self.taxels = bench.taxels
         self.taxels_connected = False
         self.identities: dict[str, BoardIdentity] = {}
         self.watch = DrumWatch(bench.drum, bench.loop, may_beat, self._drum_lost, self._drum_back)
@@ -60,6 +63,7 @@ class Boards:
         self._on_failure = on_failure
         self._spawn: Spawn | None = None
         self._told = (-1, 0)
+        self._told_test = (0, 0)
         self._stop_following: Callable[[], None] | None = None
 
     async def connect(self, spawn: Spawn) -> None:
@@ -74,6 +78,7 @@ class Boards:
         self.taxels_connected = True
         taxels.on_block(self.pump.take)
         taxels.on_fault(self._taxels_failed)
+        taxels.on_self_test(self._taxels_tested)
         self.watch.watch(self._look)
         if self._bench.config.taxels.low:
             self.set_range(self.encoder.normalisation)
@@ -83,6 +88,8 @@ class Boards:
         await self.motion.configure()
         for identity in self.identities.values():
             self._tell(identity, "connected")
+        if taxels.self_test is not None:
+            self._taxels_tested(taxels.self_test)
 
     def close(self) -> None:
         """Let go of both ports."""
@@ -162,6 +169,16 @@ class Boards:
         except RigFault as fault:
             self._news.tell("link", str(fault), board=DRUM)
 
+    def _taxels_tested(self, test: SelfTest) -> None:
+        """Say what a self-test found, once: the board repeats it whenever it introduces itself."""
+        told = (self.identities[TAXELS].boot_count, test.count)
+        if told == self._told_test:
+            return
+        self._told_test = told
+        found = self.taxels.findings
+        text = "; ".join(found) if found else "nothing found"
+        self._news.tell("check" if found else "board", f"taxels' self-test: {text}", found=found)
+
     def _taxels_failed(self, fault: RigFault) -> None:
         if isinstance(fault, BoardRebooted):
             self._news.tell("link", str(fault), board=TAXELS)
@@ -192,7 +209,7 @@ class Boards:
         self._news.tell(
             "board",
             f"{board.board} {what}: firmware {board.firmware_version}, build {board.build_hash}, "
-            f"boot {board.boot_count}",
+            f"boot {board.boot_count} by {reset_words(board.reset_cause)}",
             board=board.board,
             boot_count=board.boot_count,
         )

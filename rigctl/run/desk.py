@@ -161,6 +161,13 @@ class Desk:
         found = await self._engine.boards.calibrate_range(float(seconds))
         return {"low": found.low.tolist(), "high": found.high.tolist()}
 
+    async def on_test_taxels(self) -> Result:
+        """Have the taxel board test its lines and the sensor; what it found, a sentence each."""
+        self._free_motion()
+        taxels = self._engine.boards.taxels
+        await taxels.test()
+        return {"found": taxels.findings}
+
     async def on_inject(self, fault: str, **args: Any) -> Result:
         """Make something go wrong on a simulated bench."""
         panel = self._engine.bench.faults

@@ -75,12 +75,28 @@ class RunStatus(TypedDict):
     session: str | None
 
 
+class BoardStatus(TypedDict):
+    """What a board says of itself; ``supply_v`` and ``self_test`` only the taxel board.
+
+    ``reset``: what restarted it last, in words; ``unwanted``: whether that tells of trouble.
+    ``self_test``: sentences of what it found, empty where all is well, None before it is known.
+    """
+
+    firmware: str
+    boot_count: int
+    reset: str
+    unwanted: bool
+    supply_v: float | None
+    self_test: list[str] | None
+
+
 class StatusData(TypedDict):
     """Everything a window shows as numbers, ten times a second.
 
     ``state`` and ``fault`` are values of ``State`` and ``Fault``, ``*_words`` say them.
     ``last_block_age_s`` and ``poll_age_s``: loop time since the newest data, None before any.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
+    ``boards``: by name, those that have introduced themselves.
     """
 
     at_s: float
@@ -109,6 +125,7 @@ class StatusData(TypedDict):
     poll_age_s: float | None
     loadcell_lost: int
     clock_ppm: dict[str, float | None]
+    boards: dict[str, BoardStatus]
     recording: RecordingStatus
     run: RunStatus
 

@@ -6,12 +6,14 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from rigctl.run.clock_fit import ClockFit
-from rigctl.run.messages import RecordingStatus, RunStatus, StatusData
+from rigctl.run.messages import BoardStatus, RecordingStatus, RunStatus, StatusData
 from rigctl.wire.drum_map import Status
 from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
+from rigctl.wire.reset import reset_words, was_unwanted
 
 if TYPE_CHECKING:
     from rigctl.run.boards import Boards
+    from rigctl.values import BoardIdentity
 
 RATE_WINDOW_S = 1.0
 
@@ -93,12 +95,34 @@ class StatusBuilder:
             poll_age_s=now_s - state.at_s if state else None,
             loadcell_lost=self._loadcell_lost,
             clock_ppm={"drum": _ppm(watch.clock), "taxels": _ppm(pump.clock)},
+            boards=self._said_of_themselves(),
             recording=recording,
             run=run,
         )
 
+    def _said_of_themselves(self) -> dict[str, BoardStatus]:
+        told = {name: _board(identity) for name, identity in self._boards.identities.items()}
+        taxels = self._boards.taxels
+        if "taxels" in told and taxels.status is not None:
+            millivolts = taxels.status.supply_mv
+            told["taxels"]["supply_v"] = millivolts / 1000 if millivolts else None
+        if "taxels" in told and taxels.self_test is not None:
+            told["taxels"]["self_test"] = taxels.findings
+        return told
+
     def _note_lost(self, count: int) -> None:
         self._loadcell_lost += count
+
+
+def _board(identity: BoardIdentity) -> BoardStatus:
+    return BoardStatus(
+        firmware=identity.firmware_version,
+        boot_count=identity.boot_count,
+        reset=reset_words(identity.reset_cause),
+        unwanted=was_unwanted(identity.reset_cause),
+        supply_v=None,
+        self_test=None,
+    )
 
 
 def idle_run() -> RunStatus:

@@ -1,6 +1,6 @@
 """The compiled inner loops of the taxel wire; :mod:`rigctl.wire.taxels` gives them meaning.
 
-A chunk is what stands between two zero bytes. Frames have three known lengths, so where bytes
+A chunk is what stands between two zero bytes. Frames have four known lengths, so where bytes
 were lost or added in front of a frame, the frame is still found as the tail of its chunk:
 garbage costs only the frames it touches. Nothing here allocates or raises.
 """
@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-IDENTITY, DATA, STATUS = 0x10, 0x11, 0x12
-DATA_BODY, STATUS_BODY, IDENTITY_BODY = 27, 26, 20
+IDENTITY, DATA, STATUS, TESTED = 0x10, 0x11, 0x12, 0x13
+DATA_BODY, STATUS_BODY, IDENTITY_BODY, TESTED_BODY = 27, 26, 20, 18
 OVERHEAD = 5
 """Bytes that CRC-32 and COBS add to a body; the closing zero comes on top."""
 LONGEST_CHUNK = DATA_BODY + OVERHEAD
@@ -89,7 +89,12 @@ def body_at(wire: Bytes, start: int, end: int, kind: int, out: Bytes) -> bool:
 @njit(cache=True)
 def frame_in(wire: Bytes, start: int, end: int, out: Bytes) -> int:
     """Kind of the frame that ends a chunk, its body in ``out``; 0 where there is none."""
-    for kind, body in ((DATA, DATA_BODY), (STATUS, STATUS_BODY), (IDENTITY, IDENTITY_BODY)):
+    for kind, body in (
+        (DATA, DATA_BODY),
+        (STATUS, STATUS_BODY),
+        (IDENTITY, IDENTITY_BODY),
+        (TESTED, TESTED_BODY),
+    ):
         first = end - body - OVERHEAD
         if first >= start and body_at(wire, first, end, kind, out):
             return kind
@@ -103,6 +108,8 @@ def encoded_length(kind: int) -> int:
         return DATA_BODY + OVERHEAD
     if kind == STATUS:
         return STATUS_BODY + OVERHEAD
+    if kind == TESTED:
+        return TESTED_BODY + OVERHEAD
     return IDENTITY_BODY + OVERHEAD if kind == IDENTITY else 0
 
 
@@ -205,10 +212,10 @@ def decode_wire(
         tally[USED] = end + 1
         if kind == DATA and not state[WAITING]:
             take_data(body, state, counters, samples, marks, notes, tally)
-        elif kind in (STATUS, IDENTITY):
+        elif kind in (STATUS, IDENTITY, TESTED):
             controls[tally[N_CONTROLS]] = body
             tally[N_CONTROLS] += 1
-            if control(body, kind, state):
+            if kind != TESTED and control(body, kind, state):
                 note_reboot(notes, tally)
 
 

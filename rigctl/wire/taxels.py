@@ -21,18 +21,27 @@ from rigctl.values import N_TAXELS, Block, Gap
 from rigctl.wire import cobs
 from rigctl.wire import taxel_kernels as kernels
 from rigctl.wire.drum_map import BOARD_TAXELS, MAGIC
+from rigctl.wire.taxel_test import SelfTest, encode_tested, parse_tested
 
-WIRE_VERSION = 1
+WIRE_VERSION = 2
 BAUD = 500_000
 FRAME_BYTES = kernels.LONGEST_CHUNK + 1
 STATUS_EVERY = 100
 IDENTIFY, SELF_TEST = 0x01, 0x02
 DROPS_SHIFT, DROPS_MOST = 4, 15
-SHORTEST_CHUNK = kernels.IDENTITY_BODY + kernels.OVERHEAD + 1
+SHORTEST_CHUNK = kernels.TESTED_BODY + kernels.OVERHEAD + 1
 TAIL_KEPT = 2 * kernels.LONGEST_CHUNK
 
 _STATUS = struct.Struct("<BBIIHHHBHHHHB")
 _IDENTITY = struct.Struct("<BHBBHIBHHBHB")
+
+
+class SelfTestBit(IntFlag):
+    """Bits of :attr:`TaxelStatus.self_test_bits`."""
+
+    DONE = 1
+    FOUND = 2
+    RUNNING = 4
 
 
 class Flag(IntFlag):
@@ -91,6 +100,7 @@ class Decoded(NamedTuple):
     blocks: tuple[Block, ...]
     statuses: tuple[TaxelStatus, ...]
     identities: tuple[TaxelIdentity, ...]
+    self_tests: tuple[SelfTest, ...]
     reboots: int
     rejected_frames: int
     rejected_bytes: int
@@ -176,6 +186,11 @@ def encode_identity(identity: TaxelIdentity) -> bytes:
     )
 
 
+def encode_self_test(test: SelfTest) -> bytes:
+    """One frame with the outcome of a self-test."""
+    return frame(bytes([kernels.TESTED, WIRE_VERSION]) + encode_tested(test))
+
+
 def parse_status(body: bytes) -> TaxelStatus:
     """The status that :func:`encode_status` was given."""
     _, version, *rest = _STATUS.unpack_from(body)
@@ -246,7 +261,7 @@ class FrameDecoder:
             for first, end in pairwise(cuts)
             if end > first
         ]
-        said = self._said(controls) if controls else ((), ())
+        said = self._said(controls) if controls else ((), (), ())
         return Decoded(tuple(blocks), *said, reboots, frames, junk)
 
     def _make_room(self, room: int) -> None:
@@ -269,8 +284,11 @@ class FrameDecoder:
             if first <= row < end
         )
 
-    def _said(self, n: int) -> tuple[tuple[TaxelStatus, ...], tuple[TaxelIdentity, ...]]:
+    def _said(
+        self, n: int
+    ) -> tuple[tuple[TaxelStatus, ...], tuple[TaxelIdentity, ...], tuple[SelfTest, ...]]:
         bodies = [body.tobytes() for body in self._controls[:n]]
         statuses = [parse_status(b) for b in bodies if b[0] == kernels.STATUS]
         identities = [parse_identity(b) for b in bodies if b[0] == kernels.IDENTITY]
-        return tuple(statuses), tuple(identities)
+        tests = [parse_tested(b[2:]) for b in bodies if b[0] == kernels.TESTED]
+        return tuple(statuses), tuple(identities), tuple(tests)

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.wire import taxels as wire
+from rigctl.wire.taxel_test import Coverage, SelfTest
 from rigctl.world.bench import Bench
+from rigctl.world.plant import RING_MS
 from rigctl.world.simulation import SimulatedLink
-from rigctl.world.skin import SLOT_US
+from rigctl.world.skin import FULL_COUNTS, SLOT_US
 
 FRAME_US = 1000
 FLUSH_US = 20_000
@@ -24,7 +26,9 @@ FIRMWARE_VERSION = 1
 BUILD_HASH = 0x56495254
 SUPPLY_MV = 5000
 FREE_STACK_BYTES = 1024
-SELF_TEST_DONE = 8
+TEST_US = 21_000
+"""A self-test takes a step a frame, 21 in all."""
+SILENT_BELOW, FULL_ABOVE = 4, 1015
 POWER_ON, EXTERNAL = 1, 2
 
 
@@ -46,7 +50,8 @@ class VirtualTaxels:
         self._cause = cause
         self._origin_us = at_us + BOOT_US
         self._counter = 0
-        self._self_test = 0
+        self._test: SelfTest | None = None
+        self._test_due_us: float | None = self._origin_us + TEST_US
         self._rises: list[int] = []
         self._marks: list[int] = []
         self._levels: list[tuple[int, int]] = [(at_us, self._bench.sync_level)]
@@ -72,6 +77,7 @@ class VirtualTaxels:
         """Hand over what came since the last time."""
         self.next_us = now_us + FLUSH_US
         self._bench.skin.advance()
+        self._finish_test(now_us)
         data = b"".join(self._answers)
         self._answers.clear()
         done = int((now_us - SEND_US - self._origin_us) / self._frame_us)
@@ -126,9 +132,33 @@ class VirtualTaxels:
             body = wire.unframe(chunk)
             if body == bytes([wire.IDENTIFY]):
                 self._answers.append(self._identity())
+                if self._test is not None:
+                    self._answers.append(wire.encode_self_test(self._test))
             elif body == bytes([wire.SELF_TEST]):
-                self._self_test = SELF_TEST_DONE
-                self._answers.append(wire.encode_status(self._status()))
+                self._test_due_us = max(self._now_us(), self._origin_us) + TEST_US
+
+    def _now_us(self) -> int:
+        return self.next_us - FLUSH_US
+
+    def _finish_test(self, now_us: int) -> None:
+        """The wiring of a virtual board has no faults; its taxels may."""
+        if self._test_due_us is None or now_us < self._test_due_us:
+            return
+        self._test_due_us = None
+        counts = self._bench.skin.levels[self._bench.skin.time_ms % RING_MS] * FULL_COUNTS
+        before = self._test.count if self._test else 0
+        self._test = SelfTest(
+            before % 255 + 1,
+            int(Coverage.LINES | Coverage.OPEN_INPUTS | Coverage.SHORT_INPUTS | Coverage.TAXELS),
+            silent=_mask(counts < SILENT_BELOW),
+            full=_mask(counts > FULL_ABOVE),
+        )
+        self._answers.append(wire.encode_self_test(self._test))
+
+    def _test_bits(self) -> int:
+        done = wire.SelfTestBit.DONE if self._test else 0
+        found = wire.SelfTestBit.FOUND if self._test and not self._test.passed else 0
+        return done | found | (wire.SelfTestBit.RUNNING if self._test_due_us is not None else 0)
 
     def _identity(self) -> bytes:
         return wire.encode_identity(
@@ -147,8 +177,13 @@ class VirtualTaxels:
             free_stack_bytes=FREE_STACK_BYTES,
             idle_permille=1000,
             sync_rises=self._rises_before,
-            self_test_bits=self._self_test,
+            self_test_bits=self._test_bits(),
         )
+
+
+def _mask(bad: NDArray[np.bool_]) -> int:
+    """Bit *i* for reading *i*."""
+    return sum(1 << int(reading) for reading in np.flatnonzero(bad))
 
 
 @lru_cache(maxsize=1024)

@@ -12,6 +12,7 @@ from rigctl.errors import CommandRefused
 from rigctl.wire import drum_map as table
 from rigctl.wire.drum_map import BY_NAME, Command, Status
 from rigctl.wire.drum_states import State
+from rigctl.wire.taxels import WIRE_VERSION
 from tests.contract.operator import Operator
 
 UNTOUCHED = ("heartbeat", "command", "command_sequence")
@@ -27,9 +28,19 @@ def test_the_drum_says_who_it_is(at_rig: Operator) -> None:
 
 def test_the_taxel_board_says_who_it_is(at_rig: Operator) -> None:
     identity = at_rig.taxels.identity
-    assert (identity.board, identity.wire_version) == ("taxels", 1)
+    assert (identity.board, identity.wire_version) == ("taxels", WIRE_VERSION)
     assert identity.details == {"rate_hz": 1000, "slots": 20, "slot_cycles": 800}
     assert identity.boot_count >= 1
+
+
+def test_the_taxel_board_tests_itself_at_boot_and_on_request(at_rig: Operator) -> None:
+    at_boot = at_rig.taxels.self_test
+    assert at_boot is not None and at_boot.passed and at_boot.count == 1
+    assert at_rig.taxels.status is not None
+    assert abs(at_rig.taxels.status.supply_mv - 5000) < 30
+    again = at_rig.run(at_rig.taxels.test())
+    assert again.passed and again.count == 2
+    assert at_rig.taxels.findings == []
 
 
 def test_the_drum_boots_to_idle_with_the_tables_defaults(at_rig: Operator) -> None:

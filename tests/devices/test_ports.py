@@ -102,7 +102,12 @@ def test_every_port_is_asked_who_is_there(
     assert none["text"].startswith("there is no such port")
     assert ports_cli(["ports", paths[0]]) == 0
     assert capsys.readouterr().out == (
-        f"{paths[0]}: drum board, firmware 1.3, build 00c0ffee, boot 41\n"
+        f"{paths[0]}: drum board, firmware 1.3, build 00c0ffee, boot 41 by power-up\n"
+    )
+    assert ports_cli(["ports", paths[1]]) == 0
+    assert capsys.readouterr().out == (
+        f"{paths[1]}: taxels board, firmware 1.2, build deadbeef, boot 7 by its reset pin, "
+        "supply 5.01 V\n  line D5 stays low: it is connected to ground; free it\n"
     )
 
 

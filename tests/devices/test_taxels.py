@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rigctl.config import TaxelArray
 from rigctl.devices.link import BoardRebooted
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import LinkLost, RigFault, WrongBoard
 from rigctl.values import Block
 from rigctl.wire import taxels as wire
+from rigctl.wire.taxel_test import SelfTest
 from tests.devices.bench import JumpingLoop, MemoryLink, run
 
 IDENTITY = wire.TaxelIdentity(
@@ -29,6 +31,7 @@ class StreamingBoard:
         self.counter = counter
         self.identity: wire.TaxelIdentity | None = IDENTITY
         self.silent = False
+        self.tested = SelfTest(1, 15, lines_low=0b010)
         self._loop = loop
         self._link = link
         link.board = self.asked
@@ -37,11 +40,15 @@ class StreamingBoard:
     def asked(self, data: bytes) -> None:
         if data == wire.encode_request(wire.IDENTIFY) and self.identity and not self.silent:
             self._link.say(wire.encode_identity(self.identity), 0.001)
+            self._link.say(wire.encode_self_test(self.tested), 0.001)
+        elif data == wire.encode_request(wire.SELF_TEST) and not self.silent:
+            self.tested = replace(self.tested, count=self.tested.count + 1)
+            self._link.say(wire.encode_self_test(self.tested), 0.021)
 
     def tick(self) -> None:
         counters = np.arange(self.counter, self.counter + 10)
         self.counter += 10
-        samples = np.repeat((counters % 1024).astype(np.uint16)[:, None], 18, axis=1)
+        samples = (counters[:, None] + np.arange(18)).astype(np.uint16) % 1024
         flags = np.zeros(10, np.uint8)
         data = wire.encode_data(counters, samples, flags, flags)
         if self.counter % 100 == 0:
@@ -75,11 +82,11 @@ class Listener:
 
 
 def bench(
-    loop: JumpingLoop, counter: int = 0
+    loop: JumpingLoop, counter: int = 0, array: TaxelArray | None = None
 ) -> tuple[Taxels, StreamingBoard, MemoryLink, Listener]:
     link = MemoryLink(loop, "/dev/taxels")
     board = StreamingBoard(loop, link, counter)
-    taxels = Taxels(link, loop)
+    taxels = Taxels(link, loop, array=array)
     return taxels, board, link, Listener(taxels)
 
 
@@ -216,6 +223,40 @@ def test_a_consumer_that_fails_is_reported_and_the_others_go_on() -> None:
             "/dev/taxels: a consumer of samples failed: KeyError('oops')"
         ]
         assert len(heard.counters) > 400
+        taxels.close()
+
+    run(main)
+
+
+def test_samples_come_in_the_sensors_order_and_polarity() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        wiring = (5, 0, 1, 2, 3, 4, *range(17, 5, -1))
+        array = TaxelArray(wiring=wiring, pressure_raises=False)
+        taxels, _, _, heard = bench(loop, array=array)
+        await taxels.connect()
+        await asyncio.sleep(0.3)
+        block = heard.blocks[-1]
+        wired = (block.counters[:, None] + np.array(wiring)) % 1024
+        assert np.array_equal(block.samples, 1023 - wired)
+        assert block.samples.dtype == np.uint16 and block.samples.flags.c_contiguous
+        taxels.close()
+
+    run(main)
+
+
+def test_the_outcome_of_a_self_test_is_told_and_asked_for() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        taxels, board, _, _ = bench(loop)
+        told: list[SelfTest] = []
+        taxels.on_self_test(told.append)
+        await taxels.connect()
+        assert taxels.self_test == board.tested
+        assert taxels.findings == ["line D5 stays low: it is connected to ground; free it"]
+        assert (await taxels.test()).count == 2
+        assert [test.count for test in told] == [1, 2]
+        board.silent = True
+        with pytest.raises(LinkLost, match="no outcome of its self-test"):
+            await taxels.test()
         taxels.close()
 
     run(main)

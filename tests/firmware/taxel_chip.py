@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.values import Block
+from rigctl.wire.taxel_test import SelfTest
 from rigctl.wire.taxels import FrameDecoder, TaxelIdentity, TaxelStatus
 from rigctl.world.chip_shim import Chip, Input, Kind, Output, load_library
 from tests.firmware.building import built
@@ -31,6 +32,7 @@ class TaxelChip:
         self.blocks: list[Block] = []
         self.statuses: list[TaxelStatus] = []
         self.identities: list[TaxelIdentity] = []
+        self.tests: list[SelfTest] = []
         self.rejected = 0
         self._decoder = FrameDecoder()
         self._samples: list[NDArray[np.int64]] = []
@@ -66,6 +68,7 @@ class TaxelChip:
         self.blocks += decoded.blocks
         self.statuses += decoded.statuses
         self.identities += decoded.identities
+        self.tests += decoded.self_tests
         self.rejected += decoded.rejected_frames
         sampled = chip.edge_signal[: x.edge_count] == Output.SAMPLE
         stamps = chip.edge_cycle[: x.edge_count][sampled].astype(np.int64)

@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from rigctl.wire.taxels import IDENTIFY, SELF_TEST, encode_request
+from rigctl.wire.taxels import IDENTIFY, encode_request
 from rigctl.world.chip_shim import ResetBy
 from tests.firmware.building import built
 from tests.firmware.taxel_chip import TaxelChip
@@ -48,16 +48,6 @@ def test_garbage_from_the_host_harms_nothing() -> None:
         assert np.all(np.diff(board.counters) == 1)
         assert not board.flags.any()
         assert board.x.rx_overruns == 0
-
-
-def test_self_test_is_answered_with_a_status() -> None:
-    with TaxelChip() as board:
-        board.run(30)
-        assert not board.statuses
-        board.chip.send(encode_request(SELF_TEST))
-        board.run(5)
-        assert board.statuses[-1].self_test_bits == 0b1000
-        assert np.all(np.diff(board.counters) == 1)
 
 
 def test_a_reset_is_told_with_its_cause_and_the_boots_are_counted() -> None:

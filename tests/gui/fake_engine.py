@@ -40,6 +40,17 @@ STATUS: dict[str, Any] = {
     "poll_age_s": 0.02,
     "loadcell_lost": 0,
     "clock_ppm": {"drum": 1187.0, "taxels": -904.0},
+    "boards": {
+        "drum": {"firmware": "0.1", "boot_count": 4, "reset": "power-up", "unwanted": False},
+        "taxels": {
+            "firmware": "1.1",
+            "boot_count": 7,
+            "reset": "its reset pin",
+            "unwanted": False,
+            "supply_v": 5.01,
+            "self_test": [],
+        },
+    },
     "recording": {
         "active": False,
         "samples_on_disk": 0,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any
 
 import pytest
 
-from gui.health import readings
+from gui.health import board_lines, readings
 from gui.lamp import Level
 from gui.status import read_status
 from tests.gui.fake_engine import STATUS
@@ -32,6 +33,11 @@ def _read(**changes: Any) -> dict[str, Any]:
         ("disk", {}, "210 GB", Level.OK),
         ("clock", {}, "+1187, −904", Level.OK),
         ("clock", {"clock_ppm": {"drum": None, "taxels": 6000.0}}, "+6000", Level.BAD),
+        ("boards", {}, "5.01 V", Level.OK),
+        ("boards", {"boards": {}}, "–", Level.OFF),
+        ("boards", {"boards": {"taxels": {"supply_v": 4.21}}}, "4.21 V", Level.BAD),
+        ("boards", {"boards": {"taxels": {"self_test": ["a", "b"]}}}, "2 found", Level.BAD),
+        ("boards", {"boards": {"drum": {"unwanted": True}}}, "restarted", Level.BAD),
         ("trial", {}, "–", Level.OFF),
     ],
 )
@@ -56,3 +62,14 @@ def test_bad_is_said_in_words_and_shape_too(bench: Bench) -> None:
 def test_missing_fields_are_survived() -> None:
     status = read_status({"state": 99, "run": None, "novel": 1})
     assert status.state is None and status.run.state == "idle"
+
+
+def test_what_each_board_says_of_itself_is_readable() -> None:
+    said = deepcopy(STATUS["boards"])
+    said["taxels"]["self_test"] = ["line D5 stays low: it is connected to ground; free it"]
+    lines = board_lines(read_status({**STATUS, "boards": said}).boards)
+    assert lines == [
+        "drum: firmware 0.1, start 4 by power-up",
+        "taxels: firmware 1.1, start 7 by its reset pin, supply 5.01 V",
+        "line D5 stays low: it is connected to ground; free it",
+    ]

@@ -9,6 +9,7 @@ from rigctl.values import Block
 from rigctl.wire.drum_map import BY_NAME, POLL_BLOCK, REGISTERS, UNIT, Command
 from rigctl.wire.drum_states import Fault, State
 from rigctl.wire.registers import BlockLayout, words_of
+from rigctl.wire.taxel_test import SelfTest
 from rigctl.wire.taxels import FrameDecoder, TaxelIdentity, TaxelStatus
 from rigctl.world.modbus_slave import crc
 from rigctl.world.simulation import Simulation
@@ -42,6 +43,7 @@ class Host:
         self.blocks: list[Block] = []
         self.statuses: list[TaxelStatus] = []
         self.identities: list[TaxelIdentity] = []
+        self.self_tests: list[SelfTest] = []
         self.lost: list[str] = []
         self.taxel_bytes: list[bytes] = []
         self.rejected = 0
@@ -60,6 +62,7 @@ class Host:
         self.blocks += decoded.blocks
         self.statuses += decoded.statuses
         self.identities += decoded.identities
+        self.self_tests += decoded.self_tests
         self.rejected += decoded.rejected_frames
 
     def wait(self, microseconds: int) -> None:

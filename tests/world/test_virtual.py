@@ -10,7 +10,7 @@ import pytest
 from rigctl.errors import LinkLost, WrongUse
 from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import Fault, State
-from rigctl.wire.taxels import IDENTIFY, SELF_TEST, Flag, encode_request
+from rigctl.wire.taxels import IDENTIFY, SELF_TEST, Flag, SelfTestBit, encode_request
 from rigctl.world.parameters import WorldParameters
 from rigctl.world.virtual import VirtualRig, open_virtual
 from tests.world.host import Host, framed
@@ -88,9 +88,11 @@ def test_the_taxel_board_answers_requests(rig: VirtualRig, host: Host) -> None:
     assert len(host.identities) == 1
     rig.taxels.write(encode_request(IDENTIFY))
     rig.taxels.write(encode_request(SELF_TEST))
-    host.wait(20_000)
+    host.wait(150_000)
     assert len(host.identities) == 2
-    assert host.statuses[-1].self_test_bits == 8
+    assert [test.count for test in host.self_tests] == [1, 1, 2]
+    assert all(test.passed for test in host.self_tests)
+    assert host.statuses[-1].self_test_bits == SelfTestBit.DONE
 
 
 def test_sync_and_index_edges_reach_the_taxel_board(rig: VirtualRig, host: Host) -> None:

@@ -95,14 +95,30 @@ TEST(status_and_identity_have_the_sizes_of_the_reference) {
     uint8_t wire[WIRE_MAX];
     Status status = {};
     status.samples = 0x01020304;
-    status.self_test = 8;
+    status.self_test = TEST_DONE;
     Bytes body = body_of(wire, write_status(status, wire));
     CHECK_EQUAL(body.size(), STATUS_SIZE);
     CHECK_EQUAL(body[2] | body[5] << 8, 0x0104);
-    CHECK_EQUAL(body[25], 8);
+    CHECK_EQUAL(body[25], TEST_DONE);
     body = body_of(wire, write_identity(7, 2, wire));
     CHECK_EQUAL(body.size(), IDENTITY_SIZE);
     CHECK_EQUAL(body[1] | body[2] << 8, 0x5247);
     CHECK_EQUAL(body[14], 7);
     CHECK_EQUAL(body[16], 2);
+}
+
+TEST(outcome_of_a_self_test_holds_every_mask) {
+    uint8_t wire[WIRE_MAX];
+    SelfTest test = SelfTest();
+    test.count = 3;
+    test.inputs_together = 0x3f;
+    test.silent = 0x20001;
+    test.full = 0x10000;
+    const Bytes body = body_of(wire, write_tested(test, wire));
+    CHECK_EQUAL(body.size(), TESTED_SIZE);
+    CHECK_EQUAL(body[0], TYPE_TESTED);
+    CHECK_EQUAL(body[2], 3);
+    CHECK_EQUAL(body[10], 0x3f);
+    CHECK_EQUAL(body[11] | body[12] << 8 | body[13] << 16, 0x20001);
+    CHECK_EQUAL(body[14] | body[15] << 8 | body[16] << 16, 0x10000);
 }

@@ -1,0 +1,180 @@
+"""What the taxel board's self-test found, as bits on the wire and as sentences for people.
+
+Lines are the three wires that the board drives, inputs the six that it reads; line *l* and
+input *i* meet in reading *6 l + i*. Names of pins are those of ``arduino/taxels/board.h``.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import IntFlag
+
+from rigctl.values import N_TAXELS
+
+N_LINES, N_INPUTS = 3, 6
+LINE_PINS = ("D4", "D5", "D6")
+INPUT_PINS = ("A0", "A1", "A2", "A3", "A4", "A5")
+
+_BODY = struct.Struct("<9B3s3sx")
+
+
+class Coverage(IntFlag):
+    """What the board could test; the rest its divider or its polarity hides."""
+
+    LINES = 1
+    OPEN_INPUTS = 2
+    SHORT_INPUTS = 4
+    TAXELS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class SelfTest:
+    """Outcome of one self-test: a bit a line (0–2), an input (0–5), a reading (0–17).
+
+    ``count``: tests since boot, from 1. ``lines_low``, ``lines_high``: stuck whatever the board
+    drives. ``lines_together``, ``inputs_together``: connected to each other. ``inputs_high``,
+    ``inputs_low``: connected to the supply or to ground. ``inputs_open``: without a divider.
+    ``silent``, ``full``: readings at either end of the range, with nothing on the sensor.
+    """
+
+    count: int
+    tested: int
+    lines_low: int = 0
+    lines_high: int = 0
+    lines_together: int = 0
+    inputs_high: int = 0
+    inputs_low: int = 0
+    inputs_open: int = 0
+    inputs_together: int = 0
+    silent: int = 0
+    full: int = 0
+
+    @property
+    def passed(self) -> bool:
+        """True where nothing was found."""
+        return not any(_masks(self))
+
+
+def encode_tested(test: SelfTest) -> bytes:
+    """The frame's body behind type and version, 16 bytes."""
+    *small, silent, full = _masks(test)
+    wide = (silent.to_bytes(3, "little"), full.to_bytes(3, "little"))
+    return _BODY.pack(test.count, test.tested, *small, *wide)
+
+
+def parse_tested(body: bytes) -> SelfTest:
+    """The outcome that :func:`encode_tested` was given."""
+    *small, silent, full = _BODY.unpack_from(body)
+    wide = int.from_bytes(silent, "little"), int.from_bytes(full, "little")
+    return replace(SelfTest(*small), silent=wide[0], full=wide[1])
+
+
+def findings(test: SelfTest, wiring: Sequence[int] = ()) -> list[str]:
+    """One sentence for each thing found: what, where, cure. Empty where all is well.
+
+    ``wiring``: the reading that stands at each place of the sensor, as in ``rig.toml``; taxels
+    are named by their place, counted from 1.
+    """
+    return [*_of_lines(test), *_of_inputs(test), *_of_taxels(test, wiring)]
+
+
+def _masks(test: SelfTest) -> tuple[int, ...]:
+    return (
+        test.lines_low,
+        test.lines_high,
+        test.lines_together,
+        test.inputs_high,
+        test.inputs_low,
+        test.inputs_open,
+        test.inputs_together,
+        test.silent,
+        test.full,
+    )
+
+
+def _of_lines(test: SelfTest) -> Iterator[str]:
+    for line in _bits(test.lines_low):
+        yield f"{_line(line)} stays low: it is connected to ground; free it"
+    for line in _bits(test.lines_high):
+        yield f"{_line(line)} stays high: it is connected to 5 V; free it"
+    if test.lines_together:
+        names = _and([_line(line) for line in _bits(test.lines_together)])
+        yield f"{names} are connected to each other: part them"
+
+
+def _of_inputs(test: SelfTest) -> Iterator[str]:
+    for i in _bits(test.inputs_high):
+        yield f"{_input(i)} is held high while no line is driven: look for a short to 5 V"
+    for i in _bits(test.inputs_low):
+        yield f"{_input(i)} is held at ground: look for a short across its divider"
+    for i in _bits(test.inputs_open):
+        yield f"{_input(i)} has no divider to ground: solder its resistor"
+    if test.inputs_together:
+        names = _and([_input(i) for i in _bits(test.inputs_together)])
+        yield f"{names} are connected to each other: part them"
+
+
+def _of_taxels(test: SelfTest, wiring: Sequence[int]) -> Iterator[str]:
+    """Silent and full taxels that no finding above explains, whole wires first."""
+    bad_lines = test.lines_low | test.lines_high | test.lines_together
+    bad_inputs = test.inputs_high | test.inputs_low | test.inputs_open | test.inputs_together
+    silent = _unexplained(test.silent, bad_lines, bad_inputs)
+    full = _unexplained(test.full, bad_lines, bad_inputs)
+    if len(silent) == N_TAXELS:
+        yield (
+            "no taxel conducts: plug the sensor in (a sensor that rests open reads like this, too)"
+        )
+    else:
+        yield from _broken_wires(silent, wiring)
+    for reading in sorted(full):
+        yield (
+            f"{_taxel(reading, wiring)} reads full scale with nothing on it: "
+            "look for a short in the sensor"
+        )
+
+
+def _broken_wires(silent: set[int], wiring: Sequence[int]) -> Iterator[str]:
+    for line in range(N_LINES):
+        group = {line * N_INPUTS + i for i in range(N_INPUTS)}
+        if group <= silent:
+            silent = silent - group
+            yield f"{_line(line)} does not reach the sensor: its six taxels read nothing"
+    for i in range(N_INPUTS):
+        group = {line * N_INPUTS + i for line in range(N_LINES)}
+        if group <= silent:
+            silent = silent - group
+            yield f"{_input(i)} does not reach the sensor: its three taxels read nothing"
+    for reading in sorted(silent):
+        yield f"{_taxel(reading, wiring)} does not conduct: it is open or torn"
+
+
+def _unexplained(mask: int, bad_lines: int, bad_inputs: int) -> set[int]:
+    return {
+        reading
+        for reading in _bits(mask)
+        if not (bad_lines >> reading // N_INPUTS | bad_inputs >> reading % N_INPUTS) & 1
+    }
+
+
+def _taxel(reading: int, wiring: Sequence[int]) -> str:
+    place = list(wiring).index(reading) if wiring else reading
+    line, input_ = divmod(reading, N_INPUTS)
+    return f"taxel {place + 1} (line {LINE_PINS[line]}, input {INPUT_PINS[input_]})"
+
+
+def _line(line: int) -> str:
+    return f"line {LINE_PINS[line]}"
+
+
+def _input(number: int) -> str:
+    return f"input {INPUT_PINS[number]}"
+
+
+def _bits(mask: int) -> list[int]:
+    return [bit for bit in range(mask.bit_length()) if mask >> bit & 1]
+
+
+def _and(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
