@@ -9,6 +9,10 @@
 #define BUILD_HASH 0UL  // the Arduino IDE passes none
 #endif
 
+#ifndef MICROSTEPS
+#define MICROSTEPS 16
+#endif
+
 namespace board {
 
 constexpr uint8_t FIRMWARE_MAJOR = 0;
@@ -17,8 +21,8 @@ constexpr uint8_t FIRMWARE_MINOR = 1;
 constexpr uint32_t CLOCK_HZ = 16000000UL;
 
 // Drum: 200 full steps, 16 microsteps, a 4:1 belt, 400 mm of texture a turn.
-constexpr uint16_t STEPS_PER_TURN = 12800;
-constexpr uint32_t NM_PER_STEP = 31250;
+constexpr uint16_t STEPS_PER_TURN = 200 * MICROSTEPS * 4;
+constexpr uint32_t NM_PER_STEP = 400000000UL / STEPS_PER_TURN;
 
 // Actuator: speed at full duty, time constant of its speed, travel read by its potentiometer.
 constexpr float ACTUATOR_MAX_MM_S = 10.0f;

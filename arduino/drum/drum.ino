@@ -15,6 +15,7 @@
 #include "drum.h"
 
 static Drum drum;
+static uint16_t unsent;  // length of a reply that waits to be sent
 
 static void begin_all() {
     store::begin();
@@ -48,16 +49,20 @@ static void run_tick() {
 static void run_serial() {
     const serial::Received received = serial::take();
     if (received.damaged) drum.modbus().poison();
-    const uint16_t length = drum.modbus().take(received.byte);
+    unsent = drum.modbus().take(received.byte);
 #ifdef HANG_ON_TARGET  // a broken image for the tests of watchdog and emergency stop
     while (drum.bank().wide(reg::move_target) == HANG_ON_TARGET) {
     }
 #endif
-    if (length) serial::send(drum.modbus().reply(), length);
+}
+
+static void send_reply() {
+    serial::send(drum.modbus().reply(), unsent);
+    unsent = 0;
 }
 
 static inline bool idle() {
-    return !clock::pending() && !amplifier::ready() && !serial::available();
+    return !clock::pending() && !amplifier::ready() && !unsent && !serial::available();
 }
 
 int main() {
@@ -73,6 +78,7 @@ int main() {
         // One piece of work a round, so that no tick waits for more than the longest of them.
         if (ticks) continue;
         if (amplifier::ready()) drum.sample(amplifier::read());
+        else if (unsent) send_reply();
         else if (serial::available()) run_serial();
     }
 }

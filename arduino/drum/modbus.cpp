@@ -94,11 +94,18 @@ uint16_t Modbus::serve() {
 }
 
 uint16_t Modbus::finish(uint16_t length) {
-    uint16_t crc = 0xffff;
-    for (uint16_t i = 0; i < length; ++i) crc = crc_after(crc, reply_[i]);
-    reply_[length] = static_cast<uint8_t>(crc);
-    reply_[length + 1] = static_cast<uint8_t>(crc >> 8);
+    unsealed_ = length;
     return length + 2;
+}
+
+const uint8_t *Modbus::reply() {
+    if (!unsealed_) return reply_;
+    uint16_t crc = 0xffff;
+    for (uint16_t i = 0; i < unsealed_; ++i) crc = crc_after(crc, reply_[i]);
+    reply_[unsealed_] = static_cast<uint8_t>(crc);
+    reply_[unsealed_ + 1] = static_cast<uint8_t>(crc >> 8);
+    unsealed_ = 0;
+    return reply_;
 }
 
 uint16_t Modbus::refuse(uint8_t code) {

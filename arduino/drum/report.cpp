@@ -11,9 +11,9 @@ uint16_t tenths(float value) {
     return static_cast<uint16_t>(static_cast<int16_t>(scaled));
 }
 
-// 36000 / 12800 in small numbers: the compiler shifts instead of dividing.
+// 36000 / STEPS_PER_TURN in small numbers: the compiler shifts instead of dividing.
 uint16_t hundredths_of_degree(uint16_t place) {
-    constexpr uint16_t TIMES = 45, OVER = 16;
+    constexpr uint16_t TIMES = 45, OVER = board::STEPS_PER_TURN / 800;
     static_assert(TIMES * static_cast<uint32_t>(board::STEPS_PER_TURN) == 36000UL * OVER,
                   "reduce 36000 / STEPS_PER_TURN anew");
     return static_cast<uint32_t>(place) * TIMES / OVER;

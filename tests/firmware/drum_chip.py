@@ -173,10 +173,10 @@ class DrumChip:
             return self.write(register.address, value & 0xFFFF)
         return self.write(register.address, value >> 16 & 0xFFFF, value & 0xFFFF)
 
-    def beat(self) -> None:
-        """One poll with a heartbeat."""
+    def beat(self) -> bytes:
+        """One poll with a heartbeat; its answer."""
         self._beat = (self._beat + 1) & 0xFFFF
-        self.exchange(struct.pack(">BHHHHBH", 23, 16, 40, 64, 1, 2, self._beat))
+        return self.exchange(struct.pack(">BHHHHBH", 23, 16, 40, 64, 1, 2, self._beat))
 
     def poll_for(self, milliseconds: int) -> None:
         """Poll and beat 50 times a second."""

@@ -21,6 +21,8 @@ CYCLES_PER_US = 16
 MEAN_MS = 200
 """Span whose mean counts as settled."""
 BAND = 0.02
+REST_MS = 300
+"""From HOLD to RUN."""
 AHEAD_MM = 25.0
 """From the mark to where a trial begins, so that run-in and window lie on the plate."""
 
@@ -86,10 +88,11 @@ class PlantDrum(DrumChip):
         self.clear_edges()
         assert self.command(Command.APPROACH, 15_000) == 0
         assert self.state is State.HOLD, self.get("fault")
-        held = len(self.forces)
+        self.poll_for(REST_MS)
+        rest = len(self.forces)
         assert self.command(Command.RUN, 20_000) == 0
         assert self.state is State.HOLD, self.get("fault")
-        done = judged(np.array(self.forces[begun:]), held - begun, self._window(begun), force_g)
+        done = judged(np.array(self.forces[begun:]), rest - begun, self._window(begun), force_g)
         assert self.command(Command.RETRACT, 5000) == 0
         return done
 
@@ -106,16 +109,16 @@ class PlantDrum(DrumChip):
         return slice(rise - offset, fall - offset)
 
 
-def judged(forces: NDArray[np.float64], held: int, window: slice, force_g: float) -> Trial:
-    """What the true force of each millisecond (n,) says; ``held`` is where HOLD began."""
+def judged(forces: NDArray[np.float64], rest: int, window: slice, force_g: float) -> Trial:
+    """What the true force of each millisecond (n,) says; the drum turns from ``rest`` on."""
     touch = int(np.argmax(forces > 0))
     means = np.convolve(forces[touch:], np.ones(MEAN_MS) / MEAN_MS, "valid") / force_g - 1
-    approach = means[: max(1, held + 500 - touch - MEAN_MS)]
+    approach = means[: rest - touch - MEAN_MS]
     outside = np.flatnonzero(np.abs(approach) > BAND)
     last = int(outside[-1]) + 1 if outside.size else 0
     return Trial(
         settle_s=(last + MEAN_MS) / 1000 if last < approach.size else float("inf"),
-        overshoot=float(forces[touch : held + 500].max() / force_g - 1),
+        overshoot=float(forces[touch:rest].max() / force_g - 1),
         mean_error=float(forces[window].mean() / force_g - 1),
         window=forces[window],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 
 import numpy as np
@@ -68,6 +69,9 @@ def test_interrupts_are_short_and_load_cell_reads_quick(holding: DrumChip) -> No
     x = holding.x
     x.watch_interrupts = 1
     trial(holding, 120.0)
+    for _ in range(20):
+        holding.beat()
+        holding.exchange(struct.pack(">BHH", 3, 128, 125))
     x.watch_interrupts = 0
     longest = max(x.longest_isr) + ENTRY_CYCLES
     assert longest <= 400, list(x.longest_isr)  # 25 µs
