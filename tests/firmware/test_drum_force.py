@@ -1,0 +1,26 @@
+"""The force loop on its chip, against the world's true force: nominal, and at the ends."""
+
+from __future__ import annotations
+
+import pytest
+
+from rigctl.world.parameters import WorldParameters
+from tests.firmware.plant_drum import PlantDrum
+
+
+@pytest.mark.parametrize(
+    ("plant", "force_g"),
+    [
+        (WorldParameters(), 500),
+        (WorldParameters(stiffness_g_mm=900, stiffening_per_mm=0.3), 250),
+        (WorldParameters(stiffness_g_mm=300, dead_band=0.2, actuator_lag_ms=50), 1000),
+    ],
+    ids=["nominal", "stiff", "soft and sluggish"],
+)
+def test_a_trial_keeps_its_force(plant: WorldParameters, force_g: int) -> None:
+    with PlantDrum(plant) as drum:
+        drum.ready()
+        trial = drum.trial(120, force_g)
+    assert trial.settle_s < 1.0
+    assert trial.overshoot < 0.05
+    assert abs(trial.mean_error) < 0.01
