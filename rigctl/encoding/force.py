@@ -15,10 +15,15 @@ from enum import IntEnum, StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.encoder import rasters
+from rigctl.encoding.bulk import (
+    Counts,
+    mean_level,
+    sa_rates_hz,
+    stretch_counts,
+    whole_trials,
+)
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
-from rigctl.encoding.raster import window_counts
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
@@ -29,7 +34,6 @@ TOLERANCE_HZ = 0.1
 HIGHEST_C = 5.0
 NARROWEST = 1e-6
 MOST_EVALUATIONS = 60
-LEVEL_EVERY = 16
 
 
 class Status(IntEnum):
@@ -53,13 +57,15 @@ class Search:
     """What the search found for the taxels of one texture, speed and force.
 
     ``c``, ``rate_hz``: float64 (n_taxels,); ``status``: int8; ``evaluations``: int64, encodings
-    of the taxel that it took.
+    of the taxel that it took; ``counts``: uint32 (n_trials, n_taxels, n_stretches), SA spikes
+    with that C.
     """
 
     c: Floats
     rate_hz: Floats
     status: NDArray[np.int8]
     evaluations: NDArray[np.int64]
+    counts: Counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,15 +163,11 @@ def mean_sa_rates_hz(
     c: Floats | None = None,
 ) -> Floats:
     """Mean SA rate of each taxel over trials, float64 (n_taxels,); ``c`` scales its current."""
-    n_taxels = normalisation.n_taxels
-    scale = np.tile(np.ones(n_taxels) if c is None else c, (len(trials), 1))
-    total = np.zeros(n_taxels)
-    for index, first, counts in rasters(trials, normalisation, parameters, scale):
-        n = len(trials[index])
-        if n:
-            spikes = window_counts(counts, np.zeros(n, np.int64), first, n_taxels, 1)
-            total += spikes[:n_taxels, 0] * (parameters.sample_rate_hz / n)
-    return total / len(trials)
+    scale = None if c is None else np.tile(c, (len(trials), 1))
+    counts = stretch_counts(
+        trials, whole_trials(trials), normalisation, parameters, sa_scale=scale, sa_only=True
+    )
+    return sa_rates_hz(counts, list(map(len, trials)), parameters)
 
 
 def search(
@@ -176,21 +178,34 @@ def search(
     parameters: EncoderParameters = DEFAULT,
     tolerance_hz: float = TOLERANCE_HZ,
     method: Method = Method.REGULA_FALSI,
+    cuts: NDArray[np.int64] | None = None,
 ) -> Search:
-    """C of every taxel of one condition; taxels that are found are not encoded again."""
+    """C of every taxel of one condition; taxels that are found are not encoded again.
+
+    ``cuts``: of the stretches in which spikes are counted; without them a trial is one stretch.
+    """
     brackets = [_Bracket(float(t), float(s), method) for t, s in zip(target_hz, start, strict=True)]
+    cuts = whole_trials(trials) if cuts is None else cuts
+    lengths = list(map(len, trials))
+    kept = np.zeros((len(trials), len(brackets), len(cuts) - 1), np.uint32)
     for _ in range(MOST_EVALUATIONS):
         open_ones = [i for i, b in enumerate(brackets) if b.status is None]
         if not open_ones:
             break
-        some = Normalisation(normalisation.low[open_ones], normalisation.high[open_ones])
-        part = trials
-        if len(open_ones) < len(brackets):
-            part = [np.take(samples, open_ones, axis=1) for samples in trials]
         guesses = np.array([brackets[i].guess for i in open_ones])
-        rates = mean_sa_rates_hz(part, some, parameters, guesses)
-        for i, rate in zip(open_ones, rates, strict=True):
-            brackets[i].learn(float(rate), tolerance_hz)
+        counts = stretch_counts(
+            trials,
+            cuts,
+            normalisation,
+            parameters,
+            sa_scale=np.tile(guesses, (len(trials), 1)),
+            taxels=np.array(open_ones),
+            sa_only=True,
+        )
+        rates = sa_rates_hz(counts, lengths, parameters)
+        for place, (i, rate) in enumerate(zip(open_ones, rates, strict=True)):
+            if brackets[i].learn(float(rate), tolerance_hz):
+                kept[:, i] = counts[:, place]
     for bracket in brackets:
         bracket.give_up()
     return Search(
@@ -198,6 +213,7 @@ def search(
         np.array([b.best_rate for b in brackets]),
         np.array([b.status for b in brackets], np.int8),
         np.array([b.evaluations for b in brackets], np.int64),
+        kept,
     )
 
 
@@ -219,19 +235,20 @@ class _Bracket:
         self._last_side = 0
         self.guess = HIGHEST_C / 2 if self._bisects else min(max(start, 0.0), HIGHEST_C)
 
-    def learn(self, rate: float, tolerance_hz: float) -> None:
-        """Take in the rate at the guess and make the next one."""
+    def learn(self, rate: float, tolerance_hz: float) -> bool:
+        """Take in the rate at the guess and make the next one. True where it was the best yet."""
         self.evaluations += 1
         distance = rate - self._target
-        if self.evaluations == 1 or abs(distance) < abs(self.best_rate - self._target):
-            self.best_c, self.best_rate = self.guess, rate
+        best = self.evaluations == 1 or abs(distance) < abs(self.best_rate - self._target)
         if abs(distance) < tolerance_hz:
             self.status = Status.CONVERGED
         elif distance < 0 and self.guess >= HIGHEST_C:
-            self.status = Status.CAPPED
+            self.status, best = Status.CAPPED, True
+        if best:
             self.best_c, self.best_rate = self.guess, rate
-        else:
+        if self.status is None:
             self._narrow(distance)
+        return best
 
     def give_up(self) -> None:
         """Call a search that is still open a jump over the target."""
@@ -279,12 +296,3 @@ def _trials(
             f"force scaling has no trial of texture {texture} at {speed:g} mm/s and {force:g} g"
         )
     return trials
-
-
-def mean_level(trials: Trials, normalisation: Normalisation) -> Floats:
-    """Mean normalised reading of each taxel over some of the samples, float64: a start for C."""
-    low, scale = normalisation.low.astype(np.float64), normalisation.scale
-    some = (samples[::LEVEL_EVERY] for samples in trials)
-    means = [np.clip(s, normalisation.low, normalisation.high).mean(axis=0) for s in some]
-    level: Floats = (np.mean(means, axis=0) - low) * scale
-    return level
