@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.fingerprint import Fingerprint, look_at
 from rigctl.analysis.trial_set import TrialRef, opened
-from rigctl.encoding.features import FeatureLayout, feature_matrices
-from rigctl.encoding.force import ForceMatrix, force_matrix
+from rigctl.encoding.bulk import Counts, Samples, cuts_of, sa_rates_hz, stretch_counts
+from rigctl.encoding.features import FeatureLayout
+from rigctl.encoding.force import ForceMatrix, search_to
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.session.sample_map import SampleFile
-
-Features = NDArray[np.float64]
 
 
 class Condition(NamedTuple):
@@ -31,68 +31,132 @@ class Condition(NamedTuple):
     reference_g: float
     given: tuple[NDArray[np.float64], ...]
 
+    @property
+    def lengths(self) -> list[int]:
+        """Samples of each trial."""
+        return [trial.place.stop - trial.place.start for trial in self.trials]
 
-class Encoded(NamedTuple):
-    """Feature matrices (unscaled, speed scaled) without and with C, and the C that was found."""
+    @property
+    def cuts(self) -> NDArray[np.int64]:
+        """Of the stretches in which the spikes are counted."""
+        return cuts_of(self.layouts, max(self.lengths), self.trials[0].speed_mm_s)
 
-    plain: list[Features]
-    forced: list[Features]
-    force: ForceMatrix | None
+    @property
+    def scaled_rows(self) -> list[int]:
+        """Trials whose SA current a C changes."""
+        if self.given:
+            ones = {f for f, c in zip(self.forces_g, self.given, strict=True) if (c == 1.0).all()}
+        else:
+            ones = {self.reference_g}
+        return [i for i, trial in enumerate(self.trials) if trial.force_g not in ones]
 
 
-def range_of(
-    job: tuple[tuple[SampleFile, ...], tuple[TrialRef, ...]],
-) -> list[NDArray[np.uint16]]:
-    """The lowest and highest readings of each trial."""
+Arrays = dict[str, NDArray[Any]]
+
+
+def fingerprint_of(job: tuple[tuple[SampleFile, ...], tuple[TrialRef, ...]]) -> Fingerprint:
+    """The ranges of some trials, and what their samples are known by."""
     files, trials = job
-    ends = []
+    n_taxels = files[0].n_taxels
+    found = Fingerprint(
+        np.empty(len(trials), np.uint64),
+        np.empty((len(trials), n_taxels), np.uint16),
+        np.empty((len(trials), n_taxels), np.uint16),
+    )
+    longest = max(trial.place.stop - trial.place.start for trial in trials)
+    memory = np.empty((longest, n_taxels), np.uint16)
     with opened(files) as reader:
-        for trial in trials:
-            samples = reader.of(trial)
-            ends.append(np.stack([samples.min(axis=0), samples.max(axis=0)]))
-    return ends
+        for i, trial in enumerate(trials):
+            samples = reader.of(trial, memory[: trial.place.stop - trial.place.start])
+            found.hashes[i] = look_at(samples, found.low[i], found.high[i])
+    return found
 
 
-def encoded_condition(condition: Condition) -> Encoded:
-    """Features of one texture and speed: with the C it is given, or plain and with its own."""
+def counted_condition(condition: Condition) -> Arrays:
+    """Spikes of one texture and speed in stretches of time.
+
+    With a C that is given: ``forced``, SA counts of :attr:`Condition.scaled_rows` alone. Else
+    ``plain``, counts of all trials; and where there are forces, ``forced`` with the C found, and
+    that C: ``c``, ``status``, ``residual_hz``, ``evaluations``, each (n_taxels, n_forces).
+    Counts are (trials, trains, stretches) in the narrowest type that holds them.
+    """
     with opened(condition.files) as reader:
-        samples = [reader.of(trial) for trial in condition.trials]
+        samples = reader.all_of(condition.trials)
     if condition.given:
         by_force = dict(zip(condition.forces_g, condition.given, strict=True))
-        return Encoded([], _features(condition, samples, by_force), None)
-    plain = _features(condition, samples, None)
-    if not condition.forces_g:
-        return Encoded(plain, [], None)
-    texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
+        rows = condition.scaled_rows
+        scale = np.array([by_force[condition.trials[i].force_g] for i in rows])
+        return {"forced": _narrow(_counts(condition, [samples[i] for i in rows], scale))}
+    plain = _counts(condition, samples)
+    searched = _searched(condition, samples, plain) if condition.forces_g else {}
+    return {"plain": _narrow(plain), **searched}
 
-    def trials_of(_texture: str, _speed: float, force: float) -> list[NDArray[np.uint16]]:
-        both = zip(condition.trials, samples, strict=True)
-        return [readings for trial, readings in both if trial.force_g == force]
 
-    ways = (condition.normalisation, condition.parameters)
-    force = force_matrix(
-        trials_of,
-        [texture],
-        [speed],
-        condition.forces_g,
-        *ways,
-        reference_g=condition.reference_g,
+def _counts(
+    condition: Condition, samples: Sequence[Samples], scale: NDArray[np.float64] | None = None
+) -> Counts:
+    """Counts of both channels, or with a C of SA alone: it changes nothing in RA."""
+    return stretch_counts(
+        samples,
+        condition.cuts,
+        condition.normalisation,
+        condition.parameters,
+        sa_scale=scale,
+        sa_only=scale is not None,
     )
-    by_force = {f: force.of(texture, speed, f) for f in condition.forces_g}
-    return Encoded(plain, _features(condition, samples, by_force), force)
 
 
-def _features(
-    condition: Condition,
-    samples: Sequence[NDArray[np.uint16]],
-    c_of_force: dict[float, NDArray[np.float64]] | None,
-) -> list[Features]:
-    scale = None
-    if c_of_force is not None:
-        scale = np.array([c_of_force[trial.force_g] for trial in condition.trials])
-    speeds = [trial.speed_mm_s for trial in condition.trials]
-    ways = (condition.normalisation, condition.layouts, condition.parameters)
-    return feature_matrices(samples, speeds, *ways, sa_scale=scale)
+def _searched(condition: Condition, samples: Sequence[Samples], plain: Counts) -> Arrays:
+    """C at each force, and the SA counts that it makes."""
+    rows = {
+        force: [i for i, trial in enumerate(condition.trials) if trial.force_g == force]
+        for force in condition.forces_g
+    }
+    reference = rows[condition.reference_g]
+    n_taxels = condition.normalisation.n_taxels
+    lengths = [condition.lengths[i] for i in reference]
+    target = sa_rates_hz(plain[reference, :n_taxels], lengths, condition.parameters)
+    forced = plain[:, :n_taxels].copy()
+    shape = (n_taxels, len(condition.forces_g))
+    found: Arrays = {"c": np.ones(shape), "status": np.zeros(shape, np.int8)}
+    found |= {"residual_hz": np.zeros(shape), "evaluations": np.zeros(shape, np.int64)}
+    for f, force in enumerate(condition.forces_g):
+        if force == condition.reference_g:
+            continue
+        search = search_to(
+            [samples[i] for i in rows[force]],
+            [samples[i] for i in reference],
+            target,
+            condition.normalisation,
+            condition.parameters,
+            cuts=condition.cuts,
+        )
+        forced[rows[force]] = search.counts
+        found["c"][:, f], found["status"][:, f] = search.c, search.status
+        found["residual_hz"][:, f] = search.rate_hz - target
+        found["evaluations"][:, f] = search.evaluations
+    return {"forced": _narrow(forced[condition.scaled_rows]), **found}
+
+
+def _narrow(counts: Counts) -> NDArray[Any]:
+    """Counts in as few bytes as they need: they travel between processes and stay in files."""
+    return counts.astype(np.min_scalar_type(counts.max(initial=0)))
+
+
+def with_force(plain: NDArray[Any], forced: NDArray[Any], rows: Sequence[int]) -> NDArray[Any]:
+    """Counts of both channels where SA counts of some trials are others."""
+    n_taxels = plain.shape[1] // 2
+    counts: NDArray[Any] = plain.astype(np.uint32)
+    counts[list(rows), :n_taxels] = forced
+    return counts
+
+
+def piece_of(condition: Condition, found: Arrays) -> ForceMatrix:
+    """The C of one texture and speed."""
+    texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
+    names = ("c", "status", "residual_hz", "evaluations")
+    parts = [found[name][None, :, None, :] for name in names]
+    return ForceMatrix((texture,), (speed,), condition.forces_g, condition.reference_g, *parts)
 
 
 def joined_matrix(pieces: Sequence[ForceMatrix]) -> ForceMatrix:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +18,22 @@ from numpy.typing import NDArray
 from rigctl.analysis.carried_c import Carried, Source, carried
 from rigctl.analysis.conditions import (
     Condition,
-    Features,
-    encoded_condition,
+    counted_condition,
+    fingerprint_of,
     joined_matrix,
-    range_of,
+    piece_of,
+    with_force,
 )
 from rigctl.analysis.jobs import HERE, Crew, Progress, work_through
 from rigctl.analysis.trial_set import TrialSet
+from rigctl.encoding.bulk import features_of
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force import REFERENCE_FORCE_G, ForceMatrix, Status
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 
 CHUNK = 64
+Features = NDArray[np.float64]
 PAPER_UNCONVERGED = (62, 4320)
 
 
@@ -121,14 +124,15 @@ def represent(
         trials, ranges, parameters, layouts, reference_g, with_force=not (lacking or source)
     )
     files = _Files(folder, len(trials.trials), [lay.width(trials.n_taxels) for lay in layouts])
-    force, worth = _encode(conditions, files, crew, progress), None
+    plain, force = _encode(conditions, files, crew, progress)
+    worth = None
     if source is not None:
         force = source.force
         worth = carried(source, trials, ranges, parameters, crew=crew, progress=progress)
         remarks.append(worth.sentence)
-        _encode_with(conditions, force, files, "texture", crew, progress)
+        _encode_with(conditions, plain, force, files, "texture", crew, progress)
     if force is not None:
-        _encode_with(conditions, force, files, "blind", crew, progress)
+        _encode_with(conditions, plain, force, files, "blind", crew, progress)
     return RepresentationSet(
         trials, ranges, parameters, *layouts, force, files.close(crew), tuple(remarks), worth
     )
@@ -165,11 +169,16 @@ class _Files:
         self._folder, self._n, self._widths = folder, n_trials, widths
         self._open: dict[str, NDArray[np.float64]] = {}
 
-    def put(self, force: str, rows: Sequence[int], matrices: Sequence[Features]) -> None:
+    def put(
+        self, force: str, rows: Sequence[int], condition: Condition, counts: NDArray[Any]
+    ) -> None:
         """Write the unscaled and the speed-scaled rows of one way to treat force."""
         pair = [r for r in REPRESENTATIONS if r.force == force]
-        for representation, matrix, width in zip(pair, matrices, self._widths, strict=True):
-            key = representation.key
+        told = (condition.cuts, condition.lengths, condition.trials[0].speed_mm_s)
+        for representation, layout, width in zip(
+            pair, condition.layouts, self._widths, strict=True
+        ):
+            key, matrix = representation.key, features_of(counts, *told, layout)
             if key not in self._open:
                 self._open[key] = np.lib.format.open_memmap(
                     self._folder / f"{key}.npy", "w+", np.float64, (self._n, width)
@@ -194,8 +203,8 @@ def _ranges(trials: TrialSet, crew: Crew, progress: Progress) -> tuple[TrialSet,
     starts = range(0, len(kept.trials), CHUNK)
     jobs = [(kept.files, kept.trials[at : at + CHUNK]) for at in starts]
     stage = "reading trials for the taxel ranges"
-    found = work_through(range_of, jobs, crew=crew, stage=stage, progress=progress)
-    ends = [end for several in found for end in several]
+    found = work_through(fingerprint_of, jobs, crew=crew, stage=stage, progress=progress)
+    ends = [np.concatenate([several.low, several.high]) for several in found]
     return kept, Normalisation.over(ends, "minimum and maximum over all trials used")
 
 
@@ -255,21 +264,25 @@ def _encode(
     files: _Files,
     crew: Crew,
     progress: Progress,
-) -> ForceMatrix | None:
+) -> tuple[list[NDArray[Any]], ForceMatrix | None]:
+    """Plain counts of each condition, and C where there are forces; both as features in files."""
     jobs = [condition for _, condition in conditions]
     stage = "searching C, encoding"
-    found = work_through(encoded_condition, jobs, crew=crew, stage=stage, progress=progress)
-    pieces: list[ForceMatrix] = []
-    for (rows, _), encoded in zip(conditions, found, strict=True):
-        files.put("", rows, encoded.plain)
-        if encoded.force is not None:
-            files.put("texture", rows, encoded.forced)
-            pieces.append(encoded.force)
-    return joined_matrix(pieces) if pieces else None
+    found = work_through(counted_condition, jobs, crew=crew, stage=stage, progress=progress)
+    pieces, plain = [], []
+    for (rows, condition), counted in zip(conditions, found, strict=True):
+        plain.append(counted["plain"])
+        files.put("", rows, condition, counted["plain"])
+        if condition.forces_g:
+            counts = with_force(counted["plain"], counted["forced"], condition.scaled_rows)
+            files.put("texture", rows, condition, counts)
+            pieces.append(piece_of(condition, counted))
+    return plain, joined_matrix(pieces) if pieces else None
 
 
 def _encode_with(
     conditions: Sequence[tuple[list[int], Condition]],
+    plain: Sequence[NDArray[Any]],
     force: ForceMatrix,
     files: _Files,
     way: str,
@@ -287,6 +300,7 @@ def _encode_with(
         )
         jobs.append(condition._replace(forces_g=forces, given=given))
     stage = f"encoding with {'texture-blind C' if way == 'blind' else 'C'}"
-    found = work_through(encoded_condition, jobs, crew=crew, stage=stage, progress=progress)
-    for (rows, _), encoded in zip(conditions, found, strict=True):
-        files.put(way, rows, encoded.forced)
+    found = work_through(counted_condition, jobs, crew=crew, stage=stage, progress=progress)
+    for (rows, _), job, counts, counted in zip(conditions, jobs, plain, found, strict=True):
+        both = with_force(counts, counted["forced"], job.scaled_rows)
+        files.put(way, rows, job, both)

@@ -107,6 +107,15 @@ class Samples:
                 f"read ({error}); rigctl verify says what is left of the session"
             ) from error
 
+    def all_of(self, trials: Sequence[TrialRef]) -> list[NDArray[np.uint16]]:
+        """Readings of several trials, behind each other in one memory."""
+        lengths = [trial.place.stop - trial.place.start for trial in trials]
+        n_taxels = self._files[0].n_taxels
+        memory = np.empty((sum(lengths), n_taxels), np.uint16)
+        ends = np.cumsum(lengths).tolist()
+        places = zip(trials, lengths, ends, strict=True)
+        return [self.of(trial, memory[end - n : end]) for trial, n, end in places]
+
 
 @contextmanager
 def opened(files: Sequence[SampleFile]) -> Iterator[Samples]:

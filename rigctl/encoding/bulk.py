@@ -95,8 +95,15 @@ def _tiles(
         tile = readings[: shape[0] * lanes].reshape(shape)
         counts = spikes[: 2 * tile.size].reshape(shape[0], 2 * lanes)
         for place, index in enumerate(chosen):
+            # A trial without samples has nothing to fill its columns with.
+            if not len(trials[index]):
+                tile[:, place * len(taxels) : (place + 1) * len(taxels)] = 0
+                continue
             _lay_compiled(trials[index], taxels, tile, place * len(taxels))
         of_lanes = [np.tile(part, len(chosen)) for part in ranges]
+        if not len(tile):
+            yield chosen, counts
+            continue
         state = kernel.rest(parameters, lanes)
         kernel.start_filter(tile[0], *of_lanes, constants, state)
         drives = (sa_drive * sa_scale[chosen].reshape(-1), np.full(lanes, ra_drive))
@@ -113,7 +120,7 @@ def sa_rates_hz(
     :func:`rigctl.encoding.force.mean_sa_rates_hz` does, so that both give the same bits.
     """
     order = sorted(range(len(n_samples)), key=lambda i: (n_samples[i], i))
-    per_spike = np.array([parameters.sample_rate_hz / n_samples[i] for i in order])
+    per_spike = np.array([parameters.sample_rate_hz / max(1, n_samples[i]) for i in order])
     terms = counts.sum(axis=2)[order] * per_spike[:, None]
     total: NDArray[np.float64] = np.add.accumulate(terms, axis=0)[-1] / len(order)
     return total

@@ -139,15 +139,18 @@ def force_matrix(
         for v, speed in enumerate(speeds_mm_s):
             reference = _trials(trials_of, texture, speed, reference_g)
             target = mean_sa_rates_hz(reference, normalisation, parameters)
-            goal_level = mean_level(reference, normalisation)
             for f, force in enumerate(forces_g):
                 if force == reference_g:
                     continue
                 trials = _trials(trials_of, texture, speed, force)
-                level = mean_level(trials, normalisation)
-                start = np.divide(goal_level, level, out=np.ones_like(level), where=level > 0)
-                found = search(
-                    trials, target, start, normalisation, parameters, tolerance_hz, method
+                found = search_to(
+                    trials,
+                    reference,
+                    target,
+                    normalisation,
+                    parameters,
+                    tolerance_hz=tolerance_hz,
+                    method=method,
                 )
                 c[t, :, v, f], status[t, :, v, f] = found.c, found.status
                 residual[t, :, v, f] = found.rate_hz - target
@@ -168,6 +171,23 @@ def mean_sa_rates_hz(
         trials, whole_trials(trials), normalisation, parameters, sa_scale=scale, sa_only=True
     )
     return sa_rates_hz(counts, list(map(len, trials)), parameters)
+
+
+def search_to(
+    trials: Trials,
+    reference: Trials,
+    target_hz: Floats,
+    normalisation: Normalisation,
+    parameters: EncoderParameters = DEFAULT,
+    *,
+    tolerance_hz: float = TOLERANCE_HZ,
+    method: Method = Method.REGULA_FALSI,
+    cuts: NDArray[np.int64] | None = None,
+) -> Search:
+    """:func:`search` that starts where readings are as high as those of the reference trials."""
+    level, goal = mean_level(trials, normalisation), mean_level(reference, normalisation)
+    start = np.divide(goal, level, out=np.ones_like(level), where=level > 0)
+    return search(trials, target_hz, start, normalisation, parameters, tolerance_hz, method, cuts)
 
 
 def search(

@@ -1,0 +1,126 @@
+"""What a trial's samples are, in few bytes: their range, and a hash by which they are known again.
+
+The hash is XXH64, as its specification gives it: memory is read faster than it is written, and
+nobody forges recordings to deceive a cache.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+P1, P2, P3, P4, P5 = (
+    np.uint64(prime)
+    for prime in (
+        0x9E3779B185EBCA87,
+        0xC2B2AE3D27D4EB4F,
+        0x165667B19E3779F9,
+        0x85EBCA77C2B2AE63,
+        0x27D4EB2F165667C5,
+    )
+)
+LANES = 32
+"""Rows whose readings are compared side by side, so that any number of taxels fills a vector."""
+
+
+class Fingerprint(NamedTuple):
+    """Of several trials: ``hashes`` uint64 (n,), ``low``, ``high`` uint16 (n, n_taxels)."""
+
+    hashes: NDArray[np.uint64]
+    low: NDArray[np.uint16]
+    high: NDArray[np.uint16]
+
+
+def hash_of(data: NDArray[Any]) -> int:
+    """XXH64 with seed 0 of an array's bytes."""
+    octets = np.ascontiguousarray(data).reshape(-1).view(np.uint8)
+    words = np.frombuffer(octets[: len(octets) // 8 * 8].tobytes(), np.uint64)
+    return int(_hash_compiled(words, octets[len(words) * 8 :]))
+
+
+def look_at(samples: NDArray[np.uint16], low: NDArray[Any], high: NDArray[Any]) -> int:
+    """Put the range of samples uint16 (n, n_taxels) into ``low`` and ``high``; their hash.
+
+    ``samples`` is contiguous, begins at a multiple of 8 bytes, and n is at least 1.
+    """
+    flat = samples.reshape(-1)
+    _range_compiled(flat, samples.shape[1], low, high)
+    words = flat[: len(flat) // 4 * 4].view(np.uint64)
+    return int(_hash_compiled(words, flat[len(words) * 4 :].view(np.uint8)))
+
+
+def _range(flat: Any, width: Any, low: Any, high: Any) -> None:
+    """Lowest and highest of each column of rows that lie one behind the other."""
+    period = width * LANES
+    lows, highs = np.empty(period, np.uint16), np.empty(period, np.uint16)
+    for j in range(period):
+        lows[j] = highs[j] = flat[j % width]
+    whole = len(flat) // period * period
+    for start in range(0, whole, period):
+        block = flat[start : start + period]
+        for j in range(period):
+            lows[j] = min(lows[j], block[j])
+            highs[j] = max(highs[j], block[j])
+    for j in range(len(flat) - whole):
+        lows[j] = min(lows[j], flat[whole + j])
+        highs[j] = max(highs[j], flat[whole + j])
+    for j in range(width):
+        low[j], high[j] = lows[j], highs[j]
+    for j in range(width, period):
+        low[j % width] = min(low[j % width], lows[j])
+        high[j % width] = max(high[j % width], highs[j])
+
+
+def _hash(words: Any, rest: Any) -> Any:
+    """XXH64 of whole words and up to 7 octets behind them."""
+    n, total = len(words), np.uint64(8 * len(words) + len(rest))
+    at, found = 0, P5
+    if n >= 4:
+        a, b = P1 + P2, P2
+        c, d = np.uint64(0), np.uint64(0) - P1
+        while at + 4 <= n:
+            a = _round(a, words[at])
+            b = _round(b, words[at + 1])
+            c = _round(c, words[at + 2])
+            d = _round(d, words[at + 3])
+            at += 4
+        found = _turned(a, 1) + _turned(b, 7) + _turned(c, 12) + _turned(d, 18)
+        for lane in (a, b, c, d):
+            found = (found ^ _round(np.uint64(0), lane)) * P1 + P4
+    found += total
+    for i in range(at, n):
+        found = _turned(found ^ _round(np.uint64(0), words[i]), 27) * P1 + P4
+    first = 0
+    if len(rest) >= 4:
+        word = np.uint64(0)
+        for i in range(4):
+            word |= np.uint64(rest[i]) << np.uint64(8 * i)
+        found = _turned(found ^ (word * P1), 23) * P2 + P3
+        first = 4
+    for i in range(first, len(rest)):
+        found = _turned(found ^ (np.uint64(rest[i]) * P5), 11) * P1
+    found = (found ^ (found >> np.uint64(33))) * P2
+    found = (found ^ (found >> np.uint64(29))) * P3
+    return found ^ (found >> np.uint64(32))
+
+
+_compile = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+@_compile
+def _turned(x: Any, bits: Any) -> Any:
+    """Bits turned to the left."""
+    return (x << np.uint64(bits)) | (x >> np.uint64(64 - bits))
+
+
+@_compile
+def _round(lane: Any, word: Any) -> Any:
+    """One word into one of the four sums."""
+    return _turned(lane + word * P2, 31) * P1
+
+
+_range_compiled = _compile(_range)
+_hash_compiled = _compile(_hash)
