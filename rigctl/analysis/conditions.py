@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.fingerprint import Fingerprint, look_at
+from rigctl.analysis.fingerprint import look_at
 from rigctl.analysis.trial_set import TrialRef, opened
 from rigctl.encoding.bulk import Counts, Samples, cuts_of, sa_rates_hz, stretch_counts
 from rigctl.encoding.features import FeatureLayout
@@ -54,22 +54,18 @@ class Condition(NamedTuple):
 Arrays = dict[str, NDArray[Any]]
 
 
-def fingerprint_of(job: tuple[tuple[SampleFile, ...], tuple[TrialRef, ...]]) -> Fingerprint:
-    """The ranges of some trials, and what their samples are known by."""
+def fingerprints_of(job: tuple[tuple[SampleFile, ...], tuple[TrialRef, ...]]) -> Arrays:
+    """Of some trials: ``hashes`` uint64 (n,); ``low``, ``high`` uint16 (n, n_taxels)."""
     files, trials = job
-    n_taxels = files[0].n_taxels
-    found = Fingerprint(
-        np.empty(len(trials), np.uint64),
-        np.empty((len(trials), n_taxels), np.uint16),
-        np.empty((len(trials), n_taxels), np.uint16),
-    )
+    hashes = np.empty(len(trials), np.uint64)
+    low, high = (np.empty((len(trials), files[0].n_taxels), np.uint16) for _ in range(2))
     longest = max(trial.place.stop - trial.place.start for trial in trials)
-    memory = np.empty((longest, n_taxels), np.uint16)
+    memory = np.empty((longest, files[0].n_taxels), np.uint16)
     with opened(files) as reader:
         for i, trial in enumerate(trials):
             samples = reader.of(trial, memory[: trial.place.stop - trial.place.start])
-            found.hashes[i] = look_at(samples, found.low[i], found.high[i])
-    return found
+            hashes[i] = look_at(samples, low[i], high[i])
+    return {"hashes": hashes, "low": low, "high": high}
 
 
 def counted_condition(condition: Condition) -> Arrays:

@@ -105,6 +105,10 @@ class DaskCrew:
             if waiting and self._client.status == "running":
                 self._client.cancel(list(waiting), force=True)
 
+    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """As :meth:`map`: workers may have threads."""
+        return self.map(work, jobs)
+
     def _submitted(self, work: Callable[[Job], Result], job: Job) -> Any:
         # The version goes with each job, as a worker may have joined after the first look.
         return self._client.submit(_done, work, job, _build().versions, pure=False)

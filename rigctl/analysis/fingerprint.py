@@ -6,7 +6,7 @@ nobody forges recordings to deceive a cache.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
@@ -24,14 +24,6 @@ P1, P2, P3, P4, P5 = (
 )
 LANES = 32
 """Rows whose readings are compared side by side, so that any number of taxels fills a vector."""
-
-
-class Fingerprint(NamedTuple):
-    """Of several trials: ``hashes`` uint64 (n,), ``low``, ``high`` uint16 (n, n_taxels)."""
-
-    hashes: NDArray[np.uint64]
-    low: NDArray[np.uint16]
-    high: NDArray[np.uint16]
 
 
 def hash_of(data: NDArray[Any]) -> int:

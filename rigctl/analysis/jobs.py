@@ -6,7 +6,7 @@ import multiprocessing
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,6 +42,9 @@ class Crew(Protocol):
         Whoever stops asking for results should close the iterator: what is left is not done then.
         """
 
+    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """The same for work that spends its time without the interpreter's lock, in any thread."""
+
 
 class _OnThisMachine:
     shares_disk = True
@@ -61,6 +64,10 @@ class Here(_OnThisMachine):
                 result = work(job)
             yield result
 
+    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Each result is worked out when it is asked for."""
+        yield from map(work, jobs)
+
 
 HERE: Final[Crew] = Here()
 
@@ -68,8 +75,9 @@ HERE: Final[Crew] = Here()
 class Processes(_OnThisMachine):
     """Processes on this machine, started when first needed and kept; see :func:`processes`."""
 
-    def __init__(self, pool: ProcessPoolExecutor) -> None:
+    def __init__(self, pool: ProcessPoolExecutor, n: int) -> None:
         self._pool = pool
+        self._n = n
 
     def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Raises CrewLost where a process died."""
@@ -87,6 +95,17 @@ class Processes(_OnThisMachine):
             for future in waiting:
                 future.cancel()
 
+    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """In threads of this process: they start at once, and nothing is pickled."""
+        if len(jobs) < 2:
+            yield from map(work, jobs)
+            return
+        pool = ThreadPoolExecutor(min(self._n, len(jobs)))
+        try:
+            yield from pool.map(work, jobs)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
 
 @contextmanager
 def processes(n: int) -> Iterator[Crew]:
@@ -98,7 +117,7 @@ def processes(n: int) -> Iterator[Crew]:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(n, context, initializer=_one_thread)
     try:
-        yield Processes(pool)
+        yield Processes(pool, n)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 

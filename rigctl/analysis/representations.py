@@ -7,7 +7,6 @@ mapped into memory, so that a large set needs no more memory than one condition 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,16 +14,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.cache import Cache
 from rigctl.analysis.carried_c import Carried, Source, carried
-from rigctl.analysis.conditions import (
-    Condition,
-    counted_condition,
-    fingerprint_of,
-    joined_matrix,
-    piece_of,
-    with_force,
+from rigctl.analysis.counting import (
+    Group,
+    Means,
+    RangesOver,
+    c_of,
+    count,
+    count_with,
+    groups_of,
+    prepare,
+    with_c,
+    with_own_c,
 )
-from rigctl.analysis.jobs import HERE, Crew, Progress, work_through
+from rigctl.analysis.jobs import HERE, Crew, Progress
 from rigctl.analysis.trial_set import TrialSet
 from rigctl.encoding.bulk import features_of
 from rigctl.encoding.features import FeatureLayout
@@ -32,7 +36,6 @@ from rigctl.encoding.force import REFERENCE_FORCE_G, ForceMatrix, Status
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 
-CHUNK = 64
 Features = NDArray[np.float64]
 PAPER_UNCONVERGED = (62, 4320)
 
@@ -96,45 +99,53 @@ def represent(
     *,
     reference_g: float = REFERENCE_FORCE_G,
     source: Source | None = None,
+    ranges: RangesOver | Normalisation = RangesOver.ALL,
+    kept: Cache | None = None,
     crew: Crew = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> RepresentationSet:
     """Encode a set in every representation that it allows; feature files go into ``folder``.
 
     ``reference_g``: the force whose SA rates the others are scaled to. ``source``: a C to be used
-    as it is, instead of a search.
-    Taxel ranges are the minimum and maximum over all trials used, as in the paper. Trials with
-    gaps are left out and named. Raises SessionError where no complete trial is left.
+    as it is, instead of a search. ``ranges``: of the taxels, over all trials used as in the paper,
+    over those that it trains on, or given. ``kept``: what was worked out before.
+    Trials with gaps are left out and named. Raises SessionError where no complete trial is left.
     """
-    trials, ranges = _ranges(trials, crew, progress)
+    means = Means(crew, kept or Cache(), progress)
+    ground = prepare(trials, means, ranges)
+    trials = ground.trials
     remarks = list(trials.remarks)
-    if ranges.constant_taxels:
-        named = ", ".join(map(str, ranges.constant_taxels))
-        remarks.append(f"constant taxels, which read 0 and never spike: {named}")
-    lacking = "" if source else _why_no_force(trials, reference_g)
+    lacking = "" if source else why_no_force(trials, reference_g)
     if lacking:
         remarks.append(lacking)
-    lengths = [trial.n_planned for trial in trials.trials]
-    speeds = [trial.speed_mm_s for trial in trials.trials]
-    layouts = (
-        FeatureLayout.covering(lengths, speeds, scaled=False),
-        FeatureLayout.covering(lengths, speeds, scaled=True),
-    )
-    conditions = _conditions(
-        trials, ranges, parameters, layouts, reference_g, with_force=not (lacking or source)
-    )
-    files = _Files(folder, len(trials.trials), [lay.width(trials.n_taxels) for lay in layouts])
-    plain, force = _encode(conditions, files, crew, progress)
-    worth = None
+    groups = groups_of(ground, parameters, reference_g, with_c=not (lacking or source))
+    files = _Files(folder, len(trials.trials), trials.n_taxels)
+    plain = []
+    for group, counted in zip(groups, count(ground, groups, means), strict=True):
+        files.put("", group, counted["plain"])
+        if "forced" in counted:
+            files.put("texture", group, with_own_c(group, counted))
+        plain.append(counted)
+    force, worth = c_of(groups, plain), None
     if source is not None:
         force = source.force
-        worth = carried(source, trials, ranges, parameters, crew=crew, progress=progress)
+        ways = (ground.normalisation, parameters)
+        worth = carried(source, trials, *ways, crew=crew, progress=progress)
         remarks.append(worth.sentence)
-        _encode_with(conditions, plain, force, files, "texture", crew, progress)
-    if force is not None:
-        _encode_with(conditions, plain, force, files, "blind", crew, progress)
+    for way in ("texture", "blind") if source else ("blind",):
+        if force is not None:
+            known = with_c(groups, force, blind=way == "blind")
+            for group, counts in zip(known, count_with(ground, known, plain, means), strict=True):
+                files.put(way, group, counts)
     return RepresentationSet(
-        trials, ranges, parameters, *layouts, force, files.close(crew), tuple(remarks), worth
+        trials,
+        ground.normalisation,
+        parameters,
+        *ground.layouts,
+        force,
+        files.close(crew),
+        (*remarks, *means.kept.remarks),
+        worth,
     )
 
 
@@ -165,25 +176,23 @@ def force_sentence(force: ForceMatrix) -> str:
 class _Files:
     """Feature matrices on disk that are filled row by row."""
 
-    def __init__(self, folder: Path, n_trials: int, widths: Sequence[int]) -> None:
-        self._folder, self._n, self._widths = folder, n_trials, widths
+    def __init__(self, folder: Path, n_trials: int, n_taxels: int) -> None:
+        self._folder, self._n, self._n_taxels = folder, n_trials, n_taxels
         self._open: dict[str, NDArray[np.float64]] = {}
 
-    def put(
-        self, force: str, rows: Sequence[int], condition: Condition, counts: NDArray[Any]
-    ) -> None:
+    def put(self, force: str, group: Group, counts: NDArray[Any]) -> None:
         """Write the unscaled and the speed-scaled rows of one way to treat force."""
-        pair = [r for r in REPRESENTATIONS if r.force == force]
+        condition = group.condition
         told = (condition.cuts, condition.lengths, condition.trials[0].speed_mm_s)
-        for representation, layout, width in zip(
-            pair, condition.layouts, self._widths, strict=True
-        ):
-            key, matrix = representation.key, features_of(counts, *told, layout)
+        pair = [r for r in REPRESENTATIONS if r.force == force]
+        for representation, layout in zip(pair, condition.layouts, strict=True):
+            key = representation.key
             if key not in self._open:
+                shape = (self._n, layout.width(self._n_taxels))
                 self._open[key] = np.lib.format.open_memmap(
-                    self._folder / f"{key}.npy", "w+", np.float64, (self._n, width)
+                    self._folder / f"{key}.npy", "w+", np.float64, shape
                 )
-            self._open[key][list(rows)] = matrix
+            self._open[key][group.rows] = features_of(counts, *told, layout)
 
     def close(self, crew: Crew) -> dict[str, Path]:
         """Let go of the files, so that the crew can read them; their paths by key."""
@@ -196,19 +205,7 @@ class _Files:
         return {key: self._folder / f"{key}.npy" for key in keys}
 
 
-def _ranges(trials: TrialSet, crew: Crew, progress: Progress) -> tuple[TrialSet, Normalisation]:
-    """Taxel ranges over complete trials, and the set without the others."""
-    torn = [i for i, trial in enumerate(trials.trials) if not trial.place.complete]
-    kept = trials.without(torn, "gaps in their samples")
-    starts = range(0, len(kept.trials), CHUNK)
-    jobs = [(kept.files, kept.trials[at : at + CHUNK]) for at in starts]
-    stage = "reading trials for the taxel ranges"
-    found = work_through(fingerprint_of, jobs, crew=crew, stage=stage, progress=progress)
-    ends = [np.concatenate([several.low, several.high]) for several in found]
-    return kept, Normalisation.over(ends, "minimum and maximum over all trials used")
-
-
-def _why_no_force(trials: TrialSet, reference_g: float) -> str:
+def why_no_force(trials: TrialSet, reference_g: float) -> str:
     """A sentence where force cannot be scaled; empty where it can."""
     without = "Force Scaled representations are left out: "
     if len(trials.forces_g) < 2:
@@ -225,82 +222,3 @@ def _why_no_force(trials: TrialSet, reference_g: float) -> str:
                 return f"{without}texture {texture} at {speed:g} mm/s has no trial at {force:g} g"
     crossed = len(trials.textures) * len(trials.speeds_mm_s) * len(trials.forces_g)
     return "" if len(there) == crossed else f"{without}some texture lacks a speed"
-
-
-def _conditions(
-    trials: TrialSet,
-    ranges: Normalisation,
-    parameters: EncoderParameters,
-    layouts: tuple[FeatureLayout, FeatureLayout],
-    reference_g: float,
-    *,
-    with_force: bool,
-) -> list[tuple[list[int], Condition]]:
-    """Rows of each texture and speed, and the work to be done on them."""
-    rows: dict[tuple[str, float], list[int]] = {}
-    for i, trial in enumerate(trials.trials):
-        rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
-    forces = trials.forces_g if with_force else ()
-    return [
-        (
-            rows[key],
-            Condition(
-                trials.files,
-                tuple(trials.trials[i] for i in rows[key]),
-                ranges,
-                parameters,
-                layouts,
-                forces,
-                reference_g,
-                (),
-            ),
-        )
-        for key in sorted(rows)
-    ]
-
-
-def _encode(
-    conditions: Sequence[tuple[list[int], Condition]],
-    files: _Files,
-    crew: Crew,
-    progress: Progress,
-) -> tuple[list[NDArray[Any]], ForceMatrix | None]:
-    """Plain counts of each condition, and C where there are forces; both as features in files."""
-    jobs = [condition for _, condition in conditions]
-    stage = "searching C, encoding"
-    found = work_through(counted_condition, jobs, crew=crew, stage=stage, progress=progress)
-    pieces, plain = [], []
-    for (rows, condition), counted in zip(conditions, found, strict=True):
-        plain.append(counted["plain"])
-        files.put("", rows, condition, counted["plain"])
-        if condition.forces_g:
-            counts = with_force(counted["plain"], counted["forced"], condition.scaled_rows)
-            files.put("texture", rows, condition, counts)
-            pieces.append(piece_of(condition, counted))
-    return plain, joined_matrix(pieces) if pieces else None
-
-
-def _encode_with(
-    conditions: Sequence[tuple[list[int], Condition]],
-    plain: Sequence[NDArray[Any]],
-    force: ForceMatrix,
-    files: _Files,
-    way: str,
-    crew: Crew,
-    progress: Progress,
-) -> None:
-    """Encode with a C that is known: each texture's own, or ``blind`` their mean."""
-    jobs = []
-    for _, condition in conditions:
-        texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
-        forces = tuple(sorted({trial.force_g for trial in condition.trials}))
-        given = tuple(
-            force.texture_blind(speed, f) if way == "blind" else force.of(texture, speed, f)
-            for f in forces
-        )
-        jobs.append(condition._replace(forces_g=forces, given=given))
-    stage = f"encoding with {'texture-blind C' if way == 'blind' else 'C'}"
-    found = work_through(counted_condition, jobs, crew=crew, stage=stage, progress=progress)
-    for (rows, _), job, counts, counted in zip(conditions, jobs, plain, found, strict=True):
-        both = with_force(counts, counted["forced"], job.scaled_rows)
-        files.put(way, rows, job, both)

@@ -52,7 +52,9 @@ def sample_file(part: PartReader) -> SampleFile:
     """Where the samples of a part lie."""
     dataset = part.array(SAMPLES)
     chunk_rows = dataset.chunks[0] if dataset.chunks else 0
-    return SampleFile(part.path, int(dataset.shape[1]), chunk_rows, _offsets(part, SAMPLES))
+    return SampleFile(
+        part.path.absolute(), int(dataset.shape[1]), chunk_rows, _offsets(part, SAMPLES)
+    )
 
 
 def places_of(part: PartReader, rows: Structured, file: int) -> list[Place]:

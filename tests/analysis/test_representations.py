@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.analysis.counting import c_of_trials
 from rigctl.analysis.jobs import processes
 from rigctl.analysis.representations import force_sentence, represent, status_counts
 from rigctl.analysis.trial_set import join_sessions, opened
@@ -42,6 +43,13 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     assert list(by_key) == [
         "original", "speed", "force", "speed_force", "force_blind", "speed_force_blind"
     ]  # fmt: skip
+    assert made.force is not None
+    matrix = made.force
+    for way, blind in (("force", False), ("force_blind", True)):
+        c = c_of_trials(made.trials, matrix, blind=blind)
+        forced = feature_matrices(samples, speeds, made.normalisation, layouts, sa_scale=c)
+        np.testing.assert_array_equal(by_key[way], forced[0])
+        np.testing.assert_array_equal(by_key[way.replace("force", "speed_force")], forced[1])
     at_500 = [trial.force_g == 500 for trial in made.trials.trials]
     np.testing.assert_array_equal(by_key["force"][at_500], plain[0][at_500])
     assert not np.array_equal(by_key["force"], plain[0])

@@ -1,0 +1,83 @@
+"""Counts in stretches, against the trains of the same trials."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rigctl.encoding.bulk import (
+    cuts_of,
+    features_of,
+    mean_level,
+    sa_rates_hz,
+    stretch_counts,
+    whole_trials,
+)
+from rigctl.encoding.encoder import encode_trials
+from rigctl.encoding.features import SPEED_SCALED, UNSCALED, FeatureLayout, trial_features
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.presets import DEFAULT, PRESETS
+
+RANGES = Normalisation.full_scale(5)
+LAYOUTS = (UNSCALED, SPEED_SCALED)
+
+
+def scene(lengths: list[int], seed: int = 0) -> list[NDArray[np.uint16]]:
+    rng = np.random.default_rng(seed)
+    t = np.arange(max(lengths))[:, None] / 1000
+    wave = 0.5 + 0.3 * np.sin(2 * np.pi * (3 + np.arange(5)) * t)
+    return [
+        np.round(1023 * np.clip(wave[:n] + rng.normal(0, 0.02, (n, 5)), 0, 1)).astype(np.uint16)
+        for n in lengths
+    ]
+
+
+@pytest.mark.parametrize("name", ["default", "izhikevich2003"])
+def test_counts_are_those_of_the_trains(name: str) -> None:
+    trials = scene([1500, 1499, 0, 800, 1500, 1, 1203, 1500, 1498, 1500])
+    scale = np.random.default_rng(1).uniform(0.5, 1.5, (len(trials), 5))
+    cuts = cuts_of(LAYOUTS, 1500, 100.0)
+    counts = stretch_counts(trials, cuts, RANGES, PRESETS[name], sa_scale=scale)
+    spikes = encode_trials(trials, RANGES, PRESETS[name], sa_scale=scale)
+    for trial, found in zip(spikes, counts, strict=True):
+        for row in range(10):
+            expected = np.histogram(trial.train(row), cuts)[0]
+            np.testing.assert_array_equal(found[row], expected)
+    assert counts.sum() > 0
+
+
+def test_some_taxels_and_sa_alone_are_as_among_all() -> None:
+    trials = scene([900, 870, 900])
+    cuts, scale = whole_trials(trials), np.full((3, 5), 1.2)
+    both = stretch_counts(trials, cuts, RANGES, sa_scale=scale)
+    chosen = np.array([1, 4])
+    some = stretch_counts(trials, cuts, RANGES, sa_scale=scale[:, chosen], taxels=chosen)
+    np.testing.assert_array_equal(some, both[:, [1, 4, 6, 9]])
+    alone = stretch_counts(trials, cuts, RANGES, sa_scale=scale, sa_only=True)
+    np.testing.assert_array_equal(alone, both[:, :5])
+
+
+@pytest.mark.parametrize("speed", [40.0, 67.3, 100.0, 120.0])
+def test_features_are_those_of_the_trains(speed: float) -> None:
+    trials = scene([2400, 2390, 700, 1])
+    layouts = (*LAYOUTS, FeatureLayout(4, scaled=False), FeatureLayout(3, scaled=True))
+    cuts = cuts_of(layouts, 2400, speed)
+    counts = stretch_counts(trials, cuts, RANGES)
+    spikes = encode_trials(trials, RANGES)
+    for layout in layouts:
+        found = features_of(counts, cuts, list(map(len, trials)), speed, layout)
+        expected = np.stack([trial_features(trial, speed, layout) for trial in spikes])
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_rates_and_levels_are_means_over_trials() -> None:
+    trials = scene([1000, 500, 997])
+    counts = stretch_counts(trials, whole_trials(trials), RANGES, sa_only=True)
+    rates = sa_rates_hz(counts, [1000, 500, 997], DEFAULT)
+    spikes = encode_trials(trials, RANGES)
+    each = [[len(s.train(i)) / (s.n_samples / 1000) for i in range(5)] for s in spikes]
+    np.testing.assert_allclose(rates, np.mean(each, axis=0), rtol=1e-12)
+    narrow = Normalisation(np.full(5, 300, np.uint16), np.full(5, 700, np.uint16))
+    cut = [(np.clip(s[::16], 300, 700) - 300.0).mean(axis=0) / 400 for s in trials]
+    np.testing.assert_allclose(mean_level(trials, narrow), np.mean(cut, axis=0), rtol=1e-12)
