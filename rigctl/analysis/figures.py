@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 150
+MOST_LETTERS = 40
+"""So many letters stand side by side below a confusion matrix; more are turned."""
 TEXT, MUTED, FAINT = "#1b1f24", "#59636e", "#e6e9ed"
 
 
@@ -218,7 +220,9 @@ def _draw_confusion(axes: Axes, held_out: HeldOut) -> None:
             colour = "white" if share[i, j] > 0.55 else TEXT
             axes.text(j, i, str(count), ha="center", va="center", color=colour)
     places = range(len(held_out.classes))
-    axes.set_xticks(places, held_out.classes)
+    longest = max(map(len, held_out.classes))
+    turned = 90 if longest * len(held_out.classes) > MOST_LETTERS else 0
+    axes.set_xticks(places, held_out.classes, rotation=turned)
     axes.set_yticks(places, held_out.classes)
     axes.set_xlabel("predicted texture")
     axes.set_ylabel("true texture")

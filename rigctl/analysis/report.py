@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rigctl.analysis.carried_c import Source, c_of
+from rigctl.analysis.imported import IMPORTED, imported_remarks
 from rigctl.analysis.jobs import HERE, Crew, Progress
 from rigctl.analysis.report_figures import (
     TaxelPicture,
@@ -137,7 +138,7 @@ def _find(
         progress=progress,
     )
     results, said = run_tasks(made, request.settings, crew=crew, progress=progress)
-    remarks = (*made.remarks, *said, *_aside(results), *crew.remarks)
+    remarks = (*imported_remarks(trials), *made.remarks, *said, *_aside(results), *crew.remarks)
     lines: list[Line] = []
     if request.sensitivity:
         lines = sensitivity(
@@ -158,7 +159,9 @@ def _find(
 
 def origin_of(trials: TrialSet) -> str:
     """Where the data come from, for the foot of a figure."""
-    bench = "Simulated bench" if trials.simulated else "Real bench"
+    rigs = {str(source["rig"]) for source in trials.provenance}
+    bench = "Imported recordings" if rigs == {IMPORTED} else "Real bench"
+    bench = "Simulated bench" if trials.simulated else bench
     first, n = trials.paths[0].name, len(trials.paths)
     rest = f" and {n - 1} more" if n > 1 else ""
     return f"{bench} · session {first}{rest} · {len(trials.trials):,} trials"
@@ -223,13 +226,13 @@ def _aside(results: Sequence[TaskResult]) -> list[str]:
             name = curve.representation.name
             if curve.set_aside:
                 said.append(
-                    f"{where}, {name}: up to {curve.set_aside} components in which the trials of "
-                    "each class are all equal (no within-class variance) were set aside"
+                    f"{where}, {name}: components in which the trials of each class are all equal "
+                    f"(no within-class variance) were set aside, up to {curve.set_aside} in a fit"
                 )
             if curve.beyond_rank:
                 said.append(
-                    f"{where}, {name}: the training trials have up to {curve.beyond_rank} "
-                    "components fewer than asked for; the curve stays level there"
+                    f"{where}, {name}: the training trials do not have all components asked for "
+                    f"(up to {curve.beyond_rank} fewer); the curve stays level there"
                 )
     return said
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.figures import FAINT, MUTED, TEXT, finish, save, tidy
+from rigctl.analysis.figures import FAINT, MOST_LETTERS, MUTED, TEXT, finish, save, tidy
 from rigctl.analysis.tasks import Curve, TaskResult
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -163,7 +163,9 @@ def _draw_confusion(axes: Axes, curve: Curve, result: TaskResult) -> None:
             colour = "white" if part > 0.55 else TEXT
             axes.text(j, i, f"{100 * part:.0f}", ha="center", va="center", color=colour, size=size)
     places = range(len(result.classes))
-    axes.set_xticks(places, result.classes)
+    longest = max(map(len, result.classes))
+    turned = 90 if longest * len(result.classes) > MOST_LETTERS else 0
+    axes.set_xticks(places, result.classes, rotation=turned)
     axes.set_yticks(places, result.classes)
     axes.set_xlabel("predicted")
     axes.set_ylabel("true")

@@ -69,14 +69,15 @@ def sensitivity(
     files lie in ``folder`` one preset at a time.
     """
     mine = replace(settings, k_max=min(COMPONENTS, settings.k_max))
-    lines = []
-    for number, name in enumerate(ORDER):
+    lines, number = [], 0
+    presets = sum(PRESETS[name] != base[0].parameters for name in ORDER)
+    for name in ORDER:
         if PRESETS[name] == base[0].parameters:
             lines += _lines(name, *base)
             continue
         part = folder / name
         part.mkdir()
-        share = _PresetShare(number, progress)
+        share, number = _PresetShare(number, presets, progress), number + 1
         made = represent(
             trials,
             PRESETS[name],
@@ -88,15 +89,15 @@ def sensitivity(
         )
         lines += _lines(name, made, run_tasks(made, mine, crew=crew, progress=share.show)[0])
         shutil.rmtree(part)
-    progress(STAGE, STEPS * len(ORDER), STEPS * len(ORDER))
+    progress(STAGE, STEPS * presets, STEPS * presets)
     return lines
 
 
 class _PresetShare:
     """The stages of one preset as a part of all presets, so that the time left is that of all."""
 
-    def __init__(self, number: int, progress: Progress) -> None:
-        self._number = number
+    def __init__(self, number: int, presets: int, progress: Progress) -> None:
+        self._number, self._presets = number, presets
         self._progress = progress
         self._seen: list[str] = []
 
@@ -106,7 +107,7 @@ class _PresetShare:
             self._seen.append(stage)
         before = self._seen.index(stage)
         within = (before + done / max(all_, 1)) / max(STAGES_OF_A_PRESET, len(self._seen))
-        self._progress(STAGE, int(STEPS * (self._number + within)), STEPS * len(ORDER))
+        self._progress(STAGE, int(STEPS * (self._number + within)), STEPS * self._presets)
 
 
 def mean_rates_hz(made: RepresentationSet, representation: Representation) -> tuple[float, float]:

@@ -211,4 +211,6 @@ def _rate_lines(files: Sequence[Surveyed], mapping: ImportMap) -> list[str]:
                 else "without a filter before, as the map says"
             )
         )
+    if mapping.force_unit == "level" and "force" in mapping.pattern.groupindex:
+        lines.append("forces are levels without a unit: they stand where grams do")
     return lines

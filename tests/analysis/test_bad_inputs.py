@@ -1,0 +1,286 @@
+"""Bad input: handled in a way that the report states, or refused with file and trial named.
+
+``docs/reference/analysis.md`` has the table; each of its rows has a test here.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import h5py
+import numpy as np
+import pytest
+
+from rigctl.analysis.representations import RepresentationSet, represent
+from rigctl.analysis.tables import as_plain
+from rigctl.analysis.tasks import Settings, run_tasks
+from rigctl.analysis.trial_set import TrialSet, join_sessions, opened
+from rigctl.cli import main
+from rigctl.encoding.presets import DEFAULT
+from rigctl.errors import SessionError
+from rigctl.session.folder import part_paths
+from tests.analysis.recordings import record
+from tests.session.building import Bench, plan, recorder
+
+FEW = Settings(iterations=2, k_max=8)
+UTC = "2026-11-21T12:00:00Z"
+NO_NUMBER = re.compile(r"(?<![a-z])-?(nan|inf|infinity)(?![a-z])", re.IGNORECASE)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bad") / "good"
+    return record(folder, "ABG", repeats=2, travel_mm=12.0, speeds=(40, 80))
+
+
+@pytest.fixture
+def session(good: Path, tmp_path: Path) -> Path:
+    """A copy that a test may spoil."""
+    return Path(shutil.copytree(good, tmp_path / "session"))
+
+
+def spoil(session: Path, change: Callable[[Any], None]) -> None:
+    for part in part_paths(session):
+        with h5py.File(part, "r+") as file:
+            change(file)
+
+
+def analysed(session: Path, folder: Path) -> tuple[RepresentationSet, dict[str, Any]]:
+    """The numbers of a report without its figures; JSON takes them only if all are numbers."""
+    features = folder / "features"
+    features.mkdir()
+    made = represent(join_sessions([session]), DEFAULT, features)
+    results, said = run_tasks(made, FEW)
+    plain = as_plain(made, FEW, results, (*made.remarks, *said), UTC)
+    json.dumps(plain, allow_nan=False)
+    for representation in made.present:
+        assert np.isfinite(made.features(representation)).all()
+    return made, plain
+
+
+def remarks_of(plain: dict[str, Any]) -> str:
+    return "\n".join(plain["remarks"])
+
+
+def test_trials_with_gaps_and_aborted_ones_are_left_out_and_named(
+    session: Path, tmp_path: Path
+) -> None:
+    def abort_and_tear(file: Any) -> None:
+        rows = file["/trials"][:]
+        rows["verdict"][0] = b"aborted"
+        rows["verdict"][1] = b"rejected"
+        rows["first_sample"][3] = -1
+        rows["first_counter"][3:] += 7  # seven samples are lost in the third trial
+        file["/trials"][:] = rows
+        counter = file["/taxels/counter"][:]
+        counter[rows["first_sample"][2] + 10 :] += 7
+        file["/taxels/counter"][:] = counter
+
+    spoil(session, abort_and_tear)
+    made, plain = analysed(session, tmp_path)
+    assert len(made.trials.trials) == 24 - 4
+    assert f"{session}: attempts left out: 1 aborted, 1 rejected" in remarks_of(plain)
+    assert "2 trials left out for gaps in their samples: 3, 4" in remarks_of(plain)
+
+
+def test_a_session_without_a_complete_trial_is_refused(session: Path, tmp_path: Path) -> None:
+    def tear(file: Any) -> None:
+        rows = file["/trials"][:]
+        rows["first_sample"] = -1
+        file["/trials"][:] = rows
+
+    spoil(session, tear)
+    with pytest.raises(SessionError, match=f"{session}: 24 trials .* no complete trial is left"):
+        represent(join_sessions([session]), DEFAULT, tmp_path)
+
+
+def test_other_taxels_layouts_and_rates_are_refused(good: Path, tmp_path: Path) -> None:
+    other = tmp_path / "narrow"
+    np.save(tmp_path / "A_1.npy", np.arange(180).reshape(60, 3))
+    (tmp_path / "map.toml").write_text(
+        "[files]\npattern = '(?P<texture>[A-Z])_'\n[labels]\nspeed_mm_s = 40\n"
+        '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["1..3"]\n'
+    )
+    words = ["import", "--map", str(tmp_path / "map.toml"), str(tmp_path / "A_1.npy")]
+    assert main([*words, "--out", str(other)]) == 0
+    with pytest.raises(SessionError, match=f"{other} has 3 taxels, {good} has 18"):
+        join_sessions([good, other])
+    for name, value, said in (
+        ("layout_version", 2, "part-0001.h5 has layout version 2, this program reads 1"),
+        ("sample_rate_hz", 500, "500 samples a second, not 1000: resample it first"),
+    ):
+        copy = Path(shutil.copytree(good, tmp_path / name))
+        spoil(copy, lambda file, n=name, v=value: file.attrs.__setitem__(n, v))  # type: ignore[misc]
+        with pytest.raises(SessionError, match=said):
+            join_sessions([copy])
+        with pytest.raises(SessionError, match=str(copy)):
+            join_sessions([good, copy])
+
+
+def test_missing_force_levels_leave_out_the_force_rows_only(session: Path, tmp_path: Path) -> None:
+    def lose(file: Any) -> None:
+        rows = file["/trials"][:]
+        gone = (rows["texture"] == b"B") & (rows["force_g"] == 250) & (rows["speed_mm_s"] == 80)
+        rows["verdict"][gone] = b"aborted"
+        file["/trials"][:] = rows
+
+    spoil(session, lose)
+    made, plain = analysed(session, tmp_path)
+    assert [r.key for r in made.present] == ["original", "speed"]
+    assert "left out: texture B at 80 mm/s has no trial at 250 g" in remarks_of(plain)
+
+
+def test_constant_taxels_are_named_and_harmless(session: Path, tmp_path: Path) -> None:
+    def freeze(file: Any) -> None:
+        samples = file["/taxels/samples"][:]
+        samples[:, 4] = 512
+        samples[:, 17] = 0
+        file["/taxels/samples"][:] = samples
+
+    spoil(session, freeze)
+    _, plain = analysed(session, tmp_path)
+    assert "constant taxels, which read 0 and never spike: 5, 18" in remarks_of(plain)
+    shares = plain["tasks"]["textures"]["representations"]["speed"]["mean"]
+    assert shares[-1] > 0.5
+
+
+def test_a_dead_sensor_is_guesswork_but_no_accident(session: Path, tmp_path: Path) -> None:
+    spoil(session, lambda file: file["/taxels/samples"].__setitem__(slice(None), 300))
+    _, plain = analysed(session, tmp_path)
+    assert "constant taxels" in remarks_of(plain)
+    curve = plain["tasks"]["textures"]["representations"]["original"]
+    assert max(curve["mean"]) <= 0.5
+
+
+def test_everything_bad_at_once_gives_a_report_of_numbers(session: Path, tmp_path: Path) -> None:
+    def ruin(file: Any) -> None:
+        _same_in_each_class(file)
+        rows = file["/trials"][:]
+        rows["verdict"][:3] = b"aborted"
+        rows["first_sample"][5] = -1
+        rows["mean_force_g"] = np.nan
+        rows["verdict"][(rows["texture"] == b"A") & (rows["force_g"] == 250)] = b"rejected"
+        file["/trials"][:] = rows
+        cells = file["/loadcell"][:]
+        cells["force_g"] = np.nan
+        file["/loadcell"][:] = cells
+
+    spoil(session, ruin)
+    out = tmp_path / "r"
+    words = ["analyse", str(session), "--out", str(out), "--iterations", "1", "--k-max", "4"]
+    assert main(words) == 0
+    plain = json.loads((out / "results.json").read_text(), parse_constant=_refuse)
+    told = remarks_of(plain)
+    assert "no within-class variance) were set aside" in told
+    assert "constant taxels, which read 0 and never spike: 10, 11" in told
+    assert "Force Scaled representations are left out" in told and "attempts left out: " in told
+    assert_only_numbers(out)
+
+
+def _same_in_each_class(file: Any) -> None:
+    """Every sample tells the texture and nothing else."""
+    samples, rows = file["/taxels/samples"][:], file["/trials"][:]
+    for row in rows:
+        start, stop = row["first_sample"], row["first_sample"] + row["count"]
+        samples[start:stop] = 200 + 100 * (row["texture"][0] % 8)
+        samples[start + 100] = 0
+    samples[:, 9:] = 512
+    file["/taxels/samples"][:] = samples
+
+
+def _refuse(word: str) -> None:
+    raise AssertionError(word)
+
+
+def assert_only_numbers(report: Path) -> None:
+    """No attribute of a figure and no cell of a table is anything but a number."""
+    for svg in report.glob("*.svg"):
+        for element in ElementTree.parse(svg).iter():
+            for name, value in element.attrib.items():
+                if not name.endswith("href"):
+                    assert not NO_NUMBER.search(value), f"{svg.name}: {name}={value[:80]}"
+            assert not NO_NUMBER.search(element.text or ""), f"{svg.name}: {element.text}"
+    for csv in report.glob("*.csv"):
+        assert not NO_NUMBER.search(csv.read_text())
+
+
+def test_a_part_still_being_written_gives_what_is_committed(tmp_path: Path) -> None:
+    trials = plan().trials
+    with recorder(tmp_path / "live") as rec:
+        rec.begin_part("start", trials[0].texture)
+        bench = Bench(rec)
+        for trial in trials[:3]:
+            bench.trial(trial)
+        rec.wait_written()
+        joined = join_sessions([tmp_path / "live"])
+        assert [t.trial_id for t in joined.trials] == [t.trial_id for t in trials[:3]]
+        assert "still being written" in "\n".join(joined.remarks)
+        assert_readable(joined)
+
+
+def test_files_cut_short_are_read_as_far_as_they_go_or_refused(good: Path, tmp_path: Path) -> None:
+    """Cut at two dozen places: before, in and behind the tables, the samples, the last byte."""
+    (part,) = part_paths(good)
+    whole = part.read_bytes()
+    places = sorted({1, 7, 100, 2_000, 20_000, *range(0, len(whole), len(whole) // 20)})
+    refused = 0
+    for place in [*places[1:], len(whole) - 1]:
+        cut = tmp_path / f"cut-{place}"
+        shutil.copytree(good, cut)
+        (cut / part.name).write_bytes(whole[:place])
+        try:
+            joined = join_sessions([cut])
+            assert_readable(joined)
+        except SessionError as error:
+            refused += 1
+            assert str(cut) in str(error), place
+    assert refused == len(places)
+
+
+def assert_readable(joined: TrialSet) -> None:
+    with opened(joined.files) as reader:
+        for trial in joined.trials:
+            reader.of(trial)
+
+
+def test_a_trial_whose_samples_cannot_be_read_is_named(good: Path, tmp_path: Path) -> None:
+    joined = join_sessions([good])
+    copy = Path(shutil.copytree(good, tmp_path / "copy"))
+    (part,) = part_paths(copy)
+    again = join_sessions([copy])
+    end = part.stat().st_size
+    with part.open("r+b") as file:
+        file.truncate(end // 2)  # a disk that fails while the analysis runs
+    with opened(again.files) as reader, pytest.raises(SessionError, match=f"{copy}: trial \\d+ "):
+        for trial in joined.trials:
+            reader.of(trial)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('"1..3"', '"1..9"'), "A_1.npy has no column '9'"),
+        (('"1..3"', '"heat"'), "A_1.npy has no column 'heat'"),
+        (("[A-Z]", "[0-9]{4}"), "A_1.npy: its name does not match the pattern"),
+        (("(?P<texture>[A-Z])_", "(?P<texture>[A-Z])_(?P<speed>.*)"), "which is no number"),
+    ],
+)
+def test_imports_that_cannot_be_are_refused_with_the_files_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], said: str
+) -> None:
+    np.save(tmp_path / "A_1.npy", np.zeros((60, 3)))
+    text = (
+        "[files]\npattern = '(?P<texture>[A-Z])_'\n[labels]\nspeed_mm_s = 40\n"
+        '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["1..3"]\n'
+    )
+    (tmp_path / "map.toml").write_text(text.replace(*change))
+    words = ["import", "--map", str(tmp_path / "map.toml"), str(tmp_path / "A_1.npy")]
+    assert main([*words, "--out", str(tmp_path / "s")]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "s").exists()
