@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
+from rigctl.analysis.appearing import appearing
+from rigctl.analysis.cache import Cache
 from rigctl.analysis.carried_c import Source, c_of
-from rigctl.analysis.imported import IMPORTED, imported_remarks
+from rigctl.analysis.counting import RangesOver
+from rigctl.analysis.imported import imported_remarks
 from rigctl.analysis.jobs import HERE, Crew, Progress
-from rigctl.analysis.report_figures import (
-    TaxelPicture,
-    confusion_figure,
-    curves_figure,
-    taxel_figure,
-)
+from rigctl.analysis.one_taxel import check_shown, origin_of, taxel_picture
+from rigctl.analysis.report_figures import confusion_figure, curves_figure, taxel_figure
 from rigctl.analysis.report_html import html_report
 from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.sensitivity import Line, sensitivity
@@ -29,18 +25,14 @@ from rigctl.analysis.sensitivity import as_plain as sensitivity_table
 from rigctl.analysis.tables import as_plain, table_csv
 from rigctl.analysis.tasks import Settings, TaskResult, run_tasks
 from rigctl.analysis.training import ModelRequest, train
-from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, opened
-from rigctl.encoding.encoder import encode_trial, membrane_mv
+from rigctl.analysis.trial_set import TrialSet, join_sessions
 from rigctl.encoding.force import REFERENCE_FORCE_G
+from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
-from rigctl.errors import DiskFault, WrongUse
 from rigctl.session.model import Model
 from rigctl.session.model_file import check_new, save_model
 
-PARTIAL = "{name}.partial"
 FEATURES = "features"
-SHOWN_TRIAL = ("L", 80.0, 500.0)
-"""Texture, speed and force of the paper's Figure 2C."""
 CONFUSED = ("untrained-both", "leave-speed-out", "leave-force-out", "textures", "groups")
 
 
@@ -49,7 +41,7 @@ class Request:
     """What a report is to hold. ``trial``, ``taxel``: of the one taxel's figure, or None.
 
     ``model``: one to be kept beside the report. ``c``: a file that C is taken from, not searched.
-    ``sensitivity``: whether the other encoder presets are tried too.
+    ``sensitivity``: whether the other encoder presets are tried too. ``ranges``: of the taxels.
     """
 
     sessions: tuple[Path, ...]
@@ -62,6 +54,7 @@ class Request:
     model: ModelRequest | None = None
     c: Path | None = None
     sensitivity: bool = False
+    ranges: RangesOver | Normalisation = RangesOver.ALL
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,31 +72,35 @@ def make_report(
     request: Request,
     made_utc: str,
     *,
+    kept: Cache | None = None,
     crew: Crew = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> Report:
-    """Analyse and write. ``made_utc``: wall-clock stamp for the report's foot; ``crew``: who works.
+    """Analyse and write. ``made_utc``: wall-clock stamp for the report's foot; ``crew``: who works;
+    ``kept``: what was worked out before.
 
     Raises SessionError or WrongUse for what cannot be analysed, DiskFault where nothing can be
     written; then no report folder is left.
     """
     trials = join_sessions(request.sessions)
-    _check_shown(request, trials)
+    check_shown(trials, request.trial, request.taxel)
     if request.model is not None:
         check_new(request.model.path)
     source = None if request.c is None else c_of(request.c, trials)
     crew.must_see(trials.paths)
-    with _appearing(request.out) as folder:
+    with appearing(request.out) as folder:
         crew.must_see([folder])
-        found = _find(request, trials, source, folder / FEATURES, made_utc, crew, progress)
+        found = _find(
+            request, trials, source, folder / FEATURES, made_utc, kept or Cache(), crew, progress
+        )
         progress("writing the report", 0, 1)
         _write(folder, request, found, made_utc)
         shutil.rmtree(folder / FEATURES)
         if request.model is not None and found.model is not None:
             save_model(found.model, request.model.path)
     progress("writing the report", 1, 1)
-    kept = request.model.path if request.model is not None else None
-    return Report(request.out, found.made, found.results, found.remarks, kept)
+    model = request.model.path if request.model is not None else None
+    return Report(request.out, found.made, found.results, found.remarks, model)
 
 
 class _Found(NamedTuple):
@@ -122,6 +119,7 @@ def _find(
     source: Source | None,
     features: Path,
     made_utc: str,
+    kept: Cache,
     crew: Crew,
     progress: Progress,
 ) -> _Found:
@@ -134,6 +132,8 @@ def _find(
         features,
         reference_g=reference_g,
         source=source,
+        ranges=request.ranges,
+        kept=kept,
         crew=crew,
         progress=progress,
     )
@@ -148,6 +148,8 @@ def _find(
             features,
             reference_g=reference_g,
             source=source,
+            ranges=request.ranges,
+            kept=kept,
             crew=crew,
             progress=progress,
         )
@@ -155,41 +157,6 @@ def _find(
         return _Found(made, tuple(results), remarks, lines, None)
     model, words = train(made, request.model, made_utc, request.settings.seed, progress)
     return _Found(made, tuple(results), (*remarks, words), lines, model)
-
-
-def origin_of(trials: TrialSet) -> str:
-    """Where the data come from, for the foot of a figure."""
-    rigs = {str(source["rig"]) for source in trials.provenance}
-    bench = "Imported recordings" if rigs == {IMPORTED} else "Real bench"
-    bench = "Simulated bench" if trials.simulated else bench
-    first, n = trials.paths[0].name, len(trials.paths)
-    rest = f" and {n - 1} more" if n > 1 else ""
-    return f"{bench} · session {first}{rest} · {len(trials.trials):,} trials"
-
-
-@contextmanager
-def _appearing(out: Path) -> Iterator[Path]:
-    """A folder beside ``out`` that takes its name at the end; otherwise nothing stays."""
-    if out.exists():
-        raise WrongUse(f"{out} is there already: name another folder, or remove it")
-    folder = out.absolute().with_name(PARTIAL.format(name=out.name))
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError:
-        raise WrongUse(
-            f"{folder} is there: another analysis writes it, or was killed; remove it then"
-        ) from None
-    except OSError as error:
-        raise DiskFault(f"{out} cannot be made ({error.strerror}): name another folder") from error
-    try:
-        yield folder
-        folder.rename(out)
-    except OSError as error:
-        raise DiskFault(
-            f"the report cannot be written ({error}): free some space or name another folder"
-        ) from error
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _write(
@@ -200,11 +167,12 @@ def _write(
 ) -> None:
     made, results = found.made, found.results
     origin = origin_of(made.trials)
+    ways = (made.normalisation, made.parameters, request.trial, request.taxel)
     confused = next(r for key in CONFUSED for r in results if r.task.key == key)
     figures = {
         "fig3": curves_figure(results, origin, folder / "fig3"),
         "confusion": confusion_figure(confused, origin, folder / "confusion"),
-        "fig2c": taxel_figure(_taxel_picture(request, made, origin), folder / "fig2c"),
+        "fig2c": taxel_figure(taxel_picture(made.trials, *ways), folder / "fig2c"),
     }
     plain = as_plain(made, request.settings, results, found.remarks, made_utc)
     plain["sensitivity"] = table = sensitivity_table(found.sensitivity)
@@ -235,43 +203,3 @@ def _aside(results: Sequence[TaskResult]) -> list[str]:
                     f"(up to {curve.beyond_rank} fewer); the curve stays level there"
                 )
     return said
-
-
-def _check_shown(request: Request, trials: TrialSet) -> None:
-    if request.taxel is not None and not 1 <= request.taxel <= trials.n_taxels:
-        raise WrongUse(f"there is no taxel {request.taxel}: choose 1 to {trials.n_taxels}")
-    if request.trial is not None and not any(t.trial_id == request.trial for t in trials.trials):
-        raise WrongUse(f"no session has a committed trial {request.trial} with motion")
-
-
-def _taxel_picture(request: Request, made: RepresentationSet, origin: str) -> TaxelPicture:
-    """Figure 2C for the trial and taxel asked for, or the one most like the paper's."""
-    trial = _shown_trial(request, made.trials)
-    with opened(made.trials.files) as reader:
-        samples = reader.of(trial)
-    ranges = made.normalisation
-    x = (samples.astype(np.float64) - ranges.low) * ranges.scale
-    taxel = request.taxel - 1 if request.taxel else int(x.std(axis=0).argmax())
-    n = made.trials.n_taxels
-    spikes = encode_trial(samples, ranges, made.parameters)
-    voltage = membrane_mv(samples, ranges, made.parameters)[:, [taxel, n + taxel]]
-    title = (
-        f"Texture {trial.texture} at {trial.speed_mm_s:g} mm/s and {trial.force_g:g} g: "
-        f"taxel {taxel + 1} of trial {trial.trial_id}, up to its first second (as Fig. 2C)"
-    )
-    trains = (spikes.train(taxel), spikes.train(n + taxel))
-    return TaxelPicture(title, origin, x[:, taxel], voltage, trains)
-
-
-def _shown_trial(request: Request, trials: TrialSet) -> TrialRef:
-    texture, speed, force = SHOWN_TRIAL
-    if request.trial is not None:
-        asked = [t for t in trials.trials if t.trial_id == request.trial]
-        if not asked:
-            raise WrongUse(f"trial {request.trial} has gaps: choose another for the figure")
-        return asked[0]
-
-    def unlike(t: TrialRef) -> tuple[bool, float, float]:
-        return t.texture != texture, abs(t.speed_mm_s - speed), abs(t.force_g - force)
-
-    return min(trials.trials, key=unlike)

@@ -16,12 +16,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rigctl.analysis.cache import Cache
 from rigctl.analysis.carried_c import Source
+from rigctl.analysis.counting import RangesOver
 from rigctl.analysis.jobs import HERE, Crew, Progress
 from rigctl.analysis.representations import Representation, RepresentationSet, represent
 from rigctl.analysis.tasks import Curve, Settings, TaskResult, run_tasks
 from rigctl.analysis.trial_set import TrialSet
 from rigctl.encoding.features import FeatureLayout
+from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import PRESETS
 
 ORDER = ("default", "izhikevich2003", "explicit", "iskarous2022", "quarter-rate")
@@ -60,6 +63,8 @@ def sensitivity(
     *,
     reference_g: float,
     source: Source | None = None,
+    ranges: RangesOver | Normalisation = RangesOver.ALL,
+    kept: Cache | None = None,
     crew: Crew = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> list[Line]:
@@ -84,6 +89,8 @@ def sensitivity(
             part,
             reference_g=reference_g,
             source=source,
+            ranges=ranges,
+            kept=kept,
             crew=crew,
             progress=share.show,
         )

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rigctl.cli.encoder_words import (
+    add_encoder,
+    add_means,
+    cache_of,
+    crew_of,
+    parameters_of,
+    ranges_of,
+)
 from rigctl.cli.stages import StageLine
-
-if TYPE_CHECKING:
-    from rigctl.analysis.jobs import Crew
 
 
 def add_parser(subparsers: Any) -> None:
@@ -35,19 +39,11 @@ def add_parser(subparsers: Any) -> None:
         help="own: one decomposition a fold; sklearn: a pipeline for each k (slow, equal)",
     )
     parser.add_argument(
-        "--reference-force",
-        type=float,
-        default=500.0,
-        metavar="G",
-        help="force whose SA rates the others are scaled to (500)",
-    )
-    parser.add_argument(
         "--c",
         type=Path,
         metavar="FILE",
         help="take C from a model file instead of searching it; its rate error is measured",
     )
-    parser.add_argument("--preset", default="default", metavar="NAME", help="encoder preset")
     parser.add_argument(
         "--sensitivity",
         action="store_true",
@@ -61,16 +57,11 @@ def add_parser(subparsers: Any) -> None:
         help="textures, groups, extrapolation, leave-speed-out or leave-force-out; may be "
         "repeated (default: all that fit the set)",
     )
-    crew = parser.add_mutually_exclusive_group()
-    crew.add_argument("--workers", type=int, default=1, metavar="N", help="processes here (1)")
-    crew.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="workers of a Dask scheduler, as tcp://host:8786; they must see the folders",
-    )
     parser.add_argument("--seed", type=int, default=0, help="of the draws (0)")
     parser.add_argument("--trial", type=int, metavar="ID", help="trial of the figure of one taxel")
     parser.add_argument("--taxel", type=int, metavar="N", help="its taxel, from 1")
+    add_encoder(parser)
+    add_means(parser)
     _add_model(parser)
 
 
@@ -88,31 +79,29 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.analysis.engines import Engine
     from rigctl.analysis.report import Report, Request, make_report
     from rigctl.analysis.tasks import Settings
-    from rigctl.encoding.presets import preset
-    from rigctl.errors import WrongUse
 
-    if args.workers < 1:
-        raise WrongUse("--workers must be at least 1")
     engine = Engine(args.engine)
     request = Request(
         tuple(Path(name) for name in args.sessions),
         Path(args.out),
         Settings(args.iterations, args.k_max, args.seed, engine, tuple(args.task)),
-        preset(args.preset),
+        parameters_of(args),
         args.reference_force,
         args.trial,
         args.taxel,
         _model_of(args),
         args.c,
         args.sensitivity,
+        ranges_of(args),
     )
-    line = StageLine(sys.stderr)
+    kept, line = cache_of(args), StageLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
-        with _crew(args) as crew:
-            report: Report = make_report(request, now, crew=crew, progress=line.show)
+        with crew_of(args) as crew:
+            report: Report = make_report(request, now, kept=kept, crew=crew, progress=line.show)
     finally:
         line.end()
+        kept.trim()
     print(summary(report), flush=True)
     return 0
 
@@ -129,16 +118,6 @@ def _model_of(args: argparse.Namespace) -> Any:
     if given:
         raise WrongUse(f"--{next(iter(given))} is of a model to keep: name one with --save-model")
     return None
-
-
-def _crew(args: argparse.Namespace) -> AbstractContextManager[Crew]:
-    if args.dask is not None:
-        from rigctl.analysis.dask_crew import dask_crew
-
-        return dask_crew(args.dask)
-    from rigctl.analysis.jobs import processes
-
-    return processes(args.workers)
 
 
 def summary(report: Any) -> str:

@@ -157,6 +157,17 @@ def features_of(
     return out
 
 
+def window_counts(
+    counts: NDArray[Any], cuts: NDArray[np.int64], speed_mm_s: float, layout: FeatureLayout
+) -> NDArray[np.uint32]:
+    """Spikes in each window, uint32 (n_trials, n_trains, n_windows), of counts in stretches."""
+    window_of = _windows(layout, int(cuts[-1]), speed_mm_s)[cuts[:-1]]
+    out = np.zeros((*counts.shape[:2], layout.n_windows + 1), np.uint32)
+    firsts = np.flatnonzero(np.diff(window_of, prepend=-1))
+    out[:, :, window_of[firsts]] = np.add.reduceat(counts, firsts, axis=2, dtype=np.uint32)
+    return out[:, :, : layout.n_windows]
+
+
 def _windows(layout: FeatureLayout, n_samples: int, speed_mm_s: float) -> NDArray[np.int64]:
     """Window of each sample; all behind the last window are in one of their own."""
     return np.minimum(layout.windows(n_samples, speed_mm_s), layout.n_windows)

@@ -7,6 +7,7 @@ each published scheme has a preset of its own; ``docs/reference/encoding.md`` sh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from math import isfinite
@@ -144,3 +145,33 @@ def preset(name: str) -> EncoderParameters:
     if name not in PRESETS:
         raise WrongUse(f"unknown encoder preset {name!r}: choose one of {', '.join(PRESETS)}")
     return PRESETS[name]
+
+
+def changed(base: EncoderParameters, settings: Sequence[str]) -> EncoderParameters:
+    """A preset with some numbers of its own, each as ``name=value``; its name tells them.
+
+    Raises WrongUse for an unknown name, or a value of another kind.
+    """
+    plain, said = base.as_dict(), [base.name]
+    for setting in settings:
+        key, found, text = setting.partition("=")
+        if not found or key not in plain or key == "name":
+            known = ", ".join(name for name in plain if name != "name")
+            raise WrongUse(f"encoder parameter {setting!r}: give name=value with one of {known}")
+        plain[key] = _typed(key, text, plain[key])
+        said.append(f"{key}={plain[key]}")
+    return EncoderParameters.from_dict({**plain, "name": ", ".join(said)})
+
+
+def _typed(key: str, text: str, like: str | float | int | bool) -> str | float | int | bool:
+    if isinstance(like, str):
+        return text
+    if isinstance(like, bool):
+        if text not in ("true", "false"):
+            raise WrongUse(f"encoder parameter {key} is {text!r}: give true or false")
+        return text == "true"
+    kind, word = (int, "a whole number") if isinstance(like, int) else (float, "a number")
+    try:
+        return kind(text)
+    except ValueError:
+        raise WrongUse(f"encoder parameter {key} is {text!r}: give {word}") from None

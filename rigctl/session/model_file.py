@@ -13,8 +13,6 @@ import h5py
 import numpy as np
 
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.session import layout
 from rigctl.session.described import (
@@ -25,6 +23,7 @@ from rigctl.session.described import (
     take_text,
     take_texts,
 )
+from rigctl.session.encoder_file import put_encoder, take_parameters, take_ranges
 from rigctl.session.folder import attributes
 from rigctl.session.force_file import put_force, take_force
 from rigctl.session.model import Model, Training
@@ -32,12 +31,6 @@ from rigctl.session.model import Model, Training
 LAYOUT = "rigctl-model"
 LAYOUT_VERSION = 1
 PARTIAL = "{name}.partial"
-ENCODER_UNITS = {
-    "a": "1/ms", "b": "1/ms", "c_mv": "mV", "d": "mV/ms", "quadratic": "1/(mV ms)",
-    "linear": "1/ms", "constant": "mV/ms", "threshold_mv": "mV", "start_v_mv": "mV",
-    "start_u": "mV/ms", "substep_ms": "ms", "sa_gain": "mV/ms", "ra_gain": "mV",
-    "ra_lowpass_hz": "Hz", "sample_rate_hz": "Hz",
-}  # fmt: skip
 
 
 def check_new(path: Path) -> None:
@@ -106,26 +99,13 @@ def _write(file: Any, model: Model) -> None:
     put_text(file, "key", model.key, "the same as a short word")
     put_text(file, "force", model.force, "C by the trial's own texture, blind to it, or none: ''")
     put_texts(file, "classes", model.classes, "what is told apart", "class")
-    _write_encoder(file.create_group("encoder"), model)
+    put_encoder(file.create_group("encoder"), model.parameters, model.normalisation)
     _write_features(file.create_group("features"), model.features)
     _write_pca(file.create_group("pca"), model)
     _write_lda(file.create_group("lda"), model)
     if model.c is not None:
         put_force(file.create_group("c"), model.c)
     _write_training(file.create_group("training"), model.training)
-
-
-def _write_encoder(group: Any, model: Model) -> None:
-    for name, value in model.parameters.as_dict().items():
-        doc = f"EncoderParameters.{name}"
-        if isinstance(value, str):
-            put_text(group, name, value, doc)
-        else:
-            put_array(group, name, value, ENCODER_UNITS.get(name, ""), doc)
-    ranges, unit = model.normalisation, "stored counts"
-    put_array(group, "taxel_low", ranges.low, unit, "reading that becomes 0", "taxel")
-    put_array(group, "taxel_high", ranges.high, unit, "reading that becomes 1", "taxel")
-    put_text(group, "taxel_range_source", ranges.source, "what the ranges are from")
 
 
 def _write_features(group: Any, features: FeatureLayout) -> None:
@@ -167,16 +147,15 @@ def _write_training(group: Any, training: Training) -> None:
 
 
 def _read(file: Any) -> Model:
-    pca, lda, encoder = file["pca"], file["lda"], file["encoder"]
-    parameters = EncoderParameters.from_dict({n: _value(encoder[n]) for n in _parameter_names()})
-    low, high = (take_array(encoder, f"taxel_{end}", np.uint16) for end in ("low", "high"))
+    pca, lda = file["pca"], file["lda"]
+    parameters = take_parameters(file["encoder"])
     model = Model(
         representation=take_text(file, "representation"),
         key=take_text(file, "key"),
         force=take_text(file, "force"),
         classes=take_texts(file, "classes"),
         parameters=parameters,
-        normalisation=Normalisation(low, high, take_text(encoder, "taxel_range_source")),
+        normalisation=take_ranges(file["encoder"]),
         features=_features_of(file["features"]),
         mean=take_array(pca, "mean"),
         axes=take_array(pca, "axes"),
@@ -191,15 +170,6 @@ def _read(file: Any) -> Model:
     )
     _check_shapes(model)
     return model
-
-
-def _parameter_names() -> list[str]:
-    return list(EncoderParameters().as_dict())
-
-
-def _value(dataset: Any) -> Any:
-    value = dataset[()]
-    return value.decode() if isinstance(value, bytes) else value.item()
 
 
 def _features_of(group: Any) -> FeatureLayout:

@@ -1,0 +1,40 @@
+"""A folder of results that appears whole or not at all."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rigctl.errors import DiskFault, WrongUse
+
+PARTIAL = "{name}.partial"
+
+
+@contextmanager
+def appearing(out: Path) -> Iterator[Path]:
+    """A folder beside ``out`` that takes its name at the end; otherwise nothing stays.
+
+    Raises WrongUse where ``out`` is there already, DiskFault where it cannot be written.
+    """
+    if out.exists():
+        raise WrongUse(f"{out} is there already: name another folder, or remove it")
+    folder = out.absolute().with_name(PARTIAL.format(name=out.name))
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise WrongUse(
+            f"{folder} is there: another analysis writes it, or was killed; remove it then"
+        ) from None
+    except OSError as error:
+        raise DiskFault(f"{out} cannot be made ({error.strerror}): name another folder") from error
+    try:
+        yield folder
+        folder.rename(out)
+    except OSError as error:
+        raise DiskFault(
+            f"{out.name} cannot be written ({error}): free some space or name another folder"
+        ) from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

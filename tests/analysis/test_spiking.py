@@ -1,0 +1,206 @@
+"""``rigctl encode``: what is in the file, what options change, and how it ends early."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rigctl.analysis.cache import Cache
+from rigctl.analysis.counting import Means, c_of_trials
+from rigctl.analysis.spiking import EncodeRequest, ScaledBy, encode_sessions
+from rigctl.analysis.trial_set import join_sessions, opened
+from rigctl.cli import main
+from rigctl.encoding.encoder import encode_trials
+from rigctl.encoding.features import SPEED_SCALED, UNSCALED, trial_features
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.presets import DEFAULT, EncoderParameters, changed, preset
+from rigctl.errors import WrongUse
+from rigctl.session.encoder_file import read_ranges
+from rigctl.session.force_file import take_force
+from rigctl.session.spike_file import train_names
+from tests.analysis.recordings import record
+
+WHEN = "2026-11-21T12:00:00Z"
+
+
+@pytest.fixture(scope="module")
+def days(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("days")
+    made = [
+        record(folder / "one", "AB", travel_mm=24.0, torn=(5,), repeats=2),
+        record(folder / "two", "B", travel_mm=24.0, seed=4),
+    ]
+    for day in made:
+        os.utime(day / "part-0001.h5", ns=(10**18, 10**18))  # not just written
+    return made
+
+
+def encode(days: list[Path], out: Path, **options: object) -> h5py.File:
+    request = EncodeRequest(tuple(days), out, **options)  # type: ignore[arg-type]  # as named
+    return h5py.File(encode_sessions(request, WHEN, Means()).file)
+
+
+@pytest.mark.parametrize("scaled_by", list(ScaledBy))
+def test_spikes_windows_and_c_are_those_of_the_trials(
+    days: list[Path], tmp_path: Path, scaled_by: ScaledBy
+) -> None:
+    trials = join_sessions(days)
+    trials = trials.without(
+        [i for i, t in enumerate(trials.trials) if not t.place.complete], "gaps"
+    )
+    with opened(trials.files) as reader:
+        samples = [reader.of(trial) for trial in trials.trials]
+    ranges = Normalisation.over(samples, "")
+    with encode(days, tmp_path / "out", scaled_by=scaled_by) as file:
+        force = take_force(file["c"])
+        scale = None
+        if scaled_by is not ScaledBy.NONE:
+            scale = c_of_trials(trials, force, blind=scaled_by is ScaledBy.BLIND)
+        expected = encode_trials(samples, ranges, sa_scale=scale)
+        ptr, sample = file["spikes/ptr"][:], file["spikes/sample"][:]
+        assert ptr.dtype == np.int64 and sample.dtype == np.int32
+        assert ptr[0, 0] == 0 and ptr[-1, -1] == len(sample)
+        rows = [row for _, row in train_names(18)]
+        for trial, spikes, pointers in zip(trials.trials, expected, ptr, strict=True):
+            for train, row in enumerate(rows):
+                found = sample[pointers[train] : pointers[train + 1]]
+                np.testing.assert_array_equal(found, spikes.train(row))
+            windows = {"unscaled": UNSCALED, "speed_scaled": SPEED_SCALED}
+            for name, layout in windows.items():
+                given = json.loads(file[f"windows/{name}_layout"][()])
+                layout = type(layout)(**given)
+                i = trials.trials.index(trial)
+                counts, seconds = (file[f"windows/{name}{end}"][i] for end in ("", "_s"))
+                rates = np.divide(counts, seconds, out=np.zeros(counts.shape), where=seconds > 0)
+                slow = np.array([row < 18 for row in rows])[:, None]
+                vector = trial_features(spikes, trial.speed_mm_s, layout).reshape(36, -1)[rows]
+                np.testing.assert_array_equal(np.where(slow, rates, counts), vector)
+
+
+def test_the_file_says_what_it_is(days: list[Path], tmp_path: Path) -> None:
+    with encode(days, tmp_path / "out") as file:
+        names = [name.decode() for name in file["rows"]]
+        assert names[:10] == [f"SAI-{i}" for i in range(1, 10)] + ["RAI-1"]
+        assert names[18] == "SAII-10" and names[-1] == "RAII-18"
+        assert file.attrs["simulated"] == 1 and b"SIMULATED" in file["origin"][()]
+        assert [source["seed"] for source in json.loads(file["inputs"][()])] == [3, 4]
+        assert "gaps in their samples: 5" in file["remarks"][0].decode()
+        parameters = {name: file[f"encoder/{name}"][()] for name in DEFAULT.as_dict()}
+        assert parameters["sa_gain"] == 100.0 and parameters["name"] == b"default"
+        assert set(file["c"]) >= {"c", "status", "evaluations", "residual_hz"}
+        assert len(file["trials/trial_id"]) == 12 * 2 + 6 - 1
+        undescribed = []
+        file.visititems(
+            lambda name, node: (
+                undescribed.append(name)
+                if isinstance(node, h5py.Dataset) and not node.attrs.get("doc")
+                else None
+            )
+        )
+        assert undescribed == []
+
+
+def test_a_second_run_takes_everything_from_the_cache(
+    days: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["encode", *map(str, days), "--cache", str(tmp_path / "cache"), "--workers", "2"]
+    for name in ("one", "two"):
+        assert main([*words, "--out", str(tmp_path / name)]) == 0
+        said = capsys.readouterr().out
+    assert "0 of 9 pieces of work done, 9 taken from the cache" in said
+    with h5py.File(tmp_path / "one/spikes.h5") as one, h5py.File(tmp_path / "two/spikes.h5") as two:
+        np.testing.assert_array_equal(one["spikes/sample"][:], two["spikes/sample"][:])
+    assert main([*words, "--out", str(tmp_path / "two")]) == 2
+    assert "is there already" in capsys.readouterr().err
+
+
+def test_an_interruption_leaves_no_folder_and_is_gone_on_from(
+    days: list[Path], tmp_path: Path
+) -> None:
+    def interrupt(stage: str, done: int, all_: int) -> None:
+        if stage == "writing spikes":
+            raise KeyboardInterrupt
+
+    request = EncodeRequest(tuple(days), tmp_path / "out")
+    with pytest.raises(KeyboardInterrupt):
+        encode_sessions(request, WHEN, Means(kept=Cache(tmp_path / "cache"), progress=interrupt))
+    assert not (tmp_path / "out").exists() and not (tmp_path / "out.partial").exists()
+    again = Cache(tmp_path / "cache")
+    encode_sessions(request, WHEN, Means(kept=again))
+    assert again.found == 2 + 6 and (tmp_path / "out" / "spikes.h5").is_file()
+
+
+def test_ranges_come_from_all_from_training_or_from_a_file(
+    days: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["encode", str(days[0]), "--no-cache", "--out"]
+    assert main([*words, str(tmp_path / "training"), "--ranges", "training"]) == 0
+    assert "readings outside are cut off" in capsys.readouterr().out
+    narrow = read_ranges(tmp_path / "training" / "spikes.h5")
+    assert main([*words, str(tmp_path / "all")]) == 0
+    wide = read_ranges(tmp_path / "all" / "spikes.h5")
+    assert (wide.low <= narrow.low).all() and (wide.high > narrow.high).any()
+    given = str(tmp_path / "training" / "spikes.h5")
+    assert main([*words, str(tmp_path / "given"), "--ranges", given]) == 0
+    with h5py.File(given) as one, h5py.File(tmp_path / "given" / "spikes.h5") as two:
+        np.testing.assert_array_equal(one["spikes/sample"][:], two["spikes/sample"][:])
+    capsys.readouterr()
+    assert main([*words, str(tmp_path / "no"), "--ranges", str(days[0] / "part-0001.h5")]) == 2
+    assert "holds no taxel ranges" in capsys.readouterr().err
+
+
+def test_a_neuron_is_drawn_and_tabulated(days: list[Path], tmp_path: Path) -> None:
+    words = ["encode", str(days[0]), "--no-cache", "--out", str(tmp_path / "out")]
+    assert main([*words, "--trial", "3", "--taxel", "7"]) == 0
+    assert {f.name for f in (tmp_path / "out").iterdir()} == {
+        "spikes.h5", "taxel.svg", "taxel.png", "taxel.csv"
+    }  # fmt: skip
+    table = np.loadtxt(tmp_path / "out" / "taxel.csv", delimiter=",", skiprows=2)
+    with h5py.File(tmp_path / "out" / "spikes.h5") as file:
+        i = file["trials/trial_id"][:].tolist().index(3)
+        names = file["rows"][:].tolist()
+        for column, name in ((4, b"SAI-7"), (5, b"RAI-7")):
+            train = file["spikes/ptr"][i, names.index(name) :][:2]
+            assert table[:, column].sum() == train[1] - train[0]
+
+
+def test_without_the_reference_force_there_are_spikes_and_no_c(tmp_path: Path) -> None:
+    session = record(tmp_path / "session", "A", travel_mm=12.0, forces=(250, 1000))
+    with encode([session], tmp_path / "out") as file:
+        assert "c" not in file and len(file["spikes/sample"]) > 0
+        assert any("reference force of 500 g" in said.decode() for said in file["remarks"])
+    with pytest.raises(WrongUse, match="--scaled-by blind needs C"):
+        encode([session], tmp_path / "none", scaled_by=ScaledBy.BLIND)
+
+
+def test_every_parameter_can_be_set() -> None:
+    ours = changed(preset("explicit"), ["sa_gain=120", "substeps=8", "clamp_v=true"])
+    assert (ours.sa_gain, ours.substeps, ours.clamp_v) == (120.0, 8, True)
+    assert ours.recovery == preset("explicit").recovery
+    assert ours.name == "explicit, sa_gain=120.0, substeps=8, clamp_v=True"
+    for name, value in DEFAULT.as_dict().items():
+        if name != "name":
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            assert isinstance(changed(DEFAULT, [f"{name}={text}"]), EncoderParameters)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("gain=3", "give name=value with one of a, b"),
+        ("sa_gain", "give name=value"),
+        ("sa_gain=loud", "give a number"),
+        ("substeps=2.5", "give a whole number"),
+        ("clamp_v=perhaps", "give true or false"),
+        ("recovery=never", "give one of"),
+        ("sa_gain=nan", "give a finite number"),
+    ],
+)
+def test_a_wrong_parameter_is_refused_in_words(setting: str, words: str) -> None:
+    with pytest.raises(WrongUse, match=words):
+        changed(DEFAULT, [setting])
