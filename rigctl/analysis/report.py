@@ -13,6 +13,7 @@ from rigctl.analysis.appearing import appearing
 from rigctl.analysis.cache import Cache
 from rigctl.analysis.carried_c import Source, c_of
 from rigctl.analysis.counting import RangesOver
+from rigctl.analysis.evidence import Evidence, measure
 from rigctl.analysis.imported import imported_remarks
 from rigctl.analysis.jobs import HERE, Crew, Progress
 from rigctl.analysis.one_taxel import check_shown, origin_of, taxel_picture
@@ -110,6 +111,7 @@ class _Found(NamedTuple):
     results: tuple[TaskResult, ...]
     remarks: tuple[str, ...]
     sensitivity: list[Line]
+    evidence: Evidence | None
     model: Model | None
 
 
@@ -138,6 +140,7 @@ def _find(
         progress=progress,
     )
     results, said = run_tasks(made, request.settings, crew=crew, progress=progress)
+    evidence = measure(made, results, request.settings, crew=crew, progress=progress)
     remarks = (*imported_remarks(trials), *made.remarks, *said, *_aside(results), *crew.remarks)
     lines: list[Line] = []
     if request.sensitivity:
@@ -154,9 +157,9 @@ def _find(
             progress=progress,
         )
     if request.model is None:
-        return _Found(made, tuple(results), remarks, lines, None)
+        return _Found(made, tuple(results), remarks, lines, evidence, None)
     model, words = train(made, request.model, made_utc, request.settings.seed, progress)
-    return _Found(made, tuple(results), (*remarks, words), lines, model)
+    return _Found(made, tuple(results), (*remarks, words), lines, evidence, model)
 
 
 def _write(
@@ -174,7 +177,7 @@ def _write(
         "confusion": confusion_figure(confused, origin, folder / "confusion"),
         "fig2c": taxel_figure(taxel_picture(made.trials, *ways), folder / "fig2c"),
     }
-    plain = as_plain(made, request.settings, results, found.remarks, made_utc)
+    plain = as_plain(made, request.settings, results, found.remarks, made_utc, found.evidence)
     plain["sensitivity"] = table = sensitivity_table(found.sensitivity)
     if table is not None:
         (folder / "sensitivity.csv").write_text(sensitivity_csv(table), encoding="utf-8")

@@ -8,29 +8,13 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from rigctl.analysis.html_parts import ABSENT, STYLE
+from rigctl.analysis.html_parts import sentences as _list
+from rigctl.analysis.html_parts import table as _table
+from rigctl.analysis.html_parts import task_name as _task_name
+from rigctl.analysis.report_orders import orders_section
 from rigctl.analysis.tables import LABELS_SEEN
 from rigctl.analysis.verdicts import NAME_OF
-
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; margin: 2rem auto; max-width: 68rem;
-  padding: 0 1.2rem; }
-h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.4rem; }
-.lead { color: #59636e; margin-top: 0; }
-.simulated { background: #fff4d6; border-left: 4px solid #d9a400; padding: .6rem 1rem; }
-.seen { background: #fdecec; border-left: 4px solid #c8102e; padding: .6rem 1rem; }
-table { border-collapse: collapse; margin: .8rem 0; font-variant-numeric: tabular-nums; }
-th, td { padding: .28rem .7rem; border-bottom: 1px solid #e6e9ed; text-align: right; }
-td { white-space: nowrap; vertical-align: top; } td:first-child { white-space: normal; }
-th:first-child, td:first-child, .words { text-align: left; } td.words { white-space: normal; }
-table.named td:nth-child(2), table.named th:nth-child(2) { text-align: left; }
-th { font-weight: 600; vertical-align: bottom; }
-.paper { color: #59636e; font-size: .87em; }
-img { max-width: 100%; height: auto; } figure { margin: 1rem 0; }
-figcaption, small { color: #59636e; } .wide { overflow-x: auto; }
-@media print { body { max-width: none; } h2 { break-after: avoid; }
-  figure { break-inside: avoid; } }
-"""
-ABSENT = "–"
 
 Figures = Mapping[str, Path]
 
@@ -42,7 +26,7 @@ def html_report(plain: Mapping[str, Any], figures: Figures) -> str:
         f"<h1>Textures told apart</h1><p class=lead>{_lead(plain)}</p>",
         _simulated(plain),
         f"<h2>Accuracy beside the paper's Table 1</h2>{_table_1(tasks)}",
-        f"<h2>Whether the paper's orders hold</h2>{_orders(tasks)}",
+        f"<h2>Whether the paper's orders hold</h2>{orders_section(plain)}",
         f"<h2>Accuracy over components</h2>{_figure(figures['fig3'], 'Accuracy over components')}",
         f"<h2>Components needed</h2>{_needed(tasks)}",
         f"<h2>Differences from Original</h2>{_differences(tasks)}",
@@ -103,24 +87,6 @@ def _accuracy(curve: Mapping[str, Any] | None, k: int, theirs: Sequence[float] |
     sd = "" if curve["sd"] is None else f" ± {100 * curve['sd'][k - 1]:.2f}"
     paper = f"{theirs[0]:.2f} ± {theirs[1]:.2f}" if theirs else ABSENT
     return f"{100 * curve['mean'][k - 1]:.2f}{sd}<br><span class=paper>{paper}</span>"
-
-
-def _orders(tasks: Mapping[str, Any]) -> str:
-    rows = []
-    for task in tasks.values():
-        found = task["order"]
-        if found is None:
-            continue
-        why = "; ".join(found["reasons"])
-        rows.append([_task_name(task, ""), escape(found["sentence"]), escape(why) or ABSENT])
-    if not rows:
-        return "<p>The paper has no table for the tasks that this set allows.</p>"
-    head = ["task", "the paper's differences between two representations", "why that may be"]
-    note = (
-        "A difference counts where it is larger than two standard deviations of the pair. It is "
-        "not the same experiment: other plates, another sensor, another bench."
-    )
-    return f"{_table(head, rows, words=True)}<small>{note}</small>"
 
 
 def _needed(tasks: Mapping[str, Any]) -> str:
@@ -213,29 +179,6 @@ def _figure(png: Path, words: str) -> str:
     data = base64.b64encode(png.with_suffix(".svg").read_bytes()).decode()
     source = f"data:image/svg+xml;base64,{data}"
     return f'<figure><img alt="{escape(words)}" src="{source}"></figure>'
-
-
-def _table(
-    head: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = False, named: bool = False
-) -> str:
-    """``words``: every cell is a sentence. ``named``: the second column holds names."""
-    kind = " class=words" if words else ""
-    whole = "<table class=named>" if named else "<table>"
-    top = "".join(f"<th{kind}>{cell}</th>" for cell in head)
-    body = "".join(f"<tr>{''.join(f'<td{kind}>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<div class=wide>{whole}<tr>{top}</tr>{body}</table></div>"
-
-
-def _list(sentences: Sequence[str], otherwise: str) -> str:
-    if not sentences:
-        return f"<p>{otherwise}</p>" if otherwise else ""
-    return f"<ul>{''.join(f'<li>{escape(s)}</li>' for s in sentences)}</ul>"
-
-
-def _task_name(task: Mapping[str, Any], below: str) -> str:
-    figure = f" ({task['figure']})".replace(". ", ".\u00a0") if task["figure"] else ""
-    under = f"<br><span class=paper>{escape(below)}</span>" if below else ""
-    return f"{escape(task['title'])}{escape(figure)}{under}"
 
 
 def _keys(tasks: Mapping[str, Any]) -> list[str]:

@@ -9,10 +9,12 @@ from typing import Any
 
 from rigctl import __version__
 from rigctl.analysis import paper
+from rigctl.analysis.evidence import Evidence
 from rigctl.analysis.representations import RepresentationSet, force_sentence, status_counts
 from rigctl.analysis.statistics import Difference
 from rigctl.analysis.tasks import Curve, Settings, TaskResult
-from rigctl.analysis.verdicts import Needed, components_needed, differences, order
+from rigctl.analysis.verdicts import Needed, Pair, components_needed, differences, order
+from rigctl.analysis.why import why
 
 DECIMALS = 4
 
@@ -79,6 +81,7 @@ def as_plain(
     results: Sequence[TaskResult],
     remarks: Sequence[str],
     made_utc: str,
+    evidence: Evidence | None = None,
 ) -> dict[str, Any]:
     """Everything that the report says, as JSON can hold it."""
     return {
@@ -109,7 +112,10 @@ def as_plain(
         },
         "remarks": list(remarks),
         "force_matrix": _force(made),
-        "tasks": {result.task.key: _task(result, made.trials.simulated) for result in results},
+        "tasks": {
+            result.task.key: _task(result, made.trials.simulated, evidence) for result in results
+        },
+        "evidence": None if evidence is None else _evidence(evidence),
         "table1": table_rows(results),
     }
 
@@ -136,7 +142,7 @@ def _force(made: RepresentationSet) -> dict[str, Any] | None:
     }
 
 
-def _task(result: TaskResult, simulated: bool) -> dict[str, Any]:
+def _task(result: TaskResult, simulated: bool, evidence: Evidence | None) -> dict[str, Any]:
     found = order(result, simulated=simulated)
     return {
         "title": result.task.title,
@@ -160,7 +166,33 @@ def _task(result: TaskResult, simulated: bool) -> dict[str, Any]:
             "within_spread": [list(pair) for pair in found.ties],
             "reversed": [list(pair) for pair in found.reversed_pairs],
             "reasons": list(found.reasons),
+            "compared": [_pair(pair, result, evidence) for pair in found.compared],
         },
+    }
+
+
+def _pair(pair: Pair, result: TaskResult, evidence: Evidence | None) -> dict[str, Any]:
+    spread = None if pair.spread is None else round(100 * pair.spread, DECIMALS)
+    return {
+        "better": pair.keys[0],
+        "worse": pair.keys[1],
+        "verdict": pair.verdict.value,
+        "points": round(100 * pair.gap, DECIMALS),
+        "spread_points": spread,
+        "paper_points": round(100 * pair.paper_gap, DECIMALS),
+        "measured_beside": list(why(pair, result, evidence)),
+    }
+
+
+def _evidence(evidence: Evidence) -> dict[str, Any]:
+    return {
+        "draws": evidence.draws,
+        "forces_g": list(evidence.forces_g),
+        "halves": {
+            key: {name: half._asdict() for name, half in both.items()}
+            for key, both in evidence.halves.items()
+        },
+        "alone": evidence.alone,
     }
 
 

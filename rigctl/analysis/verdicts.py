@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import StrEnum
 from itertools import combinations
 from math import hypot
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,18 +36,68 @@ class Needed:
     as_original: int | None
 
 
+class Verdict(StrEnum):
+    """How a difference of the paper stands in our results."""
+
+    HOLDS = "holds"
+    TIED = "cannot be told apart"
+    REVERSED = "does not hold"
+
+
+class Pair(NamedTuple):
+    """Two representations that the paper keeps apart; ``better`` by the paper.
+
+    ``gap``: ours, better less worse, as a share; ``spread``: two standard deviations of the pair,
+    None for a single draw; ``paper_gap``: theirs. ``holds_at``: numbers of components at which the
+    order holds.
+    """
+
+    better: Curve
+    worse: Curve
+    verdict: Verdict
+    gap: float
+    spread: float | None
+    paper_gap: float
+    holds_at: tuple[int, ...]
+
+    @property
+    def keys(self) -> tuple[str, str]:
+        """Of both representations."""
+        return self.better.representation.key, self.worse.representation.key
+
+
 @dataclass(frozen=True, slots=True)
 class Order:
     """Table 1's order in one task: of the pairs that the paper separates, how ours fall.
 
-    ``reversed_pairs``, ``ties``: (better, worse) by the paper. ``reasons``: why that may be.
+    ``reasons``: what makes this set another experiment, where not all hold.
     """
 
-    pairs: int
-    held: int
-    ties: tuple[tuple[str, str], ...]
-    reversed_pairs: tuple[tuple[str, str], ...]
+    compared: tuple[Pair, ...]
     reasons: tuple[str, ...]
+
+    @property
+    def pairs(self) -> int:
+        """How many pairs the paper separates."""
+        return len(self.compared)
+
+    @property
+    def held(self) -> int:
+        """How many of them hold."""
+        return len(self._with(Verdict.HOLDS))
+
+    @property
+    def ties(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that cannot be told apart, (better, worse) by the paper."""
+        return self._with(Verdict.TIED)
+
+    @property
+    def reversed_pairs(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that fall the other way."""
+        return self._with(Verdict.REVERSED)
+
+    def _with(self, verdict: Verdict) -> tuple[tuple[str, str], ...]:
+        return tuple(pair.keys for pair in self.compared if pair.verdict is verdict)
 
     @property
     def sentence(self) -> str:
@@ -91,26 +143,16 @@ def order(result: TaskResult, *, simulated: bool) -> Order | None:
     table = paper.TABLE_1.get(result.task.key)
     if table is None:
         return None
-    ties: list[tuple[str, str]] = []
-    reversed_pairs: list[tuple[str, str]] = []
-    pairs, near_ceiling = 0, False
-    for better, worse in _separated(result, table):
-        pairs += 1
-        keys = (better.representation.key, worse.representation.key)
-        gap, spread = _gap(better, worse, result.shown)
-        if abs(gap) <= spread:
-            ties.append(keys)
-            near_ceiling |= bool(better.mean[result.shown - 1] > CEILING)
-        elif gap < 0:
-            reversed_pairs.append(keys)
-    held = pairs - len(ties) - len(reversed_pairs)
-    reasons = _reasons(result, near_ceiling, simulated) if held < pairs else ()
-    return Order(pairs, held, tuple(ties), tuple(reversed_pairs), reasons)
+    compared = tuple(_pairs(result, table))
+    k = result.shown - 1
+    near_ceiling = any(
+        pair.verdict is Verdict.TIED and bool(pair.better.mean[k] > CEILING) for pair in compared
+    )
+    held = all(pair.verdict is Verdict.HOLDS for pair in compared)
+    return Order(compared, () if held else _reasons(result, near_ceiling, simulated))
 
 
-def _separated(
-    result: TaskResult, table: dict[str, tuple[float, float]]
-) -> Iterator[tuple[Curve, Curve]]:
+def _pairs(result: TaskResult, table: dict[str, tuple[float, float]]) -> Iterator[Pair]:
     """Pairs of our curves, better first by the paper, where its spreads keep them apart."""
     for first, second in combinations(table, 2):
         (mean_a, sd_a), (mean_b, sd_b) = table[first], table[second]
@@ -118,14 +160,22 @@ def _separated(
         if one is None or other is None:
             continue
         if abs(mean_a - mean_b) > SEPARATE * hypot(sd_a, sd_b):
-            yield (one, other) if mean_a > mean_b else (other, one)
+            both = (one, other) if mean_a > mean_b else (other, one)
+            yield _pair(*both, result.shown, abs(mean_a - mean_b) / 100)
 
 
-def _gap(better: Curve, worse: Curve, shown: int) -> tuple[float, float]:
-    """Difference of means, and the spread within which it says nothing."""
-    k = shown - 1
-    spread = [0.0 if c.deviation is None else float(c.deviation[k]) for c in (better, worse)]
-    return float(better.mean[k] - worse.mean[k]), SEPARATE * hypot(*spread)
+def _pair(better: Curve, worse: Curve, shown: int, paper_gap: float) -> Pair:
+    gaps = better.mean - worse.mean
+    gap = float(gaps[shown - 1])
+    if better.deviation is None or worse.deviation is None:
+        return Pair(better, worse, Verdict.TIED, gap, None, paper_gap, ())
+    spreads = SEPARATE * np.hypot(better.deviation, worse.deviation)
+    spread = float(spreads[shown - 1])
+    verdict = Verdict.HOLDS if gap > 0 else Verdict.REVERSED
+    if abs(gap) <= spread:
+        verdict = Verdict.TIED
+    holds_at = tuple(int(k) + 1 for k in np.flatnonzero(gaps > spreads))
+    return Pair(better, worse, verdict, gap, spread, paper_gap, holds_at)
 
 
 def _reasons(result: TaskResult, near_ceiling: bool, simulated: bool) -> tuple[str, ...]:

@@ -12,8 +12,8 @@ from rigctl import __version__
 from rigctl.errors import RigctlError
 
 COMMANDS = (
-    *("demo", "run", "synth", "import", "encode", "analyse", "classify", "stop", "check"),
-    *("serve", "info", "verify", "ports", "gui", "engine"),
+    *("demo", "run", "synth", "import", "encode", "analyse", "orders", "classify", "stop"),
+    *("check", "serve", "info", "verify", "ports", "gui", "engine"),
 )
 MODULES = {"import": "import_"}
 """Modules of commands whose name Python keeps for itself."""
