@@ -103,6 +103,42 @@ def test_the_page_stands_alone_and_says_what_matters(made: Path) -> None:
     assert str(made.parent / "session") in page.words
 
 
+def test_several_reports_stand_side_by_side(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain = json.loads((made / "results.json").read_text())
+    assert set(plain["evidence"]["halves"]) == {r.key for r in REPRESENTATIONS}
+    assert plain["evidence"]["alone"]["untrained-force"]["force"]["SA"] > 0
+    words = (made / "report.html").read_text()
+    assert "What explains the features" in words and "it does not prove a cause" in words
+
+    def other(name: str, **changed: Any) -> str:
+        (tmp_path / name).mkdir()
+        second = {**plain, "inputs": [{**plain["inputs"][0], "seed": 77}], **changed}
+        (tmp_path / name / "results.json").write_text(json.dumps(second))
+        return str(tmp_path / name)
+
+    again, out = other("again"), tmp_path / "orders"
+    assert main(["orders", str(made), again, "--out", str(out)]) == 0
+    assert "Untrained speed: of 6 orders" in capsys.readouterr().out
+    found = json.loads((out / "orders.json").read_text())["tasks"]
+    first = plain["tasks"]["textures"]["order"]["compared"][0]
+    assert found["textures"]["pairs"][0]["points"] == [first["points"]] * 2
+    assert found["textures"]["pairs"][0]["over_sets"] == [round(first["points"], 2), 0.0]
+    assert found["textures"]["accuracy"]["original"]["paper"] == [91.78, 0.55]
+    page = (out / "orders.html").read_text()
+    assert "not the paper's experiment" in page and "cannot be told apart" in page
+    for reports, said in (
+        ([made, made], "hold the same session"),
+        ([made, other("k", settings={**plain["settings"], "k_max": 7})], "another k_max"),
+        ([made, other("old", evidence=None, tasks={})], "none of the tasks"),
+        ([tmp_path], "cannot be read"),
+    ):
+        assert main(["orders", *map(str, reports), "--out", str(tmp_path / "no")]) == 2
+        assert said in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
 def test_what_cannot_be_done_is_refused_and_leaves_nothing(
     session: Path, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,0 +1,111 @@
+"""What is measured beside an order that does not stand, and what is said of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.analysis import paper
+from rigctl.analysis.evidence import Evidence, Half, _halves, _Look
+from rigctl.analysis.representations import REPRESENTATIONS
+from rigctl.analysis.splits import Design
+from rigctl.analysis.tasks import Curve, TaskResult
+from rigctl.analysis.verdicts import Order, Verdict, order
+from rigctl.analysis.why import why
+
+BY_KEY = {r.key: r for r in REPRESENTATIONS}
+
+
+def test_variance_goes_to_the_factor_that_makes_it(tmp_path: Path) -> None:
+    """SA: speed alone, in the first of five windows. RA: force, and as much inside conditions."""
+    texture, speed, force, turn = (
+        axis.ravel() for axis in np.meshgrid([0, 1], [40.0, 80.0], [250.0, 500.0], [0, 1, 2, 3])
+    )
+    features = np.zeros((len(texture), 2 * 2 * 5))
+    features[:, [0, 5]] = 1000 + speed[:, None]
+    features[:, 10:] = (
+        np.where(force > 300, 3.0, 1.0)[:, None] + np.where(turn % 2, 1.0, -1.0)[:, None]
+    )
+    path = tmp_path / "features.npy"
+    np.save(path, features)
+    design = Design(("A", "B"), texture.astype(np.int64), speed, force)
+    halves = _halves(_Look(path, design, 5))
+    sa, ra = halves["SA"], halves["RA"]
+    assert (sa.texture, sa.speed, sa.force, sa.within) == pytest.approx((0, 1, 0, 0), abs=1e-9)
+    assert sa.first_window == pytest.approx(1.0)
+    assert (ra.texture, ra.speed, ra.force, ra.within) == pytest.approx((0, 0, 0.5, 0.5), abs=1e-9)
+    assert ra.mean_by_force == pytest.approx((1.0, 3.0))
+
+
+def curve(key: str, at_three: float, before: float, spread: float) -> Curve:
+    """Two draws around a mean that is ``before`` up to two components and then ``at_three``."""
+    draws = np.add.outer([-spread, spread], [before, before, at_three])
+    return Curve(BY_KEY[key], draws, np.eye(16, dtype=np.int64), 800, 0, 0)
+
+
+def judged(task: str, *curves: Curve) -> tuple[Order, TaskResult]:
+    classes = tuple("ABCDEFGHIJKLMNOP")
+    result = TaskResult(paper.TASK_OF[task], classes, 3, 7200, 1 / 16, curves)
+    found = order(result, simulated=True)
+    assert found is not None
+    return found, result
+
+
+def evidence() -> Evidence:
+    sa = Half(1.0, 0.01, 0.56, 0.30, 0.02, 0.4, (50.0, 85.0, 131.0))
+    ra = Half(1.0, 0.45, 0.23, 0.05, 0.01, 0.1, (2.0, 1.5, 1.0))
+    keys = ("original", "speed", "force", "speed_force")
+    alone = {"untrained-force": {key: {"SA": 0.2, "RA": 0.32} for key in keys}}
+    return Evidence((250.0, 500.0, 1000.0), {key: {"SA": sa, "RA": ra} for key in keys}, alone, 3)
+
+
+def test_a_reversed_order_has_numbers_beside_it() -> None:
+    found, result = judged(
+        "untrained-force",
+        curve("speed", 0.58, 0.3, 0.01), curve("force", 0.44, 0.5, 0.01),
+        curve("force_blind", 0.27, 0.2, 0.01),
+    )  # fmt: skip
+    (pair,) = found.compared
+    assert pair.keys == ("force", "speed") and pair.verdict is Verdict.REVERSED
+    said = "; ".join(why(pair, result, evidence()))
+    for words in (
+        "ours differ by -14.0 points, two standard deviations are 4.0 points",
+        "it holds with 1–2 components",
+        "from RA counts alone Force Scaled reaches 32.0 %",
+        "force explains 30.0 % of the variance of SA rates in Force Scaled",
+        "C acts on the SA current only: the mean RA count at 1000 g is 0.50 times that at 250 g",
+        "40.0 % of what speed explains of SA rates in Speed Scaled lies in the first window",
+        "with C that knows no texture Force Scaled reaches 27.0 %",
+    ):
+        assert words in said
+
+
+def test_no_room_for_a_difference_is_not_called_its_contrary() -> None:
+    high, low = curve("speed", 0.998, 0.99, 0.002), curve("original", 0.997, 0.9, 0.002)
+    found, result = judged("textures", high, low)
+    assert found.compared[0].verdict is Verdict.TIED and found.held == 0
+    said = "; ".join(why(found.compared[0], result, None))
+    assert "both are above 99%, which leaves no room for a difference" in said
+    chance = judged(
+        "untrained-both", curve("force", 0.06, 0.06, 0.02), curve("original", 0.07, 0.07, 0.01)
+    )
+    assert "both are near chance (6.2 %)" in "; ".join(why(chance[0].compared[0], chance[1], None))
+
+
+def test_a_single_draw_decides_nothing() -> None:
+    one = [
+        Curve(BY_KEY[key], np.full((1, 3), share), np.eye(16, dtype=np.int64), 800, 0, 0)
+        for key, share in (("speed", 0.9), ("original", 0.2))
+    ]
+    found, result = judged("textures", *one)
+    assert found.compared[0].verdict is Verdict.TIED
+    assert why(found.compared[0], result, None)[0] == "a single draw has no spread to compare with"
+
+
+def test_an_order_that_holds_needs_no_reason() -> None:
+    found, result = judged(
+        "textures", curve("speed", 0.9, 0.9, 0.01), curve("original", 0.5, 0.5, 0.01)
+    )
+    assert found.held == 1 and why(found.compared[0], result, evidence()) == ()
