@@ -15,11 +15,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gui test check pytest firmware bench shots soak fuzz docs lock clean
+.PHONY: help setup demo gui test check pytest firmware bench orders shots soak fuzz docs lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, shots, soak, fuzz, docs, lock, clean'
+	@echo 'also: make gui, check, firmware, bench, orders, shots, soak, fuzz, docs, lock, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml
 	$(SAY) "Python environment in $(VENV) (locked versions, wheels only)"
@@ -73,6 +73,24 @@ bench: firmware $(PEERS)/.ready
 	$(SAY) "every figure with its peer in the same run; also in build/bench.jsonl"
 	@QT_QPA_PLATFORM=offscreen RIGCTL_PEERS_PYTHON=$(abspath $(PEERS)/bin/python) \
 	  $(BIN)/python -m tests.bench $(BENCH_ARGS)
+
+# Independent virtual sets; what is there already is used again.
+ORDERS := build/orders
+SEEDS ?= 1 2 3
+REPEATS ?= 10
+
+orders: $(VENV)/.ready
+	$(SAY) "virtual sets of seeds $(SEEDS), $(REPEATS) repeats, and whether the orders of Table 1 stand in each"
+	@mkdir -p $(ORDERS)
+	@for seed in $(SEEDS); do \
+	  name=$(REPEATS)-seed-$$seed; \
+	  test -d $(ORDERS)/set-$$name || $(BIN)/rigctl synth --plan protocols/paper.toml \
+	    --repeats $(REPEATS) --seed $$seed --out $(ORDERS)/set-$$name || exit $$?; \
+	  test -d $(ORDERS)/$$name || $(BIN)/rigctl analyse $(ORDERS)/set-$$name \
+	    --out $(ORDERS)/$$name $(ORDERS_ARGS) || exit $$?; \
+	done
+	@rm -rf $(ORDERS)/page
+	@$(BIN)/rigctl orders $(SEEDS:%=$(ORDERS)/$(REPEATS)-seed-%) --out $(ORDERS)/page
 
 shots: $(VENV)/.ready
 	@sh .ci/debian-packages $(DEBIAN_RUN)
