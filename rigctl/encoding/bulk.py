@@ -7,15 +7,16 @@ paper's 60 and 20 windows together.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding import kernel
-from rigctl.encoding.encoder import TILE_LANES
+from rigctl.encoding import kernel, raster
+from rigctl.encoding.blocks import Blocks
+from rigctl.encoding.encoder import STRETCH, tiles
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
@@ -62,53 +63,51 @@ def stretch_counts(
         taxels = np.arange(normalisation.n_taxels)
     if sa_scale is None:
         sa_scale = np.ones((len(trials), len(taxels)))
-    channels = 1 if sa_only else 2
-    out = np.empty((len(trials), channels * len(taxels), len(cuts) - 1), np.uint32)
-    for chosen, counts in _tiles(trials, normalisation, parameters, sa_scale, taxels):
-        lengths = np.array([len(trials[i]) for i in chosen])
-        in_tile = np.empty((len(cuts) - 1, counts.shape[1]), np.uint32)
-        _count_compiled(counts, np.tile(np.repeat(lengths, len(taxels)), 2), cuts, in_tile)
-        by_trial = in_tile.reshape(len(in_tile), 2, len(chosen), len(taxels))[:, :channels]
-        out[chosen] = by_trial.transpose(2, 1, 3, 0).reshape(len(chosen), -1, len(in_tile))
+    trains = (1 if sa_only else 2) * len(taxels)
+    out = np.empty((len(trials), trains, len(cuts) - 1), np.uint32)
+    lengths = [len(samples) for samples in trials]
+    for chosen in tiles(lengths, len(taxels)):
+        some, longest = [trials[i] for i in chosen], lengths[chosen[-1]]
+        blocks = Blocks.of_trials(
+            len(some), normalisation, parameters, sa_scale[chosen], taxels=taxels, sa_only=sa_only
+        )
+        of_tile = np.array([lengths[i] for i in chosen])
+        ends = _row_ends(cuts, of_tile, kernel.samples_per_row(parameters))
+        sums = _in_stretches(blocks, raster.Tile(some, taxels), ends, cuts, of_tile)
+        by_lane = raster.by_sample(sums, len(some) * len(taxels)).reshape(
+            len(cuts) - 1, -1, len(some), len(taxels)
+        )
+        out[chosen] = by_lane.transpose(2, 1, 3, 0).reshape(len(some), trains, -1)
     return out
 
 
-def _tiles(
-    trials: Sequence[Samples],
-    normalisation: Normalisation,
-    parameters: EncoderParameters,
-    sa_scale: NDArray[np.float64],
-    taxels: NDArray[np.int64],
-) -> Iterator[tuple[list[int], NDArray[np.uint8]]]:
-    """Trials that were encoded side by side, by index, and their raster, in one memory for all."""
-    order = sorted(range(len(trials)), key=lambda i: (len(trials[i]), i))
-    per_tile = max(1, TILE_LANES // len(taxels))
-    most = per_tile * len(taxels) * max(map(len, trials), default=0)
-    readings, spikes = np.empty(most, np.uint16), np.empty(2 * most, np.uint8)
-    sa_drive, ra_drive = kernel.drives(parameters)
-    constants, advance = kernel.folded(parameters), kernel.kernel_for(parameters)
-    ranges = (normalisation.low[taxels], normalisation.high[taxels], normalisation.scale[taxels])
-    for start in range(0, len(order), per_tile):
-        chosen = order[start : start + per_tile]
-        lanes = len(chosen) * len(taxels)
-        shape = (len(trials[chosen[-1]]), lanes)
-        tile = readings[: shape[0] * lanes].reshape(shape)
-        counts = spikes[: 2 * tile.size].reshape(shape[0], 2 * lanes)
-        for place, index in enumerate(chosen):
-            # A trial without samples has nothing to fill its columns with.
-            if not len(trials[index]):
-                tile[:, place * len(taxels) : (place + 1) * len(taxels)] = 0
-                continue
-            _lay_compiled(trials[index], taxels, tile, place * len(taxels))
-        of_lanes = [np.tile(part, len(chosen)) for part in ranges]
-        if not len(tile):
-            yield chosen, counts
-            continue
-        state = kernel.rest(parameters, lanes)
-        kernel.start_filter(tile[0], *of_lanes, constants, state)
-        drives = (sa_drive * sa_scale[chosen].reshape(-1), np.full(lanes, ra_drive))
-        advance(tile, *of_lanes, *drives, constants, state, counts, np.empty((0, 2 * lanes)))
-        yield chosen, counts
+def _row_ends(cuts: NDArray[np.int64], lengths: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Where the kernel's rows of a tile end: no row holds a cut, a trial's end, or too much."""
+    longest = int(lengths.max())
+    edges = np.concatenate([cuts[cuts < longest], lengths, np.arange(0, longest, STRETCH)])
+    edges = np.unique(np.concatenate([[0], edges]))
+    parts = [np.arange(a, b, most) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return np.concatenate([*parts, [longest]])[1:].astype(np.int64)
+
+
+def _in_stretches(
+    blocks: Blocks,
+    tile: raster.Tile,
+    ends: NDArray[np.int64],
+    cuts: NDArray[np.int64],
+    lengths: NDArray[np.int64],
+) -> Counts:
+    """Spikes of a tile between cuts, uint32 (blocks, stretches, channels, 32)."""
+    sums = np.zeros_like(blocks.room_for(len(cuts) - 1), np.uint32)
+    in_lane = tile.by_lane(lengths)
+    starts = np.concatenate([[0], ends[:-1]])
+    stretches = np.searchsorted(cuts, starts, side="right") - 1
+    for start in range(0, int(ends[-1]) if len(ends) else 0, STRETCH):
+        inside = np.flatnonzero((starts >= start) & (starts < start + STRETCH))
+        stop = int(ends[inside[-1]])
+        rows = blocks.advance(tile.laid(start, stop), ends[inside] - start)
+        raster.add_up(rows, starts[inside], stretches[inside], in_lane, sums)
+    return sums
 
 
 def sa_rates_hz(
@@ -173,35 +172,6 @@ def _windows(layout: FeatureLayout, n_samples: int, speed_mm_s: float) -> NDArra
     return np.minimum(layout.windows(n_samples, speed_mm_s), layout.n_windows)
 
 
-def _lay(samples: Any, taxels: Any, tile: Any, first: Any) -> None:
-    """Copy some taxels of a trial into the tile's columns; its last row fills the rest."""
-    n = samples.shape[0]
-    for t in range(tile.shape[0]):
-        row = samples[min(t, n - 1)]
-        for j in range(taxels.shape[0]):
-            tile[t, first + j] = row[taxels[j]]
-
-
-def _count(counts: Any, lengths: Any, cuts: Any, out: Any) -> None:
-    """Sum a raster up: uint8 (n, columns), of which ``lengths`` rows are a column's own."""
-    columns = counts.shape[1]
-    shortest = lengths.min()
-    sums = np.zeros(columns, np.uint32)
-    for stretch in range(out.shape[0]):
-        for c in range(columns):
-            sums[c] = 0
-        for t in range(cuts[stretch], min(cuts[stretch + 1], shortest)):
-            row = counts[t]
-            for c in range(columns):
-                sums[c] += np.uint32(row[c])
-        for t in range(max(cuts[stretch], shortest), min(cuts[stretch + 1], counts.shape[0])):
-            for c in range(columns):
-                if t < lengths[c]:
-                    sums[c] += np.uint32(counts[t, c])
-        for c in range(columns):
-            out[stretch, c] = sums[c]
-
-
 def _level(samples: Any, low: Any, high: Any, every: Any, out: Any) -> None:
     """Sum of some samples cut off at the ends of the range: whole numbers, so exact."""
     for t in range(0, samples.shape[0], every):
@@ -226,7 +196,5 @@ def _features(counts: Any, window_of: Any, seconds: Any, out: Any) -> None:
 
 
 _compile = numba.njit(cache=True, nogil=True, error_model="numpy")
-_lay_compiled = _compile(_lay)
-_count_compiled = _compile(_count)
 _level_compiled = _compile(_level)
 _features_compiled = _compile(_features)

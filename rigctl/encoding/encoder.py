@@ -1,100 +1,29 @@
-"""Samples to spikes: a streaming encoder for live use, and the same kernel over whole trials."""
+"""Samples to spikes: a streaming encoder for live use, and the same kernel over whole trials.
+
+Spike trains of many trials come from :func:`encode_trials`. Where counts in stretches of time are
+enough, :func:`rigctl.encoding.bulk.stretch_counts` is the fast way: it keeps no spikes, and leaves
+the RA channel out where only SA is asked for.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding import kernel, raster
+from rigctl.encoding import raster
+from rigctl.encoding.blocks import Blocks, Counts, Samples
+from rigctl.encoding.compiled import LANES
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 
-Samples = NDArray[np.uint16]
-Counts = NDArray[np.uint8]
-
-# Lanes that advance together: enough to fill the vector units, few enough to stay in the cache.
-TILE_LANES = 108
-
-
-@dataclass(frozen=True, slots=True)
-class _Lanes:
-    """What the kernel needs to know of each lane, contiguous arrays of one length."""
-
-    low: NDArray[np.uint16]
-    high: NDArray[np.uint16]
-    scale: NDArray[np.float64]
-    sa_drive: NDArray[np.float64]
-    ra_drive: NDArray[np.float64]
-
-    @classmethod
-    def of(
-        cls,
-        normalisation: Normalisation,
-        parameters: EncoderParameters,
-        sa_scale: NDArray[np.float64],
-    ) -> _Lanes:
-        """One lane for each element of ``sa_scale``, float64 (n_trials, n_taxels)."""
-        sa, ra = kernel.drives(parameters)
-        repeats = sa_scale.shape[0]
-        return cls(
-            np.tile(normalisation.low, repeats),
-            np.tile(normalisation.high, repeats),
-            np.tile(normalisation.scale, repeats),
-            np.ascontiguousarray(sa * sa_scale.reshape(-1), dtype=np.float64),
-            np.full(sa_scale.size, ra),
-        )
-
-
-class _Stream:
-    """Neurons and filters of some lanes, carried from one stretch of samples to the next."""
-
-    def __init__(self, lanes: _Lanes, parameters: EncoderParameters) -> None:
-        self.lanes = lanes
-        self._parameters = parameters
-        self._constants = kernel.folded(parameters)
-        self._advance = kernel.kernel_for(parameters)
-        self._rest = kernel.rest(parameters, lanes.low.shape[0])
-        self._state = self._rest.copy()
-        self._fresh = True
-
-    def reset(self) -> None:
-        """Back to rest; the filter starts with the next sample."""
-        self._state[:] = self._rest
-        self._fresh = True
-
-    def counts(self, samples: Samples, out: Counts | None = None) -> Counts:
-        """Spikes of each sample, uint8 (n, 2·lanes), in ``out`` where it is given."""
-        if out is None:
-            out = np.empty((samples.shape[0], 2 * samples.shape[1]), np.uint8)
-        self._run(self._advance, samples, out, np.empty((0, out.shape[1])))
-        return out
-
-    def membrane_mv(self, samples: Samples) -> NDArray[np.float64]:
-        """Membrane voltage after each sample in mV, float64 (n, 2·lanes)."""
-        out = np.empty((samples.shape[0], 2 * samples.shape[1]), np.uint8)
-        trace = np.empty(out.shape)
-        self._run(kernel.kernel_for(self._parameters, traced=True), samples, out, trace)
-        return kernel.membrane_mv(self._parameters, trace)
-
-    def _run(
-        self, advance: kernel.Kernel, samples: Samples, out: Counts, trace: NDArray[np.float64]
-    ) -> None:
-        if samples.shape[0] == 0:
-            return
-        lanes = self.lanes
-        # A sliced view makes the kernel several times slower.
-        samples = np.ascontiguousarray(samples, dtype=np.uint16)
-        ranges = (lanes.low, lanes.high, lanes.scale)
-        if self._fresh:
-            kernel.start_filter(samples[0], *ranges, self._constants, self._state)
-            self._fresh = False
-        drives = (lanes.sa_drive, lanes.ra_drive)
-        advance(samples, *ranges, *drives, self._constants, self._state, out, trace)
+# Samples that are laid into blocks at a time: what passes between two kernels stays in the cache.
+STRETCH = 512
+# Lanes that advance through such a stretch together, at least.
+TILE_LANES = 288
 
 
 class Encoder:
@@ -109,7 +38,7 @@ class Encoder:
     ) -> None:
         self.parameters = parameters
         self._normalisation = normalisation
-        self._stream = _Stream(self._lanes(), parameters)
+        self._blocks = self._at_rest()
         self._clipped = np.zeros(normalisation.n_taxels, np.int64)
 
     @property
@@ -123,7 +52,7 @@ class Encoder:
         if value.n_taxels != self._normalisation.n_taxels:
             raise WrongUse(f"the encoder has {self._normalisation.n_taxels} taxels")
         self._normalisation = value
-        self._stream.lanes = self._lanes()
+        self._blocks.use_ranges(value)
 
     @property
     def clipped(self) -> NDArray[np.int64]:
@@ -132,12 +61,11 @@ class Encoder:
 
     def reset(self) -> None:
         """Neurons to rest; the filter starts at the next sample."""
-        self._stream.reset()
+        self._blocks.reset()
 
     def warm(self) -> None:
         """Have the kernel compiled before time matters; state and counts stay untouched."""
-        scratch = _Stream(self._stream.lanes, self.parameters)
-        scratch.counts(np.zeros((1, self._normalisation.n_taxels), np.uint16))
+        self._counts(self._at_rest(), np.zeros((1, self._normalisation.n_taxels), np.uint16))
 
     def encode(self, samples: Samples) -> Counts:
         """Spikes of each sample: uint16 (n, n_taxels) → uint8 (n, 2·n_taxels), SA then RA.
@@ -146,11 +74,15 @@ class Encoder:
         """
         _check(samples, self._normalisation)
         self._clipped += self._normalisation.clipped(samples)
-        return self._stream.counts(samples)
+        return self._counts(self._blocks, samples)
 
-    def _lanes(self) -> _Lanes:
-        ones = np.ones((1, self._normalisation.n_taxels))
-        return _Lanes.of(self._normalisation, self.parameters, ones)
+    def _at_rest(self) -> Blocks:
+        return Blocks.of_taxels(self._normalisation, self.parameters)
+
+    def _counts(self, blocks: Blocks, samples: Samples) -> Counts:
+        each = np.arange(1, len(samples) + 1)
+        counts = blocks.advance(raster.Tile([samples]).laid(0, len(samples)), each)
+        return raster.by_sample(counts, self._normalisation.n_taxels)
 
 
 def _check(samples: Samples, normalisation: Normalisation) -> None:
@@ -179,56 +111,32 @@ def encode_trials(
     ``trials``: uint16 (n_i, n_taxels) each. ``sa_scale``: float64 (n_trials, n_taxels), a factor
     on the SA current of each trial and taxel (the force matrix C), or None for 1 everywhere.
     """
+    for samples in trials:
+        _check(samples, normalisation)
     spikes: dict[int, Spikes] = {}
-    for chosen, counts in _tiles(trials, normalisation, parameters, sa_scale):
-        lengths = [len(trials[i]) for i in chosen]
-        trains = raster.to_spikes(counts, lengths, normalisation.n_taxels)
-        spikes.update(zip(chosen, trains, strict=True))
+    for chosen in tiles([len(samples) for samples in trials], normalisation.n_taxels):
+        some = [trials[i] for i in chosen]
+        scale = None if sa_scale is None else sa_scale[chosen]
+        blocks = Blocks.of_trials(len(some), normalisation, parameters, scale)
+        tile, trains, longest = raster.Tile(some), raster.Trains(some), len(some[-1])
+        counts, each = blocks.room_for(STRETCH), np.arange(1, STRETCH + 1)
+        for start in range(0, longest, STRETCH):
+            n = min(STRETCH, longest - start)
+            blocks.advance(tile.laid(start, start + n), each[:n], counts[:n])
+            trains.add(counts[:n], start)
+        spikes.update(zip(chosen, trains.spikes(), strict=True))
     return [spikes[i] for i in range(len(trials))]
 
 
-def rasters(
-    trials: Sequence[Samples],
-    normalisation: Normalisation,
-    parameters: EncoderParameters,
-    sa_scale: NDArray[np.float64] | None = None,
-) -> Iterator[tuple[int, int, Counts]]:
-    """Each trial's place in an encoded tile: (index, first lane, counts uint8 (n, 2·lanes)).
-
-    Trials come in order of their length. SA taxel i of the trial is column ``first lane + i``,
-    RA the same plus half the columns; rows past the trial's own length are filling. The counts
-    are overwritten when the next trial is asked for.
-    """
-    for chosen, counts in _tiles(trials, normalisation, parameters, sa_scale):
-        for place, index in enumerate(chosen):
-            yield index, place * normalisation.n_taxels, counts
-
-
-def _tiles(
-    trials: Sequence[Samples],
-    normalisation: Normalisation,
-    parameters: EncoderParameters,
-    sa_scale: NDArray[np.float64] | None,
-) -> Iterator[tuple[list[int], Counts]]:
-    """Trials that were encoded side by side, by index, and their raster, in one memory for all."""
-    for samples in trials:
-        _check(samples, normalisation)
-    if sa_scale is None:
-        sa_scale = np.ones((len(trials), normalisation.n_taxels))
-    # Neighbours in length share a tile, so that little is computed for nothing.
-    order = sorted(range(len(trials)), key=lambda i: (len(trials[i]), i))
-    per_tile = max(1, TILE_LANES // normalisation.n_taxels)
-    # Fresh memory for each tile would cost a fifth of the time in page faults.
-    most = per_tile * normalisation.n_taxels * max(map(len, trials), default=0)
-    readings, spikes = np.empty(most, np.uint16), np.empty(2 * most, np.uint8)
+def tiles(lengths: Sequence[int], n_taxels: int) -> Iterator[list[int]]:
+    """Trials to encode side by side, by index: neighbours in length, the longest last."""
+    order = sorted(range(len(lengths)), key=lambda i: (lengths[i], i))
+    least = -(-TILE_LANES // n_taxels)
+    # The last block of a tile is filled up with lanes that nobody asked for: take as many trials
+    # as waste fewest of them.
+    per_tile = min(range(least, 2 * least), key=lambda n: (-n * n_taxels) % LANES / n)
     for start in range(0, len(order), per_tile):
-        chosen = order[start : start + per_tile]
-        lanes = _Lanes.of(normalisation, parameters, sa_scale[chosen])
-        shape = (len(trials[chosen[-1]]), len(chosen) * normalisation.n_taxels)
-        tile = readings[: shape[0] * shape[1]].reshape(shape)
-        counts = spikes[: 2 * tile.size].reshape(shape[0], 2 * shape[1])
-        raster.lay_side_by_side([trials[i] for i in chosen], tile)
-        yield chosen, _Stream(lanes, parameters).counts(tile, counts)
+        yield order[start : start + per_tile]
 
 
 def membrane_mv(
@@ -239,5 +147,7 @@ def membrane_mv(
     Started at rest. A sample with a spike shows the threshold, as such curves are drawn.
     """
     _check(samples, normalisation)
-    ones = np.ones((1, normalisation.n_taxels))
-    return _Stream(_Lanes.of(normalisation, parameters, ones), parameters).membrane_mv(samples)
+    blocks = Blocks.of_taxels(normalisation, parameters)
+    counts, voltage = blocks.traced_mv(raster.Tile([samples]).laid(0, len(samples)))
+    voltage = np.where(counts > 0, parameters.threshold_mv, voltage)
+    return raster.by_sample(voltage, normalisation.n_taxels)

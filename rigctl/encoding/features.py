@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding import encoder, raster
+from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.encoding.speed import REFERENCE_SPEED_MM_S, WINDOW_MS, windows_of_samples
@@ -101,15 +101,10 @@ def feature_matrices(
         raise WrongUse(f"{len(trials)} trials, but {len(speeds_mm_s)} speeds")
     n_taxels = normalisation.n_taxels
     matrices = [np.zeros((len(trials), layout.width(n_taxels))) for layout in layouts]
-    places = encoder.rasters(trials, normalisation, parameters, sa_scale)
-    for index, first_lane, counts in places:
+    spikes = encode_trials(trials, normalisation, parameters, sa_scale=sa_scale)
+    for index, (trains, speed) in enumerate(zip(spikes, speeds_mm_s, strict=True)):
         for layout, matrix in zip(layouts, matrices, strict=True):
-            windows = layout.windows(len(trials[index]), speeds_mm_s[index])
-            in_windows = raster.window_counts(
-                counts, windows, first_lane, n_taxels, layout.n_windows
-            )
-            seconds = layout.seconds_in_windows(windows)
-            matrix[index] = _rates_and_counts(in_windows, seconds)
+            matrix[index] = trial_features(trains, speed, layout)
     return matrices
 
 

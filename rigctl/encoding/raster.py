@@ -1,7 +1,7 @@
-"""Per-sample spike counts of many lanes: laid side by side, turned into trains, counted in windows.
+"""Readings laid side by side in lanes, and the spikes of the lanes put in order again.
 
-A raster is uint8 (n, 2·lanes): SA of every lane, then RA of every lane. Trials share a raster side
-by side; one that is shorter than the raster ends early, and what follows is filling.
+Trials share a tile side by side; one that is shorter holds its last reading to the tile's end, and
+the spikes of what follows are left out.
 """
 
 from __future__ import annotations
@@ -13,144 +13,184 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.encoding.blocks import filled_up
+from rigctl.encoding.compiled import LANES, RUN, copy_run, lowest, reading, spiking
 from rigctl.values import Spikes
 
-WORD = 8
-NONE, ONE, BYTE, SHIFT = np.uint64(0), np.uint64(1), np.uint64(0xFF), np.uint64(58)
-DE_BRUIJN = np.uint64(0x03F79D71B4CB0A89)
-BYTE_OF = np.zeros(64, np.uint8)
-for _bit in range(64):
-    BYTE_OF[((int(DE_BRUIJN) << _bit) & (2**64 - 1)) >> int(SHIFT)] = _bit // WORD
+WORD = 2 * LANES
+BYTES = 2
+LANE_BITS = 32
 
 
-def _copy_beside(samples: Any, tile: Any, first: Any) -> None:
-    """Copy a trial (n, k) into the tile's columns from ``first``; its last row fills the rest."""
-    n, k = samples.shape
-    for t in range(tile.shape[0]):
-        row = samples[min(t, n - 1)]
-        for j in range(k):
-            tile[t, first + j] = row[j]
+class Tile:
+    """Trials side by side, a lane for each trial and taxel (some ``taxels`` only, or all)."""
+
+    def __init__(
+        self, trials: Sequence[NDArray[np.uint16]], taxels: NDArray[np.int64] | None = None
+    ) -> None:
+        n_taxels = trials[0].shape[1]
+        self._taxels = np.arange(n_taxels) if taxels is None else taxels
+        self._gapless = bool((np.diff(self._taxels) == 1).all())
+        self._row_bytes = n_taxels * np.dtype(np.uint16).itemsize
+        # The kernel is handed their addresses: they must stay.
+        self._trials = [np.ascontiguousarray(samples, np.uint16) for samples in trials]
+        self._addresses = np.array([t.__array_interface__["data"][0] for t in self._trials])
+        self._lengths = np.array([len(samples) for samples in trials])
+        self._lanes = filled_up(len(trials) * len(self._taxels))
+        self._memory = np.empty((0, self._lanes), np.uint16)
+
+    def laid(self, start: int, stop: int) -> NDArray[np.uint16]:
+        """Samples ``start`` to ``stop`` of all, uint16 (stop − start, lanes), trial after trial.
+
+        Lanes behind the last one hold anything. Overwritten when the next stretch is asked for.
+        """
+        if len(self._memory) < stop - start:
+            self._memory = np.zeros((stop - start, self._lanes), np.uint16)
+        tile = self._memory[: stop - start]
+        source = (self._addresses, self._lengths, self._row_bytes, self._taxels, self._gapless)
+        _lay_compiled(*source, start, tile)
+        return tile
+
+    def by_lane(self, of_trials: NDArray[np.int64]) -> NDArray[np.int64]:
+        """A number of each trial for each lane, int64 (lanes,); 0 behind the last one."""
+        lanes = np.zeros(self._lanes, np.int64)
+        lanes[: len(of_trials) * len(self._taxels)] = np.repeat(of_trials, len(self._taxels))
+        return lanes
 
 
-def _collect(words: Any, flat: Any, lengths: Any, places: Any, row_start: Any) -> Any:
-    """Gather the columns and samples that hold spikes; return how many there are.
+def by_sample(values: NDArray[Any], n_lanes: int) -> NDArray[Any]:
+    """(blocks, n, channels, 32) as (n, channels · n_lanes), contiguous: SA lanes, then RA."""
+    blocks, n, channels, wide = values.shape
+    lanes = values.transpose(1, 2, 0, 3).reshape(n, channels, blocks * wide)[:, :, :n_lanes]
+    return np.ascontiguousarray(lanes).reshape(n, channels * n_lanes)
 
-    ``places`` int32 (m, 2) takes (column, sample); ``row_start`` int64 (columns + 1,), zeros
-    before, becomes the running sum of spikes. Within a word only bytes that are not 0 are visited:
-    the lowest set bit's place comes from a de Bruijn product.
+
+class Trains:
+    """Spike trains of trials side by side, gathered stretch by stretch."""
+
+    def __init__(self, trials: Sequence[NDArray[np.uint16]]) -> None:
+        self._n_taxels = trials[0].shape[1]
+        self._lengths = [len(samples) for samples in trials]
+        lanes = len(trials) * self._n_taxels
+        self._half = filled_up(lanes)
+        self._in_lane = np.zeros(self._half, np.int64)
+        self._in_lane[:lanes] = np.repeat(self._lengths, self._n_taxels)
+        self._n_spikes = np.zeros(2 * self._half, np.int64)
+        self._room = np.empty(0, np.int64)
+        self._found: list[NDArray[np.int64]] = []
+
+    def add(self, counts: NDArray[np.uint8], start: int) -> None:
+        """Take in the counts of each sample, uint8 (blocks, n, 2, 32), from sample ``start``."""
+        # Asking for the sum costs more than finding the spikes, and one a sample is the most.
+        most = counts.size if counts.max(initial=0) <= 1 else int(counts.sum(dtype=np.int64))
+        if len(self._room) < most:
+            self._room = np.empty(most, np.int64)
+        n = _find_compiled(counts, start, self._in_lane, self._room, self._n_spikes)
+        self._found.append(self._room[:n].copy())
+
+    def spikes(self) -> list[Spikes]:
+        """The trains of each trial."""
+        row_start = np.zeros(len(self._n_spikes) + 1, np.int64)
+        np.cumsum(self._n_spikes, out=row_start[1:])
+        sample_index = np.empty(row_start[-1], np.int32)
+        free = row_start[:-1].copy()
+        for found in self._found:
+            _distribute_compiled(found, free, sample_index)
+        return [self._of_trial(i, row_start, sample_index) for i in range(len(self._lengths))]
+
+    def _of_trial(
+        self, place: int, row_start: NDArray[np.int64], sample_index: NDArray[np.int32]
+    ) -> Spikes:
+        first, n = place * self._n_taxels, self._n_taxels
+        ends = [row_start[at : at + n + 1] for at in (first, self._half + first)]
+        indices = np.concatenate([sample_index[end[0] : end[-1]] for end in ends])
+        sa, ra = (end - end[0] for end in ends)
+        starts = np.concatenate([sa, sa[-1] + ra[1:]])
+        return Spikes(starts, indices, self._lengths[place])
+
+
+def _lay(
+    addresses: Any, lengths: Any, row_bytes: Any, taxels: Any, gapless: Any, start: Any, tile: Any
+) -> None:
+    """Copy some taxels of each trial into the tile's lanes; its last row fills the rest."""
+    lanes, some = tile.shape[1], taxels.shape[0]
+    flat = tile.reshape(-1)
+    for trial in range(addresses.shape[0]):
+        n = lengths[trial]
+        for t in range(tile.shape[0]):
+            at = t * lanes + trial * some
+            row = addresses[trial] + min(start + t, n - 1) * row_bytes
+            if n == 0:
+                for j in range(some):
+                    flat[at + j] = 0
+            elif gapless and some >= RUN:
+                row += BYTES * taxels[0]
+                for j in range(0, some - RUN, RUN):
+                    copy_run(flat, at + j, row + BYTES * j)
+                # The last run overlaps the one before, so that nothing beyond the row is touched.
+                copy_run(flat, at + some - RUN, row + BYTES * (some - RUN))
+            else:
+                for j in range(some):
+                    flat[at + j] = reading(row + BYTES * taxels[j])
+
+
+def _add_up(rows: Any, starts: Any, stretches: Any, in_lane: Any, sums: Any) -> None:
+    """Add rows of spikes, uint8 (blocks, rows, channels, 32), to their stretches in ``sums``.
+
+    ``starts``: int64 (rows,), first sample of each row; ``stretches``: where it belongs. What a
+    lane shows behind its trial's end, int64 (lanes,), is left out.
     """
-    columns = lengths.shape[0]
-    t, column, found = 0, 0, 0
-    for w in range(words.shape[0]):
-        word = words[w]
-        while word != NONE:
-            lowest = word & (~word + ONE)
-            byte = np.int64(BYTE_OF[np.int64((lowest * DE_BRUIJN) >> SHIFT)])
-            word = word & ~(BYTE << np.uint64(WORD * byte))
-            at_t, at_column = t, column + byte
-            while at_column >= columns:
-                at_t, at_column = at_t + 1, at_column - columns
-            if at_t < lengths[at_column]:
-                places[found, 0], places[found, 1] = at_column, at_t
-                row_start[1 + at_column] += flat[WORD * w + byte]
-                found += 1
-        column += WORD
-        while column >= columns:
-            t, column = t + 1, column - columns
-    for i in range(columns):
-        row_start[i + 1] += row_start[i]
-    return found
+    for block in range(rows.shape[0]):
+        own = in_lane[block * LANES : (block + 1) * LANES]
+        shortest = own.min()
+        for r in range(rows.shape[1]):
+            for channel in range(rows.shape[2]):
+                row, into = rows[block, r, channel], sums[block, stretches[r], channel]
+                if starts[r] < shortest:
+                    for lane in range(LANES):
+                        into[lane] += np.uint32(row[lane])
+                else:
+                    for lane in range(LANES):
+                        if starts[r] < own[lane]:
+                            into[lane] += np.uint32(row[lane])
 
 
-def _distribute(places: Any, counts: Any, at: Any, sample_index: Any) -> None:
-    """Write every spike's sample; ``at`` int64 (columns,) holds the next free places."""
-    for i in range(places.shape[0]):
-        column, t = places[i, 0], places[i, 1]
-        for _ in range(counts[t, column]):
-            sample_index[at[column]] = t
-            at[column] += 1
+def _find(counts: Any, start: Any, in_lane: Any, found: Any, n_spikes: Any) -> Any:
+    """List every spike as sample · 2³² + train; return how many there are.
+
+    ``n_spikes`` int64 (trains,) is added to: SA of all lanes, then RA. Only lanes with spikes are
+    visited.
+    """
+    blocks, n = counts.shape[:2]
+    flat = counts.reshape(-1)
+    entries = 0
+    for block in range(blocks):
+        for t in range(n):
+            at = (block * n + t) * WORD
+            bits = spiking(counts, at)
+            while bits != 0:
+                place = lowest(bits)
+                bits &= bits - np.uint64(1)
+                lane = block * LANES + place % LANES
+                if start + t < in_lane[lane]:
+                    train = lane + place // LANES * blocks * LANES
+                    n_spikes[train] += flat[at + place]
+                    for _ in range(flat[at + place]):
+                        found[entries] = (start + t) << LANE_BITS | train
+                        entries += 1
+    return entries
 
 
-def _windows(counts: Any, first: Any, n_taxels: Any, window_of: Any, out: Any) -> None:
-    """Add each sample's spikes to its window: out float64 (n_windows, 2·n_taxels)."""
-    half = counts.shape[1] // 2
-    sums = np.zeros(2 * n_taxels, np.int64)
-    n = window_of.shape[0]
-    for t in range(n):
-        window = window_of[t]
-        if window >= out.shape[0]:
-            break
-        for j in range(n_taxels):
-            sums[j] += counts[t, first + j]
-        for j in range(n_taxels):
-            sums[n_taxels + j] += counts[t, half + first + j]
-        if t + 1 == n or window_of[t + 1] != window:
-            for j in range(2 * n_taxels):
-                out[window, j] = sums[j]
-                sums[j] = 0
+def _distribute(found: Any, free: Any, sample_index: Any) -> None:
+    """Write every spike's sample; ``free`` int64 (trains,) holds each train's next free place."""
+    for i in range(found.shape[0]):
+        train = found[i] & ((1 << LANE_BITS) - 1)
+        sample_index[free[train]] = found[i] >> LANE_BITS
+        free[train] += 1
 
 
-_compile = numba.njit(cache=True, nogil=True)
-_copy_compiled = _compile(_copy_beside)
-_collect_compiled = _compile(_collect)
+_compile = numba.njit(cache=True, nogil=True, error_model="numpy")
+_lay_compiled = _compile(_lay)
+add_up = _compile(_add_up)
+_find_compiled = _compile(_find)
 _distribute_compiled = _compile(_distribute)
-_windows_compiled = _compile(_windows)
-
-
-def lay_side_by_side(trials: Sequence[NDArray[np.uint16]], tile: NDArray[np.uint16]) -> None:
-    """Fill a tile, uint16 (longest, trials · n_taxels); a shorter trial holds its last reading."""
-    n_taxels = trials[0].shape[1]
-    for place, samples in enumerate(trials):
-        if len(samples):
-            contiguous = np.ascontiguousarray(samples, dtype=np.uint16)
-            _copy_compiled(contiguous, tile, place * n_taxels)
-        else:
-            tile[:, place * n_taxels : (place + 1) * n_taxels] = 0
-
-
-def to_spikes(counts: NDArray[np.uint8], n_samples: Sequence[int], n_taxels: int) -> list[Spikes]:
-    """Trains of all trials in a raster; ``n_samples`` of each, in their order side by side."""
-    lengths = np.tile(np.repeat(np.asarray(n_samples, np.int64), n_taxels), 2)
-    # Spikes are few: eight counts at a time are looked at, and passed over where all are 0.
-    flat = np.zeros(-(-counts.size // WORD) * WORD, np.uint8)
-    flat[: counts.size] = counts.reshape(-1)
-    places = np.empty((np.count_nonzero(flat), 2), np.int32)
-    row_start = np.zeros(len(lengths) + 1, np.int64)
-    found = _collect_compiled(flat.view(np.uint64), flat, lengths, places, row_start)
-    sample_index = np.empty(row_start[-1], np.int32)
-    _distribute_compiled(places[:found], counts, row_start[:-1].copy(), sample_index)
-    half = len(lengths) // 2
-    return [
-        _of_trial(row_start, sample_index, (first, half + first), n_taxels, n)
-        for first, n in zip(range(0, half, n_taxels), n_samples, strict=True)
-    ]
-
-
-def _of_trial(
-    row_start: NDArray[np.int64],
-    sample_index: NDArray[np.int32],
-    firsts: tuple[int, int],
-    n_taxels: int,
-    n_samples: int,
-) -> Spikes:
-    """One trial's SA and RA columns as trains of its own."""
-    ends = [row_start[first : first + n_taxels + 1] for first in firsts]
-    indices = np.concatenate([sample_index[end[0] : end[-1]] for end in ends])
-    sa, ra = (end - end[0] for end in ends)
-    return Spikes(np.concatenate([sa, sa[-1] + ra[1:]]), indices, n_samples)
-
-
-def window_counts(
-    counts: NDArray[np.uint8],
-    window_of: NDArray[np.int64],
-    first_lane: int,
-    n_taxels: int,
-    n_windows: int,
-) -> NDArray[np.float64]:
-    """Spikes in each window of one trial in a raster, float64 (2·n_taxels, n_windows).
-
-    ``window_of``: int64 (n_samples,), ascending window of each sample; later ones are dropped.
-    """
-    out = np.zeros((n_windows, 2 * n_taxels))
-    _windows_compiled(counts, first_lane, n_taxels, window_of, out)
-    return np.ascontiguousarray(out.T)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from rigctl.encoding import kernel
-from rigctl.encoding.encoder import encode_trials, rasters
+from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
 from tests.bench import _peers

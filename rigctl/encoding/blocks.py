@@ -1,0 +1,131 @@
+"""Neurons and filters of many lanes, in blocks as the kernel takes them, carried through time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.encoding import kernel
+from rigctl.encoding.compiled import LANES
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.presets import EncoderParameters
+
+Samples = NDArray[np.uint16]
+Counts = NDArray[np.uint8]
+
+
+def filled_up(lanes: int) -> int:
+    """Lanes of the blocks that hold so many."""
+    return -(-lanes // LANES) * LANES
+
+
+class Blocks:
+    """Neurons of each lane, equal for any slicing of the samples; lanes that fill up are silent.
+
+    A lane is a taxel, of one trial or of several side by side, trial after trial. All start at
+    rest.
+    """
+
+    def __init__(
+        self,
+        normalisation: Normalisation,
+        taxels: NDArray[np.int64],
+        parameters: EncoderParameters,
+        sa_scale: NDArray[np.float64],
+        sa_only: bool,
+    ) -> None:
+        self._parameters, self._taxels, self._sa_scale = parameters, taxels, sa_scale
+        self._sa_only = sa_only
+        self._constants = kernel.folded(parameters)
+        self._advance = kernel.kernel_for(parameters, sa_only=sa_only)
+        self._n = filled_up(len(taxels))
+        self.use_ranges(normalisation)
+        self.reset()
+
+    @classmethod
+    def of_taxels(cls, normalisation: Normalisation, parameters: EncoderParameters) -> Blocks:
+        """A lane for each taxel."""
+        return cls.of_trials(1, normalisation, parameters)
+
+    @classmethod
+    def of_trials(
+        cls,
+        n_trials: int,
+        normalisation: Normalisation,
+        parameters: EncoderParameters,
+        sa_scale: NDArray[np.float64] | None = None,
+        *,
+        taxels: NDArray[np.int64] | None = None,
+        sa_only: bool = False,
+    ) -> Blocks:
+        """A lane for each trial and taxel (some ``taxels`` only, or all).
+
+        ``sa_scale``: float64 (n_trials, taxels), a factor on the SA current, or None for 1.
+        """
+        if taxels is None:
+            taxels = np.arange(normalisation.n_taxels)
+        if sa_scale is None:
+            sa_scale = np.ones((n_trials, len(taxels)))
+        lanes = np.tile(taxels, n_trials)
+        return cls(normalisation, lanes, parameters, sa_scale.reshape(-1), sa_only)
+
+    def use_ranges(self, normalisation: Normalisation) -> None:
+        """Use these taxel ranges from the next sample on; neurons and filters go on."""
+        low, high = normalisation.low[self._taxels], normalisation.high[self._taxels]
+        scale = normalisation.scale[self._taxels]
+        drives = kernel.drives(self._parameters, scale, self._sa_scale)
+        reals = (self._filled(values) for values in (scale, *drives))
+        self._lanes = (self._filled(low), self._filled(high - low), *reals)
+
+    def reset(self) -> None:
+        """Back to rest; the filter starts with the next sample."""
+        self._state = kernel.rest(self._parameters, self._n)
+        self._fresh = True
+
+    def room_for(self, rows: int) -> Counts:
+        """Memory for the spikes in so many rows, uint8 (blocks, rows, channels, 32)."""
+        channels = 1 if self._sa_only else 2
+        return np.empty((self._n // LANES, rows, channels, LANES), np.uint8)
+
+    def advance(
+        self, tile: Samples, ends: NDArray[np.int64], counts: Counts | None = None
+    ) -> Counts:
+        """Spikes in rows of samples, uint8 (blocks, rows, channels, 32), in ``counts`` if given.
+
+        ``tile``: uint16 (n, lanes) as :class:`rigctl.encoding.raster.Tile` lays it. ``ends``:
+        first sample behind each row; no row may be longer than ``kernel.samples_per_row``.
+        """
+        counts = self.room_for(len(ends)) if counts is None else counts
+        self._run(self._advance, tile, ends, counts, np.empty(0))
+        return counts
+
+    def traced_mv(self, tile: Samples) -> tuple[Counts, NDArray[np.float64]]:
+        """Spikes and membrane voltage in mV of each sample, both (blocks, n, channels, 32)."""
+        advance = kernel.kernel_for(self._parameters, sa_only=self._sa_only, traced=True)
+        counts = self.room_for(len(tile))
+        trace = np.empty(counts.shape)
+        self._run(advance, tile, np.arange(1, len(tile) + 1), counts, trace)
+        return counts, kernel.membrane_mv(self._parameters, trace)
+
+    def _filled(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Zeros behind the last lane: a range without width, and no drive."""
+        full = np.zeros(self._n, values.dtype)
+        full[: len(values)] = values
+        return full
+
+    def _run(
+        self,
+        advance: kernel.Kernel,
+        tile: Samples,
+        ends: NDArray[np.int64],
+        counts: Counts,
+        trace: NDArray[np.float64],
+    ) -> None:
+        if len(tile) == 0:
+            return
+        if self._fresh:
+            low, width, scale = self._lanes[:3]
+            x = np.minimum(np.maximum(tile[0], low) - low, width).astype(np.float64)
+            kernel.start_filter(self._parameters, x, scale, self._state)
+            self._fresh = False
+        advance(tile, *self._lanes, self._constants, self._state, ends, counts, trace)

@@ -1,0 +1,415 @@
+"""The kernel in machine code: 32 neurons at a time, their state in registers from sample to sample.
+
+The inner loop is written with vectors of a fixed width, so nothing is left to a compiler's guess
+at what may be vectorised. On a processor with narrower registers LLVM splits them; the operations,
+each of them rounded as IEEE 754 says, stay the same, so the spikes do. Types and kernel share this
+file because numba's disk cache looks at the age of the kernel's own file only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic, models, register_model
+
+Kernel = Callable[..., None]
+
+# Four vectors of eight hide each other's latency; more of them run out of registers.
+WIDE, VECTORS = 8, 4
+LANES = WIDE * VECTORS
+
+# Readings that are copied at a time.
+RUN = 16
+
+# Rows of the state: membrane and recovery of SA and RA, and the RA channel's filter.
+M, Q, M_RA, Q_RA, Z1, Z2, LAST = range(7)
+STATE_ROWS = 7
+
+# Positions in the vector of folded constants.
+W0, KEEP, TAKE, THRESHOLD, RESET_TO, JUMP = range(6)
+B0, B1, B2, A1, A2 = range(6, 11)
+H, QUADRATIC, LINEAR, CONSTANT, A_U, B_U, U_STEP, CEILING, FALL = range(11, 20)
+N_CONSTANTS = 20
+
+_VECTORS = {
+    "float64": ir.VectorType(ir.DoubleType(), WIDE),
+    "uint16": ir.VectorType(ir.IntType(16), WIDE),
+    "uint8": ir.VectorType(ir.IntType(8), WIDE),
+}
+
+
+class Lanes(types.Type):  # type: ignore[misc]  # numba has no type information
+    """In compiled code: one number of every lane of a block."""
+
+    def __init__(self, element: str) -> None:
+        super().__init__(f"Lanes({element})")
+        self.element = element
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]  # as above
+    def __init__(self, manager: Any, kind: Lanes) -> None:
+        super().__init__(manager, kind, ir.ArrayType(_VECTORS[kind.element], VECTORS))
+
+
+REALS, READINGS, TALLY = Lanes("float64"), Lanes("uint16"), Lanes("uint8")
+
+
+def _parts(builder: Any, value: Any) -> list[Any]:
+    return [builder.extract_value(value, i) for i in range(VECTORS)]
+
+
+def _whole(builder: Any, parts: list[Any]) -> Any:
+    value = ir.Constant(ir.ArrayType(parts[0].type, VECTORS), ir.Undefined)
+    for i, part in enumerate(parts):
+        value = builder.insert_value(value, part, i)
+    return value
+
+
+def _call(builder: Any, name: str, *arguments: Any) -> Any:
+    kind = arguments[0].type
+    signature = ir.FunctionType(kind, [kind] * len(arguments))
+    function = cgutils.get_or_insert_function(builder.module, signature, name)
+    return builder.call(function, arguments)
+
+
+def _elementwise(operation: Callable[..., Any], result: Lanes, *operands: Lanes) -> Any:
+    """An intrinsic that applies ``operation(builder, *vectors)`` to each vector of a block."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        columns = zip(*(_parts(builder, value) for value in arguments), strict=True)
+        return _whole(builder, [operation(builder, *vectors) for vectors in columns])
+
+    return result(*operands), generate
+
+
+def _pointer(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
+
+
+def _places(context: Any, builder: Any, signature: Any, arguments: Any, vector: Any) -> list[Any]:
+    """Pointers to a block's vectors in the array that comes first, from the index after it."""
+    steps = [ir.Constant(arguments[1].type, WIDE * i) for i in range(VECTORS)]
+    indices = [builder.add(arguments[1], step) for step in steps]
+    kind, array = signature.args[0], arguments[0]
+    return [_pointer(context, builder, kind, array, i, vector) for i in indices]
+
+
+@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information, here and below
+def load(_typing: Any, array: Any, index: Any) -> Any:
+    """A block's numbers from a contiguous array, from a flat index on."""
+    kind = Lanes(str(array.dtype))
+    vector = _VECTORS[kind.element]
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        places = _places(context, builder, signature, arguments, vector)
+        size = array.dtype.bitwidth // 8
+        return _whole(builder, [builder.load(place, align=size) for place in places])
+
+    return kind(array, types.intp), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
+    """Write a block's numbers into a contiguous array, from a flat index on."""
+    vector = _VECTORS[value.element]
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        places = _places(context, builder, signature, arguments, vector)
+        for place, part in zip(places, _parts(builder, arguments[2]), strict=True):
+            builder.store(part, place, align=array.dtype.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def full(_typing: Any, number: Any) -> Any:
+    """The same number in all lanes."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        empty = ir.Constant(_VECTORS["float64"], ir.Undefined)
+        one = builder.insert_element(empty, arguments[0], ir.Constant(ir.IntType(32), 0))
+        first = ir.Constant(ir.VectorType(ir.IntType(32), WIDE), [0] * WIDE)
+        return _whole(builder, [builder.shuffle_vector(one, empty, first)] * VECTORS)
+
+    return REALS(types.float64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def no_spikes(_typing: Any) -> Any:
+    """A tally of nothing."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+        return _whole(builder, [ir.Constant(_VECTORS["uint8"], [0] * WIDE)] * VECTORS)
+
+    return TALLY(), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def fma(_typing: Any, x: Any, y: Any, z: Any) -> Any:
+    """x · y + z, rounded once."""
+    name = f"llvm.fma.v{WIDE}f64"
+    return _elementwise(lambda b, *xyz: _call(b, name, *xyz), REALS, x, y, z)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def add(_typing: Any, x: Any, y: Any) -> Any:
+    """x + y."""
+    return _elementwise(lambda b, *xy: b.fadd(*xy), REALS, x, y)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def sub(_typing: Any, x: Any, y: Any) -> Any:
+    """x − y."""
+    return _elementwise(lambda b, *xy: b.fsub(*xy), REALS, x, y)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def mul(_typing: Any, x: Any, y: Any) -> Any:
+    """x · y."""
+    return _elementwise(lambda b, *xy: b.fmul(*xy), REALS, x, y)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def larger(_typing: Any, x: Any, y: Any) -> Any:
+    """x where it is above y, else y."""
+    return _elementwise(
+        lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y), REALS, x, y
+    )
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def reached(_typing: Any, value: Any, threshold: Any, then: Any, otherwise: Any) -> Any:
+    """``then`` in the lanes in which the value has reached the threshold, else ``otherwise``."""
+
+    def choose(b: Any, value: Any, threshold: Any, then: Any, otherwise: Any) -> Any:
+        return b.select(b.fcmp_ordered(">=", value, threshold), then, otherwise)
+
+    return _elementwise(choose, REALS, value, threshold, then, otherwise)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def tallied(_typing: Any, tally: Any, value: Any, threshold: Any) -> Any:
+    """The tally, one higher in the lanes in which the value has reached the threshold."""
+    one = ir.Constant(_VECTORS["uint8"], [1] * WIDE)
+
+    def count(b: Any, tally: Any, value: Any, threshold: Any) -> Any:
+        return b.select(b.fcmp_ordered(">=", value, threshold), b.add(tally, one), tally)
+
+    return _elementwise(count, TALLY, tally, value, threshold)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def within(_typing: Any, reading: Any, low: Any, width: Any) -> Any:
+    """How far the reading lies above the low end, as a real number from 0 to the width."""
+    above, least = f"llvm.usub.sat.v{WIDE}i16", f"llvm.umin.v{WIDE}i16"
+
+    def cut(b: Any, reading: Any, low: Any, width: Any) -> Any:
+        return b.uitofp(_call(b, least, _call(b, above, reading, low), width), _VECTORS["float64"])
+
+    return _elementwise(cut, REALS, reading, low, width)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def spiking(_typing: Any, tallies: Any, index: Any) -> Any:
+    """Which of 64 tallies, from a flat index on, are not 0: one bit each."""
+    vector = ir.VectorType(ir.IntType(8), 64)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = _pointer(context, builder, signature.args[0], *arguments, vector)
+        some = builder.icmp_unsigned("!=", builder.load(place, align=1), vector([0] * 64))
+        return builder.bitcast(some, ir.IntType(64))
+
+    return types.uint64(tallies, types.intp), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def lowest(_typing: Any, bits: Any) -> Any:
+    """Place of the lowest bit that is set."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.intp(types.uint64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def reading(_typing: Any, address: Any) -> Any:
+    """The reading at an address in memory."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.load(builder.inttoptr(arguments[0], ir.IntType(16).as_pointer()), align=2)
+
+    return types.uint16(types.intp), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def copy_run(_typing: Any, target: Any, index: Any, address: Any) -> Any:
+    """Copy :data:`RUN` readings from an address in memory to a flat index of an array."""
+    vector = ir.VectorType(ir.IntType(16), RUN)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = _pointer(context, builder, signature.args[0], *arguments[:2], vector)
+        source = builder.inttoptr(arguments[2], vector.as_pointer())
+        builder.store(builder.load(source, align=2), place, align=2)
+        return context.get_dummy_value()
+
+    return types.void(target, types.intp, types.intp), generate
+
+
+_inlined = numba.njit(forceinline=True, error_model="numpy")
+
+
+@_inlined  # type: ignore[untyped-decorator]
+def _substep(m: Any, q: Any, fired: Any, w: Any, c: Any, old_v: Any, coupled: Any) -> Any:
+    """One Euler step in the normal form."""
+    keep, take, threshold, reset_to, jump = c
+    after = fma(m, m, fma(take, q, w))
+    seen = m if old_v else after
+    q = fma(keep, q, seen) if coupled else mul(keep, q)
+    fired = tallied(fired, after, threshold)
+    q = reached(after, threshold, add(q, jump), q)
+    return reached(after, threshold, reset_to, after), q, fired
+
+
+@_inlined  # type: ignore[untyped-decorator]
+def _sample(m: Any, q: Any, fired: Any, w: Any, c: Any, n: Any, old_v: Any, coupled: Any) -> Any:
+    """A sample of ``n`` substeps; four of them in a row are laid out without a loop."""
+    for _ in range(n // 4):
+        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
+        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
+        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
+        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
+    for _ in range(n % 4):
+        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
+    return m, q, fired
+
+
+@_inlined  # type: ignore[untyped-decorator]
+def _published_sample(v: Any, u: Any, fired: Any, w: Any, c: Any, p: Any, n: Any) -> Any:
+    """A sample of a scheme that resets at the next one, in the order that was published."""
+    _, _, threshold, reset_to, jump = c
+    h, quadratic, linear, constant, a_u, b_u, u_step, ceiling = p
+    u = reached(v, threshold, add(u, jump), u)
+    v = reached(v, threshold, reset_to, v)
+    for _ in range(n):
+        rise = add(add(mul(quadratic, mul(v, v)), mul(linear, v)), constant)
+        v = add(v, mul(h, add(sub(rise, u), w)))
+    fired = tallied(fired, v, threshold)
+    v = reached(v, ceiling, ceiling, v)
+    return v, add(u, mul(u_step, mul(a_u, sub(mul(b_u, v), u)))), fired
+
+
+@cache
+def kernel(
+    *,
+    substeps: int,
+    old_v: bool,
+    coupled: bool,
+    late: bool,
+    signed: bool,
+    sa_only: bool,
+    traced: bool,
+) -> Kernel:
+    """Compile one scheme; :func:`rigctl.encoding.kernel.kernel_for` says how it is called.
+
+    The arguments are constants of the compiled code, not tests at run time. numba keeps closures
+    over plain numbers in its disk cache.
+    """
+    channels = 1 if sa_only else 2
+
+    # One long function on purpose: what its loop carries on is in registers.
+    def advance(
+        samples: Any,
+        low: Any,
+        width: Any,
+        scale: Any,
+        sa_drive: Any,
+        ra_drive: Any,
+        k: Any,
+        state: Any,
+        ends: Any,
+        counts: Any,
+        trace: Any,
+    ) -> None:
+        lanes, rows = samples.shape[1], ends.shape[0]
+        w0, fall = full(k[W0]), full(k[FALL])
+        c = (full(k[KEEP]), full(k[TAKE]), full(k[THRESHOLD]), full(k[RESET_TO]), full(k[JUMP]))
+        b0, b1, b2, a1, a2 = full(k[B0]), full(k[B1]), full(k[B2]), full(k[A1]), full(k[A2])
+        p = (
+            full(k[H]), full(k[QUADRATIC]), full(k[LINEAR]), full(k[CONSTANT]),
+            full(k[A_U]), full(k[B_U]), full(k[U_STEP]), full(k[CEILING]),
+        )  # fmt: skip
+        for lane in range(0, lanes, LANES):
+            from_, wide, factor = load(low, lane), load(width, lane), load(scale, lane)
+            per_sa, per_ra = load(sa_drive, lane), load(ra_drive, lane)
+            m, m_ra = load(state, M * lanes + lane), load(state, M_RA * lanes + lane)
+            q, q_ra = load(state, Q * lanes + lane), load(state, Q_RA * lanes + lane)
+            z1, z2 = load(state, Z1 * lanes + lane), load(state, Z2 * lanes + lane)
+            last = load(state, LAST * lanes + lane)
+            t = 0
+            for row in range(rows):
+                fired, fired_ra = no_spikes(), no_spikes()
+                while t < ends[row]:
+                    x = within(load(samples, t * lanes + lane), from_, wide)
+                    if late:
+                        x = mul(x, factor)
+                        w = mul(per_sa, x)
+                        m, q, fired = _published_sample(m, q, fired, w, c, p, substeps)
+                    else:
+                        w = fma(per_sa, x, w0)
+                        m, q, fired = _sample(m, q, fired, w, c, substeps, old_v, coupled)
+                    if not sa_only:
+                        if late:
+                            y = add(mul(b0, x), z1)
+                            z1 = sub(add(z2, mul(b1, x)), mul(a1, y))
+                            z2 = sub(mul(b2, x), mul(a2, y))
+                            slope, last = sub(y, last), y
+                        else:
+                            change, last = sub(x, last), x
+                            slope = add(change, z1)
+                            z1 = fma(a1, slope, add(add(change, change), z2))
+                            z2 = fma(a2, slope, change)
+                        if not signed:
+                            slope = larger(slope, mul(fall, slope))
+                        if late:
+                            w = mul(per_ra, slope)
+                            m_ra, q_ra, fired_ra = _published_sample(
+                                m_ra, q_ra, fired_ra, w, c, p, substeps
+                            )
+                        else:
+                            w = fma(per_ra, slope, w0)
+                            m_ra, q_ra, fired_ra = _sample(
+                                m_ra, q_ra, fired_ra, w, c, substeps, old_v, coupled
+                            )
+                    t += 1
+                place = (lane * rows + row * LANES) * channels
+                store(counts, place, fired)
+                if traced:
+                    store(trace, place, m)
+                if not sa_only:
+                    store(counts, place + LANES, fired_ra)
+                    if traced:
+                        store(trace, place + LANES, m_ra)
+            store(state, M * lanes + lane, m)
+            store(state, Q * lanes + lane, q)
+            if not sa_only:
+                store(state, M_RA * lanes + lane, m_ra)
+                store(state, Q_RA * lanes + lane, q_ra)
+                store(state, Z1 * lanes + lane, z1)
+                store(state, Z2 * lanes + lane, z2)
+                store(state, LAST * lanes + lane, last)
+
+    compile_advance = numba.njit(
+        cache=True, nogil=True, fastmath=False, error_model="numpy", boundscheck=False
+    )
+    compiled: Kernel = compile_advance(advance)
+    return compiled
