@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding import kernel
-from rigctl.encoding.compiled import LANES
+from rigctl.encoding.compiled import LANES, Kernel
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 
@@ -107,7 +109,7 @@ class Blocks:
         self._run(advance, tile, np.arange(1, len(tile) + 1), counts, trace)
         return counts, kernel.membrane_mv(self._parameters, trace)
 
-    def _filled(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
+    def _filled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Zeros behind the last lane: a range without width, and no drive."""
         full = np.zeros(self._n, values.dtype)
         full[: len(values)] = values
@@ -115,7 +117,7 @@ class Blocks:
 
     def _run(
         self,
-        advance: kernel.Kernel,
+        advance: Kernel,
         tile: Samples,
         ends: NDArray[np.int64],
         counts: Counts,

@@ -8,6 +8,7 @@ paper's 60 and 20 windows together.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numba
@@ -67,7 +68,7 @@ def stretch_counts(
     out = np.empty((len(trials), trains, len(cuts) - 1), np.uint32)
     lengths = [len(samples) for samples in trials]
     for chosen in tiles(lengths, len(taxels)):
-        some, longest = [trials[i] for i in chosen], lengths[chosen[-1]]
+        some = [trials[i] for i in chosen]
         blocks = Blocks.of_trials(
             len(some), normalisation, parameters, sa_scale[chosen], taxels=taxels, sa_only=sa_only
         )
@@ -86,7 +87,7 @@ def _row_ends(cuts: NDArray[np.int64], lengths: NDArray[np.int64], most: int) ->
     longest = int(lengths.max())
     edges = np.concatenate([cuts[cuts < longest], lengths, np.arange(0, longest, STRETCH)])
     edges = np.unique(np.concatenate([[0], edges]))
-    parts = [np.arange(a, b, most) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    parts = [np.arange(a, b, most) for a, b in pairwise(edges)]
     return np.concatenate([*parts, [longest]])[1:].astype(np.int64)
 
 

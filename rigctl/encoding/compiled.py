@@ -13,19 +13,16 @@ from functools import cache
 from typing import Any
 
 import numba
-import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic, models, register_model
 
 Kernel = Callable[..., None]
+Function = Callable[..., Any]
 
 # Four vectors of eight hide each other's latency; more of them run out of registers.
 WIDE, VECTORS = 8, 4
 LANES = WIDE * VECTORS
-
-# Readings that are copied at a time.
-RUN = 16
 
 # Rows of the state: membrane and recovery of SA and RA, and the RA channel's filter.
 M, Q, M_RA, Q_RA, Z1, Z2, LAST = range(7)
@@ -44,7 +41,7 @@ _VECTORS = {
 }
 
 
-class Lanes(types.Type):  # type: ignore[misc]  # numba has no type information
+class Lanes(types.Type):
     """In compiled code: one number of every lane of a block."""
 
     def __init__(self, element: str) -> None:
@@ -53,12 +50,19 @@ class Lanes(types.Type):  # type: ignore[misc]  # numba has no type information
 
 
 @register_model(Lanes)
-class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]  # as above
+class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Lanes) -> None:
-        super().__init__(manager, kind, ir.ArrayType(_VECTORS[kind.element], VECTORS))
+        vectors = ir.ArrayType(_VECTORS[kind.element], VECTORS)
+        super().__init__(manager, kind, vectors)  # type: ignore[no-untyped-call]  # numba is untyped here
 
 
 REALS, READINGS, TALLY = Lanes("float64"), Lanes("uint16"), Lanes("uint8")
+
+
+def emitted(function: Function) -> Function:
+    """What compiled code calls without the first parameter; it returns types and a generator."""
+    compiled: Function = intrinsic(function)
+    return compiled
 
 
 def _parts(builder: Any, value: Any) -> list[Any]:
@@ -75,8 +79,8 @@ def _whole(builder: Any, parts: list[Any]) -> Any:
 def _call(builder: Any, name: str, *arguments: Any) -> Any:
     kind = arguments[0].type
     signature = ir.FunctionType(kind, [kind] * len(arguments))
-    function = cgutils.get_or_insert_function(builder.module, signature, name)
-    return builder.call(function, arguments)
+    get: Any = cgutils.get_or_insert_function
+    return builder.call(get(builder.module, signature, name), arguments)
 
 
 def _elementwise(operation: Callable[..., Any], result: Lanes, *operands: Lanes) -> Any:
@@ -89,7 +93,8 @@ def _elementwise(operation: Callable[..., Any], result: Lanes, *operands: Lanes)
     return result(*operands), generate
 
 
-def _pointer(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:
+def pointer(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:
+    """Where in memory a vector lies in a contiguous array, from a flat index on."""
     data = context.make_array(kind)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
@@ -99,10 +104,10 @@ def _places(context: Any, builder: Any, signature: Any, arguments: Any, vector: 
     steps = [ir.Constant(arguments[1].type, WIDE * i) for i in range(VECTORS)]
     indices = [builder.add(arguments[1], step) for step in steps]
     kind, array = signature.args[0], arguments[0]
-    return [_pointer(context, builder, kind, array, i, vector) for i in indices]
+    return [pointer(context, builder, kind, array, i, vector) for i in indices]
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information, here and below
+@emitted
 def load(_typing: Any, array: Any, index: Any) -> Any:
     """A block's numbers from a contiguous array, from a flat index on."""
     kind = Lanes(str(array.dtype))
@@ -116,7 +121,7 @@ def load(_typing: Any, array: Any, index: Any) -> Any:
     return kind(array, types.intp), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
     """Write a block's numbers into a contiguous array, from a flat index on."""
     vector = _VECTORS[value.element]
@@ -130,7 +135,7 @@ def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
     return types.void(array, types.intp, value), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def full(_typing: Any, number: Any) -> Any:
     """The same number in all lanes."""
 
@@ -143,7 +148,7 @@ def full(_typing: Any, number: Any) -> Any:
     return REALS(types.float64), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def no_spikes(_typing: Any) -> Any:
     """A tally of nothing."""
 
@@ -153,40 +158,38 @@ def no_spikes(_typing: Any) -> Any:
     return TALLY(), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def fma(_typing: Any, x: Any, y: Any, z: Any) -> Any:
     """x · y + z, rounded once."""
     name = f"llvm.fma.v{WIDE}f64"
     return _elementwise(lambda b, *xyz: _call(b, name, *xyz), REALS, x, y, z)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def add(_typing: Any, x: Any, y: Any) -> Any:
     """x + y."""
     return _elementwise(lambda b, *xy: b.fadd(*xy), REALS, x, y)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def sub(_typing: Any, x: Any, y: Any) -> Any:
     """x − y."""
     return _elementwise(lambda b, *xy: b.fsub(*xy), REALS, x, y)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def mul(_typing: Any, x: Any, y: Any) -> Any:
     """x · y."""
     return _elementwise(lambda b, *xy: b.fmul(*xy), REALS, x, y)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def larger(_typing: Any, x: Any, y: Any) -> Any:
     """x where it is above y, else y."""
-    return _elementwise(
-        lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y), REALS, x, y
-    )
+    return _elementwise(lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y), REALS, x, y)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def reached(_typing: Any, value: Any, threshold: Any, then: Any, otherwise: Any) -> Any:
     """``then`` in the lanes in which the value has reached the threshold, else ``otherwise``."""
 
@@ -196,7 +199,7 @@ def reached(_typing: Any, value: Any, threshold: Any, then: Any, otherwise: Any)
     return _elementwise(choose, REALS, value, threshold, then, otherwise)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def tallied(_typing: Any, tally: Any, value: Any, threshold: Any) -> Any:
     """The tally, one higher in the lanes in which the value has reached the threshold."""
     one = ir.Constant(_VECTORS["uint8"], [1] * WIDE)
@@ -207,7 +210,7 @@ def tallied(_typing: Any, tally: Any, value: Any, threshold: Any) -> Any:
     return _elementwise(count, TALLY, tally, value, threshold)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@emitted
 def within(_typing: Any, reading: Any, low: Any, width: Any) -> Any:
     """How far the reading lies above the low end, as a real number from 0 to the width."""
     above, least = f"llvm.usub.sat.v{WIDE}i16", f"llvm.umin.v{WIDE}i16"
@@ -218,57 +221,13 @@ def within(_typing: Any, reading: Any, low: Any, width: Any) -> Any:
     return _elementwise(cut, REALS, reading, low, width)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def spiking(_typing: Any, tallies: Any, index: Any) -> Any:
-    """Which of 64 tallies, from a flat index on, are not 0: one bit each."""
-    vector = ir.VectorType(ir.IntType(8), 64)
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place = _pointer(context, builder, signature.args[0], *arguments, vector)
-        some = builder.icmp_unsigned("!=", builder.load(place, align=1), vector([0] * 64))
-        return builder.bitcast(some, ir.IntType(64))
-
-    return types.uint64(tallies, types.intp), generate
+def _inlined(function: Function) -> Function:
+    """Compiled into whatever calls it: a call would send all registers through memory."""
+    compiled: Function = numba.njit(forceinline=True, error_model="numpy")(function)
+    return compiled
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def lowest(_typing: Any, bits: Any) -> Any:
-    """Place of the lowest bit that is set."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.intp(types.uint64), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def reading(_typing: Any, address: Any) -> Any:
-    """The reading at an address in memory."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.load(builder.inttoptr(arguments[0], ir.IntType(16).as_pointer()), align=2)
-
-    return types.uint16(types.intp), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def copy_run(_typing: Any, target: Any, index: Any, address: Any) -> Any:
-    """Copy :data:`RUN` readings from an address in memory to a flat index of an array."""
-    vector = ir.VectorType(ir.IntType(16), RUN)
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place = _pointer(context, builder, signature.args[0], *arguments[:2], vector)
-        source = builder.inttoptr(arguments[2], vector.as_pointer())
-        builder.store(builder.load(source, align=2), place, align=2)
-        return context.get_dummy_value()
-
-    return types.void(target, types.intp, types.intp), generate
-
-
-_inlined = numba.njit(forceinline=True, error_model="numpy")
-
-
-@_inlined  # type: ignore[untyped-decorator]
+@_inlined
 def _substep(m: Any, q: Any, fired: Any, w: Any, c: Any, old_v: Any, coupled: Any) -> Any:
     """One Euler step in the normal form."""
     keep, take, threshold, reset_to, jump = c
@@ -280,7 +239,7 @@ def _substep(m: Any, q: Any, fired: Any, w: Any, c: Any, old_v: Any, coupled: An
     return reached(after, threshold, reset_to, after), q, fired
 
 
-@_inlined  # type: ignore[untyped-decorator]
+@_inlined
 def _sample(m: Any, q: Any, fired: Any, w: Any, c: Any, n: Any, old_v: Any, coupled: Any) -> Any:
     """A sample of ``n`` substeps; four of them in a row are laid out without a loop."""
     for _ in range(n // 4):
@@ -293,7 +252,7 @@ def _sample(m: Any, q: Any, fired: Any, w: Any, c: Any, n: Any, old_v: Any, coup
     return m, q, fired
 
 
-@_inlined  # type: ignore[untyped-decorator]
+@_inlined
 def _published_sample(v: Any, u: Any, fired: Any, w: Any, c: Any, p: Any, n: Any) -> Any:
     """A sample of a scheme that resets at the next one, in the order that was published."""
     _, _, threshold, reset_to, jump = c

@@ -119,11 +119,13 @@ def encode_trials(
         scale = None if sa_scale is None else sa_scale[chosen]
         blocks = Blocks.of_trials(len(some), normalisation, parameters, scale)
         tile, trains, longest = raster.Tile(some), raster.Trains(some), len(some[-1])
-        counts, each = blocks.room_for(STRETCH), np.arange(1, STRETCH + 1)
+        counts = blocks.room_for(STRETCH)
         for start in range(0, longest, STRETCH):
-            n = min(STRETCH, longest - start)
-            blocks.advance(tile.laid(start, start + n), each[:n], counts[:n])
-            trains.add(counts[:n], start)
+            stop = min(start + STRETCH, longest)
+            if stop - start < STRETCH:
+                counts = blocks.room_for(stop - start)
+            each = np.arange(1, stop - start + 1)
+            trains.add(blocks.advance(tile.laid(start, stop), each, counts), start)
         spikes.update(zip(chosen, trains.spikes(), strict=True))
     return [spikes[i] for i in range(len(trials))]
 

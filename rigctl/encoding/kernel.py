@@ -175,8 +175,8 @@ def kernel_for(
     :func:`rest`, changed in place. ends: int64 (rows,), ascending; spikes before sample ends[0]
     go to row 0, those from there to ends[1] to row 1 and so on; the last is n, and no row holds
     more than :func:`samples_per_row`. counts: uint8 (blocks, rows, channels, 32), written;
-    two channels, SA and RA, or SA alone. trace: float64 of the same shape, written if ``traced`` with
-    the membrane after each row. Releases the GIL.
+    two channels, SA and RA, or SA alone. trace: float64 of the same shape, written if ``traced``
+    with the membrane after each row. Releases the GIL.
     """
     return compiled.kernel(
         substeps=parameters.substeps,

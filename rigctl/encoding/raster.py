@@ -11,14 +11,18 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir
+from numba.core import types
 from numpy.typing import NDArray
 
 from rigctl.encoding.blocks import filled_up
-from rigctl.encoding.compiled import LANES, RUN, copy_run, lowest, reading, spiking
+from rigctl.encoding.compiled import LANES, emitted, pointer
 from rigctl.values import Spikes
 
 WORD = 2 * LANES
 BYTES = 2
+# Readings that are copied at a time.
+RUN = 16
 LANE_BITS = 32
 
 
@@ -107,6 +111,53 @@ class Trains:
         sa, ra = (end - end[0] for end in ends)
         starts = np.concatenate([sa, sa[-1] + ra[1:]])
         return Spikes(starts, indices, self._lengths[place])
+
+
+@emitted
+def spiking(_typing: Any, tallies: Any, index: Any) -> Any:
+    """Which of 64 tallies, from a flat index on, are not 0: one bit each."""
+    vector = ir.VectorType(ir.IntType(8), 64)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = pointer(context, builder, signature.args[0], arguments[0], arguments[1], vector)
+        some = builder.icmp_unsigned("!=", builder.load(place, align=1), vector([0] * 64))
+        return builder.bitcast(some, ir.IntType(64))
+
+    return types.uint64(tallies, types.intp), generate
+
+
+@emitted
+def lowest(_typing: Any, bits: Any) -> Any:
+    """Place of the lowest bit that is set."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.intp(types.uint64), generate
+
+
+@emitted
+def reading(_typing: Any, address: Any) -> Any:
+    """The reading at an address in memory."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.load(builder.inttoptr(arguments[0], ir.IntType(16).as_pointer()), align=2)
+
+    return types.uint16(types.intp), generate
+
+
+@emitted
+def copy_run(_typing: Any, target: Any, index: Any, address: Any) -> Any:
+    """Copy :data:`RUN` readings from an address in memory to a flat index of an array."""
+    vector = ir.VectorType(ir.IntType(16), RUN)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = pointer(context, builder, signature.args[0], arguments[0], arguments[1], vector)
+        source = builder.inttoptr(arguments[2], vector.as_pointer())
+        builder.store(builder.load(source, align=2), place, align=2)
+        return context.get_dummy_value()
+
+    return types.void(target, types.intp, types.intp), generate
 
 
 def _lay(

@@ -34,7 +34,7 @@ Trials = list[NDArray[np.uint16]]
 def measure() -> Iterator[dict[str, Any]]:
     """All figures of the encoder."""
     trials = scene()
-    ours_s = best_of(5, lambda: [None for _ in rasters(trials, RANGES, DEFAULT)])
+    ours_s = best_of(5, lambda: encode_trials(trials, RANGES))
     ours = 1e9 * ours_s / NEURON_MS
     yield from _against_numpy(trials, ours)
     if not _peers.available():
@@ -124,7 +124,7 @@ def _against_numpy(trials: Trials, ours: float) -> Iterator[dict[str, Any]]:
 
 def _against_brian2(trials: Trials, ours: float, folder: Path) -> Iterator[dict[str, Any]]:
     explicit = PRESETS["explicit"]
-    ours_s = best_of(3, lambda: [None for _ in rasters(trials, RANGES, explicit)])
+    ours_s = best_of(3, lambda: encode_trials(trials, RANGES, explicit))
     ours = 1e9 * ours_s / NEURON_MS
     np.save(folder / "all.npy", np.hstack([currents(samples, explicit) for samples in trials]))
     for target in ("cpp", "cython"):
