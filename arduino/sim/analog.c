@@ -62,6 +62,7 @@ static int driven_line(const sim_board *board)
 {
     int port = board->avr->data[PORTD_328P] >> LINE_SHIFT & 7;
     int direction = board->avr->data[DDRD_328P] >> LINE_SHIFT & 7;
+    if (board->exchange.driven_low) port ^= 7;
     if (direction != 7) return -1;
     return port == 1 ? 0 : port == 2 ? 1 : port == 4 ? 2 : -1;
 }
@@ -85,7 +86,17 @@ static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
         level = millivolts(code_of(board, share_now(board, channel), channel));
     /* simavr looks at the multiplexer only when ADCL is read: all channels hold the sample. */
     for (int c = 0; c < CHANNELS; c++) board->adc->adc_values[c] = level;
-    if (board->exchange.report_samples) report_edge(board, SIM_OUT_SAMPLE, channel);
+    if (!board->exchange.report_samples) return;
+    uint64_t sampled = board->triggered ? board->triggered : board->avr->cycle;
+    report_edge_at(board, sampled, SIM_OUT_SAMPLE, channel);
+}
+
+/* simavr looks at its timers between instructions; silicon's trigger waits for none. Timer 1
+ * compares at its top, where it begins anew. */
+static uint64_t compared(const sim_board *board)
+{
+    uint64_t now = board->avr->cycle, turn = board->sampler->tov_cycles;
+    return turn ? now - (now - board->sampler->tov_base) % turn : now;
 }
 
 static void on_compare(avr_irq_t *irq, uint32_t value, void *param)
@@ -100,7 +111,9 @@ static void on_compare(avr_irq_t *irq, uint32_t value, void *param)
     if (board->compare_latched) return;
     board->compare_latched = 1;
     if ((avr->data[ADCSRB_328P] & TRIGGER_MASK) != TRIGGER_TIMER1_COMPB) return;
+    board->triggered = compared(board);
     avr_raise_irq(board->adc->io.irq + ADC_IRQ_IN_TRIGGER, 1);
+    board->triggered = 0;
 }
 
 void analog_open(sim_board *board)
@@ -108,6 +121,9 @@ void analog_open(sim_board *board)
     board->adc = (avr_adc_t *)find_io(board->avr, "adc");
     avr_irq_register_notify(board->adc->io.irq + ADC_IRQ_OUT_TRIGGER, on_conversion, board);
     if (board->kind != SIM_TAXELS) return;
+    board->sampler = (avr_timer_t *)find_io(board->avr, "timer");
+    while (board->sampler->name != '1')
+        board->sampler = (avr_timer_t *)board->sampler->io.next;
     avr_irq_t *compare = avr_get_interrupt_irq(board->avr, TIMER1_COMPB_328P);
     avr_irq_register_notify(compare + AVR_INT_IRQ_PENDING, on_compare, board);
 }

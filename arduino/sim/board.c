@@ -155,12 +155,17 @@ unsigned long sim_exchange_size(void) { return sizeof(sim_exchange); }
 
 void report_edge(sim_board *board, int signal, int level)
 {
+    report_edge_at(board, board->avr->cycle, signal, level);
+}
+
+void report_edge_at(sim_board *board, uint64_t cycle, int signal, int level)
+{
     sim_exchange *x = &board->exchange;
     if (x->edge_count == SIM_MAX_EDGES) {
         x->overflows++;
         return;
     }
-    x->edge_cycle[x->edge_count] = board->avr->cycle;
+    x->edge_cycle[x->edge_count] = cycle;
     x->edge_signal[x->edge_count] = signal;
     x->edge_level[x->edge_count++] = level;
 }

@@ -77,13 +77,16 @@ struct sim_board {
     uint8_t pull_mask[16], pull_value[16]; /* per port letter A … P */
     double duty, duty_sum;                 /* bridge duty now, and its integral over the slice */
     uint64_t duty_since;
+    avr_timer_t *sampler;                  /* taxels: timer 1 */
     int compare_latched;                   /* OCF1B has been set and not been cleared */
+    uint64_t triggered;                    /* cycle of the compare that starts a conversion */
     struct drum drum;
     sim_exchange exchange;
 };
 
 /* board.c */
 void report_edge(sim_board *board, int signal, int level);
+void report_edge_at(sim_board *board, uint64_t cycle, int signal, int level);
 void schedule(sim_board *board);
 avr_io_t *find_io(avr_t *avr, const char *kind);
 

@@ -23,7 +23,7 @@ static int pull_ups(const sim_board *board)
 int sensor_is_odd(const sim_board *board)
 {
     const sim_exchange *x = &board->exchange;
-    return pull_ups(board) | x->lines_low | x->lines_high | x->lines_together | x->inputs_high |
+    return x->driven_low | pull_ups(board) | x->lines_low | x->lines_high | x->lines_together | x->inputs_high |
            x->inputs_low | x->inputs_open | x->inputs_together;
 }
 
@@ -57,7 +57,10 @@ static double taxel(const sim_board *board, int line, int input)
 
 static void add_input(const sim_board *board, int input, double *pulls, double *up)
 {
-    if (!BIT(board->exchange.inputs_open, input)) *pulls += 1;
+    if (!BIT(board->exchange.inputs_open, input)) {
+        *pulls += 1;
+        *up += board->exchange.driven_low;
+    }
     if (BIT(pull_ups(board), input)) *pulls += PULL_UP, *up += PULL_UP;
     for (int line = 0; line < LINES; line++) {
         double conductance = taxel(board, line, input);

@@ -75,6 +75,7 @@ typedef struct sim_exchange {
      * without a divider. */
     int32_t lines_low, lines_high, lines_together;
     int32_t inputs_low, inputs_high, inputs_together, inputs_open;
+    int32_t driven_low;                /* 1: the driven line is low and dividers go to 5 V */
     /* in, consumed by sim_run */
     int32_t rx_count;
     int32_t input_count;

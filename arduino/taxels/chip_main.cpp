@@ -3,7 +3,7 @@
 #include <avr/sleep.h>
 #include <avr/wdt.h>
 
-#include "board.h"
+#include "plan.h"
 #include "chip_boot.h"
 #include "chip_sampling.h"
 #include "chip_serial.h"
@@ -14,6 +14,7 @@
 namespace {
 
 const uint8_t SPIN_CYCLES = 8;
+const uint8_t FOR_DATA = 16;    // with what leaves the ring meanwhile, room for the next frame
 
 uint16_t boots;
 uint16_t idle_permille;
@@ -69,7 +70,7 @@ void send_data(const Frame &frame)
 {
     uint8_t wire[WIRE_MAX];
     uint8_t size = write_data(frame, dropped(), wire);
-    if (!serial_send(wire, size)) ring_full++;
+    if (!serial_send(wire, size, 0)) ring_full++;
     if (++since_status == STATUS_EVERY) {
         since_status = 0;
         status_due = true;
@@ -95,19 +96,19 @@ bool send_status()
     status.idle_permille = idle_permille;
     status.supply_mv = supply_mv();
     status.self_test = test_bits();
-    return serial_send(wire, write_status(status, wire));
+    return serial_send(wire, write_status(status, wire), 0);
 }
 
 bool send_identity()
 {
     uint8_t wire[WIRE_MAX];
-    return serial_send(wire, write_identity(boots, reset_cause(), wire));
+    return serial_send(wire, write_identity(boots, reset_cause(), wire), FOR_DATA);
 }
 
 bool send_tested()
 {
     uint8_t wire[WIRE_MAX];
-    return serial_send(wire, write_tested(last_self_test(), wire));
+    return serial_send(wire, write_tested(last_self_test(), wire), FOR_DATA);
 }
 
 void take_requests()
@@ -115,20 +116,24 @@ void take_requests()
     uint8_t byte;
     while (serial_receive(byte)) {
         uint8_t type = parser.feed(byte);
-        if (type == TYPE_IDENTIFY) {
-            identity_due = true;
-            tested_due = last_self_test().count != 0;
-        }
+        if (type == TYPE_IDENTIFY) identity_due = true;
         if (type == TYPE_SELF_TEST) begin_self_test();
     }
 }
 
-// What found no room now is due again with the next frame; data go first.
+// One a frame: a millisecond of wire holds one beside the data, and a flood of requests must not
+// keep the loop from its samples. What found no room is due again with the next frame. What the
+// host cannot ask for goes first.
 void send_what_is_due()
 {
-    if (identity_due) identity_due = !send_identity();
-    if (tested_due && !identity_due) tested_due = !send_tested();
-    if (status_due && !identity_due) status_due = !send_status();
+    if (status_due) {
+        status_due = !send_status();
+    } else if (tested_due) {
+        tested_due = !send_tested();
+    } else if (identity_due && send_identity()) {
+        identity_due = false;
+        tested_due = last_self_test().count != 0;
+    }
 }
 
 }  // namespace

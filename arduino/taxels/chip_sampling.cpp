@@ -4,8 +4,8 @@
 //   64   the reading is held; the line may move from here on
 //   432  the conversion is complete, ADC_vect comes (within about 120 cycles of other routines)
 //   500  the result is read, then the next line is driven and the next input selected, which
-//        leaves about 300 cycles, 19 µs, to settle; then OCF1B is cleared, or no further
-//        trigger would come
+//        leaves about 300 cycles, 19 µs, to settle, and 10 µs where other routines came first;
+//        then OCF1B is cleared, or no further trigger would come
 //
 // A frame begins with the trigger of slot 0 and is closed by the routine that reads slot 0 of
 // the next frame, so edges of sync and index up to the boundary still count into it. For sync
@@ -16,7 +16,7 @@
 #include <avr/io.h>
 #include <util/atomic.h>
 
-#include "board.h"
+#include "plan.h"
 
 volatile uint8_t frame_closed;
 
@@ -25,9 +25,13 @@ namespace {
 const uint8_t BANDGAP = _BV(REFS0) | BANDGAP_MUX;
 const uint8_t BANDGAP_SLOT = SLOTS - 1;      // the one before it lets the bandgap settle
 const uint16_t WRAPPED_BEFORE = 400;         // entered so early: the next trigger has passed
-const uint16_t LATE_AFTER = SLOT_CYCLES - 200;
+const uint16_t IN_TIME_BEFORE = 592;         // entered by then, a line gets its 10 µs to settle
+#ifdef START_BY_SOFTWARE
+const uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADPS2) | _BV(ADPS0);
+#else
 const uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADATE) | _BV(ADPS2) | _BV(ADPS0);
-const uint8_t ISR_FRAME_CYCLES = 163;        // entry, saving and restoring registers, reti
+#endif
+const uint8_t ISR_FRAME_CYCLES = 201;        // entry, saving and restoring registers, reti
 
 #define SETUP(line, input) \
     {uint8_t(PORTD_IDLE ^ 1 << LINE_BIT[line]), uint8_t(_BV(REFS0) | INPUT_CHANNEL[input])}
@@ -44,6 +48,8 @@ Frame frames[2];
 Frame *filling = &frames[0], *closed = &frames[1];
 uint16_t *store = frames[0].reading;
 uint8_t slot;                   // the slot whose conversion ends next
+uint16_t taken;                 // its result, where it was taken in time
+bool in_time;
 uint8_t frame_flags;
 bool running;                   // a first frame has begun
 uint32_t samples;
@@ -60,9 +66,10 @@ uint16_t spare_reading;
 LineTest line_found;
 
 uint8_t pins;                   // sync and index as last seen
-uint8_t sync_mod4, index_mod4;  // of the frame being filled
-uint8_t late_rises, late_marks; // edges after the boundary, not yet closed into a frame
-uint8_t late_toggles;
+uint8_t sync_count, index_count;// of the frame being filled; index marks count by four
+// Edges after the boundary, not yet closed into a frame.
+bool any_late;
+uint8_t late_rises, late_marks, late_toggles;
 uint16_t sync_rises;
 
 inline uint16_t cycles_since(uint16_t entered)
@@ -77,8 +84,17 @@ inline void note_duration(uint16_t entered)
     if (lasted > longest) longest = lasted;
 }
 
-// Ends the frame that is full and goes on with the other buffer. Edges that came after the
-// boundary were kept aside and begin the next frame's count.
+// Counts edges that came after the boundary into the frame that begins there.
+__attribute__((noinline)) void begin_with_late_edges()
+{
+    frame_flags = late_marks ? FLAG_INDEX : 0;
+    sync_count += late_rises;
+    index_count += uint8_t(late_marks << 2);
+    late_rises = late_marks = late_toggles = 0;
+    any_late = false;
+}
+
+// Ends the frame that is full and goes on with the other buffer.
 inline void close_frame()
 {
     Frame *full = filling;
@@ -87,12 +103,10 @@ inline void close_frame()
 #else
     full->counter = samples++;
 #endif
-    full->edges = uint8_t((sync_mod4 & 3) | (index_mod4 & 3) << 2);
+    full->edges = uint8_t((sync_count & 0x03) | (index_count & 0x0C));
     full->flags = uint8_t(frame_flags | ((pins ^ late_toggles) & SYNC_MASK));
-    frame_flags = late_marks ? FLAG_INDEX : 0;
-    sync_mod4 += late_rises;
-    index_mod4 += late_marks;
-    late_rises = late_marks = late_toggles = 0;
+    frame_flags = 0;
+    if (any_late) begin_with_late_edges();
     if (frame_closed) missed++;
     frame_closed = 1;
     filling = closed;
@@ -158,18 +172,21 @@ inline void store_reading(uint8_t done, uint16_t reading)
 #define CLEAR_COMPARE "ldi r24, %[ocf1b]\n out %[tifr1], r24\n"
 #endif
 
-// Slots 1 … 17 entered at 256 … 511 cycles, that is in time: the result is moved and the next
-// input chosen, 80 cycles with entry. By hand, because the compiler would save twenty registers
-// each time for the sake of the rare cases, which it gets in SLOW_ADC.
+// Entered at 336 … 591 cycles, that is in time, the result is taken and the next line driven
+// and input selected at once. Slots 1 … 17 need no more: 80 cycles with entry. By hand, because
+// the compiler would save twenty registers first, for the sake of the rare cases.
 ISR(ADC_vect, ISR_NAKED)
 {
     __asm__ volatile(
         "push r24\n in r24, __SREG__\n push r24\n push r25\n push r30\n push r31\n"
         "lds r24, %[tcnt]\n"
         "lds r25, %[tcnt]+1\n"
-        "cpi r25, 1\n"
-        "brne 1f\n"
-        "lds r25, %[slot]\n"
+        "subi r24, lo8(%[limit])\n"
+        "sbci r25, hi8(%[limit])\n"
+        "cpi r25, 0xff\n"
+        "breq 4f\n"
+        "rjmp 3f\n"
+        "4: lds r25, %[slot]\n"
         "subi r25, 1\n"
         "cpi r25, %[taxels]-1\n"
         "brsh 1f\n"
@@ -194,13 +211,33 @@ ISR(ADC_vect, ISR_NAKED)
         "sts %[admux], r24\n"
         CLEAR_COMPARE
         "pop r31\n pop r30\n pop r25\n pop r24\n out __SREG__, r24\n pop r24\n reti\n"
-        "1: pop r31\n pop r30\n pop r25\n pop r24\n out __SREG__, r24\n pop r24\n"
+        "1: lds r24, %[adc]\n"
+        "lds r30, %[adc]+1\n"
+        "sts %[taken]+1, r30\n"
+        "sts %[taken], r24\n"
+        "subi r25, -2\n"
+        "cpi r25, %[slots]\n"
+        "brne 2f\n"
+        "ldi r25, 0\n"
+        "2: lsl r25\n"
+        "mov r30, r25\n"
+        "ldi r31, 0\n"
+        "subi r30, lo8(-(%[setup]))\n"
+        "sbci r31, hi8(-(%[setup]))\n"
+        "ld r24, Z\n"
+        "out %[portd], r24\n"
+        "ldd r24, Z+1\n"
+        "sts %[admux], r24\n"
+        "ldi r24, 1\n"
+        "sts %[in_time], r24\n"
+        "3: pop r31\n pop r30\n pop r25\n pop r24\n out __SREG__, r24\n pop r24\n"
         "jmp __vector_adc_slow\n"
         :
         : [tcnt] "i"(_SFR_MEM_ADDR(TCNT1)), [adc] "i"(_SFR_MEM_ADDR(ADC)),
           [admux] "i"(_SFR_MEM_ADDR(ADMUX)), [portd] "I"(_SFR_IO_ADDR(PORTD)),
           [tifr1] "I"(_SFR_IO_ADDR(TIFR1)), [ocf1b] "M"(_BV(OCF1B)), [taxels] "M"(TAXELS),
-          [slot] "i"(&slot), [store] "i"(&store), [setup] "i"(&setup));
+          [slots] "M"(SLOTS), [limit] "i"(IN_TIME_BEFORE), [slot] "i"(&slot),
+          [store] "i"(&store), [setup] "i"(&setup), [taken] "i"(&taken), [in_time] "i"(&in_time));
 }
 
 // Slot 0, the spare slots, and whatever came too late.
@@ -208,20 +245,26 @@ extern "C" void __vector_adc_slow() __attribute__((signal, used, externally_visi
 extern "C" void __vector_adc_slow()
 {
     uint16_t entered = TCNT1;
-    uint8_t low = ADCL;
-    uint16_t reading = uint16_t(ADCH << 8 | low);
     uint8_t done = slot;
-    bool overrun = entered < WRAPPED_BEFORE;
-    uint8_t next = after(overrun ? after(done) : done);
-    PORTD = setup[next].lines;
-    ADMUX = setup[next].mux;
+    uint8_t next = after(done);
+    bool late = !in_time;
+    uint16_t reading = taken;
+    if (late) {
+        uint8_t low = ADCL;
+        reading = uint16_t(ADCH << 8 | low);
+        bool overrun = entered < WRAPPED_BEFORE;
+        if (overrun) next = after(next);
+        PORTD = setup[next].lines;
+        ADMUX = setup[next].mux;
+        note_late(overrun);
+    }
+    in_time = false;
     PORTC = next == BANDGAP_SLOT ? spare_pulls : 0;
 #ifndef NEVER_CLEAR_COMPARE
     TIFR1 = _BV(OCF1B);
 #endif
     slot = next;
     if (next == BANDGAP_SLOT) spare_taken = spare_asked;
-    if (overrun || entered > LATE_AFTER) note_late(overrun);
     // Once, or twice where the trigger of one slot was lost: its place is filled, the
     // millisecond stays.
     do {
@@ -230,6 +273,14 @@ extern "C" void __vector_adc_slow()
     } while (done != next);
     note_duration(entered);
 }
+
+#ifdef START_BY_SOFTWARE
+// A deliberately broken image: whatever interrupt is being served delays the sample.
+ISR(TIMER1_COMPB_vect)
+{
+    ADCSRA = CONVERT | _BV(ADSC);
+}
+#endif
 
 // An edge of sync or index. While slot 0 is awaited, OCF1B tells whether the frame's boundary
 // has passed; the capture register, whether a rise of sync came before it all the same.
@@ -243,7 +294,7 @@ ISR(PCINT0_vect)
     if (rose & SYNC_MASK) {
         sync_rises++;
         if (passed && captured <= entered) late_rises++;
-        else sync_mod4++;
+        else sync_count++;
         // The level, too, belongs to the side on which the rise was.
         if (passed && captured <= entered) late_toggles ^= SYNC_MASK;
     } else if (passed) {
@@ -253,10 +304,11 @@ ISR(PCINT0_vect)
         if (passed) {
             late_marks++;
         } else {
-            index_mod4++;
+            index_count += 4;
             frame_flags |= FLAG_INDEX;
         }
     }
+    any_late = late_rises | late_marks | late_toggles;
     pins = now;
     note_duration(entered);
 }
@@ -283,6 +335,9 @@ void sampling_begin()
     ADCSRA = CONVERT | _BV(ADIF);
     OCR1A = SLOT_CYCLES - 1;
     OCR1B = SLOT_CYCLES - 1;
+#ifdef START_BY_SOFTWARE
+    TIMSK1 = _BV(OCIE1B);
+#endif
     TCCR1B = _BV(ICES1) | _BV(WGM12) | _BV(CS10);
 }
 

@@ -3,7 +3,7 @@
 #include <avr/interrupt.h>
 #include <avr/io.h>
 
-#include "board.h"
+#include "plan.h"
 
 namespace {
 
@@ -45,10 +45,10 @@ void serial_begin()
     UCSR0B = LISTEN;
 }
 
-bool serial_send(const uint8_t *bytes, uint8_t size)
+bool serial_send(const uint8_t *bytes, uint8_t size, uint8_t kept_free)
 {
     uint8_t head = tx_head;
-    if (((tx_tail - head - 1) & TX_MASK) < size) return false;
+    if (((tx_tail - head - 1) & TX_MASK) < size + kept_free) return false;
     for (; size; size--) {
         tx_ring[head] = *bytes++;
         head = (head + 1) & TX_MASK;

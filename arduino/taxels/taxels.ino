@@ -7,4 +7,4 @@
 //   chip_serial.cpp    transmit ring, receive ring
 //   chip_boot.cpp      reset cause, count of boots, unused stack
 //   wire.cpp, cobs.cpp, crc32.cpp, request.cpp, self_test.cpp   bytes; these run on the PC as well
-// Pins and rates: board.h. Frames: docs/reference/taxel-wire.md.
+// Pins, polarity, dividers: board.h. Frames: docs/reference/taxel-wire.md.

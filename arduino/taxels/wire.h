@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-#include "board.h"
+#include "plan.h"
 #include "self_test.h"
 
 const uint8_t WIRE_VERSION = 2;

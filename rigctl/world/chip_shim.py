@@ -88,6 +88,7 @@ class Exchange(ctypes.Structure):
         ("inputs_high", _I32),
         ("inputs_together", _I32),
         ("inputs_open", _I32),
+        ("driven_low", _I32),
         ("rx_count", _I32),
         ("input_count", _I32),
         ("rx_start", _U64),

@@ -1,0 +1,22 @@
+"""Each check of the taxel board passes on its image and fails where its point is broken."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.firmware.taxel_checks import CONTROLS, GOOD, Check
+
+
+def _name(value: object) -> str:
+    return getattr(value, "__name__", str(value))
+
+
+@pytest.mark.parametrize(("_broken", "check"), CONTROLS, ids=_name)
+def test_the_image_passes(_broken: str, check: Check) -> None:
+    check(GOOD)
+
+
+@pytest.mark.parametrize(("broken", "check"), CONTROLS, ids=_name)
+def test_the_broken_image_fails(broken: str, check: Check) -> None:
+    with pytest.raises(AssertionError):
+        check(f"firmware/taxels-{broken}.elf")
