@@ -27,7 +27,7 @@ def test_no_frame_of_a_hundred_thousand_is_lost() -> None:
         assert blocks[0].counters[0] == 0
         assert frames == blocks[-1].counters[-1] + 1 >= FRAMES
         assert not any(block.gaps for block in blocks)
-        assert not any((block.flags & ~3).any() for block in blocks)  # sync and index only
+        assert not any((block.flags > 3).any() for block in blocks)  # sync and index only
         status = board.statuses[-1]
         assert status.frames_dropped == status.late_slots == board.rejected == 0
         assert status.sync_rises == requests
