@@ -22,6 +22,7 @@ def test_no_frame_of_a_hundred_thousand_is_lost() -> None:
                 for i, signal in enumerate((Input.SYNC, Input.INDEX, Input.SYNC, Input.INDEX)):
                     board.edge(signal, 1 - i // 2, board.x.cycle + 70_001 * (i + 1))
             board.run_slice(SLICE_FRAMES)
+        board.run(200)  # a status that knows of the last edges
         blocks = board.blocks
         frames = sum(len(block) for block in blocks)
         assert blocks[0].counters[0] == 0
