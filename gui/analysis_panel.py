@@ -12,19 +12,18 @@ from PySide6.QtCore import (
 )
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QGroupBox,
     QHBoxLayout,
     QHeaderView,
     QLineEdit,
-    QProgressBar,
     QPushButton,
     QTableView,
     QVBoxLayout,
     QWidget,
 )
 
+from gui.analysis_box import AnalysisBox
 from gui.labels import label, set_property
-from gui.tasks import Classified, SessionTable
+from gui.tasks import SessionTable
 
 _Index = QModelIndex | QPersistentModelIndex
 _ROOT = QModelIndex()
@@ -77,23 +76,18 @@ class AnalysisPanel(QWidget):
     browse_asked = Signal()
     open_asked = Signal(str)
     trial_asked = Signal(int)
-    classify_asked = Signal(str)
+    run_asked = Signal(str, str)
     cancel_asked = Signal()
-    figure_asked = Signal()
 
     def __init__(self) -> None:
         super().__init__()
         self.folder = QLineEdit()
-        self.folder.setPlaceholderText("folder of a session")
+        self.folder.setPlaceholderText("A session's folder")
         self.browse, self.open = QPushButton("…"), QPushButton("Open")
-        self.about = label("No session is open", "muted", wraps=True)
+        self.about = label("No session is open.", "muted", wraps=True)
         self.model = TrialModel()
         self.table = QTableView()
-        self.classify, self.cancel = QPushButton("Classify"), QPushButton("Cancel")
-        self.figure = QPushButton("Figure")
-        self.figure.setToolTip("Show the accuracy figure again")
-        self.bar, self.stage = QProgressBar(), label("", "muted", wraps=True)
-        self.accuracy = label("", wraps=True)
+        self.box = AnalysisBox()
         self._path = ""
         self._set_up()
         self._lay_out()
@@ -114,8 +108,9 @@ class AnalysisPanel(QWidget):
         self.table.setColumnWidth(len(table.columns) - 1, 84)
         self.about.setText(table.about)
         set_property(self.about, "role", "muted")
-        self.accuracy.clear()
-        self.figure.setEnabled(False)
+        self.box.form.show_session(table.path)
+        self.box.answer.clear()
+        self.box.results.setEnabled(False)
         self.show_idle()
         if table.rows:
             self.table.selectRow(0)
@@ -126,38 +121,26 @@ class AnalysisPanel(QWidget):
         self.about.setText(sentence)
         set_property(self.about, "role", "bad")
 
-    def show_progress(self, stage: str, share: float) -> None:
-        """How far the classification is."""
-        self.stage.setText(stage)
-        self.bar.setValue(round(100 * share))
-
-    def show_classified(self, found: Classified) -> None:
-        """The classification's answer."""
+    def show_answer(self, sentence: str) -> None:
+        """What came out."""
         self.show_idle()
-        self.accuracy.setText(found.sentence)
-        self.figure.setEnabled(True)
+        self.box.answer.setText(sentence)
+        self.box.results.setEnabled(True)
 
     def show_busy(self) -> None:
-        """The classification is going."""
-        self.bar.setValue(0)
-        self._set_busy(True)
+        """An analysis is going."""
+        set_property(self.about, "role", "muted")
+        self.box.show_busy(True, self.model.rowCount() > 0)
 
     def show_idle(self) -> None:
         """Nothing is going."""
-        self.stage.clear()
-        self._set_busy(False)
-
-    def _set_busy(self, busy: bool) -> None:
-        self.classify.setEnabled(not busy and self.model.rowCount() > 0)
-        self.cancel.setEnabled(busy)
-        self.bar.setVisible(busy)
-        self.stage.setVisible(busy)
+        self.box.show_busy(False, self.model.rowCount() > 0)
 
     def _set_up(self) -> None:
         self.browse.setFixedWidth(34)
         self.browse.setToolTip("Choose a session's folder")
         self.open.setFixedWidth(56)
-        self.classify.setToolTip("PCA and LDA, tested on trials held out from training")
+        self.box.results.setEnabled(False)
         self.table.setModel(self.model)
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setDefaultSectionSize(20)
@@ -170,9 +153,8 @@ class AnalysisPanel(QWidget):
         self.open.clicked.connect(lambda: self.open_asked.emit(self.folder.text()))
         self.folder.returnPressed.connect(lambda: self.open_asked.emit(self.folder.text()))
         self.table.selectionModel().selectionChanged.connect(self._selected)
-        self.classify.clicked.connect(lambda: self.classify_asked.emit(self._path))
-        self.cancel.clicked.connect(self.cancel_asked)
-        self.figure.clicked.connect(self.figure_asked)
+        self.box.run_asked.connect(lambda way: self.run_asked.emit(way, self._path))
+        self.box.cancel_asked.connect(self.cancel_asked)
 
     def _selected(self, selected: QItemSelection) -> None:
         rows = selected.indexes()
@@ -190,16 +172,4 @@ class AnalysisPanel(QWidget):
         column.addLayout(row)
         column.addWidget(self.about)
         column.addWidget(self.table, 1)
-        column.addWidget(self._classify_box())
-
-    def _classify_box(self) -> QGroupBox:
-        box = QGroupBox("Tell textures apart")
-        column = QVBoxLayout(box)
-        column.setContentsMargins(8, 6, 8, 8)
-        row = QHBoxLayout()
-        for button in (self.classify, self.cancel, self.figure):
-            row.addWidget(button)
-        column.addLayout(row)
-        for widget in (self.stage, self.bar, self.accuracy):
-            column.addWidget(widget)
-        return box
+        column.addWidget(self.box)

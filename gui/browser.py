@@ -17,6 +17,7 @@ class Pick(Enum):
     PROTOCOL = ("Protocol (*.toml)", QFileDialog.FileMode.ExistingFile)
     OUTPUT = ("Folder that will hold the new session", QFileDialog.FileMode.Directory)
     SESSION = ("Folder of a session", QFileDialog.FileMode.Directory)
+    MODEL = ("Model file (*.h5)", QFileDialog.FileMode.ExistingFile)
     INTERRUPTED = ("Folder of the session to go on with", QFileDialog.FileMode.Directory)
 
 
@@ -42,7 +43,8 @@ class Browser(QWidget):
         dialog.setSizeGripEnabled(False)
         dialog.setFileMode(mode)
         if mode is QFileDialog.FileMode.ExistingFile:
-            dialog.setNameFilters(["TOML files (*.toml)", "All files (*)"])
+            ours = "Models (*.h5)" if pick is Pick.MODEL else "TOML files (*.toml)"
+            dialog.setNameFilters([ours, "All files (*)"])
         dialog.fileSelected.connect(done)
         dialog.finished.connect(lambda _: self.dismiss())
         self.dialog = dialog

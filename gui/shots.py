@@ -144,7 +144,7 @@ def _take_analysis(window: Window, folder: Path, session: Path) -> None:
     _wait(window, lambda: idle() and window.analysis.trial_view.data is not None)
     panel.table.selectRow(panel.model.rowCount() // 2)
     _wait(window, idle)
-    panel.classify.click()
+    panel.box.run.click()
     _wait(window, idle)
     window.set_theme(ThemeChoice.LIGHT)
     window.resize(*SIZES[0])

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gui import findings
+from gui.findings import Findings, Order
 from gui.words import duration, size
 from rigctl.errors import RigctlError
 
@@ -142,6 +144,18 @@ class Analyst:
         answer = analyse_session(Path(path), Path(path) / FIGURES, progress=self._progress)
         sentence = ". ".join((answer.sentence, *answer.remarks))
         return Classified(sentence, str(answer.accuracy.with_suffix(".png")))
+
+    def analyse(self, order: Order) -> Findings:
+        """A report of chosen sessions, as ``rigctl analyse`` makes it."""
+        return findings.analyse(order, self._progress)
+
+    def ask_model(self, model: str, sessions: tuple[str, ...]) -> Findings:
+        """What a trained model says of chosen sessions, as ``rigctl classify`` asks it."""
+        return findings.ask_model(model, sessions, self._progress)
+
+    def discard(self, folder: str) -> None:
+        """Remove what a cancelled analysis left."""
+        findings.discard(folder)
 
 
 FIGURES = "figures"

@@ -141,8 +141,8 @@ class Window(QMainWindow):
         ):
             self.tabs.addTab(_scrolling(panel), name)
         self.centre = QStackedWidget()
-        views = (self.analysis.trial_view, self.analysis.figure)
-        for page in (self.scene, *views, self.browser):
+        pages: tuple[QWidget, ...] = (self.scene, *self.analysis.pages, self.browser)
+        for page in pages:
             self.centre.addWidget(page)
         lower = QSplitter(Qt.Orientation.Vertical)
         lower.addWidget(_beside(self.tabs, self.centre))
@@ -232,6 +232,10 @@ class Window(QMainWindow):
         desk.said.connect(self.say)
         desk.page_changed.connect(self._show_page)
         desk.panel.browse_asked.connect(lambda: self._pick(Pick.SESSION, desk.panel.choose))
+        box = desk.panel.box
+        box.form.session_asked.connect(lambda: self._pick(Pick.SESSION, box.form.add_session))
+        box.form.c_asked.connect(lambda: self._pick(Pick.MODEL, box.form.c.setText))
+        box.model_asked.connect(lambda: self._pick(Pick.MODEL, box.model.setText))
         self.tabs.currentChanged.connect(lambda _: self._show_page())
         self.browser.closed.connect(self._show_page)
 
