@@ -55,6 +55,7 @@ class Order(NamedTuple):
 
 def analyse(order: Order, progress: Progress) -> Findings:
     """Make a report as ``rigctl analyse`` does. Raises RigctlError."""
+    from rigctl.analysis.cache import Cache, cache_folder
     from rigctl.analysis.engines import Engine
     from rigctl.analysis.report import Request, make_report
     from rigctl.analysis.tasks import Settings
@@ -81,7 +82,9 @@ def analyse(order: Order, progress: Progress) -> Findings:
     def tell(stage: str, done: int, all_: int) -> None:
         progress(stage, done / max(all_, 1))
 
-    report = make_report(request, now, progress=tell)
+    kept = Cache(cache_folder())
+    report = make_report(request, now, kept=kept, progress=tell)
+    kept.trim()
     return _report_findings(report, out)
 
 
@@ -117,7 +120,7 @@ def discard(folder: str) -> None:
     """Remove what a cancelled analysis left: its process was ended before it could."""
     import shutil
 
-    from rigctl.analysis.report import PARTIAL
+    from rigctl.analysis.appearing import PARTIAL
 
     out = Path(folder).absolute()
     shutil.rmtree(out.with_name(PARTIAL.format(name=out.name)), ignore_errors=True)
@@ -136,7 +139,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def _report_findings(report: Any, out: Path) -> Findings:
-    from rigctl.analysis.report_html import ABSENT
+    from rigctl.analysis.html_parts import ABSENT
     from rigctl.analysis.tables import table_rows
 
     rows = table_rows(report.results)

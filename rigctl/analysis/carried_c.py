@@ -7,7 +7,7 @@ how far it misses that on the trials at hand is measured, beside the same withou
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.session.content import content_of
-from rigctl.session.model_file import load_model
+from rigctl.session.force_file import read_force
 from rigctl.session.sample_map import SampleFile
 
 Floats = NDArray[np.float64]
@@ -76,16 +76,23 @@ class _Job(NamedTuple):
 
 
 def c_of(file: Path, trials: TrialSet) -> Source:
-    """C of a model file, checked against a set. Raises SessionError and WrongUse."""
-    model = load_model(file)
-    if model.c is None:
-        raise WrongUse(
-            f"{file} holds no C: {model.representation} is not scaled to force; "
-            "name a model of a Force Scaled representation"
-        )
-    check_covers(trials, model.c, by_texture=True)
-    learnt = model.training.contents
-    return Source(file, model.c, tuple(p for p in trials.paths if content_of(p) not in learnt))
+    """C of a model or a spikes.h5, checked against a set. Raises SessionError and WrongUse."""
+    force, inputs = read_force(file)
+    check_covers(trials, force, by_texture=True)
+    contents = {source["content"] for source in inputs if "content" in source}
+    names = {_name_of(source) for source in inputs if "content" not in source}
+    foreign = tuple(
+        path
+        for path, source in zip(trials.paths, trials.provenance, strict=True)
+        if _name_of(source) not in names and content_of(path) not in contents
+    )
+    return Source(file, force, foreign)
+
+
+def _name_of(source: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What tells a session from others where no digest was kept."""
+    keys = ("plan_hash", "begun_utc", "seed", "simulation_seed", "trials_committed")
+    return tuple(source.get(key) for key in keys)
 
 
 def carried(

@@ -42,7 +42,7 @@ def add_parser(subparsers: Any) -> None:
         "--c",
         type=Path,
         metavar="FILE",
-        help="take C from a model file instead of searching it; its rate error is measured",
+        help="take C from a model or a spikes.h5, not from a search; its rate error is measured",
     )
     parser.add_argument(
         "--sensitivity",

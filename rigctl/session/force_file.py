@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 from rigctl.encoding.force import ForceMatrix
-from rigctl.session.described import put_array, put_texts, take_array, take_texts
+from rigctl.errors import SessionError, WrongUse
+from rigctl.session.described import put_array, put_texts, take_array, take_text, take_texts
+from rigctl.session.folder import attributes
+
+HOLDERS = {"rigctl-model": "training/inputs", "rigctl-spikes": "inputs"}
+"""Layouts of files that may hold C in their group ``c``, and where they name their sessions."""
+LAYOUT_VERSION = 1
 
 AXES = "texture, taxel, speed, force"
 STATUS_DOC = "0 reference force, 1 converged, 2 capped, 3 at a jump of the rate"
@@ -48,3 +57,31 @@ def take_force(group: Any) -> ForceMatrix:
     if force.c.shape != shape or not np.isfinite(force.c).all():
         raise ValueError("C has not a finite value for each texture, taxel, speed and force")
     return force
+
+
+def read_force(path: Path) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
+    """C of a model or of a file of spikes, and the sessions that it was searched on.
+
+    Raises SessionError for another file, a newer or a damaged one, WrongUse where it has no C.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            found = attributes(file)
+            inputs = HOLDERS.get(str(found.get("layout")))
+            if inputs is None:
+                raise SessionError(f"{path} is no model and no spikes.h5: --c takes one of these")
+            if found.get("layout_version") != LAYOUT_VERSION:
+                raise SessionError(
+                    f"{path} has layout version {found.get('layout_version')}, this program reads "
+                    f"{LAYOUT_VERSION}: use the rigctl that made it, or make it again"
+                )
+            if "c" not in file:
+                raise WrongUse(
+                    f"{path} holds no C: name a model of a Force Scaled representation, or a "
+                    "spikes.h5 of sessions with several forces"
+                )
+            return take_force(file["c"]), tuple(json.loads(take_text(file, inputs)))
+    except FileNotFoundError:
+        raise SessionError(f"there is no file {path}: --c takes a model or a spikes.h5") from None
+    except (OSError, KeyError, ValueError) as error:
+        raise SessionError(f"{path} holds no C, or is damaged: {error}") from error

@@ -287,5 +287,12 @@ def test_analyse_takes_c_from_a_model_and_says_what_it_is_worth(
     for representation in REPRESENTATIONS:
         ours, theirs = home.features(representation), made.features(representation)
         np.testing.assert_array_equal(ours, theirs)
+    assert main(["encode", str(session), "--no-cache", "--out", str(tmp_path / "spikes")]) == 0
+    spikes = tmp_path / "spikes" / "spikes.h5"
+    of_spikes = c_of(spikes, trials)
+    np.testing.assert_array_equal(of_spikes.force.c, c_of(model, trials).force.c)
+    assert of_spikes.foreign == () and c_of(spikes, join_sessions([day])).foreign == (day,)
+    with pytest.raises(SessionError, match=r"is no model and no spikes\.h5"):
+        c_of(next(day.glob("part-*.h5")), trials)
     plainly = kept(made, tmp_path / "plain.h5", "Original")
     assert main(["analyse", str(day), "--out", str(tmp_path / "x"), "--c", str(plainly)]) == 2
