@@ -11,7 +11,8 @@ from rigctl.wire.taxels import IDENTIFY, SELF_TEST, encode_request
 from tests.firmware.taxel_chip import ENTRY_CYCLES, FRAME_CYCLES, TaxelChip
 
 TIMED_FRAMES = 5_000
-WATCHED_FRAMES = 500
+BOOT_FRAMES, WATCHED_FRAMES = 5, 500
+JITTER = "peak to peak, worst taxel, stamped at the compare that triggers the converter"
 NOTE = "build/firmware/taxels.elf on simavr, 18 taxels at 1 kHz, 500 kbaud, entry cycles added"
 
 
@@ -25,7 +26,7 @@ def measure() -> Iterator[dict[str, Any]]:
         offsets = [np.ptp(board.sampled(t)[:whole] - starts[:whole]) for t in range(18)]
         load = (x.isr_cycles + ENTRY_CYCLES * x.isr_count) / x.cycle
         yield row("frame_cycles_error", int(abs(drift[-1])), "cycles", f"{starts.size} frames")
-        yield row("jitter_cycles", int(max(offsets)), "cycles", "peak to peak, worst taxel")
+        yield row("jitter_cycles", int(max(offsets)), "cycles", JITTER)
         yield row("idle_share", round(x.slept_cycles / x.cycle, 4), "", "asleep")
         yield row("isr_load", round(load, 4), "", "")
         yield row("longest_isr_us", (max(x.longest_isr) + ENTRY_CYCLES) / 16, "µs", "")
@@ -36,6 +37,7 @@ def measure() -> Iterator[dict[str, Any]]:
 def interrupts_off_us() -> float:
     """Longest time for which the main program kept interrupts off, requests and tests included."""
     with TaxelChip() as board:
+        board.run(BOOT_FRAMES)
         board.x.watch_interrupts = 1
         for _ in range(WATCHED_FRAMES // 50):
             board.chip.send(encode_request(IDENTIFY) + encode_request(SELF_TEST))

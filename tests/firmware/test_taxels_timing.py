@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from rigctl.wire.taxels import IDENTIFY, SELF_TEST, encode_request
 from tests.firmware.taxel_chip import ENTRY_CYCLES, FRAME_CYCLES, SLOT_CYCLES, TaxelChip
 
 FRAMES = 5000
@@ -81,6 +82,16 @@ def test_the_processor_has_time_left(long_run: TaxelChip) -> None:
     assert x.slept_cycles / x.cycle >= 0.40
     assert long_run.statuses[-1].idle_permille >= 400
     assert max(x.longest_isr) + ENTRY_CYCLES <= 400  # 25 µs
+
+
+def test_the_main_program_keeps_interrupts_off_for_10_us_at_most() -> None:
+    with TaxelChip() as board:
+        board.run(5)  # before that the chip boots
+        board.x.watch_interrupts = 1
+        for _ in range(4):
+            board.chip.send(encode_request(IDENTIFY) + encode_request(SELF_TEST))
+            board.run(60)
+        assert 0 < board.x.longest_off + ENTRY_CYCLES <= 160
 
 
 def test_what_the_board_says_of_itself_is_what_the_simulator_saw(long_run: TaxelChip) -> None:

@@ -1,0 +1,156 @@
+"""The boards' README and drawing say what the headers say, and the IDE can build both folders."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rigctl.resources import checkout
+from rigctl.wire.taxel_test import INPUT_PINS, LINE_PINS
+from tests.firmware.building import built
+
+ROOT = checkout()
+assert ROOT is not None
+FOLDER = ROOT / "arduino"
+README = (FOLDER / "README.md").read_text(encoding="utf-8")
+MEGA = {
+    "PA0": "D22",
+    "PA1": "D23",
+    "PA2": "D24",
+    "PB5": "D11",
+    "PC6": "D31",
+    "PC7": "D30",
+    "PD2": "D19",
+    "PE3": "D5",
+    "PE4": "D2",
+    "PE5": "D3",
+    "PH3": "D6",
+    "PH4": "D7",
+    "PH5": "D8",
+}
+"""Of the ATmega2560's ports, as printed on an Arduino Mega 2560 R3."""
+IDE_FLAGS = [
+    "-c",
+    "-g",
+    "-Os",
+    "-std=gnu++11",
+    "-fpermissive",
+    "-fno-exceptions",
+    "-ffunction-sections",
+    "-fdata-sections",
+    "-fno-threadsafe-statics",
+    "-Wno-error=narrowing",
+    "-flto",
+    "-DF_CPU=16000000L",
+    "-DARDUINO=10819",
+    "-DARDUINO_ARCH_AVR",
+]
+IDE_LINK = ["-w", "-Os", "-g", "-flto", "-fuse-linker-plugin", "-Wl,--gc-sections"]
+CORE = """
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <avr/io.h>
+#include <avr/interrupt.h>
+#include <avr/pgmspace.h>
+#define min(a, b) ((a) < (b) ? (a) : (b))
+#define max(a, b) ((a) > (b) ? (a) : (b))
+#define abs(x) ((x) > 0 ? (x) : -(x))
+#define round(x) ((x) >= 0 ? (long)((x) + 0.5) : (long)((x)-0.5))
+#define constrain(x, low, high) ((x) < (low) ? (low) : ((x) > (high) ? (high) : (x)))
+#define bit(b) (1UL << (b))
+#define sq(x) ((x) * (x))
+#define interrupts() sei()
+#define noInterrupts() cli()
+#define HIGH 0x1
+#define LOW 0x0
+#define INPUT 0x0
+#define OUTPUT 0x1
+typedef bool boolean;
+typedef uint8_t byte;
+"""
+"""What the Arduino core's header would do to a sketch: its macros and types."""
+
+
+def table(heading: str) -> list[list[str]]:
+    """Cells of the first table behind a heading of the README."""
+    behind = README.split(heading, 1)[1]
+    rows = re.findall(r"(?:^\|.*\|\n)+", behind, re.MULTILINE)[0].splitlines()[2:]
+    return [[cell.strip(" `") for cell in row.strip("|").split("|")] for row in rows]
+
+
+def test_the_drums_pin_table_is_its_header() -> None:
+    header = (FOLDER / "drum" / "chip_pins.h").read_text(encoding="utf-8")
+    pattern = r"constexpr uint8_t (\w+) = _BV\((P\w\d)\);\s*// (D\d+)"
+    declared = {name: (pin, port) for name, port, pin in re.findall(pattern, header)}
+    listed = {row[0]: (row[1], row[2]) for row in table("### Mega 2560")}
+    assert listed == declared
+    assert len(declared) == header.count("constexpr uint8_t")
+    assert all(MEGA[port] == pin for pin, port in declared.values())
+
+
+def test_the_taxel_boards_pin_table_is_its_header() -> None:
+    header = (FOLDER / "taxels" / "board.h").read_text(encoding="utf-8")
+    rows = {row[0]: (row[1], row[2]) for row in table("### Uno")}
+    found = re.search(r"LINE_BIT\[LINES\] = \{([\d, ]+)\}", header)
+    assert found is not None
+    lines = [int(n) for n in found[1].split(",")]
+    found = re.search(r"INPUT_CHANNEL\[INPUTS\] = \{([\d, ]+)\}", header)
+    assert found is not None
+    inputs = [int(n) for n in found[1].split(",")]
+    expected = {f"line {i + 1}": (f"D{bit}", f"PD{bit}") for i, bit in enumerate(lines)}
+    expected |= {f"input {i + 1}": (f"A{n}", f"PC{n}") for i, n in enumerate(inputs)}
+    masks = dict(re.findall(r"(SYNC|INDEX)_MASK = (0x\d+);", header))
+    for name, mask in masks.items():
+        bit = int(mask, 16).bit_length() - 1
+        expected[name.lower()] = (f"D{8 + bit}", f"PB{bit}")
+    assert rows == expected
+    # The host names them in its sentences.
+    assert tuple(f"D{bit}" for bit in lines) == LINE_PINS
+    assert tuple(f"A{n}" for n in inputs) == INPUT_PINS
+
+
+def test_the_drawing_is_as_the_headers_say() -> None:
+    command = [sys.executable, str(FOLDER / "wiring.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_every_pull_resistor_of_the_readme_is_in_the_drawing() -> None:
+    drawn = (FOLDER / "wiring.svg").read_text(encoding="utf-8")
+    assert drawn.count("10 kΩ to 5 V") == 1  # the stepper driver's enable
+    assert drawn.count("4.7 kΩ to 5 V") == 4  # emergency stop, two ends, index
+    assert drawn.count("10 kΩ to GND") == 3 + 1 + 1 + 6  # bridge, clock, sync, dividers
+
+
+@pytest.mark.parametrize(("board", "mcu"), [("drum", "atmega2560"), ("taxels", "atmega328p")])
+def test_a_sketch_builds_as_the_ide_builds_it(board: str, mcu: str, tmp_path: Path) -> None:
+    core = tmp_path / "core"
+    core.mkdir()
+    (core / "Arduino.h").write_text(CORE)
+    sketch = tmp_path / f"{board}.ino.cpp"
+    sketch.write_text(f'#include <Arduino.h>\n#line 1 "{board}.ino"\n')
+    with sketch.open("a", encoding="utf-8") as text:
+        text.write((FOLDER / board / f"{board}.ino").read_text(encoding="utf-8"))
+    objects = []
+    for source in [sketch, *sorted((FOLDER / board).glob("*.cpp"))]:
+        objects.append(str(tmp_path / f"{source.name}.o"))
+        include = [f"-I{core}", f"-I{FOLDER / board}"]
+        compile_ = ["avr-g++", *IDE_FLAGS, f"-mmcu={mcu}", *include, str(source)]
+        subprocess.run([*compile_, "-o", objects[-1]], check=True, capture_output=True)
+    image = tmp_path / f"{board}.elf"
+    link = ["avr-gcc", *IDE_LINK, f"-mmcu={mcu}", *objects, "-lm", "-o", str(image)]
+    subprocess.run(link, check=True, capture_output=True)
+    budgets = [sys.executable, str(FOLDER / "budgets.py"), board, str(image)]
+    assert subprocess.run(budgets, capture_output=True, check=False).returncode == 0
+
+
+def test_the_image_for_the_bench_is_intel_hex_without_eeprom() -> None:
+    lines = built("firmware/taxels.hex").read_text().splitlines()
+    assert lines[-1] == ":00000001FF"
+    highest = max(int(line[3:7], 16) for line in lines if line[7:9] == "00")
+    assert highest < 32256
