@@ -32,7 +32,7 @@ class Bench:
         self.skin = Skin(parameters, seed, self.plant)
         self.loadcell = Loadcell(parameters, seed, self.plant, self.disturbances)
         self._truth = Truth()
-        self._logged_ms = 0
+        self.logged_ms = 0
         self._logged_level = 0
         self._plates = 0
         self.sync_level = 0
@@ -76,14 +76,14 @@ class Bench:
         stop_high_mm: float = 1e9,
     ) -> bool:
         """As :meth:`Plant.advance`, at most 1 s a call; skin and truth follow behind."""
-        if until_ms - self._logged_ms > LOG_EVERY_MS:
+        if until_ms - self.logged_ms > LOG_EVERY_MS:
             self.log_truth()
         return self.plant.advance(until_ms, drive, motion, stop_low_mm, stop_high_mm)
 
     def log_truth(self) -> None:
         """Write down what the plant did since the last time."""
         self.skin.advance()
-        times_ms = np.arange(self._logged_ms + 1, self.plant.time_ms + 1)
+        times_ms = np.arange(self.logged_ms + 1, self.plant.time_ms + 1)
         if times_ms.size == 0:
             return
         places = self.plant.log[np.append(times_ms[0] - 1, times_ms) % RING_MS, DRUM_MM]
@@ -94,4 +94,4 @@ class Bench:
         self._logged_level = self.sync_level
         self._sync_edges.clear()
         self._truth.append(np.diff(places) * 1e3, force, sync)
-        self._logged_ms = self.plant.time_ms
+        self.logged_ms = self.plant.time_ms

@@ -17,13 +17,16 @@ from rigctl.wire.drum_states import State
 from rigctl.wire.registers import plan_writes, register, words_of
 from rigctl.world.bench import Bench
 from rigctl.world.parameters import WorldParameters
+from rigctl.world.press_kernel import SETTLED_NOW, STOPPED, TOUCHED
 from rigctl.world.simulation import TAXELS, SimulatedLink
 from rigctl.world.skin import SLOT_US
+from rigctl.world.stretch import Stretch
 from rigctl.world.virtual import VirtualRig
 from rigctl.world.virtual_drum import VirtualDrum
 from rigctl.world.virtual_taxels import BOOT_US, FRAME_US, VirtualTaxels
 
 NEVER_US = 1 << 62
+FOLLOW_MS = 1500
 
 
 class Frames(NamedTuple):
@@ -86,6 +89,7 @@ class DirectRig(VirtualRig):
         super().__init__(bench, self.tap)
         self.parameters = parameters
         self.board: VirtualDrum = self._drum
+        self._stretch = Stretch(bench, self.board.controller, self.board.registers)
         self._sequence = 0
         self._conversions = 0
 
@@ -148,6 +152,32 @@ class DirectRig(VirtualRig):
             loadcell_lost=0,
             values={},
         )
+
+    def _go_on(self, until_us: int) -> bool:
+        """As ever, but load-cell conversions up to the next other event at once."""
+        if self._stretch.possible:
+            self._follow()
+            last_us = min(until_us, self.board.controller.next_but_silence_us - 1)
+            news, marks = self._pass(int(last_us))
+            if news == STOPPED:
+                self._stopped(marks)
+            if news & (STOPPED | TOUCHED | SETTLED_NOW):
+                return True
+        return super()._go_on(until_us)
+
+    def _pass(self, until_us: int) -> tuple[int, int]:
+        """Run a stretch; why it ended, and how many index marks there were before."""
+        marks = self._bench.plant.index_rises
+        before = self.board.controller.cell.sequence
+        news = self._stretch.run(until_us)
+        if self.board.controller.cell.sequence > before:
+            self.time_us = self.board.now_us = self.board.controller.now_us
+        return news, marks
+
+    def _follow(self) -> None:
+        """Let skin and truth catch up before the ring of the plant is over."""
+        if self._bench.plant.time_ms - self._bench.logged_ms > FOLLOW_MS:
+            self._bench.log_truth()
 
     def conversions(self) -> list[LoadcellSample]:
         """Load-cell samples since the last call, at most RING_DEPTH, oldest first."""

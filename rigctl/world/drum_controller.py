@@ -39,7 +39,7 @@ class Controller:
         self, bench: Bench, motion: DrumMotion, bank: RegisterBank, clock: float, at_us: int
     ) -> None:
         self._bank = bank
-        self._clock = clock
+        self.clock = clock
         self._boot_us = self.now_us = at_us
         self.state = State.BOOT
         self.fault = Fault.NONE
@@ -65,9 +65,16 @@ class Controller:
         waiting = min(self._timers.values(), default=math.inf)
         return waiting if planned is None or planned > waiting else planned
 
+    @property
+    def next_but_silence_us(self) -> float:
+        """As :attr:`next_us`, provided that the load cell goes on converting until then."""
+        planned = self.turner.motion.next_us
+        waits = [at_us for timer, at_us in self._timers.items() if timer is not Timer.SILENCE]
+        return min(math.inf if planned is None else planned, *waits, math.inf)
+
     def board_us(self, at_us: int) -> int:
         """The board's own clock, not wrapped."""
-        return int((at_us - self._boot_us) * self._clock)
+        return int((at_us - self._boot_us) * self.clock)
 
     def pass_time(self, now_us: int) -> None:
         """Do what is due by now."""
@@ -91,6 +98,12 @@ class Controller:
             self._go(Event.SELFTEST_PASSED)
         self._finish_tare()
         self._press()
+
+    def converted(self, last_us: int, touched: bool) -> None:
+        """Sound conversions up to this time were taken and pressed with elsewhere."""
+        self.now_us = last_us
+        self._wait(Timer.SILENCE, SILENCE_PERIODS * PERIOD_US)
+        self._pressed(touched)
 
     def index_mark(self, at_us: int) -> None:
         """An index mark began."""
@@ -156,7 +169,7 @@ class Controller:
         return self._bank.settings[name]
 
     def _wait(self, timer: Timer, board_us: float) -> None:
-        self._timers[timer] = self.now_us + math.ceil(board_us / self._clock)
+        self._timers[timer] = self.now_us + math.ceil(board_us / self.clock)
 
     def _timer_handlers(self) -> dict[Timer, Callable[[], None]]:
         return {
@@ -358,7 +371,11 @@ class Controller:
             return
         touched = self.presser.in_contact
         self.presser.step(self.now_us, self.turner, self.state is State.APPROACH)
-        if self.presser.in_contact and not touched:
+        self._pressed(self.presser.in_contact and not touched)
+
+    def _pressed(self, touched: bool) -> None:
+        """A step of the force loop was done, perhaps the first in touch."""
+        if touched:
             self._wait(Timer.APPROACH, 1000 * self._setting("approach_timeout_ms"))
         if self.presser.settled and self.state is State.APPROACH:
             self.presser.keep_stiffness()

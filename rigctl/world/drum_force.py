@@ -8,6 +8,7 @@ learned as motion of the surface, a slow part and one period a turn.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 PERIOD_S = 0.0125
@@ -58,6 +59,36 @@ class ForceLoop:
         self._shown = self._pending = 0.0
         self._compression = self._drift = 0.0
         self._sum_xx, self._sum_xy = PRIOR_MM2, PRIOR_MM2 * stiffness_g_mm
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """All that it knows, in the order that :meth:`restore` takes."""
+        return (
+            self.sine,
+            self.cosine,
+            self.stiffness_g_mm,
+            self.in_contact,
+            self._samples,
+            self._free_g,
+            self._last_g,
+            self._command,
+            self._speed,
+            self._moved,
+            self._shown,
+            self._pending,
+            self._compression,
+            self._drift,
+            self._sum_xx,
+            self._sum_xy,
+        )
+
+    def restore(self, numbers: Sequence[float]) -> None:
+        """Go on from these :attr:`numbers`."""
+        self.sine, self.cosine, self.stiffness_g_mm = numbers[:3]
+        self.in_contact, self._samples = bool(numbers[3]), int(numbers[4])
+        self._free_g, self._last_g, self._command, self._speed, self._moved = numbers[5:10]
+        self._shown, self._pending, self._compression, self._drift = numbers[10:14]
+        self._sum_xx, self._sum_xy = numbers[14:]
 
     def forget_run_out(self) -> None:
         """The drum's angle got a new zero."""

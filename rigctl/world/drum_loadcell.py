@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from rigctl.wire.drum_map import RING_DEPTH
@@ -33,7 +34,7 @@ class LoadcellWatch:
         self.force_g = 0.0
         self.tare_counts = 0
         self.ug_per_count = 0
-        self._equal_run = 0
+        self.equal_run = 0
         self._tare: list[int] | None = None
         self._tries = TARE_TRIES
 
@@ -53,7 +54,7 @@ class LoadcellWatch:
 
     def take(self, raw: int, board_us: int) -> None:
         """One conversion."""
-        self._equal_run = self._equal_run + 1 if self.sequence and raw == self.newest else 0
+        self.equal_run = self.equal_run + 1 if self.sequence and raw == self.newest else 0
         self.sequence += 1
         place = self.sequence % RING_DEPTH
         self.raw[place], self.time_us[place] = raw, board_us
@@ -70,9 +71,22 @@ class LoadcellWatch:
         found = []
         if abs(self.newest) >= FULL_SCALE - 1:
             found.append(Fault.LOADCELL_SATURATED)
-        elif self._equal_run + 1 >= FROZEN_RUN:
+        elif self.equal_run + 1 >= FROZEN_RUN:
             found.append(Fault.LOADCELL_FROZEN)
         return found
+
+    @property
+    def taring(self) -> bool:
+        """A tare has begun."""
+        return self._tare is not None
+
+    def taken(self, raws: Sequence[int], board_us: Sequence[int], equal_run: int) -> None:
+        """Conversions that were taken elsewhere, none of them part of a tare."""
+        for raw, at_us in zip(raws, board_us, strict=True):
+            self.sequence += 1
+            place = self.sequence % RING_DEPTH
+            self.raw[place], self.time_us[place] = raw, at_us
+        self.equal_run = equal_run
 
     def begin_tare(self) -> None:
         """Average the readings from here on."""

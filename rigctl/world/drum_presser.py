@@ -30,7 +30,7 @@ class Presser:
         self.force = ForceLoop()
         self.contact_mm: float | None = None
         self.settled = False
-        self._outside_us = 0
+        self.outside_us = 0
 
     @property
     def in_contact(self) -> bool:
@@ -39,7 +39,7 @@ class Presser:
 
     def begin(self, now_us: int) -> None:
         """Start to press down from free air."""
-        self._outside_us = now_us
+        self.outside_us = now_us
         self.force.begin(float(self._setting("stiffness_g_per_mm")), self._cell.force_g)
         limit_mm = 1e-3 * self._setting("approach_limit_um")
         self.actuator.press_until(self.actuator.position_mm + limit_mm)
@@ -76,7 +76,7 @@ class Presser:
     def _touch(self, now_us: int) -> None:
         self.contact_mm = self.actuator.position_mm
         self.actuator.press_until(math.inf)
-        self._outside_us = now_us
+        self.outside_us = now_us
 
     def _target(self) -> Target:
         limit = MOST_MM_S
@@ -98,8 +98,8 @@ class Presser:
 
     def _judge(self, now_us: int) -> None:
         if not self.in_contact or not self._inside_band():
-            self._outside_us = now_us
-        inside_ms = 1e-3 * self._clock * (now_us - self._outside_us)
+            self.outside_us = now_us
+        inside_ms = 1e-3 * self._clock * (now_us - self.outside_us)
         self.settled = inside_ms >= self._setting("settle_time_ms")
 
     def _inside_band(self) -> bool:

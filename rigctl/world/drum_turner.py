@@ -21,10 +21,10 @@ class Turner:
     def __init__(self, bench: Bench, motion: DrumMotion, clock: float, at_us: int) -> None:
         self._bench = bench
         self._clock = clock
-        self._turn_steps = round(bench.parameters.steps_per_turn)
-        self._mm = bench.parameters.mm_per_step
+        self.turn_steps = round(bench.parameters.steps_per_turn)
+        self.step_mm = bench.parameters.mm_per_step
         self.motion = motion
-        self._zero_mm = motion.travel_mm(at_us)
+        self.zero_mm = motion.travel_mm(at_us)
         self.sync_high = False
         self.sync_count = 0
         self.sync_rise_us = self.sync_fall_us = at_us
@@ -35,23 +35,23 @@ class Turner:
 
     def steps(self, at_us: int) -> int:
         """Signed microsteps since the zero."""
-        return math.floor((self.motion.travel_mm(at_us) - self._zero_mm) / self._mm + 1e-6)
+        return math.floor((self.motion.travel_mm(at_us) - self.zero_mm) / self.step_mm + 1e-6)
 
     def angle_steps(self, at_us: int) -> int:
         """Place within the turn, in steps."""
-        return self.steps(at_us) % self._turn_steps
+        return self.steps(at_us) % self.turn_steps
 
     def angle_rad(self, at_us: int) -> float:
         """Place within the turn by the steps."""
-        return 2.0 * math.pi * self.angle_steps(at_us) / self._turn_steps
+        return 2.0 * math.pi * self.angle_steps(at_us) / self.turn_steps
 
     def rate_rad_s(self, at_us: int) -> float:
         """Signed turning rate."""
-        return 2.0 * math.pi * self.motion.speed_mm_s(at_us) / (self._turn_steps * self._mm)
+        return 2.0 * math.pi * self.motion.speed_mm_s(at_us) / (self.turn_steps * self.step_mm)
 
     def zero(self, at_us: int) -> None:
         """Count steps from here."""
-        self._zero_mm = self.motion.travel_mm(at_us)
+        self.zero_mm = self.motion.travel_mm(at_us)
         self.homed = False
 
     def run(self, at_us: int, settings: Mapping[str, int], done: Done) -> None:
@@ -68,7 +68,7 @@ class Turner:
     def run_in_suffices(self, settings: Mapping[str, int]) -> bool:
         """The ramp ends before the trial window opens."""
         ramp_mm = (0.01 * settings["speed_set"]) ** 2 / (2.0 * settings["acceleration_set"])
-        return 0.1 * settings["run_in_set"] >= ramp_mm + 2.0 * self._mm
+        return 0.1 * settings["run_in_set"] >= ramp_mm + 2.0 * self.step_mm
 
     def move(self, at_us: int, settings: Mapping[str, int], done: Done) -> None:
         """Go to ``move_target`` lifted; at once done when it is here."""
@@ -82,7 +82,7 @@ class Turner:
         """Seek the index mark forwards; the mark's leading edge becomes step 0."""
         self.homing = True
         self.homed = False
-        self._go(at_us, settings, HOME_MM_S, round(HOME_TURNS * self._turn_steps), done)
+        self._go(at_us, settings, HOME_MM_S, round(HOME_TURNS * self.turn_steps), done)
 
     def brake(self, at_us: int, settings: Mapping[str, int], done: Done) -> None:
         """Ramp down and forget what was planned; the window closes."""
@@ -100,7 +100,7 @@ class Turner:
         """An index mark began; True when the steps counted since the last one are right."""
         self.index_count += 1
         if self.homing:
-            self._zero_mm = self.motion.travel_mm(at_us)
+            self.zero_mm = self.motion.travel_mm(at_us)
             self._mark_steps, self.index_error_steps, self.homed = 0, 0, True
             self.brake(at_us, settings, done)
             return True
@@ -108,17 +108,17 @@ class Turner:
             return True
         steps = self.steps(at_us)
         if self.motion.speed_mm_s(at_us) < 0.0:
-            steps -= round(self._bench.parameters.index_length_mm / self._mm)
-        half = self._turn_steps // 2
-        self.index_error_steps = (steps + half) % self._turn_steps - half
+            steps -= round(self._bench.parameters.index_length_mm / self.step_mm)
+        half = self.turn_steps // 2
+        self.index_error_steps = (steps + half) % self.turn_steps - half
         self._mark_steps = steps - self.index_error_steps
         return abs(self.index_error_steps) <= INDEX_TOLERANCE_STEPS
 
     def mark_missed(self, at_us: int) -> bool:
         """More than a turn was counted since the last index mark."""
-        margin = 2 * round(self._bench.parameters.index_length_mm / self._mm)
+        margin = 2 * round(self._bench.parameters.index_length_mm / self.step_mm)
         since = abs(self.steps(at_us) - self._mark_steps)
-        return self.homed and since > self._turn_steps + margin
+        return self.homed and since > self.turn_steps + margin
 
     def speed_set_mm_s(self, at_us: int, settings: Mapping[str, int]) -> float:
         """Speed now in the units of the set-points: by the board's trimmed clock."""
@@ -129,14 +129,14 @@ class Turner:
         return self._clock / (1.0 + settings["clock_trim_ppm"] * 1e-6)
 
     def _whole(self, travel_mm: float) -> float:
-        return round(travel_mm / self._mm) * self._mm
+        return round(travel_mm / self.step_mm) * self.step_mm
 
     def _go(
         self, at_us: int, settings: Mapping[str, int], speed: float, steps: int, done: Done
     ) -> None:
         rate = self._rate(settings)
         acceleration = settings["acceleration_set"] * rate
-        shape = Trapezoid(abs(steps) * self._mm, speed * rate, acceleration)
+        shape = Trapezoid(abs(steps) * self.step_mm, speed * rate, acceleration)
         sign = 1 if steps > 0 else -1
         self.motion.start(at_us, shape, sign, [], lambda now_us: done())
 

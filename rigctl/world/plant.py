@@ -26,13 +26,13 @@ millisecond, what the load cell feels, and how many contacts there were since po
 
 # Plain arrays with named places, because handing a record to compiled code costs 5 µs a call.
 (
-    _TIME_MS,
+    TIME_MS,
     _PLACE,
     _SLIP,
     _VELOCITY,
-    _ROD,
+    ROD,
     _DEPTH,
-    _FORCE,
+    FORCE,
     _CONTACTS,
     _TOUCHING,
     _INDEX_HIGH,
@@ -135,9 +135,9 @@ def _move_actuator(s: _Floats, c: _Floats, drive: float) -> float:
         target = math.copysign(share * c[_C_SPEED], drive)
     before = s[_VELOCITY]
     s[_VELOCITY] += (target - before) * c[_C_GAIN]
-    s[_ROD] += s[_VELOCITY] * 1e-3
-    if s[_ROD] <= 0.0 or s[_ROD] >= c[_C_TRAVEL]:
-        s[_ROD] = min(max(s[_ROD], 0.0), c[_C_TRAVEL])
+    s[ROD] += s[_VELOCITY] * 1e-3
+    if s[ROD] <= 0.0 or s[ROD] >= c[_C_TRAVEL]:
+        s[ROD] = min(max(s[ROD], 0.0), c[_C_TRAVEL])
         s[_VELOCITY] = 0.0
     return float(s[_VELOCITY] - before)
 
@@ -149,20 +149,20 @@ def _touch(s: _Floats, c: _Floats, surface_mm: float) -> None:
     The drum's weight holds the screw's play on its lower flank; a contact force above the
     weight pushes it to the upper one.
     """
-    low = s[_ROD] + 0.5 * c[_C_BACKLASH] - surface_mm
+    low = s[ROD] + 0.5 * c[_C_BACKLASH] - surface_mm
     high = low - c[_C_BACKLASH]
     s[_DEPTH] = low
-    s[_FORCE] = _force(low, c)
-    if s[_FORCE] > c[_C_WEIGHT]:
+    s[FORCE] = _force(low, c)
+    if s[FORCE] > c[_C_WEIGHT]:
         s[_DEPTH] = high
-        s[_FORCE] = max(c[_C_WEIGHT], _force(high, c))
+        s[FORCE] = max(c[_C_WEIGHT], _force(high, c))
 
 
 @inlined
 def _roll(s: _Floats, c: _Floats, motion: Motion) -> None:
     """Turn the drum to where the steps want it, unless something holds it."""
     start_us, travel, speed, acceleration = motion
-    t = (s[_TIME_MS] * 1000.0 - start_us) * 1e-6
+    t = (s[TIME_MS] * 1000.0 - start_us) * 1e-6
     nominal = travel + t * (speed + 0.5 * acceleration * t)
     place = c[_C_START] + nominal * c[_C_FACTOR] - s[_SLIP]
     if s[_JAMMED]:
@@ -179,13 +179,13 @@ def _press(s: _Floats, c: _Floats, footprint: _Floats, drive: float) -> float:
     wobble = c[_C_RUN_OUT] * math.sin(angle + c[_C_PHASE])
     ripple = c[_C_RIPPLE] * _height(footprint, s[_PLACE], c[_C_TURN])
     _touch(s, c, c[_C_CONTACT] - wobble - ripple)
-    touching = s[_FORCE] > 0.0
+    touching = s[FORCE] > 0.0
     if touching and not s[_TOUCHING]:
         s[_CONTACTS] += 1
     s[_TOUCHING] = touching
     # Acceleration in mm/s per ms is m/s²; over 9.81 it is a share of weight.
     inertia = c[_C_MASS] * change / 9.81
-    return float(s[_FORCE] + s[_PUSH] + inertia + c[_C_IMBALANCE] * math.sin(angle))
+    return float(s[FORCE] + s[_PUSH] + inertia + c[_C_IMBALANCE] * math.sin(angle))
 
 
 @inlined
@@ -200,8 +200,26 @@ def _watch_index(s: _Floats, c: _Floats, before: float) -> bool:
         inside = angle if step > 0.0 else c[_C_INDEX] - angle
         s[_INDEX_RISES] += 1
         into_us = min(1000.0, 1000.0 * inside / max(abs(step), 1e-9))
-        s[_INDEX_RISE_US] = s[_TIME_MS] * 1000 - int(into_us)
+        s[_INDEX_RISE_US] = s[TIME_MS] * 1000 - int(into_us)
     return began
+
+
+@inlined
+def pass_millisecond(
+    s: _Floats, c: _Floats, log: _Floats, footprint: _Floats, motion: Motion, drive: float
+) -> bool:
+    """One millisecond of everything; True when an index mark began in it."""
+    before = s[_PLACE]
+    s[TIME_MS] += 1
+    _roll(s, c, motion)
+    felt = _press(s, c, footprint, drive)
+    row = log[int(s[TIME_MS]) % RING_MS]
+    row[DRUM_MM] = s[_PLACE]
+    row[DEPTH_MM] = s[_DEPTH]
+    row[FORCE_G] = s[FORCE]
+    row[FELT_G] = felt
+    row[CONTACTS] = s[_CONTACTS]
+    return bool(_watch_index(s, c, before))
 
 
 @compiled
@@ -217,36 +235,30 @@ def _advance(
     stop_high_mm: float,
 ) -> bool:
     """Run to ``until_ms``; True when it stopped earlier for an index mark or a rod limit."""
-    while s[_TIME_MS] < until_ms:
-        before = s[_PLACE]
-        s[_TIME_MS] += 1
-        _roll(s, c, motion)
-        felt = _press(s, c, footprint, drive)
-        row = log[int(s[_TIME_MS]) % RING_MS]
-        row[DRUM_MM] = s[_PLACE]
-        row[DEPTH_MM] = s[_DEPTH]
-        row[FORCE_G] = s[_FORCE]
-        row[FELT_G] = felt
-        row[CONTACTS] = s[_CONTACTS]
-        marked = _watch_index(s, c, before)
-        if marked or s[_ROD] <= stop_low_mm or s[_ROD] >= stop_high_mm:
+    while s[TIME_MS] < until_ms:
+        marked = pass_millisecond(s, c, log, footprint, motion, drive)
+        if marked or s[ROD] <= stop_low_mm or s[ROD] >= stop_high_mm:
             return True
     return False
 
 
 class Plant:
-    """The mechanics of one bench. ``advance`` is the only thing that moves it."""
+    """The mechanics of one bench.
+
+    ``advance`` moves it, and compiled code that is handed ``state``, ``constants``, ``log`` and
+    ``footprint`` for :func:`pass_millisecond`; nothing else does.
+    """
 
     def __init__(self, parameters: WorldParameters) -> None:
         self.log = np.zeros((RING_MS, 5))
-        self._state = np.zeros(_STATE_SIZE)
-        self._constants = _constants(parameters)
-        self._counts_per_mm = parameters.potentiometer_counts / parameters.actuator_travel_mm
-        self._footprint = np.zeros(round(parameters.circumference_mm / GRID_MM))
-        self._state[_ROD] = parameters.actuator_start_mm
-        self._state[_PLACE] = parameters.start_mm
+        self.state = np.zeros(_STATE_SIZE)
+        self.constants = _constants(parameters)
+        self.counts_per_mm = parameters.potentiometer_counts / parameters.actuator_travel_mm
+        self.footprint = np.zeros(round(parameters.circumference_mm / GRID_MM))
+        self.state[ROD] = parameters.actuator_start_mm
+        self.state[_PLACE] = parameters.start_mm
         angle_mm = parameters.start_mm % parameters.circumference_mm
-        self._state[_INDEX_HIGH] = angle_mm < parameters.index_length_mm
+        self.state[_INDEX_HIGH] = angle_mm < parameters.index_length_mm
         self.log[:, DRUM_MM] = parameters.start_mm
         self.log[:, DEPTH_MM] = parameters.actuator_start_mm - parameters.contact_mm
 
@@ -265,10 +277,10 @@ class Plant:
         """
         return bool(
             _advance(
-                self._state,
-                self._constants,
+                self.state,
+                self.constants,
                 self.log,
-                self._footprint,
+                self.footprint,
                 motion,
                 drive,
                 until_ms,
@@ -279,57 +291,57 @@ class Plant:
 
     def set_footprint(self, heights_mm: NDArray[np.float64]) -> None:
         """Mean texture height under the sensor around the drum, on the texture grid."""
-        self._footprint = np.ascontiguousarray(heights_mm)
+        self.footprint = np.ascontiguousarray(heights_mm)
 
     def disturb(self, jammed: bool, push_g: float) -> None:
         """Hold the drum, press on the load cell."""
-        self._state[_JAMMED] = jammed
-        self._state[_PUSH] = push_g
+        self.state[_JAMMED] = jammed
+        self.state[_PUSH] = push_g
 
     @property
     def time_ms(self) -> int:
         """World time up to which the mechanics have run."""
-        return int(self._state[_TIME_MS])
+        return int(self.state[TIME_MS])
 
     @property
     def drum_mm(self) -> float:
         """True place of the surface under the sensor, counted on over turns."""
-        return float(self._state[_PLACE])
+        return float(self.state[_PLACE])
 
     @property
     def force_g(self) -> float:
         """True contact force."""
-        return float(self._state[_FORCE])
+        return float(self.state[FORCE])
 
     @property
     def contacts(self) -> int:
         """Contacts that began since power-up."""
-        return int(self._state[_CONTACTS])
+        return int(self.state[_CONTACTS])
 
     @property
     def rod_mm(self) -> float:
         """True actuator travel from its upper end."""
-        return float(self._state[_ROD])
+        return float(self.state[ROD])
 
     @property
     def potentiometer(self) -> int:
         """Reading of the position potentiometer, counts."""
-        return int(self.rod_mm * self._counts_per_mm + 0.5)
+        return int(self.rod_mm * self.counts_per_mm + 0.5)
 
     @property
     def index_high(self) -> bool:
         """Whether the index mark stands under its sensor."""
-        return bool(self._state[_INDEX_HIGH])
+        return bool(self.state[_INDEX_HIGH])
 
     @property
     def index_rises(self) -> int:
         """Index marks that began since power-up."""
-        return int(self._state[_INDEX_RISES])
+        return int(self.state[_INDEX_RISES])
 
     @property
     def index_rise_us(self) -> int:
         """World time at which the last index mark began."""
-        return int(self._state[_INDEX_RISE_US])
+        return int(self.state[_INDEX_RISE_US])
 
 
 def _constants(p: WorldParameters) -> _Floats:

@@ -49,22 +49,8 @@ class VirtualRig:
 
     def advance(self, until_us: int) -> None:
         """Run world and boards up to a world time."""
-        while True:
-            cell_us, drum_us = self._bench.loadcell.next_us, self._drum.next_us
-            taxels_us = self._taxels.next_us
-            due_us = min(drum_us, cell_us, taxels_us)
-            at_us = max(self.time_us, int(min(due_us, until_us)))
-            if at_us // 1000 > self._bench.plant.time_ms and self._mechanics(at_us // 1000):
-                continue
-            self.time_us = self._drum.now_us = at_us
-            if due_us > at_us:
-                return
-            if at_us >= cell_us:
-                self._convert(at_us)
-            if at_us >= drum_us:
-                self._drum.pass_time(at_us)
-            if at_us >= taxels_us:
-                self._taxels.pass_time(at_us)
+        while self._go_on(until_us):
+            pass
 
     def set_plate(self, texture: str) -> None:
         """Snap in the plate of texture ``"A"``–``"P"``. Raises WrongUse for another name."""
@@ -75,20 +61,43 @@ class VirtualRig:
         self.drum.close()
         self.taxels.close()
 
+    def _go_on(self, until_us: int) -> bool:
+        """Up to the next event; False where there is none until then and the time has come."""
+        cell_us, drum_us = self._bench.loadcell.next_us, self._drum.next_us
+        taxels_us = self._taxels.next_us
+        due_us = min(drum_us, cell_us, taxels_us)
+        at_us = max(self.time_us, int(min(due_us, until_us)))
+        if at_us // 1000 > self._bench.plant.time_ms and self._mechanics(at_us // 1000):
+            return True
+        self.time_us = self._drum.now_us = at_us
+        if due_us > at_us:
+            return False
+        if at_us >= cell_us:
+            self._convert(at_us)
+        if at_us >= drum_us:
+            self._drum.pass_time(at_us)
+        if at_us >= taxels_us:
+            self._taxels.pass_time(at_us)
+        return True
+
     def _mechanics(self, until_ms: int) -> bool:
         """Run the plant; True when it stopped early and the boards were told why."""
         plant = self._bench.plant
         marks = plant.index_rises
         low, high = self._drum.limits_mm
         stopped = self._bench.advance(until_ms, self._drum.duty, self._drum.motion, low, high)
-        if not stopped:
-            return False
+        if stopped:
+            self._stopped(marks)
+        return stopped
+
+    def _stopped(self, marks: int) -> None:
+        """Tell the boards why the plant stopped; there were so many index marks before."""
+        plant, (low, high) = self._bench.plant, self._drum.limits_mm
         if plant.index_rises > marks:
             self._taxels.index_mark(plant.index_rise_us)
             self._drum.controller.index_mark(plant.index_rise_us)
         if plant.rod_mm <= low or plant.rod_mm >= high:
             self._drum.controller.limit_reached(plant.time_ms * 1000)
-        return True
 
     def _convert(self, at_us: int) -> None:
         raw = self._bench.loadcell.convert()

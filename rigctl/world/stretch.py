@@ -1,0 +1,162 @@
+"""World time from one event to the next, compiled: all that happens are load-cell conversions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rigctl.wire.drum_map import ForceMode
+from rigctl.wire.drum_states import OUTPUTS, State
+from rigctl.world import press_kernel as kernel
+from rigctl.world.bench import Bench
+from rigctl.world.drum_controller import Controller
+from rigctl.world.drum_registers import RegisterBank
+from rigctl.world.simulation import LoadcellFault
+
+MOST_CONVERSIONS = 32
+LOOP = slice(kernel.SINE, kernel.STATE_SIZE)
+_PRESSING = ("approach", "force_loop")
+
+
+class Stretch:
+    """Runs the bench under one boot of the drum board. The same to the bit as without it."""
+
+    def __init__(self, bench: Bench, controller: Controller, bank: RegisterBank) -> None:
+        self._bench = bench
+        self._brain = controller
+        self._bank = bank
+        self._state = np.zeros(kernel.STATE_SIZE)
+        self._given = np.zeros(kernel.GIVEN_SIZE)
+        self._raws = np.zeros(MOST_CONVERSIONS, np.int64)
+        self._times_us = np.zeros(MOST_CONVERSIONS, np.int64)
+
+    @property
+    def possible(self) -> bool:
+        """Nothing is up that only the board's own code knows how to handle."""
+        brain, cell = self._brain, self._brain.cell
+        return (
+            brain.state not in (State.BOOT, State.SELFTEST)
+            and not cell.taring
+            and cell.sequence > 0
+            and not brain.health.silent
+            and self._bench.disturbances.loadcell is LoadcellFault.NONE
+            and (not self._presses or self._bank.settings["force_mode"] == ForceMode.HOLD)
+        )
+
+    def run(self, until_us: int) -> int:
+        """Up to a world time, an event before it, or a lot of conversions.
+
+        Returns the bits of :data:`press_kernel.STOPPED` and so on; what the conversions mean
+        for the board has been seen to.
+        """
+        cell, plant = self._bench.loadcell, self._bench.plant
+        self._load()
+        noise = cell.noise.rows(cell.number, MOST_CONVERSIONS).reshape(-1)
+        news = int(
+            kernel.run(
+                plant.state,
+                plant.constants,
+                plant.log,
+                plant.footprint,
+                self._state,
+                self._given,
+                noise,
+                self._raws,
+                self._times_us,
+                until_us,
+            )
+        )
+        taken = int(self._state[kernel.TAKEN])
+        if taken:
+            self._store(taken, bool(news & kernel.TOUCHED))
+        return news
+
+    @property
+    def _presses(self) -> bool:
+        return OUTPUTS[self._brain.state].actuator in _PRESSING
+
+    def _load(self) -> None:
+        cell, seen, presser = self._bench.loadcell, self._brain.cell, self._brain.presser
+        actuator = presser.actuator
+        self._state[: kernel.SINE] = (
+            cell.next_us,
+            cell.since_origin,
+            cell.crept_g,
+            seen.equal_run,
+            seen.newest,
+            seen.force_g,
+            presser.contact_mm or 0.0,
+            presser.settled,
+            presser.outside_us,
+            actuator.duty,
+            actuator.owed_mm,
+            *actuator.limits_mm,
+            0,
+        )
+        self._state[LOOP] = presser.force.numbers
+        self._given[:] = (*self._bench_numbers(), *self._board_numbers())
+
+    def _bench_numbers(self) -> tuple[float, ...]:
+        p, cell, actuator = self._bench.parameters, self._bench.loadcell, self._brain.actuator
+        return (
+            cell.origin_us,
+            cell.period_us,
+            cell.average_ms,
+            cell.creep_gain,
+            p.loadcell_creep,
+            p.loadcell_drift_g,
+            p.loadcell_drift_s,
+            p.loadcell_noise_g,
+            p.loadcell_offset_counts,
+            p.loadcell_ug_per_count,
+            self._bench.plant.counts_per_mm,
+            actuator.mm_per_count,
+            actuator.travel_mm,
+            self._brain.turner.turn_steps,
+            self._brain.turner.step_mm,
+        )
+
+    def _board_numbers(self) -> tuple[float, ...]:
+        settings, brain = self._bank.settings, self._brain
+        presses = 2.0 if brain.state is State.APPROACH else float(self._presses)
+        target_g = 0.1 * settings["force_set"]
+        return (
+            brain.clock,
+            settings["tare_counts"],
+            settings["scale_ug_per_count"],
+            0.1 * settings["over_force"],
+            presses,
+            target_g,
+            0.01 * settings["gain_p"],
+            0.01 * settings["gain_i"],
+            1e-3 * settings["settle_band"] * target_g,
+            settings["settle_time_ms"],
+            1e-3 * settings["dead_band_permille"],
+            brain.turner.zero_mm,
+            *brain.turner.motion.motion,
+        )
+
+    def _store(self, taken: int, touched: bool) -> None:
+        numbers = self._state.tolist()
+        brain = self._brain
+        seen, settings = brain.cell, self._bank.settings
+        times_us, raws = self._times_us[:taken].tolist(), self._raws[:taken].tolist()
+        self._bench.loadcell.converted(
+            taken, int(numbers[kernel.NEXT_US]), numbers[kernel.CREPT], raws[-1]
+        )
+        seen.tare_counts, seen.ug_per_count = settings["tare_counts"], settings["scale_ug_per_count"]
+        seen.taken(raws, [brain.board_us(at_us) for at_us in times_us], int(numbers[kernel.EQUAL_RUN]))
+        seen.weigh()
+        if self._given[kernel.PRESSES]:
+            self._restore_press(numbers, touched)
+        brain.converted(times_us[-1], touched)
+
+    def _restore_press(self, numbers: list[float], touched: bool) -> None:
+        presser = self._brain.presser
+        if touched:
+            presser.contact_mm = numbers[kernel.CONTACT_MM]
+        presser.settled = bool(numbers[kernel.SETTLED])
+        presser.outside_us = int(numbers[kernel.OUTSIDE_US])
+        presser.force.restore(numbers[LOOP])
+        actuator = presser.actuator
+        actuator.duty, actuator.owed_mm = numbers[kernel.DUTY], numbers[kernel.OWED]
+        actuator.limits_mm = numbers[kernel.LOW_MM], numbers[kernel.HIGH_MM]
