@@ -109,12 +109,22 @@ STANDING = Motion(0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
+def _around(place_mm: float, turn_mm: float) -> float:
+    """``place_mm % turn_mm`` to the bit; a turn of whole millimetres needs no long division."""
+    if turn_mm != math.floor(turn_mm):
+        return place_mm % turn_mm
+    within = place_mm - math.floor(place_mm / turn_mm) * turn_mm
+    return within + turn_mm if within < 0.0 else within
+
+
+@inlined
 def _height(table: NDArray[np.float64], place_mm: float, circumference_mm: float) -> float:
-    cell = (place_mm % circumference_mm) / GRID_MM
+    cell = _around(place_mm, circumference_mm) / GRID_MM
     low = int(cell)
     share = cell - low
-    size = table.size
-    return float(table[low % size] * (1.0 - share) + table[(low + 1) % size] * share)
+    low = low - table.size if low >= table.size else low
+    behind = low + 1 if low + 1 < table.size else 0
+    return float(table[low] * (1.0 - share) + table[behind] * share)
 
 
 @inlined
@@ -191,7 +201,7 @@ def _press(s: _Floats, c: _Floats, footprint: _Floats, drive: float) -> float:
 @inlined
 def _watch_index(s: _Floats, c: _Floats, before: float) -> bool:
     """True when the index mark began in this millisecond."""
-    angle = s[_PLACE] % c[_C_TURN]
+    angle = _around(s[_PLACE], c[_C_TURN])
     high = angle < c[_C_INDEX]
     began = high and not s[_INDEX_HIGH]
     s[_INDEX_HIGH] = high

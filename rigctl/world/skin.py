@@ -29,15 +29,30 @@ SENSOR_SERIAL = 1
 _LINES, _INPUTS = 3, 6
 _TURN_MM, _FAST, _SLOW, _RELAX, _REST, _FRICTION, _SOFT, _CROSSTALK, _SHIFT = range(9)
 _Floats = NDArray[np.float64]
+NO_JITTER: NDArray[np.float32] = np.zeros((0, N_TAXELS), np.float32)
 
 
 @inlined
-def _height(table: _Floats, place_mm: float, circumference_mm: float) -> float:
-    cell = (place_mm % circumference_mm) / GRID_MM
-    low = int(cell)
-    share = cell - low
-    size = table.size
-    return float(table[low % size] * (1.0 - share) + table[(low + 1) % size] * share)
+def _around(place_mm: float, turn_mm: float) -> float:
+    """``place_mm % turn_mm`` to the bit; a turn of whole millimetres needs no long division."""
+    if turn_mm != math.floor(turn_mm):
+        return place_mm % turn_mm
+    within = place_mm - math.floor(place_mm / turn_mm) * turn_mm
+    return within + turn_mm if within < 0.0 else within
+
+
+@inlined
+def _touch(felt: _Floats, heights: _Floats, along: _Floats, drum_mm: float, c: _Floats) -> None:
+    """Heights under the taxels; the layers lie over each other."""
+    size = heights.shape[1]
+    for i in range(N_TOP):
+        cell = _around(drum_mm + along[i] + c[_SHIFT], c[_TURN_MM]) / GRID_MM
+        low = int(cell)
+        share = cell - low
+        low = low - size if low >= size else low
+        behind = low + 1 if low + 1 < size else 0
+        felt[i] = heights[0, low] * (1.0 - share) + heights[0, behind] * share
+        felt[N_TOP + i] = heights[1, low] * (1.0 - share) + heights[1, behind] * share
 
 
 @inlined
@@ -53,6 +68,16 @@ def _crosstalk(levels: _Floats, share: float) -> None:
 
 
 @compiled
+def _rubbed(log: _Floats, first_ms: int, count: int) -> bool:
+    """Something slides under pressure in one of these milliseconds."""
+    for ms in range(first_ms, first_ms + count):
+        row, before = log[ms % RING_MS], log[(ms - 1) % RING_MS]
+        if row[DEPTH_MM] > 0.0 and abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4:
+            return True
+    return False
+
+
+@compiled
 def _feel(
     levels: _Floats,
     pressure: _Floats,
@@ -62,23 +87,27 @@ def _feel(
     c: _Floats,
     jitter: NDArray[np.float32],
     first_ms: int,
+    count: int,
 ) -> None:
-    """Levels of ``len(jitter)`` milliseconds from ``first_ms`` on.
+    """Levels of ``count`` milliseconds from ``first_ms`` on.
 
     ``pressure`` (2, n): fast and slow part now; ``heights`` (2, cells): top and bottom;
-    ``taxels`` (3, n): place along the travel, depth missed by the curve, gain.
+    ``taxels`` (3, n): place along the travel, depth missed by the curve, gain; ``jitter``
+    (count, n), or none at all where nothing slides under pressure.
     """
-    for k in range(jitter.shape[0]):
+    felt = np.zeros(N_TAXELS)
+    for k in range(count):
         row = log[(first_ms + k) % RING_MS]
         before = log[(first_ms + k - 1) % RING_MS]
-        slides = abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4
         out = levels[(first_ms + k) % RING_MS]
-        for i in range(out.size):
+        if row[DEPTH_MM] > 0.0:
+            _touch(felt, heights, taxels[0], row[DRUM_MM], c)
+            if abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4:
+                for i in range(N_TAXELS):
+                    felt[i] += c[_FRICTION] * jitter[k, i]
+        for i in range(N_TAXELS):
             depth = max(0.0, row[DEPTH_MM] - taxels[1, i])
-            place = row[DRUM_MM] + taxels[0, i] + c[_SHIFT]
-            felt = _height(heights[0 if i < N_TOP else 1], place, c[_TURN_MM])
-            felt += c[_FRICTION] * jitter[k, i] if slides else 0.0
-            indentation = max(0.0, depth + felt * depth / (depth + c[_SOFT]))
+            indentation = max(0.0, depth + felt[i] * depth / (depth + c[_SOFT]))
             pressure[0, i] += (indentation - pressure[0, i]) * c[_FAST]
             pressure[1, i] += (pressure[0, i] - pressure[1, i]) * c[_SLOW]
             lasting = pressure[0, i] - c[_RELAX] * pressure[1, i]
@@ -157,7 +186,8 @@ class Skin:
         return counts
 
     def _run(self, count: int) -> None:
-        jitter = self._friction.rows(self.time_ms, count)
+        rubbed = _rubbed(self._plant.log, self.time_ms + 1, count)
+        jitter = self._friction.rows(self.time_ms, count) if rubbed else NO_JITTER
         _feel(
             self.levels,
             self._pressure,
@@ -167,6 +197,7 @@ class Skin:
             self._constants,
             jitter,
             self.time_ms + 1,
+            count,
         )
         if self._p.dead_taxels or self._p.stuck_taxels:
             self._break_taxels(count)
