@@ -19,6 +19,9 @@ STEP_US = 50_000
 TURN_STEP_US = 100_000
 """The step while the drum turns: polls of the drum are 10 a second."""
 
+QUIET_STEPS = 40
+"""So many are passed at once where nobody looks at each."""
+
 LIMIT_US = 300_000_000
 _FORCE_MODES = {
     "hold": ForceMode.HOLD,
@@ -43,10 +46,9 @@ class Operator:
         """World time."""
         return self.rig.time_us
 
-    def step(self, length_us: int = STEP_US) -> None:
-        """Let one step of world time pass."""
-        self.rig.beat()
-        self.rig.advance(self.rig.time_us + length_us)
+    def step(self, length_us: int = STEP_US, most: int = 1) -> None:
+        """Let one step of world time pass, or up to so many in which nothing happens."""
+        self.rig.pass_steps(length_us, most)
         fault = self.rig.board.controller.fault
         if fault is not Fault.NONE:
             raise BoardFault(f"the simulated drum stopped with {Fault(fault).name}")
@@ -89,7 +91,7 @@ class Operator:
     def turn(self, on_step: Callable[[], None]) -> None:
         """Run-in, window, ramp down; ``on_step`` is called after each step of time."""
         self._give(Command.RUN)
-        self._wait_for(self._ended(State.HOLD), "the travel", on_step, TURN_STEP_US)
+        self._wait_for(self._ended(State.HOLD), "the travel", on_step)
 
     def lift(self) -> None:
         """Lift off."""
@@ -153,12 +155,14 @@ class Operator:
         self,
         ended: Callable[[], bool],
         what: str,
-        on_step: Callable[[], None] = lambda: None,
-        step_us: int = STEP_US,
+        on_step: Callable[[], None] | None = None,
     ) -> None:
         late_us = self.now_us + LIMIT_US
         while not ended():
             if self.now_us > late_us:
                 raise BoardFault(f"the simulated drum did not end {what}")
-            self.step(step_us)
-            on_step()
+            if on_step is None:
+                self.step(most=QUIET_STEPS)
+            else:
+                self.step(TURN_STEP_US)
+                on_step()

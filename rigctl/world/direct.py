@@ -17,10 +17,10 @@ from rigctl.wire.drum_states import State
 from rigctl.wire.registers import plan_writes, register, words_of
 from rigctl.world.bench import Bench
 from rigctl.world.parameters import WorldParameters
-from rigctl.world.press_kernel import SETTLED_NOW, STOPPED, TOUCHED
+from rigctl.world.press_kernel import DONE, SETTLED_NOW, STOPPED, TOUCHED
 from rigctl.world.simulation import TAXELS, SimulatedLink
 from rigctl.world.skin import SLOT_US
-from rigctl.world.stretch import Stretch
+from rigctl.world.stretch import LONGEST_US, Stretch
 from rigctl.world.virtual import VirtualRig
 from rigctl.world.virtual_drum import VirtualDrum
 from rigctl.world.virtual_taxels import BOOT_US, FRAME_US, VirtualTaxels
@@ -80,6 +80,8 @@ class TaxelTap(VirtualTaxels):
 class DirectRig(VirtualRig):
     """One bench with the virtual drum's registers at hand. The same for a seed and calls.
 
+    The drum never misses its computer: the rig beats by itself.
+
     Raises WrongUse when a parameter lies outside its plausible range.
     """
 
@@ -90,6 +92,7 @@ class DirectRig(VirtualRig):
         self.parameters = parameters
         self.board: VirtualDrum = self._drum
         self._stretch = Stretch(bench, self.board.controller, self.board.registers)
+        self._eventful = False
         self._sequence = 0
         self._conversions = 0
 
@@ -120,10 +123,6 @@ class DirectRig(VirtualRig):
         answer = self.board.registers.write(entries[0].address, words)
         return answer.name == "OK"
 
-    def beat(self) -> None:
-        """Show the drum that somebody is there."""
-        self.board.beat()
-
     def poll(self) -> DrumState:
         """What a poll of the drum would show now, with the conversions since the last one.
 
@@ -153,26 +152,40 @@ class DirectRig(VirtualRig):
             values={},
         )
 
+    def pass_steps(self, step_us: int, most: int) -> None:
+        """Let whole steps of time pass: until something happened in one, at most so many."""
+        start_us, end_us = self.time_us, self.time_us + most * step_us
+        self._eventful = False
+        while self._go_on(end_us):
+            if self._eventful:
+                passed_us = max(self.time_us, self._bench.plant.time_ms * 1000) - start_us
+                end_us = min(end_us, start_us + max(1, -(-passed_us // step_us)) * step_us)
+
     def _go_on(self, until_us: int) -> bool:
         """As ever, but load-cell conversions up to the next other event at once."""
-        if self._stretch.possible:
-            self._follow()
-            last_us = min(until_us, self.board.controller.next_but_silence_us - 1)
-            news, marks = self._pass(int(last_us))
-            if news == STOPPED:
-                self._stopped(marks)
-            if news & (STOPPED | TOUCHED | SETTLED_NOW):
-                return True
-        return super()._go_on(until_us)
+        self.board.beat()
+        if not self._stretch.possible:
+            self._eventful = True
+            return super()._go_on(until_us)
+        self._follow()
+        next_us = self.board.controller.next_tended_us
+        last_us = int(min(until_us, next_us - 1, self.time_us + LONGEST_US))
+        news = self._pass(last_us)
+        if news == DONE and last_us < until_us and last_us < next_us - 1:
+            return True
+        self._eventful = self._eventful or news != DONE or next_us <= until_us
+        return True if news & (STOPPED | TOUCHED | SETTLED_NOW) else super()._go_on(until_us)
 
-    def _pass(self, until_us: int) -> tuple[int, int]:
-        """Run a stretch; why it ended, and how many index marks there were before."""
-        marks = self._bench.plant.index_rises
-        before = self.board.controller.cell.sequence
+    def _pass(self, until_us: int) -> int:
+        """Run a stretch; why it ended."""
+        marks, taken = self._bench.plant.index_rises, self.board.controller.cell.sequence
         news = self._stretch.run(until_us)
-        if self.board.controller.cell.sequence > before:
+        if self.board.controller.cell.sequence > taken:
             self.time_us = self.board.now_us = self.board.controller.now_us
-        return news, marks
+        if news == STOPPED:
+            self._stopped(marks)
+        self.board.beat()
+        return news
 
     def _follow(self) -> None:
         """Let skin and truth catch up before the ring of the plant is over."""

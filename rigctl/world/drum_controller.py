@@ -26,6 +26,7 @@ from rigctl.world.drum_tables import (
     RESTING,
     SELFTEST_LIMIT_US,
     SLOWEST_SEARCH_MM_S,
+    TENDED,
     UNSUPERVISED,
     Timer,
 )
@@ -66,10 +67,10 @@ class Controller:
         return waiting if planned is None or planned > waiting else planned
 
     @property
-    def next_but_silence_us(self) -> float:
-        """As :attr:`next_us`, provided that the load cell goes on converting until then."""
+    def next_tended_us(self) -> float:
+        """As :attr:`next_us` while load cell and computer show that they are there."""
         planned = self.turner.motion.next_us
-        waits = [at_us for timer, at_us in self._timers.items() if timer is not Timer.SILENCE]
+        waits = [at_us for timer, at_us in self._timers.items() if timer not in TENDED]
         return min(math.inf if planned is None else planned, *waits, math.inf)
 
     def board_us(self, at_us: int) -> int:

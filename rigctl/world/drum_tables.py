@@ -29,6 +29,9 @@ class Timer(Enum):
     LIFT = "lift"
 
 
+TENDED = frozenset({Timer.SILENCE, Timer.HEARTBEAT})
+"""Waits that never end while load cell and computer show that they are there."""
+
 EVENTS = {
     Command.ARM: Event.ARM,
     Command.DISARM: Event.DISARM,

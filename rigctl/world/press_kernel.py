@@ -331,7 +331,7 @@ def _kernel(digest: str) -> Callable[..., Any]:
                     m[TAKEN] = taken
                     return STOPPED
             at_us = m[NEXT_US]
-            if at_us > last_us or taken == noise.size:
+            if at_us > last_us:
                 m[TAKEN] = taken
                 return DONE
             if not _convert(s, log, m, k, noise[taken]):

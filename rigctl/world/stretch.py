@@ -12,7 +12,10 @@ from rigctl.world.drum_controller import Controller
 from rigctl.world.drum_registers import RegisterBank
 from rigctl.world.simulation import LoadcellFault
 
-MOST_CONVERSIONS = 32
+LONGEST_US = 2_000_000
+MOST_CONVERSIONS = 200
+"""More than there are in the longest stretch, whatever the amplifier's clock."""
+
 LOOP = slice(kernel.SINE, kernel.STATE_SIZE)
 _PRESSING = ("approach", "force_loop")
 
@@ -28,6 +31,7 @@ class Stretch:
         self._given = np.zeros(kernel.GIVEN_SIZE)
         self._raws = np.zeros(MOST_CONVERSIONS, np.int64)
         self._times_us = np.zeros(MOST_CONVERSIONS, np.int64)
+        self._given[: kernel.CLOCK] = self._bench_numbers()
 
     @property
     def possible(self) -> bool:
@@ -43,14 +47,15 @@ class Stretch:
         )
 
     def run(self, until_us: int) -> int:
-        """Up to a world time, an event before it, or a lot of conversions.
+        """Up to a world time at most :data:`LONGEST_US` away, or to an event before it.
 
         Returns the bits of :data:`press_kernel.STOPPED` and so on; what the conversions mean
         for the board has been seen to.
         """
         cell, plant = self._bench.loadcell, self._bench.plant
         self._load()
-        noise = cell.noise.rows(cell.number, MOST_CONVERSIONS).reshape(-1)
+        expected = 2 + int(max(0, until_us - cell.next_us) / cell.period_us)
+        noise = cell.noise.rows(cell.number, expected).reshape(-1)
         news = int(
             kernel.run(
                 plant.state,
@@ -93,7 +98,7 @@ class Stretch:
             0,
         )
         self._state[LOOP] = presser.force.numbers
-        self._given[:] = (*self._bench_numbers(), *self._board_numbers())
+        self._given[kernel.CLOCK :] = self._board_numbers()
 
     def _bench_numbers(self) -> tuple[float, ...]:
         p, cell, actuator = self._bench.parameters, self._bench.loadcell, self._brain.actuator
