@@ -12,12 +12,16 @@ from rigctl.values import PlannedTrial
 from rigctl.wire.drum_map import Command, CommandResult, ForceMode
 from rigctl.wire.drum_states import Fault, State
 from rigctl.world.direct import DirectRig
+from rigctl.world.glances import Glance
 
 STEP_US = 50_000
 """Commands are given, and ends of moves seen, at these steps of world time."""
 
 TURN_STEP_US = 100_000
-"""The step while the drum turns: polls of the drum are 10 a second."""
+"""The step while the drum is polled: 10 times a second."""
+
+TURN_STEPS = 7
+"""So many polls are looked at together; the board's ring of conversions holds 0.8 s."""
 
 QUIET_STEPS = 40
 """So many are passed at once where nobody looks at each."""
@@ -28,6 +32,9 @@ _FORCE_MODES = {
     "lock": ForceMode.LOCK,
     "position": ForceMode.POSITION,
 }
+
+
+OnPolls = Callable[[list[Glance]], None]
 
 
 class Operator:
@@ -53,12 +60,15 @@ class Operator:
         if fault is not Fault.NONE:
             raise BoardFault(f"the simulated drum stopped with {Fault(fault).name}")
 
-    def wait(self, seconds: float, on_step: Callable[[], None] = lambda: None) -> None:
-        """Let time pass."""
+    def wait(self, seconds: float, on_polls: OnPolls = lambda polls: None) -> None:
+        """Let time pass; ``on_polls`` as in :meth:`turn`."""
         end_us = self.now_us + round(seconds * 1e6)
+        self.rig.watch()
         while self.now_us < end_us:
-            self.step(TURN_STEP_US)
-            on_step()
+            steps = -(-(end_us - self.now_us) // TURN_STEP_US)
+            self.step(TURN_STEP_US, min(TURN_STEPS, steps))
+            on_polls(self.rig.polls())
+        self.rig.unwatch()
 
     def tare(self) -> None:
         """Zero the load cell, lifted and still."""
@@ -88,10 +98,14 @@ class Operator:
         self.rig.set(force_set=force_g, force_mode=float(ForceMode.HOLD))
         self.approach()
 
-    def turn(self, on_step: Callable[[], None]) -> None:
-        """Run-in, window, ramp down; ``on_step`` is called after each step of time."""
+    def turn(self, on_polls: OnPolls) -> None:
+        """Run-in, window, ramp down; ``on_polls`` gets the polls since the last call, in time."""
         self._give(Command.RUN)
-        self._wait_for(self._ended(State.HOLD), "the travel", on_step)
+        self.rig.watch()
+        self._wait_for(
+            self._ended(State.HOLD), "the travel", lambda: on_polls(self.rig.polls())
+        )
+        self.rig.unwatch()
 
     def lift(self) -> None:
         """Lift off."""
@@ -164,5 +178,5 @@ class Operator:
             if on_step is None:
                 self.step(most=QUIET_STEPS)
             else:
-                self.step(TURN_STEP_US)
+                self.step(TURN_STEP_US, TURN_STEPS)
                 on_step()

@@ -7,14 +7,15 @@ clock and the world's own log all leave out the same whole number of frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from collections import deque
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from rigctl.session.truth import TruthLog
 from rigctl.values import Block, DrumState, LoadcellSample
 from rigctl.world.direct import DirectRig
+from rigctl.world.glances import Glance
 
 LEAD_US = 110_000
 """Recorded before the rise of sync; longer than a step, so that a poll lies in it."""
@@ -41,7 +42,8 @@ class Tape:
         self._clock = 1.0 + rig.parameters.drum_clock_ppm * 1e-6
         self._next_frame = 0
         self._skipped_frames = 0
-        self._polls: list[DrumState] = []
+        self._polls: list[Glance] = []
+        self._weighed: deque[LoadcellSample] = deque()
         self._conversions = 0
         self._edges_us = [0, 0]
         self._start_us = 0.0
@@ -52,9 +54,9 @@ class Tape:
         """Session time up to which there are samples."""
         return self._recorded_us(self._tap.start_us(self._next_frame)) * 1e-6
 
-    def listen(self) -> None:
+    def listen(self, poll: Glance) -> None:
         """While no stretch is recorded: keep the newest polls, one may begin the next."""
-        self._polls = [*self._polls[1 - POLLS_KEPT :], self._rig.poll()]
+        self._polls = [*self._polls[1 - POLLS_KEPT :], poll]
 
     def begin(self, at_us: int) -> None:
         """A stretch begins ``LEAD_US`` before this world time, which is less than 2 s ago."""
@@ -67,15 +69,16 @@ class Tape:
         for poll in polls:
             self._tell(poll)
 
-    def follow(self) -> None:
-        """Record samples and a poll up to now."""
-        behind = self._tap.complete(self._rig.time_us)
+    def follow(self, polls: Sequence[Glance]) -> None:
+        """Record these polls, and samples up to the last of them."""
+        behind = self._tap.complete(polls[-1].at_us)
         frames = self._tap.take(self._next_frame, behind)
         numbers = np.arange(self._next_frame, behind, dtype=np.int64) - self._skipped_frames
         self._next_frame = behind
-        at_s = self._recorded_us(self._rig.time_us) * 1e-6
+        at_s = self._recorded_us(polls[-1].at_us) * 1e-6
         self._on_block(Block(numbers, frames.samples, frames.flags, frames.edges, (), at_s))
-        self._tell(self._rig.poll())
+        for poll in polls:
+            self._tell(poll)
 
     def end(self) -> TruthLog:
         """The stretch ends with the last :meth:`follow`; what the world logged meanwhile."""
@@ -92,38 +95,58 @@ class Tape:
     def _recorded_board_us(self, board_us: int) -> int:
         return math.floor(board_us - self._skipped_frames * self._tap.frame_us * self._clock)
 
-    def _tell(self, poll: DrumState) -> None:
-        if poll.at_s * 1e6 < self._start_us + SEAM_US:
+    def _tell(self, poll: Glance) -> None:
+        loadcell = self._weighed_until(poll.sequence)
+        if poll.at_us < self._start_us + SEAM_US:
             return
         rise_us, fall_us = self._edges(poll)
-        shown = replace(
-            poll,
-            at_s=self._recorded_us(poll.at_s * 1e6) * 1e-6,
+        shown = DrumState(
+            at_s=self._recorded_us(poll.at_us) * 1e-6,
             board_time_us=self._recorded_board_us(poll.board_time_us),
+            state=poll.state,
+            fault=poll.fault,
+            fault_bits=poll.fault_bits,
+            steps=poll.steps,
+            angle_deg=poll.angle_deg,
+            speed_mm_s=poll.speed_mm_s,
+            force_g=poll.force_g,
+            actuator_position_um=poll.actuator_position_um,
+            actuator_drive_permille=poll.actuator_drive_permille,
+            sync_count=poll.sync_count,
             sync_rise_us=rise_us,
             sync_fall_us=fall_us,
-            loadcell=self._of_this_stretch(poll.loadcell),
+            index_count=poll.index_count,
+            status_bits=poll.status_bits,
+            loadcell=self._of_this_stretch(loadcell),
+            loadcell_lost=0,
+            values={},
         )
         self._on_drum(shown)
 
-    def _edges(self, poll: DrumState) -> list[int]:
+    def _edges(self, poll: Glance) -> list[int]:
         """Session times of the last edges; those before this stretch stay where they were."""
         for place, at_us in enumerate((poll.sync_rise_us, poll.sync_fall_us)):
             if at_us >= self._start_us * self._clock:
                 self._edges_us[place] = self._recorded_board_us(at_us)
         return self._edges_us
 
-    def _of_this_stretch(
-        self, conversions: tuple[LoadcellSample, ...]
-    ) -> tuple[LoadcellSample, ...]:
+    def _weighed_until(self, sequence: int) -> list[LoadcellSample]:
+        """Conversions that came between the last poll and the one that saw this number."""
+        self._weighed.extend(self._rig.conversions())
+        found = []
+        while self._weighed and self._weighed[0].sequence <= sequence:
+            found.append(self._weighed.popleft())
+        return found
+
+    def _of_this_stretch(self, conversions: list[LoadcellSample]) -> tuple[LoadcellSample, ...]:
         """Conversions with numbers and times of the session."""
         earliest_us = (self._start_us + SEAM_US) * self._clock
         kept = [sample for sample in conversions if sample.board_time_us >= earliest_us]
+        first = self._conversions + 1
         self._conversions += len(kept)
-        first = self._conversions - len(kept) + 1
         return tuple(
-            replace(
-                sample, sequence=number, board_time_us=self._recorded_board_us(sample.board_time_us)
+            LoadcellSample(
+                number, self._recorded_board_us(one.board_time_us), one.raw_counts, one.force_g
             )
-            for number, sample in enumerate(kept, start=first)
+            for number, one in enumerate(kept, start=first)
         )

@@ -27,6 +27,7 @@ from rigctl.synth.operator import Operator
 from rigctl.synth.tape import Tape
 from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
 from rigctl.world.direct import DirectRig
+from rigctl.world.glances import Glance
 from rigctl.world.parameters import WorldParameters
 
 QUEUE_SAMPLES = 100_000
@@ -139,17 +140,21 @@ class Work:
         turner = self._rig.board.controller.turner
         rises, recording, started_s = turner.sync_count, False, self._tape.now_s
 
-        def look() -> None:
+        def look(polls: list[Glance]) -> None:
             nonlocal recording
-            if turner.sync_count == rises:
-                self._tape.listen()
-                return
-            if not recording and turner.sync_rise_us > turner.sync_fall_us:
-                self._tape.begin(turner.sync_rise_us)
-                recording = True
-            if recording:
-                self._tape.follow()
-                recording = turner.sync_high
+            inside: list[Glance] = []
+            for poll in polls:
+                if poll.sync_count == rises:
+                    self._tape.listen(poll)
+                    continue
+                if not recording and not inside and poll.sync_rise_us > poll.sync_fall_us:
+                    self._tape.begin(turner.sync_rise_us)
+                    recording = True
+                if recording:
+                    inside.append(poll)
+                    recording = poll.sync_high
+            if inside:
+                self._tape.follow(inside)
 
         self._operator.turn(look)
         self._keep(self._tape.end())

@@ -6,18 +6,20 @@ is what the bytes cost: frames, Modbus, polls. So it goes many times as fast.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.values import DrumState, LoadcellSample
+from rigctl.values import LoadcellSample
 from rigctl.wire.drum_map import RING_DEPTH, Command, CommandResult
 from rigctl.wire.drum_states import State
 from rigctl.wire.registers import plan_writes, register, words_of
 from rigctl.world.bench import Bench
+from rigctl.world.glances import Glance, glances, shot_of
 from rigctl.world.parameters import WorldParameters
-from rigctl.world.press_kernel import DONE, SETTLED_NOW, STOPPED, TOUCHED
+from rigctl.world.press_kernel import DONE, SETTLED_NOW, SHOT_EVERY_US, STOPPED, TOUCHED
 from rigctl.world.simulation import TAXELS, SimulatedLink
 from rigctl.world.skin import SLOT_US
 from rigctl.world.stretch import LONGEST_US, Stretch
@@ -93,6 +95,7 @@ class DirectRig(VirtualRig):
         self.board: VirtualDrum = self._drum
         self._stretch = Stretch(bench, self.board.controller, self.board.registers)
         self._eventful = False
+        self._polls: list[Glance] = []
         self._sequence = 0
         self._conversions = 0
 
@@ -123,34 +126,25 @@ class DirectRig(VirtualRig):
         answer = self.board.registers.write(entries[0].address, words)
         return answer.name == "OK"
 
-    def poll(self) -> DrumState:
-        """What a poll of the drum would show now, with the conversions since the last one.
+    def watch(self) -> None:
+        """Poll every :data:`press_kernel.SHOT_EVERY_US` from now on, for :meth:`polls`."""
+        self._stretch.shot_us = self.time_us + SHOT_EVERY_US
 
-        Times are the world's and the board's own, not wrapped.
-        """
-        brain, now_us = self.board.controller, self.time_us
-        raw = self.board.report("poll")
-        return DrumState(
-            at_s=now_us * 1e-6,
-            board_time_us=brain.board_us(now_us),
-            state=int(brain.state),
-            fault=int(brain.fault),
-            fault_bits=raw["fault_bits"][0],
-            steps=raw["steps"][0],
-            angle_deg=raw["angle"][0] * register("angle").scale,
-            speed_mm_s=raw["speed"][0] * register("speed").scale,
-            force_g=raw["force"][0] * register("force").scale,
-            actuator_position_um=raw["actuator_position_um"][0],
-            actuator_drive_permille=raw["actuator_drive"][0],
-            sync_count=brain.turner.sync_count,
-            sync_rise_us=brain.board_us(brain.turner.sync_rise_us),
-            sync_fall_us=brain.board_us(brain.turner.sync_fall_us),
-            index_count=brain.turner.index_count,
-            status_bits=raw["status_bits"][0],
-            loadcell=tuple(self.conversions()),
-            loadcell_lost=0,
-            values={},
-        )
+    def unwatch(self) -> None:
+        """Poll no more."""
+        self._stretch.shot_us = math.inf
+
+    def polls(self) -> list[Glance]:
+        """Polls since the last call, oldest first. Watch, then look here after each move."""
+        if self._stretch.shot_us <= self.time_us:
+            self._stretch.shot_us += SHOT_EVERY_US
+            self._polls.append(self.poll())
+        polls, self._polls = self._polls, []
+        return polls
+
+    def poll(self) -> Glance:
+        """What a poll of the drum would show now."""
+        return glances(self.board, [shot_of(self.board, self.time_us)])[0]
 
     def pass_steps(self, step_us: int, most: int) -> None:
         """Let whole steps of time pass: until something happened in one, at most so many."""
@@ -180,6 +174,8 @@ class DirectRig(VirtualRig):
         """Run a stretch; why it ended."""
         marks, taken = self._bench.plant.index_rises, self.board.controller.cell.sequence
         news = self._stretch.run(until_us)
+        if self._stretch.shots:
+            self._polls += glances(self.board, self._stretch.shots)
         if self.board.controller.cell.sequence > taken:
             self.time_us = self.board.now_us = self.board.controller.now_us
         if news == STOPPED:
@@ -193,7 +189,10 @@ class DirectRig(VirtualRig):
             self._bench.log_truth()
 
     def conversions(self) -> list[LoadcellSample]:
-        """Load-cell samples since the last call, at most RING_DEPTH, oldest first."""
+        """Load-cell samples since the last call, at most RING_DEPTH, oldest first.
+
+        Times are the board's own, not wrapped.
+        """
         cell = self.board.controller.cell
         first = max(self._conversions, cell.sequence - RING_DEPTH)
         self._conversions = cell.sequence

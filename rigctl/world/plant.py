@@ -35,7 +35,7 @@ millisecond, what the load cell feels, and how many contacts there were since po
     FORCE,
     _CONTACTS,
     _TOUCHING,
-    _INDEX_HIGH,
+    INDEX_HIGH,
     _INDEX_RISES,
     _INDEX_RISE_US,
     _JAMMED,
@@ -203,8 +203,8 @@ def _watch_index(s: _Floats, c: _Floats, before: float) -> bool:
     """True when the index mark began in this millisecond."""
     angle = _around(s[_PLACE], c[_C_TURN])
     high = angle < c[_C_INDEX]
-    began = high and not s[_INDEX_HIGH]
-    s[_INDEX_HIGH] = high
+    began = high and not s[INDEX_HIGH]
+    s[INDEX_HIGH] = high
     if began:
         step = s[_PLACE] - before
         inside = angle if step > 0.0 else c[_C_INDEX] - angle
@@ -268,7 +268,7 @@ class Plant:
         self.state[ROD] = parameters.actuator_start_mm
         self.state[_PLACE] = parameters.start_mm
         angle_mm = parameters.start_mm % parameters.circumference_mm
-        self.state[_INDEX_HIGH] = angle_mm < parameters.index_length_mm
+        self.state[INDEX_HIGH] = angle_mm < parameters.index_length_mm
         self.log[:, DRUM_MM] = parameters.start_mm
         self.log[:, DEPTH_MM] = parameters.actuator_start_mm - parameters.contact_mm
 
@@ -336,12 +336,16 @@ class Plant:
     @property
     def potentiometer(self) -> int:
         """Reading of the position potentiometer, counts."""
-        return int(self.rod_mm * self.counts_per_mm + 0.5)
+        return self.potentiometer_at(self.rod_mm)
+
+    def potentiometer_at(self, rod_mm: float) -> int:
+        """Reading for another travel of the actuator."""
+        return int(rod_mm * self.counts_per_mm + 0.5)
 
     @property
     def index_high(self) -> bool:
         """Whether the index mark stands under its sensor."""
-        return bool(self.state[_INDEX_HIGH])
+        return bool(self.state[INDEX_HIGH])
 
     @property
     def index_rises(self) -> int:

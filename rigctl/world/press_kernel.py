@@ -35,7 +35,7 @@ from rigctl.world.drum_force import (
 from rigctl.world.drum_loadcell import FROZEN_RUN
 from rigctl.world.drum_presser import FAR_MM_S, MOST_MM_S, NEAR_MM, SEARCH_MM_S
 from rigctl.world.loadcell import FULL_SCALE
-from rigctl.world.plant import FELT_G, FORCE, RING_MS, ROD, TIME_MS, Motion, pass_millisecond
+from rigctl.world.plant import FELT_G, FORCE, INDEX_HIGH, RING_MS, ROD, TIME_MS, Motion, pass_millisecond
 
 (
     NEXT_US,
@@ -52,6 +52,8 @@ from rigctl.world.plant import FELT_G, FORCE, RING_MS, ROD, TIME_MS, Motion, pas
     LOW_MM,
     HIGH_MM,
     TAKEN,
+    SHOT_US,
+    SHOTS,
     SINE,
     COSINE,
     STIFFNESS,
@@ -69,7 +71,7 @@ from rigctl.world.plant import FELT_G, FORCE, RING_MS, ROD, TIME_MS, Motion, pas
     SUM_XX,
     SUM_XY,
     STATE_SIZE,
-) = range(31)
+) = range(33)
 """What changes, float64; from SINE on the numbers of the force loop."""
 
 (
@@ -110,6 +112,9 @@ from rigctl.world.plant import FELT_G, FORCE, RING_MS, ROD, TIME_MS, Motion, pas
 
 DONE, STOPPED, TOUCHED, SETTLED_NOW, DECLINED = 0, 1, 2, 4, 8
 """Why the kernel came back: bits, because a conversion may touch and settle at once."""
+
+SHOT_EVERY_US = 100_000.0
+"""Polls are so far apart."""
 
 _DECAY = math.exp(-PERIOD_S / LAG_S)
 _LATE = DELAY_S / PERIOD_S
@@ -294,6 +299,21 @@ def _convert(s: _Floats, log: _Floats, m: _Floats, k: _Floats, noise: float) -> 
     return True
 
 
+@inlined
+def _shoot(s: _Floats, m: _Floats, shots: _Floats, taken: int) -> None:
+    """Note what a poll would find now."""
+    shot = shots[int(m[SHOTS])]
+    shot[0] = m[SHOT_US]
+    shot[1] = taken
+    shot[2] = s[ROD]
+    shot[3] = m[FORCE_G]
+    shot[4] = m[DUTY]
+    shot[5] = m[SETTLED]
+    shot[6] = s[INDEX_HIGH]
+    m[SHOTS] += 1.0
+    m[SHOT_US] += SHOT_EVERY_US
+
+
 def _source_digest() -> str:
     """Names the sources of what is compiled in, all but this file's."""
     texts = (Path(str(module.__file__)).read_bytes() for module in _SOURCES)
@@ -317,6 +337,7 @@ def _kernel(digest: str) -> Callable[..., Any]:
         noise: NDArray[np.float32],
         raws: NDArray[np.int64],
         times_us: NDArray[np.int64],
+        shots: _Floats,
         last_us: int,
     ) -> int:
         if digest == "":
@@ -324,13 +345,17 @@ def _kernel(digest: str) -> Callable[..., Any]:
         motion = Motion(k[FROM_US], k[TRAVEL_MM], k[SPEED_MM_S], k[ACCELERATION])
         taken = 0
         while True:
-            until_ms = int(min(m[NEXT_US], float(last_us))) // 1000
+            shot_us = m[SHOT_US]
+            until_ms = int(min(m[NEXT_US], float(last_us), shot_us)) // 1000
             while s[TIME_MS] < until_ms:
                 marked = pass_millisecond(s, c, log, footprint, motion, m[DUTY])
                 if marked or s[ROD] <= m[LOW_MM] or s[ROD] >= m[HIGH_MM]:
                     m[TAKEN] = taken
                     return STOPPED
             at_us = m[NEXT_US]
+            if shot_us < at_us and shot_us <= last_us:
+                _shoot(s, m, shots, taken)
+                continue
             if at_us > last_us:
                 m[TAKEN] = taken
                 return DONE

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from rigctl.wire.drum_map import ForceMode
@@ -10,9 +12,11 @@ from rigctl.world import press_kernel as kernel
 from rigctl.world.bench import Bench
 from rigctl.world.drum_controller import Controller
 from rigctl.world.drum_registers import RegisterBank
+from rigctl.world.glances import Shot
 from rigctl.world.simulation import LoadcellFault
 
 LONGEST_US = 2_000_000
+MOST_SHOTS = 24
 MOST_CONVERSIONS = 200
 """More than there are in the longest stretch, whatever the amplifier's clock."""
 
@@ -21,7 +25,11 @@ _PRESSING = ("approach", "force_loop")
 
 
 class Stretch:
-    """Runs the bench under one boot of the drum board. The same to the bit as without it."""
+    """Runs the bench under one boot of the drum board. The same to the bit as without it.
+
+    From world time ``shot_us`` on it shoots every :data:`press_kernel.SHOT_EVERY_US`; ``shots``
+    are those of the last :meth:`run`.
+    """
 
     def __init__(self, bench: Bench, controller: Controller, bank: RegisterBank) -> None:
         self._bench = bench
@@ -31,6 +39,9 @@ class Stretch:
         self._given = np.zeros(kernel.GIVEN_SIZE)
         self._raws = np.zeros(MOST_CONVERSIONS, np.int64)
         self._times_us = np.zeros(MOST_CONVERSIONS, np.int64)
+        self._shots = np.zeros((MOST_SHOTS, len(Shot._fields)))
+        self.shot_us = math.inf
+        self.shots: list[Shot] = []
         self._given[: kernel.CLOCK] = self._bench_numbers()
 
     @property
@@ -67,10 +78,12 @@ class Stretch:
                 noise,
                 self._raws,
                 self._times_us,
+                self._shots,
                 until_us,
             )
         )
         taken = int(self._state[kernel.TAKEN])
+        self._collect(self._brain.cell.sequence)
         if taken:
             self._store(taken, bool(news & kernel.TOUCHED))
         return news
@@ -95,6 +108,8 @@ class Stretch:
             actuator.duty,
             actuator.owed_mm,
             *actuator.limits_mm,
+            0,
+            self.shot_us,
             0,
         )
         self._state[LOOP] = presser.force.numbers
@@ -139,6 +154,15 @@ class Stretch:
             brain.turner.zero_mm,
             *brain.turner.motion.motion,
         )
+
+    def _collect(self, sequence: int) -> None:
+        self.shot_us = float(self._state[kernel.SHOT_US])
+        self.shots = [
+            Shot(int(at_us), sequence + int(taken), rod_mm, force_g, duty, bool(settled), bool(high))
+            for at_us, taken, rod_mm, force_g, duty, settled, high in self._shots[
+                : int(self._state[kernel.SHOTS])
+            ].tolist()
+        ]
 
     def _store(self, taken: int, touched: bool) -> None:
         numbers = self._state.tolist()

@@ -42,7 +42,7 @@ class VirtualDrum:
     """
 
     def __init__(self, bench: Bench, link: SimulatedLink) -> None:
-        self._bench = bench
+        self.bench = bench
         self._link = link
         self._clock = 1.0 + bench.parameters.drum_clock_ppm * 1e-6
         self._motion = DrumMotion()
@@ -63,7 +63,7 @@ class VirtualDrum:
         self._bank = RegisterBank(self)
         self._bank.restore(self._saved)
         self._slave = ModbusSlave(self._bank)
-        self.controller = Controller(self._bench, self._motion, self._bank, self._clock, at_us)
+        self.controller = Controller(self.bench, self._motion, self._bank, self._clock, at_us)
         self.controller.saved = self._saved
 
     @property
@@ -160,7 +160,7 @@ class VirtualDrum:
         return self._report_state() | self._report_motion() | self._report_loadcell()
 
     def _report_identity(self) -> Values:
-        p = self._bench.parameters
+        p = self.bench.parameters
         return {
             "magic": (MAGIC,),
             "map_version": (MAP_VERSION,),
@@ -188,14 +188,14 @@ class VirtualDrum:
             "heartbeat_seen": (self._bank.settings["heartbeat"],),
             "crc_errors": (self._slave.crc_errors & _U16,),
             "late_ticks": (0,),
-            "status_bits": (self._status_bits(),),
+            "status_bits": (self.status_bits,),
             "last_contact_um": (contact_um,),
         }
 
     def _report_motion(self) -> Values:
         turner, actuator = self.controller.turner, self.controller.actuator
         speed = turner.speed_set_mm_s(self.now_us, self._bank.settings)
-        turn = self._bench.parameters.steps_per_turn
+        turn = self.bench.parameters.steps_per_turn
         return {
             "steps": (turner.steps(self.now_us),),
             "angle": (int(36000 * turner.angle_steps(self.now_us) / turn),),
@@ -229,15 +229,17 @@ class VirtualDrum:
             "index_error_steps": (error_steps,),
         }
 
-    def _status_bits(self) -> int:
+    @property
+    def status_bits(self) -> int:
+        """What :class:`Status` names, as bits."""
         c = self.controller
         shown = {
             Status.SYNC_HIGH: c.turner.sync_high,
-            Status.INDEX_HIGH: self._bench.plant.index_high,
+            Status.INDEX_HIGH: self.bench.plant.index_high,
             Status.FORCE_SETTLED: c.presser.settled,
             Status.IN_CONTACT: c.presser.in_contact,
             Status.SPEED_CONSTANT: self._motion.constant,
-            Status.ESTOP_CLOSED: not self._bench.disturbances.estop_pressed,
+            Status.ESTOP_CLOSED: not self.bench.disturbances.estop_pressed,
             Status.END_UP: c.actuator.at_upper_end,
             Status.END_DOWN: c.actuator.at_lower_end,
             Status.HOMED: c.turner.homed,
