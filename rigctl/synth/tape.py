@@ -7,14 +7,14 @@ clock and the world's own log all leave out the same whole number of frames.
 from __future__ import annotations
 
 import math
-from collections import deque
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from rigctl.session.truth import TruthLog
 from rigctl.values import Block, DrumState, LoadcellSample
-from rigctl.world.direct import DirectRig
+from rigctl.world.direct import Conversions, DirectRig
 from rigctl.world.glances import Glance
 
 LEAD_US = 110_000
@@ -43,7 +43,7 @@ class Tape:
         self._next_frame = 0
         self._skipped_frames = 0
         self._polls: list[Glance] = []
-        self._weighed: deque[LoadcellSample] = deque()
+        self._later = rig.conversions()
         self._conversions = 0
         self._edges_us = [0, 0]
         self._start_us = 0.0
@@ -66,8 +66,7 @@ class Tape:
         self._start_us = self._tap.start_us(first)
         self._tap.skip_marks(math.floor(self._start_us))
         polls, self._polls = self._polls, []
-        for poll in polls:
-            self._tell(poll)
+        self._tell(polls)
 
     def follow(self, polls: Sequence[Glance]) -> None:
         """Record these polls, and samples up to the last of them."""
@@ -77,8 +76,7 @@ class Tape:
         self._next_frame = behind
         at_s = self._recorded_us(polls[-1].at_us) * 1e-6
         self._on_block(Block(numbers, frames.samples, frames.flags, frames.edges, (), at_s))
-        for poll in polls:
-            self._tell(poll)
+        self._tell(polls)
 
     def end(self) -> TruthLog:
         """The stretch ends with the last :meth:`follow`; what the world logged meanwhile."""
@@ -93,14 +91,27 @@ class Tape:
         return world_us - self._skipped_frames * self._tap.frame_us
 
     def _recorded_board_us(self, board_us: int) -> int:
-        return math.floor(board_us - self._skipped_frames * self._tap.frame_us * self._clock)
+        return math.floor(board_us - self._skipped_board_us)
 
-    def _tell(self, poll: Glance) -> None:
-        loadcell = self._weighed_until(poll.sequence)
-        if poll.at_us < self._start_us + SEAM_US:
+    @property
+    def _skipped_board_us(self) -> float:
+        return self._skipped_frames * self._tap.frame_us * self._clock
+
+    def _tell(self, polls: Sequence[Glance]) -> None:
+        """Show the polls of this stretch, each with the conversions since the one before."""
+        polls = [poll for poll in polls if poll.at_us >= self._start_us + SEAM_US]
+        if not polls:
             return
+        numbers, samples = self._weighed(polls[-1].sequence)
+        first = 0
+        for poll in polls:
+            behind = bisect_right(numbers, poll.sequence)
+            self._on_drum(self._shown(poll, tuple(samples[first:behind])))
+            first = behind
+
+    def _shown(self, poll: Glance, loadcell: tuple[LoadcellSample, ...]) -> DrumState:
         rise_us, fall_us = self._edges(poll)
-        shown = DrumState(
+        return DrumState(
             at_s=self._recorded_us(poll.at_us) * 1e-6,
             board_time_us=self._recorded_board_us(poll.board_time_us),
             state=poll.state,
@@ -117,11 +128,10 @@ class Tape:
             sync_fall_us=fall_us,
             index_count=poll.index_count,
             status_bits=poll.status_bits,
-            loadcell=self._of_this_stretch(loadcell),
+            loadcell=loadcell,
             loadcell_lost=0,
             values={},
         )
-        self._on_drum(shown)
 
     def _edges(self, poll: Glance) -> list[int]:
         """Session times of the last edges; those before this stretch stay where they were."""
@@ -130,23 +140,21 @@ class Tape:
                 self._edges_us[place] = self._recorded_board_us(at_us)
         return self._edges_us
 
-    def _weighed_until(self, sequence: int) -> list[LoadcellSample]:
-        """Conversions that came between the last poll and the one that saw this number."""
-        self._weighed.extend(self._rig.conversions())
-        found = []
-        while self._weighed and self._weighed[0].sequence <= sequence:
-            found.append(self._weighed.popleft())
-        return found
-
-    def _of_this_stretch(self, conversions: list[LoadcellSample]) -> tuple[LoadcellSample, ...]:
-        """Conversions with numbers and times of the session."""
-        earliest_us = (self._start_us + SEAM_US) * self._clock
-        kept = [sample for sample in conversions if sample.board_time_us >= earliest_us]
+    def _weighed(self, newest: int) -> tuple[list[int], list[LoadcellSample]]:
+        """Conversions of this stretch up to this one, not yet told: the board's numbers of them,
+        and they with numbers and times of the session."""
+        fresh = self._rig.conversions()
+        known = Conversions(*map(np.concatenate, zip(self._later, fresh, strict=True)))
+        early = known.board_us < (self._start_us + SEAM_US) * self._clock
+        late = known.sequence > newest
+        self._later, told = known.where(late), known.where(~early & ~late)
         first = self._conversions + 1
-        self._conversions += len(kept)
-        return tuple(
-            LoadcellSample(
-                number, self._recorded_board_us(one.board_time_us), one.raw_counts, one.force_g
-            )
-            for number, one in enumerate(kept, start=first)
+        self._conversions += told.sequence.size
+        samples = map(
+            LoadcellSample,
+            range(first, first + told.sequence.size),
+            np.floor(told.board_us - self._skipped_board_us).astype(np.int64).tolist(),
+            told.raw_counts.tolist(),
+            told.force_g.tolist(),
         )
+        return told.sequence.tolist(), list(samples)

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.values import LoadcellSample
-from rigctl.wire.drum_map import RING_DEPTH, Command, CommandResult
+from rigctl.wire.drum_map import Command, CommandResult
 from rigctl.wire.drum_states import State
 from rigctl.wire.registers import plan_writes, register, words_of
 from rigctl.world.bench import Bench
@@ -29,6 +28,7 @@ from rigctl.world.virtual_taxels import BOOT_US, FRAME_US, VirtualTaxels
 
 NEVER_US = 1 << 62
 FOLLOW_MS = 1500
+NOTHING: tuple[NDArray[np.int64], NDArray[np.int64]] = (np.zeros(0, np.int64),) * 2
 
 
 class Frames(NamedTuple):
@@ -37,6 +37,19 @@ class Frames(NamedTuple):
     samples: NDArray[np.uint16]
     flags: NDArray[np.uint8]
     edges: NDArray[np.uint8]
+
+
+class Conversions(NamedTuple):
+    """Load-cell samples with the board's number and time, each (n,): int64, force in float64."""
+
+    sequence: NDArray[np.int64]
+    board_us: NDArray[np.int64]
+    raw_counts: NDArray[np.int64]
+    force_g: NDArray[np.float64]
+
+    def where(self, chosen: NDArray[np.bool_]) -> Conversions:
+        """Some of them."""
+        return Conversions(*(column[chosen] for column in self))
 
 
 class TaxelTap(VirtualTaxels):
@@ -97,7 +110,7 @@ class DirectRig(VirtualRig):
         self._eventful = False
         self._polls: list[Glance] = []
         self._sequence = 0
-        self._conversions = 0
+        self._converted = [NOTHING]
 
     @property
     def state(self) -> State:
@@ -174,6 +187,7 @@ class DirectRig(VirtualRig):
         """Run a stretch; why it ended."""
         marks, taken = self._bench.plant.index_rises, self.board.controller.cell.sequence
         news = self._stretch.run(until_us)
+        self._converted.append((self._stretch.raws, self._stretch.board_us))
         if self._stretch.shots:
             self._polls += glances(self.board, self._stretch.shots)
         if self.board.controller.cell.sequence > taken:
@@ -188,20 +202,20 @@ class DirectRig(VirtualRig):
         if self._bench.plant.time_ms - self._bench.logged_ms > FOLLOW_MS:
             self._bench.log_truth()
 
-    def conversions(self) -> list[LoadcellSample]:
-        """Load-cell samples since the last call, at most RING_DEPTH, oldest first.
-
-        Times are the board's own, not wrapped.
-        """
+    def conversions(self) -> Conversions:
+        """Load-cell samples since the last call, oldest first. Times are not wrapped."""
         cell = self.board.controller.cell
-        first = max(self._conversions, cell.sequence - RING_DEPTH)
-        self._conversions = cell.sequence
-        return [
-            LoadcellSample(
-                number,
-                cell.time_us[number % RING_DEPTH],
-                cell.raw[number % RING_DEPTH],
-                (cell.raw[number % RING_DEPTH] - cell.tare_counts) * cell.ug_per_count * 1e-6,
-            )
-            for number in range(first + 1, cell.sequence + 1)
-        ]
+        raws = np.concatenate([raws for raws, _ in self._converted])
+        board_us = np.concatenate([board_us for _, board_us in self._converted])
+        self._converted = [NOTHING]
+        sequence = np.arange(cell.sequence + 1 - raws.size, cell.sequence + 1)
+        force_g = (raws - cell.tare_counts) * cell.ug_per_count * 1e-6
+        return Conversions(sequence, board_us, raws, force_g)
+
+    def _convert(self, at_us: int) -> None:
+        """One conversion as the boards do it, noted."""
+        cell = self.board.controller.cell
+        before = cell.sequence
+        super()._convert(at_us)
+        if cell.sequence > before:
+            self._converted.append((np.array([cell.newest]), np.array([cell.newest_us])))

@@ -10,6 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rigctl.wire.drum_map import SETTINGS, Command, CommandResult
 from rigctl.wire.drum_states import LIFT_FAULTS, OUTPUTS, Event, Fault, State, next_state
 from rigctl.world.bench import Bench
@@ -76,6 +79,11 @@ class Controller:
     def board_us(self, at_us: int) -> int:
         """The board's own clock, not wrapped."""
         return int((at_us - self._boot_us) * self.clock)
+
+    def board_times_us(self, at_us: NDArray[np.int64]) -> NDArray[np.int64]:
+        """:meth:`board_us` of many instants."""
+        times: NDArray[np.int64] = ((at_us - self._boot_us) * self.clock).astype(np.int64)
+        return times
 
     def pass_time(self, now_us: int) -> None:
         """Do what is due by now."""

@@ -27,7 +27,8 @@ _PRESSING = ("approach", "force_loop")
 class Stretch:
     """Runs the bench under one boot of the drum board. The same to the bit as without it.
 
-    From world time ``shot_us`` on it shoots every :data:`press_kernel.SHOT_EVERY_US`; ``shots``
+    ``raws`` and ``board_us``, int64 (n,), are the conversions of the last :meth:`run`, in counts
+    and the board's time. From world time ``shot_us`` on it shoots every :data:`press_kernel.SHOT_EVERY_US`; ``shots``
     are those of the last :meth:`run`.
     """
 
@@ -42,6 +43,7 @@ class Stretch:
         self._shots = np.zeros((MOST_SHOTS, len(Shot._fields)))
         self.shot_us = math.inf
         self.shots: list[Shot] = []
+        self.raws = self.board_us = np.zeros(0, np.int64)
         self._given[: kernel.CLOCK] = self._bench_numbers()
 
     @property
@@ -84,6 +86,8 @@ class Stretch:
         )
         taken = int(self._state[kernel.TAKEN])
         self._collect(self._brain.cell.sequence)
+        self.raws = self._raws[:taken].copy()
+        self.board_us = self._brain.board_times_us(self._times_us[:taken])
         if taken:
             self._store(taken, bool(news & kernel.TOUCHED))
         return news
@@ -168,16 +172,16 @@ class Stretch:
         numbers = self._state.tolist()
         brain = self._brain
         seen, settings = brain.cell, self._bank.settings
-        times_us, raws = self._times_us[:taken].tolist(), self._raws[:taken].tolist()
+        raws, board_us = self.raws.tolist(), self.board_us.tolist()
         self._bench.loadcell.converted(
             taken, int(numbers[kernel.NEXT_US]), numbers[kernel.CREPT], raws[-1]
         )
         seen.tare_counts, seen.ug_per_count = settings["tare_counts"], settings["scale_ug_per_count"]
-        seen.taken(raws, [brain.board_us(at_us) for at_us in times_us], int(numbers[kernel.EQUAL_RUN]))
+        seen.taken(raws, board_us, int(numbers[kernel.EQUAL_RUN]))
         seen.weigh()
         if self._given[kernel.PRESSES]:
             self._restore_press(numbers, touched)
-        brain.converted(times_us[-1], touched)
+        brain.converted(int(self._times_us[taken - 1]), touched)
 
     def _restore_press(self, numbers: list[float], touched: bool) -> None:
         presser = self._brain.presser
