@@ -24,6 +24,10 @@ from rigctl.synth.work import Work
 from rigctl.world.parameters import WorldParameters
 
 METHOD = "direct"
+GENERATOR = 2
+"""Goes up when one seed no longer gives the same session. 2: polls and blocks in batches; the
+samples are still those of 1."""
+
 BYTES_PER_SECOND = 62_000
 """Samples, polls, load cell, truth; measured, rounded up."""
 
@@ -118,5 +122,10 @@ def _header(order: Order) -> SessionHeader:
         software_version=__version__,
         encoder_preset=config.encoder.preset,
         n_taxels=config.taxels.count,
-        simulation={"seed": order.seed, "method": METHOD, "world": asdict(WorldParameters())},
+        simulation={
+            "seed": order.seed,
+            "method": METHOD,
+            "generator": GENERATOR,
+            "world": asdict(WorldParameters()),
+        },
     )

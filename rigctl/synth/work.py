@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import singledispatchmethod
 from pathlib import Path
 from typing import Any
@@ -39,10 +40,13 @@ TRUTH_ROWS = 1_000_000
 class Work:
     """Takes the steps of a plan and records what belongs to the session."""
 
-    def __init__(self, protocol: Protocol, seed: int, folder: Path, recorder: Recorder) -> None:
+    def __init__(
+        self, protocol: Protocol, seed: int, folder: Path, recorder: Recorder, workers: int = 2
+    ) -> None:
         self._folder = folder
         self._recorder = recorder
-        self._rig = DirectRig(WorldParameters(), seed)
+        self._helper = ThreadPoolExecutor(1, "noise") if workers > 1 else None
+        self._rig = DirectRig(WorldParameters(), seed, self._helper)
         self._operator = Operator(self._rig, protocol.config, protocol.settle)
         self._tape = Tape(self._rig, self._take_block, self._take_drum)
         self._quality = protocol.quality
@@ -61,6 +65,8 @@ class Work:
         if self._reason == "start":  # nothing was recorded
             self._recorder.begin_part(self._reason, self._texture)
         self._write_truth()
+        if self._helper is not None:
+            self._helper.shutdown(cancel_futures=True)
 
     @singledispatchmethod
     def perform(self, step: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 
 import numpy as np
 
@@ -21,15 +22,19 @@ LOG_EVERY_MS = 500
 class Bench:
     """One simulated bench, the same for a seed. The boards around it move its time.
 
+    ``helper`` may make noise ahead of its time.
+
     Raises WrongUse when a parameter lies outside its plausible range.
     """
 
-    def __init__(self, parameters: WorldParameters, seed: int) -> None:
+    def __init__(
+        self, parameters: WorldParameters, seed: int, helper: Executor | None = None
+    ) -> None:
         self.parameters = checked(parameters)
         self.seed = seed
         self.disturbances = Disturbances()
         self.plant = Plant(parameters)
-        self.skin = Skin(parameters, seed, self.plant)
+        self.skin = Skin(parameters, seed, self.plant, helper)
         self.loadcell = Loadcell(parameters, seed, self.plant, self.disturbances)
         self._truth = Truth()
         self.logged_ms = 0

@@ -7,6 +7,7 @@ is what the bytes cost: frames, Modbus, polls. So it goes many times as fast.
 from __future__ import annotations
 
 import math
+from concurrent.futures import Executor
 from typing import NamedTuple
 
 import numpy as np
@@ -95,13 +96,16 @@ class TaxelTap(VirtualTaxels):
 class DirectRig(VirtualRig):
     """One bench with the virtual drum's registers at hand. The same for a seed and calls.
 
-    The drum never misses its computer: the rig beats by itself.
+    The drum never misses its computer: the rig beats by itself. ``helper`` may make noise ahead
+    of its time.
 
     Raises WrongUse when a parameter lies outside its plausible range.
     """
 
-    def __init__(self, parameters: WorldParameters, seed: int) -> None:
-        bench = Bench(parameters, seed)
+    def __init__(
+        self, parameters: WorldParameters, seed: int, helper: Executor | None = None
+    ) -> None:
+        bench = Bench(parameters, seed, helper)
         self.tap = TaxelTap(bench)
         super().__init__(bench, self.tap)
         self.parameters = parameters

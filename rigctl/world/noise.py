@@ -5,6 +5,7 @@ Every source has a stream of its own; row *n* of a stream depends on seed, strea
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, Future
 from enum import IntEnum
 
 import numpy as np
@@ -33,13 +34,20 @@ def generator(seed: int, stream: Stream, counter: int = 0) -> np.random.Generato
 
 
 class NoiseRows:
-    """An endless table of standard normal rows, float32 (…, width), made in blocks."""
+    """An endless table of standard normal rows, float32 (…, width), made in blocks.
 
-    def __init__(self, seed: int, stream: Stream, width: int) -> None:
+    ``helper`` makes the block behind the one that is asked for, while others go on.
+    """
+
+    def __init__(
+        self, seed: int, stream: Stream, width: int, helper: Executor | None = None
+    ) -> None:
         self._seed = seed
         self._stream = stream
         self._width = width
+        self._helper = helper
         self._blocks: dict[int, NDArray[np.float32]] = {}
+        self._coming: dict[int, Future[NDArray[np.float32]]] = {}
 
     def rows(self, first: int, count: int) -> NDArray[np.float32]:
         """Rows ``first`` … ``first + count - 1``; asked for in rising order."""
@@ -52,6 +60,12 @@ class NoiseRows:
     def _block(self, number: int) -> NDArray[np.float32]:
         if number not in self._blocks:
             self._blocks = {k: v for k, v in self._blocks.items() if k >= number - 1}
-            random = generator(self._seed, self._stream, number)
-            self._blocks[number] = random.standard_normal((BLOCK_ROWS, self._width), np.float32)
+            coming = self._coming.pop(number, None)
+            self._blocks[number] = coming.result() if coming else self._make(number)
+            if self._helper is not None:
+                self._coming = {number + 1: self._helper.submit(self._make, number + 1)}
         return self._blocks[number]
+
+    def _make(self, number: int) -> NDArray[np.float32]:
+        random = generator(self._seed, self._stream, number)
+        return random.standard_normal((BLOCK_ROWS, self._width), np.float32)

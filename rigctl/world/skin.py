@@ -8,6 +8,7 @@ travel, column ``i % 3`` across it, top layer for *i* < 9.
 from __future__ import annotations
 
 import math
+from concurrent.futures import Executor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,12 +141,18 @@ class Skin:
     each taxel's divider gives at that world millisecond, without the converter's noise.
     """
 
-    def __init__(self, parameters: WorldParameters, seed: int, plant: Plant) -> None:
+    def __init__(
+        self,
+        parameters: WorldParameters,
+        seed: int,
+        plant: Plant,
+        helper: Executor | None = None,
+    ) -> None:
         self._p = parameters
         self._seed = seed
         self._plant = plant
-        self._friction = NoiseRows(seed, Stream.FRICTION, N_TAXELS)
-        self._adc = NoiseRows(seed, Stream.ADC, N_TAXELS)
+        self._friction = NoiseRows(seed, Stream.FRICTION, N_TAXELS, helper)
+        self._adc = NoiseRows(seed, Stream.ADC, N_TAXELS, helper)
         self._constants = _constants(parameters)
         self._own_gains = _gains(parameters, seed)
         self._taxels = np.stack([*_places(parameters), self._own_gains])
