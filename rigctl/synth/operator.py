@@ -102,9 +102,7 @@ class Operator:
         """Run-in, window, ramp down; ``on_polls`` gets the polls since the last call, in time."""
         self._give(Command.RUN)
         self.rig.watch()
-        self._wait_for(
-            self._ended(State.HOLD), "the travel", lambda: on_polls(self.rig.polls())
-        )
+        self._wait_for(self._ended(State.HOLD), "the travel", lambda: on_polls(self.rig.polls()))
         self.rig.unwatch()
 
     def lift(self) -> None:

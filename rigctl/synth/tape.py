@@ -14,7 +14,7 @@ import numpy as np
 
 from rigctl.session.truth import TruthLog
 from rigctl.values import Block, DrumState, LoadcellSample
-from rigctl.world.direct import Conversions, DirectRig
+from rigctl.world.direct import DirectRig
 from rigctl.world.glances import Glance
 
 LEAD_US = 110_000
@@ -143,8 +143,7 @@ class Tape:
     def _weighed(self, newest: int) -> tuple[list[int], list[LoadcellSample]]:
         """Conversions of this stretch up to this one, not yet told: the board's numbers of them,
         and they with numbers and times of the session."""
-        fresh = self._rig.conversions()
-        known = Conversions(*map(np.concatenate, zip(self._later, fresh, strict=True)))
+        known = self._later.and_then(self._rig.conversions())
         early = known.board_us < (self._start_us + SEAM_US) * self._clock
         late = known.sequence > newest
         self._later, told = known.where(late), known.where(~early & ~late)

@@ -50,7 +50,17 @@ class Conversions(NamedTuple):
 
     def where(self, chosen: NDArray[np.bool_]) -> Conversions:
         """Some of them."""
-        return Conversions(*(column[chosen] for column in self))
+        sequence, board_us, raw_counts, force_g = self
+        return Conversions(sequence[chosen], board_us[chosen], raw_counts[chosen], force_g[chosen])
+
+    def and_then(self, later: Conversions) -> Conversions:
+        """These, then those."""
+        return Conversions(
+            np.concatenate([self.sequence, later.sequence]),
+            np.concatenate([self.board_us, later.board_us]),
+            np.concatenate([self.raw_counts, later.raw_counts]),
+            np.concatenate([self.force_g, later.force_g]),
+        )
 
 
 class TaxelTap(VirtualTaxels):

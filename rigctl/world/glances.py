@@ -58,9 +58,7 @@ def shot_of(board: VirtualDrum, at_us: int) -> Shot:
     brain, plant = board.controller, board.bench.plant
     cell, settled = brain.cell, brain.presser.settled
     duty = brain.actuator.duty
-    return Shot(
-        at_us, cell.sequence, plant.rod_mm, cell.force_g, duty, settled, plant.index_high
-    )
+    return Shot(at_us, cell.sequence, plant.rod_mm, cell.force_g, duty, settled, plant.index_high)
 
 
 def glances(board: VirtualDrum, shots: list[Shot]) -> list[Glance]:

@@ -35,7 +35,16 @@ from rigctl.world.drum_force import (
 from rigctl.world.drum_loadcell import FROZEN_RUN
 from rigctl.world.drum_presser import FAR_MM_S, MOST_MM_S, NEAR_MM, SEARCH_MM_S
 from rigctl.world.loadcell import FULL_SCALE
-from rigctl.world.plant import FELT_G, FORCE, INDEX_HIGH, RING_MS, ROD, TIME_MS, Motion, pass_millisecond
+from rigctl.world.plant import (
+    FELT_G,
+    FORCE,
+    INDEX_HIGH,
+    RING_MS,
+    ROD,
+    TIME_MS,
+    Motion,
+    pass_millisecond,
+)
 
 (
     NEXT_US,
@@ -258,7 +267,7 @@ def _step_loop(s: _Floats, m: _Floats, k: _Floats, now_us: float) -> None:
     from_us, travel, speed, acceleration = k[FROM_US], k[TRAVEL_MM], k[SPEED_MM_S], k[ACCELERATION]
     t = (now_us - from_us) * 1e-6
     place_mm = travel + t * (speed + 0.5 * acceleration * t)
-    steps = int(math.floor((place_mm - k[ZERO_MM]) / k[STEP_MM] + 1e-6))
+    steps = math.floor((place_mm - k[ZERO_MM]) / k[STEP_MM] + 1e-6)
     angle = 2.0 * math.pi * (steps % int(k[TURN_STEPS])) / k[TURN_STEPS]
     speed_mm_s = speed + acceleration * (now_us - from_us) * 1e-6
     rate = 2.0 * math.pi * speed_mm_s / (k[TURN_STEPS] * k[STEP_MM])
@@ -286,11 +295,7 @@ def _convert(s: _Floats, log: _Floats, m: _Floats, k: _Floats, noise: float) -> 
     raw = _weigh(s, log, m, k, noise)
     equal_run = m[EQUAL_RUN] + 1.0 if raw == m[NEWEST] else 0.0
     force_g = (raw - k[TARE]) * k[SCALE_UG] * 1e-6
-    if (
-        abs(raw) >= FULL_SCALE - 1
-        or equal_run + 1.0 >= FROZEN_RUN
-        or abs(force_g) > k[OVER_G]
-    ):
+    if abs(raw) >= FULL_SCALE - 1 or equal_run + 1.0 >= FROZEN_RUN or abs(force_g) > k[OVER_G]:
         m[CREPT] = crept
         return False
     m[EQUAL_RUN], m[NEWEST], m[FORCE_G] = equal_run, raw, force_g

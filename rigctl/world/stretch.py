@@ -28,8 +28,8 @@ class Stretch:
     """Runs the bench under one boot of the drum board. The same to the bit as without it.
 
     ``raws`` and ``board_us``, int64 (n,), are the conversions of the last :meth:`run`, in counts
-    and the board's time. From world time ``shot_us`` on it shoots every :data:`press_kernel.SHOT_EVERY_US`; ``shots``
-    are those of the last :meth:`run`.
+    and the board's time. From world time ``shot_us`` on it shoots every
+    :data:`press_kernel.SHOT_EVERY_US`; ``shots`` are those of the last :meth:`run`.
     """
 
     def __init__(self, bench: Bench, controller: Controller, bank: RegisterBank) -> None:
@@ -162,7 +162,9 @@ class Stretch:
     def _collect(self, sequence: int) -> None:
         self.shot_us = float(self._state[kernel.SHOT_US])
         self.shots = [
-            Shot(int(at_us), sequence + int(taken), rod_mm, force_g, duty, bool(settled), bool(high))
+            Shot(
+                int(at_us), sequence + int(taken), rod_mm, force_g, duty, bool(settled), bool(high)
+            )
             for at_us, taken, rod_mm, force_g, duty, settled, high in self._shots[
                 : int(self._state[kernel.SHOTS])
             ].tolist()
@@ -176,7 +178,10 @@ class Stretch:
         self._bench.loadcell.converted(
             taken, int(numbers[kernel.NEXT_US]), numbers[kernel.CREPT], raws[-1]
         )
-        seen.tare_counts, seen.ug_per_count = settings["tare_counts"], settings["scale_ug_per_count"]
+        seen.tare_counts, seen.ug_per_count = (
+            settings["tare_counts"],
+            settings["scale_ug_per_count"],
+        )
         seen.taken(raws, board_us, int(numbers[kernel.EQUAL_RUN]))
         seen.weigh()
         if self._given[kernel.PRESSES]:
