@@ -12,9 +12,18 @@ from typing import Final
 from rigctl.config import RigConfig
 from rigctl.errors import RigFault
 from rigctl.protocol import Settle
+from rigctl.run.drum_orders import (
+    FARTHEST_STEPS,
+    nearest,
+    press_settings,
+    rig_settings,
+    settle_settings,
+    start_steps,
+    trial_settings,
+)
 from rigctl.run.drum_watch import DrumWatch, command_ended
 from rigctl.values import DrumState, PlannedTrial
-from rigctl.wire.drum_map import Command, ForceMode
+from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import State
 
 LIFT_LIMIT_S = 20.0
@@ -22,8 +31,6 @@ TARE_LIMIT_S = 10.0
 HOME_LIMIT_S = 120.0
 SLOW_LIMIT_S = 20.0
 TRIM_STEP_PPM = 10
-FARTHEST_STEPS = 1_900_000
-"""Targets of MOVE end at two million steps; before that the drum homes and counts anew."""
 
 LIFTED: Final = (State.ARMED, State.IDLE)
 SHOWN_SETTINGS: Final = ("speed_set", "force_set", "acceleration_set", "travel_set", "run_in_set")
@@ -49,18 +56,10 @@ class Motion:
 
     async def configure(self) -> None:
         """Write what the rig's description says, and learn the other set-points."""
-        actuator, drum, signals = self.config.actuator, self.config.drum, self.config.signals
+        signals = self.config.signals
         await self.apply(
-            acceleration_set=drum.acceleration_mm_s2,
-            run_in_set=drum.run_in_mm,
-            move_speed_set=drum.rapid_mm_s,
-            over_force=self.config.limits.over_force_g,
-            lift_clearance_um=actuator.lift_clearance_mm * 1000,
-            approach_limit_um=actuator.approach_limit_mm * 1000,
-            approach_timeout_ms=actuator.approach_timeout_s * 1000,
-            stiffness_g_per_mm=actuator.stiffness_g_per_mm,
-            dead_band_permille=actuator.dead_band_permille,
-            scale_ug_per_count=self.config.loadcell.scale_ug_per_count,
+            **rig_settings(self.config),
+            approach_timeout_ms=self.config.actuator.approach_timeout_s * 1000,
             clock_trim_ppm=self.config.clocks.drum_ppm,
             optional_signals=signals.estop
             + 2 * signals.index
@@ -129,40 +128,25 @@ class Motion:
     async def move_to_start(self, trial: PlannedTrial) -> None:
         """Turn the lifted drum the short way to where the trial's run-in begins."""
         steps_now = (await self._fresh()).steps
-        target = self._nearest(self._start_steps(trial), steps_now)
+        target = self._start(trial, steps_now)
         if abs(target) > FARTHEST_STEPS:
             await self.home()
-            target = self._nearest(self._start_steps(trial), self.watch.healthy().steps)
+            target = self._start(trial, self.watch.healthy().steps)
         await self.apply(move_target=target)
         if target != self.watch.healthy().steps:
             await self._do(Command.MOVE, State.ARMED, HOME_LIMIT_S, "moving to the plate")
 
     async def set_trial(self, trial: PlannedTrial) -> None:
         """Write the trial's set-points."""
-        drum = self.config.drum
-        backward = (trial.direction == "backward") != drum.backwards
-        mode = _FORCE_MODES[trial.force_mode]
-        deep = mode is ForceMode.POSITION
-        press = {"depth_set_um": trial.depth_mm * 1000} if deep else {"force_set": trial.force_g}
-        await self.apply(
-            speed_set=trial.speed_mm_s,
-            travel_set=trial.travel_mm + drum.sync_margin_mm,
-            direction_set=float(backward),
-            force_mode=float(mode),
-            **press,
-        )
+        await self.apply(**trial_settings(trial, self.config.drum))
 
     async def set_press(self, force_g: float) -> None:
         """Write the force of an approach without travel."""
-        await self.apply(force_set=force_g, force_mode=float(ForceMode.HOLD))
+        await self.apply(**press_settings(force_g))
 
     async def set_settle(self, settle: Settle) -> None:
         """Write when the force counts as settled."""
-        await self.apply(
-            settle_band=settle.band_percent * 10,
-            settle_time_ms=settle.time_s * 1000,
-            approach_timeout_ms=settle.timeout_s * 1000,
-        )
+        await self.apply(**settle_settings(settle))
 
     async def trim(self) -> None:
         """Tell the board how fast its clock runs, where that is known better than it was."""
@@ -191,28 +175,12 @@ class Motion:
             lambda s: s.state == end and command_ended(s), limit_s, what, self.check
         )
 
-    def _start_steps(self, trial: PlannedTrial) -> int:
-        """Where the run-in begins, steps from the index mark within one turn."""
-        drum = self.config.drum
-        start_mm = drum.plate_start_mm
-        if trial.direction == "backward":
-            start_mm += drum.plate_length_mm
-        sign = -1 if drum.backwards else 1
-        return sign * round(start_mm * 1e6 / self._detail("nm_per_step"))
-
-    def _nearest(self, within_turn: int, steps_now: int) -> int:
-        turn = self._detail("steps_per_turn")
-        return within_turn + turn * round((steps_now - within_turn) / turn)
+    def _start(self, trial: PlannedTrial, steps_now: int) -> int:
+        within_turn = start_steps(trial, self.config.drum, self._detail("nm_per_step") / 1e6)
+        return nearest(within_turn, steps_now, self._detail("steps_per_turn"))
 
     def _detail(self, name: str) -> int:
         identity = self.watch.identity
         if identity is None or not identity.details.get(name):
             raise RigFault(f"the drum board did not say its {name}: load its firmware anew")
         return identity.details[name]
-
-
-_FORCE_MODES = {
-    "hold": ForceMode.HOLD,
-    "lock": ForceMode.LOCK,
-    "position": ForceMode.POSITION,
-}

@@ -7,9 +7,17 @@ from collections.abc import Callable
 from rigctl.config import RigConfig
 from rigctl.errors import BoardFault
 from rigctl.protocol import Settle
-from rigctl.run.motion import FARTHEST_STEPS
+from rigctl.run.drum_orders import (
+    FARTHEST_STEPS,
+    nearest,
+    press_settings,
+    rig_settings,
+    settle_settings,
+    start_steps,
+    trial_settings,
+)
 from rigctl.values import PlannedTrial
-from rigctl.wire.drum_map import Command, CommandResult, ForceMode
+from rigctl.wire.drum_map import Command, CommandResult
 from rigctl.wire.drum_states import Fault, State
 from rigctl.world.direct import DirectRig
 from rigctl.world.glances import Glance
@@ -27,13 +35,6 @@ QUIET_STEPS = 40
 """So many are passed at once where nobody looks at each."""
 
 LIMIT_US = 300_000_000
-_FORCE_MODES = {
-    "hold": ForceMode.HOLD,
-    "lock": ForceMode.LOCK,
-    "position": ForceMode.POSITION,
-}
-
-
 OnPolls = Callable[[list[Glance]], None]
 
 
@@ -45,7 +46,11 @@ class Operator:
         self._config = config
         self._homed = False
         self._wait_for(lambda: rig.state is State.IDLE, "booting")
-        self._configure(settle)
+        rig.set(
+            **rig_settings(config),
+            **settle_settings(settle),
+            clock_trim_ppm=round(rig.parameters.drum_clock_ppm),
+        )
         self._do(Command.ARM, State.ARMED)
 
     @property
@@ -77,14 +82,12 @@ class Operator:
 
     def prepare(self, trial: PlannedTrial) -> None:
         """Set-points of a trial, and the lifted move to where its run-in begins."""
-        self._set_trial(trial)
-        steps = self.rig.board.controller.turner.steps(self.now_us)
-        target = self._nearest(self._start_steps(trial), steps)
+        self.rig.set(**trial_settings(trial, self._config.drum))
+        steps, target = self._start(trial)
         if not self._homed or abs(target) > FARTHEST_STEPS:
             self._do(Command.HOME, State.ARMED)
             self._homed = True
-            steps = self.rig.board.controller.turner.steps(self.now_us)
-            target = self._nearest(self._start_steps(trial), steps)
+            steps, target = self._start(trial)
         self.rig.set(move_target=target)
         if target != steps:
             self._do(Command.MOVE, State.ARMED)
@@ -95,7 +98,7 @@ class Operator:
 
     def press(self, force_g: float) -> None:
         """Approach with this force, whatever the trials ask for."""
-        self.rig.set(force_set=force_g, force_mode=float(ForceMode.HOLD))
+        self.rig.set(**press_settings(force_g))
         self.approach()
 
     def turn(self, on_polls: OnPolls) -> None:
@@ -109,48 +112,11 @@ class Operator:
         """Lift off."""
         self._do(Command.RETRACT, State.ARMED)
 
-    def _configure(self, settle: Settle) -> None:
-        actuator, drum = self._config.actuator, self._config.drum
-        self.rig.set(
-            acceleration_set=drum.acceleration_mm_s2,
-            run_in_set=drum.run_in_mm,
-            move_speed_set=drum.rapid_mm_s,
-            over_force=self._config.limits.over_force_g,
-            lift_clearance_um=actuator.lift_clearance_mm * 1000,
-            approach_limit_um=actuator.approach_limit_mm * 1000,
-            approach_timeout_ms=settle.timeout_s * 1000,
-            stiffness_g_per_mm=actuator.stiffness_g_per_mm,
-            dead_band_permille=actuator.dead_band_permille,
-            scale_ug_per_count=self._config.loadcell.scale_ug_per_count,
-            clock_trim_ppm=round(self.rig.parameters.drum_clock_ppm),
-            settle_band=settle.band_percent * 10,
-            settle_time_ms=settle.time_s * 1000,
-        )
-
-    def _set_trial(self, trial: PlannedTrial) -> None:
-        backward = (trial.direction == "backward") != self._config.drum.backwards
-        mode = _FORCE_MODES[trial.force_mode]
-        deep = mode is ForceMode.POSITION
-        press = {"depth_set_um": trial.depth_mm * 1000} if deep else {"force_set": trial.force_g}
-        self.rig.set(
-            speed_set=trial.speed_mm_s,
-            travel_set=trial.travel_mm + self._config.drum.sync_margin_mm,
-            direction_set=float(backward),
-            force_mode=float(mode),
-            **press,
-        )
-
-    def _start_steps(self, trial: PlannedTrial) -> int:
-        drum = self._config.drum
-        start_mm = drum.plate_start_mm
-        if trial.direction == "backward":
-            start_mm += drum.plate_length_mm
-        sign = -1 if drum.backwards else 1
-        return sign * round(start_mm / self.rig.parameters.mm_per_step)
-
-    def _nearest(self, within_turn: int, steps_now: int) -> int:
-        turn = round(self.rig.parameters.steps_per_turn)
-        return within_turn + turn * round((steps_now - within_turn) / turn)
+    def _start(self, trial: PlannedTrial) -> tuple[int, int]:
+        """Where the drum stands and where the run-in begins, steps."""
+        p, steps_now = self.rig.parameters, self.rig.board.controller.turner.steps(self.now_us)
+        within_turn = start_steps(trial, self._config.drum, p.mm_per_step)
+        return steps_now, nearest(within_turn, steps_now, round(p.steps_per_turn))
 
     def _give(self, command: Command) -> None:
         if not self.rig.command(command):
