@@ -7,12 +7,16 @@ import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.interrupt import Interrupt
 from rigctl.cli.progress import clock
+from rigctl.errors import WrongUse
 from rigctl.resources import find_protocol
+
+if TYPE_CHECKING:
+    from rigctl.synth.generate import Order
 
 TELL_EVERY_S = 2.0
 
@@ -29,23 +33,54 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--repeats", type=int, metavar="N", help="instead of the protocol's")
     parser.add_argument("--seed", type=int, required=True, help="of the world and the order")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new session")
+    parser.add_argument(
+        "--sessions",
+        type=int,
+        metavar="N",
+        help="spread the repeats over N sessions below DIR, each with its own gains",
+    )
+    parser.add_argument(
+        "--workers", type=int, default=2, metavar="N", help="processors to use (default 2)"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with what is in DIR, if something is"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Make the data set; 0 when every trial is in it, 1 when some could not be committed."""
-    from rigctl.synth.generate import Order, generate, plan_of
+    from rigctl.synth.generate import Order, plan_of
 
-    plan = plan_of(find_protocol(args.plan), args.repeats, args.seed)
-    order = Order(plan, args.seed, args.out, datetime.now(UTC).isoformat(timespec="seconds"))
+    path = find_protocol(args.plan)
+    plan = plan_of(path, args.repeats, args.seed)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    order = Order(plan, args.seed, args.out, now, args.resume)
+    teller = Teller(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
     with Interrupt() as interrupt:
-        teller = Teller(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
-        whole = generate(order, teller.tell, interrupt.asked)
+        whole = _make(args, path, order, teller, interrupt)
     teller.finish()
-    print(f"session: {args.out}")
+    print(f"{'session' if args.sessions is None else 'sessions in'}: {args.out}")
     if not whole:
-        print("rigctl: interrupted; the session holds what was made", file=sys.stderr)
+        print(
+            "rigctl: interrupted; what was made is kept, the same command with --resume goes on",
+            file=sys.stderr,
+        )
         return INTERRUPTED
     return 0 if teller.committed == len(plan.trials) else 1
+
+
+def _make(
+    args: argparse.Namespace, path: Path, order: Order, teller: Teller, interrupt: Interrupt
+) -> bool:
+    from rigctl.synth.generate import generate
+    from rigctl.synth.several import generate_all, orders
+
+    if args.workers < 1:
+        raise WrongUse(f"--workers {args.workers}: at least one is needed")
+    if args.sessions is None:
+        return generate(order, teller.tell, interrupt.asked, args.workers)
+    split = orders(path, args.repeats, order, args.sessions)
+    return generate_all(split, teller.tell, interrupt.asked, args.workers)
 
 
 class Teller:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from rigctl import __version__
@@ -20,6 +20,8 @@ from rigctl.protocol import (
 from rigctl.run.opening import check_room
 from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import Recorder
+from rigctl.synth.sink import Sink
+from rigctl.synth.unfinished import Unfinished, forget_damaged_truth, look
 from rigctl.synth.work import Work
 from rigctl.world.parameters import WorldParameters
 
@@ -36,12 +38,16 @@ _REPEATS = re.compile(r"^repeats\s*=.*$", re.MULTILINE)
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What data set is wanted. ``seed`` orders the trials and shapes the world."""
+    """What data set is wanted. ``seed`` orders the trials and shapes the world.
+
+    With ``resume`` a session that is there is gone on with.
+    """
 
     plan: Plan
     seed: int
     folder: Path
     start_utc: str
+    resume: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,19 +81,33 @@ def _with_repeats(protocol: Protocol, repeats: int, name: str) -> Protocol:
 
 
 def generate(
-    order: Order, on_progress: Callable[[Progress], None], stop: Callable[[], bool]
+    order: Order,
+    on_progress: Callable[[Progress], None],
+    stop: Callable[[], bool],
+    workers: int = 1,
 ) -> bool:
     """Make the data set; False when ``stop`` ended it between two trials.
 
-    Raises SessionError, DiskFault and BoardFault; what was recorded until then is kept.
+    A session that is gone on with is run again from its start, because the world has no other
+    way to where it was; only what is missing is recorded. Raises SessionError, DiskFault and
+    BoardFault; what was recorded until then is kept.
     """
-    plan = order.plan
+    plan, header = order.plan, _header(order)
+    found = look(order.folder, header, plan) if order.resume else Unfinished()
     trial_s = sum(trial.duration_s for trial in plan.trials)
-    check_room(order.folder, round(1.1 * trial_s * BYTES_PER_SECOND))
-    config = plan.protocol.config
-    recorder = Recorder(order.folder, _header(order), plan.protocol.text, config.to_toml())
-    with recorder:
-        work = Work(plan.protocol, order.seed, order.folder, recorder)
+    if found.complete:
+        on_progress(Progress(len(plan.trials), found.committed, trial_s))
+        return True
+    left = 1 - found.attempts / max(1, len(plan.trials))
+    check_room(order.folder, round(1.1 * max(0.0, left) * trial_s * BYTES_PER_SECOND))
+    there = bool(found.start_utc)
+    header = replace(header, start_utc=found.start_utc) if there else header
+    texts = plan.protocol.text, plan.protocol.config.to_toml()
+    with Recorder(order.folder, header, *texts, resume=there) as recorder:
+        forget_damaged_truth(order.folder)
+        work = Work(
+            plan.protocol, order.seed, order.folder, Sink(recorder, found.attempts), workers
+        )
         try:
             return _take_steps(work, plan, on_progress, stop)
         finally:

@@ -22,9 +22,9 @@ from rigctl.protocol import (
 )
 from rigctl.run.cutter import TrialCutter
 from rigctl.run.quality import Limits, Measured, Window, judge, measure
-from rigctl.session.recorder import Recorder
 from rigctl.session.truth import TruthLog, write_truth
 from rigctl.synth.operator import Operator
+from rigctl.synth.sink import Sink
 from rigctl.synth.tape import Tape
 from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
 from rigctl.world.direct import DirectRig
@@ -38,10 +38,13 @@ TRUTH_ROWS = 1_000_000
 
 
 class Work:
-    """Takes the steps of a plan and records what belongs to the session."""
+    """Takes the steps of a plan and records what belongs to the session.
+
+    With several ``workers`` one thread makes noise ahead; the samples are the same.
+    """
 
     def __init__(
-        self, protocol: Protocol, seed: int, folder: Path, recorder: Recorder, workers: int = 2
+        self, protocol: Protocol, seed: int, folder: Path, recorder: Sink, workers: int
     ) -> None:
         self._folder = folder
         self._recorder = recorder

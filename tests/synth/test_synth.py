@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 
 from rigctl.cli import main
 from rigctl.errors import ProtocolError, SessionError
+from rigctl.session import layout
 from rigctl.session.reader import Session
-from rigctl.session.truth import trial_truths
+from rigctl.session.truth import load_truth, trial_truths
 from rigctl.session.verify import verify
 from rigctl.synth import work as making
 from rigctl.synth.generate import Order, Progress, generate, plan_of
+from rigctl.world.stretch import Stretch
 from tests.run.floor import open_floor
 
 TEXT = """
@@ -36,11 +39,39 @@ def protocol(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def make(protocol: Path, folder: Path, seed: int = SEED, stop_at: int = 1000) -> list[Progress]:
+def make(
+    protocol: Path,
+    folder: Path,
+    seed: int = SEED,
+    stop_at: int = 1000,
+    workers: int = 1,
+    resume: bool = False,
+) -> list[Progress]:
     told: list[Progress] = []
-    order = Order(plan_of(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00")
-    generate(order, told.append, lambda: len(told) >= stop_at)
+    order = Order(plan_of(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00", resume)
+    generate(order, told.append, lambda: len(told) >= stop_at, workers)
     return told
+
+
+def tables(folder: Path) -> dict[str, NDArray[Any]]:
+    """Everything that is recorded, over all parts; loop time to a nanosecond."""
+    with Session.open(folder) as session:
+        found = {
+            name: np.concatenate([p.read(f"/taxels/{name}", 0, p.n_samples) for p in session.parts])
+            for name in ("samples", "counter", "flags", "edges")
+        }
+        for table in (layout.DRUM, layout.LOADCELL):
+            rows = np.concatenate([part.rows(table) for part in session.parts])
+            found |= {f"{table.path}.{column.name}": rows[column.name] for column in table.columns}
+    found["/drum.at_s"] = np.round(found["/drum.at_s"], 9)
+    (truth,) = load_truth(folder)
+    return found | {"speed": truth.speed_mm_s, "force": truth.force_g, "sync": truth.sync}
+
+
+def assert_equal(one: dict[str, NDArray[Any]], other: dict[str, NDArray[Any]]) -> None:
+    """Bit for bit."""
+    assert one.keys() == other.keys()
+    assert [name for name in one if not np.array_equal(one[name], other[name])] == []
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +118,7 @@ def test_a_seed_gives_the_same_samples_however_they_are_batched(
 ) -> None:
     monkeypatch.setattr(making, "QUEUE_SAMPLES", 0)
     monkeypatch.setattr(making, "TRUTH_ROWS", 0)
-    make(protocol, tmp_path / "again", stop_at=2)
+    make(protocol, tmp_path / "again", stop_at=2, workers=2)
     make(protocol, tmp_path / "other", seed=SEED + 1, stop_at=1)
     with (
         Session.open(made) as one,
@@ -97,6 +128,57 @@ def test_a_seed_gives_the_same_samples_however_they_are_batched(
         for index in range(2):
             assert np.array_equal(one.samples(index), two.samples(index))
         assert not np.array_equal(one.samples(0), other.samples(0))
+
+
+def test_the_compiled_bench_records_what_the_boards_own_code_does(
+    made: Path, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Stretch, "possible", False)
+    make(protocol, tmp_path / "slow")
+    assert_equal(tables(tmp_path / "slow"), tables(made))
+
+
+@pytest.mark.parametrize("mode", ["lock", "position"])
+def test_force_modes_that_are_not_compiled_are_recorded_too(tmp_path: Path, mode: str) -> None:
+    path = tmp_path / "deep.toml"
+    text = TEXT.replace("forces_g = [500]", "depths_mm = [0.5]") if mode == "position" else TEXT
+    path.write_text(f"{text}\n[trial]\nforce_mode = '{mode}'\n")
+    make(path, tmp_path / "made", stop_at=1)
+    with Session.open(tmp_path / "made") as session:
+        (index,) = session.committed()
+        assert len(session.drum(int(index)).polls) > 9 * session.trials[index]["count"] / 1000
+
+
+def test_an_interrupted_one_goes_on_as_if_nothing_had_been(
+    made: Path, protocol: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "torn"
+    make(protocol, folder, stop_at=1)
+    (folder / "world.h5").write_bytes(b"what a kill left")
+    told = make(protocol, folder, resume=True)
+    assert told[-1].committed == 4
+    assert verify(folder).problems == []
+    with Session.open(folder) as session:
+        assert sorted(session.trials["trial_id"]) == [1, 2, 3, 4]
+    assert_equal(tables(folder), tables(made))
+    before = sorted(folder.iterdir())
+    assert make(protocol, folder, resume=True)[-1].committed == 4
+    assert sorted(folder.iterdir()) == before
+    with pytest.raises(SessionError):
+        make(protocol, folder, seed=SEED + 1, resume=True)
+
+
+def test_several_sessions_have_gains_of_their_own(
+    protocol: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = ["synth", "--plan", str(protocol), "--seed", str(SEED), "--out", str(tmp_path / "all")]
+    assert main([*plan, "--repeats", "3", "--sessions", "2", "--workers", "2"]) == 0
+    assert "12 of 12 trials committed" in capsys.readouterr().err
+    one, two = tmp_path / "all" / "session-01", tmp_path / "all" / "session-02"
+    assert [verify(folder).trials_committed for folder in (one, two)] == [8, 4]
+    make(protocol, tmp_path / "alone", seed=1000 * SEED + 2)
+    assert_equal(tables(two), tables(tmp_path / "alone"))
+    assert main([*plan, "--repeats", "1", "--sessions", "2"]) == 2
 
 
 def test_an_interrupted_one_is_a_session_that_opens(protocol: Path, tmp_path: Path) -> None:

@@ -1,0 +1,64 @@
+"""What an unfinished virtual session holds, and whether it can be gone on with."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from rigctl.errors import SessionError
+from rigctl.protocol import Plan
+from rigctl.session import layout
+from rigctl.session.header import SessionHeader
+from rigctl.session.reader import Session
+from rigctl.session.truth import PATTERN, load_truth
+
+
+@dataclass(frozen=True, slots=True)
+class Unfinished:
+    """``attempts`` at trials are in the session; ``complete`` when none is left to make."""
+
+    attempts: int = 0
+    start_utc: str = ""
+    complete: bool = False
+    committed: int = 0
+
+
+def look(folder: Path, header: SessionHeader, plan: Plan) -> Unfinished:
+    """What is there; nothing where the folder holds no part yet.
+
+    Raises SessionError where it is another session than ``header`` and ``plan`` would make.
+    """
+    if not list(folder.glob(layout.PART_PATTERN)):
+        return Unfinished()
+    with Session.open(folder) as session:
+        found = session.header
+        _check(folder, found, header)
+        tried = Counter(session.trials["trial_id"].tolist())
+        committed = set(session.trials["trial_id"][session.committed()].tolist())
+    most = plan.protocol.quality.attempts
+    complete = all(t.trial_id in committed or tried[t.trial_id] >= most for t in plan.trials)
+    return Unfinished(tried.total(), found.start_utc, complete, len(committed))
+
+
+def forget_damaged_truth(folder: Path) -> None:
+    """Remove a log of the world that a kill left unreadable: the world writes it anew."""
+    try:
+        load_truth(folder)
+    except SessionError:
+        for path in folder.glob(PATTERN):
+            path.unlink()
+
+
+def _check(folder: Path, found: SessionHeader, wanted: SessionHeader) -> None:
+    if (found.rig, found.plan_hash, found.seed) != (wanted.rig, wanted.plan_hash, wanted.seed):
+        raise SessionError(
+            f"{folder} holds another session than this protocol and seed make: choose "
+            "another folder"
+        )
+    if found.simulation != json.loads(json.dumps(wanted.simulation)):  # JSON has no tuples
+        raise SessionError(
+            f"{folder} was begun by another version of rigctl or of the simulated bench: finish it "
+            "with that one, or choose another folder"
+        )
