@@ -76,16 +76,20 @@ def counted_condition(condition: Condition) -> Arrays:
     that C: ``c``, ``status``, ``residual_hz``, ``evaluations``, each (n_taxels, n_forces).
     Counts are (trials, trains, stretches) in the narrowest type that holds them.
     """
-    with opened(condition.files) as reader:
-        samples = reader.all_of(condition.trials)
     if condition.given:
         by_force = dict(zip(condition.forces_g, condition.given, strict=True))
-        rows = condition.scaled_rows
-        scale = np.array([by_force[condition.trials[i].force_g] for i in rows])
-        return {"forced": _narrow(_counts(condition, [samples[i] for i in rows], scale))}
+        some = [condition.trials[i] for i in condition.scaled_rows]
+        scale = np.array([by_force[trial.force_g] for trial in some])
+        return {"forced": _narrow(_counts(condition, _read(condition, some), scale))}
+    samples = _read(condition, condition.trials)
     plain = _counts(condition, samples)
     searched = _searched(condition, samples, plain) if condition.forces_g else {}
     return {"plain": _narrow(plain), **searched}
+
+
+def _read(condition: Condition, trials: Sequence[TrialRef]) -> list[Samples]:
+    with opened(condition.files) as reader:
+        return reader.all_of(trials)
 
 
 def _counts(
@@ -108,9 +112,9 @@ def _searched(condition: Condition, samples: Sequence[Samples], plain: Counts) -
         force: [i for i, trial in enumerate(condition.trials) if trial.force_g == force]
         for force in condition.forces_g
     }
-    reference = rows[condition.reference_g]
+    reference, cuts = rows[condition.reference_g], condition.cuts
     n_taxels = condition.normalisation.n_taxels
-    lengths = [condition.lengths[i] for i in reference]
+    lengths = [len(samples[i]) for i in reference]
     target = sa_rates_hz(plain[reference, :n_taxels], lengths, condition.parameters)
     forced = plain[:, :n_taxels].copy()
     shape = (n_taxels, len(condition.forces_g))
@@ -125,7 +129,7 @@ def _searched(condition: Condition, samples: Sequence[Samples], plain: Counts) -
             target,
             condition.normalisation,
             condition.parameters,
-            cuts=condition.cuts,
+            cuts=cuts,
         )
         forced[rows[force]] = search.counts
         found["c"][:, f], found["status"][:, f] = search.c, search.status
