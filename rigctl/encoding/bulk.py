@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -66,15 +66,14 @@ def stretch_counts(
         sa_scale = np.ones((len(trials), len(taxels)))
     trains = (1 if sa_only else 2) * len(taxels)
     out = np.empty((len(trials), trains, len(cuts) - 1), np.uint32)
-    lengths = [len(samples) for samples in trials]
+    lengths, plans = [len(samples) for samples in trials], _Plans(cuts, parameters)
     for chosen in tiles(lengths, len(taxels)):
         some = [trials[i] for i in chosen]
         blocks = Blocks.of_trials(
             len(some), normalisation, parameters, sa_scale[chosen], taxels=taxels, sa_only=sa_only
         )
-        of_tile = np.array([lengths[i] for i in chosen])
-        ends = _row_ends(cuts, of_tile, kernel.samples_per_row(parameters))
-        sums = _in_stretches(blocks, raster.Tile(some, taxels), ends, cuts, of_tile)
+        of_tile = [lengths[i] for i in chosen]
+        sums = _in_stretches(blocks, raster.Tile(some, taxels), plans.of(of_tile), cuts, of_tile)
         by_lane = raster.by_sample(sums, len(some) * len(taxels)).reshape(
             len(cuts) - 1, -1, len(some), len(taxels)
         )
@@ -82,32 +81,68 @@ def stretch_counts(
     return out
 
 
-def _row_ends(cuts: NDArray[np.int64], lengths: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """Where the kernel's rows of a tile end: no row holds a cut, a trial's end, or too much."""
-    longest = int(lengths.max())
-    edges = np.concatenate([cuts[cuts < longest], lengths, np.arange(0, longest, STRETCH)])
-    edges = np.unique(np.concatenate([[0], edges]))
-    parts = [np.arange(a, b, most) for a, b in pairwise(edges)]
-    return np.concatenate([*parts, [longest]])[1:].astype(np.int64)
+class _Step(NamedTuple):
+    """Samples ``start`` to ``stop`` of a tile in rows of the kernel.
+
+    ``ends``: first sample behind each row, from ``start`` on; ``starts``: its first sample;
+    ``stretches``: where its spikes belong.
+    """
+
+    start: int
+    stop: int
+    ends: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    stretches: NDArray[np.int64]
+
+
+class _Plans:
+    """How tiles go through time: equal for all whose trials have the same lengths."""
+
+    def __init__(self, cuts: NDArray[np.int64], parameters: EncoderParameters) -> None:
+        self._cuts = cuts
+        self._most = kernel.samples_per_row(parameters)
+        self._known: dict[tuple[int, ...], list[_Step]] = {}
+
+    def of(self, lengths: Sequence[int]) -> list[_Step]:
+        """The steps of a tile of trials of these lengths."""
+        different = tuple(sorted(set(lengths)))
+        if different not in self._known:
+            self._known[different] = self._made(np.array(different))
+        return self._known[different]
+
+    def _made(self, lengths: NDArray[np.int64]) -> list[_Step]:
+        edges = self._row_edges(lengths)
+        starts, ends = edges[:-1], edges[1:]
+        stretches = np.searchsorted(self._cuts, starts, side="right") - 1
+        steps = []
+        for start in range(0, int(edges[-1]), STRETCH):
+            inside = (starts >= start) & (starts < start + STRETCH)
+            rows = (ends[inside] - start, starts[inside], stretches[inside])
+            steps.append(_Step(start, int(ends[inside][-1]), *rows))
+        return steps
+
+    def _row_edges(self, lengths: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Where rows begin and end: none holds a cut, a trial's end, or too much."""
+        longest = int(lengths.max())
+        cuts = self._cuts[self._cuts < longest]
+        edges = np.concatenate([[0], cuts, lengths, np.arange(0, longest, STRETCH)])
+        parts = [np.arange(a, b, self._most) for a, b in pairwise(np.unique(edges))]
+        return np.concatenate([*parts, [longest]]).astype(np.int64)
 
 
 def _in_stretches(
     blocks: Blocks,
     tile: raster.Tile,
-    ends: NDArray[np.int64],
+    steps: Sequence[_Step],
     cuts: NDArray[np.int64],
-    lengths: NDArray[np.int64],
+    lengths: Sequence[int],
 ) -> Counts:
     """Spikes of a tile between cuts, uint32 (blocks, stretches, channels, 32)."""
     sums = np.zeros_like(blocks.room_for(len(cuts) - 1), np.uint32)
-    in_lane = tile.by_lane(lengths)
-    starts = np.concatenate([[0], ends[:-1]])
-    stretches = np.searchsorted(cuts, starts, side="right") - 1
-    for start in range(0, int(ends[-1]) if len(ends) else 0, STRETCH):
-        inside = np.flatnonzero((starts >= start) & (starts < start + STRETCH))
-        stop = int(ends[inside[-1]])
-        rows = blocks.advance(tile.laid(start, stop), ends[inside] - start)
-        raster.add_up(rows, starts[inside], stretches[inside], in_lane, sums)
+    in_lane = tile.by_lane(np.array(lengths))
+    for step in steps:
+        rows = blocks.advance(tile.laid(step.start, step.stop), step.ends)
+        raster.add_up(rows, step.starts, step.stretches, in_lane, sums)
     return sums
 
 
