@@ -8,6 +8,7 @@ paper's 60 and 20 windows together.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -66,14 +67,16 @@ def stretch_counts(
         sa_scale = np.ones((len(trials), len(taxels)))
     trains = (1 if sa_only else 2) * len(taxels)
     out = np.empty((len(trials), trains, len(cuts) - 1), np.uint32)
-    lengths, plans = [len(samples) for samples in trials], _Plans(cuts, parameters)
+    lengths, most = [len(samples) for samples in trials], kernel.samples_per_row(parameters)
+    of_cuts = tuple(cuts.tolist())
     for chosen in tiles(lengths, len(taxels)):
         some = [trials[i] for i in chosen]
         blocks = Blocks.of_trials(
             len(some), normalisation, parameters, sa_scale[chosen], taxels=taxels, sa_only=sa_only
         )
         of_tile = [lengths[i] for i in chosen]
-        sums = _in_stretches(blocks, raster.Tile(some, taxels), plans.of(of_tile), cuts, of_tile)
+        steps = _steps(of_cuts, tuple(sorted(set(of_tile))), most)
+        sums = _in_stretches(blocks, raster.Tile(some, taxels), steps, cuts, of_tile)
         by_lane = raster.by_sample(sums, len(some) * len(taxels)).reshape(
             len(cuts) - 1, -1, len(some), len(taxels)
         )
@@ -95,39 +98,28 @@ class _Step(NamedTuple):
     stretches: NDArray[np.int64]
 
 
-class _Plans:
-    """How tiles go through time: equal for all whose trials have the same lengths."""
+# A search asks for the same few again and again.
+@lru_cache(maxsize=64)
+def _steps(cuts: tuple[int, ...], lengths: tuple[int, ...], most: int) -> list[_Step]:
+    """How a tile of trials of these lengths goes through time, in rows of ``most`` samples."""
+    edges = _row_edges(cuts, lengths, most)
+    starts, ends = edges[:-1], edges[1:]
+    stretches = np.searchsorted(cuts, starts, side="right") - 1
+    steps = []
+    for start in range(0, int(edges[-1]), STRETCH):
+        inside = (starts >= start) & (starts < start + STRETCH)
+        rows = (ends[inside] - start, starts[inside], stretches[inside])
+        steps.append(_Step(start, int(ends[inside][-1]), *rows))
+    return steps
 
-    def __init__(self, cuts: NDArray[np.int64], parameters: EncoderParameters) -> None:
-        self._cuts = cuts
-        self._most = kernel.samples_per_row(parameters)
-        self._known: dict[tuple[int, ...], list[_Step]] = {}
 
-    def of(self, lengths: Sequence[int]) -> list[_Step]:
-        """The steps of a tile of trials of these lengths."""
-        different = tuple(sorted(set(lengths)))
-        if different not in self._known:
-            self._known[different] = self._made(np.array(different))
-        return self._known[different]
-
-    def _made(self, lengths: NDArray[np.int64]) -> list[_Step]:
-        edges = self._row_edges(lengths)
-        starts, ends = edges[:-1], edges[1:]
-        stretches = np.searchsorted(self._cuts, starts, side="right") - 1
-        steps = []
-        for start in range(0, int(edges[-1]), STRETCH):
-            inside = (starts >= start) & (starts < start + STRETCH)
-            rows = (ends[inside] - start, starts[inside], stretches[inside])
-            steps.append(_Step(start, int(ends[inside][-1]), *rows))
-        return steps
-
-    def _row_edges(self, lengths: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Where rows begin and end: none holds a cut, a trial's end, or too much."""
-        longest = int(lengths.max())
-        cuts = self._cuts[self._cuts < longest]
-        edges = np.concatenate([[0], cuts, lengths, np.arange(0, longest, STRETCH)])
-        parts = [np.arange(a, b, self._most) for a, b in pairwise(np.unique(edges))]
-        return np.concatenate([*parts, [longest]]).astype(np.int64)
+def _row_edges(cuts: tuple[int, ...], lengths: tuple[int, ...], most: int) -> NDArray[np.int64]:
+    """Where rows begin and end: none holds a cut, a trial's end, or too much."""
+    longest = max(lengths)
+    inside = (cut for cut in cuts if cut < longest)
+    edges = sorted({0, *inside, *lengths, *range(0, longest, STRETCH)})
+    rows = [start for a, b in pairwise(edges) for start in range(a, b, most)]
+    return np.array([*rows, longest], np.int64)
 
 
 def _in_stretches(
