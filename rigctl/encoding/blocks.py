@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding import kernel
-from rigctl.encoding.compiled import LANES, Kernel
+from rigctl.encoding.compiled import LANES, LANES_OF_SA, Kernel
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 
@@ -16,16 +16,16 @@ Samples = NDArray[np.uint16]
 Counts = NDArray[np.uint8]
 
 
-def filled_up(lanes: int) -> int:
-    """Lanes of the blocks that hold so many."""
-    return -(-lanes // LANES) * LANES
+def filled_up(lanes: int, wide: int) -> int:
+    """Lanes of the blocks, so wide each, that hold so many."""
+    return -(-lanes // wide) * wide
 
 
 class Blocks:
     """Neurons of each lane, equal for any slicing of the samples; lanes that fill up are silent.
 
     A lane is a taxel, of one trial or of several side by side, trial after trial. All start at
-    rest.
+    rest. ``wide``: lanes of a block.
     """
 
     def __init__(
@@ -40,7 +40,8 @@ class Blocks:
         self._sa_only = sa_only
         self._constants = kernel.folded(parameters)
         self._advance = kernel.kernel_for(parameters, sa_only=sa_only)
-        self._n = filled_up(len(taxels))
+        self.wide = LANES_OF_SA if sa_only else LANES
+        self._n = filled_up(len(taxels), self.wide)
         self.use_ranges(normalisation)
         self.reset()
 
@@ -85,14 +86,14 @@ class Blocks:
         self._fresh = True
 
     def room_for(self, rows: int) -> Counts:
-        """Memory for the spikes in so many rows, uint8 (blocks, rows, channels, 32)."""
+        """Memory for the spikes in so many rows, uint8 (blocks, rows, channels, wide)."""
         channels = 1 if self._sa_only else 2
-        return np.empty((self._n // LANES, rows, channels, LANES), np.uint8)
+        return np.empty((self._n // self.wide, rows, channels, self.wide), np.uint8)
 
     def advance(
         self, tile: Samples, ends: NDArray[np.int64], counts: Counts | None = None
     ) -> Counts:
-        """Spikes in rows of samples, uint8 (blocks, rows, channels, 32), in ``counts`` if given.
+        """Spikes in rows of samples, uint8 (blocks, rows, channels, wide), in ``counts`` if given.
 
         ``tile``: uint16 (n, lanes) as :class:`rigctl.encoding.raster.Tile` lays it. ``ends``:
         first sample behind each row; no row may be longer than ``kernel.samples_per_row``.
@@ -102,7 +103,7 @@ class Blocks:
         return counts
 
     def traced_mv(self, tile: Samples) -> tuple[Counts, NDArray[np.float64]]:
-        """Spikes and membrane voltage in mV of each sample, both (blocks, n, channels, 32)."""
+        """Spikes and membrane voltage in mV of each sample, both (blocks, n, channels, wide)."""
         advance = kernel.kernel_for(self._parameters, sa_only=self._sa_only, traced=True)
         counts = self.room_for(len(tile))
         trace = np.empty(counts.shape)

@@ -18,13 +18,16 @@ from numpy.typing import NDArray
 
 from rigctl.encoding import kernel, raster
 from rigctl.encoding.blocks import Blocks
-from rigctl.encoding.encoder import STRETCH, tiles
+from rigctl.encoding.compiled import LANES, LANES_OF_SA
+from rigctl.encoding.encoder import tiles
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 
 Samples = NDArray[np.uint16]
 Counts = NDArray[np.uint32]
+# Samples that are laid side by side at a time: most trials whole.
+STRETCH = 4096
 LEVEL_EVERY = 16
 """Every so many samples enter the mean reading."""
 
@@ -69,14 +72,17 @@ def stretch_counts(
     out = np.empty((len(trials), trains, len(cuts) - 1), np.uint32)
     lengths, most = [len(samples) for samples in trials], kernel.samples_per_row(parameters)
     of_cuts = tuple(cuts.tolist())
-    for chosen in tiles(lengths, len(taxels)):
+    memory = None
+    for chosen in tiles(lengths, len(taxels), LANES_OF_SA if sa_only else LANES):
         some = [trials[i] for i in chosen]
         blocks = Blocks.of_trials(
             len(some), normalisation, parameters, sa_scale[chosen], taxels=taxels, sa_only=sa_only
         )
         of_tile = [lengths[i] for i in chosen]
         steps = _steps(of_cuts, tuple(sorted(set(of_tile))), most)
-        sums = _in_stretches(blocks, raster.Tile(some, taxels), steps, cuts, of_tile)
+        tile = raster.Tile(some, taxels, blocks.wide, memory)
+        sums = _in_stretches(blocks, tile, steps, cuts, of_tile)
+        memory = tile.memory
         by_lane = raster.by_sample(sums, len(some) * len(taxels)).reshape(
             len(cuts) - 1, -1, len(some), len(taxels)
         )
@@ -129,7 +135,7 @@ def _in_stretches(
     cuts: NDArray[np.int64],
     lengths: Sequence[int],
 ) -> Counts:
-    """Spikes of a tile between cuts, uint32 (blocks, stretches, channels, 32)."""
+    """Spikes of a tile between cuts, uint32 (blocks, stretches, channels, wide)."""
     sums = np.zeros_like(blocks.room_for(len(cuts) - 1), np.uint32)
     in_lane = tile.by_lane(np.array(lengths))
     for step in steps:

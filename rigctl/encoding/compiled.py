@@ -1,4 +1,4 @@
-"""The kernel in machine code: 32 neurons at a time, their state in registers from sample to sample.
+"""The kernel in machine code: dozens of neurons at a time, their state in registers throughout.
 
 The inner loop is written with vectors of a fixed width, so nothing is left to a compiler's guess
 at what may be vectorised. On a processor with narrower registers LLVM splits them; the operations,
@@ -20,9 +20,11 @@ from numba.extending import intrinsic, models, register_model
 Kernel = Callable[..., None]
 Function = Callable[..., Any]
 
-# Four vectors of eight hide each other's latency; more of them run out of registers.
-WIDE, VECTORS = 8, 4
-LANES = WIDE * VECTORS
+# Several vectors of eight hide each other's latency, until they run out of registers: of each four
+# SA and four RA at a time, or six where SA is alone.
+WIDE = 8
+VECTORS, VECTORS_OF_SA = 4, 6
+LANES, LANES_OF_SA = WIDE * VECTORS, WIDE * VECTORS_OF_SA
 
 # Rows of the state: membrane and recovery of SA and RA, and the RA channel's filter.
 M, Q, M_RA, Q_RA, Z1, Z2, LAST = range(7)
@@ -44,19 +46,16 @@ _VECTORS = {
 class Lanes(types.Type):
     """In compiled code: one number of every lane of a block."""
 
-    def __init__(self, element: str) -> None:
-        super().__init__(f"Lanes({element})")
-        self.element = element
+    def __init__(self, element: str, vectors: int) -> None:
+        super().__init__(f"Lanes({element}, {vectors})")
+        self.element, self.vectors = element, vectors
 
 
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Lanes) -> None:
-        vectors = ir.ArrayType(_VECTORS[kind.element], VECTORS)
+        vectors = ir.ArrayType(_VECTORS[kind.element], kind.vectors)
         super().__init__(manager, kind, vectors)  # type: ignore[no-untyped-call]  # numba is untyped here
-
-
-REALS, READINGS, TALLY = Lanes("float64"), Lanes("uint16"), Lanes("uint8")
 
 
 def emitted(function: Function) -> Function:
@@ -65,12 +64,18 @@ def emitted(function: Function) -> Function:
     return compiled
 
 
+def _emitted_for(function: Function) -> Function:
+    """The same for a function that needs the value of a constant argument."""
+    compiled: Function = intrinsic(prefer_literal=True)(function)
+    return compiled
+
+
 def _parts(builder: Any, value: Any) -> list[Any]:
-    return [builder.extract_value(value, i) for i in range(VECTORS)]
+    return [builder.extract_value(value, i) for i in range(value.type.count)]
 
 
 def _whole(builder: Any, parts: list[Any]) -> Any:
-    value = ir.Constant(ir.ArrayType(parts[0].type, VECTORS), ir.Undefined)
+    value = ir.Constant(ir.ArrayType(parts[0].type, len(parts)), ir.Undefined)
     for i, part in enumerate(parts):
         value = builder.insert_value(value, part, i)
     return value
@@ -99,35 +104,34 @@ def pointer(context: Any, builder: Any, kind: Any, array: Any, index: Any, vecto
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 
-def _places(context: Any, builder: Any, signature: Any, arguments: Any, vector: Any) -> list[Any]:
+def _places(context: Any, builder: Any, signature: Any, arguments: Any, lanes: Lanes) -> list[Any]:
     """Pointers to a block's vectors in the array that comes first, from the index after it."""
-    steps = [ir.Constant(arguments[1].type, WIDE * i) for i in range(VECTORS)]
+    vector = _VECTORS[lanes.element]
+    steps = [ir.Constant(arguments[1].type, WIDE * i) for i in range(lanes.vectors)]
     indices = [builder.add(arguments[1], step) for step in steps]
     kind, array = signature.args[0], arguments[0]
     return [pointer(context, builder, kind, array, i, vector) for i in indices]
 
 
-@emitted
-def load(_typing: Any, array: Any, index: Any) -> Any:
+@_emitted_for
+def load(_typing: Any, array: Any, index: Any, vectors: Any) -> Any:
     """A block's numbers from a contiguous array, from a flat index on."""
-    kind = Lanes(str(array.dtype))
-    vector = _VECTORS[kind.element]
+    kind = Lanes(str(array.dtype), vectors.literal_value)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        places = _places(context, builder, signature, arguments, vector)
+        places = _places(context, builder, signature, arguments, kind)
         size = array.dtype.bitwidth // 8
         return _whole(builder, [builder.load(place, align=size) for place in places])
 
-    return kind(array, types.intp), generate
+    return kind(array, types.intp, vectors), generate
 
 
 @emitted
 def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
     """Write a block's numbers into a contiguous array, from a flat index on."""
-    vector = _VECTORS[value.element]
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        places = _places(context, builder, signature, arguments, vector)
+        places = _places(context, builder, signature, arguments, value)
         for place, part in zip(places, _parts(builder, arguments[2]), strict=True):
             builder.store(part, place, align=array.dtype.bitwidth // 8)
         return context.get_dummy_value()
@@ -135,58 +139,60 @@ def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
     return types.void(array, types.intp, value), generate
 
 
-@emitted
-def full(_typing: Any, number: Any) -> Any:
+@_emitted_for
+def full(_typing: Any, number: Any, vectors: Any) -> Any:
     """The same number in all lanes."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         empty = ir.Constant(_VECTORS["float64"], ir.Undefined)
         one = builder.insert_element(empty, arguments[0], ir.Constant(ir.IntType(32), 0))
         first = ir.Constant(ir.VectorType(ir.IntType(32), WIDE), [0] * WIDE)
-        return _whole(builder, [builder.shuffle_vector(one, empty, first)] * VECTORS)
+        same = builder.shuffle_vector(one, empty, first)
+        return _whole(builder, [same] * vectors.literal_value)
 
-    return REALS(types.float64), generate
+    return Lanes("float64", vectors.literal_value)(types.float64, vectors), generate
 
 
-@emitted
-def no_spikes(_typing: Any) -> Any:
+@_emitted_for
+def no_spikes(_typing: Any, vectors: Any) -> Any:
     """A tally of nothing."""
 
     def generate(_context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        return _whole(builder, [ir.Constant(_VECTORS["uint8"], [0] * WIDE)] * VECTORS)
+        none = ir.Constant(_VECTORS["uint8"], [0] * WIDE)
+        return _whole(builder, [none] * vectors.literal_value)
 
-    return TALLY(), generate
+    return Lanes("uint8", vectors.literal_value)(vectors), generate
 
 
 @emitted
 def fma(_typing: Any, x: Any, y: Any, z: Any) -> Any:
     """x · y + z, rounded once."""
     name = f"llvm.fma.v{WIDE}f64"
-    return _elementwise(lambda b, *xyz: _call(b, name, *xyz), REALS, x, y, z)
+    return _elementwise(lambda b, *xyz: _call(b, name, *xyz), x, x, y, z)
 
 
 @emitted
 def add(_typing: Any, x: Any, y: Any) -> Any:
     """x + y."""
-    return _elementwise(lambda b, *xy: b.fadd(*xy), REALS, x, y)
+    return _elementwise(lambda b, *xy: b.fadd(*xy), x, x, y)
 
 
 @emitted
 def sub(_typing: Any, x: Any, y: Any) -> Any:
     """x − y."""
-    return _elementwise(lambda b, *xy: b.fsub(*xy), REALS, x, y)
+    return _elementwise(lambda b, *xy: b.fsub(*xy), x, x, y)
 
 
 @emitted
 def mul(_typing: Any, x: Any, y: Any) -> Any:
     """x · y."""
-    return _elementwise(lambda b, *xy: b.fmul(*xy), REALS, x, y)
+    return _elementwise(lambda b, *xy: b.fmul(*xy), x, x, y)
 
 
 @emitted
 def larger(_typing: Any, x: Any, y: Any) -> Any:
     """x where it is above y, else y."""
-    return _elementwise(lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y), REALS, x, y)
+    return _elementwise(lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y), x, x, y)
 
 
 @emitted
@@ -196,7 +202,7 @@ def reached(_typing: Any, value: Any, threshold: Any, then: Any, otherwise: Any)
     def choose(b: Any, value: Any, threshold: Any, then: Any, otherwise: Any) -> Any:
         return b.select(b.fcmp_ordered(">=", value, threshold), then, otherwise)
 
-    return _elementwise(choose, REALS, value, threshold, then, otherwise)
+    return _elementwise(choose, value, value, threshold, then, otherwise)
 
 
 @emitted
@@ -207,7 +213,7 @@ def tallied(_typing: Any, tally: Any, value: Any, threshold: Any) -> Any:
     def count(b: Any, tally: Any, value: Any, threshold: Any) -> Any:
         return b.select(b.fcmp_ordered(">=", value, threshold), b.add(tally, one), tally)
 
-    return _elementwise(count, TALLY, tally, value, threshold)
+    return _elementwise(count, tally, tally, value, threshold)
 
 
 @emitted
@@ -218,7 +224,7 @@ def within(_typing: Any, reading: Any, low: Any, width: Any) -> Any:
     def cut(b: Any, reading: Any, low: Any, width: Any) -> Any:
         return b.uitofp(_call(b, least, _call(b, above, reading, low), width), _VECTORS["float64"])
 
-    return _elementwise(cut, REALS, reading, low, width)
+    return _elementwise(cut, Lanes("float64", reading.vectors), reading, low, width)
 
 
 def _inlined(function: Function) -> Function:
@@ -284,6 +290,8 @@ def kernel(
     over plain numbers in its disk cache.
     """
     channels = 1 if sa_only else 2
+    g = VECTORS_OF_SA if sa_only else VECTORS
+    wide = WIDE * g
 
     # One long function on purpose: what its loop carries on is in registers.
     def advance(
@@ -300,25 +308,37 @@ def kernel(
         trace: Any,
     ) -> None:
         lanes, rows = samples.shape[1], ends.shape[0]
-        w0, fall = full(k[W0]), full(k[FALL])
-        c = (full(k[KEEP]), full(k[TAKE]), full(k[THRESHOLD]), full(k[RESET_TO]), full(k[JUMP]))
-        b0, b1, b2, a1, a2 = full(k[B0]), full(k[B1]), full(k[B2]), full(k[A1]), full(k[A2])
+        w0, fall = full(k[W0], g), full(k[FALL], g)
+        c = (
+            full(k[KEEP], g),
+            full(k[TAKE], g),
+            full(k[THRESHOLD], g),
+            full(k[RESET_TO], g),
+            full(k[JUMP], g),
+        )
+        b0, b1, b2, a1, a2 = (
+            full(k[B0], g),
+            full(k[B1], g),
+            full(k[B2], g),
+            full(k[A1], g),
+            full(k[A2], g),
+        )
         p = (
-            full(k[H]), full(k[QUADRATIC]), full(k[LINEAR]), full(k[CONSTANT]),
-            full(k[A_U]), full(k[B_U]), full(k[U_STEP]), full(k[CEILING]),
+            full(k[H], g), full(k[QUADRATIC], g), full(k[LINEAR], g), full(k[CONSTANT], g),
+            full(k[A_U], g), full(k[B_U], g), full(k[U_STEP], g), full(k[CEILING], g),
         )  # fmt: skip
-        for lane in range(0, lanes, LANES):
-            from_, wide, factor = load(low, lane), load(width, lane), load(scale, lane)
-            per_sa, per_ra = load(sa_drive, lane), load(ra_drive, lane)
-            m, m_ra = load(state, M * lanes + lane), load(state, M_RA * lanes + lane)
-            q, q_ra = load(state, Q * lanes + lane), load(state, Q_RA * lanes + lane)
-            z1, z2 = load(state, Z1 * lanes + lane), load(state, Z2 * lanes + lane)
-            last = load(state, LAST * lanes + lane)
+        for lane in range(0, lanes, wide):
+            from_, range_, factor = load(low, lane, g), load(width, lane, g), load(scale, lane, g)
+            per_sa, per_ra = load(sa_drive, lane, g), load(ra_drive, lane, g)
+            m, m_ra = load(state, M * lanes + lane, g), load(state, M_RA * lanes + lane, g)
+            q, q_ra = load(state, Q * lanes + lane, g), load(state, Q_RA * lanes + lane, g)
+            z1, z2 = load(state, Z1 * lanes + lane, g), load(state, Z2 * lanes + lane, g)
+            last = load(state, LAST * lanes + lane, g)
             t = 0
             for row in range(rows):
-                fired, fired_ra = no_spikes(), no_spikes()
+                fired, fired_ra = no_spikes(g), no_spikes(g)
                 while t < ends[row]:
-                    x = within(load(samples, t * lanes + lane), from_, wide)
+                    x = within(load(samples, t * lanes + lane, g), from_, range_)
                     if late:
                         x = mul(x, factor)
                         w = mul(per_sa, x)
@@ -350,14 +370,14 @@ def kernel(
                                 m_ra, q_ra, fired_ra, w, c, substeps, old_v, coupled
                             )
                     t += 1
-                place = (lane * rows + row * LANES) * channels
+                place = (lane * rows + row * wide) * channels
                 store(counts, place, fired)
                 if traced:
                     store(trace, place, m)
                 if not sa_only:
-                    store(counts, place + LANES, fired_ra)
+                    store(counts, place + wide, fired_ra)
                     if traced:
-                        store(trace, place + LANES, m_ra)
+                        store(trace, place + wide, m_ra)
             store(state, M * lanes + lane, m)
             store(state, Q * lanes + lane, q)
             if not sa_only:

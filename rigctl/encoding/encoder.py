@@ -8,6 +8,7 @@ the RA channel out where only SA is asked for.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,11 +115,13 @@ def encode_trials(
     for samples in trials:
         _check(samples, normalisation)
     spikes: dict[int, Spikes] = {}
+    memory: tuple[Any, Any] = (None, None)
     for chosen in tiles([len(samples) for samples in trials], normalisation.n_taxels):
         some = [trials[i] for i in chosen]
         scale = None if sa_scale is None else sa_scale[chosen]
         blocks = Blocks.of_trials(len(some), normalisation, parameters, scale)
-        tile, trains, longest = raster.Tile(some), raster.Trains(some), len(some[-1])
+        tile, trains = raster.Tile(some, memory=memory[0]), raster.Trains(some, memory[1])
+        longest = len(some[-1])
         counts = blocks.room_for(STRETCH)
         for start in range(0, longest, STRETCH):
             stop = min(start + STRETCH, longest)
@@ -126,17 +129,21 @@ def encode_trials(
                 counts = blocks.room_for(stop - start)
             each = np.arange(1, stop - start + 1)
             trains.add(blocks.advance(tile.laid(start, stop), each, counts), start)
+        memory = tile.memory, trains.memory
         spikes.update(zip(chosen, trains.spikes(), strict=True))
     return [spikes[i] for i in range(len(trials))]
 
 
-def tiles(lengths: Sequence[int], n_taxels: int) -> Iterator[list[int]]:
-    """Trials to encode side by side, by index: neighbours in length, the longest last."""
+def tiles(lengths: Sequence[int], n_taxels: int, wide: int = LANES) -> Iterator[list[int]]:
+    """Trials to encode side by side, by index: neighbours in length, the longest last.
+
+    ``wide``: lanes of a block.
+    """
     order = sorted(range(len(lengths)), key=lambda i: (lengths[i], i))
     least = -(-TILE_LANES // n_taxels)
     # The last block of a tile is filled up with lanes that nobody asked for: take as many trials
     # as waste fewest of them.
-    per_tile = min(range(least, 2 * least), key=lambda n: (-n * n_taxels) % LANES / n)
+    per_tile = min(range(least, 2 * least), key=lambda n: (-n * n_taxels) % wide / n)
     for start in range(0, len(order), per_tile):
         yield order[start : start + per_tile]
 

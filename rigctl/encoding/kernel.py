@@ -1,8 +1,8 @@
 """What the compiled kernel is told of a scheme: constants, drives, and the state at rest.
 
 One kernel serves live and offline (:mod:`rigctl.encoding.compiled`). It takes integer readings,
-32 lanes (taxels, of one trial or of several side by side) in a block, walks through time once and
-counts spikes.
+a block of lanes (taxels, of one trial or of several side by side) at a time, walks through time
+once and counts spikes.
 
 The arithmetic is float64 in strict IEEE order: no fast-math, nothing is reordered, and multiply
 and add are fused exactly where the source says so. A fused multiply-add is rounded once, and
@@ -21,7 +21,7 @@ fused operations where the textbook's order needs eleven. With p = (1 + hβ) / 2
 Where ab = 0 the recovery takes nothing of the membrane, and σ = 1. The low-pass works on the
 change of the reading from sample to sample, which is the change of what it makes of the reading::
 
-    y = Δ + z1,  z1' = (2Δ + z2) − a1·y,  z2' = Δ − a2·y,  w = drive·b0·y + w0
+    y = Δ + z1,  z1' = 2Δ + z2 − a1·y,  z2' = Δ − a2·y,  w = drive·b0·y + w0
 
 Both are the same maps as the textbook's; only the last bits of the rounding differ, and the
 schemes that reset within the substep forget them. Those that reset at the next sample amplify them
@@ -170,11 +170,12 @@ def kernel_for(
     """The compiled kernel of a scheme; the numbers of the scheme go in through :func:`folded`.
 
     Called as ``kernel(samples, low, width, scale, sa_drive, ra_drive, constants, state, ends,
-    counts, trace)``, all contiguous, lanes being a multiple of 32. samples: uint16 (n, lanes).
+    counts, trace)``, all contiguous, lanes in blocks of 32 (48 of SA alone).
+    samples: uint16 (n, lanes).
     low, width: uint16 (lanes,); scale, sa_drive, ra_drive: float64 (lanes,). state: as from
     :func:`rest`, changed in place. ends: int64 (rows,), ascending; spikes before sample ends[0]
     go to row 0, those from there to ends[1] to row 1 and so on; the last is n, and no row holds
-    more than :func:`samples_per_row`. counts: uint8 (blocks, rows, channels, 32), written;
+    more than :func:`samples_per_row`. counts: uint8 (blocks, rows, channels, 32 or 48), written;
     two channels, SA and RA, or SA alone. trace: float64 of the same shape, written if ``traced``
     with the membrane after each row. Releases the GIL.
     """

@@ -23,14 +23,21 @@ WORD = 2 * LANES
 BYTES = 2
 # Readings that are copied at a time.
 RUN = 16
-LANE_BITS = 32
 
 
 class Tile:
-    """Trials side by side, a lane for each trial and taxel (some ``taxels`` only, or all)."""
+    """Trials side by side, a lane for each trial and taxel (some ``taxels`` only, or all).
+
+    ``wide``: lanes of a block. ``memory``: of a tile that is done with, to be used again: fresh
+    memory costs as much as the work done in it.
+    """
 
     def __init__(
-        self, trials: Sequence[NDArray[np.uint16]], taxels: NDArray[np.int64] | None = None
+        self,
+        trials: Sequence[NDArray[np.uint16]],
+        taxels: NDArray[np.int64] | None = None,
+        wide: int = LANES,
+        memory: NDArray[np.uint16] | None = None,
     ) -> None:
         n_taxels = trials[0].shape[1]
         self._taxels = np.arange(n_taxels) if taxels is None else taxels
@@ -40,17 +47,18 @@ class Tile:
         self._trials = [np.ascontiguousarray(samples, np.uint16) for samples in trials]
         self._addresses = np.array([t.__array_interface__["data"][0] for t in self._trials])
         self._lengths = np.array([len(samples) for samples in trials])
-        self._lanes = filled_up(len(trials) * len(self._taxels))
-        self._memory = np.empty((0, self._lanes), np.uint16)
+        self._lanes = filled_up(len(trials) * len(self._taxels), wide)
+        self.memory = np.empty(0, np.uint16) if memory is None else memory
 
     def laid(self, start: int, stop: int) -> NDArray[np.uint16]:
         """Samples ``start`` to ``stop`` of all, uint16 (stop − start, lanes), trial after trial.
 
         Lanes behind the last one hold anything. Overwritten when the next stretch is asked for.
         """
-        if len(self._memory) < stop - start:
-            self._memory = np.zeros((stop - start, self._lanes), np.uint16)
-        tile = self._memory[: stop - start]
+        size = (stop - start) * self._lanes
+        if self.memory.size < size:
+            self.memory = np.empty(size, np.uint16)
+        tile = self.memory[:size].reshape(stop - start, self._lanes)
         source = (self._addresses, self._lengths, self._row_bytes, self._taxels, self._gapless)
         _lay_compiled(*source, start, tile)
         return tile
@@ -63,54 +71,64 @@ class Tile:
 
 
 def by_sample(values: NDArray[Any], n_lanes: int) -> NDArray[Any]:
-    """(blocks, n, channels, 32) as (n, channels · n_lanes), contiguous: SA lanes, then RA."""
+    """(blocks, n, channels, wide) as (n, channels · n_lanes), contiguous: SA lanes, then RA."""
     blocks, n, channels, wide = values.shape
     lanes = values.transpose(1, 2, 0, 3).reshape(n, channels, blocks * wide)[:, :, :n_lanes]
     return np.ascontiguousarray(lanes).reshape(n, channels * n_lanes)
 
 
 class Trains:
-    """Spike trains of trials side by side, gathered stretch by stretch."""
+    """Spike trains of trials side by side, gathered stretch by stretch.
 
-    def __init__(self, trials: Sequence[NDArray[np.uint16]]) -> None:
+    ``memory``: of trains gathered before, to be used again as with a tile.
+    """
+
+    def __init__(
+        self, trials: Sequence[NDArray[np.uint16]], memory: NDArray[np.int32] | None = None
+    ) -> None:
         self._n_taxels = trials[0].shape[1]
         self._lengths = [len(samples) for samples in trials]
         lanes = len(trials) * self._n_taxels
-        self._half = filled_up(lanes)
-        self._in_lane = np.zeros(self._half, np.int64)
+        self._in_lane = np.zeros(filled_up(lanes, LANES), np.int64)
         self._in_lane[:lanes] = np.repeat(self._lengths, self._n_taxels)
-        self._n_spikes = np.zeros(2 * self._half, np.int64)
-        self._room = np.empty(0, np.int64)
-        self._found: list[NDArray[np.int64]] = []
+        self._n_spikes = np.zeros(2 * len(self._in_lane), np.int64)
+        self.memory = np.empty(0, np.int32) if memory is None else memory
+        self._room = self.memory.size // len(self._n_spikes)
 
     def add(self, counts: NDArray[np.uint8], start: int) -> None:
         """Take in the counts of each sample, uint8 (blocks, n, 2, 32), from sample ``start``."""
-        # Asking for the sum costs more than finding the spikes, and one a sample is the most.
-        most = counts.size if counts.max(initial=0) <= 1 else int(counts.sum(dtype=np.int64))
-        if len(self._room) < most:
-            self._room = np.empty(most, np.int64)
-        n = _find_compiled(counts, start, self._in_lane, self._room, self._n_spikes)
-        self._found.append(self._room[:n].copy())
+        stop, most = start + counts.shape[1], int(counts.max(initial=0))
+        self._make_room(int(self._n_spikes.max()) + most * counts.shape[1])
+        # Nearly always there is nothing to ask of a spike but when it was.
+        plain = most <= 1 and stop <= min(self._lengths)
+        _take_compiled(counts, start, self._in_lane, plain, self._samples(), self._n_spikes)
 
     def spikes(self) -> list[Spikes]:
         """The trains of each trial."""
-        row_start = np.zeros(len(self._n_spikes) + 1, np.int64)
-        np.cumsum(self._n_spikes, out=row_start[1:])
-        sample_index = np.empty(row_start[-1], np.int32)
-        free = row_start[:-1].copy()
-        for found in self._found:
-            _distribute_compiled(found, free, sample_index)
-        return [self._of_trial(i, row_start, sample_index) for i in range(len(self._lengths))]
+        return [self._of_trial(place, n) for place, n in enumerate(self._lengths)]
 
-    def _of_trial(
-        self, place: int, row_start: NDArray[np.int64], sample_index: NDArray[np.int32]
-    ) -> Spikes:
-        first, n = place * self._n_taxels, self._n_taxels
-        ends = [row_start[at : at + n + 1] for at in (first, self._half + first)]
-        indices = np.concatenate([sample_index[end[0] : end[-1]] for end in ends])
-        sa, ra = (end - end[0] for end in ends)
-        starts = np.concatenate([sa, sa[-1] + ra[1:]])
-        return Spikes(starts, indices, self._lengths[place])
+    def _samples(self) -> NDArray[np.int32]:
+        """Samples of the spikes of each train, int32 (trains, room)."""
+        trains = len(self._n_spikes)
+        return self.memory[: trains * self._room].reshape(trains, self._room)
+
+    def _make_room(self, spikes: int) -> None:
+        if self._room >= spikes:
+            return
+        before, used = self._samples(), int(self._n_spikes.max())
+        self._room = max(2 * spikes, max(self._lengths) // 3)
+        self.memory = np.empty(len(self._n_spikes) * self._room, np.int32)
+        self._samples()[:, :used] = before[:, :used]
+
+    def _of_trial(self, place: int, n_samples: int) -> Spikes:
+        lanes = np.arange(place * self._n_taxels, (place + 1) * self._n_taxels)
+        sa = lanes // LANES * WORD + lanes % LANES
+        trains = np.concatenate([sa, sa + LANES])
+        starts = np.zeros(len(trains) + 1, np.int64)
+        np.cumsum(self._n_spikes[trains], out=starts[1:])
+        samples = np.empty(starts[-1], np.int32)
+        _gather_compiled(self._samples(), trains, starts, samples)
+        return Spikes(starts, samples, n_samples)
 
 
 @emitted
@@ -186,35 +204,35 @@ def _lay(
 
 
 def _add_up(rows: Any, starts: Any, stretches: Any, in_lane: Any, sums: Any) -> None:
-    """Add rows of spikes, uint8 (blocks, rows, channels, 32), to their stretches in ``sums``.
+    """Add rows of spikes, uint8 (blocks, rows, channels, wide), to their stretches in ``sums``.
 
     ``starts``: int64 (rows,), first sample of each row; ``stretches``: where it belongs. What a
     lane shows behind its trial's end, int64 (lanes,), is left out.
     """
+    wide = rows.shape[3]
     for block in range(rows.shape[0]):
-        own = in_lane[block * LANES : (block + 1) * LANES]
+        own = in_lane[block * wide : (block + 1) * wide]
         shortest = own.min()
         for r in range(rows.shape[1]):
             for channel in range(rows.shape[2]):
                 row, into = rows[block, r, channel], sums[block, stretches[r], channel]
                 if starts[r] < shortest:
-                    for lane in range(LANES):
+                    for lane in range(wide):
                         into[lane] += np.uint32(row[lane])
                 else:
-                    for lane in range(LANES):
+                    for lane in range(wide):
                         if starts[r] < own[lane]:
                             into[lane] += np.uint32(row[lane])
 
 
-def _find(counts: Any, start: Any, in_lane: Any, found: Any, n_spikes: Any) -> Any:
-    """List every spike as sample · 2³² + train; return how many there are.
+def _take(counts: Any, start: Any, in_lane: Any, plain: Any, samples: Any, n_spikes: Any) -> None:
+    """Write the sample of each spike behind those that its train, a row of ``samples``, has.
 
-    ``n_spikes`` int64 (trains,) is added to: SA of all lanes, then RA. Only lanes with spikes are
-    visited.
+    ``n_spikes``: int64 (trains,), of each train so far; 32 trains of SA and 32 of RA for a block.
+    ``plain``: no sample holds two spikes, and no trial is over. Only lanes with spikes are visited.
     """
     blocks, n = counts.shape[:2]
     flat = counts.reshape(-1)
-    entries = 0
     for block in range(blocks):
         for t in range(n):
             at = (block * n + t) * WORD
@@ -222,26 +240,26 @@ def _find(counts: Any, start: Any, in_lane: Any, found: Any, n_spikes: Any) -> A
             while bits != 0:
                 place = lowest(bits)
                 bits &= bits - np.uint64(1)
-                lane = block * LANES + place % LANES
-                if start + t < in_lane[lane]:
-                    train = lane + place // LANES * blocks * LANES
-                    n_spikes[train] += flat[at + place]
+                train = block * WORD + place
+                if plain:
+                    samples[train, n_spikes[train]] = start + t
+                    n_spikes[train] += 1
+                elif start + t < in_lane[block * LANES + place % LANES]:
                     for _ in range(flat[at + place]):
-                        found[entries] = (start + t) << LANE_BITS | train
-                        entries += 1
-    return entries
+                        samples[train, n_spikes[train]] = start + t
+                        n_spikes[train] += 1
 
 
-def _distribute(found: Any, free: Any, sample_index: Any) -> None:
-    """Write every spike's sample; ``free`` int64 (trains,) holds each train's next free place."""
-    for i in range(found.shape[0]):
-        train = found[i] & ((1 << LANE_BITS) - 1)
-        sample_index[free[train]] = found[i] >> LANE_BITS
-        free[train] += 1
+def _gather(samples: Any, trains: Any, starts: Any, out: Any) -> None:
+    """Some trains one behind the other."""
+    for i in range(trains.shape[0]):
+        row = samples[trains[i]]
+        for spike in range(starts[i + 1] - starts[i]):
+            out[starts[i] + spike] = row[spike]
 
 
 _compile = numba.njit(cache=True, nogil=True, error_model="numpy")
 _lay_compiled = _compile(_lay)
 add_up = _compile(_add_up)
-_find_compiled = _compile(_find)
-_distribute_compiled = _compile(_distribute)
+_take_compiled = _compile(_take)
+_gather_compiled = _compile(_gather)

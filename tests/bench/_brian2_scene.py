@@ -1,6 +1,6 @@
-"""The encoder's scene on Brian2, run by the peers' Python: TARGET INPUT.npy OUTPUT.npz STRICT.
+"""The encoder's scene on Brian2, run by the peers' Python: TARGET INPUT OUTPUT STRICT THREADS.
 
-Input: float64 (n_samples, n_neurons), k·x of every neuron. TARGET is cpp or cython. STRICT 1
+INPUT.npy: float64 (n_samples, n_neurons), k·x of every neuron. TARGET is cpp or cython. STRICT 1
 switches off fast-math and fused multiply-add, so that spike times can be equal.
 """
 
@@ -19,13 +19,15 @@ du/dt = 0.02*(0.2*v - u) / ms : 1
 """
 
 
-def main(target: str, source: str, destination: str, strict: str) -> None:
+def main(target: str, source: str, destination: str, strict: str, threads: str) -> None:
     import brian2 as b
 
     b.prefs.logging.console_log_level = "ERROR"
     if strict == "1":
         flags = ["-w", "-O3", "-fno-fast-math", "-ffp-contract=off"]
         b.prefs.codegen.cpp.extra_compile_args_gcc = flags
+    if int(threads) > 1:
+        b.prefs.devices.cpp_standalone.openmp_threads = int(threads)
     if target == "cpp":
         b.set_device("cpp_standalone", directory=tempfile.mkdtemp())
     else:

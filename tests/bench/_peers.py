@@ -16,13 +16,13 @@ def available() -> bool:
     return Path(os.environ.get("RIGCTL_PEERS_PYTHON", "")).is_file()
 
 
-def ask(script: str, *arguments: str) -> dict[str, Any]:
-    """Run ``script`` with the peers' Python on one thread; its last line is a JSON object."""
+def ask(script: str, *arguments: str, threads: int = 1) -> dict[str, Any]:
+    """Run ``script`` with the peers' Python; its last line is a JSON object."""
     python = os.environ["RIGCTL_PEERS_PYTHON"]
     path = str(Path(__file__).with_name(script))
-    single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    limits = {"OMP_NUM_THREADS": str(threads), "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
-        [python, path, *arguments], capture_output=True, text=True, env={**os.environ, **single}
+        [python, path, *arguments], capture_output=True, text=True, env={**os.environ, **limits}
     )
     if done.returncode:
         raise RuntimeError(f"{script} {' '.join(arguments)}: {done.stderr.strip()[-800:]}")

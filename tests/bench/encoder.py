@@ -1,4 +1,4 @@
-"""The encoder beside Brian2 and NumPy: 36 neurons × 10 s × 100 trials, strict float64, one thread.
+"""The encoder beside Brian2 and NumPy: 36 neurons × 10 s × 100 trials, strict float64.
 
 Brian2 and NumPy are handed the finished input currents; ours normalises, filters and
 differentiates the integer readings within the measured time.
@@ -6,17 +6,21 @@ differentiates the integer readings within the measured time.
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
 from rigctl.encoding import kernel
+from rigctl.encoding.compiled import LANES, add, fma, full, store
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
@@ -26,7 +30,11 @@ N_TRIALS, N_SAMPLES, N_TAXELS = 100, 10_000, 18
 NEURON_MS = N_TRIALS * N_SAMPLES * 2 * N_TAXELS
 COMPARED_TRAINS, PER_TRIAL_SAMPLE = 500, 2
 RANGES = Normalisation.full_scale(N_TAXELS)
-SCENE = "36 neurons x 10 s x 100 trials, 1 ms samples, 4 substeps, float64, one thread each"
+SCENE = "36 neurons x 10 s x 100 trials, 1 ms samples, 4 substeps, float64"
+
+# Fused multiply-adds, additions and comparisons that a neuron needs in a sample: three, one and one
+# in each of four substeps, one for the current, and half of the filter's five, as half are RA.
+OPERATIONS = 4 * 5 + 1 + 5 / 2
 
 Trials = list[NDArray[np.uint16]]
 
@@ -34,15 +42,62 @@ Trials = list[NDArray[np.uint16]]
 def measure() -> Iterator[dict[str, Any]]:
     """All figures of the encoder."""
     trials = scene()
-    ours_s = best_of(5, lambda: encode_trials(trials, RANGES))
-    ours = 1e9 * ours_s / NEURON_MS
+    ours = per_neuron_ms(best_of(5, lambda: encode_trials(trials, RANGES)))
+    yield _limit(ours)
     yield from _against_numpy(trials, ours)
     if not _peers.available():
         for name in ("vs_brian2_cpp", "vs_brian2_cython", "differing_trains"):
             yield _peers.row(f"encoder.{name}", ours, "ns/neuron-ms", "Brian2", None, _peers.ABSENT)
         return
     with tempfile.TemporaryDirectory() as folder:
-        yield from _against_brian2(trials, ours, Path(folder))
+        yield from _against_brian2(trials, Path(folder))
+
+
+def per_neuron_ms(seconds: float) -> float:
+    """Time for the whole scene in ns for each neuron and ms."""
+    return 1e9 * seconds / NEURON_MS
+
+
+def on_all_cores(trials: Trials, parameters: EncoderParameters) -> None:
+    """Trains of all trials, each core with a share of them; the kernels release the GIL."""
+    n = cores()
+    with ThreadPoolExecutor(n) as pool:
+        shares = [trials[i::n] for i in range(n)]
+        list(pool.map(lambda share: encode_trials(share, RANGES, parameters), shares))
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@numba.njit(nogil=True)  # type: ignore[untyped-decorator]  # numba has no type information
+def _fused(times: Any, out: Any) -> None:
+    """Nothing but fused multiply-adds: twelve vectors of eight that do not wait for each other."""
+    a, b, c = full(out[0], 4), full(out[0], 4), full(out[0], 4)
+    keep, new = full(0.999, 4), full(0.001, 4)
+    for _ in range(times):
+        a, b, c = fma(a, keep, new), fma(b, keep, new), fma(c, keep, new)
+    store(out, 0, add(add(a, b), c))
+
+
+def _limit(ours: float) -> dict[str, Any]:
+    """How long the arithmetic alone would take at the processor's highest rate."""
+    times, out = 2_000_000, np.ones(LANES)
+    peak = 1e9 * best_of(5, lambda: _fused(times, out)) / (times * 3 * LANES)
+    note = (
+        f"{OPERATIONS} multiply-adds, additions and comparisons a neuron-ms at the "
+        f"{1 / peak:.1f} a ns that a loop of nothing else reached in this run; not in it: "
+        "choosing, counting, reading, and putting the spikes in order; one core"
+    )
+    return _peers.row(
+        "encoder.multiply_add_limit",
+        ours,
+        "ns/neuron-ms",
+        "arithmetic alone",
+        OPERATIONS * peak,
+        note,
+    )
 
 
 def scene(seed: int = 0) -> Trials:
@@ -112,27 +167,37 @@ def _against_numpy(trials: Trials, ours: float) -> Iterator[dict[str, Any]]:
     start = time.perf_counter()
     numpy_spikes(all_drives)
     batched = 1e9 * (time.perf_counter() - start) / NEURON_MS
-    yield _peers.row("encoder.vs_numpy_batched", ours, unit, "NumPy, all trials", batched, SCENE)
+    note = f"{SCENE}; one thread each"
+    yield _peers.row("encoder.vs_numpy_batched", ours, unit, "NumPy, all trials", batched, note)
     start = time.perf_counter()
     for samples in trials[:PER_TRIAL_SAMPLE]:
         numpy_spikes(currents(samples, DEFAULT))
     spent = time.perf_counter() - start
     alone = 1e9 * spent / (PER_TRIAL_SAMPLE * N_SAMPLES * 2 * N_TAXELS)
-    note = f"{SCENE}; the peer measured on {PER_TRIAL_SAMPLE} of the trials"
+    note = f"{note}; the peer measured on {PER_TRIAL_SAMPLE} of the trials"
     yield _peers.row("encoder.vs_numpy_per_trial", ours, unit, "NumPy, trial by trial", alone, note)
 
 
-def _against_brian2(trials: Trials, ours: float, folder: Path) -> Iterator[dict[str, Any]]:
-    explicit = PRESETS["explicit"]
-    ours_s = best_of(3, lambda: encode_trials(trials, RANGES, explicit))
-    ours = 1e9 * ours_s / NEURON_MS
+def _against_brian2(trials: Trials, folder: Path) -> Iterator[dict[str, Any]]:
+    explicit, unit = PRESETS["explicit"], "ns/neuron-ms"
     np.save(folder / "all.npy", np.hstack([currents(samples, explicit) for samples in trials]))
-    for target in ("cpp", "cython"):
-        answer = _ask_brian2(target, folder, "all", strict=False)
-        theirs = 1e9 * answer["seconds"] / NEURON_MS
+    ours = {
+        1: per_neuron_ms(best_of(3, lambda: encode_trials(trials, RANGES, explicit))),
+        cores(): per_neuron_ms(best_of(3, lambda: on_all_cores(trials, explicit))),
+    }
+    ways = [("cpp", 1, ""), ("cython", 1, "")]
+    if cores() > 1:
+        ways.append(("cpp", cores(), "_all_cores"))
+    for target, threads, suffix in ways:
+        answer = ask_brian2(target, folder, "all", strict=False, threads=threads)
         peer = f"Brian2 {answer['brian2']} {target}"
-        note = f"{SCENE}; preset explicit; Brian2 with its default flags, compilation left out"
-        yield _peers.row(f"encoder.vs_brian2_{target}", ours, "ns/neuron-ms", peer, theirs, note)
+        note = (
+            f"{SCENE}; {threads} threads each; preset explicit; trains on both sides; Brian2 with "
+            "its default flags, compilation left out"
+        )
+        theirs = per_neuron_ms(answer["seconds"])
+        name = f"encoder.vs_brian2_{target}{suffix}"
+        yield _peers.row(name, ours[threads], unit, peer, theirs, note)
     yield _differing_trains(trials, folder)
 
 
@@ -142,7 +207,7 @@ def _differing_trains(trials: Trials, folder: Path) -> dict[str, Any]:
     some = trials[: -(-COMPARED_TRAINS // (2 * N_TAXELS))]
     drive = np.hstack([currents(samples, explicit) for samples in some])
     np.save(folder / "some.npy", drive[:, :COMPARED_TRAINS])
-    answer = _ask_brian2("cpp", folder, "some", strict=True)
+    answer = ask_brian2("cpp", folder, "some", strict=True)
     theirs = np.load(folder / "some.npz")
     ours = [s.train(row) for s in encode_trials(some, RANGES, explicit) for row in range(36)]
     differing = sum(
@@ -154,6 +219,10 @@ def _differing_trains(trials: Trials, folder: Path) -> dict[str, Any]:
     return _peers.row("encoder.differing_trains", differing, "trains", peer, 0, note)
 
 
-def _ask_brian2(target: str, folder: Path, name: str, *, strict: bool) -> dict[str, Any]:
+def ask_brian2(
+    target: str, folder: Path, name: str, *, strict: bool, threads: int = 1
+) -> dict[str, Any]:
+    """Run Brian2 on the currents ``name``.npy in a folder; spikes go to ``name``.npz."""
     source, destination = str(folder / f"{name}.npy"), str(folder / f"{name}.npz")
-    return _peers.ask("_brian2_scene.py", target, source, destination, str(int(strict)))
+    arguments = (target, source, destination, str(int(strict)), str(threads))
+    return _peers.ask("_brian2_scene.py", *arguments, threads=threads)

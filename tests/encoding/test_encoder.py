@@ -227,6 +227,19 @@ def test_compiled_arithmetic_has_the_bits_of_exact_arithmetic(name: str) -> None
         assert voltage[:, column].tobytes() == expected.tobytes()
 
 
+def test_trains_are_brian2s() -> None:
+    """Spikes of Brian2's forward Euler; ``golden.py`` beside this file tells how they were made."""
+    with np.load(Path(__file__).with_name("brian2_explicit.npz")) as golden:
+        samples, neuron, sample = golden["samples"], golden["neuron"], golden["sample"]
+        assert "Brian2 2.9" in str(golden["made_by"])
+    ranges = Normalisation.full_scale(samples.shape[2])
+    spikes = encode_trials(list(samples), ranges, preset("explicit"))
+    ours = [trial.train(row) for trial in spikes for row in range(trial.n_trains)]
+    assert sum(map(len, ours)) == len(sample) > 3000
+    for index, train in enumerate(ours):
+        np.testing.assert_array_equal(train, sample[neuron == index])
+
+
 @settings(max_examples=40, deadline=None)
 @given(cuts=st.lists(st.integers(0, 1500), max_size=12), name=st.sampled_from(ALL_PRESETS))
 def test_any_slicing_gives_the_same_spikes(cuts: list[int], name: str) -> None:

@@ -1,0 +1,62 @@
+"""Trains of Brian2 that the suite compares with ours bit by bit, and how they were made.
+
+``RIGCTL_PEERS_PYTHON=.peers/bin/python python -m tests.encoding.golden`` makes
+``brian2_explicit.npz`` anew: four trials of six taxels, read at 1 kHz for two seconds, and the
+samples in which each of their 48 neurons spiked in Brian2's C++ with fast-math and contraction off.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.encoding.presets import PRESETS
+from tests.bench import _peers
+from tests.bench.encoder import ask_brian2, currents
+
+FILE = Path(__file__).with_name("brian2_explicit.npz")
+N_TRIALS, N_SAMPLES, N_TAXELS = 4, 2000, 6
+FLAGS = "cpp_standalone, -O3 -fno-fast-math -ffp-contract=off, method euler, dt 0.25 ms"
+
+
+def scene() -> NDArray[np.uint16]:
+    """Readings (trials, samples, taxels): waves with contact made and lost, steps, noise."""
+    rng = np.random.default_rng(7)
+    t = np.arange(N_SAMPLES)[:, None] / 1000
+    trials = []
+    for trial in range(N_TRIALS):
+        wave = np.sin(2 * np.pi * rng.uniform(3, 40, N_TAXELS) * t + rng.uniform(0, 6, N_TAXELS))
+        x = rng.uniform(0.1, 0.8, N_TAXELS) + rng.uniform(0.02, 0.3, N_TAXELS) * wave
+        x += rng.normal(0, 0.02 * trial, x.shape)
+        x[:150] = x[1800:] = 0.02
+        trials.append(np.round(1023 * np.clip(x, 0, 1)).astype(np.uint16))
+    return np.stack(trials)
+
+
+def make() -> None:
+    """Ask Brian2 and write the file."""
+    samples = scene()
+    drive = np.hstack([currents(trial, PRESETS["explicit"]) for trial in samples])
+    with tempfile.TemporaryDirectory() as folder:
+        np.save(Path(folder) / "golden.npy", drive)
+        answer = ask_brian2("cpp", Path(folder), "golden", strict=True)
+        theirs = np.load(Path(folder) / "golden.npz")
+        spikes = {"neuron": theirs["neuron"], "sample": theirs["sample"]}
+    order = np.lexsort((spikes["sample"], spikes["neuron"]))
+    np.savez_compressed(
+        FILE,
+        samples=samples,
+        neuron=spikes["neuron"][order].astype(np.uint16),
+        sample=spikes["sample"][order].astype(np.uint16),
+        made_by=np.array(f"Brian2 {answer['brian2']}, {FLAGS}"),
+    )
+    print(f"{FILE.name}: {len(order)} spikes of {drive.shape[1]} neurons, {FLAGS}")
+
+
+if __name__ == "__main__":
+    if not _peers.available():
+        raise SystemExit(_peers.ABSENT)
+    make()
