@@ -26,6 +26,7 @@ from rigctl.session.sample_map import SampleFile
 
 Floats = NDArray[np.float64]
 STAGE = "measuring the rate error of C"
+COMPARING = "comparing sessions with those that C was searched on"
 
 
 class Miss(NamedTuple):
@@ -75,18 +76,31 @@ class _Job(NamedTuple):
     reference_g: float
 
 
-def c_of(file: Path, trials: TrialSet) -> Source:
+def c_of(
+    file: Path, trials: TrialSet, progress: Progress = lambda stage, done, all_: None
+) -> Source:
     """C of a model or a spikes.h5, checked against a set. Raises SessionError and WrongUse."""
     force, inputs = read_force(file)
     check_covers(trials, force, by_texture=True)
-    contents = {source["content"] for source in inputs if "content" in source}
-    names = {_name_of(source) for source in inputs if "content" not in source}
-    foreign = tuple(
-        path
-        for path, source in zip(trials.paths, trials.provenance, strict=True)
-        if _name_of(source) not in names and content_of(path) not in contents
-    )
-    return Source(file, force, foreign)
+    return Source(file, force, strangers(trials, inputs, progress))
+
+
+def strangers(
+    trials: TrialSet,
+    learnt: Sequence[Mapping[str, Any]],
+    progress: Progress = lambda stage, done, all_: None,
+) -> tuple[Path, ...]:
+    """Sessions of a set that are none of those ``learnt`` from, by content where that was noted."""
+    contents = {source["content"] for source in learnt if "content" in source}
+    names = {_name_of(source) for source in learnt if "content" not in source}
+    found = []
+    n = len(trials.paths)
+    for number, (path, source) in enumerate(zip(trials.paths, trials.provenance, strict=True)):
+        progress(COMPARING, number, n)
+        if _name_of(source) not in names and content_of(path) not in contents:
+            found.append(path)
+    progress(COMPARING, n, n)
+    return tuple(found)
 
 
 def _name_of(source: Mapping[str, Any]) -> tuple[Any, ...]:

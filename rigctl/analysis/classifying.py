@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.answering import log_posteriors
-from rigctl.analysis.carried_c import Miss, check_covers, rate_errors, warning
+from rigctl.analysis.carried_c import Miss, check_covers, rate_errors, strangers, warning
 from rigctl.analysis.classify_words import sentences
 from rigctl.analysis.jobs import HERE, Crew, Progress, work_through
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, opened
 from rigctl.encoding.features import feature_matrices
 from rigctl.errors import SessionError
-from rigctl.session.content import content_of
 from rigctl.session.model import Model
 from rigctl.session.reader import Session
 from rigctl.session.sample_map import SampleFile
@@ -127,7 +126,7 @@ def classify(
 def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
     for path in paths:
         with Session.open(path) as session:
-            header = session.header
+            header, scaling = session.header, [list(pair) for pair in session.scaling]
         for theirs, ours, what in (
             (header.n_taxels, model.n_taxels, "taxels"),
             (header.sample_rate_hz, model.sample_rate_hz, "samples a second"),
@@ -137,6 +136,16 @@ def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
                     f"{path} has {theirs} {what}, the model was trained with {ours}: "
                     "train one on recordings of this kind"
                 )
+        if scaling != _scaling_of(model):
+            raise SessionError(
+                f"{path} stores readings on another scale than the sessions of the model: import "
+                "it with the same low and high under [taxels] as theirs"
+            )
+
+
+def _scaling_of(model: Model) -> list[list[float]]:
+    """What the stored counts of the sessions that were learnt from are."""
+    return next((source.get("scaling", []) for source in model.training.inputs), [])
 
 
 def _answered(job: _Job) -> _Answered:
@@ -204,8 +213,7 @@ def _carried(
     """The rate error of C and its warning, where a session is none of those learnt from."""
     if model.c is None:
         return (), []
-    learnt = model.training.contents
-    foreign = [path for path in trials.paths if content_of(path) not in learnt]
+    foreign = strangers(trials, model.training.inputs, progress)
     if not foreign:
         return (), []
     blind = model.force == "blind"

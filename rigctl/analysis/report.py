@@ -87,7 +87,7 @@ def make_report(
     check_shown(trials, request.trial, request.taxel)
     if request.model is not None:
         check_new(request.model.path)
-    source = None if request.c is None else c_of(request.c, trials)
+    source = None if request.c is None else c_of(request.c, trials, progress)
     crew.must_see(trials.paths)
     with appearing(request.out) as folder:
         crew.must_see([folder])

@@ -161,6 +161,11 @@ def _same_layout(sources: Sequence[dict[str, Any]]) -> None:
                 f"{last['path']} has {last[key]} {what}, {first['path']} has {first[key]}: "
                 "sessions of different layout cannot be analysed together"
             )
+    if first["scaling"] != last["scaling"]:
+        raise SessionError(
+            f"{last['path']} stores readings on another scale than {first['path']}: import both "
+            "at once, or with the same low and high under [taxels]"
+        )
     if last["sample_rate_hz"] != SAMPLE_RATE_HZ:
         raise SessionError(
             f"{last['path']} has {last['sample_rate_hz']} samples a second, not {SAMPLE_RATE_HZ}: "
@@ -220,6 +225,7 @@ def _provenance(session: Session) -> dict[str, Any]:
         "sensor": header.sensor,
         "n_taxels": header.n_taxels,
         "sample_rate_hz": header.sample_rate_hz,
+        "scaling": [list(pair) for pair in session.scaling],
         "trials_planned": header.trials_planned,
         "trials_committed": len(session.committed()),
         "parts": len(session.parts),

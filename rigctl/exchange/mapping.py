@@ -14,6 +14,7 @@ MM_PER_S = {"mm/s": 1.0, "cm/s": 10.0, "m/s": 1000.0}
 GRAMS = {"g": 1.0, "kg": 1000.0, "N": 101.971621, "mN": 0.101971621, "level": 1.0}
 LABELS = ("texture", "speed", "force", "repeat")
 FASTEST_HZ = 1e7
+LARGEST = 1e300
 LOW_PASS_HZ, LOW_PASS_MAX_HZ = 400.0, 499.0
 
 
@@ -24,7 +25,9 @@ class ImportMap:
     ``time_column`` is empty where ``rate_hz`` is given. Factors turn what stands in the file
     into s, mm/s and g. ``texture``, ``speed_mm_s``, ``force_g`` hold where the pattern has no
     such group. ``max_gap_s`` is 0 for three times the usual distance of rows.
-    ``low_pass_hz`` is 0 for no filter before rows faster than 1 kHz are thinned out.
+    ``taxel_low``, ``taxel_high``: values that are stored as 0 and 65535; equal for each taxel's
+    own lowest and highest. ``low_pass_hz`` is 0 for no filter before rows faster than 1 kHz are
+    thinned out.
     """
 
     name: str
@@ -36,6 +39,8 @@ class ImportMap:
     transpose: bool
     taxels: tuple[str, ...]
     unit: str
+    taxel_low: float
+    taxel_high: float
     time_column: str
     time_s: float
     rate_hz: float
@@ -75,6 +80,8 @@ def load_map(path: Path) -> ImportMap:
         transpose=files.flag("transpose", False),
         taxels=taxels.texts("columns"),
         unit=taxels.text("unit", ""),
+        taxel_low=taxels.number("low", 0.0, low=-LARGEST, high=LARGEST),
+        taxel_high=taxels.number("high", 0.0, low=-LARGEST, high=LARGEST),
         time_column=time_column,
         time_s=time_s,
         rate_hz=rate_hz,
@@ -97,6 +104,8 @@ def load_map(path: Path) -> ImportMap:
     for table in (files, time, taxels, labels, loadcell, quality):
         table.finish()
     _check_labels(found, files)
+    if found.taxel_low > found.taxel_high:
+        taxels.fail("high", "lies below low")
     return found
 
 

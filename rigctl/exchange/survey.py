@@ -49,6 +49,7 @@ class Scaling:
     names: tuple[str, ...]
     offset: Floats
     scale: Floats
+    given: bool = False
 
     @property
     def is_plain(self) -> bool:
@@ -59,8 +60,13 @@ class Scaling:
         """What a stored reading is, for the session; ``named``: the map's own unit."""
         if self.is_plain:
             return f"{named or 'as in the files'}, 0–{COUNTS}"
+        ends = (
+            "the map's low to its high"
+            if self.given
+            else "each taxel's lowest to its highest value"
+        )
         return (
-            f"0–{COUNTS} from each taxel's lowest to its highest value; "
+            f"0–{COUNTS} from {ends}; "
             f"scaling events turn it into {named or 'what stood in the files'}"
         )
 
@@ -158,6 +164,9 @@ class _Seen:
 
     def scaling(self) -> Scaling:
         """Whole numbers at 1 kHz stay as they are; everything else fills the range of counts."""
+        low, high = self._mapping.taxel_low, self._mapping.taxel_high
+        if low < high:
+            return self._given(low, high)
         fits = self._low.min() >= 0 and self._high.max() <= COUNTS
         if self._plain and fits:
             return Scaling(self._names, np.zeros(len(self._names)), np.ones(len(self._names)))
@@ -165,6 +174,14 @@ class _Seen:
             self.lines.append(f"{name} never changes")
         span = self._high - self._low
         return Scaling(self._names, self._low, np.where(span > 0, span / COUNTS, 1.0))
+
+    def _given(self, low: float, high: float) -> Scaling:
+        """The map's own range, the same for every import with it."""
+        outside = (self._low < low) | (self._high > high)
+        for name in np.array(self._names)[outside]:
+            self.lines.append(f"{name} goes beyond {low:g} to {high:g}: cut off there")
+        n = len(self._names)
+        return Scaling(self._names, np.full(n, low), np.full(n, (high - low) / COUNTS), given=True)
 
     def _outlier_lines(self, track: Track) -> list[str]:
         taxels = Track(track.time_s, track.values[:, : len(self._names)])

@@ -35,11 +35,6 @@ class Training:
     forces_g: tuple[float, ...]
     inputs: tuple[dict[str, Any], ...] = field(default=())
 
-    @property
-    def contents(self) -> frozenset[str]:
-        """Digests of the sessions that were learnt from."""
-        return frozenset(str(source["content"]) for source in self.inputs if "content" in source)
-
 
 @dataclass(frozen=True, slots=True)
 class Model:

@@ -21,6 +21,9 @@ from rigctl.session.rows import event_of, trial_of
 from rigctl.session.sample_map import Place, SampleFile, places_of, sample_file
 from rigctl.values import Event, Gap, PlannedTrial, TrialRow, Verdict
 
+SCALING_KIND = "scaling"
+"""Kind of the events of an import that say what a stored count is, one a taxel."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrialSamples:
@@ -165,6 +168,14 @@ class Session:
     def events(self) -> tuple[Event, ...]:
         """All events."""
         return tuple(map(event_of, self._join(layout.EVENTS)))
+
+    @property
+    def scaling(self) -> tuple[tuple[float, float], ...]:
+        """Offset and scale of each taxel's stored counts; empty where these are the readings."""
+        rows = self._join(layout.EVENTS)
+        data = [event_of(row).data for row in rows[rows["kind"] == SCALING_KIND]]
+        pairs = tuple((float(each["offset"]), float(each["scale"])) for each in data)
+        return () if all(pair == (0.0, 1.0) for pair in pairs) else pairs
 
     def loadcell_lost(self) -> int:
         """Load-cell samples that the host never got."""

@@ -169,9 +169,16 @@ def test_what_it_cannot_answer_is_refused_in_a_sentence(
         classify(speed, [slower])
 
 
-def imported(folder: Path, n_taxels: int) -> Path:
+def test_readings_on_another_scale_are_refused(made: RepresentationSet, tmp_path: Path) -> None:
+    model, _ = train(made, ModelRequest(tmp_path / "m.h5", "Speed Scaled", 4), UTC, 0)
+    foreign = imported(tmp_path, 18, scale=0.1)
+    with pytest.raises(SessionError, match=f"{foreign} stores readings on another scale"):
+        classify(model, [foreign])
+
+
+def imported(folder: Path, n_taxels: int, scale: float = 1.0) -> Path:
     """A session of another sensor."""
-    np.save(folder / "A_1.npy", np.arange(60 * n_taxels).reshape(60, n_taxels))
+    np.save(folder / "A_1.npy", scale * np.arange(60 * n_taxels).reshape(60, n_taxels))
     columns = ", ".join(f'"{i + 1}"' for i in range(n_taxels))
     (folder / "map.toml").write_text(
         "[files]\npattern = '(?P<texture>[A-Z])_'\n[labels]\nspeed_mm_s = 40\n"

@@ -12,9 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import savemat
 
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.errors import ConfigError, WrongUse
+from rigctl.errors import ConfigError, SessionError, WrongUse
 from rigctl.exchange.extra import FILE
 from rigctl.exchange.importing import import_files
 from rigctl.exchange.mapping import load_map
@@ -202,6 +203,29 @@ def test_the_session_says_what_a_reading_is(tmp_path: Path) -> None:
             assert session.parts[0].documentation()["/taxels/samples"]["unit"] == unit
             full = Normalisation.full_scale(3, session.header.highest_reading)
             assert full.clipped(session.samples(0)).sum() == 0 and "0–65535" in full.source
+
+
+def test_imports_apart_can_be_put_on_one_scale_and_are_not_mixed_otherwise(tmp_path: Path) -> None:
+    apart, alike = [], []
+    for number in (1, 2):
+        values = ramp(50) / 7 * number
+        file = write_csv(tmp_path / f"silk_6cm_5N_{number}.csv", np.arange(50.0), values)
+        apart.append(bring(tmp_path, TIMED, [file], f"apart{number}")[0])
+        text = TIMED.replace("[taxels]\n", "[taxels]\nlow = -10\nhigh = 40\n")
+        folder, surveyed = bring(tmp_path, text, [file], f"alike{number}")
+        alike.append(folder)
+        said = "\n".join(surveyed.lines)
+        assert ("c goes beyond -10 to 40: cut off there" in said) == (number == 2)
+        with Session.open(folder) as session:
+            stored, scaling = session.samples(0), session.scaling
+        assert scaling == ((-10.0, 50 / 65535),) * 3
+        restored = -10 + stored * (50 / 65535)
+        np.testing.assert_allclose(restored, np.minimum(values, 40), atol=0.001)
+    with pytest.raises(
+        SessionError, match=r"apart2 stores readings on another scale than .*apart1"
+    ):
+        join_sessions(apart)
+    assert len(join_sessions(alike).trials) == 2
 
 
 def test_sampling_too_slow_for_the_texture_is_told(tmp_path: Path) -> None:
