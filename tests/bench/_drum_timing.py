@@ -32,6 +32,9 @@ class Extremes:
     off: int = 0
     read: int = 0
     latency: int = 0
+    unused: int = 0
+    stack: int = 8192
+    build: int = 0
 
     def take(self, drum: DrumChip) -> None:
         """Add what a chip has seen."""
@@ -40,6 +43,8 @@ class Extremes:
         self.off = max(self.off, x.longest_off)
         self.read = max(self.read, x.longest_read)
         self.latency = max(self.latency, x.loadcell_latency)
+        self.unused += max(0, int(x.loadcell_conversions - x.loadcell_reads) - 1)
+        self.stack = min(self.stack, drum.get("free_stack_bytes"))
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,7 @@ def timing() -> Iterator[dict[str, Any]]:
         runs = [run(drum, speed, STEP_MM) for speed in SPEEDS_MM_S]
         idle = idle_share(drum)
         worst.take(drum)
+        worst.build = drum.get("build_hash")
     yield from _pulse_rows(runs)
     yield figure("acceleration_error", acceleration_error(), "", f"at {ACCELERATIONS} mm/s²")
     yield fastest(worst)
@@ -85,6 +91,9 @@ def _extreme_rows(worst: Extremes) -> Iterator[dict[str, Any]]:
     yield figure("interrupts_off_us", worst.off / US, "µs", f"outside of interrupts; {scene}")
     yield figure("loadcell_read_us", worst.read / US, "µs", f"first clock edge to last; {scene}")
     yield figure("loadcell_latency_us", worst.latency / US, "µs", f"ready to read; {scene}")
+    yield figure("loadcell_unused", worst.unused, "", f"conversions not read; {scene}")
+    what = f"never used of 8192, build {worst.build:08x}; {scene}"
+    yield figure("free_stack_bytes", worst.stack, "bytes", what)
 
 
 def run(drum: DrumChip, speed_mm_s: float, step_mm: float) -> Run:

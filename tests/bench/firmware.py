@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from tests.bench._drum_force import force
 from tests.bench._drum_safety import safety
 from tests.bench._drum_timing import timing
 from tests.bench._drum_wire import wire
@@ -16,4 +15,3 @@ def measure() -> Iterator[dict[str, Any]]:
     yield from timing()
     yield from safety()
     yield from wire()
-    yield from force()

@@ -22,13 +22,20 @@ OFFSET_COUNTS = 80_000
 G_PER_COUNT = 2400e-6
 
 
+def _crc_of_byte(crc: int) -> int:
+    for _ in range(8):
+        crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
+    return crc
+
+
+_CRC_OF_BYTE = [_crc_of_byte(byte) for byte in range(256)]
+
+
 def crc16(data: bytes) -> bytes:
     """CRC of Modbus, low byte first."""
     crc = 0xFFFF
     for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
+        crc = (crc >> 8) ^ _CRC_OF_BYTE[(crc ^ byte) & 0xFF]
     return struct.pack("<H", crc)
 
 
@@ -80,8 +87,9 @@ class DrumChip:
     def _one_ms(self) -> None:
         self.chip.run((self.x.cycle // MS + 1) * MS)
         count = self.x.edge_count
-        rows = (self.chip.edge_cycle, self.chip.edge_signal, self.chip.edge_level)
-        self._edges.append(np.stack([r[:count].astype(np.int64) for r in rows], axis=1))
+        if count:
+            rows = (self.chip.edge_cycle, self.chip.edge_signal, self.chip.edge_level)
+            self._edges.append(np.stack([r[:count].astype(np.int64) for r in rows], axis=1))
         if self.x.tx_count and not self._answer:
             self.first_reply_cycle = int(self.chip.tx_cycle[0])
         self._answer += self.chip.tx[: self.x.tx_count].tobytes()

@@ -60,8 +60,8 @@ class Worst:
         return not self.unmet
 
 
-def force() -> Iterator[dict[str, Any]]:
-    """Yield the force loop's figures and the map over the plant's ranges."""
+def measure() -> Iterator[dict[str, Any]]:
+    """Yield ``firmware.drum.force_*``: nominal, drift, and the map over the plant's ranges."""
     nominal = worst_of(WorldParameters(), "A", [(v, f) for f in FORCES_G for v in SPEEDS_MM_S])
     yield from _nominal_rows(nominal)
     yield figure(

@@ -1,0 +1,193 @@
+"""Writes ``docs/reference/firmware.md`` from what the bench printed: ``build/bench.jsonl``.
+
+python -m tests.bench firmware firmware_force taxels && python -m tests.firmware.page
+
+Other files that a bench wrote may be named instead.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from rigctl.resources import checkout
+from rigctl.wire.drum_states import Event, State
+from tests.firmware.drum_cells import COMMANDS, unreachable
+from tests.firmware.drum_checks import CONTROLS
+
+Row = dict[str, Any]
+DRUM, TAXELS, MAP = "firmware.drum.", "firmware.taxels.", "firmware.drum.force_map."
+ASKED = {
+    "step_jitter_cycles": "± 6",
+    "rate_error_ppm": "< 5",
+    "step_count_error": "0",
+    "acceleration_error": "< 1 %",
+    "max_steps_per_s": "≥ 10,000",
+    "idle_share": "≥ 60 %",
+    "longest_isr_us": "≤ 25",
+    "interrupts_off_us": "≤ 10",
+    "loadcell_read_us": "≤ 60",
+    "loadcell_latency_us": "≤ 1000",
+    "loadcell_unused": "0",
+    "free_stack_bytes": "≥ 25 % of the stack's room",
+    "estop_us": "≤ 100",
+    "overforce_lift_us": "≤ 1000",
+    "loadcell_fault_periods": "2.4, seen at the next tick",
+    "heartbeat_ramp_ms": "250",
+    "heartbeat_lift_ms": "250",
+    "heartbeat_off_ms": "≤ 1000",
+    "watchdog_ms": "≤ 100",
+    "poll_timeouts": "0",
+    "reply_start_us": "< 5000",
+    "fuzz_changed_registers": "0",
+    "force_settle_s": "< 1",
+    "force_overshoot": "< 5 %",
+    "force_mean_error": "< 1 %",
+    "force_drift": "< 0.5 %",
+    "approach_excess": "≤ 10 %",
+    "force_map": "all, or the map of what can",
+}
+"""What each figure of the drum is held against."""
+SHARES = {"acceleration_error", "idle_share", "approach_excess", "force_map", "isr_load"}
+
+HEAD = """# The firmware in numbers
+
+<!-- Written by `python -m tests.firmware.page` from build/bench.jsonl; do not edit. -->
+
+Both images run on simulated chips (simavr), and everything here is counted in their cycles:
+{run} Run
+`python -m tests.bench firmware firmware_force taxels` and then `python -m tests.firmware.page`
+to have them anew; the figures are the same on any machine. The simulator's own floor of an edge
+is ± 5 cycles; silicon has none. Peers' figures are those that they publish, with the source named in
+the bench's `peer`; nothing of theirs was run here. Forces are the world's true contact force on
+the [nominal plant](world.md), not what the load cell says.
+
+What the drum does by itself, state by state, stands in [drum-wire.md](drum-wire.md#states).
+"""
+
+
+def page(rows: list[Row]) -> str:
+    """The whole page. Raises ValueError where the rows hold no figure of the drum."""
+    drum = [r for r in rows if r["name"].startswith(DRUM) and not r["name"].startswith(MAP)]
+    if not drum:
+        raise ValueError("no firmware.drum figures: run `python -m tests.bench firmware` first")
+    taxels = [r for r in rows if r["name"].startswith(TAXELS)]
+    parts = [HEAD.format(run=said_of_run(drum)), "\n## Drum controller\n\n", table(drum, DRUM)]
+    parts += ["\n## Force over the plant's ranges\n\n", MAP_HEAD, force_map(rows)]
+    if taxels:
+        parts += ["\n## Taxel board\n\n", table(taxels, TAXELS)]
+    return "".join([*parts, "\n## Negative controls\n\n", controls(), CELLS_HEAD, cells()])
+
+
+MAP_HEAD = """Each plant is the nominal one with this one number at the end of its range; the hard
+ones have them all: lag 50 ms, dead band 20 %, run-out and backlash 0.1 mm, full ripple of a plate
+with ridges of 2 mm. Four trials each: 40 and 120 mm/s, 250 and 1000 g.
+
+| plant | settles in, s | |
+|---|---|---|
+"""
+
+
+def said_of_run(drum: Iterable[Row]) -> str:
+    """Which image the figures are of."""
+    notes = [r["note"] for r in drum if "build " in r["note"]]
+    build = notes[0].split("build ")[1].split(";")[0] if notes else "unknown"
+    return f"the drum's is build `{build}`."
+
+
+def table(rows: Iterable[Row], prefix: str) -> str:
+    """One line a figure: value, what is asked for, scene, peer."""
+    lines = [
+        "| figure | value | asked for | scene | published by a peer |\n|---|---|---|---|---|\n"
+    ]
+    for r in rows:
+        name = r["name"].removeprefix(prefix)
+        peer = f"{amount(r['peer_value'], name, r['unit'])}, {r['peer']}" if r["peer"] else ""
+        scene = r["note"].rsplit("; build/", 1)[0]
+        value = amount(r["value"], name, r["unit"])
+        asked = ASKED.get(name, "") if prefix == DRUM else ""
+        lines.append(f"| `{name}` | {value} | {asked} | {scene} | {peer} |\n")
+    return "".join(lines)
+
+
+def amount(value: float, name: str, unit: str) -> str:
+    """A value with its unit; a share as percent."""
+    if name in SHARES or (name.startswith("force_") and unit == ""):
+        return f"{value:.2%}".replace("%", " %")
+    number = f"{value:,.4g}" if isinstance(value, float) and abs(value) < 1000 else f"{value:,.0f}"
+    return f"{number} {unit}".rstrip()
+
+
+def force_map(rows: Iterable[Row]) -> str:
+    """One line a plant."""
+    lines = []
+    for r in (r for r in rows if r["name"].startswith(MAP)):
+        said = r["note"].rsplit("; build/", 1)[0]
+        lines.append(f"| {r['name'].removeprefix(MAP)} | {r['value']:.2f} | {said} |\n")
+    return "".join(lines)
+
+
+def controls() -> str:
+    """Which broken image fails which check."""
+    head = (
+        "Each check of `tests/firmware/drum_checks.py` passes on the image, and must fail on the\n"
+        "image that is broken in its point (`make -C arduino ../build/firmware/drum-NAME.elf`).\n\n"
+        "| broken image | what is broken | the check that fails on it |\n|---|---|---|\n"
+    )
+    return head + "".join(
+        f"| `drum-{name}` | {what} | {check.__name__.replace('_', ' ')} |\n"
+        for name, what, check in CONTROLS
+    )
+
+
+CELLS_HEAD = """
+## States × events on the chip
+
+Every cell of the state table is tried natively, and on the compiled image where a bench can bring
+it about. `·` is a cell that the image was driven through, accepted or refused as the table says;
+the rest is out of reach, for the reason given.
+
+"""
+
+
+def cells() -> str:
+    """The table of cells, and the reasons."""
+    why: dict[str, str] = {}
+    head = "".join(f" {s.name} |" for s in State)
+    lines = [f"| event |{head}\n|---|{'---|' * len(State)}\n"]
+    for event in sorted(Event, key=lambda e: (e not in COMMANDS, e)):
+        marks = []
+        for state in State:
+            reason = unreachable(state, event)
+            marks.append(why.setdefault(reason, "abcdef"[len(why)]) if reason else "·")
+        lines.append(f"| {event.name} | {' | '.join(marks)} |\n")
+    reasons = "".join(f"- {mark}: {reason}\n" for reason, mark in why.items())
+    return "".join(lines) + "\n" + reasons
+
+
+def rows_of(path: Path) -> list[Row]:
+    """Rows of a bench's file, the last of each name."""
+    rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return [list(same)[-1] for _, same in groupby(rows, key=lambda r: r["name"])]
+
+
+def main(files: list[str]) -> int:
+    """Write the page; 2 where there is nothing to write it from."""
+    root = checkout()
+    assert root is not None
+    paths = [Path(name) for name in files] or [root / "build" / "bench.jsonl"]
+    try:
+        text = page([row for path in paths for row in rows_of(path)])
+    except (OSError, ValueError) as error:
+        print(f"docs/reference/firmware.md: {error}", file=sys.stderr)
+        return 2
+    (root / "docs" / "reference" / "firmware.md").write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,39 @@
+"""The page of the firmware's figures: rendered from rows, and true to controls and table."""
+
+from __future__ import annotations
+
+import pytest
+
+from rigctl.resources import checkout
+from tests.bench._firmware_rows import GRBL, figure
+from tests.firmware import page
+from tests.firmware.drum_checks import CONTROLS
+
+ROWS = [
+    figure("idle_share", 0.6174, "", "asleep"),
+    figure("max_steps_per_s", 10_240.0, "steps/s", "in contact", GRBL, 3e4),
+    figure("free_stack_bytes", 5000, "bytes", "never used of 8192, build 0badcafe; runs"),
+    figure("force_map.lag 50 ms", 0.456, "s", "all kept; 4 trials"),
+]
+
+
+def test_rows_become_lines_with_units_shares_and_peers() -> None:
+    text = page.page(ROWS)
+    assert "| `idle_share` | 61.74 % | ≥ 60 % | asleep |" in text
+    assert "10,240 steps/s" in text and "30,000 steps/s, grbl" in text
+    assert "build `0badcafe`" in text
+    assert "| lag 50 ms | 0.46 | all kept; 4 trials |" in text
+
+
+def test_without_figures_there_is_no_page() -> None:
+    with pytest.raises(ValueError, match="bench firmware"):
+        page.page([])
+
+
+def test_the_page_in_the_docs_knows_the_controls_and_the_cells_of_today() -> None:
+    root = checkout()
+    assert root is not None
+    text = (root / "docs/reference/firmware.md").read_text(encoding="utf-8")
+    assert page.controls() in text
+    assert page.cells() in text
+    assert all(name in text for name, *_ in CONTROLS)
