@@ -137,6 +137,11 @@ void Drum::sample(const Conversion &conversion) {
     if (!loadcell_.take(conversion)) return;
     judge_force();
     supervise();
+    thought_due_ = true;
+}
+
+void Drum::think() {
+    thought_due_ = false;
     const Drive mode = machine_.drive();
     if (mode == Drive::Approach || mode == Drive::ForceLoop) press();
 }

@@ -34,6 +34,9 @@ class Drum : public Owner {
     void boot(bool watchdog_reset);
     void tick(const Inputs &inputs);
     void sample(const Conversion &conversion);
+    // The force loop's step for the newest sample, for which its supervision does not wait.
+    void think();
+    bool thought_due() const { return thought_due_; }
 
     Modbus &modbus() { return modbus_; }
     Bank &bank() { return bank_; }
@@ -129,6 +132,7 @@ class Drum : public Owner {
     int32_t index_expected_ = 0;  // position of the last mark, a multiple of a turn
     int16_t index_error_ = 0;
     bool contact_known_ = false;
+    bool thought_due_ = false;    // a sample came, and the force loop has not seen it
     bool locked_ = false;         // force mode 1: the force was reached, the actuator rests
     bool homing_ = false, homed_ = false, tared_ = false;
     bool backwards_ = false, over_force_ = false;

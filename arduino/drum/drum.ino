@@ -62,7 +62,8 @@ static void send_reply() {
 }
 
 static inline bool idle() {
-    return !clock::pending() && !amplifier::ready() && !unsent && !serial::available();
+    return !clock::pending() && !amplifier::ready() && !drum.thought_due() && !unsent &&
+           !serial::available();
 }
 
 int main() {
@@ -78,6 +79,7 @@ int main() {
         // One piece of work a round, so that no tick waits for more than the longest of them.
         if (ticks) continue;
         if (amplifier::ready()) drum.sample(amplifier::read());
+        else if (drum.thought_due()) drum.think();
         else if (unsent) send_reply();
         else if (serial::available()) run_serial();
     }

@@ -1,5 +1,7 @@
 #include "ramp.h"
 
+#include <math.h>
+
 #include "board.h"       // clock and step size
 #include "ramp_table.h"  // square roots
 
@@ -10,15 +12,6 @@ namespace {
 
 constexpr uint8_t FRACTION_BITS = 8;
 constexpr uint16_t TABLE_END = 256;
-
-uint32_t square_root(uint64_t value) {
-    uint32_t root = 0;
-    for (uint32_t bit = 1UL << 31; bit; bit >>= 1) {
-        const uint32_t candidate = root | bit;
-        if (static_cast<uint64_t>(candidate) * candidate <= value) root = candidate;
-    }
-    return root;
-}
 
 // value * factor / 2^16, rounded down. It stands in the step interrupt, where the compiler's
 // own product of 32 and 16 bits would take 150 cycles for these 48: column by column of bytes,
@@ -72,17 +65,23 @@ inline uint32_t scaled(uint32_t value, uint16_t factor) {
 
 namespace ramp {
 
+// A command works this out while a load-cell sample may be waiting: 64-bit divisions and roots
+// would take most of a millisecond.
 Profile profile(uint16_t speed, uint16_t acceleration, int16_t trim_ppm) {
-    // cycles a step = clock · step length / speed; both sides kept in integers below 2^64.
+    // cycles a step = clock · step length / speed, in quarters so that it fits 32 bits.
     constexpr uint64_t STEP_CYCLES = (static_cast<uint64_t>(board::CLOCK_HZ) << FRACTION_BITS) *
                                      board::NM_PER_STEP / 10000;
-    constexpr uint64_t FIRST_SQUARED = static_cast<uint64_t>(board::CLOCK_HZ) *
-                                       (board::CLOCK_HZ / 1000000) * board::NM_PER_STEP *
-                                       (2ULL << (2 * FRACTION_BITS));
+    static_assert(STEP_CYCLES % 4 == 0 && STEP_CYCLES / 4 < 0xffffffffULL, "choose another split");
+    // First interval at 1 mm/s²: clock · sqrt(2 · step length).
+    constexpr float FIRST = (1UL << FRACTION_BITS) * static_cast<float>(board::CLOCK_HZ) *
+                            __builtin_sqrtf(2e-6f * board::NM_PER_STEP);
+    constexpr uint32_t QUARTER = STEP_CYCLES / 4;
     Profile result;
-    const uint64_t divisor = static_cast<uint64_t>(speed) * 1000000;
-    result.cruise = (STEP_CYCLES * (1000000 + trim_ppm) + divisor / 2) / divisor;
-    result.first = square_root(FIRST_SQUARED / acceleration);
+    const uint32_t quarters = QUARTER / speed;
+    const uint16_t left = static_cast<uint16_t>(QUARTER % speed);
+    result.cruise = 4 * quarters + (4UL * left + speed / 2) / speed;
+    if (trim_ppm) result.cruise += lroundf(result.cruise * (trim_ppm * 1e-6f));
+    result.first = lroundf(FIRST / sqrtf(acceleration));
     return result;
 }
 
@@ -100,9 +99,9 @@ uint32_t interval(uint32_t first, uint16_t index) {
 
 uint32_t steps_to_speed(uint16_t speed, uint16_t acceleration) {
     // v² / 2a in steps, rounded up, and one more for the step that reaches it.
-    const uint64_t square = static_cast<uint64_t>(speed) * speed * 100;  // µm²/s²
-    const uint64_t divisor = 2ULL * acceleration * board::NM_PER_STEP;   // µm/s² · nm
-    return static_cast<uint32_t>(square / divisor) + 2;
+    constexpr uint16_t PART = board::NM_PER_STEP / 25;  // µm²/s² over µm/s² · nm, shortened
+    static_assert(board::NM_PER_STEP % 25 == 0, "shorten it anew");
+    return 2UL * speed * speed / (static_cast<uint32_t>(acceleration) * PART) + 2;
 }
 
 uint16_t speed_of(uint32_t interval) {

@@ -62,9 +62,9 @@ Both images run on simulated chips (simavr), and everything here is counted in t
 {run} Run
 `python -m tests.bench firmware firmware_force taxels` and then `python -m tests.firmware.page`
 to have them anew; the figures are the same on any machine. The simulator's own floor of an edge
-is ± 5 cycles; silicon has none. Peers' figures are those that they publish, with the source named in
-the bench's `peer`; nothing of theirs was run here. Forces are the world's true contact force on
-the [nominal plant](world.md), not what the load cell says.
+is ± 5 cycles; silicon has none. Peers' figures are those that they publish, with the source
+named in the bench's `peer`; nothing of theirs was run here. Forces are the world's true contact
+force on the [nominal plant](world.md), not what the load cell says.
 
 What the drum does by itself, state by state, stands in [drum-wire.md](drum-wire.md#states).
 """

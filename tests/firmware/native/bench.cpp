@@ -165,6 +165,7 @@ void Bench::convert() {
     if (loadcell_frozen) raw = last_raw_;
     last_raw_ = raw;
     drum.sample({raw, ready_us, !out_of_step});
+    if (drum.thought_due()) drum.think();
 }
 
 namespace ports {
