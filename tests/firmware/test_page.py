@@ -13,7 +13,7 @@ ROWS = [
     figure("idle_share", 0.6174, "", "asleep"),
     figure("max_steps_per_s", 10_240.0, "steps/s", "in contact", GRBL, 3e4),
     figure("free_stack_bytes", 5000, "bytes", "never used of 8192, build 0badcafe; runs"),
-    figure("force_map.lag 50 ms", 0.456, "s", "all kept; 4 trials"),
+    figure("force_map.lag 50 ms", 0.456, "s", "all kept; 2 trials"),
 ]
 
 
@@ -22,7 +22,7 @@ def test_rows_become_lines_with_units_shares_and_peers() -> None:
     assert "| `idle_share` | 61.74 % | ≥ 60 % | asleep |" in text
     assert "10,240 steps/s" in text and "30,000 steps/s, grbl" in text
     assert "build `0badcafe`" in text
-    assert "| lag 50 ms | 0.46 | all kept; 4 trials |" in text
+    assert "| lag 50 ms | 0.46 | all kept; 2 trials |" in text
 
 
 def test_without_figures_there_is_no_page() -> None:
