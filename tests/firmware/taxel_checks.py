@@ -58,10 +58,10 @@ def the_watchdog_is_kept_quiet(image: str) -> None:
         assert board.x.resets == 0
 
 
-CONTROLS: list[tuple[str, Check]] = [
-    ("stuck-counter", every_frame_has_the_next_number),
-    ("never-clear", frames_begin_every_16000_cycles),
-    ("by-software", samples_keep_their_instants),
-    ("slow-wire", no_frame_is_dropped),
-    ("never-kick", the_watchdog_is_kept_quiet),
+CONTROLS: list[tuple[str, str, Check]] = [
+    ("stuck-counter", "frames do not count on", every_frame_has_the_next_number),
+    ("never-clear", "the compare flag stays set", frames_begin_every_16000_cycles),
+    ("by-software", "an interrupt starts conversions", samples_keep_their_instants),
+    ("slow-wire", "250 kbaud for 33 bytes a millisecond", no_frame_is_dropped),
+    ("never-kick", "nobody kicks the watchdog", the_watchdog_is_kept_quiet),
 ]
