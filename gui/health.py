@@ -34,12 +34,12 @@ class Reading(NamedTuple):
 CELLS = {
     "rate": ("Frame rate", "Taxel frames received in the last second; 1000 Hz within 2 %"),
     "gaps": ("Gaps", "Places in the taxel stream where samples are missing, since connecting"),
-    "lost": ("Lost samples", "Taxel samples taken by the board that never arrived"),
+    "lost": ("Lost", "Taxel samples taken by the board that never arrived"),
     "block": ("Block age", "Time since the last taxel samples arrived; up to 300 ms"),
     "poll": ("Poll age", "Time since the drum last answered; up to 300 ms"),
-    "loadcell": ("Load cell lost", "Load-cell samples that never arrived"),
+    "loadcell": ("Cell lost", "Load-cell samples that never arrived"),
     "disk": ("Disk left", "Free space, and how long it lasts at the rate now being written"),
-    "clock": ("Clocks (ppm)", "How fast the clocks of drum and taxel board run; up to ±5000 ppm"),
+    "clock": ("Clock ppm", "How fast the clocks of drum and taxel board run; up to ±5000 ppm"),
     "boards": ("Boards", "Supply of the taxel board, its self-test, and why the boards restarted"),
     "trial": ("Last trial", "Time since a trial was committed; during a run up to 3 min"),
 }

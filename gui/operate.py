@@ -38,21 +38,29 @@ TARE = Action("tare", "Tare", Event.MOVE, "Take the load cell's reading, lifted,
 HOME = Action("home", "Home", Event.MOVE, "Turn, lifted, to the drum's index mark")
 RANGE = Action(
     "calibrate_range",
-    "Taxel range, 10 s",
+    "Taxel range",
     Event.STOP,
     "Take what the taxels show in the next 10 s as their range for traces and spikes",
+)
+TEST = Action(
+    "test_taxels",
+    "Taxel test",
+    Event.STOP,
+    "Look for broken lines and taxels, with nothing on the sensor; the log says what was found",
 )
 APPROACH = Action("approach", "Approach", Event.APPROACH, "Press on until the set force is held")
 RUN = Action("run", "Run", Event.RUN, "Turn the drum once over the plate at the set speed")
 RETRACT = Action("retract", "Retract", Event.RETRACT, "Slow down and lift")
 CLEAR = Action("clear_fault", "Clear fault", Event.CLEAR, "Once the cause is gone")
-ACTIONS = (ARM, DISARM, HOME, TARE, RANGE, APPROACH, RUN, RETRACT, CLEAR)
+ACTIONS = (ARM, DISARM, HOME, TARE, RANGE, TEST, APPROACH, RUN, RETRACT, CLEAR)
 
 
 def is_possible(action: Action, status: Status) -> bool:
     """Whether the command would change something now, and no protocol has the rig."""
     if action is RANGE:
         return status.taxels_connected
+    if action is TEST:
+        return status.taxels_connected and not status.run.is_going
     if status.state is None or not status.drum_connected or status.run.is_going:
         return False
     if action is TARE:
@@ -126,7 +134,7 @@ class OperatePanel(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 4, 6, 6)
         column.setSpacing(4)
-        column.addWidget(self._actions("Drum", (ARM, DISARM, HOME, TARE, RANGE)))
+        column.addWidget(self._actions("Drum", (ARM, DISARM, HOME, TARE, RANGE, TEST)))
         column.addWidget(self._set_points())
         column.addWidget(self._actions("Contact", (APPROACH, RUN, RETRACT)))
         column.addWidget(self._fault_box())
@@ -139,8 +147,7 @@ class OperatePanel(QWidget):
         grid = QGridLayout(box)
         grid.setContentsMargins(8, 6, 8, 8)
         for place, action in enumerate(actions):
-            button, span = self.buttons[action.command], 2 if action is RANGE else 1
-            grid.addWidget(button, place // 3, place % 3, 1, span)
+            grid.addWidget(self.buttons[action.command], place // 3, place % 3)
         return box
 
     def _set_points(self) -> QGroupBox:

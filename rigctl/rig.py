@@ -16,9 +16,9 @@ from rigctl.config import RigConfig, load_config
 from rigctl.devices.drum import Drum
 from rigctl.devices.ports import DRUM, TAXELS, ask, find_boards, open_link
 from rigctl.devices.taxels import Taxels
-from rigctl.errors import LinkLost, RigFault, WrongUse
+from rigctl.errors import ConfigError, LinkLost, RigFault, WrongUse
 from rigctl.resources import firmware_image
-from rigctl.values import BoardIdentity
+from rigctl.values import N_TAXELS, BoardIdentity
 
 if TYPE_CHECKING:
     from rigctl.world.parameters import WorldParameters
@@ -102,11 +102,21 @@ def open_rig(
     WrongUse for a rig that does not exist, ConfigError for a description that cannot be used.
     """
     if spec in (VIRTUAL, FIRMWARE):
-        return _simulated_rig(spec, seed, paced, config or RigConfig(), parameters)
+        return _simulated_rig(spec, seed, paced, _fitting(config or RigConfig()), parameters)
     path = Path(spec)
     if not path.is_file():
         raise WrongUse(f"there is no rig {spec}: give virtual, firmware, or a rig.toml")
-    return _bench(path, config or load_config(path))
+    return _bench(path, _fitting(config or load_config(path)))
+
+
+def _fitting(config: RigConfig) -> RigConfig:
+    """The description, where it is one of a sensor that the taxel board can read."""
+    if config.taxels.count != N_TAXELS:
+        raise ConfigError(
+            f"{config.about.name}: [taxels] count is {config.taxels.count}, the taxel board reads "
+            f"{N_TAXELS}: leave count out"
+        )
+    return config
 
 
 def _simulated_rig(

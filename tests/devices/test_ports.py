@@ -18,7 +18,7 @@ from rigctl.cli import ports as ports_command
 from rigctl.devices import drum as drum_module
 from rigctl.devices import taxels as taxels_module
 from rigctl.devices.ports import find_boards, look_at_all
-from rigctl.errors import LinkLost, WrongBoard, WrongUse
+from rigctl.errors import ConfigError, LinkLost, WrongBoard, WrongUse
 from rigctl.rig import open_rig
 from rigctl.wire import taxels as wire
 from tests.devices.bench import RegisterBoard
@@ -175,6 +175,9 @@ def test_no_port_and_no_such_rig_are_one_sentence_each(
         open_rig(str(empty))
     with pytest.raises(WrongUse, match="there is no rig vitrual: give virtual, firmware, or a"):
         open_rig("vitrual")
+    empty.write_text("[taxels]\ncount = 9\n")
+    with pytest.raises(ConfigError, match="count is 9, the taxel board reads 18: leave count out"):
+        open_rig(str(empty))
     assert asyncio.run(_none()) == []
 
 

@@ -20,6 +20,9 @@ OFFERED = {
 }
 
 
+OF_THE_TAXELS = {"calibrate_range", "test_taxels"}
+
+
 def _enabled(bench: Bench) -> set[str]:
     buttons = bench.window.operate.buttons
     return {name for name, button in buttons.items() if button.isEnabled()}
@@ -28,7 +31,7 @@ def _enabled(bench: Bench) -> set[str]:
 @pytest.mark.parametrize("state", OFFERED)
 def test_only_what_the_board_would_take_can_be_pressed(bench: Bench, state: State) -> None:
     bench.see(state=int(state))
-    assert _enabled(bench) == OFFERED[state] | {"calibrate_range"}
+    assert _enabled(bench) == OFFERED[state] | OF_THE_TAXELS
     for action in ACTIONS:
         if action.command in OFFERED[state] and action.command not in ("tare", "home"):
             assert next_state(state, Event[action.event.name]) is not None
@@ -51,7 +54,13 @@ def test_hands_off_while_a_protocol_runs(bench: Bench) -> None:
 
 def test_nothing_can_be_asked_of_an_unplugged_drum(bench: Bench) -> None:
     bench.see(drum_connected=False, state=int(State.IDLE))
-    assert _enabled(bench) == {"calibrate_range"}
+    assert _enabled(bench) == OF_THE_TAXELS
+
+
+def test_the_taxels_are_tested_by_a_button(bench: Bench) -> None:
+    bench.see()
+    click(bench.window.operate.buttons["test_taxels"])
+    assert bench.engine.commands[-1] == "test_taxels"
 
 
 def test_set_points_go_out_with_their_units(bench: Bench) -> None:
