@@ -18,6 +18,7 @@ from rigctl.resources import checkout
 from rigctl.wire.drum_states import Event, State
 from tests.firmware.drum_cells import COMMANDS, unreachable
 from tests.firmware.drum_checks import CONTROLS
+from tests.firmware.taxel_checks import CONTROLS as TAXEL_CONTROLS
 
 Row = dict[str, Any]
 DRUM, TAXELS, MAP = "firmware.drum.", "firmware.taxels.", "firmware.drum.force_map."
@@ -134,14 +135,14 @@ def force_map(rows: Iterable[Row]) -> str:
 def controls() -> str:
     """Which broken image fails which check."""
     head = (
-        "Each check of `tests/firmware/drum_checks.py` passes on the image, and must fail on the\n"
-        "image that is broken in its point (`make -C arduino ../build/firmware/drum-NAME.elf`).\n\n"
+        "Each check of `tests/firmware/drum_checks.py` and `taxel_checks.py` passes on the\n"
+        "image, and must fail on the image that is broken in its point; `arduino/Makefile` builds\n"
+        "them.\n\n"
         "| broken image | what is broken | the check that fails on it |\n|---|---|---|\n"
     )
-    return head + "".join(
-        f"| `drum-{name}` | {what} | {check.__name__.replace('_', ' ')} |\n"
-        for name, what, check in CONTROLS
-    )
+    found = [(f"drum-{name}", what, check.__name__) for name, what, check in CONTROLS]
+    found += [(f"taxels-{name}", what, check.__name__) for name, what, check in TAXEL_CONTROLS]
+    return head + "".join(f"| `{n}` | {w} | {c.replace('_', ' ')} |\n" for n, w, c in found)
 
 
 CELLS_HEAD = """
