@@ -40,7 +40,7 @@ class Build(NamedTuple):
     """What decides on a process's bits, and on which machine it runs."""
 
     versions: Versions
-    blas: str
+    kernels: str
     host: str
 
 
@@ -59,12 +59,12 @@ class DaskCrew:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """A sentence where a worker's BLAS may round otherwise than this machine's."""
-        ours = _build().blas
+        """A sentence where a worker's processor may round otherwise than this machine's."""
+        ours = _build().kernels
         for name, build in self._builds.items():
-            if build.blas != ours:
+            if build.kernels != ours:
                 return (
-                    f"Dask worker {name} multiplies with {build.blas}, this machine with {ours}: "
+                    f"Dask worker {name} computes with {build.kernels}, this machine with {ours}: "
                     "last bits may differ from those of a single process",
                 )
         return ()
@@ -248,17 +248,19 @@ def _one_blas_thread() -> None:
 def _build() -> Build:
     """Of this process, with every BLAS loaded that an analysis uses."""
     import scipy.linalg  # noqa: F401
+    from llvmlite.binding import get_host_cpu_name
 
     commit = source_commit()
     own = f"{__version__} {commit[:12]}".strip()
     python = ".".join(platform.python_version_tuple()[:2])
     versions = [("rigctl", own), ("Python", python), *((n, version(n)) for n in ROUNDING)]
-    found = {
+    blas = {
         f"{pool['internal_api']} {pool['version']} for {pool.get('architecture', 'any')}"
         for pool in threadpool_info()
         if pool["user_api"] == "blas"
     }
-    return Build(tuple(versions), ", ".join(sorted(found)), socket.gethostname())
+    kernels = [*sorted(blas), f"Numba for {get_host_cpu_name()}"]
+    return Build(tuple(versions), ", ".join(kernels), socket.gethostname())
 
 
 def _listings(folders: Sequence[Path]) -> Listings:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.analysis.appearing import appearing
 from rigctl.analysis.html_parts import ABSENT, STYLE, table, task_name
 from rigctl.analysis.report_orders import (
     NOT_THE_SAME,
@@ -19,7 +20,7 @@ from rigctl.analysis.report_orders import (
     evidence_section,
 )
 from rigctl.analysis.verdicts import NAME_OF, Verdict
-from rigctl.errors import DiskFault, WrongUse
+from rigctl.errors import WrongUse
 
 RESULTS = "results.json"
 SAME = ("iterations", "k_max", "engine", "encoder")
@@ -166,18 +167,13 @@ def _kind(verdicts: Sequence[str]) -> str:
 def write_orders(folders: Sequence[Path], out: Path, made: str) -> dict[str, Any]:
     """The page ``orders.html`` and ``orders.json`` in the new folder ``out``; the summary."""
     sets = read_reports(folders)
-    if out.exists():
-        raise WrongUse(f"{out} is there already: name another folder, or remove it")
     names = [folder.name for folder in folders]
     found = summary(sets)
     plain = {"made": made, "sets": list(map(_described, folders, sets)), "tasks": found}
     page, text = _page(found, sets, names, made), json.dumps(plain, indent=1, allow_nan=False)
-    try:
-        out.mkdir(parents=True)
-        (out / "orders.json").write_text(text + "\n", encoding="utf-8")
-        (out / "orders.html").write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise DiskFault(f"{out} cannot be written ({error}): name another folder") from error
+    with appearing(out) as folder:
+        (folder / "orders.json").write_text(text + "\n", encoding="utf-8")
+        (folder / "orders.html").write_text(page, encoding="utf-8")
     return found
 
 
