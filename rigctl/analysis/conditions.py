@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.fingerprint import look_at
-from rigctl.analysis.trial_set import TrialRef, opened
+from rigctl.analysis.trial_set import Scratch, TrialRef, opened
 from rigctl.encoding.bulk import Counts, Samples, cuts_of, sa_rates_hz, stretch_counts
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force import ForceMatrix, search_to
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.sample_map import SampleFile
+from rigctl.session.sample_map import Files, SampleFile
 
 
 class Condition(NamedTuple):
     """All trials of one texture at one speed; ``given``: C by force instead of a search."""
 
-    files: tuple[SampleFile, ...]
+    files: Files
     trials: tuple[TrialRef, ...]
     normalisation: Normalisation
     parameters: EncoderParameters
@@ -52,15 +52,17 @@ class Condition(NamedTuple):
 
 
 Arrays = dict[str, NDArray[Any]]
+SCRATCH = Scratch()
 
 
-def fingerprints_of(job: tuple[tuple[SampleFile, ...], tuple[TrialRef, ...]]) -> Arrays:
+def fingerprints_of(job: tuple[dict[int, SampleFile], tuple[TrialRef, ...]]) -> Arrays:
     """Of some trials: ``hashes`` uint64 (n,); ``low``, ``high`` uint16 (n, n_taxels)."""
     files, trials = job
     hashes = np.empty(len(trials), np.uint64)
-    low, high = (np.empty((len(trials), files[0].n_taxels), np.uint16) for _ in range(2))
+    n_taxels = files[trials[0].place.file].n_taxels
+    low, high = (np.empty((len(trials), n_taxels), np.uint16) for _ in range(2))
     longest = max(trial.place.stop - trial.place.start for trial in trials)
-    memory = np.empty((longest, files[0].n_taxels), np.uint16)
+    memory = np.empty((longest, n_taxels), np.uint16)
     with opened(files) as reader:
         for i, trial in enumerate(trials):
             samples = reader.of(trial, memory[: trial.place.stop - trial.place.start])
@@ -89,7 +91,7 @@ def counted_condition(condition: Condition) -> Arrays:
 
 def _read(condition: Condition, trials: Sequence[TrialRef]) -> list[Samples]:
     with opened(condition.files) as reader:
-        return reader.all_of(trials)
+        return reader.all_of(trials, SCRATCH)
 
 
 def _counts(

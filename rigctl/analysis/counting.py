@@ -162,19 +162,13 @@ def c_of_trials(trials: TrialSet, force: ForceMatrix, *, blind: bool) -> NDArray
 
 
 def _condition(ground: Ground, rows: Sequence[int], *ways: Any) -> Condition:
-    trials = [ground.trials.trials[i] for i in rows]
-    files, moved = only_files(ground.trials.files, trials)
-    return Condition(files, moved, *ways)
+    trials = tuple(ground.trials.trials[i] for i in rows)
+    return Condition(only_files(ground.trials.files, trials), trials, *ways)
 
 
-def only_files(
-    files: Sequence[SampleFile], trials: Sequence[TrialRef]
-) -> tuple[tuple[SampleFile, ...], tuple[TrialRef, ...]]:
-    """The files that some trials lie in, and the trials with their places in these."""
-    used = sorted({trial.place.file for trial in trials})
-    new = {file: number for number, file in enumerate(used)}
-    moved = (t._replace(place=t.place._replace(file=new[t.place.file])) for t in trials)
-    return tuple(files[number] for number in used), tuple(moved)
+def only_files(files: Sequence[SampleFile], trials: Sequence[TrialRef]) -> dict[int, SampleFile]:
+    """The files that some trials lie in, by the number that their places tell."""
+    return {number: files[number] for number in sorted({t.place.file for t in trials})}
 
 
 def _given(condition: Condition, force: ForceMatrix, blind: bool) -> dict[str, Any]:
@@ -228,7 +222,8 @@ def _fingerprints(
 ) -> tuple[NDArray[np.uint64], NDArray[np.uint16], NDArray[np.uint16]]:
     """Hash, lowest and highest reading of each trial."""
     chunks = _chunks(trials)
-    jobs = [only_files(trials.files, [trials.trials[i] for i in rows]) for rows in chunks]
+    some = [tuple(trials.trials[i] for i in rows) for rows in chunks]
+    jobs = [(only_files(trials.files, chunk), chunk) for chunk in some]
     keys = [_file_key(*job, means.kept) for job in jobs]
     stage = "reading trials for the taxel ranges"
     found = through(fingerprints_of, jobs, keys, stage, means)
@@ -248,9 +243,9 @@ def _chunks(trials: TrialSet) -> list[list[int]]:
     return [rows[at : at + CHUNK] for rows in by_file.values() for at in range(0, len(rows), CHUNK)]
 
 
-def _file_key(files: Sequence[SampleFile], trials: Sequence[TrialRef], kept: Cache) -> str:
+def _file_key(files: dict[int, SampleFile], trials: Sequence[TrialRef], kept: Cache) -> str:
     """A file that has its old name, size, age and number has its old content."""
-    (file,) = files
+    (file,) = files.values()
     if file.offsets is None:
         return ""  # it grows, or is not as we write it
     seen = file.path.stat()

@@ -42,7 +42,7 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.resources import source_commit
-from rigctl.session.sample_map import SampleFile
+from rigctl.session.sample_map import Files
 from rigctl.session.spike_file import Encoding, SpikeFile, train_names
 
 CHUNK = 64
@@ -84,7 +84,7 @@ class Encoded(NamedTuple):
 class SpikeJob(NamedTuple):
     """Some trials to be encoded; ``scale``: float64 (n, n_taxels) on the SA current, or None."""
 
-    files: tuple[SampleFile, ...]
+    files: Files
     trials: tuple[TrialRef, ...]
     normalisation: Normalisation
     parameters: EncoderParameters
@@ -149,8 +149,10 @@ def _write_spikes(
     for first in range(0, len(trials), CHUNK):
         rows = slice(first, first + CHUNK)
         of_rows = None if scale is None else scale[rows]
-        places = only_files(ground.trials.files, trials[rows])
-        jobs.append(SpikeJob(*places, ground.normalisation, request.parameters, of_rows))
+        files = only_files(ground.trials.files, trials[rows])
+        jobs.append(
+            SpikeJob(files, trials[rows], ground.normalisation, request.parameters, of_rows)
+        )
         keys.append(_key(ground, request.parameters, rows, of_rows))
     total = 0
     for found in through(spikes_of, jobs, keys, "writing spikes", means):

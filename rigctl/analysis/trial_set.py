@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session.reader import Session
-from rigctl.session.sample_map import Place, SampleFile, SampleReader
+from rigctl.session.sample_map import Files, Place, SampleFile, SampleReader
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 NAMED_IDS = 5
@@ -87,10 +88,23 @@ class TrialSet:
         return replace(self, trials=kept, remarks=tuple(remarks))
 
 
+class Scratch(threading.local):
+    """Memory of each thread that is used again: fresh memory costs as much as to read into it."""
+
+    def __init__(self) -> None:
+        self._memory = np.empty(0, np.uint16)
+
+    def room(self, n: int, n_taxels: int) -> NDArray[np.uint16]:
+        """Memory uint16 (n, n_taxels), which the next call in this thread takes back."""
+        if len(self._memory) < n * n_taxels:
+            self._memory = np.empty(n * n_taxels, np.uint16)
+        return self._memory[: n * n_taxels].reshape(n, n_taxels)
+
+
 class Samples:
     """Reads the samples of trials, in one thread, while it is open."""
 
-    def __init__(self, reader: SampleReader, files: Sequence[SampleFile]) -> None:
+    def __init__(self, reader: SampleReader, files: Files) -> None:
         self._reader = reader
         self._files = files
 
@@ -107,18 +121,22 @@ class Samples:
                 f"read ({error}); rigctl verify says what is left of the session"
             ) from error
 
-    def all_of(self, trials: Sequence[TrialRef]) -> list[NDArray[np.uint16]]:
-        """Readings of several trials, behind each other in one memory."""
+    def all_of(
+        self, trials: Sequence[TrialRef], scratch: Scratch | None = None
+    ) -> list[NDArray[np.uint16]]:
+        """Readings of several trials, behind each other in one memory, ``scratch`` if given."""
+        if not trials:
+            return []
         lengths = [trial.place.stop - trial.place.start for trial in trials]
-        n_taxels = self._files[0].n_taxels
-        memory = np.empty((sum(lengths), n_taxels), np.uint16)
+        n_taxels = self._files[trials[0].place.file].n_taxels
+        memory = (scratch or Scratch()).room(sum(lengths), n_taxels)
         ends = np.cumsum(lengths).tolist()
         places = zip(trials, lengths, ends, strict=True)
         return [self.of(trial, memory[end - n : end]) for trial, n, end in places]
 
 
 @contextmanager
-def opened(files: Sequence[SampleFile]) -> Iterator[Samples]:
+def opened(files: Files) -> Iterator[Samples]:
     """The files of a set (:attr:`TrialSet.files`) for reading."""
     with SampleReader(files) as reader:
         yield Samples(reader, files)
@@ -200,9 +218,9 @@ def _references(
     planned = np.rint(table["travel_mm"] / table["speed_mm_s"] * SAMPLE_RATE_HZ).astype(np.int64)
     named = ("trial_id", "texture", "speed_mm_s", "force_g")
     columns = (rows, *(table[name] for name in named), planned)
-    places = [p._replace(file=first_file + p.file) for p in session.places(rows.tolist())]
-    told = zip(*(column.tolist() for column in columns), places, strict=True)
-    return [TrialRef(number, *row) for row in told]
+    places = session.places(rows.tolist(), first_file)
+    told = (column.tolist() for column in columns)
+    return list(map(TrialRef, [number] * len(rows), *told, places))
 
 
 def _provenance(session: Session) -> dict[str, Any]:

@@ -184,23 +184,23 @@ def _lay(
     """Copy some taxels of each trial into the tile's lanes; its last row fills the rest."""
     lanes, some = tile.shape[1], taxels.shape[0]
     flat = tile.reshape(-1)
+    runs = gapless and some >= RUN
     for trial in range(addresses.shape[0]):
         n = lengths[trial]
-        for t in range(tile.shape[0]):
-            at = t * lanes + trial * some
-            row = addresses[trial] + min(start + t, n - 1) * row_bytes
-            if n == 0:
-                for j in range(some):
-                    flat[at + j] = 0
-            elif gapless and some >= RUN:
-                row += BYTES * taxels[0]
+        own = max(0, min(tile.shape[0], n - start))
+        at, row = trial * some, addresses[trial] + start * row_bytes + BYTES * taxels[0]
+        if runs:
+            for _ in range(own):
                 for j in range(0, some - RUN, RUN):
                     copy_run(flat, at + j, row + BYTES * j)
                 # The last run overlaps the one before, so that nothing beyond the row is touched.
                 copy_run(flat, at + some - RUN, row + BYTES * (some - RUN))
-            else:
-                for j in range(some):
-                    flat[at + j] = reading(row + BYTES * taxels[j])
+                at, row = at + lanes, row + row_bytes
+        for t in range(own if runs else 0, tile.shape[0]):
+            at = t * lanes + trial * some
+            row = addresses[trial] + min(start + t, n - 1) * row_bytes
+            for j in range(some):
+                flat[at + j] = reading(row + BYTES * taxels[j]) if n else 0
 
 
 def _add_up(rows: Any, starts: Any, stretches: Any, in_lane: Any, sums: Any) -> None:

@@ -210,8 +210,8 @@ class Session:
         """Where the samples of each of ``parts`` lie."""
         return tuple(map(sample_file, self.parts))
 
-    def places(self, indices: Sequence[int]) -> list[Place]:
-        """Where the windows of trials lie; ``file`` counts :meth:`sample_files`.
+    def places(self, indices: Sequence[int], first_file: int = 0) -> list[Place]:
+        """Where the windows of trials lie; ``file`` counts :meth:`sample_files` from the first.
 
         Raises SessionError for a part that cannot be read.
         """
@@ -219,7 +219,8 @@ class Session:
         found: dict[int, Place] = {}
         for number, part in enumerate(self.parts):
             chosen = np.flatnonzero(rows["part"] == part.number)
-            found.update(zip(chosen.tolist(), places_of(part, rows[chosen], number), strict=True))
+            places = places_of(part, rows[chosen], first_file + number)
+            found.update(zip(chosen.tolist(), places, strict=True))
         if len(found) < len(rows):
             lost = rows[min(set(range(len(rows))) - set(found))]
             raise SessionError(

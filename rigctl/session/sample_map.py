@@ -9,7 +9,7 @@ to HDF5.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -18,6 +18,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.errors import SessionError
 from rigctl.session.part_reader import PartReader, Structured
 
 SAMPLES, COUNTER = "/taxels/samples", "/taxels/counter"
@@ -37,6 +38,10 @@ class SampleFile:
     n_taxels: int
     chunk_rows: int
     offsets: NDArray[np.int64] | None
+
+
+Files = Sequence[SampleFile] | Mapping[int, SampleFile]
+"""Files by the number that a place tells."""
 
 
 class Place(NamedTuple):
@@ -74,13 +79,13 @@ def places_of(part: PartReader, rows: Structured, file: int) -> list[Place]:
         stop[i] = start[i] + np.searchsorted(counters, behind[i])
     whole = (stop - start == rows["count"]) & (stop > start)
     columns = (start.tolist(), np.maximum(stop, start).tolist(), whole.tolist())
-    return [Place(file, *row) for row in zip(*columns, strict=True)]
+    return list(map(Place, [file] * len(rows), *columns))
 
 
 class SampleReader:
     """Reads trials of some files; use it in a ``with``, in one thread."""
 
-    def __init__(self, files: Sequence[SampleFile]) -> None:
+    def __init__(self, files: Files) -> None:
         self._files = files
         self._open: dict[int, BinaryIO | PartReader] = {}
 
@@ -130,14 +135,13 @@ def _offsets(part: PartReader, path: str) -> NDArray[np.int64] | None:
         return None
     if not as_in_memory or (dataset.ndim == 2 and dataset.chunks[1] != dataset.shape[1]):
         return None
-    offsets = np.full(-(-dataset.shape[0] // dataset.chunks[0]), -1, np.int64)
-
-    def take(chunk: Any) -> None:
-        number = chunk.chunk_offset[0] // dataset.chunks[0]
-        if number < len(offsets):
-            offsets[number] = chunk.byte_offset
-
-    dataset.id.chunk_iter(take)
+    found: list[tuple[int, int]] = []
+    dataset.id.chunk_iter(lambda chunk: found.append((chunk.chunk_offset[0], chunk.byte_offset)))
+    chunk_rows, n_rows = dataset.chunks[0], int(dataset.shape[0])
+    offsets = np.full(-(-n_rows // chunk_rows), -1, np.int64)
+    rows, places = np.array(found, np.int64).reshape(-1, 2).T
+    inside = rows < n_rows
+    offsets[rows[inside] // chunk_rows] = places[inside]
     return offsets if (offsets >= 0).all() else None
 
 
@@ -150,9 +154,13 @@ def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]
             out[i] = part.read(COUNTER, row, row + 1)
         return out[:, 0]
     chunk_rows = part.array(COUNTER).chunks[0]
-    with part.named(), part.path.open("rb", buffering=0) as file:
-        for i, row in enumerate(rows.tolist()):
-            _read_chunks(file, offsets, chunk_rows, row, out[i : i + 1])
+    size = out.itemsize
+    at = offsets[rows // chunk_rows] + rows % chunk_rows * size
+    if len(at) and int(at.max()) + size > part.path.stat().st_size:
+        raise SessionError(f"{part.path} is damaged: it ends before its samples do")
+    with part.named():
+        octets = np.memmap(part.path, np.uint8, "r")
+        out[:] = octets[at[:, None] + np.arange(size)].view(np.int64)
     return out[:, 0]
 
 
