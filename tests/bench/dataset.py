@@ -48,7 +48,8 @@ def measure() -> Iterator[dict[str, Any]]:
         f"{largest['trials']} trials, {largest['trial_s']:.0f} s; join, ranges, search of C, both "
         f"encodings, features of the paper's four representations; {WORKERS} threads; files in "
         f"memory, kernels loaded; all six with the texture-blind two: {largest['six_s']:.2f} s; "
-        f"best of {REPEATS}; CPU {largest['cpu_s']:.1f} s; {machine()}, load {largest['load']:.1f}; "
+        f"best of {REPEATS}; CPU {largest['cpu_s']:.1f} s; {machine()}, "
+        f"load {largest['load']:.1f}; "
         f"the peer encodes {PEER_TRIALS} trials with and without C, no search, extrapolated"
     )
     name = "h5py and NumPy, trial by trial"
@@ -162,8 +163,8 @@ def opening(trials: TrialSet) -> dict[str, Any]:
                     _ = counters[last]
 
     note = (
-        f"{len(trials.trials)} trials in {len(trials.files)} parts, files in memory: tables, texts, "
-        "and of each trial whether it is complete and where it lies; best of 3"
+        f"{len(trials.trials)} trials in {len(trials.files)} parts, files in memory: tables, "
+        "texts, and of each trial whether it is complete and where it lies; best of 3"
     )
     peer = "h5py: tables, and the last counter of each trial"
     ours_s, theirs_s = best_of(3, ours), best_of(1, theirs)
