@@ -17,6 +17,7 @@ table { border-collapse: collapse; margin: .8rem 0; font-variant-numeric: tabula
 th, td { padding: .28rem .7rem; border-bottom: 1px solid #e6e9ed; text-align: right; }
 td { white-space: nowrap; vertical-align: top; } td:first-child { white-space: normal; }
 th:first-child, td:first-child, .words { text-align: left; } td.words { white-space: normal; }
+.dense table { font-size: .86em; } .dense th, .dense td { padding: .2rem .45rem; }
 table.named td:nth-child(2), table.named th:nth-child(2) { text-align: left; }
 th { font-weight: 600; vertical-align: bottom; }
 .paper { color: #59636e; font-size: .87em; }

@@ -137,17 +137,19 @@ def _sensitivity(table: Mapping[str, Any] | None, tasks: Mapping[str, Any]) -> l
     rows, before = [], ""
     for (preset, key), lines in by_row.items():
         one = next(iter(lines.values()))
-        cells = [f"{one['sa_hz']:.2f}", f"{one['ra_hz']:.2f}"]
+        cells = [f"{one['sa_hz']:.1f}", f"{one['ra_hz']:.1f}"]
         cells += [_percent(lines.get(task)) for task in tasks]
         rows.append(["" if preset == before else preset, NAME_OF[key], *cells])
         before = preset
-    head = ["encoder preset", "representation", "SA Hz", "RA Hz"]
-    head += [_task_name(task, "") for task in tasks.values()]
+    head = ["preset", "representation", "SA Hz", "RA Hz"]
+    # Ten columns have to stand on a page, so a task is named by its figure where it has one.
+    head += [escape(task["figure"] or task["title"]) for task in tasks.values()]
     note = (
         f"Mean rates over trials and taxels; accuracy with {table['components']} components (fewer "
         "where the trials allow fewer), mean ± standard deviation in %, over the same draws."
     )
-    return [f"<h2>Encoder presets</h2>{_table(head, rows, named=True)}<small>{note}</small>"]
+    shown = f"<div class=dense>{_table(head, rows, named=True)}</div>"
+    return [f"<h2>Encoder presets</h2>{shown}<small>{note}</small>"]
 
 
 def _percent(line: Mapping[str, Any] | None) -> str:

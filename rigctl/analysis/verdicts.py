@@ -183,9 +183,7 @@ def _reasons(result: TaskResult, near_ceiling: bool, simulated: bool) -> tuple[s
     if near_ceiling:
         said.append("accuracies near 100 % leave no room for a difference")
     if result.shown < paper.K_MAX:
-        said.append(
-            f"{result.shown} components were possible instead of {paper.K_MAX}: the set is smaller"
-        )
+        said.append(f"{result.shown} components were used instead of {paper.K_MAX}")
     if len(result.classes) != (4 if result.task.grouped else 16):
         said.append(f"{len(result.classes)} classes are told apart, not the paper's")
     if result.learnt < SMALL_SHARE * LEARNT[result.task.family]:
