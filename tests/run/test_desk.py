@@ -102,6 +102,20 @@ def test_the_encoders_range_is_taken_from_what_the_taxels_show(floor: Floor) -> 
     floor.play(person)
 
 
+def test_what_the_boards_say_of_themselves_is_told_and_asked_for(floor: Floor) -> None:
+    async def person(floor: Floor) -> None:
+        boards = floor.engine.status()["boards"]
+        assert boards["drum"]["reset"] == boards["taxels"]["reset"] == "power-up"
+        assert boards["taxels"]["supply_v"] == pytest.approx(5.0, abs=0.05)
+        assert boards["taxels"]["self_test"] == []
+        assert boards["drum"]["self_test"] is None
+        assert await asked(floor)("test_taxels", {}) == {"found": []}
+
+    floor.play(person)
+    said = [text for text in floor.texts("board") if "self-test" in text]
+    assert said == ["taxels' self-test: nothing found"] * 2
+
+
 def test_a_protocol_is_started_held_and_ended_by_messages(floor: Floor) -> None:
     async def person(floor: Floor) -> None:
         ask = asked(floor)
