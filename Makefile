@@ -15,11 +15,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gui test check pytest firmware bench orders shots soak fuzz docs lock clean
+.PHONY: help setup demo gui test check pytest firmware bench orders scale shots soak fuzz docs lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, orders, shots, soak, fuzz, docs, lock, clean'
+	@echo 'also: make gui, check, firmware, bench, orders, scale, shots, soak, fuzz, docs, lock, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml
 	$(SAY) "Python environment in $(VENV) (locked versions, wheels only)"
@@ -73,6 +73,10 @@ bench: firmware $(PEERS)/.ready
 	$(SAY) "every figure with its peer in the same run; also in build/bench.jsonl"
 	@QT_QPA_PLATFORM=offscreen RIGCTL_PEERS_PYTHON=$(abspath $(PEERS)/bin/python) \
 	  $(BIN)/python -m tests.bench $(BENCH_ARGS)
+
+scale: $(VENV)/.ready
+	$(SAY) "what 10⁶ and 10⁸ trials would cost, from rates measured now: docs/explanation/scale.md"
+	@$(BIN)/python -m tests.bench.scale docs/explanation/scale.md
 
 # Independent virtual sets; what is there already is used again.
 ORDERS := build/orders
