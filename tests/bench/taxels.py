@@ -28,8 +28,8 @@ def measure() -> Iterator[dict[str, Any]]:
         yield row("frame_cycles_error", int(abs(drift[-1])), "cycles", f"{starts.size} frames")
         yield row("jitter_cycles", int(max(offsets)), "cycles", JITTER)
         yield row("idle_share", round(x.slept_cycles / x.cycle, 4), "", "asleep")
-        yield row("isr_load", round(load, 4), "", "")
-        yield row("longest_isr_us", (max(x.longest_isr) + ENTRY_CYCLES) / 16, "µs", "")
+        yield row("isr_load", round(load, 4), "", "of all cycles")
+        yield row("longest_isr_us", (max(x.longest_isr) + ENTRY_CYCLES) / 16, "µs", "entry added")
     off_us = interrupts_off_us()
     yield row("interrupts_off_us", off_us, "µs", f"outside of interrupts, {WATCHED_FRAMES} frames")
 
@@ -54,5 +54,5 @@ def row(name: str, value: float, unit: str, what: str) -> dict[str, Any]:
         "peer": None,
         "peer_value": None,
         "ratio": None,
-        "note": f"{what}; {NOTE}" if what else NOTE,
+        "note": f"{what}; {NOTE}",
     }
