@@ -64,10 +64,11 @@ def measure() -> Iterator[dict[str, Any]]:
 
 def made_here() -> None:
     """Make the set unless it is there."""
-    if (SET / "part-0001.h5").exists():
+    if "RIGCTL_BENCH_SET" in os.environ or (SET / "whole").exists():
         return
-    words = ("synth", "--plan", "protocols/paper.toml", "--seed", "1", "--out", str(SET))
+    words = ("synth", "--plan", "paper", "--seed", "1", "--resume", "--out", str(SET))
     subprocess.run([sys.executable, "-m", "rigctl", *words], check=True)
+    (SET / "whole").touch()
 
 
 def machine() -> str:
