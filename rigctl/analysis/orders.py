@@ -152,16 +152,24 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
     return said
 
 
-KINDS = ("hold in every set", "hold in some", "cannot be told apart", "do not hold")
+KINDS = (
+    "hold in every set",
+    "hold in some",
+    "cannot be told apart in any",
+    "do not hold in some and cannot be told apart in others",
+    "hold in none",
+)
 
 
 def _kind(verdicts: Sequence[str]) -> str:
-    held = [verdict == Verdict.HOLDS for verdict in verdicts]
-    if all(held):
+    kinds = set(verdicts)
+    if kinds == {Verdict.HOLDS}:
         return KINDS[0]
-    if any(held):
+    if Verdict.HOLDS in kinds:
         return KINDS[1]
-    return KINDS[2] if all(verdict == Verdict.TIED for verdict in verdicts) else KINDS[3]
+    if kinds == {Verdict.TIED}:
+        return KINDS[2]
+    return KINDS[3] if Verdict.TIED in kinds else KINDS[4]
 
 
 def write_orders(folders: Sequence[Path], out: Path, made: str) -> dict[str, Any]:

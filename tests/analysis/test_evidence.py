@@ -9,6 +9,7 @@ import pytest
 
 from rigctl.analysis import paper
 from rigctl.analysis.evidence import Evidence, Half, _halves, _Look
+from rigctl.analysis.orders import sentences
 from rigctl.analysis.representations import REPRESENTATIONS
 from rigctl.analysis.splits import Design
 from rigctl.analysis.tasks import Curve, TaskResult
@@ -109,3 +110,19 @@ def test_an_order_that_holds_needs_no_reason() -> None:
         "textures", curve("speed", 0.9, 0.9, 0.01), curve("original", 0.5, 0.5, 0.01)
     )
     assert found.held == 1 and why(found.compared[0], result, evidence()) == ()
+
+
+def test_what_cannot_be_told_apart_is_not_counted_as_contrary() -> None:
+    pairs = [
+        {"verdicts": [a, b]}
+        for a, b in (
+            (Verdict.HOLDS, Verdict.HOLDS), (Verdict.HOLDS, Verdict.REVERSED),
+            (Verdict.TIED, Verdict.TIED), (Verdict.TIED, Verdict.REVERSED),
+            (Verdict.REVERSED, Verdict.REVERSED),
+        )
+    ]  # fmt: skip
+    (said,) = sentences({"textures": {"title": "Individual textures", "pairs": pairs}})
+    assert said == (
+        "Individual textures: of 5 orders 1 hold in every set, 1 hold in some, 1 cannot be told "
+        "apart in any, 1 do not hold in some and cannot be told apart in others, 1 hold in none"
+    )
