@@ -3,7 +3,7 @@
 namespace {
 
 // The computer's own traffic; nothing of it is kept or defaulted.
-constexpr uint16_t FIRST_KEPT = reg::speed_set;
+constexpr uint16_t FIRST_KEPT = reg::signal_polarity;
 
 bool is_wide(Kind kind) { return kind == Kind::U32 || kind == Kind::I32; }
 

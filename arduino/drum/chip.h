@@ -17,6 +17,8 @@ uint32_t micros_in_isr();
 namespace stepper {  // chip_stepper.cpp
 void begin();
 void cut();       // interrupts are off: no further pulse leaves the pin
+void wire_index(bool inverted);
+void wire_sync(bool fitted, bool inverted);
 bool breathing(); // called once a tick: the step interrupt comes when it should
 }  // namespace stepper
 
@@ -31,6 +33,7 @@ bool end_down();
 
 namespace estop {  // chip_estop.cpp
 void begin();
+void wire(bool fitted, bool inverted);
 void check_level();   // from the tick interrupt
 bool tripped();       // interrupts are off or it does not matter: outputs stay off
 bool take();          // open now, or was since the last call

@@ -8,14 +8,14 @@
 #include "chip.h"
 #include "chip_pins.h"
 #include "isr_meter.h"
-#include "ports.h"
 
 namespace {
 
 volatile bool latched;
 volatile bool fitted = true;
+volatile uint8_t open_level = pins::ESTOP;  // what the input shows when it is open
 
-inline bool open() { return PINE & pins::ESTOP; }
+inline bool open() { return (PINE & pins::ESTOP) == open_level; }
 
 inline void trip() {
     latched = true;
@@ -34,10 +34,21 @@ namespace estop {
 
 void begin() {
     PORTE |= pins::ESTOP;
-    EICRB |= _BV(ISC51) | _BV(ISC50);
+    EICRB = (EICRB & ~_BV(ISC51)) | _BV(ISC50);  // either edge: the wire may be inverted
 #ifndef NO_ESTOP_INTERRUPT  // a broken image that the tests must catch
     EIMSK |= _BV(INT5);
 #endif
+}
+
+// An opening that was seen with the wiring of before means nothing.
+void wire(bool is_fitted, bool inverted) {
+    const uint8_t level = inverted ? 0 : pins::ESTOP;
+    if (fitted == is_fitted && open_level == level) return;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        fitted = is_fitted;
+        open_level = level;
+        latched = fitted && open();
+    }
 }
 
 void check_level() {
@@ -56,9 +67,3 @@ bool take() {
 }
 
 }  // namespace estop
-
-namespace ports {
-
-void watch_estop(bool is_fitted) { fitted = is_fitted; }
-
-}  // namespace ports

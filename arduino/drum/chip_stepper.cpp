@@ -41,6 +41,7 @@ uint32_t wait;      // cycles still to wait before the rise, after the present p
 uint8_t fraction;   // of a cycle, summed up over steps
 volatile bool running;
 ports::SyncLine sync_state;
+volatile bool sync_fitted = true, sync_inverted, index_inverted;
 volatile uint16_t index_count;
 int32_t index_position;
 
@@ -79,11 +80,15 @@ inline void schedule(uint16_t from, uint16_t over) {
     aim_at_rise(from, (exact >> 8) - over);
 }
 
+inline void show_sync(bool on) {
+    if ((on && sync_fitted) != sync_inverted) PORTA |= pins::SYNC;
+    else PORTA &= ~pins::SYNC;
+}
+
 inline void move_sync(Mark mark) {
     if (mark == Mark::None) return;
     const bool on = mark == Mark::SyncOn;
-    if (on) PORTA |= pins::SYNC;
-    else PORTA &= ~pins::SYNC;
+    show_sync(on);
     sync_state.high = on;
     if (on) {
         sync_state.rise_us = clock::micros_in_isr();
@@ -112,7 +117,7 @@ ISR(TIMER1_COMPA_vect, __attribute__((flatten))) {
 // The mark's edges; the leading one when going forwards is the trailing one backwards.
 ISR(INT4_vect) {
     const IsrMeter meter;
-    const bool high = PINE & pins::INDEX;
+    const bool high = static_cast<bool>(PINE & pins::INDEX) != index_inverted;
     if (high == engine.backwards()) return;
     index_position = engine.position();
     index_count = index_count + 1;
@@ -135,8 +140,18 @@ void cut() {
     engine.abandon();
     PORTB &= ~pins::STEP;
     PORTA |= pins::STEPPER_OFF;
-    PORTA &= ~pins::SYNC;
+    show_sync(false);
     sync_state.high = false;
+}
+
+void wire_index(bool inverted) { index_inverted = inverted; }
+
+void wire_sync(bool fitted, bool inverted) {
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        sync_fitted = fitted;
+        sync_inverted = inverted;
+        show_sync(sync_state.high);
+    }
 }
 
 bool breathing() {

@@ -6,6 +6,7 @@ namespace {
 
 constexpr uint8_t TARE_TRIES = 3;  // a drum just lifted still swings
 constexpr uint16_t HOMING_SPEED = 6000;  // 0.01 mm/s
+constexpr uint16_t TARE_SPEED = 4000;
 constexpr uint32_t HOMING_STEPS = board::STEPS_PER_TURN * 5UL / 4;
 
 uint32_t steps_of(uint16_t tenths_mm) {
@@ -23,6 +24,7 @@ bool Drum::command(Command command, uint16_t sequence) {
         return false;
     }
     if (before == Pending::Tare && pending_ != Pending::Tare) loadcell_.abandon_tare();
+    if (before == Pending::Tune && pending_ != Pending::Tune) step_test_.abandon();
     acknowledged_ = sequence;
     result_ = pending_ == Pending::None ? CommandResult::Done : CommandResult::Running;
     return true;
@@ -44,6 +46,8 @@ bool Drum::begin(Command command) {
         case Command::Home: return home();
         case Command::Save: return save();
         case Command::Defaults: return defaults();
+        case Command::Tune: return tune();
+        case Command::TareTurn: return tare_turn();
     }
     return false;
 }
@@ -92,7 +96,7 @@ bool Drum::move() {
 }
 
 bool Drum::home() {
-    if (!machine_.accepts(Event::Move) || !fitted(1)) return false;
+    if (!machine_.accepts(Event::Move) || !fitted(Signal::Index)) return false;
     start_state(Event::Move);
     homed_ = false;
     homing_ = true;
@@ -111,16 +115,18 @@ bool Drum::approach_begin() {
     return start_state(Event::Approach);
 }
 
-// The ramp has to end before the trial window opens.
+// The ramp and its settling have to end before the trial window opens.
 bool Drum::run() {
-    if (!machine_.accepts(Event::Run)) return false;
+    if (!machine_.accepts(Event::Run) || step_test_.running()) return false;
+    const uint16_t speed = word(reg::speed_set);
     const uint32_t run_in = steps_of(word(reg::run_in_set));
-    if (run_in < ramp::steps_to_speed(word(reg::speed_set), word(reg::acceleration_set)))
+    const uint32_t settling = speed * 10UL * word(reg::run_settle_ms) / board::NM_PER_STEP;
+    if (run_in < ramp::steps_to_speed(speed, word(reg::acceleration_set)) + settling)
         return false;
     start_state(Event::Run);
     const bool backwards = word(reg::direction_set) != 0;
     const uint32_t window = steps_of(word(reg::travel_set));
-    start({{}, backwards, ENDLESS, run_in, window}, word(reg::speed_set));
+    start({{}, backwards, ENDLESS, run_in, window}, speed);
     return true;
 }
 
@@ -139,6 +145,28 @@ bool Drum::tare() {
     return true;
 }
 
+// A turn at constant speed, lifted, from wherever the drum is; needs to know its angle.
+bool Drum::tare_turn() {
+    if (!machine_.accepts(Event::Move) || !homed_ || loadcell_.faults()) return false;
+    start_state(Event::Move);
+    tare_turn_.begin();
+    turning_tare_ = true;
+    const uint32_t ramp_steps = ramp::steps_to_speed(TARE_SPEED, word(reg::acceleration_set));
+    start({{}, false, board::STEPS_PER_TURN + 2 * ramp_steps + TareTurn::PLACE_STEPS, ENDLESS, 0},
+          TARE_SPEED);
+    return true;
+}
+
+// Only where the loop holds a force at a drum that stands.
+bool Drum::tune() {
+    if (machine_.state() != State::Hold || force_mode() != ForceMode::Hold) return false;
+    bank_.put(reg::proposed_gain_p, 0);
+    bank_.put(reg::proposed_gain_i, 0);
+    step_test_.begin(target_.force_g, force_.stiffness());
+    pending_ = Pending::Tune;
+    return true;
+}
+
 bool Drum::zero_steps() {
     if (ports::moving()) return false;
     ports::shift_position(-ports::position());
@@ -150,7 +178,7 @@ bool Drum::zero_steps() {
 
 bool Drum::save() {
     if (!resting() || ports::saving()) return false;
-    ports::save(bank_.settings(), SETTINGS_WORDS);
+    ports::save(bank_.settings());
     pending_ = Pending::Save;
     return true;
 }
@@ -168,7 +196,7 @@ void Drum::written(uint16_t address, uint16_t count) {
         return place >= address && place - address < count;
     };
     if (touched(reg::heartbeat)) heartbeat_.seen(word(reg::heartbeat));
-    if (address + count <= reg::speed_set) return;  // only the computer's own traffic
+    if (address + count <= reg::signal_polarity) return;  // only the computer's own traffic
     if (touched(reg::tare_counts) || touched(reg::tare_counts + 1)) tared_ = true;
     apply_settings();
 }

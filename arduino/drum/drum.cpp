@@ -19,6 +19,9 @@ constexpr float SEARCH_MM_S = 3.0f;        // near the surface, at most
 constexpr float SEARCH_S = 0.1f;           // and so slow that contact is a matter of this time
 constexpr float QUICK_MM_S = 8.0f;
 constexpr float CONTACT_MM_S = 6.0f;
+constexpr float DEPTH_GAIN = 4.0f;         // 1/s
+constexpr float DEPTH_REST_MM = 0.03f;     // the potentiometer shows 0.05 mm a count
+constexpr float DEPTH_BAND_MM = 0.06f;
 constexpr int16_t INDEX_TOLERANCE = 4;     // steps
 constexpr int16_t INDEX_LATE = 40;
 constexpr int32_t TARE_MAX_SPREAD_UG = 10000000;  // 10 g
@@ -33,7 +36,20 @@ bool supervised(State state) {
 
 }  // namespace
 
-bool Drum::fitted(uint8_t signal) const { return word(reg::optional_signals) >> signal & 1; }
+// What the wires say, with those put right that are inverted.
+Inputs Drum::unwired(const Inputs &inputs) const {
+    Inputs result = inputs;
+    if (has(reg::signal_polarity, Signal::Index)) result.index_high = !inputs.index_high;
+    if (has(reg::signal_polarity, Signal::EndSwitches)) {
+        result.end_up = !inputs.end_up;
+        result.end_down = !inputs.end_down;
+    }
+    if (has(reg::signal_polarity, Signal::Position))
+        result.position_um = inputs.position_um < board::ACTUATOR_TRAVEL_UM
+                                 ? board::ACTUATOR_TRAVEL_UM - inputs.position_um
+                                 : 0;
+    return result;
+}
 
 // Works out once what each sample needs: every product of numbers with a point costs 10 µs.
 void Drum::apply_settings() {
@@ -42,7 +58,10 @@ void Drum::apply_settings() {
     band_g_ = force_g * word(reg::settle_band) * 0.001f;
     over_force_g_ = word(reg::over_force) * 0.1f;
     actuator_.start_from(word(reg::dead_band_permille));
-    ports::watch_estop(fitted(0));
+    ports::wire_signals(word(reg::optional_signals), word(reg::signal_polarity));
+    tare_by_place_ = false;
+    for (uint8_t place = 0; place < TARE_PLACES; ++place)
+        if (word(reg::tare_place_00 + place)) tare_by_place_ = true;
     loadcell_.set_scale(bank_.wide(reg::tare_counts), bank_.wide(reg::scale_ug_per_count));
     judge_force();
 }
@@ -53,8 +72,12 @@ void Drum::judge_force() {
 }
 
 void Drum::boot(bool watchdog_reset) {
-    if (ports::load(bank_.settings(), SETTINGS_WORDS) && !bank_.settings_valid())
+    SettingsFrom from = ports::load(bank_.settings());
+    if (from == SettingsFrom::Saved && !bank_.settings_valid()) {
         bank_.restore_defaults();
+        from = SettingsFrom::Damaged;
+    }
+    bank_.put(reg::settings_from, static_cast<uint16_t>(from));
     report_identity();
     apply_settings();
     enter(State::Boot);
@@ -107,6 +130,8 @@ void Drum::enter(State state) {
     if (!may_step) ports::stop_at_once();
     if (state == State::Retract || state == State::FaultLift) ports::stop_gently();
     const bool actuator_on = machine_.drive() != Drive::Off;
+    if (state != State::Position) turning_tare_ = false;
+    if (state != State::Hold) step_test_.abandon();
     if (!outputs.stepper_enabled) homed_ = false;  // anybody may turn a drum that is off
     ports::enable_stepper(outputs.stepper_enabled);
     ports::enable_bridge(actuator_on);
@@ -122,19 +147,23 @@ void Drum::move_actuator() {
 }
 
 void Drum::tick(const Inputs &inputs) {
-    inputs_ = inputs;
+    inputs_ = unwired(inputs);
     heartbeat_.tick();
     loadcell_.tick(ports::now_us());
     supervise();
     watch_index();
     progress();
     progress_pending();
-    if (fitted(3)) actuator_.watch(inputs_.position_um);
+    if (fitted(Signal::Position)) actuator_.watch(inputs_.position_um);
     move_actuator();
 }
 
 void Drum::sample(const Conversion &conversion) {
+    const bool by_place = tare_by_place_ && homed_;
+    const uint16_t *table = bank_.settings() + (reg::tare_place_00 - SETTINGS_START);
+    loadcell_.set_place_tare(by_place ? TareTurn::between(table, place_in_turn()) : 0);
     if (!loadcell_.take(conversion)) return;
+    if (turning_tare_ && ports::at_speed()) tare_turn_.add(conversion.raw, place_in_turn());
     judge_force();
     supervise();
     thought_due_ = true;
@@ -144,6 +173,11 @@ void Drum::think() {
     thought_due_ = false;
     const Drive mode = machine_.drive();
     if (mode == Drive::Approach || mode == Drive::ForceLoop) press();
+}
+
+uint16_t Drum::place_in_turn() const {
+    const int32_t place = ports::position() % board::STEPS_PER_TURN;
+    return static_cast<uint16_t>(place < 0 ? place + board::STEPS_PER_TURN : place);
 }
 
 DrumTurn Drum::turn() {
@@ -161,6 +195,7 @@ DrumTurn Drum::turn() {
 }
 
 bool Drum::within_band() const {
+    if (force_mode() == ForceMode::Position) return fabsf(depth_missing_mm()) <= DEPTH_BAND_MM;
     return fabsf(loadcell_.force_g() - target_.force_g) <= band_g_;
 }
 
@@ -174,23 +209,39 @@ float Drum::search_speed() const {
 
 // One step of the force loop: in APPROACH, HOLD and RUN, at each sample.
 void Drum::press() {
-    const bool near_contact = !contact_known_ || !fitted(3) ||
+    const bool near_contact = !contact_known_ || !fitted(Signal::Position) ||
                               inputs_.position_um + SLOW_ZONE_UM >= contact_um_;
     const bool searching = !force_.in_contact();
     target_.speed_limit = CONTACT_MM_S;
     if (searching) target_.speed_limit = near_contact ? search_speed() : QUICK_MM_S;
-    const bool by_depth = word(reg::force_mode) == static_cast<uint16_t>(ForceMode::Position);
-    if (by_depth) target_.force_g = word(reg::depth_set_um) * 0.001f * force_.stiffness();
     float speed = force_.update(loadcell_.force_g(), target_, turn());
-    if (locked_) speed = 0;
+    if (searching && force_.in_contact()) touched();
+    if (force_.in_contact()) speed = other_mode(speed);
     force_.commanded(speed);
     actuator_.want(speed);
-    if (searching && force_.in_contact()) {
-        contact_ms_ = outside_ms_ = inputs_.now_ms;
-        contact_um_ = inputs_.position_um;
-        contact_known_ = true;
-    }
     if (!within_band()) outside_ms_ = inputs_.now_ms;
+}
+
+void Drum::touched() {
+    contact_ms_ = outside_ms_ = inputs_.now_ms;
+    contact_um_ = inputs_.position_um;
+    contact_known_ = true;
+}
+
+// What moves the actuator in contact where it is not the force loop.
+float Drum::other_mode(float speed) {
+    if (step_test_.running()) return step_test_.sample(loadcell_.force_g());
+    if (locked_) return 0;
+    if (force_mode() != ForceMode::Position) return speed;
+    const float missing = depth_missing_mm();
+    return fabsf(missing) < DEPTH_REST_MM ? 0 : DEPTH_GAIN * missing;
+}
+
+float Drum::depth_missing_mm() const {
+    const float wanted = word(reg::depth_set_um) * 0.001f;
+    if (!fitted(Signal::Position)) return wanted - force_.depth_mm();
+    const int32_t depth_um = static_cast<int32_t>(inputs_.position_um) - contact_um_;
+    return wanted - static_cast<float>(depth_um) * 0.001f;
 }
 
 void Drum::progress() {
@@ -206,7 +257,8 @@ void Drum::progress() {
         default: break;
     }
     const bool presses = permille_ > 0;
-    if (presses && (end_down() || (fitted(3) && inputs_.position_um >= BOTTOM_UM)))
+    const bool at_bottom = fitted(Signal::Position) && inputs_.position_um >= BOTTOM_UM;
+    if (presses && (end_down() || at_bottom))
         raise(Fault::ActuatorEnd);
 }
 
@@ -219,19 +271,15 @@ void Drum::approach() {
     const uint32_t since_start = inputs_.now_ms - entered_ms_;
     if (!force_.in_contact()) {
         const uint16_t limit = word(reg::approach_limit_um);
-        const bool too_far = fitted(3) && inputs_.position_um > static_cast<uint32_t>(start_um_) + limit;
+        const bool too_far = fitted(Signal::Position) &&
+                             inputs_.position_um > static_cast<uint32_t>(start_um_) + limit;
         const bool too_long = since_start > limit / (0.5f * search_speed()) + 500;
         if (too_far || too_long) raise(Fault::NoContact);
         return;
     }
-    const bool depth_only = word(reg::force_mode) == static_cast<uint16_t>(ForceMode::Position);
-    const uint32_t settled_ms = inputs_.now_ms - outside_ms_;
-    const bool settled = depth_only
-        ? inputs_.now_ms - contact_ms_ > 1000U
-        : settled_ms >= word(reg::settle_time_ms);
-    if (settled) {
+    if (inputs_.now_ms - outside_ms_ >= word(reg::settle_time_ms)) {
         bank_.put(reg::stiffness_g_per_mm, lroundf(force_.stiffness()));
-        locked_ = word(reg::force_mode) == static_cast<uint16_t>(ForceMode::Lock);
+        locked_ = force_mode() == ForceMode::Lock;
         go(Event::ForceSettled);
     } else if (inputs_.now_ms - contact_ms_ > word(reg::approach_timeout_ms)) {
         raise(Fault::ForceUnreached);
@@ -242,7 +290,8 @@ bool Drum::lifted_clear() const {
     const uint32_t since_start = inputs_.now_ms - entered_ms_;
     const uint32_t clearance = word(reg::lift_clearance_um);
     if (end_up()) return true;
-    if (!fitted(3)) return !fitted(2) && since_start > ACTUATOR_FULL_LIFT_MS;
+    if (!fitted(Signal::Position))
+        return !fitted(Signal::EndSwitches) && since_start > ACTUATOR_FULL_LIFT_MS;
     if (inputs_.position_um <= TOP_UM) return true;
     // A fault lifts as far as its time allows: whatever happened, distance helps.
     if (machine_.state() == State::FaultLift) return false;
@@ -266,6 +315,7 @@ void Drum::lift() {
 
 void Drum::position_move() {
     if (ports::moving()) return;
+    if (turning_tare_) end_tare_turn();
     const bool failed = homing_ && !homed_;
     homing_ = false;
     if (failed) finish(CommandResult::Failed);
@@ -275,7 +325,7 @@ void Drum::position_move() {
 // --- index mark ---------------------------------------------------------------------------------
 
 void Drum::watch_index() {
-    if (!fitted(1)) return;
+    if (!fitted(Signal::Index)) return;
     const ports::IndexMark mark = ports::index_mark();
     const bool fresh = mark.count != index_seen_;
     index_seen_ = mark.count;
@@ -335,6 +385,9 @@ void Drum::progress_pending() {
         case Pending::Save:
             if (!ports::saving()) finish(CommandResult::Done);
             return;
+        case Pending::Tune:
+            if (!step_test_.running()) end_tune();
+            return;
     }
 }
 
@@ -346,8 +399,30 @@ void Drum::end_tare() {
         --tare_tries_;
         return loadcell_.begin_tare();
     }
-    bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(loadcell_.tare_mean()));
+    const int32_t tare = loadcell_.tare_mean() - loadcell_.place_tare();
+    bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(tare));
     apply_settings();
     tared_ = true;
+    finish(CommandResult::Done);
+}
+
+void Drum::end_tare_turn() {
+    turning_tare_ = false;
+    if (!tare_turn_.finish()) return finish(CommandResult::Failed);
+    bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(tare_turn_.mean()));
+    for (uint8_t place = 0; place < TARE_PLACES; ++place)
+        bank_.put(reg::tare_place_00 + place, static_cast<uint16_t>(tare_turn_.at(place)));
+    apply_settings();
+    tared_ = true;
+}
+
+void Drum::end_tune() {
+    if (machine_.state() != State::Hold || !step_test_.succeeded())
+        return finish(CommandResult::Failed);
+    const GainProposal &found = step_test_.proposal();
+    bank_.put(reg::proposed_gain_p, lroundf(found.gain_p * 100));
+    bank_.put(reg::proposed_gain_i, lroundf(found.gain_i * 100));
+    bank_.put(reg::tuned_stiffness_g_per_mm, lroundf(found.stiffness_g_per_mm));
+    bank_.put(reg::tuned_delay, lroundf(found.delay_s * 10000));
     finish(CommandResult::Done);
 }

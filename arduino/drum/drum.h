@@ -19,6 +19,8 @@
 #include "machine.h"     // states
 #include "modbus.h"      // wire counters for the report
 #include "ports.h"       // the body
+#include "step_test.h"   // gain proposal
+#include "tare_turn.h"   // tare by angle
 
 struct Inputs {
     uint32_t now_ms;
@@ -52,7 +54,7 @@ class Drum : public Owner {
 
   private:
     // What a long command waits for.
-    enum class Pending : uint8_t { None, Change, Tare, Save };
+    enum class Pending : uint8_t { None, Change, Tare, Save, Tune };
 
     // drum.cpp
     uint16_t causes() const;
@@ -74,12 +76,23 @@ class Drum : public Owner {
     void finish(CommandResult result);
     void progress_pending();
     void end_tare();
+    void end_tare_turn();
+    void end_tune();
     void start(const Motion &motion, uint16_t speed);
     DrumTurn turn();
-    bool fitted(uint8_t signal) const;
-    bool estop_open() const { return fitted(0) && inputs_.estop_open; }
-    bool end_up() const { return fitted(2) && inputs_.end_up; }
-    bool end_down() const { return fitted(2) && inputs_.end_down; }
+    bool fitted(Signal signal) const { return has(reg::optional_signals, signal); }
+    bool has(uint16_t address, Signal signal) const {
+        return word(address) >> static_cast<uint8_t>(signal) & 1;
+    }
+    Inputs unwired(const Inputs &inputs) const;
+    bool estop_open() const { return fitted(Signal::Estop) && inputs_.estop_open; }
+    bool end_up() const { return fitted(Signal::EndSwitches) && inputs_.end_up; }
+    bool end_down() const { return fitted(Signal::EndSwitches) && inputs_.end_down; }
+    ForceMode force_mode() const { return static_cast<ForceMode>(word(reg::force_mode)); }
+    uint16_t place_in_turn() const;
+    float depth_missing_mm() const;
+    float other_mode(float speed);
+    void touched();
     uint16_t word(uint16_t address) const { return bank_.word(address); }
     bool within_band() const;
     void apply_settings();
@@ -96,6 +109,8 @@ class Drum : public Owner {
     bool clear();
     bool tare();
     bool zero_steps();
+    bool tare_turn();
+    bool tune();
     bool save();
     bool defaults();
     bool resting() const;
@@ -113,6 +128,8 @@ class Drum : public Owner {
     Loadcell loadcell_;
     ForceLoop force_;
     Actuator actuator_;
+    TareTurn tare_turn_;
+    StepTest step_test_;
     Bank bank_;
     Modbus modbus_;
     Inputs inputs_ = {0, 0, false, false, false, false};
@@ -135,6 +152,8 @@ class Drum : public Owner {
     bool thought_due_ = false;    // a sample came, and the force loop has not seen it
     bool locked_ = false;         // force mode 1: the force was reached, the actuator rests
     bool homing_ = false, homed_ = false, tared_ = false;
+    bool turning_tare_ = false;   // a turn is made to tare by the angle
+    bool tare_by_place_ = false;  // some place of the turn has a tare of its own
     bool backwards_ = false, over_force_ = false;
     ForceTarget target_ = {0, 0, 0, 0};
     float band_g_ = 0, over_force_g_ = 0;

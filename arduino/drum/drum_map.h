@@ -8,15 +8,16 @@
 #include "flash.h"  // constant tables stay in program memory
 
 constexpr uint16_t MAGIC = 21063;
-constexpr uint16_t MAP_VERSION = 1;
+constexpr uint16_t MAP_VERSION = 2;
 constexpr uint16_t BOARD_DRUM = 1;
 constexpr uint8_t UNIT = 1;
 constexpr uint32_t BAUD = 115200;
 constexpr uint8_t LOADCELL_RECENT = 5;
 constexpr uint8_t RING_DEPTH = 64;
+constexpr uint8_t TARE_PLACES = 16;
 constexpr uint16_t SETTINGS_START = 64;
-constexpr uint16_t SETTINGS_WORDS = 32;
-constexpr uint16_t COUNTERS_END = 103;
+constexpr uint16_t SETTINGS_WORDS = 49;
+constexpr uint16_t COUNTERS_END = 128;
 constexpr uint16_t MAP_END = 384;
 
 enum class Command : uint8_t {
@@ -34,6 +35,8 @@ enum class Command : uint8_t {
     Home = 11,
     Save = 12,
     Defaults = 13,
+    Tune = 14,
+    TareTurn = 15,
 };
 
 enum class CommandResult : uint8_t {
@@ -48,6 +51,20 @@ enum class ForceMode : uint8_t {
     Hold = 0,
     Lock = 1,
     Position = 2,
+};
+
+enum class Signal : uint8_t {
+    Estop = 0,
+    Index = 1,
+    EndSwitches = 2,
+    Position = 3,
+    Sync = 4,
+};
+
+enum class SettingsFrom : uint8_t {
+    Defaults = 0,
+    Saved = 1,
+    Damaged = 2,
 };
 
 enum class Status : uint8_t {
@@ -112,6 +129,7 @@ constexpr uint16_t last_contact_um = 55;
 constexpr uint16_t heartbeat = 64;
 constexpr uint16_t command = 65;
 constexpr uint16_t command_sequence = 66;
+constexpr uint16_t signal_polarity = 67;
 constexpr uint16_t speed_set = 68;
 constexpr uint16_t force_set = 69;
 constexpr uint16_t acceleration_set = 70;
@@ -137,13 +155,35 @@ constexpr uint16_t stiffness_g_per_mm = 92;
 constexpr uint16_t dead_band_permille = 93;
 constexpr uint16_t heartbeat_limit_ms = 94;
 constexpr uint16_t optional_signals = 95;
-constexpr uint16_t frames_seen = 96;
-constexpr uint16_t exceptions_sent = 97;
-constexpr uint16_t longest_isr_us = 98;
-constexpr uint16_t free_stack_bytes = 99;
-constexpr uint16_t idle_permille = 100;
-constexpr uint16_t loadcell_dropped = 101;
-constexpr uint16_t index_error_steps = 102;
+constexpr uint16_t run_settle_ms = 96;
+constexpr uint16_t tare_place_00 = 97;
+constexpr uint16_t tare_place_01 = 98;
+constexpr uint16_t tare_place_02 = 99;
+constexpr uint16_t tare_place_03 = 100;
+constexpr uint16_t tare_place_04 = 101;
+constexpr uint16_t tare_place_05 = 102;
+constexpr uint16_t tare_place_06 = 103;
+constexpr uint16_t tare_place_07 = 104;
+constexpr uint16_t tare_place_08 = 105;
+constexpr uint16_t tare_place_09 = 106;
+constexpr uint16_t tare_place_10 = 107;
+constexpr uint16_t tare_place_11 = 108;
+constexpr uint16_t tare_place_12 = 109;
+constexpr uint16_t tare_place_13 = 110;
+constexpr uint16_t tare_place_14 = 111;
+constexpr uint16_t tare_place_15 = 112;
+constexpr uint16_t frames_seen = 116;
+constexpr uint16_t exceptions_sent = 117;
+constexpr uint16_t longest_isr_us = 118;
+constexpr uint16_t free_stack_bytes = 119;
+constexpr uint16_t idle_permille = 120;
+constexpr uint16_t loadcell_dropped = 121;
+constexpr uint16_t index_error_steps = 122;
+constexpr uint16_t proposed_gain_p = 123;
+constexpr uint16_t proposed_gain_i = 124;
+constexpr uint16_t tuned_stiffness_g_per_mm = 125;
+constexpr uint16_t tuned_delay = 126;
+constexpr uint16_t settings_from = 127;
 constexpr uint16_t ring_raw = 128;
 constexpr uint16_t ring_time_us = 256;
 }  // namespace reg
@@ -155,11 +195,12 @@ struct Setting {
     int32_t low, high, initial;
 };
 
-constexpr uint8_t SETTING_COUNT = 28;
+constexpr uint8_t SETTING_COUNT = 46;
 constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {64, Kind::U16, 0L, 65535L, 0L},  // heartbeat, 
-    {65, Kind::U16, 0L, 13L, 0L},  // command, 
+    {65, Kind::U16, 0L, 15L, 0L},  // command, 
     {66, Kind::U16, 0L, 65535L, 0L},  // command_sequence, 
+    {67, Kind::U16, 0L, 31L, 0L},  // signal_polarity, 
     {68, Kind::U16, 500L, 20000L, 8000L},  // speed_set, mm/s
     {69, Kind::U16, 500L, 15000L, 5000L},  // force_set, g
     {70, Kind::U16, 50L, 2000L, 600L},  // acceleration_set, mm/s²
@@ -184,7 +225,24 @@ constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {92, Kind::U16, 50L, 5000L, 600L},  // stiffness_g_per_mm, g/mm
     {93, Kind::U16, 0L, 500L, 100L},  // dead_band_permille, permille
     {94, Kind::U16, 100L, 250L, 250L},  // heartbeat_limit_ms, ms
-    {95, Kind::U16, 0L, 15L, 15L},  // optional_signals, 
+    {95, Kind::U16, 0L, 31L, 31L},  // optional_signals, 
+    {96, Kind::U16, 0L, 2000L, 100L},  // run_settle_ms, ms
+    {97, Kind::I16, -32768L, 32767L, 0L},  // tare_place_00, counts
+    {98, Kind::I16, -32768L, 32767L, 0L},  // tare_place_01, counts
+    {99, Kind::I16, -32768L, 32767L, 0L},  // tare_place_02, counts
+    {100, Kind::I16, -32768L, 32767L, 0L},  // tare_place_03, counts
+    {101, Kind::I16, -32768L, 32767L, 0L},  // tare_place_04, counts
+    {102, Kind::I16, -32768L, 32767L, 0L},  // tare_place_05, counts
+    {103, Kind::I16, -32768L, 32767L, 0L},  // tare_place_06, counts
+    {104, Kind::I16, -32768L, 32767L, 0L},  // tare_place_07, counts
+    {105, Kind::I16, -32768L, 32767L, 0L},  // tare_place_08, counts
+    {106, Kind::I16, -32768L, 32767L, 0L},  // tare_place_09, counts
+    {107, Kind::I16, -32768L, 32767L, 0L},  // tare_place_10, counts
+    {108, Kind::I16, -32768L, 32767L, 0L},  // tare_place_11, counts
+    {109, Kind::I16, -32768L, 32767L, 0L},  // tare_place_12, counts
+    {110, Kind::I16, -32768L, 32767L, 0L},  // tare_place_13, counts
+    {111, Kind::I16, -32768L, 32767L, 0L},  // tare_place_14, counts
+    {112, Kind::I16, -32768L, 32767L, 0L},  // tare_place_15, counts
 };
 
 #endif  // DRUM_MAP_H

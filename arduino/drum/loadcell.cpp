@@ -33,7 +33,7 @@ bool Loadcell::take(const Conversion &conversion) {
     raw_[last()] = conversion.raw;
     time_us_[last()] = conversion.ready_us;
     // The end of the range is no force: the fault is the cell's, not an over-force.
-    if (!saturated_) force_g_ = static_cast<float>(conversion.raw - tare_counts_) * g_per_count_;
+    if (!saturated_) weigh();
     if (tare_left_) add_to_tare(conversion.raw);
     return true;
 }
@@ -58,7 +58,11 @@ uint16_t Loadcell::faults() const {
 void Loadcell::set_scale(int32_t tare_counts, int32_t ug_per_count) {
     tare_counts_ = tare_counts;
     g_per_count_ = static_cast<float>(ug_per_count) * 1e-6f;
-    force_g_ = static_cast<float>(raw() - tare_counts_) * g_per_count_;
+    weigh();
+}
+
+void Loadcell::weigh() {
+    force_g_ = static_cast<float>(raw() - tare_counts_ - place_tare_) * g_per_count_;
 }
 
 void Loadcell::begin_tare() {

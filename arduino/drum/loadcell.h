@@ -33,6 +33,9 @@ class Loadcell {
     bool alive() const { return settled_ > SETTLING && !silent_; }
 
     void set_scale(int32_t tare_counts, int32_t ug_per_count);
+    // What the place of the drum adds to the tare, for the next conversion.
+    void set_place_tare(int32_t counts) { place_tare_ = counts; }
+    int32_t place_tare() const { return place_tare_; }
     float force_g() const { return force_g_; }
     int32_t raw() const { return raw_[last()]; }
 
@@ -54,6 +57,7 @@ class Loadcell {
     uint8_t last() const { return sequence_ % RING_DEPTH; }
     void supervise(const Conversion &conversion);
     void add_to_tare(int32_t raw);
+    void weigh();
 
     int32_t raw_[RING_DEPTH] = {};
     uint32_t time_us_[RING_DEPTH] = {};
@@ -64,7 +68,7 @@ class Loadcell {
     uint8_t equal_run_ = 0;
     uint8_t tare_left_ = 0;  // samples of the pause and of the tare itself
     bool silent_ = false, saturated_ = false, out_of_step_ = false;
-    int32_t tare_counts_ = 0, tare_mean_ = 0, tare_low_ = 0, tare_high_ = 0;
+    int32_t tare_counts_ = 0, place_tare_ = 0, tare_mean_ = 0, tare_low_ = 0, tare_high_ = 0;
     int32_t tare_first_ = 0, tare_sum_ = 0;
     float g_per_count_ = 0, force_g_ = 0;
 };

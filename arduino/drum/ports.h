@@ -5,6 +5,7 @@
 
 #include <stdint.h>
 
+#include "drum_map.h"     // where settings come from
 #include "step_engine.h"  // motions
 
 namespace ports {
@@ -40,14 +41,15 @@ void shift_position(int32_t by);
 SyncLine sync_line();
 IndexMark index_mark();
 
-// Whether the emergency stop's wire is there at all; without it the input means nothing.
-void watch_estop(bool fitted);
+// Bits of Signal: which optional wires are there at all, and which mean the opposite.
+void wire_signals(uint8_t fitted, uint8_t inverted);
 void enable_bridge(bool on);
 void drive(int16_t permille);  // positive presses
 
 // Settings that outlive the power. save() begins a write that takes a byte a tick.
-bool load(uint16_t *words, uint8_t count);
-void save(const uint16_t *words, uint8_t count);
+// load() leaves the words alone where nothing whole was saved.
+SettingsFrom load(uint16_t *words);
+void save(const uint16_t *words);
 bool saving();
 
 }  // namespace ports

@@ -56,7 +56,7 @@ uint16_t Drum::status_bits() const {
            flag(Status::InContact, pressing && force_.in_contact()) |
            flag(Status::SpeedConstant, ports::at_speed()) |
            flag(Status::EstopClosed, !inputs_.estop_open) |
-           flag(Status::EndUp, inputs_.end_up) | flag(Status::EndDown, inputs_.end_down) |
+           flag(Status::EndUp, end_up()) | flag(Status::EndDown, end_down()) |
            flag(Status::Homed, homed_) | flag(Status::Tared, tared_);
 }
 

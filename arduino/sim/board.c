@@ -188,6 +188,7 @@ static void begin(sim_board *board, uint64_t until)
     pins_begin(board);
     bridge_begin(board);
     bound_burst(board);
+    if (board->kind == SIM_DRUM) motor_show_mark(board); /* the wiring may be another */
     avr_cycle_timer_register(board->avr, until - board->avr->cycle, on_stop, board);
     schedule(board);
 }

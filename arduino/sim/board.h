@@ -45,6 +45,7 @@ struct drum {
     int64_t steps;               /* where the last pulse wants the drum */
     double from;                 /* where it was at that pulse */
     uint64_t stepped, interval;  /* cycle of the last pulse, and the time from the one before */
+    int index_pin;               /* what the chip sees of the index mark */
 };
 
 struct watched {

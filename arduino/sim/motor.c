@@ -28,10 +28,11 @@ static int on_mark(const sim_board *board)
 
 void motor_show_mark(sim_board *board)
 {
-    int level = on_mark(board);
+    int level = on_mark(board), pin = level ^ board->exchange.mark_inverted;
+    if (pin != board->drum.index_pin) set_pin(board, PORT_INDEX, BIT_INDEX, pin);
+    board->drum.index_pin = pin;
     if (level == board->out_level[SIM_OUT_INDEX]) return;
     board->out_level[SIM_OUT_INDEX] = level;
-    set_pin(board, PORT_INDEX, BIT_INDEX, level);
     report_edge(board, SIM_OUT_INDEX, level);
 }
 

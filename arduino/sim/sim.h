@@ -66,6 +66,7 @@ typedef struct sim_exchange {
     int32_t loadcell_mode;             /* enum sim_loadcell_mode */
     int32_t motor_jammed;              /* 1: step pulses do not turn the drum */
     int32_t mark_length_steps;         /* index mark covers steps 0 … this − 1 of a turn */
+    int32_t mark_inverted;             /* 1: the drum's chip sees the mark low */
     int32_t steps_per_turn;
     int32_t report_samples;            /* 1: report SIM_OUT_SAMPLE edges */
     int32_t report_steps;              /* 1: report SIM_OUT_STEP edges */

@@ -19,6 +19,7 @@ from rigctl.wire import drum_map as table
 from rigctl.wire.drum_map import Command, CommandResult
 from rigctl.wire.drum_poll import PollDecoder, Raw
 from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
+from rigctl.wire.drum_tare import PLACE_NAMES, place_table
 from rigctl.wire.registers import BlockLayout, Write, plan_writes, reads_for
 
 ANSWER_S = 4.0
@@ -89,7 +90,7 @@ class Drum:
         await self.line.open()
         try:
             identity = drum_identity(self.link.name, await self._first_answer())
-            await self._take_settings()
+            await self._take_settings(identity.details["steps_per_turn"])
         except BaseException as failure:
             self.line.close()
             await explain(failure, self._whos_there if self._boot_count is None else None)
@@ -143,7 +144,7 @@ class Drum:
         latched a fault on the way.
         """
         sequence = self._next_sequence()
-        if command is Command.TARE:
+        if command in (Command.TARE, Command.TARE_TURN):
             self._tare_sequence = sequence
         try:
             await self.line.write(_COMMAND, (command, sequence), once=True)
@@ -189,13 +190,14 @@ class Drum:
             "rigctl ports shows what hangs where"
         )
 
-    async def _take_settings(self) -> None:
+    async def _take_settings(self, steps_per_turn: int) -> None:
         raw = _SETTINGS.raw(await self.line.read(*table.SETTINGS_BLOCK))
         self._sequence = raw["command_sequence"][0]
         self._beat = raw["heartbeat"][0]
         self._tare_sequence = None
         self._decoder = PollDecoder()
         self._remember({e.name: raw[e.name][0] * e.scale for e in _SETTINGS.entries})
+        self._decoder.steps_per_turn = steps_per_turn
 
     async def _poll_beating(self) -> list[int]:
         """A poll whose reply shows the beat it was sent with; others are older replies."""
@@ -237,13 +239,14 @@ class Drum:
         self.settings |= values
         self._decoder.tare_counts = round(self.settings.get("tare_counts", 0))
         self._decoder.scale_ug_per_count = round(self.settings.get("scale_ug_per_count", 0))
+        self._decoder.tare_table = place_table(self.settings)
 
     async def _after_tare(self, raw: Raw) -> None:
         """A tare that is done changed what raw counts mean: read it."""
         done = raw["command_result"][0] != CommandResult.RUNNING
         if done and raw["command_acknowledged"][0] == self._tare_sequence:
             self._tare_sequence = None
-            await self.get("tare_counts", "scale_ug_per_count")
+            await self.get("tare_counts", "scale_ug_per_count", *PLACE_NAMES)
 
     def _next_sequence(self) -> int:
         self._sequence = (self._sequence + 1) % 65536

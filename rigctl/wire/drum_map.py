@@ -13,13 +13,14 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 MAGIC = 0x5247
-MAP_VERSION = 1
+MAP_VERSION = 2
 BOARD_DRUM = 1
 BOARD_TAXELS = 2
 UNIT = 1
 BAUD = 115200
 LOADCELL_RECENT = 5
 RING_DEPTH = 64
+TARE_PLACES = 16
 
 
 class Command(IntEnum):
@@ -39,6 +40,8 @@ class Command(IntEnum):
     HOME = 11
     SAVE = 12
     DEFAULTS = 13
+    TUNE = 14
+    TARE_TURN = 15
 
 
 class CommandResult(IntEnum):
@@ -57,6 +60,24 @@ class ForceMode(IntEnum):
     HOLD = 0
     LOCK = 1
     POSITION = 2
+
+
+class Signal(IntEnum):
+    """Bit numbers of registers ``optional_signals`` (fitted) and ``signal_polarity`` (inverted)."""
+
+    ESTOP = 0
+    INDEX = 1
+    END_SWITCHES = 2
+    POSITION = 3
+    SYNC = 4
+
+
+class SettingsFrom(IntEnum):
+    """Values of register ``settings_from``."""
+
+    DEFAULTS = 0
+    SAVED = 1
+    DAMAGED = 2
 
 
 class Status(IntEnum):
@@ -177,8 +198,9 @@ POLL = (
 
 SETTINGS = (
     _rw(64, "heartbeat", "u16", "", "any change counts as a beat; 0 is allowed", (0, 65535, 0)),
-    _rw(65, "command", "u16", "", "value of Command, executed with the next register", (0, 13, 0)),
+    _rw(65, "command", "u16", "", "value of Command, executed with the next register", (0, 15, 0)),
     _rw(66, "command_sequence", "u16", "", "a new value executes the command", (0, 65535, 0)),
+    _rw(67, "signal_polarity", "u16", "", "bits of Signal: wired the other way", (0, 31, 0)),
     _rw(68, "speed_set", "u16", "mm/s", "surface speed of RUN", (500, 20000, 8000), 0.01),
     _rw(69, "force_set", "u16", "g", "force of APPROACH, HOLD and RUN", (500, 15000, 5000), 0.1),
     _rw(70, "acceleration_set", "u16", "mm/s²", "of every ramp", (50, 2000, 600)),
@@ -290,19 +312,43 @@ SETTINGS = (
         "optional_signals",
         "u16",
         "",
-        "bit set: fitted. 0 E-stop, 1 index, 2 end switches, 3 position",
-        (0, 15, 15),
+        "bits of Signal: fitted",
+        (0, 31, 31),
+    ),
+    _rw(
+        96,
+        "run_settle_ms",
+        "u16",
+        "ms",
+        "time at constant speed that the run-in must hold besides the ramp",
+        (0, 2000, 100),
+    ),
+    *(
+        _rw(
+            97 + place,
+            f"tare_place_{place:02d}",
+            "i16",
+            "counts",
+            f"reading at no load less tare_counts, {place}/{TARE_PLACES} of a turn behind the mark",
+            (-32768, 32767, 0),
+        )
+        for place in range(TARE_PLACES)
     ),
 )
 
 COUNTERS = (
-    _ro(96, "frames_seen", "u16", "", "requests for this unit with a good CRC, wraps"),
-    _ro(97, "exceptions_sent", "u16", "", "requests refused, wraps"),
-    _ro(98, "longest_isr_us", "u16", "µs", "longest interrupt since boot"),
-    _ro(99, "free_stack_bytes", "u16", "bytes", "stack never used since boot (painted)"),
-    _ro(100, "idle_permille", "u16", "permille", "share of the last second spent waiting"),
-    _ro(101, "loadcell_dropped", "u16", "", "conversions not used, wraps"),
-    _ro(102, "index_error_steps", "i16", "steps", "last index mark: steps counted less expected"),
+    _ro(116, "frames_seen", "u16", "", "requests for this unit with a good CRC, wraps"),
+    _ro(117, "exceptions_sent", "u16", "", "requests refused, wraps"),
+    _ro(118, "longest_isr_us", "u16", "µs", "longest interrupt since boot"),
+    _ro(119, "free_stack_bytes", "u16", "bytes", "stack never used since boot (painted)"),
+    _ro(120, "idle_permille", "u16", "permille", "share of the last second spent waiting"),
+    _ro(121, "loadcell_dropped", "u16", "", "conversions not used, wraps"),
+    _ro(122, "index_error_steps", "i16", "steps", "last index mark: steps counted less expected"),
+    _ro(123, "proposed_gain_p", "u16", "1/s", "gain_p that the last TUNE proposes, 0: none", 0.01),
+    _ro(124, "proposed_gain_i", "u16", "1/s", "gain_i that the last TUNE proposes, 0: none", 0.01),
+    _ro(125, "tuned_stiffness_g_per_mm", "u16", "g/mm", "force per travel asked for, last TUNE"),
+    _ro(126, "tuned_delay", "u16", "ms", "from a speed asked for to its force, last TUNE", 0.1),
+    _ro(127, "settings_from", "u16", "", "value of SettingsFrom: what the board booted with"),
 )
 
 RING = (
@@ -322,7 +368,8 @@ BY_NAME: dict[str, Register] = {register.name: register for register in REGISTER
 IDENTITY_BLOCK = (0, 12)
 POLL_BLOCK = (16, 40)
 """First address and count of the one read that every poll makes."""
-SETTINGS_BLOCK = (64, 32)
+SETTINGS_BLOCK = (64, 49)
+COUNTERS_BLOCK = (116, 12)
 END = 384
 """First address that does not exist; reading or writing there is exception 2.
 

@@ -6,10 +6,11 @@ still has them for 0.8 s, and :meth:`PollDecoder.missing` says which to read.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from rigctl.values import DrumState, LoadcellSample
-from rigctl.wire.drum_map import LOADCELL_RECENT, POLL, POLL_BLOCK, RING_DEPTH
+from rigctl.wire.drum_map import LOADCELL_RECENT, POLL, POLL_BLOCK, RING_DEPTH, Status
+from rigctl.wire.drum_tare import counts_at
 from rigctl.wire.registers import BlockLayout
 
 _U16, _U32 = 1 << 16, 1 << 32
@@ -29,8 +30,9 @@ def later(known: int, wire: int, modulus: int) -> int:
 class PollDecoder:
     """Poll blocks of one boot of the board, in order, to drum states.
 
-    ``tare_counts`` and ``scale_ug_per_count`` turn raw load-cell counts into grams, as the
-    board does; whoever changes them there changes them here.
+    ``tare_counts``, ``scale_ug_per_count`` and, by the angle of a homed drum of
+    ``steps_per_turn``, ``tare_table`` turn raw load-cell counts into grams, as the board does;
+    whoever changes them there changes them here.
     """
 
     layout = BlockLayout(*POLL_BLOCK, entries=POLL)
@@ -38,10 +40,13 @@ class PollDecoder:
     def __init__(self, tare_counts: int = 0, scale_ug_per_count: int = 0) -> None:
         self.tare_counts = tare_counts
         self.scale_ug_per_count = scale_ug_per_count
+        self.tare_table: tuple[int, ...] = ()
+        self.steps_per_turn = 1
         self.loadcell_lost = 0
         self._last: DrumState | None = None
         self._sequence: int | None = None
         self._sample_us = 0
+        self._homed = False
 
     @property
     def last(self) -> DrumState | None:
@@ -68,6 +73,7 @@ class PollDecoder:
         ``ring``: the samples that :meth:`missing` asked for, as far as they could be read.
         """
         now_us = self._board_time(raw["board_time_us"][0])
+        self._homed = bool(raw["status_bits"][0] >> Status.HOMED & 1)
         samples = self._new_samples(raw, now_us, ring or {})
         self._last = self._state(raw, at_s, now_us, samples)
         return self._last
@@ -90,7 +96,7 @@ class PollDecoder:
         found = {newest - i: recent[i] for i in range(min(LOADCELL_RECENT, newest - known))}
         found |= {n: counts for n, (counts, at) in ring.items() if self._plausible(at, newest_us)}
         self.loadcell_lost += newest - known - len(found)
-        samples = self._timed(found, known, newest, newest_us)
+        samples = self._timed(found, known, newest, newest_us, self._turn(raw, now_us))
         self._sequence, self._sample_us = newest, newest_us
         return samples
 
@@ -98,20 +104,32 @@ class PollDecoder:
         """False for a place of the ring that a newer sample has overwritten meanwhile."""
         return self._sample_us < newest_us - (newest_us - ring_us) % _U32
 
+    def _turn(self, raw: Raw, now_us: int) -> Callable[[int], float]:
+        """The drum's turns behind its mark at a board time, in line since the last poll."""
+        steps, last = raw["steps"][0], self._last
+        span_us = now_us - last.board_time_us if last is not None else 0
+        rate = (steps - last.steps) / span_us if last is not None and span_us else 0.0
+        return lambda at_us: (steps - rate * (now_us - at_us)) / self.steps_per_turn
+
     def _timed(
-        self, found: Mapping[int, int], known: int, newest: int, newest_us: int
+        self,
+        found: Mapping[int, int],
+        known: int,
+        newest: int,
+        newest_us: int,
+        turn: Callable[[int], float],
     ) -> tuple[LoadcellSample, ...]:
         """Times between those of the newest samples of this and of the last poll."""
         span_us, count = newest_us - self._sample_us, max(newest - known, 1)
+        times = {n: newest_us - round(span_us * (newest - n) / count) for n in sorted(found)}
         return tuple(
-            LoadcellSample(
-                n,
-                newest_us - round(span_us * (newest - n) / count),
-                found[n],
-                (found[n] - self.tare_counts) * self.scale_ug_per_count * 1e-6,
-            )
-            for n in sorted(found)
+            LoadcellSample(n, at_us, found[n], self._force_g(found[n], turn(at_us)))
+            for n, at_us in times.items()
         )
+
+    def _force_g(self, raw: int, turn: float) -> float:
+        tare = self.tare_counts + (counts_at(self.tare_table, turn) if self._homed else 0.0)
+        return (raw - tare) * self.scale_ug_per_count * 1e-6
 
     def _state(
         self,

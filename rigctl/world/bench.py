@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 
 import numpy as np
 
+from rigctl.wire.drum_map import Signal
 from rigctl.world.loadcell import Loadcell
 from rigctl.world.noise import Stream, generator
 from rigctl.world.parameters import WorldParameters, checked
@@ -66,7 +67,12 @@ class Bench:
         self.plant.disturb(self.disturbances.motor_jammed, self.disturbances.push_g)
 
     def sync(self, level: int, at_us: int) -> None:
-        """The drum board drives the sync line to this level; ``on_sync(level, at_us)`` hears."""
+        """The drum board drives its sync pin to this level; ``on_sync(level, at_us)`` hears."""
+        if Signal.SYNC in self.disturbances.absent:
+            return
+        level = level ^ (Signal.SYNC in self.disturbances.inverted)
+        if level == self.sync_level:
+            return
         self.sync_level = level
         self._sync_edges.append((at_us, level))
         if self.on_sync is not None:

@@ -76,6 +76,7 @@ class Exchange(ctypes.Structure):
         ("loadcell_mode", _I32),
         ("motor_jammed", _I32),
         ("mark_length_steps", _I32),
+        ("mark_inverted", _I32),
         ("steps_per_turn", _I32),
         ("report_samples", _I32),
         ("report_steps", _I32),

@@ -16,6 +16,7 @@ import numpy as np
 
 from rigctl.errors import RigFault
 from rigctl.resources import checkout
+from rigctl.wire.drum_map import Signal
 from rigctl.world.bench import Bench
 from rigctl.world.chip_board import BoardClock, ChipBoard
 from rigctl.world.chip_shim import CHANNELS, Chip, Input, Kind, Output, ResetBy, load_library
@@ -123,11 +124,18 @@ class ChipSimulation:
         x = self.drum_board.chip.exchange
         x.analog_rows = 2
         x.steps_per_turn = round(p.steps_per_turn)
-        x.mark_length_steps = round(p.index_length_mm / p.mm_per_step)
+        self._wire_mark()
         period_cycles = self._bench.loadcell.period_us * self.drum_board.clock.cycles_per_us
         x.loadcell_period_q16 = round(period_cycles * 65536)
         self.drum_board.chip.place_drum(round(p.start_mm / p.mm_per_step))
         return float(x.drum_place)
+
+    def _wire_mark(self) -> None:
+        p, bench = self._bench.parameters, self._bench.disturbances
+        x = self.drum_board.chip.exchange
+        there = Signal.INDEX not in bench.absent
+        x.mark_length_steps = there * round(p.index_length_mm / p.mm_per_step)
+        x.mark_inverted = int(Signal.INDEX in bench.inverted)
 
     def _run_slice(self) -> None:
         end_ms = self._done_ms + 1
@@ -144,12 +152,21 @@ class ChipSimulation:
         x = chip.exchange
         rod_mm, travel_mm = plant.rod_mm, self._bench.parameters.actuator_travel_mm
         chip.analog[0, 0] = chip.analog[1, 0]
-        chip.analog[1, 0] = rod_mm / travel_mm
-        self._switch(Input.END_UP, int(rod_mm < END_MM), end_ms)
-        self._switch(Input.END_DOWN, int(rod_mm > travel_mm - END_MM), end_ms)
+        chip.analog[1, 0] = self._potentiometer(rod_mm / travel_mm)
+        wire = self._bench.disturbances.wire
+        ends = (rod_mm < END_MM, rod_mm > travel_mm - END_MM)
+        self._switch(Input.END_UP, int(wire(Signal.END_SWITCHES, ends[0])), end_ms)
+        self._switch(Input.END_DOWN, int(wire(Signal.END_SWITCHES, ends[1])), end_ms)
         if x.loadcell_ready <= self.drum_board.clock.cycle(end_ms * SLICE_US):
             x.loadcell_counts = self._bench.loadcell.weigh(self._done_ms * 1000)
         self.drum_board.run(end_ms * SLICE_US)
+
+    def _potentiometer(self, share: float) -> float:
+        """What its wire shows; a missing one drifts somewhere."""
+        bench = self._bench.disturbances
+        if Signal.POSITION in bench.absent:
+            return 0.37
+        return 1.0 - share if Signal.POSITION in bench.inverted else share
 
     def _switch(self, signal: Input, level: int, end_ms: int) -> None:
         if self._switches[signal] != level:
@@ -165,9 +182,10 @@ class ChipSimulation:
             if wire is None:
                 continue
             at_us, level = clock.us(int(chip.edge_cycle[i])), int(chip.edge_level[i])
-            self._edges.append((wire, level, at_us))
             if wire is Input.SYNC:
                 self._bench.sync(level, int(at_us))
+                level = self._bench.sync_level
+            self._edges.append((wire, level, at_us))
 
     def _run_taxels(self) -> None:
         """Let the taxels' chip follow up to where the world is."""
@@ -188,9 +206,11 @@ class ChipSimulation:
     def _disturb(self) -> None:
         bench = self._bench.disturbances
         x = self.drum_board.chip.exchange
+        self._wire_mark()
         x.loadcell_mode = _LOADCELL_MODE[bench.loadcell]
         x.motor_jammed = int(bench.motor_jammed)
-        self._switch(Input.ESTOP, int(bench.estop_pressed), self._done_ms + 1)
+        estop = bench.wire(Signal.ESTOP, bench.estop_pressed)
+        self._switch(Input.ESTOP, int(estop), self._done_ms + 1)
         self._bench.disturb()
 
     def _reset(self, board: str) -> None:

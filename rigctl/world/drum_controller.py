@@ -13,26 +13,29 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.wire.drum_map import SETTINGS, Command, CommandResult
+from rigctl.wire.drum_map import SETTINGS, Command, CommandResult, Signal
 from rigctl.wire.drum_states import LIFT_FAULTS, OUTPUTS, Event, Fault, State, next_state
 from rigctl.world.bench import Bench
+from rigctl.world.drum_conditions import accepts
 from rigctl.world.drum_health import Health
 from rigctl.world.drum_loadcell import PERIOD_US, SILENCE_PERIODS, LoadcellWatch
 from rigctl.world.drum_motion import DrumMotion
 from rigctl.world.drum_presser import Presser
 from rigctl.world.drum_registers import RegisterBank
+from rigctl.world.drum_step_test import GainProposal, StepTest
 from rigctl.world.drum_tables import (
+    BLIND_LIFT_US,
     BOOT_US,
     EVENTS,
     GOALS,
     LIFT_US,
-    RESTING,
     SELFTEST_LIMIT_US,
     SLOWEST_SEARCH_MM_S,
     TENDED,
     UNSUPERVISED,
     Timer,
 )
+from rigctl.world.drum_tares import Tares
 from rigctl.world.drum_turner import Turner
 
 
@@ -55,9 +58,11 @@ class Controller:
         self.turner = Turner(bench, motion, clock, at_us)
         self.presser = Presser(bench, bank, self.cell, clock)
         self.actuator = self.presser.actuator
-        self.tared = False
+        self.proposal: GainProposal | None = None
+        self.tares = Tares(bank, self.cell, self.turner)
         self._goal: State | None = None
         self.health = Health(bench.disturbances, bank, self.cell, at_us)
+        self.rewired(at_us)
         self._timers = {Timer.BOOT: at_us + BOOT_US}
 
     # What happens to it
@@ -101,7 +106,9 @@ class Controller:
         self._wait(Timer.SILENCE, SILENCE_PERIODS * PERIOD_US)
         self.cell.tare_counts = self._setting("tare_counts")
         self.cell.ug_per_count = self._setting("scale_ug_per_count")
+        self.cell.place_counts = self.tares.place_counts(now_us)
         self.cell.take(raw, self.board_us(now_us))
+        self.tares.reading(raw, now_us)
         self._check_loadcell()
         if self.state is State.SELFTEST:
             self._go(Event.SELFTEST_PASSED)
@@ -118,7 +125,7 @@ class Controller:
         """An index mark began."""
         self.now_us = max(self.now_us, at_us)
         good = self.turner.mark(at_us, self._bank.settings, self._move_done)
-        if not good and self.health.fitted(1):
+        if not good and self.health.fitted(Signal.INDEX):
             self.raise_fault(Fault.STEP_COUNT)
 
     def limit_reached(self, now_us: int) -> None:
@@ -128,7 +135,9 @@ class Controller:
         self.actuator.off()
         if drive < 0.0:
             self._lifted()
-        elif self.actuator.at_lower_end:
+        elif self.actuator.at_lower_end and (
+            self.health.fitted(Signal.END_SWITCHES) or self.health.fitted(Signal.POSITION)
+        ):
             self.raise_fault(Fault.ACTUATOR_END)
         elif self.state is State.APPROACH and not self.presser.in_contact:
             self.raise_fault(Fault.NO_CONTACT)
@@ -148,9 +157,9 @@ class Controller:
     def command(self, now_us: int, command: Command, sequence: int) -> bool:
         """Begin a command; False where the state or a present cause refuses it."""
         self.now_us = now_us
-        if not self._accepts(command):
+        if not accepts(self, command, self._bank.settings):
             return False
-        self.cell.abandon_tare()
+        self.tares.abandon()
         self.acknowledged, self.result = sequence, CommandResult.RUNNING
         self._goal = GOALS.get(command)
         event = EVENTS.get(command)
@@ -188,6 +197,7 @@ class Controller:
             Timer.SILENCE: self._loadcell_silent,
             Timer.APPROACH: self._approach_overdue,
             Timer.LIFT: lambda: self._go(Event.LIFT_TIME_OVER),
+            Timer.BLIND_LIFT: self._lifted,
         }
 
     def _booted(self) -> None:
@@ -229,6 +239,8 @@ class Controller:
             self.turner.halt(self.now_us)
         if outputs.actuator != "force_loop":
             self.presser.settled = False
+        if state is not State.HOLD:
+            self.presser.step_test = None
         self._supervise_heartbeat()
         entry = {
             State.SELFTEST: lambda: self._wait(Timer.SELFTEST, SELFTEST_LIMIT_US),
@@ -253,29 +265,10 @@ class Controller:
         self._goal = None
 
     def _fail(self) -> None:
-        self.cell.abandon_tare()
+        self.tares.abandon()
         self._finish(CommandResult.FAILED)
 
     # Commands
-
-    def _accepts(self, command: Command) -> bool:
-        event = EVENTS.get(command)
-        if event is not None and next_state(self.state, event) is None:
-            return False
-        settings = self._bank.settings
-        if command in (Command.ARM, Command.CLEAR):
-            return not self.causes
-        if command in (Command.TARE, Command.SAVE, Command.DEFAULTS):
-            healthy = command is not Command.TARE or not self.cell.faults()
-            return self.state in RESTING and healthy
-        if command is Command.HOME:
-            return self.health.fitted(1)
-        if command is Command.APPROACH:
-            # A set force too near the limit would end in OVER_FORCE at the first overshoot.
-            return 11 * settings["force_set"] <= 10 * settings["over_force"]
-        if command is Command.RUN:
-            return self.turner.run_in_suffices(settings)
-        return command is not Command.ZERO_STEPS or not self.turner.motion.moving
 
     def _stops_something(self) -> bool:
         return next_state(self.state, Event.STOP) is State.RETRACT
@@ -287,6 +280,8 @@ class Controller:
         return {
             Command.MOVE: self._begin_move,
             Command.HOME: self._begin_home,
+            Command.TUNE: self._begin_test,
+            Command.TARE_TURN: self._begin_tare_turn,
             Command.RUN: self._begin_run,
             Command.RETRACT: nothing,
             Command.CLEAR: self._forget_fault,
@@ -304,6 +299,10 @@ class Controller:
         self.presser.force.forget_run_out()
         self.turner.home(self.now_us, self._bank.settings, self._move_done)
 
+    def _begin_tare_turn(self) -> None:
+        self.tares.begin_turn()
+        self.turner.tare_turn(self.now_us, self._bank.settings, self._move_done)
+
     def _begin_run(self) -> None:
         self.turner.run(self.now_us, self._bank.settings, lambda: self._moved(Event.TRAVEL_DONE))
 
@@ -311,10 +310,10 @@ class Controller:
         self._moved(Event.MOVE_DONE)
 
     def _moved(self, event: Event) -> None:
-        if self.turner.homing:
+        if self.turner.homing or not self.tares.finish_turn():
             self.turner.homing = False
             self._finish(CommandResult.FAILED)
-        if self.health.fitted(1) and self.turner.mark_missed(self.now_us):
+        if self.health.fitted(Signal.INDEX) and self.turner.mark_missed(self.now_us):
             self.raise_fault(Fault.STEP_COUNT)
         else:
             self._go(event)
@@ -322,9 +321,10 @@ class Controller:
     def _forget_fault(self) -> None:
         self.fault, self.fault_at_us = Fault.NONE, 0
 
-    def tare_written(self) -> None:
-        """The computer set the tare itself."""
-        self.tared = True
+    def rewired(self, now_us: int) -> None:
+        """The settings may say anew which optional wires there are."""
+        inverted = bool(self._setting("signal_polarity") >> Signal.SYNC & 1)
+        self.turner.wire_sync(self.health.fitted(Signal.SYNC), inverted, now_us)
 
     def _zero_steps(self) -> None:
         self.turner.zero(self.now_us)
@@ -337,35 +337,32 @@ class Controller:
 
     def _defaults(self) -> None:
         self._bank.restore({entry.name: entry.default for entry in SETTINGS})
-        self.tared = False
+        self.tares.tared = False
+        self.rewired(self.now_us)
         self._finish(CommandResult.DONE)
 
     def _finish_tare(self) -> None:
-        tare = self.cell.finished_tare()
-        if tare is None:
-            return
-        if tare.steady:
-            self._bank.put("tare_counts", tare.mean_counts)
-            self.tared = True
-        self._finish(CommandResult.DONE if tare.steady else CommandResult.FAILED)
+        good = self.tares.finish_still()
+        if good is not None:
+            self._finish(CommandResult.DONE if good else CommandResult.FAILED)
 
     # The actuator
 
     def _begin_lift(self) -> None:
         self.turner.brake(self.now_us, self._bank.settings, self._lifted)
-        clearance_mm = 1e-3 * self._setting("lift_clearance_um")
-        known_mm = self.presser.contact_mm
-        self.presser.lift_to(0.0 if known_mm is None else known_mm - clearance_mm)
+        if not (self.health.fitted(Signal.END_SWITCHES) or self.health.fitted(Signal.POSITION)):
+            self._wait(Timer.BLIND_LIFT, BLIND_LIFT_US)
+        self.presser.lift(1e-3 * self._setting("lift_clearance_um"))
 
     def _lifted(self) -> None:
-        still = not self.turner.motion.moving
+        still = not self.turner.motion.moving and Timer.BLIND_LIFT not in self._timers
         if self.state is State.RETRACT and still and self.actuator.duty == 0.0:
             self._go(Event.LIFTED)
 
     def _begin_fault_lift(self) -> None:
         self._fail()
         self.turner.brake(self.now_us, self._bank.settings, lambda: None)
-        self.presser.lift_to(0.0)
+        self.presser.lift()
         self._wait(Timer.LIFT, LIFT_US)
 
     def _begin_approach(self) -> None:
@@ -386,6 +383,17 @@ class Controller:
         """A step of the force loop was done, perhaps the first in touch."""
         if touched:
             self._wait(Timer.APPROACH, 1000 * self._setting("approach_timeout_ms"))
+        test = self.presser.step_test
+        if test is not None and test.finished:
+            self._end_test(test)
         if self.presser.settled and self.state is State.APPROACH:
             self.presser.keep_stiffness()
             self._go(Event.FORCE_SETTLED)
+
+    def _begin_test(self) -> None:
+        self.proposal = None
+        self.presser.begin_test()
+
+    def _end_test(self, test: StepTest) -> None:
+        self.proposal, self.presser.step_test = test.proposal(), None
+        self._finish(CommandResult.DONE if self.proposal else CommandResult.FAILED)

@@ -53,6 +53,7 @@ class ForceLoop:
         """Free of contact, about to press; ``free_g`` is the reading without load."""
         self.stiffness_g_mm = stiffness_g_mm
         self.in_contact = False
+        self.depth_mm = 0.0
         self._samples = 0
         self._free_g = self._last_g = free_g
         self._command = self._speed = self._moved = 0.0
@@ -118,7 +119,7 @@ class ForceLoop:
         if self._samples > BLIND_SAMPLES and rise_g > CONTACT_G:
             self.in_contact = True
             self._samples = 0
-            self._compression = rise_g / self.stiffness_g_mm
+            self._compression = self.depth_mm = rise_g / self.stiffness_g_mm
 
     def _advance_model(self) -> None:
         before = self._moved
@@ -127,6 +128,7 @@ class ForceLoop:
         self._speed = self._command + (self._speed - self._command) * _DECAY
         self._shown = (1.0 - _LATE) * self._moved + _LATE * before
         self._pending = _LATE * self._moved
+        self.depth_mm += self._moved
 
     def _learn_stiffness(self, force_g: float) -> None:
         if self._samples < 3 or abs(self._shown) < 0.004:

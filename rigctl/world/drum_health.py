@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rigctl.wire.drum_map import Signal
 from rigctl.wire.drum_states import Fault
 from rigctl.world.drum_loadcell import LoadcellWatch
 from rigctl.world.drum_registers import RegisterBank
@@ -20,14 +21,24 @@ class Health:
         self.silent = True
         self.beat_us = at_us
 
-    def fitted(self, signal: int) -> bool:
-        """The optional signal of this number is there."""
+    def fitted(self, signal: Signal) -> bool:
+        """The optional signal is there, as the settings say."""
         return bool(self._bank.settings["optional_signals"] >> signal & 1)
+
+    def shown(self, signal: Signal, level: bool) -> bool:
+        """What the board takes a wire for whose far end has this level."""
+        inverted = bool(self._bank.settings["signal_polarity"] >> signal & 1)
+        return self._bench.wire(signal, level) != inverted
+
+    @property
+    def estop_wire_open(self) -> bool:
+        """The emergency stop's wire shows it pressed, fitted or not."""
+        return self.shown(Signal.ESTOP, self._bench.estop_pressed)
 
     @property
     def estop_open(self) -> bool:
         """The emergency stop is pressed and fitted."""
-        return self._bench.estop_pressed and self.fitted(0)
+        return self.fitted(Signal.ESTOP) and self.estop_wire_open
 
     @property
     def loadcell(self) -> list[Fault]:

@@ -33,6 +33,7 @@ class LoadcellWatch:
         self.time_us = [0] * RING_DEPTH
         self.force_g = 0.0
         self.tare_counts = 0
+        self.place_counts = 0.0
         self.ug_per_count = 0
         self.equal_run = 0
         self._tare: list[int] | None = None
@@ -64,7 +65,9 @@ class LoadcellWatch:
 
     def weigh(self) -> None:
         """Force from the newest reading with the tare and scale of now."""
-        self.force_g = (self.newest - self.tare_counts) * self.ug_per_count * 1e-6
+        self.force_g = (
+            (self.newest - self.tare_counts - self.place_counts) * self.ug_per_count * 1e-6
+        )
 
     def faults(self) -> list[Fault]:
         """What the newest reading shows."""

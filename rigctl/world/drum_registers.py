@@ -8,6 +8,7 @@ from typing import Protocol
 from rigctl.wire.drum_map import (
     BY_NAME,
     COUNTERS,
+    COUNTERS_BLOCK,
     END,
     IDENTITY,
     POLL,
@@ -18,15 +19,16 @@ from rigctl.wire.drum_map import (
 from rigctl.wire.registers import BlockLayout, words_of
 from rigctl.world.modbus_slave import Answer
 
-FIRST_KEPT = BY_NAME["speed_set"].address
+FIRST_KEPT = BY_NAME["signal_polarity"].address
 """Below it in the settings lies the computer's own traffic: heartbeat and command."""
+TRAFFIC = frozenset(entry.name for entry in SETTINGS if entry.address < FIRST_KEPT)
 
 _RING_RAW = BY_NAME["ring_raw"]
 _RING_TIME = BY_NAME["ring_time_us"]
 _BLOCKS = {
     "identity": BlockLayout(0, 16, IDENTITY),
     "poll": BlockLayout(POLL[0].address, 64 - POLL[0].address, POLL),
-    "counters": BlockLayout(96, 32, COUNTERS),
+    "counters": BlockLayout(*COUNTERS_BLOCK, COUNTERS),
 }
 _SETTING_OF_WORD = {
     address: entry for entry in SETTINGS for address in range(entry.address, entry.end)
@@ -54,8 +56,8 @@ class Owner(Protocol):
         """The heartbeat register changed."""
         ...
 
-    def tare_written(self) -> None:
-        """The computer set the tare itself."""
+    def written(self, names: set[str]) -> None:
+        """These settings were written and hold."""
         ...
 
 
@@ -92,7 +94,7 @@ class RegisterBank:
             if _overlap(address, count, layout.address, layout.count):
                 _lay(words, address, layout.words(self._owner.report(name)), layout.address)
         if _overlap(address, count, *SETTINGS_BLOCK):
-            for place in range(max(address, FIRST_SETTING), min(address + count, 96)):
+            for place in range(max(address, FIRST_SETTING), min(address + count, END_SETTING)):
                 words[place - address] = self._words.get(place, 0)
         if address + count > _RING_RAW.address:
             self._lay_ring(words, address)
@@ -121,8 +123,8 @@ class RegisterBank:
     def _tell(self, touched: set[str], beat_before: int) -> None:
         if self.settings["heartbeat"] != beat_before:
             self._owner.beat()
-        if "tare_counts" in touched:
-            self._owner.tare_written()
+        if touched - TRAFFIC:
+            self._owner.written(touched)
 
     def _take_over(self, entries: Sequence[Register]) -> Answer:
         for entry in entries:
@@ -143,7 +145,7 @@ class RegisterBank:
             _lay(words, address, laid, entry.address)
 
 
-FIRST_SETTING = SETTINGS_BLOCK[0]
+FIRST_SETTING, END_SETTING = SETTINGS_BLOCK[0], sum(SETTINGS_BLOCK)
 
 
 def _overlap(address: int, count: int, other: int, other_count: int) -> bool:

@@ -10,6 +10,7 @@ from rigctl.wire.drum_states import Event, State
 BOOT_US = 10_000
 SELFTEST_LIMIT_US = 500_000
 LIFT_US = 700_000
+BLIND_LIFT_US = 6_000_000
 SLOWEST_SEARCH_MM_S = 1.5
 
 UNSUPERVISED = frozenset(
@@ -27,6 +28,7 @@ class Timer(Enum):
     SILENCE = "silence"
     APPROACH = "approach"
     LIFT = "lift"
+    BLIND_LIFT = "blind lift"
 
 
 TENDED = frozenset({Timer.SILENCE, Timer.HEARTBEAT})
@@ -37,6 +39,7 @@ EVENTS = {
     Command.DISARM: Event.DISARM,
     Command.MOVE: Event.MOVE,
     Command.HOME: Event.MOVE,
+    Command.TARE_TURN: Event.MOVE,
     Command.APPROACH: Event.APPROACH,
     Command.RUN: Event.RUN,
     Command.RETRACT: Event.RETRACT,
@@ -48,6 +51,7 @@ GOALS = {
     Command.DISARM: State.IDLE,
     Command.MOVE: State.ARMED,
     Command.HOME: State.ARMED,
+    Command.TARE_TURN: State.ARMED,
     Command.APPROACH: State.HOLD,
     Command.RUN: State.HOLD,
     Command.RETRACT: State.ARMED,

@@ -10,6 +10,8 @@ from rigctl.world.drum_motion import DrumMotion, Trapezoid
 
 HOME_MM_S = 60.0
 HOME_TURNS = 1.25
+TARE_MM_S = 40.0
+TARE_TURNS = 1.0625
 INDEX_TOLERANCE_STEPS = 4
 
 Done = Callable[[], None]
@@ -32,6 +34,12 @@ class Turner:
         self.homed = False
         self.homing = False
         self._mark_steps = 0
+        self._sync_fitted, self._sync_inverted = True, False
+
+    def wire_sync(self, fitted: bool, inverted: bool, at_us: int) -> None:
+        """How the sync line is wired; the pin shows it at once."""
+        self._sync_fitted, self._sync_inverted = fitted, inverted
+        self._show_sync(self.sync_high, at_us)
 
     def steps(self, at_us: int) -> int:
         """Signed microsteps since the zero."""
@@ -40,6 +48,10 @@ class Turner:
     def angle_steps(self, at_us: int) -> int:
         """Place within the turn, in steps."""
         return self.steps(at_us) % self.turn_steps
+
+    def turn_share(self, at_us: int) -> float:
+        """Place within the turn, 0 to 1, by the steps."""
+        return self.angle_steps(at_us) / self.turn_steps
 
     def angle_rad(self, at_us: int) -> float:
         """Place within the turn by the steps."""
@@ -66,9 +78,11 @@ class Turner:
         self.motion.start(at_us, shape, sign, marks, lambda now_us: done())
 
     def run_in_suffices(self, settings: Mapping[str, int]) -> bool:
-        """The ramp ends before the trial window opens."""
-        ramp_mm = (0.01 * settings["speed_set"]) ** 2 / (2.0 * settings["acceleration_set"])
-        return 0.1 * settings["run_in_set"] >= ramp_mm + 2.0 * self.step_mm
+        """The ramp and its settling end before the trial window opens."""
+        speed = 0.01 * settings["speed_set"]
+        ramp_mm = speed**2 / (2.0 * settings["acceleration_set"])
+        settling_mm = 1e-3 * settings["run_settle_ms"] * speed
+        return 0.1 * settings["run_in_set"] >= ramp_mm + settling_mm + 2.0 * self.step_mm
 
     def move(self, at_us: int, settings: Mapping[str, int], done: Done) -> None:
         """Go to ``move_target`` lifted; at once done when it is here."""
@@ -77,6 +91,12 @@ class Turner:
             self.motion.brake(at_us, 1.0, lambda now_us: done())
             return
         self._go(at_us, settings, 0.01 * settings["move_speed_set"], distance, done)
+
+    def tare_turn(self, at_us: int, settings: Mapping[str, int], done: Done) -> None:
+        """A turn at constant speed, and its ramps."""
+        ramps_mm = TARE_MM_S**2 / settings["acceleration_set"]
+        steps = round(ramps_mm / self.step_mm) + round(TARE_TURNS * self.turn_steps)
+        self._go(at_us, settings, TARE_MM_S, steps, done)
 
     def home(self, at_us: int, settings: Mapping[str, int], done: Done) -> None:
         """Seek the index mark forwards; the mark's leading edge becomes step 0."""
@@ -143,9 +163,12 @@ class Turner:
     def _rise(self, at_us: int) -> None:
         self.sync_high, self.sync_rise_us = True, at_us
         self.sync_count += 1
-        self._bench.sync(1, at_us)
+        self._show_sync(True, at_us)
 
     def _fall(self, at_us: int) -> None:
         if self.sync_high:
             self.sync_high, self.sync_fall_us = False, at_us
-            self._bench.sync(0, at_us)
+            self._show_sync(False, at_us)
+
+    def _show_sync(self, on: bool, at_us: int) -> None:
+        self._bench.sync(int((on and self._sync_fitted) != self._sync_inverted), at_us)

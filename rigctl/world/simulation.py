@@ -6,7 +6,7 @@ the caller's thread: nothing moves except inside :meth:`Simulation.advance`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from rigctl.errors import LinkLost
+from rigctl.wire.drum_map import Signal
 from rigctl.world.truth import Truth
 
 DRUM = "drum"
@@ -39,6 +40,12 @@ class Disturbances:
     motor_jammed: bool = False
     push_g: float = 0.0
     loadcell: LoadcellFault = LoadcellFault.NONE
+    absent: frozenset[Signal] = frozenset()
+    inverted: frozenset[Signal] = frozenset()
+
+    def wire(self, signal: Signal, level: bool) -> bool:
+        """What the board's end of an optional wire shows; a missing one is pulled up."""
+        return signal in self.absent or level != (signal in self.inverted)
 
 
 class LineNoise:
@@ -199,6 +206,11 @@ class FaultPanel:
     def push(self, force_g: float) -> None:
         """Press on the load cell with an extra force; 0 lets go."""
         self._bench.push_g = force_g
+        self._on_change()
+
+    def rewire(self, absent: Iterable[Signal] = (), inverted: Iterable[Signal] = ()) -> None:
+        """Fit all optional wires of the drum board but ``absent``, some the other way round."""
+        self._bench.absent, self._bench.inverted = frozenset(absent), frozenset(inverted)
         self._on_change()
 
     def _set_loadcell(self, fault: LoadcellFault, on: bool) -> None:

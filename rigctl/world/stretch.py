@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from rigctl.wire.drum_map import ForceMode
+from rigctl.wire.drum_map import ForceMode, Signal
 from rigctl.wire.drum_states import OUTPUTS, State
+from rigctl.wire.drum_tare import place_table
 from rigctl.world import press_kernel as kernel
 from rigctl.world.bench import Bench
 from rigctl.world.drum_controller import Controller
@@ -21,6 +22,7 @@ MOST_CONVERSIONS = 200
 """More than there are in the longest stretch, whatever the amplifier's clock."""
 
 LOOP = slice(kernel.SINE, kernel.STATE_SIZE)
+ALL_SIGNALS = sum(1 << signal for signal in Signal)
 _PRESSING = ("approach", "force_loop")
 
 
@@ -57,7 +59,16 @@ class Stretch:
             and not brain.health.silent
             and self._bench.disturbances.loadcell is LoadcellFault.NONE
             and (not self._presses or self._bank.settings["force_mode"] == ForceMode.HOLD)
+            and brain.presser.step_test is None
+            and self._usual
         )
+
+    @property
+    def _usual(self) -> bool:
+        """Every wire is there and as it should be, and no angle has a tare of its own."""
+        settings = self._bank.settings
+        wired = settings["optional_signals"] == ALL_SIGNALS and not settings["signal_polarity"]
+        return wired and not place_table(settings)
 
     def run(self, until_us: int) -> int:
         """Up to a world time at most :data:`LONGEST_US` away, or to an event before it.

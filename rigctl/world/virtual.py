@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rigctl.wire.drum_map import Signal
 from rigctl.world.bench import Bench
 from rigctl.world.parameters import WorldParameters
 from rigctl.world.simulation import DRUM, TAXELS, FaultPanel, SimulatedLink
@@ -93,7 +94,7 @@ class VirtualRig:
     def _stopped(self, marks: int) -> None:
         """Tell the boards why the plant stopped; there were so many index marks before."""
         plant, (low, high) = self._bench.plant, self._drum.limits_mm
-        if plant.index_rises > marks:
+        if plant.index_rises > marks and Signal.INDEX not in self._bench.disturbances.absent:
             self._taxels.index_mark(plant.index_rise_us)
             self._drum.controller.index_mark(plant.index_rise_us)
         if plant.rod_mm <= low or plant.rod_mm >= high:

@@ -15,6 +15,8 @@ from rigctl.wire.drum_map import (
     RING_DEPTH,
     Command,
     ResetCause,
+    SettingsFrom,
+    Signal,
     Status,
 )
 from rigctl.wire.drum_states import State
@@ -62,6 +64,7 @@ class VirtualDrum:
         self._outbox.clear()
         self._bank = RegisterBank(self)
         self._bank.restore(self._saved)
+        self._settings_from = SettingsFrom.SAVED if self._saved else SettingsFrom.DEFAULTS
         self._slave = ModbusSlave(self._bank)
         self.controller = Controller(self.bench, self._motion, self._bank, self._clock, at_us)
         self.controller.saved = self._saved
@@ -142,9 +145,13 @@ class VirtualDrum:
         """The computer is alive."""
         self.controller.beat(self.now_us)
 
-    def tare_written(self) -> None:
-        """The computer set the tare itself."""
-        self.controller.tare_written()
+    def written(self, names: set[str]) -> None:
+        """The computer wrote these settings."""
+        if "tare_counts" in names:
+            self.controller.tares.tared = True
+        if names & {"optional_signals", "signal_polarity"}:
+            self.controller.rewired(self.now_us)
+            self.controller.estop_changed(self.now_us)
 
     def ring(self) -> tuple[Sequence[int], Sequence[int]]:
         """Load-cell ring: raw counts, wrapped board times."""
@@ -227,22 +234,35 @@ class VirtualDrum:
             "idle_permille": (1000,),
             "loadcell_dropped": (0,),
             "index_error_steps": (error_steps,),
+            "settings_from": (self._settings_from,),
+        } | self._report_proposal()
+
+    def _report_proposal(self) -> Values:
+        found = self.controller.proposal
+        if found is None:
+            return {}
+        return {
+            "proposed_gain_p": (round(100 * found.gain_p),),
+            "proposed_gain_i": (round(100 * found.gain_i),),
+            "tuned_stiffness_g_per_mm": (round(found.stiffness_g_per_mm),),
+            "tuned_delay": (round(1e4 * found.delay_s),),
         }
 
     @property
     def status_bits(self) -> int:
         """What :class:`Status` names, as bits."""
         c = self.controller
+        switches = c.health.fitted(Signal.END_SWITCHES)
         shown = {
             Status.SYNC_HIGH: c.turner.sync_high,
             Status.INDEX_HIGH: self.bench.plant.index_high,
             Status.FORCE_SETTLED: c.presser.settled,
             Status.IN_CONTACT: c.presser.in_contact,
             Status.SPEED_CONSTANT: self._motion.constant,
-            Status.ESTOP_CLOSED: not self.bench.disturbances.estop_pressed,
-            Status.END_UP: c.actuator.at_upper_end,
-            Status.END_DOWN: c.actuator.at_lower_end,
+            Status.ESTOP_CLOSED: not c.health.estop_wire_open,
+            Status.END_UP: switches and c.actuator.at_upper_end,
+            Status.END_DOWN: switches and c.actuator.at_lower_end,
             Status.HOMED: c.turner.homed,
-            Status.TARED: c.tared,
+            Status.TARED: c.tares.tared,
         }
         return sum(1 << bit for bit, on in shown.items() if on)

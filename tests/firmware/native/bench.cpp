@@ -81,8 +81,10 @@ void Bench::one_ms() {
     move_actuator();
     touch();
     while (next_conversion_us_ <= now_us()) convert();
-    Inputs inputs = {time_ms, static_cast<uint16_t>(std::lround(rod_mm * 1023 / 50) * 50000 / 1023),
-                     estop_open, end_up, end_down, false};
+    const double shown_mm = inverted_position ? 50 - rod_mm : rod_mm;
+    Inputs inputs = {time_ms,
+                     static_cast<uint16_t>(std::lround(shown_mm * 1023 / 50) * 50000 / 1023),
+                     estop_open, end_up != inverted_ends, end_down != inverted_ends, false};
     drum.tick(inputs);
     if (each_ms) each_ms();
 }
@@ -191,11 +193,11 @@ void shift_position(int32_t by) {
 }
 SyncLine sync_line() { return current->sync; }
 IndexMark index_mark() { return current->mark; }
-void watch_estop(bool) {}
+void wire_signals(uint8_t, uint8_t) {}
 void enable_bridge(bool on) { current->bridge_on = on; }
 void drive(int16_t permille) { current->drive_permille = permille; }
-bool load(uint16_t *, uint8_t) { return false; }
-void save(const uint16_t *, uint8_t) { current->saving = true; }
+SettingsFrom load(uint16_t *) { return SettingsFrom::Defaults; }
+void save(const uint16_t *) { current->saving = true; }
 bool saving() {
     const bool was = current->saving;
     current->saving = false;

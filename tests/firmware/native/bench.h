@@ -53,6 +53,7 @@ class Bench {
     bool beating = true, estop_open = false, end_up = false, end_down = false;
     bool loadcell_silent = false, loadcell_frozen = false, loadcell_saturated = false;
     bool out_of_step = false, mark_hidden = false, actuator_jammed = false;
+    bool inverted_ends = false, inverted_position = false;
     double push_g = 0;
 
     // What the bench really does.

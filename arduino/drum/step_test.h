@@ -1,0 +1,43 @@
+// A small step of the actuator while a force is held: what it tells about stiffness and delay,
+// and which gains that suggests.
+//
+// The actuator rests, then lifts at a constant speed for a few samples, then rests again. The
+// force falls by stiffness times travel. The area between the force and its end, over the whole
+// fall, is half the time of lifting plus everything that delays the force, whatever the shape
+// of the answer: lag of the actuator, averaging of the cell, time of the loop.
+#ifndef STEP_TEST_H
+#define STEP_TEST_H
+
+#include <stdint.h>
+
+struct GainProposal {
+    float gain_p, gain_i;        // 1/s
+    float stiffness_g_per_mm;    // force per travel asked for
+    float delay_s;
+};
+
+class StepTest {
+  public:
+    // A force is held at a contact of about this stiffness.
+    void begin(float force_g, float stiffness_g_per_mm);
+    void abandon() { samples_left_ = 0; }
+    bool running() const { return samples_left_ != 0; }
+
+    // One load-cell sample; returns the speed to ask for now, mm/s.
+    float sample(float force_g);
+
+    // After the end: whether the answer makes sense, and what follows from it.
+    bool succeeded() const { return succeeded_; }
+    const GainProposal &proposal() const { return proposal_; }
+
+  private:
+    void finish();
+
+    GainProposal proposal_ = {0, 0, 0, 0};
+    float before_g_ = 0, after_g_ = 0, sum_g_ = 0;
+    float expected_g_ = 0;
+    uint8_t samples_left_ = 0, lift_samples_ = 0;
+    bool succeeded_ = false;
+};
+
+#endif  // STEP_TEST_H
