@@ -12,12 +12,8 @@ constexpr uint16_t BOOT_START = 0, BOOT_STRIDE = 16;
 constexpr uint16_t SETTINGS_START_BYTE = 64, SETTINGS_STRIDE = 128;
 static_assert(Slots::MAX_BYTES <= SETTINGS_STRIDE, "a slot would reach into the next");
 
-uint8_t read_byte(uint16_t address) {
-    return eeprom_read_byte(reinterpret_cast<const uint8_t *>(address));
-}
-
-Slots boot_slots(read_byte, BOOT_START, BOOT_STRIDE, 1);
-Slots setting_slots(read_byte, SETTINGS_START_BYTE, SETTINGS_STRIDE, SETTINGS_WORDS);
+Slots boot_slots(BOOT_START, BOOT_STRIDE, 1);
+Slots setting_slots(SETTINGS_START_BYTE, SETTINGS_STRIDE, SETTINGS_WORDS);
 uint16_t boots;
 
 void write_next(Slots &slots) {
@@ -48,6 +44,10 @@ uint16_t boot_count() { return boots; }
 }  // namespace store
 
 namespace ports {
+
+uint8_t stored_byte(uint16_t address) {
+    return eeprom_read_byte(reinterpret_cast<const uint8_t *>(address));
+}
 
 SettingsFrom load(uint16_t *words) {
     switch (setting_slots.load(words)) {

@@ -51,6 +51,7 @@ void drive(int16_t permille);  // positive presses
 SettingsFrom load(uint16_t *words);
 void save(const uint16_t *words);
 bool saving();
+uint8_t stored_byte(uint16_t address);
 
 }  // namespace ports
 

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "modbus.h"  // its CRC
+#include "ports.h"   // what is stored
 
 namespace {
 
@@ -11,12 +12,12 @@ constexpr uint16_t CRC_START = 0x1d0f;  // not 0xffff: blank memory must not che
 }  // namespace
 
 uint16_t Slots::word_at(uint16_t address) const {
-    return static_cast<uint16_t>(read_(address) | read_(address + 1) << 8);
+    return static_cast<uint16_t>(ports::stored_byte(address) | ports::stored_byte(address + 1) << 8);
 }
 
 uint16_t Slots::checksum(uint16_t address) const {
     uint16_t crc = CRC_START;
-    for (uint8_t i = 0; i < whole(); ++i) crc = Modbus::crc_step(crc, read_(address + i));
+    for (uint8_t i = 0; i < whole(); ++i) crc = Modbus::crc_step(crc, ports::stored_byte(address + i));
     return crc;
 }
 
@@ -34,7 +35,7 @@ int8_t Slots::newest() const {
 
 bool Slots::is_blank() const {
     for (uint8_t i = 0; i < whole() + 2; ++i)
-        if ((read_(start_ + i) & read_(start_ + stride_ + i)) != 0xff) return false;
+        if ((ports::stored_byte(start_ + i) & ports::stored_byte(start_ + stride_ + i)) != 0xff) return false;
     return true;
 }
 

@@ -1,7 +1,8 @@
 // Words that outlive the power, in two slots with a version and a checksum each.
 //
 // A save goes into the slot that is not the newest, a byte at a time and the checksum last: a
-// power loss at any byte leaves the other slot whole. Where bytes really lie is the caller's.
+// power loss at any byte leaves the other slot whole. What is written, byte by
+// byte, is the caller's work; what stands there is asked of ports::stored_byte().
 #ifndef SLOTS_H
 #define SLOTS_H
 
@@ -14,11 +15,10 @@ class Slots {
     static constexpr uint8_t MAX_WORDS = SETTINGS_WORDS;
     static constexpr uint8_t MAX_BYTES = 2 + 2 * MAX_WORDS + 2;
     enum class Found : uint8_t { Nothing, Whole, Damaged };
-    using ReadByte = uint8_t (*)(uint16_t address);
 
     // `count` words at `start`, the second slot `stride` bytes behind the first.
-    Slots(ReadByte read, uint16_t start, uint16_t stride, uint8_t count)
-        : read_(read), start_(start), stride_(stride), count_(count) {}
+    Slots(uint16_t start, uint16_t stride, uint8_t count)
+        : start_(start), stride_(stride), count_(count) {}
 
     // The newest whole slot; words are left alone where there is none.
     Found load(uint16_t *words) const;
@@ -35,7 +35,6 @@ class Slots {
     uint16_t word_at(uint16_t address) const;
     int8_t newest() const;
 
-    const ReadByte read_;
     const uint16_t start_, stride_;
     const uint8_t count_;
     uint16_t address_ = 0;

@@ -228,7 +228,8 @@ void sim_reset(sim_board *board, int cause)
 void sim_place_drum(sim_board *board, int64_t steps)
 {
     begin_outside(board);
-    board->drum = (struct drum){.steps = steps, .from = steps};
+    board->drum = (struct drum){
+        .steps = steps, .from = steps, .index_pin = board->drum.index_pin};
     board->exchange.drum_steps = steps;
     board->exchange.drum_place = steps;
     pins_restore(board);

@@ -48,8 +48,8 @@ def test_connect_says_who_is_there_and_reads_the_settings() -> None:
 def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
     async def main(loop: JumpingLoop) -> None:
         link = MemoryLink(loop)
-        identity = "5247 0001 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12"
-        settings = "0000 0000 0009" + 29 * " 0000"
+        identity = "5247 0002 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12"
+        settings = "0000 0000 0009" + 46 * " 0000"
         script = Script(
             link,
             [
@@ -58,8 +58,8 @@ def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
                     rtu(bytes.fromhex("0318" + identity)),
                 ),
                 (
-                    rtu(bytes.fromhex("03 0040 0020")),
-                    rtu(bytes.fromhex("0340" + settings)),
+                    rtu(bytes.fromhex("03 0040 0031")),
+                    rtu(bytes.fromhex("0362" + settings)),
                 ),
                 (
                     rtu(bytes.fromhex("17 0044 0002 0044 0002 04 1f40 1388")),
@@ -101,7 +101,7 @@ def test_a_board_that_boots_slowly_is_waited_for() -> None:
     [
         ("magic", 0, "no drum board"),
         ("board_id", 2, "no drum board"),
-        ("map_version", 9, "firmware 1.3 speaks register map 9, this program map 1: make firmware"),
+        ("map_version", 9, "firmware 1.3 speaks register map 9, this program map 2: make firmware"),
     ],
 )
 def test_somebody_else_is_named(register: str, value: int, sentence: str) -> None:

@@ -14,9 +14,7 @@ std::array<uint8_t, 512> memory;
 
 using Words = std::array<uint16_t, COUNT>;
 
-uint8_t read_byte(uint16_t address) { return memory.at(address); }
-
-Slots slots() { return Slots(read_byte, START, STRIDE, COUNT); }
+Slots slots() { return Slots(START, STRIDE, COUNT); }
 
 Words pattern(uint16_t seed) {
     Words words;
@@ -42,6 +40,12 @@ void save(const Words &words, int bytes, uint8_t torn = 0) {
 Slots::Found load(Words &words) { return slots().load(words.data()); }
 
 }  // namespace
+
+namespace ports {
+
+uint8_t stored_byte(uint16_t address) { return memory.at(address); }
+
+}  // namespace ports
 
 TEST(blank_memory_holds_nothing_and_changes_nothing) {
     memory.fill(0xff);
@@ -106,7 +110,7 @@ TEST(any_flipped_bit_of_both_slots_is_damage) {
 
 TEST(versions_may_wrap) {
     memory.fill(0xff);
-    Slots count(read_byte, 0, 16, 1);
+    Slots count(0, 16, 1);
     uint16_t word = 0, address = 0;
     for (uint32_t n = 1; n <= 65600; ++n) {
         word = static_cast<uint16_t>(n);
