@@ -91,6 +91,8 @@ class Actuator:
     approach_timeout_s: float = _number(10, "s", 0.5, 30, "time to settle that is a fault")
     stiffness_g_per_mm: float = _number(600, "g/mm", 50, 5000, "contact stiffness to start from")
     dead_band_permille: int = _integer(100, "‰", 0, 500, "least duty that moves the actuator")
+    gain_p_per_s: float = _number(7, "1/s", 0.01, 50, "of the force loop: error over stiffness")
+    gain_i_per_s: float = _number(12, "1/s", 0, 50, "of the force loop: how fast it learns")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +121,18 @@ class Signals:
     index: bool = _flag(True, "index mark of the drum")
     end_switches: bool = _flag(True, "end switches of the actuator")
     position: bool = _flag(True, "position potentiometer of the actuator")
+    sync: bool = _flag(True, "sync line to the taxel board; without it no trial can be cut")
+
+
+@dataclass(frozen=True, slots=True)
+class Inverted:
+    """Which optional wires mean the opposite of what the wiring drawing says."""
+
+    estop: bool = _flag(False, "contact that closes when pressed: a broken wire goes unnoticed")
+    index: bool = _flag(False, "mark reads low")
+    end_switches: bool = _flag(False, "switches that close at the end")
+    position: bool = _flag(False, "potentiometer that reads most at the upper end")
+    sync: bool = _flag(False, "line is high outside of the window, an inverter lies in the wire")
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +170,7 @@ class RigConfig:
     loadcell: LoadCell = LoadCell()
     clocks: Clocks = Clocks()
     signals: Signals = Signals()
+    inverted: Inverted = Inverted()
     taxels: TaxelArray = TaxelArray()
     encoder: Encoder = Encoder()
 

@@ -54,7 +54,8 @@ extern "C" void keep_reset_cause() {
 // Paints what lies between the variables and the stack; nothing has been called yet.
 extern "C" void paint_stack() __attribute__((naked, used, section(".init5")));
 extern "C" void paint_stack() {
-    for (uint8_t *byte = &_end; byte < reinterpret_cast<uint8_t *>(SP); ++byte) *byte = PAINT;
+    const uint8_t *const top = reinterpret_cast<uint8_t *>(SP);
+    for (uint8_t *byte = &_end; byte < top; ++byte) *byte = PAINT;
 }
 
 namespace health {

@@ -18,15 +18,15 @@ static Drum drum;
 static uint16_t unsent;  // length of a reply that waits to be sent
 
 static void begin_all() {
+    serial::begin();  // first: bytes may come already
     store::begin();
     stepper::begin();
     bridge::begin();
     estop::begin();
     amplifier::begin();
-    serial::begin();
     clock::begin();
-    health::begin();
     sei();
+    health::begin();
     drum.boot(health::watchdog_reset());
 }
 

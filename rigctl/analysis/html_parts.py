@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import Any
 
 STYLE = """
@@ -50,3 +52,10 @@ def task_name(task: Mapping[str, Any], below: str) -> str:
     figure = f" ({task['figure']})".replace(". ", ".\u00a0") if task["figure"] else ""
     under = f"<br><span class=paper>{escape(below)}</span>" if below else ""
     return f"{escape(task['title'])}{escape(figure)}{under}"
+
+
+def inline(png: Path, words: str) -> str:
+    """The SVG inside the page, so that it stays sharp and the page stays whole."""
+    data = base64.b64encode(png.with_suffix(".svg").read_bytes()).decode()
+    source = f"data:image/svg+xml;base64,{data}"
+    return f'<figure><img alt="{escape(words)}" src="{source}"></figure>'

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from rigctl.analysis.html_parts import ABSENT, STYLE
+from rigctl.analysis.html_parts import ABSENT, STYLE, inline
 from rigctl.analysis.html_parts import sentences as _list
 from rigctl.analysis.html_parts import table as _table
 from rigctl.analysis.html_parts import task_name as _task_name
@@ -27,13 +26,13 @@ def html_report(plain: Mapping[str, Any], figures: Figures) -> str:
         _simulated(plain),
         f"<h2>Accuracy beside the paper's Table 1</h2>{_table_1(tasks)}",
         f"<h2>Whether the paper's orders hold</h2>{orders_section(plain)}",
-        f"<h2>Accuracy over components</h2>{_figure(figures['fig3'], 'Accuracy over components')}",
+        f"<h2>Accuracy over components</h2>{inline(figures['fig3'], 'Accuracy over components')}",
         f"<h2>Components needed</h2>{_needed(tasks)}",
         f"<h2>Differences from Original</h2>{_differences(tasks)}",
-        f"<h2>Who is taken for whom</h2>{_figure(figures['confusion'], 'Confusion matrices')}",
+        f"<h2>Who is taken for whom</h2>{inline(figures['confusion'], 'Confusion matrices')}",
         f"<h2>Force scaling</h2>{_force(plain['force_matrix'])}",
         *_sensitivity(plain["sensitivity"], tasks),
-        f"<h2>One taxel</h2>{_figure(figures['fig2c'], 'One taxel, its spikes')}",
+        f"<h2>One taxel</h2>{inline(figures['fig2c'], 'One taxel, its spikes')}",
         f"<h2>Left out, changed, to be known</h2>{_list(plain['remarks'], 'Nothing.')}",
         f"<h2>Where it comes from</h2>{_provenance(plain)}",
     ]
@@ -174,13 +173,6 @@ def _provenance(plain: Mapping[str, Any]) -> str:
         f"<p><small>Report by {escape(made)}. Encoder: {escape(encoder)}. Every number is in "
         "results.json beside this page.</small></p>"
     )
-
-
-def _figure(png: Path, words: str) -> str:
-    """The SVG inside the page, so that it stays sharp and the page stays whole."""
-    data = base64.b64encode(png.with_suffix(".svg").read_bytes()).decode()
-    source = f"data:image/svg+xml;base64,{data}"
-    return f'<figure><img alt="{escape(words)}" src="{source}"></figure>'
 
 
 def _keys(tasks: Mapping[str, Any]) -> list[str]:

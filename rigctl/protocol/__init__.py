@@ -11,6 +11,7 @@ from rigctl.protocol.steps import (
     RunTrial,
     Step,
     Tare,
+    Turn,
 )
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "Settle",
     "Step",
     "Tare",
+    "Turn",
     "load_protocol",
     "parse_protocol",
 ]

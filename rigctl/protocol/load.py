@@ -8,7 +8,7 @@ from pathlib import Path
 from rigctl.config import RigConfig
 from rigctl.errors import ProtocolError
 from rigctl.protocol.plan import FreeStep, Protocol, Quality, Settle
-from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, ramp_mm
+from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
 from rigctl.toml_text import Table, Text
 from rigctl.wire.drum_map import BY_NAME
 
@@ -19,6 +19,7 @@ ORDERS = ("blocked", "shuffled")
 MAX_TRIALS = 1_000_000
 MAX_SEED = 2**63 - 1
 MAX_SECONDS = 86_400.0
+MAX_TURNS = 100
 TEXTURE_BYTES = 16
 """What a session's trial row holds of a texture's name."""
 
@@ -180,11 +181,20 @@ def _approach_only(table: Table, config: RigConfig) -> Step:
     return ApproachOnly(force, _seconds(table))
 
 
+def _turn(table: Table, config: RigConfig) -> Step:
+    limits = config.limits
+    speed = table.number(
+        "speed_mm_s", unit="mm/s", low=limits.speed_min_mm_s, high=limits.speed_max_mm_s
+    )
+    return Turn(speed, table.integer("turns", low=1, high=MAX_TURNS))
+
+
 _KINDS: dict[str, Callable[[Table, RigConfig], Step]] = {
     "tare": lambda table, config: Tare(),
     "rest": lambda table, config: Rest(_seconds(table)),
     "approach_only": _approach_only,
     "baseline": lambda table, config: Baseline(_seconds(table)),
+    "turn": _turn,
     "message": lambda table, config: Message(table.text("text"), table.flag("wait", False)),
 }
 

@@ -74,7 +74,15 @@ class Message:
     wait: bool = False
 
 
-Step = ChangePlate | RunTrial | Tare | Rest | ApproachOnly | Baseline | Message
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Turn the lifted drum at constant speed over whole turns, timed by the index mark."""
+
+    speed_mm_s: float
+    turns: int
+
+
+Step = ChangePlate | RunTrial | Tare | Rest | ApproachOnly | Baseline | Message | Turn
 
 
 def ramp_mm(speed_mm_s: float, config: RigConfig) -> float:
@@ -119,6 +127,13 @@ def _(step: Rest, config: RigConfig, settle_s: float) -> float:
 @rig_seconds.register
 def _(step: Baseline, config: RigConfig, settle_s: float) -> float:
     return step.seconds
+
+
+@rig_seconds.register
+def _(step: Turn, config: RigConfig, settle_s: float) -> float:
+    """One turn more than asked for, so that ramps lie outside of what the mark times."""
+    ramp_s = step.speed_mm_s / config.drum.acceleration_mm_s2
+    return COMMAND_S + (step.turns + 1) * config.drum.circumference_mm / step.speed_mm_s + ramp_s
 
 
 @rig_seconds.register

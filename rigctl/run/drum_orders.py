@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from rigctl.config import DrumGeometry, RigConfig
+from rigctl.config import DrumGeometry, Inverted, RigConfig, Signals
 from rigctl.protocol import Settle
 from rigctl.values import PlannedTrial
-from rigctl.wire.drum_map import ForceMode
+from rigctl.wire.drum_map import ForceMode, Signal
 
 FARTHEST_STEPS: Final = 1_900_000
 """Targets of MOVE end at two million steps; before that the drum homes and counts anew."""
@@ -32,7 +32,16 @@ def rig_settings(config: RigConfig) -> dict[str, float]:
         "stiffness_g_per_mm": actuator.stiffness_g_per_mm,
         "dead_band_permille": actuator.dead_band_permille,
         "scale_ug_per_count": config.loadcell.scale_ug_per_count,
+        "gain_p": actuator.gain_p_per_s,
+        "gain_i": actuator.gain_i_per_s,
+        "optional_signals": _bits(config.signals),
+        "signal_polarity": _bits(config.inverted),
     }
+
+
+def _bits(flags: Signals | Inverted) -> int:
+    """The flags as bits of Signal."""
+    return sum(1 << signal for signal in Signal if getattr(flags, signal.name.lower()))
 
 
 def settle_settings(settle: Settle) -> dict[str, float]:

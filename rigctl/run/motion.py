@@ -29,6 +29,7 @@ from rigctl.wire.drum_states import State
 LIFT_LIMIT_S = 20.0
 TARE_LIMIT_S = 10.0
 HOME_LIMIT_S = 120.0
+MOVE_LIMIT_S = 600.0
 SLOW_LIMIT_S = 20.0
 TRIM_STEP_PPM = 10
 
@@ -56,15 +57,10 @@ class Motion:
 
     async def configure(self) -> None:
         """Write what the rig's description says, and learn the other set-points."""
-        signals = self.config.signals
         await self.apply(
             **rig_settings(self.config),
             approach_timeout_ms=self.config.actuator.approach_timeout_s * 1000,
             clock_trim_ppm=self.config.clocks.drum_ppm,
-            optional_signals=signals.estop
-            + 2 * signals.index
-            + 4 * signals.end_switches
-            + 8 * signals.position,
         )
         self.settings.update(await self.watch.drum.get(*SHOWN_SETTINGS))
 
@@ -132,9 +128,30 @@ class Motion:
         if abs(target) > FARTHEST_STEPS:
             await self.home()
             target = self._start(trial, self.watch.healthy().steps)
+        await self._move_to(target)
+
+    async def _move_to(self, target: int) -> None:
         await self.apply(move_target=target)
         if target != self.watch.healthy().steps:
-            await self._do(Command.MOVE, State.ARMED, HOME_LIMIT_S, "moving to the plate")
+            await self._do(Command.MOVE, State.ARMED, MOVE_LIMIT_S, "moving, lifted,")
+
+    async def move_to_quarter(self) -> None:
+        """Turn the lifted drum to a quarter of a turn behind the mark."""
+        quarter = self._detail("steps_per_turn") // 4
+        here = (await self._fresh()).steps
+        await self._move_to(nearest(quarter, here, self._detail("steps_per_turn")))
+
+    async def turn(self, speed_mm_s: float, turns: int) -> None:
+        """Turn the lifted drum over whole turns at a speed, as its trials turn."""
+        sign = -1 if self.config.drum.backwards else 1
+        steps = (await self._fresh()).steps + sign * turns * self._detail("steps_per_turn")
+        await self.apply(move_speed_set=speed_mm_s)
+        await self._move_to(steps)
+        await self.apply(move_speed_set=self.config.drum.rapid_mm_s)
+
+    async def index_error_steps(self) -> int:
+        """Steps counted at the last index mark less those expected."""
+        return round((await self.watch.drum.get("index_error_steps"))["index_error_steps"])
 
     async def set_trial(self, trial: PlannedTrial) -> None:
         """Write the trial's set-points."""

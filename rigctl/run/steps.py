@@ -18,6 +18,7 @@ from rigctl.protocol import (
     RunTrial,
     Step,
     Tare,
+    Turn,
 )
 from rigctl.run.attempt import Attempt, clock_ppm
 from rigctl.run.control import Control, Paused, Stopped
@@ -133,6 +134,17 @@ class Performer:
         await self._parts.control.wait(step.seconds)
 
     @_perform.register
+    async def _(self, step: Turn) -> None:
+        await self._ready()
+        told = {"speed_mm_s": step.speed_mm_s, "turns": step.turns}
+        await self._parts.motion.move_to_quarter()
+        what = f"{step.turns} turns at {step.speed_mm_s:g} mm/s, lifted,"
+        self._parts.news.tell("turn", f"{what} begin", **told, begins=True)
+        await self._parts.motion.turn(step.speed_mm_s, step.turns + 1)
+        index = await self._parts.motion.index_error_steps()
+        self._parts.news.tell("turn", f"{what} end", **told, begins=False, index_error_steps=index)
+
+    @_perform.register
     async def _(self, step: Baseline) -> None:
         await self._ready()
         self._parts.news.tell("baseline", f"{step.seconds:g} s without contact begin")
@@ -180,7 +192,9 @@ class Performer:
         except (Paused, Stopped, RigFault) as end:
             self._store(attempt, Verdict.ABORTED, (str(end),))
             raise
-        self._store(attempt, Verdict.REJECTED if reasons else Verdict.COMMITTED, reasons)
+        index = await self._parts.motion.index_error_steps()
+        verdict = Verdict.REJECTED if reasons else Verdict.COMMITTED
+        self._store(attempt, verdict, reasons, index_error_steps=index)
         await self._lift()
         return not reasons
 
@@ -193,7 +207,9 @@ class Performer:
         finally:
             motion.check = checked
 
-    def _store(self, attempt: Attempt, verdict: Verdict, reasons: tuple[str, ...]) -> None:
+    def _store(
+        self, attempt: Attempt, verdict: Verdict, reasons: tuple[str, ...], **more: int
+    ) -> None:
         row = attempt.row(verdict, reasons)
         self._parts.recorder.commit_trial(row)
         why = f": {'; '.join(reasons)}" if reasons else ""
@@ -204,6 +220,7 @@ class Performer:
             attempt=row.attempt,
             verdict=str(verdict),
             reasons=list(reasons),
+            **more,
         )
         self._tell_clocks()
 

@@ -19,6 +19,7 @@ from rigctl.protocol import (
     Rest,
     RunTrial,
     Tare,
+    Turn,
 )
 from rigctl.run.cutter import TrialCutter
 from rigctl.run.quality import Limits, Measured, Window, judge, measure
@@ -105,6 +106,11 @@ class Work:
     def _(self, step: Baseline) -> None:
         self._ready()
         self._record_still(step.seconds, "without contact")
+
+    @perform.register
+    def _(self, step: Turn) -> None:
+        self._ready()
+        self._event("turn", f"{step.turns} turns at {step.speed_mm_s:g} mm/s left out")
 
     @perform.register
     def _(self, step: ApproachOnly) -> None:
