@@ -70,6 +70,13 @@ class Rig:
         self.simulation.set_plate(texture)
         return True
 
+    def lay_mass(self, mass_g: float) -> bool:
+        """True where the load cell now feels that mass by itself, False where a person lays it."""
+        if self.simulation is None:
+            return False
+        self.simulation.faults.push(mass_g)
+        return True
+
     def save_truth(self, folder: Path) -> None:
         """Add to a session what the simulated world logged since the last call; nothing else."""
         if self.simulation is not None:

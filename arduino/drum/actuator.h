@@ -9,6 +9,8 @@
 
 #include <stdint.h>
 
+#include "board.h"  // speed at full duty
+
 class Actuator {
   public:
     static constexpr int16_t FULL = 1000;
@@ -41,8 +43,8 @@ class Actuator {
 
     static constexpr int16_t WHOLE_PULSE = 8192;
 
-    float full_mm_s_ = 10.0f;  // speed at full duty
-    float slope_ = 90.0f;      // permille for each mm/s above the dead band
+    float full_mm_s_ = board::ACTUATOR_MAX_MM_S;  // speed at full duty
+    float slope_ = 900.0f / board::ACTUATOR_MAX_MM_S;  // permille for each mm/s above the dead band
     int16_t wanted_ = 0;       // share of a pulse each slot, in parts of WHOLE_PULSE
     int16_t owed_ = 0;         // the same, not yet given
     int16_t direct_ = 0;       // duty of a speed above PULSE_MM_S, or of a pulse that presses

@@ -24,12 +24,15 @@ constexpr uint32_t CLOCK_HZ = 16000000UL;
 constexpr uint16_t STEPS_PER_TURN = 200 * MICROSTEPS * 4;
 constexpr uint32_t NM_PER_STEP = 400000000UL / STEPS_PER_TURN;
 
-// Actuator: speed at full duty, time constant of its speed, travel read by its potentiometer.
+// Actuator: speed at full duty, time constant of its speed, travel read by its potentiometer, and
+// how near to an end the potentiometer may come.
 constexpr float ACTUATOR_MAX_MM_S = 10.0f;
 constexpr float ACTUATOR_LAG_S = 0.030f;
 constexpr uint16_t ACTUATOR_TRAVEL_UM = 50000;
+constexpr uint16_t ACTUATOR_END_UM = 300;
 
-// HX711 at its 80 samples a second; a conversion shows the force of this long ago.
+// Load-cell amplifier: HX711 at its 80 samples a second; a conversion shows the force of this long
+// ago. One on a board with RATE to ground gives 10: then 100000 and 0.050.
 constexpr uint16_t LOADCELL_PERIOD_US = 12500;
 constexpr float LOADCELL_DELAY_S = 0.006f;
 

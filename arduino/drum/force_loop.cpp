@@ -13,7 +13,11 @@ namespace {
 constexpr float PERIOD_S = board::LOADCELL_PERIOD_US * 1e-6f;
 constexpr float LAG_S = board::ACTUATOR_LAG_S;
 constexpr float DELAY_S = board::LOADCELL_DELAY_S;
-constexpr float DECAY = 0.65924063f;  // exp(-PERIOD / LAG)
+// exp(-x) for x below 4, by a series the compiler works out.
+constexpr float decay(float x, int terms = 16, float n = 1) {
+    return terms ? 1 - x / n * decay(x, terms - 1, n + 1) : 1;
+}
+constexpr float DECAY = decay(PERIOD_S / LAG_S);
 constexpr float CONTACT_G = 8.0f;     // far above noise, far below any set force
 constexpr float COMPRESSION_GAIN = 0.3f;
 constexpr float RUN_OUT_GAIN = 0.1f;

@@ -62,9 +62,7 @@ class _Sitting:
     async def loadcell(self) -> None:
         """Nothing, then each mass; the scale goes to the board and into the description."""
         await self.calibrator.lift()
-        points = [await self._point(0.0)]
-        for mass_g in sorted(self._args.mass):
-            points.append(await self._point(mass_g))
+        points = [await self._point(mass_g) for mass_g in (0.0, *sorted(self._args.mass))]
         self._rig.lay_mass(0.0)
         scale = scale_of(points)
         self.said |= {"scale_ug_per_count": scale.ug_per_count, "curve_share": scale.curve_share}

@@ -1,0 +1,106 @@
+"""Load cell, force loop and imbalance calibrated on the virtual rig, by the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rigctl.cli import main
+from rigctl.config import parse_config
+from rigctl.errors import WrongUse
+from rigctl.run.calibration import Point, check_masses, scale_of
+from rigctl.toml_edit import replace_text, with_keys
+
+MINE = """\
+# My rig, since March.
+[about]
+name = "drum 2"  # in the corner
+
+[loadcell]
+scale_ug_per_count = 2000  # µg/count: old
+"""
+
+
+def test_a_line_through_empty_and_masses_is_the_scale() -> None:
+    points = [Point(0, 80_000, 100), Point(200, 163_333, 100), Point(500, 288_333, 100)]
+    scale = scale_of(points)
+    assert scale.ug_per_count == 2400
+    assert scale.curve_share < 1e-3
+
+
+def test_a_bridge_wired_the_other_way_gives_a_negative_scale() -> None:
+    assert scale_of([Point(0, 1000, 5), Point(500, -207_333, 5)]).ug_per_count == -2400
+
+
+@pytest.mark.parametrize(
+    ("points", "sentence"),
+    [
+        ([Point(0, 80_000, 50), Point(500, 80_100, 50)], "is the mass on the drum"),
+        ([Point(0, 80_000, 50), Point(500, 288_000, 9000)], "restless"),
+        ([Point(0, 0, 5), Point(200, 100_000, 5), Point(400, 150_000, 5)], "on a line"),
+        ([Point(0, 80_000, 5), Point(500, 8_388_607, 0)], "end of its range"),
+        ([Point(0, 0, 1), Point(5000, 1000, 1)], "cannot be"),
+    ],
+)
+def test_nonsense_is_refused_in_a_sentence(points: list[Point], sentence: str) -> None:
+    with pytest.raises(WrongUse, match=sentence):
+        scale_of(points)
+
+
+@pytest.mark.parametrize("masses", [[], [0.0], [-5.0], [500.0, 500.0]])
+def test_masses_that_say_nothing_are_refused(masses: list[float]) -> None:
+    with pytest.raises(WrongUse, match="known mass"):
+        check_masses(masses)
+
+
+def test_a_changed_key_leaves_the_rest_of_the_description_as_it_is(tmp_path: Path) -> None:
+    text = with_keys(MINE, "loadcell", {"scale_ug_per_count": 2400, "calibrated": "with # 500 g"})
+    assert text == MINE.replace(
+        "scale_ug_per_count = 2000  # µg/count: old\n",
+        'calibrated = "with # 500 g"\nscale_ug_per_count = 2400  # µg/count: old\n',
+    )
+    again = with_keys(text, "loadcell", {"calibrated": "anew"})
+    assert parse_config(again).loadcell.calibrated == "anew"
+    added = parse_config(with_keys(MINE, "actuator", {"gain_p_per_s": 5.5}))
+    assert (added.actuator.gain_p_per_s, added.about.name) == (5.5, "drum 2")
+    path = tmp_path / "rig.toml"
+    replace_text(path, text)
+    assert path.read_text(encoding="utf-8") == text
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def calibrated(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
+    """What the command says of the virtual rig, as JSON."""
+    assert main(["calibrate", "--rig", "virtual", "--seed", "4", "--yes", "--json", *words]) == 0
+    said: dict[str, object] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return said
+
+
+def test_the_command_finds_the_scale_of_the_virtual_load_cell(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    said = calibrated(capsys, "loadcell", "--mass", "500", "--mass", "200")
+    assert said["scale_ug_per_count"] == pytest.approx(2400, rel=0.005)
+    assert said["kept_in"] == ["the board's EEPROM"]
+
+
+def test_the_command_finds_gains_at_a_held_force(capsys: pytest.CaptureFixture[str]) -> None:
+    said = calibrated(capsys, "force", "--force", "400")
+    assert said["gain_p_per_s"] == pytest.approx(7.5, abs=3.5)
+    assert said["stiffness_g_per_mm"] == pytest.approx(650, abs=250)
+
+
+def test_the_command_finds_the_imbalance(capsys: pytest.CaptureFixture[str]) -> None:
+    table = calibrated(capsys, "imbalance")["table_g"]
+    assert isinstance(table, list)
+    assert (max(table) - min(table)) / 2 == pytest.approx(1.0, abs=0.3)
+
+
+def test_wrong_use_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "--rig", "virtual", "loadcell", "--mass", "-1"]) == 2
+    assert "known mass" in capsys.readouterr().err
+    words = ["calibrate", "--rig", "virtual", "--yes", "force", "--force", "9000"]
+    assert main(words) == 2
+    assert "this rig presses with" in capsys.readouterr().err
