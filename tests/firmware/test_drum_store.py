@@ -24,7 +24,7 @@ def read(drum: DrumChip) -> tuple[int, int]:
 
 def power_cycle(drum: DrumChip) -> None:
     drum.chip.reset(ResetBy.POWER)
-    drum.run(30)
+    drum.run(120)
 
 
 def saved(drum: DrumChip, values: tuple[int, int]) -> None:
@@ -50,7 +50,7 @@ def test_a_power_loss_at_every_byte_leaves_old_or_new_settings_whole() -> None:
         saved(drum, OLD)
         kept = drum.chip.read_eeprom(SLOTS, 2 * STRIDE)
         found = []
-        for milliseconds in range(0, SLOT_BYTES + 12, 3):
+        for milliseconds in range(0, SLOT_BYTES + 12, 2):
             drum.chip.write_eeprom(SLOTS, kept)
             power_cycle(drum)
             write(drum, NEW)
