@@ -63,7 +63,7 @@ def _factors(
         "peer": "whole virtual rig, same protocol",
         "peer_value": round(trial_s / rig[1], 1),
         "ratio": round(rig[1] / synth[1], 1),
-        "note": f"{trial_s:g} s of trials, 27 trials; by the wall {wall:.0f} × and "
+        "note": f"{trial_s:g} s of trials; by the wall {wall:.0f} × and "
         f"{trial_s / rig[0]:.1f} ×; approach, lift and moves are in the time, not in the trials",
     }
 
