@@ -67,7 +67,11 @@ def measure() -> Iterator[dict[str, Any]]:
     yield figure(
         "force_drift", drift(), "", f"{TRIALS} trials at 500 g, 120 mm/s", PREDECESSOR, 0.034
     )
-    found = {name: worst_of(*plant, list(CORNERS)) for name, plant in PLANTS.items()}
+    yield from map_rows({name: worst_of(*plant, list(CORNERS)) for name, plant in PLANTS.items()})
+
+
+def map_rows(found: dict[str, Worst]) -> Iterator[dict[str, Any]]:
+    """The share of plants that keep everything, the approach at the stiffest, and each plant."""
     share = sum(w.met for w in found.values()) / len(found)
     unmet = "; ".join(f"{n}: {w.unmet}" for n, w in found.items() if not w.met) or "none"
     yield figure(
