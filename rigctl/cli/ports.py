@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from rigctl.devices.ports import PortReport, look_at_all
+from rigctl.wire.drum_map import SettingsFrom
 from rigctl.wire.reset import reset_words
 
 
@@ -53,9 +55,20 @@ def _as_line(report: PortReport) -> str:
 
 
 def _findings(report: PortReport) -> tuple[str, ...]:
+    if report.counters:
+        return (_counted(report.counters),)
     if report.self_test is None:
         return ()
     return report.self_test or ("self-test: nothing found",)
+
+
+def _counted(counters: Mapping[str, int]) -> str:
+    settings = SettingsFrom(counters["settings_from"]).name.lower()
+    return (
+        f"{counters['late_ticks']} late ticks, longest interrupt {counters['longest_isr_us']} µs, "
+        f"{counters['free_stack_bytes']} bytes of stack never used, idle "
+        f"{counters['idle_permille'] / 10:g} %, settings {settings}"
+    )
 
 
 def _as_json(report: PortReport) -> dict[str, object]:
@@ -70,5 +83,6 @@ def _as_json(report: PortReport) -> dict[str, object]:
         "reset": reset_words(board.reset_cause) if board else None,
         "supply_v": report.supply_v,
         "self_test": None if report.self_test is None else list(report.self_test),
+        "counters": dict(report.counters),
         "text": report.text,
     }

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from serial.tools import list_ports
 
@@ -18,6 +18,15 @@ from rigctl.values import BoardIdentity
 from rigctl.wire import drum_map, taxels
 
 DRUM, TAXELS = "drum", "taxels"
+COUNTERS = (
+    "late_ticks",
+    "longest_isr_us",
+    "free_stack_bytes",
+    "idle_permille",
+    "loadcell_dropped",
+    "settings_from",
+)
+"""What the drum board counted since its boot, as its register table names it."""
 TAXELS_GATHER_S = 0.01
 """The stream of the taxels is read in pieces of 10 ms; one thread wakes 100 times a second."""
 
@@ -26,7 +35,8 @@ TAXELS_GATHER_S = 0.01
 class PortReport:
     """A port, and who answered on it: an identity, or a sentence why nobody did.
 
-    ``supply_v`` and ``self_test``, what it found, are known of a taxel board only.
+    ``supply_v`` and ``self_test``, what it found, are known of a taxel board only; ``counters``,
+    by the names of :data:`COUNTERS`, of a drum board.
     """
 
     port: str
@@ -35,6 +45,7 @@ class PortReport:
     text: str
     supply_v: float | None = None
     self_test: tuple[str, ...] | None = None
+    counters: Mapping[str, int] = field(default_factory=dict)
 
 
 def open_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteLink:
@@ -64,7 +75,10 @@ async def _ask(
     try:
         identity = await device.connect()
         report = PortReport(port, description, identity, "")
-        return _with_health(report, device) if isinstance(device, Taxels) else report
+        if isinstance(device, Taxels):
+            return _with_health(report, device)
+        found = await device.get(*COUNTERS)
+        return replace(report, counters={name: round(found[name]) for name in COUNTERS})
     finally:
         device.close()
 

@@ -97,12 +97,15 @@ def test_every_port_is_asked_who_is_there(
     assert ports_cli(["ports", "--json", *paths, str(tmp_path / "none")]) == 0
     drum, taxels, nobody, none = json.loads(capsys.readouterr().out)
     assert (drum["port"], drum["board"], drum["firmware"]) == (paths[0], "drum", "1.3")
+    assert drum["counters"]["late_ticks"] == 0
     assert (taxels["port"], taxels["board"], taxels["boot_count"]) == (paths[1], "taxels", 7)
     assert (nobody["board"], nobody["text"]) == (None, "no rigctl board answered")
     assert none["text"].startswith("there is no such port")
     assert ports_cli(["ports", paths[0]]) == 0
     assert capsys.readouterr().out == (
         f"{paths[0]}: drum board, firmware 1.3, build 00c0ffee, boot 41 by power-up\n"
+        "  0 late ticks, longest interrupt 0 µs, 0 bytes of stack never used, idle 0 %, "
+        "settings defaults\n"
     )
     assert ports_cli(["ports", paths[1]]) == 0
     assert capsys.readouterr().out == (
