@@ -18,6 +18,7 @@ from rigctl.encoding.blocks import Blocks, Counts, Samples
 from rigctl.encoding.compiled import LANES
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
+from rigctl.encoding.trains import Trains
 from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 
@@ -120,7 +121,7 @@ def encode_trials(
         some = [trials[i] for i in chosen]
         scale = None if sa_scale is None else sa_scale[chosen]
         blocks = Blocks.of_trials(len(some), normalisation, parameters, scale)
-        tile, trains = raster.Tile(some, memory=memory[0]), raster.Trains(some, memory[1])
+        tile, trains = raster.Tile(some, memory=memory[0]), Trains(some, memory[1])
         longest = len(some[-1])
         counts = blocks.room_for(STRETCH)
         for start in range(0, longest, STRETCH):
