@@ -96,7 +96,8 @@ def _check_parts(session: Session, report: Report) -> None:
         else:
             report.problems.append(
                 f"{part.path.name}: was not closed in order, its writer was killed or could "
-                "not write; what it committed is kept, go on with rigctl run --resume"
+                "not write; what it committed is kept, go on with --resume of the command that "
+                "made it"
             )
 
 
