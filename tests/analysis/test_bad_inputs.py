@@ -9,6 +9,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -49,6 +50,10 @@ def spoil(session: Path, change: Callable[[Any], None]) -> None:
     for part in part_paths(session):
         with h5py.File(part, "r+") as file:
             change(file)
+
+
+def _say(name: str, value: int, file: Any) -> None:
+    file.attrs[name] = value
 
 
 def analysed(session: Path, folder: Path) -> tuple[RepresentationSet, dict[str, Any]]:
@@ -116,7 +121,7 @@ def test_other_taxels_layouts_and_rates_are_refused(good: Path, tmp_path: Path) 
         ("sample_rate_hz", 500, "500 samples a second, not 1000: resample it first"),
     ):
         copy = Path(shutil.copytree(good, tmp_path / name))
-        spoil(copy, lambda file, n=name, v=value: file.attrs.__setitem__(n, v))  # type: ignore[misc]
+        spoil(copy, partial(_say, name, value))
         with pytest.raises(SessionError, match=said):
             join_sessions([copy])
         with pytest.raises(SessionError, match=str(copy)):

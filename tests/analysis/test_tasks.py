@@ -21,7 +21,11 @@ from tests.analysis.recordings import record
 PAPER_SPEEDS, PAPER_FORCES = (40.0, 60.0, 80.0, 100.0, 120.0), (250.0, 500.0, 1000.0)
 
 
-def design(n: int, textures: str = "ABCDEFGHIJKLMNOP", speeds=PAPER_SPEEDS) -> Design:  # type: ignore[no-untyped-def]
+def design(
+    n: int,
+    textures: str = "ABCDEFGHIJKLMNOP",
+    speeds: tuple[float, ...] = PAPER_SPEEDS,
+) -> Design:
     t, v, f = np.meshgrid(np.arange(len(textures)), speeds, PAPER_FORCES, indexing="ij")
     texture, speed, force = (np.repeat(x.ravel(), n) for x in (t, v, f))
     return Design(tuple(textures), texture.astype(np.int64), speed, force)

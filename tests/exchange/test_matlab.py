@@ -100,16 +100,17 @@ def test_a_structure_can_be_the_variable(tmp_path: Path) -> None:
 
 
 def test_arrays_of_structures_and_cells_are_numbered_from_one(tmp_path: Path) -> None:
-    whole = {
-        "trial": [{"skin": TABLE[:, k], "no": k + 1.0} for k in range(3)],
+    trials = [{"skin": TABLE[:, k], "no": k + 1.0} for k in range(3)]
+    whole: dict[str, Any] = {
+        "trial": trials,
         "cells": [TIME_MS, "text", np.eye(2)],
     }
     taxels = '"trial.1.skin", "trial.2.skin", "trial.3.skin"'
     text = PATTERN + f'[time]\ncolumn = "cells.1"\nunit = "ms"\n[taxels]\ncolumns = [{taxels}]\n'
     mat5 = dict(whole)
-    mat5["cells"] = np.array([TIME_MS, "text", np.eye(2)], dtype=object)  # type: ignore[assignment]
+    mat5["cells"] = np.array([TIME_MS, "text", np.eye(2)], dtype=object)
     kind = [("skin", object), ("no", object)]
-    mat5["trial"] = np.array([(t["skin"], t["no"]) for t in whole["trial"]], dtype=kind)  # type: ignore[assignment, index]
+    mat5["trial"] = np.array([(t["skin"], t["no"]) for t in trials], dtype=kind)
     (tmp_path / "old").mkdir()
     (tmp_path / "new").mkdir()
     old = tmp_path / "old" / "silk_6cm_5N_1.mat"
