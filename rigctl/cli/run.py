@@ -110,8 +110,11 @@ class Watcher:
             return
         self._progress.say(f"{prompt['text']} [Enter, or a to abort]")
         if self._no_more_answers:
-            self._progress.say("nobody is there to answer: the run ends; --yes answers by itself")
-            self._client.send("abort")
+            self._end_unanswered()
+
+    def _end_unanswered(self) -> None:
+        self._progress.say("nobody is there to answer: the run ends; --yes answers by itself")
+        self._client.send("abort")
 
     def _pass_on_interrupts(self, told: int) -> int:
         """The first one ends the run in order, every further one stops at once."""
@@ -127,6 +130,8 @@ class Watcher:
             return
         if key == "end":
             self._no_more_answers = True
+            if self._prompt is not None:
+                self._end_unanswered()
         elif self._prompt is not None and key in ("", "y", "yes", "ok"):
             self._client.send("answer", prompt_id=self._prompt["id"], answer="ok")
         elif key in _COMMANDS:

@@ -106,6 +106,21 @@ def test_without_anybody_to_answer_a_prompt_ends_the_run(place: Path) -> None:
     assert "--yes" in done.stderr
 
 
+def test_who_leaves_while_a_prompt_waits_ends_the_run(place: Path) -> None:
+    """It once waited for ever: only a prompt that came after the end of input was given up."""
+    with subprocess.Popen(
+        rigctl("run", "one.toml", "--out", "session"),
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdin is not None and process.stderr is not None
+        assert any("then confirm" in line for line in process.stderr)
+        process.stdin.close()
+        assert any("--yes" in line for line in process.stderr)
+        assert process.wait(LIMIT_S) == 130
+
+
 @pytest.mark.parametrize(
     ("args", "code", "words"),
     [

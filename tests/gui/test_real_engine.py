@@ -86,9 +86,8 @@ def test_a_protocol_from_prompt_to_disk_ended_by_escape(window: Window, tmp_path
     panel.set_out(str(tmp_path))
     wait_until(panel.buttons["Start"].isEnabled, LIMIT_MS)
     click(panel.buttons["Start"])
-    wait_until(lambda: window.prompt.isVisible() or status.status.run.state == "running", LIMIT_MS)
-    if window.prompt.isVisible():
-        click(window.prompt.done)
+    wait_until(window.prompt.isVisible, LIMIT_MS)
+    click(window.prompt.done)
     wait_until(lambda: status.status.run.trials_committed == 1, LIMIT_MS)
     wait_until(lambda: window.toolbar.lamp.level is Level.OK)
     _wait(window, State.RUN)
@@ -109,9 +108,8 @@ def _go_on_from(window: Window, session: Path) -> None:
     assert window.browser.dialog is not None
     window.browser.dialog.fileSelected.emit(str(session))
     window.browser.dismiss()
-    wait_until(lambda: window.prompt.isVisible() or run.status.run.state == "running", LIMIT_MS)
-    if window.prompt.isVisible():
-        click(window.prompt.done)
+    wait_until(window.prompt.isVisible, LIMIT_MS)
+    click(window.prompt.done)
     wait_until(lambda: run.status.run.trials_committed == 2, LIMIT_MS)
     press_escape(window)
     wait_until(lambda: run.status.run.state == "aborted", LIMIT_MS)
