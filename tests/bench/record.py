@@ -76,11 +76,17 @@ def served_boards() -> Iterator[dict[str, str]]:
 
 
 def _wait_for_recording(client: EngineClient) -> None:
+    """Answer the plate's prompt, which may be older than this client, and see the drum turn."""
+    answered = None
     while True:
         for message in client.wait(60.0):
-            if message.get("event") == "prompt":
-                client.send("answer", prompt_id=message["data"]["id"], answer="ok")
-            if message.get("event") == "status" and message["data"]["state"] == State.RUN:
+            if message.get("event") != "status":
+                continue
+            prompt = message["data"]["run"]["prompt"]
+            if prompt is not None and prompt["id"] != answered:
+                answered = prompt["id"]
+                client.send("answer", prompt_id=answered, answer="ok")
+            if message["data"]["state"] == State.RUN:
                 return
 
 
