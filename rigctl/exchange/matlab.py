@@ -32,6 +32,7 @@ def _mat5(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
+    # SciPy says with these what it cannot read; NotImplementedError is its word for a newer format.
     try:
         found = loadmat(str(path), simplify_cells=True)
     except (ValueError, TypeError, NotImplementedError, MatReadError, IndexError) as error:

@@ -41,7 +41,7 @@ def days(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def encode(days: list[Path], out: Path, **options: object) -> h5py.File:
-    request = EncodeRequest(tuple(days), out, **options)  # type: ignore[arg-type]  # as named
+    request = EncodeRequest(tuple(days), out, **options)  # type: ignore[arg-type]  # the options are its fields, by name
     return h5py.File(encode_sessions(request, WHEN, Means()).file)
 
 
