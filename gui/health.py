@@ -22,6 +22,8 @@ DISK_HOURS_LIMIT = 1.0
 DISK_FREE_LIMIT_BYTES = 2_000_000_000
 TRIAL_AGE_LIMIT_S = 180.0
 SUPPLY_LIMITS_V = (4.6, 5.4)
+STACK_LEAST_PERCENT = 25
+"""Of a chip's RAM that its program never used; below it the next call may write over data."""
 
 
 class Reading(NamedTuple):
@@ -40,9 +42,32 @@ CELLS = {
     "loadcell": ("Cell lost", "Load-cell samples that never arrived"),
     "disk": ("Disk left", "Free space, and how long it lasts at the rate now being written"),
     "clock": ("Clock ppm", "How fast the clocks of drum and taxel board run; up to ±5000 ppm"),
-    "boards": ("Boards", "Supply of the taxel board, its self-test, and why the boards restarted"),
+    "boards": (
+        "Boards",
+        "Supply of the taxel board, its self-test, why the boards restarted, and the stack that "
+        "their programs never used: at least 25 % of the RAM",
+    ),
+    "ticks": (
+        "Ticks",
+        "Ticks that both boards began late, since connecting: 0; and the longest interrupt",
+    ),
     "trial": ("Last trial", "Time since a trial was committed; during a run up to 3 min"),
 }
+
+WIDTHS = {
+    "rate": 21,
+    "gaps": 16,
+    "lost": 16,
+    "block": 19,
+    "poll": 18,
+    "loadcell": 18,
+    "disk": 22,
+    "clock": 21,
+    "boards": 19,
+    "ticks": 21,
+    "trial": 20,
+}
+"""Shares of the strip's width: what a cell may have to say is not equally long."""
 
 
 class HealthStrip(QWidget):
@@ -54,8 +79,8 @@ class HealthStrip(QWidget):
         row.setContentsMargins(8, 0, 8, 0)
         row.setSpacing(5)
         self.cells = {key: _Cell(name, hint, theme) for key, (name, hint) in CELLS.items()}
-        for cell in self.cells.values():
-            row.addWidget(cell, 1)
+        for key, cell in self.cells.items():
+            row.addWidget(cell, WIDTHS[key])
 
     def set_theme(self, theme: Theme) -> None:
         """Shine in other colours."""
@@ -71,7 +96,11 @@ class HealthStrip(QWidget):
         """Judge a fresh status."""
         for key, reading in readings(status, since_trial_s).items():
             self.cells[key].show_reading(reading)
-        self.cells["boards"].show_hint("\n".join([CELLS["boards"][1], *board_lines(status.boards)]))
+        for key, lines in (
+            ("boards", board_lines(status.boards)),
+            ("ticks", tick_lines(status.boards)),
+        ):
+            self.cells[key].show_hint("\n".join([CELLS[key][1], *lines]))
 
 
 def readings(status: Status, since_trial_s: float | None) -> dict[str, Reading]:
@@ -86,6 +115,7 @@ def readings(status: Status, since_trial_s: float | None) -> dict[str, Reading]:
         "disk": _disk(status.recording),
         "clock": _clock(status.clock_ppm),
         "boards": _boards(status.boards),
+        "ticks": _ticks(status.boards),
         "trial": _trial(since_trial_s, status.run.state == "running"),
     }
 
@@ -139,10 +169,23 @@ def _boards(boards: Mapping[str, BoardStatus]) -> Reading:
         return Reading(f"{found} found", Level.BAD)
     if any(board.unwanted for board in boards.values()):
         return Reading("restarted", Level.BAD)
-    if supply_v is None:
-        return Reading("–", Level.OFF)
     low_v, high_v = SUPPLY_LIMITS_V
-    return Reading(f"{supply_v:.2f} V", _judge(low_v <= supply_v <= high_v))
+    if supply_v is not None and not low_v <= supply_v <= high_v:
+        return Reading(f"{supply_v:.2f} V", Level.BAD)
+    stacks = [b.stack_free_percent for b in boards.values() if b.stack_free_percent is not None]
+    if stacks and min(stacks) < STACK_LEAST_PERCENT:
+        return Reading(f"stack {min(stacks)} %", Level.WARN)
+    return Reading("–", Level.OFF) if supply_v is None else Reading(f"{supply_v:.2f} V", Level.OK)
+
+
+def _ticks(boards: Mapping[str, BoardStatus]) -> Reading:
+    """Late ticks of both boards together, and the longest interrupt of either."""
+    late = [board.late_ticks for board in boards.values() if board.late_ticks is not None]
+    longest = [board.longest_isr_us for board in boards.values() if board.longest_isr_us]
+    if not late:
+        return Reading("–", Level.OFF)
+    interrupt = f", {max(longest):.0f} µs" if longest else ""
+    return Reading(f"{sum(late)} late{interrupt}", Level.WARN if sum(late) else Level.OK)
 
 
 def board_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
@@ -153,9 +196,24 @@ def board_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
         lines.append(
             f"{name}: firmware {board.firmware}, start {board.boot_count} by {board.reset}{supply}"
         )
+        if board.stack_free_percent is not None:
+            lines.append(
+                f"{name}: {board.free_stack_bytes} bytes of stack never used, "
+                f"{board.stack_free_percent} % of its RAM"
+            )
         if board.self_test is not None:
             lines += board.self_test or ["self-test: nothing found"]
     return lines
+
+
+def tick_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
+    """How each board keeps time, a line each."""
+    return [
+        f"{name}: {board.late_ticks} late ticks, longest interrupt {board.longest_isr_us:g} µs, "
+        f"idle {board.idle_percent:g} %"
+        for name, board in boards.items()
+        if board.late_ticks is not None and board.longest_isr_us is not None
+    ]
 
 
 def _trial(seconds: float | None, running: bool) -> Reading:
@@ -197,5 +255,6 @@ class _Cell(QFrame):
         if self.verdict.text() != verdict:
             self.verdict.setText(verdict)
         set_property(self, "level", reading.level.value)
-        set_property(self.verdict, "role", "bad" if reading.level is Level.BAD else "muted")
+        shouts = reading.level in (Level.WARN, Level.BAD)
+        set_property(self.verdict, "role", reading.level.value if shouts else "muted")
         set_property(self.value, "level", reading.level.value)

@@ -58,7 +58,7 @@ class RunStatus:
 
 @dataclass(frozen=True, slots=True)
 class BoardStatus:
-    """What a board says of itself; ``self_test`` None before it is known."""
+    """What a board says of itself, None before it is known; see the engine's message."""
 
     firmware: str = ""
     boot_count: int = 0
@@ -66,6 +66,11 @@ class BoardStatus:
     unwanted: bool = False
     supply_v: float | None = None
     self_test: tuple[str, ...] | None = None
+    late_ticks: int | None = None
+    longest_isr_us: float | None = None
+    free_stack_bytes: int | None = None
+    stack_free_percent: int | None = None
+    idle_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -140,8 +140,10 @@ def _style_sheet(theme: Theme) -> str:
     QLabel[role="muted"] {{ color: {theme.muted}; }}
     QLabel[role="heading"] {{ font-weight: 600; }}
     QLabel[role="bad"] {{ color: {theme.bad}; font-weight: 600; }}
+    QLabel[role="warn"] {{ color: {theme.warn}; font-weight: 600; }}
     QLabel[role="value"] {{ font-size: 10.5pt; font-weight: 600; }}
     QLabel[role="value"][level="bad"] {{ color: {theme.bad}; }}
+    QLabel[role="value"][level="warn"] {{ color: {theme.warn}; }}
     QLabel[role="value"][level="off"] {{ color: {theme.muted}; }}
     QLabel[role="state"] {{ font-size: 13pt; font-weight: 700; }}
     QLabel[role="state"][level="bad"] {{ color: {theme.bad}; }}
@@ -151,6 +153,7 @@ def _style_sheet(theme: Theme) -> str:
     QFrame[role="card"][level="bad"] {{
         background: {theme.bad_back}; border-color: {theme.bad};
     }}
+    QFrame[role="card"][level="warn"] {{ border-color: {theme.warn}; }}
     QFrame[role="prompt"] {{
         background: {theme.panel}; border: 2px solid {theme.accent}; border-radius: 5px;
     }}

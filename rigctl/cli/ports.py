@@ -55,19 +55,19 @@ def _as_line(report: PortReport) -> str:
 
 
 def _findings(report: PortReport) -> tuple[str, ...]:
-    if report.counters:
-        return (_counted(report.counters),)
+    counted = (_counted(report.counters),) if report.counters else ()
     if report.self_test is None:
-        return ()
-    return report.self_test or ("self-test: nothing found",)
+        return counted
+    return (*counted, *(report.self_test or ("self-test: nothing found",)))
 
 
 def _counted(counters: Mapping[str, int]) -> str:
-    settings = SettingsFrom(counters["settings_from"]).name.lower()
+    stored = counters.get("settings_from")
+    settings = "" if stored is None else f", settings {SettingsFrom(stored).name.lower()}"
     return (
         f"{counters['late_ticks']} late ticks, longest interrupt {counters['longest_isr_us']} µs, "
         f"{counters['free_stack_bytes']} bytes of stack never used, idle "
-        f"{counters['idle_permille'] / 10:g} %, settings {settings}"
+        f"{counters['idle_permille'] / 10:g} %{settings}"
     )
 
 

@@ -16,6 +16,7 @@ from rigctl.devices.tcp_link import SCHEME, TcpLink
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import BoardIdentity
 from rigctl.wire import drum_map, taxels
+from rigctl.wire.taxels import CYCLES_PER_US, TaxelStatus
 
 DRUM, TAXELS = "drum", "taxels"
 COUNTERS = (
@@ -35,8 +36,9 @@ TAXELS_GATHER_S = 0.01
 class PortReport:
     """A port, and who answered on it: an identity, or a sentence why nobody did.
 
-    ``supply_v`` and ``self_test``, what it found, are known of a taxel board only; ``counters``,
-    by the names of :data:`COUNTERS`, of a drum board.
+    ``supply_v`` and ``self_test``, what it found, are known of a taxel board only. ``counters``:
+    of a drum board by the names of :data:`COUNTERS`, of a taxel board by those of them that
+    its status tells too.
     """
 
     port: str
@@ -84,12 +86,23 @@ async def _ask(
 
 
 def _with_health(report: PortReport, taxels: Taxels) -> PortReport:
-    millivolts = taxels.status.supply_mv if taxels.status else 0
+    status = taxels.status
+    millivolts = status.supply_mv if status else 0
     return replace(
         report,
         supply_v=millivolts / 1000 if millivolts else None,
         self_test=tuple(taxels.findings) if taxels.self_test else None,
+        counters=_counted(status) if status else {},
     )
+
+
+def _counted(status: TaxelStatus) -> dict[str, int]:
+    return {
+        "late_ticks": status.late_slots,
+        "longest_isr_us": round(status.longest_isr_cycles / CYCLES_PER_US),
+        "free_stack_bytes": status.free_stack_bytes,
+        "idle_permille": status.idle_permille,
+    }
 
 
 async def look(port: str, description: str, loop: asyncio.AbstractEventLoop) -> PortReport:

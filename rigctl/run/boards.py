@@ -14,6 +14,7 @@ from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.presets import preset
 from rigctl.errors import LinkLost, RigFault
 from rigctl.run.bench import Bench
+from rigctl.run.board_health import DRUM, TAXELS, BoardHealth
 from rigctl.run.drum_watch import RECONNECT_PERIOD_S, DrumWatch
 from rigctl.run.live import LiveWriter
 from rigctl.run.motion import Motion
@@ -25,7 +26,6 @@ from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
 from rigctl.wire.reset import reset_words
 from rigctl.wire.taxel_test import SelfTest
 
-DRUM, TAXELS = "drum", "taxels"
 Spawn = Callable[[Coroutine[Any, Any, None]], object]
 
 LEAST_RANGE_COUNTS = 128
@@ -54,6 +54,7 @@ class Boards:
         self.identities: dict[str, BoardIdentity] = {}
         self.watch = DrumWatch(bench.drum, bench.loop, may_beat, self._drum_lost, self._drum_back)
         self.motion = Motion(self.watch, bench.config)
+        self.health = BoardHealth(self.watch, bench.taxels, self.identities)
         self.encoder = _encoder(bench)
         self.pump = Pump(self.encoder, live, time_stands=bench.simulated, gather=gather)
         self._bench = bench
@@ -86,6 +87,7 @@ class Boards:
             self._follow_range()
         spawn(self.watch.run())
         await self.motion.configure()
+        spawn(self.health.follow())
         for identity in self.identities.values():
             self._tell(identity, "connected")
         if taxels.self_test is not None:

@@ -114,7 +114,9 @@ class Engine:
             lambda: self.vitals.check_in("runner"),
             lambda: recorder.status.failure,
         )
-        parts = RunParts(boards.motion, boards.pump, self.news, recorder, control, self.set_plate)
+        parts = RunParts(
+            boards.motion, boards.pump, self.news, recorder, control, boards.health, self.set_plate
+        )
         unasked = order.yes and self.bench.simulated
         options = RunOptions(unasked, opened.resumed, opened.done, opened.attempts)
         self._guard = DiskGuard(recorder)

@@ -80,6 +80,9 @@ class BoardStatus(TypedDict):
 
     ``reset``: what restarted it last, in words; ``unwanted``: whether that tells of trouble.
     ``self_test``: sentences of what it found, empty where all is well, None before it is known.
+    ``late_ticks``: since the engine heard of the board, over its restarts; ``longest_isr_us``
+    and ``free_stack_bytes``, never used: since its boot; ``stack_free_percent``: of the chip's
+    RAM; ``idle_percent``: of the last second. None before they are known.
     """
 
     firmware: str
@@ -88,6 +91,11 @@ class BoardStatus(TypedDict):
     unwanted: bool
     supply_v: float | None
     self_test: list[str] | None
+    late_ticks: int | None
+    longest_isr_us: float | None
+    free_stack_bytes: int | None
+    stack_free_percent: int | None
+    idle_percent: float | None
 
 
 class StatusData(TypedDict):

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from rigctl.errors import BoardFault, RigFault
 from rigctl.protocol import Plan, Step
+from rigctl.run.board_health import END
 from rigctl.run.control import Paused, Stopped
 from rigctl.run.messages import CurrentTrial, RunStatus
 from rigctl.run.progress import Progress
@@ -78,6 +79,7 @@ class Run:
             parts.pump.record_to(None)
             if parts.recorder.status.part == 0:
                 parts.recorder.begin_part("nothing was recorded", "")
+            self._performer.record_health(END)
             parts.recorder.close()
         self._end(ending, text)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
+from rigctl.run.board_health import Figures
 from rigctl.run.clock_fit import ClockFit
 from rigctl.run.messages import BoardStatus, RecordingStatus, RunStatus, StatusData
 from rigctl.wire.drum_map import Status
@@ -108,6 +109,9 @@ class StatusBuilder:
             told["taxels"]["supply_v"] = millivolts / 1000 if millivolts else None
         if "taxels" in told and taxels.self_test is not None:
             told["taxels"]["self_test"] = taxels.findings
+        for name, figures in self._boards.health.figures().items():
+            if name in told:
+                _add_figures(told[name], figures)
         return told
 
     def _note_lost(self, count: int) -> None:
@@ -122,7 +126,20 @@ def _board(identity: BoardIdentity) -> BoardStatus:
         unwanted=was_unwanted(identity.reset_cause),
         supply_v=None,
         self_test=None,
+        late_ticks=None,
+        longest_isr_us=None,
+        free_stack_bytes=None,
+        stack_free_percent=None,
+        idle_percent=None,
     )
+
+
+def _add_figures(told: BoardStatus, figures: Figures) -> None:
+    told["late_ticks"] = figures.late_ticks
+    told["longest_isr_us"] = figures.longest_isr_us
+    told["free_stack_bytes"] = figures.free_stack_bytes
+    told["stack_free_percent"] = figures.stack_free_percent
+    told["idle_percent"] = figures.idle_percent
 
 
 def idle_run() -> RunStatus:

@@ -21,6 +21,7 @@ from rigctl.protocol import (
     Turn,
 )
 from rigctl.run.attempt import Attempt, clock_ppm
+from rigctl.run.board_health import START, BoardHealth, Figures
 from rigctl.run.control import Control, Paused, Stopped
 from rigctl.run.motion import Motion
 from rigctl.run.news import News
@@ -42,6 +43,7 @@ class RunParts:
     news: News
     recorder: Recorder
     control: Control
+    health: BoardHealth
     set_plate: Callable[[str], object]
 
 
@@ -75,6 +77,7 @@ class Performer:
         self._limits = Limits.of(plan.protocol.quality)
         self._part_reason = "resume" if options.resumed else "start"
         self._tared = False
+        self._health_before: dict[str, Figures] | None = None
         self._clocks_ppm = [float("inf"), float("inf")]
 
     async def take(self, step: Step) -> None:
@@ -93,6 +96,14 @@ class Performer:
         finally:
             motion.check = checked
             self._parts.pump.record_to(None)
+
+    def record_health(self, when: str) -> None:
+        """Have what the boards count of themselves stand in the session."""
+        health = self._parts.health
+        if self._health_before is None:
+            self._health_before = health.figures()
+        for event in health.events(when, self._health_before):
+            self._parts.recorder.add_event(event)
 
     @singledispatchmethod
     async def _perform(self, step: Any) -> None:
@@ -175,6 +186,8 @@ class Performer:
             self._parts.recorder.begin_part(self._part_reason or "goes on", self.texture)
             self._parts.pump.record_to(self._parts.recorder)
             self._part_reason = ""
+            if self._health_before is None:
+                self.record_health(START)
         await motion.arm()
         if not motion.homed:
             await motion.home()

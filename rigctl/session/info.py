@@ -13,6 +13,9 @@ from rigctl.session.reader import Session
 from rigctl.session.truth import summary
 from rigctl.values import BoardIdentity, Verdict
 
+BOARD_KIND = "board"
+"""Kind of the events in which a board says how it is at the start and the end of a sitting."""
+
 
 def info(path: Path) -> dict[str, Any]:
     """Describe a session. Raises SessionError for a folder that is none."""
@@ -22,6 +25,7 @@ def info(path: Path) -> dict[str, Any]:
             **_identity(session),
             **_trials(session),
             **_counts(session),
+            **_boards(session),
         }
         world = summary(session)
     return answer if world is None else {**answer, "world": world}
@@ -51,6 +55,25 @@ def _identity(session: Session) -> dict[str, Any]:
         "finished": session.finished,
         "written_by": lock_owner(session.path) if writing else None,
         "bytes": sum(part.path.stat().st_size for part in session.parts),
+    }
+
+
+def _boards(session: Session) -> dict[str, Any]:
+    """What the boards counted of themselves over all sittings; nothing where none is told."""
+    told: dict[str, list[dict[str, Any]]] = {}
+    for event in session.events_of(BOARD_KIND):
+        if event.data.get("when") in ("start", "end"):
+            told.setdefault(event.data["board"], []).append(event.data)
+    return {"boards": {name: _counted(rows) for name, rows in told.items()}} if told else {}
+
+
+def _counted(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "boot_count": rows[-1]["boot_count"],
+        "reset": rows[-1]["reset"],
+        "late_ticks": sum(row["late_ticks"] for row in rows),
+        "longest_isr_us": max(row["longest_isr_us"] for row in rows),
+        "stack_free_percent": min(row["stack_free_percent"] for row in rows),
     }
 
 

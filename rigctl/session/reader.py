@@ -169,11 +169,15 @@ class Session:
         """All events."""
         return tuple(map(event_of, self._join(layout.EVENTS)))
 
+    def events_of(self, kind: str) -> tuple[Event, ...]:
+        """The events of one kind."""
+        rows = self._join(layout.EVENTS)
+        return tuple(map(event_of, rows[rows["kind"] == kind]))
+
     @property
     def scaling(self) -> tuple[tuple[float, float], ...]:
         """Offset and scale of each taxel's stored counts; empty where these are the readings."""
-        rows = self._join(layout.EVENTS)
-        data = [event_of(row).data for row in rows[rows["kind"] == SCALING_KIND]]
+        data = [event.data for event in self.events_of(SCALING_KIND)]
         pairs = tuple((float(each["offset"]), float(each["scale"])) for each in data)
         return () if all(pair == (0.0, 1.0) for pair in pairs) else pairs
 

@@ -27,6 +27,8 @@ WIRE_VERSION = 2
 BAUD = 500_000
 FRAME_BYTES = kernels.LONGEST_CHUNK + 1
 STATUS_EVERY = 100
+CYCLES_PER_US = 16
+"""Of the board's chip: what its longest interrupt is counted in."""
 IDENTIFY, SELF_TEST = 0x01, 0x02
 DROPS_SHIFT, DROPS_MOST = 4, 15
 SHORTEST_CHUNK = kernels.TESTED_BODY + kernels.OVERHEAD + 1

@@ -41,7 +41,17 @@ STATUS: dict[str, Any] = {
     "loadcell_lost": 0,
     "clock_ppm": {"drum": 1187.0, "taxels": -904.0},
     "boards": {
-        "drum": {"firmware": "0.1", "boot_count": 4, "reset": "power-up", "unwanted": False},
+        "drum": {
+            "firmware": "0.1",
+            "boot_count": 4,
+            "reset": "power-up",
+            "unwanted": False,
+            "late_ticks": 0,
+            "longest_isr_us": 25,
+            "free_stack_bytes": 5386,
+            "stack_free_percent": 66,
+            "idle_percent": 68.3,
+        },
         "taxels": {
             "firmware": "1.1",
             "boot_count": 7,
@@ -49,6 +59,11 @@ STATUS: dict[str, Any] = {
             "unwanted": False,
             "supply_v": 5.01,
             "self_test": [],
+            "late_ticks": 0,
+            "longest_isr_us": 22.56,
+            "free_stack_bytes": 1344,
+            "stack_free_percent": 66,
+            "idle_percent": 52.5,
         },
     },
     "recording": {

@@ -38,6 +38,11 @@ def _read(**changes: Any) -> dict[str, Any]:
         ("boards", {"boards": {"taxels": {"supply_v": 4.21}}}, "4.21 V", Level.BAD),
         ("boards", {"boards": {"taxels": {"self_test": ["a", "b"]}}}, "2 found", Level.BAD),
         ("boards", {"boards": {"drum": {"unwanted": True}}}, "restarted", Level.BAD),
+        ("boards", {"boards": {"drum": {"stack_free_percent": 24}}}, "stack 24 %", Level.WARN),
+        ("boards", {"boards": {"drum": {"stack_free_percent": 25}}}, "–", Level.OFF),
+        ("ticks", {}, "0 late, 25 µs", Level.OK),
+        ("ticks", {"boards": {}}, "–", Level.OFF),
+        ("ticks", {"boards": {"drum": {"late_ticks": 2}}}, "2 late", Level.WARN),
         ("trial", {}, "–", Level.OFF),
     ],
 )
@@ -59,6 +64,16 @@ def test_bad_is_said_in_words_and_shape_too(bench: Bench) -> None:
     assert cell.lamp.level is Level.BAD
 
 
+def test_a_late_tick_is_a_warning_in_words_and_shape(bench: Bench) -> None:
+    boards = deepcopy(STATUS["boards"])
+    boards["taxels"]["late_ticks"] = 3
+    bench.see(boards=boards)
+    cell = bench.window.health.cells["ticks"]
+    assert (cell.value.text(), cell.verdict.text()) == ("3 late, 25 µs", "WARN")
+    assert cell.lamp.level is Level.WARN
+    assert "taxels: 3 late ticks, longest interrupt 22.56 µs, idle 52.5 %" in cell.toolTip()
+
+
 def test_missing_fields_are_survived() -> None:
     status = read_status({"state": 99, "run": None, "novel": 1})
     assert status.state is None and status.run.state == "idle"
@@ -70,6 +85,8 @@ def test_what_each_board_says_of_itself_is_readable() -> None:
     lines = board_lines(read_status({**STATUS, "boards": said}).boards)
     assert lines == [
         "drum: firmware 0.1, start 4 by power-up",
+        "drum: 5386 bytes of stack never used, 66 % of its RAM",
         "taxels: firmware 1.1, start 7 by its reset pin, supply 5.01 V",
+        "taxels: 1344 bytes of stack never used, 66 % of its RAM",
         "line D5 stays low: it is connected to ground; free it",
     ]
