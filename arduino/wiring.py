@@ -3,7 +3,7 @@
     python3 wiring.py            write the drawing
     python3 wiring.py --check    exit code 1 where the drawing is not what the headers say
 
-Pins come from ``drum/chip_pins.h`` and ``taxels/board.h``, so the drawing follows the firmware.
+Pins come from ``drum/board.h`` and ``taxels/board.h``, so the drawing follows the firmware.
 Only the standard library is needed.
 """
 
@@ -55,8 +55,8 @@ class Part(NamedTuple):
 
 
 def drum_pins() -> dict[str, str]:
-    """Arduino pin of each signal of the drum board, as in ``drum/chip_pins.h``."""
-    text = (HERE / "drum" / "chip_pins.h").read_text(encoding="utf-8")
+    """Arduino pin of each signal of the drum board, as in ``drum/board.h``."""
+    text = (HERE / "drum" / "board.h").read_text(encoding="utf-8")
     found = re.findall(r"constexpr uint8_t (\w+) = _BV\(P\w\d\);\s*// (D\d+)", text)
     return dict(found)
 
@@ -79,6 +79,7 @@ def _numbers(text: str, pattern: str) -> list[int]:
 def drum_parts() -> list[Part]:
     """What hangs on the Mega."""
     p = drum_pins()
+    enable = p["STEPPER_ENABLE"]
     return [
         Part(
             "Stepper driver",
@@ -86,7 +87,7 @@ def drum_parts() -> list[Part]:
             (
                 Row(p["STEP"], "step", "STEP", "orange"),
                 Row(p["DIRECTION"], "direction", "DIR", "yellow"),
-                Row(p["STEPPER_OFF"], "off when high", "EN, active low", "green", "10 kΩ to 5 V"),
+                Row(enable, "off when high", "EN, active low", "green", "10 kΩ to 5 V"),
                 Row("GND", "ground", "GND", "black"),
             ),
         ),

@@ -9,7 +9,7 @@
 
 #include <stdint.h>
 
-#include "board.h"  // speed at full duty
+#include "variant.h"  // speed at full duty
 
 class Actuator {
   public:

@@ -1,12 +1,34 @@
-// The variant of the drum this image is built for: what is screwed and soldered together.
-// Another drum, driver or actuator changes numbers here and nothing elsewhere.
+// The variant of the drum this image is built for: where the wires go, which driver, actuator,
+// amplifier and drum hang on them.
+//
+// Arduino Mega 2560 at 16 MHz. Another rig changes this file and nothing elsewhere, or brings a
+// header of its own (-DVARIANT='"…/other.h"'). arduino/README.md has the drawing, and says which
+// pins are tied to a timer or an interrupt of the chip.
 #ifndef BOARD_H
 #define BOARD_H
 
 #include <stdint.h>
 
-#ifndef BUILD_HASH
-#define BUILD_HASH 0UL  // the Arduino IDE passes none
+#ifdef __AVR__  // the PC tests have no pins
+#include <avr/io.h>
+
+namespace pins {
+
+constexpr uint8_t STEP = _BV(PB5);          // D11, OC1A
+constexpr uint8_t DIRECTION = _BV(PA0);     // D22
+constexpr uint8_t STEPPER_ENABLE = _BV(PA1);// D23
+constexpr uint8_t SYNC = _BV(PA2);          // D24
+constexpr uint8_t INDEX = _BV(PE4);         // D2, INT4, high at the mark
+constexpr uint8_t ESTOP = _BV(PE5);         // D3, INT5, closed to ground, high when tripped
+constexpr uint8_t LOADCELL_DATA = _BV(PD2); // D19, INT2
+constexpr uint8_t LOADCELL_CLOCK = _BV(PE3);// D5
+constexpr uint8_t PRESS = _BV(PH3);         // D6, OC4A
+constexpr uint8_t LIFT = _BV(PH4);          // D7, OC4B
+constexpr uint8_t BRIDGE_ON = _BV(PH5);     // D8
+constexpr uint8_t END_UP = _BV(PC7);        // D30, closed to ground, high at the end
+constexpr uint8_t END_DOWN = _BV(PC6);      // D31
+
+}  // namespace pins
 #endif
 
 #ifndef MICROSTEPS
@@ -15,14 +37,12 @@
 
 namespace board {
 
-constexpr uint8_t FIRMWARE_MAJOR = 0;
-constexpr uint8_t FIRMWARE_MINOR = 1;
-
-constexpr uint32_t CLOCK_HZ = 16000000UL;
+// Stepper driver: false where low switches it on. Its pull resistor goes to the other level.
+constexpr bool STEPPER_ENABLE_HIGH = false;
 
 // Drum: 200 full steps, 16 microsteps, a 4:1 belt, 400 mm of texture a turn.
 constexpr uint16_t STEPS_PER_TURN = 200 * MICROSTEPS * 4;
-constexpr uint32_t NM_PER_STEP = 400000000UL / STEPS_PER_TURN;
+constexpr uint32_t NM_PER_TURN = 400000000UL;
 
 // Actuator: speed at full duty, time constant of its speed, travel read by its potentiometer, and
 // how near to an end the potentiometer may come.
@@ -33,7 +53,7 @@ constexpr uint16_t ACTUATOR_END_UM = 300;
 
 // Load-cell amplifier: HX711 at its 80 samples a second; a conversion shows the force of this long
 // ago. One on a board with RATE to ground gives 10: then 100000 and 0.050.
-constexpr uint16_t LOADCELL_PERIOD_US = 12500;
+constexpr uint32_t LOADCELL_PERIOD_US = 12500;
 constexpr float LOADCELL_DELAY_S = 0.006f;
 
 }  // namespace board

@@ -2,10 +2,9 @@
 #include <avr/io.h>
 #include <util/atomic.h>
 
-#include "board.h"
 #include "chip.h"
-#include "chip_pins.h"
 #include "ports.h"
+#include "variant.h"
 
 namespace {
 

@@ -6,8 +6,8 @@
 #include <util/atomic.h>
 
 #include "chip.h"
-#include "chip_pins.h"
 #include "isr_meter.h"
+#include "variant.h"
 
 namespace {
 

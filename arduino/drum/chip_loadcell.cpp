@@ -9,8 +9,8 @@
 #include <util/atomic.h>
 
 #include "chip.h"
-#include "chip_pins.h"
 #include "isr_meter.h"
+#include "variant.h"
 
 #pragma GCC optimize("O2")  // also where the IDE builds for size
 

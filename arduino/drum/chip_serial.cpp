@@ -3,10 +3,10 @@
 #include <avr/io.h>
 #include <util/atomic.h>
 
-#include "board.h"
 #include "chip.h"
 #include "drum_map.h"
 #include "isr_meter.h"
+#include "variant.h"
 
 namespace {
 

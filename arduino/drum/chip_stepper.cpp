@@ -16,9 +16,9 @@
 #include <util/atomic.h>
 
 #include "chip.h"
-#include "chip_pins.h"
 #include "isr_meter.h"
 #include "ports.h"
+#include "variant.h"
 
 #pragma GCC optimize("O2")  // also where the IDE builds for size
 
@@ -80,6 +80,12 @@ inline void schedule(uint16_t from, uint16_t over) {
     aim_at_rise(from, (exact >> 8) - over);
 }
 
+// Where the driver is switched by high, all of this is the other way round.
+inline void put_enable(bool on) {
+    if (on == board::STEPPER_ENABLE_HIGH) PORTA |= pins::STEPPER_ENABLE;
+    else PORTA &= ~pins::STEPPER_ENABLE;
+}
+
 inline void show_sync(bool on) {
     if ((on && sync_fitted) != sync_inverted) PORTA |= pins::SYNC;
     else PORTA &= ~pins::SYNC;
@@ -126,8 +132,8 @@ ISR(INT4_vect) {
 namespace stepper {
 
 void begin() {
-    PORTA |= pins::STEPPER_OFF;
-    DDRA |= pins::DIRECTION | pins::STEPPER_OFF | pins::SYNC;
+    put_enable(false);
+    DDRA |= pins::DIRECTION | pins::STEPPER_ENABLE | pins::SYNC;
     DDRB |= pins::STEP;
     TCCR1A = PIN_RESTS;
     TCCR1B = _BV(CS10);
@@ -139,7 +145,7 @@ void cut() {
     halt();
     engine.abandon();
     PORTB &= ~pins::STEP;
-    PORTA |= pins::STEPPER_OFF;
+    put_enable(false);
     show_sync(false);
     sync_state.high = false;
 }
@@ -171,8 +177,8 @@ namespace ports {
 
 void enable_stepper(bool on) {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        if (on && !estop::tripped()) PORTA &= ~pins::STEPPER_OFF;
-        else PORTA |= pins::STEPPER_OFF;
+        if (on && !estop::tripped()) put_enable(true);
+        else put_enable(false);
     }
 }
 

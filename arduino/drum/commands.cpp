@@ -1,5 +1,5 @@
 // What each command needs before it is accepted, and what it starts.
-#include "board.h"  // geometry
+#include "variant.h"  // geometry
 #include "drum.h"
 
 namespace {

@@ -3,22 +3,24 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "board.h"     // geometry
-#include "circle.h"    // sine and cosine of the drum's angle
+#include "circle.h"   // sine and cosine of the drum's angle
+#include "variant.h"  // geometry
 
 namespace {
 
-constexpr uint16_t SELFTEST_LIMIT_MS = 500;
+constexpr uint16_t SELFTEST_LIMIT_MS = board::LOADCELL_PERIOD_US / 25;  // 40 conversions
 constexpr uint16_t LIFT_TIME_MS = 700;     // FAULT_LIFT: with 250 ms of silence, off within 1 s
 constexpr uint16_t ACTUATOR_FULL_LIFT_MS = 6000;
 constexpr uint16_t LIFT_LIMIT_MS = 8000;   // a lift that takes longer is stuck
 constexpr uint16_t TOP_UM = board::ACTUATOR_END_UM;  // the potentiometer at the upper end
 constexpr uint16_t BOTTOM_UM = board::ACTUATOR_TRAVEL_UM - board::ACTUATOR_END_UM;
-constexpr uint16_t SLOW_ZONE_UM = 1500;    // above the last contact: slowing down takes 0.9 mm
+// Above the last contact: slowing down takes 0.9 mm, and begins with a sample.
+constexpr uint16_t SLOW_ZONE_UM = 1400 + board::LOADCELL_PERIOD_US / 125;
 constexpr float SEARCH_MM_S = 3.0f;        // near the surface, at most
-constexpr float SEARCH_S = 0.1f;           // and so slow that contact is a matter of this time
-constexpr float QUICK_MM_S = 8.0f;
-constexpr float CONTACT_MM_S = 6.0f;
+// And so slow that contact is a matter of this time.
+constexpr float SEARCH_S = (80000 + board::LOADCELL_PERIOD_US * 8 / 5) / 1e6f;
+constexpr float QUICK_MM_S = board::ACTUATOR_MAX_MM_S < 8 ? board::ACTUATOR_MAX_MM_S : 8.0f;
+constexpr float CONTACT_MM_S = board::ACTUATOR_MAX_MM_S < 6 ? board::ACTUATOR_MAX_MM_S : 6.0f;
 constexpr float DEPTH_GAIN = 4.0f;         // 1/s
 constexpr float DEPTH_REST_MM = 0.03f;     // the potentiometer shows 0.05 mm a count
 constexpr float DEPTH_BAND_MM = 0.06f;

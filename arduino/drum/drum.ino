@@ -11,8 +11,8 @@
 #include <avr/io.h>
 
 #include "chip.h"
-#include "chip_pins.h"
 #include "drum.h"
+#include "variant.h"
 
 static Drum drum;
 static uint16_t unsent;  // length of a reply that waits to be sent

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "board.h"  // actuator lag, sample period and delay
+#include "variant.h"  // actuator lag, sample period and delay
 
 namespace {
 
@@ -17,7 +17,7 @@ constexpr float DELAY_S = board::LOADCELL_DELAY_S;
 constexpr float decay(float x, int terms = 16, float n = 1) {
     return terms ? 1 - x / n * decay(x, terms - 1, n + 1) : 1;
 }
-constexpr float DECAY = decay(PERIOD_S / LAG_S);
+constexpr float DECAY = PERIOD_S < 4 * LAG_S ? decay(PERIOD_S / LAG_S) : 0;
 constexpr float CONTACT_G = 8.0f;     // far above noise, far below any set force
 constexpr float COMPRESSION_GAIN = 0.3f;
 constexpr float RUN_OUT_GAIN = 0.1f;
@@ -26,7 +26,7 @@ constexpr float MAX_RUN_OUT = 0.5f;   // mm
 constexpr float PRIOR = 4e-4f;        // mm²: weight of the stiffness believed before
 constexpr float FORGETTING = 0.96f;
 constexpr float MOVING_MM = 0.004f;   // a period's travel below this says nothing of stiffness
-constexpr float FREE_SPEED_STEP = 0.5f;  // mm/s a sample, 40 mm/s²
+constexpr float FREE_SPEED_STEP = 40.0f * PERIOD_S;  // mm/s a sample
 constexpr float TURNING_RAD_S = 0.1f;
 
 float limited(float value, float bound) {

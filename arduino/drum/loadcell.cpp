@@ -1,7 +1,7 @@
 #include "loadcell.h"
 
-#include "board.h"        // conversion period
 #include "drum_states.h"  // fault numbers
+#include "variant.h"      // conversion period
 
 namespace {
 

@@ -2,8 +2,8 @@
 
 #include <math.h>
 
-#include "board.h"       // clock and step size
 #include "ramp_table.h"  // square roots
+#include "variant.h"     // clock and step size
 
 // interval() runs inside the step interrupt, also where the IDE builds for size.
 #pragma GCC optimize("O2")
@@ -68,18 +68,20 @@ namespace ramp {
 // A command works this out while a load-cell sample may be waiting: 64-bit divisions and roots
 // would take most of a millisecond.
 Profile profile(uint16_t speed, uint16_t acceleration, int16_t trim_ppm) {
-    // cycles a step = clock · step length / speed, in quarters so that it fits 32 bits.
+    // cycles a step = clock · step length / speed, in so many parts that one fits 32 bits.
     constexpr uint64_t STEP_CYCLES = (static_cast<uint64_t>(board::CLOCK_HZ) << FRACTION_BITS) *
                                      board::NM_PER_STEP / 10000;
-    static_assert(STEP_CYCLES % 4 == 0 && STEP_CYCLES / 4 < 0xffffffffULL, "choose another split");
+    constexpr uint32_t PARTS = STEP_CYCLES / 4 <= 0xffffffffULL ? 4 : 16;
+    static_assert(STEP_CYCLES % PARTS == 0 && STEP_CYCLES / PARTS <= 0xffffffffULL,
+                  "choose another split");
     // First interval at 1 mm/s²: clock · sqrt(2 · step length).
     constexpr float FIRST = (1UL << FRACTION_BITS) * static_cast<float>(board::CLOCK_HZ) *
                             __builtin_sqrtf(2e-6f * board::NM_PER_STEP);
-    constexpr uint32_t QUARTER = STEP_CYCLES / 4;
+    constexpr uint32_t PART = STEP_CYCLES / PARTS;
     Profile result;
-    const uint32_t quarters = QUARTER / speed;
-    const uint16_t left = static_cast<uint16_t>(QUARTER % speed);
-    result.cruise = 4 * quarters + (4UL * left + speed / 2) / speed;
+    const uint32_t whole = PART / speed;
+    const uint16_t left = static_cast<uint16_t>(PART % speed);
+    result.cruise = PARTS * whole + (PARTS * left + speed / 2) / speed;
     if (trim_ppm) result.cruise += lroundf(result.cruise * (trim_ppm * 1e-6f));
     result.first = lroundf(FIRST / sqrtf(acceleration));
     return result;

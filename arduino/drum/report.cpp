@@ -1,5 +1,5 @@
 // The readable registers, brought up to date once before each read.
-#include "board.h"     // identity and geometry
+#include "variant.h"     // identity and geometry
 #include "drum.h"
 
 namespace {

@@ -1,6 +1,6 @@
 #include "step_test.h"
 
-#include "board.h"  // sample period
+#include "variant.h"  // sample period
 
 namespace {
 

@@ -5,8 +5,8 @@
 
 #include <stdint.h>
 
-#include "board.h"     // steps of a turn
 #include "drum_map.h"  // places
+#include "variant.h"   // steps of a turn
 
 class TareTurn {
   public:

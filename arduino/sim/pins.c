@@ -42,23 +42,38 @@ void on_output(sim_board *board, int signal, int level)
         (void)irq;                                                     \
         on_output(param, signal, value & 1);                           \
     }
-ON_OUTPUT(on_pin_dir, SIM_OUT_DIR)
-ON_OUTPUT(on_pin_enable, SIM_OUT_ENABLE)
-ON_OUTPUT(on_pin_sync, SIM_OUT_SYNC)
 ON_OUTPUT(on_pin_bridge, SIM_OUT_BRIDGE)
 ON_OUTPUT(on_pin_sck, SIM_OUT_SCK)
 
 static const avr_irq_notify_t ON_PIN[OUTPUT_COUNT] = {
-    [SIM_OUT_DIR] = on_pin_dir, [SIM_OUT_ENABLE] = on_pin_enable,
-    [SIM_OUT_SYNC] = on_pin_sync, [SIM_OUT_BRIDGE] = on_pin_bridge, [SIM_OUT_SCK] = on_pin_sck};
+    [SIM_OUT_BRIDGE] = on_pin_bridge, [SIM_OUT_SCK] = on_pin_sck};
+
+/* Direction, enable and sync may be wired to other bits of their port. */
+static void on_port_a(avr_irq_t *irq, uint32_t value, void *param)
+{
+    sim_board *board = param;
+    int signal = SIM_OUT_DIR + (int)irq->irq - board->exchange.port_a_first;
+    if (signal < SIM_OUT_DIR || signal > SIM_OUT_SYNC) return;
+    int other = signal == SIM_OUT_ENABLE && board->exchange.enable_high;
+    on_output(board, signal, (int)(value & 1) ^ other);
+}
+
+static avr_irq_t *output_irq(sim_board *board, int signal)
+{
+    struct pin pin = OUTPUT[signal];
+    if (pin.port == 'A') pin.bit += board->exchange.port_a_first;
+    return avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ(pin.port), pin.bit);
+}
 
 static void pins_open_drum(sim_board *board)
 {
-    avr_t *avr = board->avr;
     motor_open(board);
     for (int i = 0; i < OUTPUT_COUNT; i++) {
-        avr_irq_t *irq = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(OUTPUT[i].port), OUTPUT[i].bit);
-        if (ON_PIN[i]) avr_irq_register_notify(irq, ON_PIN[i], board);
+        if (ON_PIN[i]) avr_irq_register_notify(output_irq(board, i), ON_PIN[i], board);
+    }
+    for (int bit = 0; bit < 8; bit++) {
+        avr_irq_t *irq = avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ('A'), bit);
+        avr_irq_register_notify(irq, on_port_a, board);
     }
     bridge_open(board);
     board->out_level[SIM_OUT_ENABLE] = 1; /* pulled up: the driver is off while nobody drives it */
@@ -79,7 +94,7 @@ void pins_open(sim_board *board)
 static void float_outputs(sim_board *board)
 {
     for (int i = 0; i < OUTPUT_COUNT; i++) {
-        avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ(OUTPUT[i].port), OUTPUT[i].bit)->value = 0;
+        output_irq(board, i)->value = 0;
         if (i == SIM_OUT_SCK) on_output(board, i, 0);
         else if (i != SIM_OUT_STEP) on_output(board, i, i == SIM_OUT_ENABLE);
         board->out_level[i] = i == SIM_OUT_ENABLE;

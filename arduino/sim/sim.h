@@ -28,7 +28,7 @@ enum sim_kind { SIM_DRUM = 0, SIM_TAXELS = 1 };
 enum sim_output {
     SIM_OUT_STEP = 0,   /* PB5, drum: rises only */
     SIM_OUT_DIR = 1,    /* PA0, drum */
-    SIM_OUT_ENABLE = 2, /* PA1, drum, active low */
+    SIM_OUT_ENABLE = 2, /* PA1, drum, level 0 is on, whatever the driver's polarity */
     SIM_OUT_SYNC = 3,   /* PA2, drum */
     SIM_OUT_BRIDGE = 4, /* PH5, drum, active high */
     SIM_OUT_SCK = 5,    /* PE3, drum: consumed by the HX711, not reported */
@@ -67,6 +67,8 @@ typedef struct sim_exchange {
     int32_t motor_jammed;              /* 1: step pulses do not turn the drum */
     int32_t mark_length_steps;         /* index mark covers steps 0 … this − 1 of a turn */
     int32_t mark_inverted;             /* 1: the drum's chip sees the mark low */
+    int32_t enable_high;               /* 1: high switches the stepper's driver on */
+    int32_t port_a_first;              /* drum: bit of direction; enable and sync are the next */
     int32_t steps_per_turn;
     int32_t report_samples;            /* 1: report SIM_OUT_SAMPLE edges */
     int32_t report_steps;              /* 1: report SIM_OUT_STEP edges */

@@ -77,6 +77,8 @@ class Exchange(ctypes.Structure):
         ("motor_jammed", _I32),
         ("mark_length_steps", _I32),
         ("mark_inverted", _I32),
+        ("enable_high", _I32),
+        ("port_a_first", _I32),
         ("steps_per_turn", _I32),
         ("report_samples", _I32),
         ("report_steps", _I32),

@@ -213,7 +213,7 @@ class DrumChip:
     def arm(self) -> None:
         """To ARMED, with the load cell tared."""
         assert self.command(Command.ARM, 5000) == 0
-        assert self.command(Command.TARE, 3000) == 0
+        assert self.command(Command.TARE, 8000) == 0
         assert self.state is State.ARMED
 
     def hold(self, force_g: int) -> None:

@@ -77,7 +77,7 @@ class PlantDrum(DrumChip):
         """Armed, homed and tared."""
         self.arm()
         assert self.command(Command.HOME, 20_000) == 0
-        assert self.command(Command.TARE, 3000) == 0
+        assert self.command(Command.TARE, 8000) == 0
 
     def trial(self, speed_mm_s: float, force_g: float) -> Trial:
         """Place the drum, approach, run once and lift. Raises AssertionError on any fault."""

@@ -84,7 +84,7 @@ def table(heading: str) -> list[list[str]]:
 
 
 def test_the_drums_pin_table_is_its_header() -> None:
-    header = (FOLDER / "drum" / "chip_pins.h").read_text(encoding="utf-8")
+    header = (FOLDER / "drum" / "board.h").read_text(encoding="utf-8")
     pattern = r"constexpr uint8_t (\w+) = _BV\((P\w\d)\);\s*// (D\d+)"
     declared = {name: (pin, port) for name, port, pin in re.findall(pattern, header)}
     listed = {row[0]: (row[1], row[2]) for row in table("### Mega 2560")}

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "board.h"
+#include "variant.h"
 
 namespace {
 

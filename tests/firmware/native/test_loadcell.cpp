@@ -1,5 +1,5 @@
 // The load cell: force, ring, tare, and each way in which an amplifier fails.
-#include "board.h"
+#include "variant.h"
 #include "check.h"
 #include "drum_states.h"
 #include "loadcell.h"

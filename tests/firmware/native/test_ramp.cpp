@@ -1,7 +1,7 @@
 // Ramps and motions: exact step counts, exact rates, the acceleration asked for.
 #include <vector>
 
-#include "board.h"
+#include "variant.h"
 #include "check.h"
 #include "ramp_table.h"
 #include "step_engine.h"

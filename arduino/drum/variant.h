@@ -1,0 +1,30 @@
+// The board's header, or another that the build names, and what follows from any of them.
+#ifndef VARIANT_H
+#define VARIANT_H
+
+#ifdef VARIANT
+#include VARIANT
+#else
+#include "board.h"
+#endif
+
+#ifndef BUILD_HASH
+#define BUILD_HASH 0UL  // the Arduino IDE passes none
+#endif
+
+namespace board {
+
+constexpr uint8_t FIRMWARE_MAJOR = 0;
+constexpr uint8_t FIRMWARE_MINOR = 1;
+
+constexpr uint32_t CLOCK_HZ = 16000000UL;
+constexpr uint32_t NM_PER_STEP = NM_PER_TURN / STEPS_PER_TURN;
+
+static_assert(NM_PER_TURN % STEPS_PER_TURN == 0, "a step must be whole nanometres");
+static_assert(STEPS_PER_TURN % 256 == 0 && STEPS_PER_TURN <= 32512,
+              "the drum's angle is told in 256 parts of a turn, its place in 15 bits");
+static_assert(LOADCELL_PERIOD_US <= 100000, "slower than any rate of the HX711");
+
+}  // namespace board
+
+#endif  // VARIANT_H
