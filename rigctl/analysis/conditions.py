@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.fingerprint import look_at
 from rigctl.analysis.trial_set import Scratch, TrialRef, opened
-from rigctl.encoding.bulk import Counts, Samples, cuts_of, sa_rates_hz, stretch_counts
+from rigctl.encoding.bulk import (
+    Counts,
+    Samples,
+    cuts_of,
+    mean_level,
+    sa_rates_hz,
+    stretch_counts,
+)
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force import ForceMatrix, search_to
 from rigctl.encoding.normalisation import Normalisation
@@ -118,16 +125,17 @@ def _searched(condition: Condition, samples: Sequence[Samples], plain: Counts) -
     n_taxels = condition.normalisation.n_taxels
     lengths = [len(samples[i]) for i in reference]
     target = sa_rates_hz(plain[reference, :n_taxels], lengths, condition.parameters)
+    goal = mean_level([samples[i] for i in reference], condition.normalisation)
     forced = plain[:, :n_taxels].copy()
     shape = (n_taxels, len(condition.forces_g))
     found: Arrays = {"c": np.ones(shape), "status": np.zeros(shape, np.int8)}
-    found |= {"residual_hz": np.zeros(shape), "evaluations": np.zeros(shape, np.int64)}
+    found |= {"residual_hz": np.zeros(shape), "evaluations": np.zeros(shape)}
     for f, force in enumerate(condition.forces_g):
         if force == condition.reference_g:
             continue
         search = search_to(
             [samples[i] for i in rows[force]],
-            [samples[i] for i in reference],
+            goal,
             target,
             condition.normalisation,
             condition.parameters,
@@ -184,5 +192,5 @@ def joined_matrix(pieces: Sequence[ForceMatrix]) -> ForceMatrix:
         joined("c"),
         joined("status").astype(np.int8),
         joined("residual_hz"),
-        joined("evaluations").astype(np.int64),
+        joined("evaluations"),
     )

@@ -30,9 +30,10 @@ from rigctl.analysis.counting import (
 )
 from rigctl.analysis.jobs import HERE, Crew, Progress
 from rigctl.analysis.trial_set import TrialSet
+from rigctl.encoding.bracket import Status
 from rigctl.encoding.bulk import features_of
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force import REFERENCE_FORCE_G, ForceMatrix, Status
+from rigctl.encoding.force import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 

@@ -8,13 +8,14 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from enum import IntEnum, StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.encoding.bracket import Bracket, Method, Status
 from rigctl.encoding.bulk import (
     Counts,
     mean_level,
@@ -31,40 +32,27 @@ Trials = Sequence[NDArray[np.uint16]]
 
 REFERENCE_FORCE_G = 500.0
 TOLERANCE_HZ = 0.1
-HIGHEST_C = 5.0
-NARROWEST = 1e-6
 MOST_EVALUATIONS = 60
 
-
-class Status(IntEnum):
-    """How the search for one C ended."""
-
-    REFERENCE = 0  # the reference force itself: C is 1
-    CONVERGED = 1  # the rate is within the tolerance
-    CAPPED = 2  # even the highest C leaves the rate too low; C is that
-    DISCONTINUITY = 3  # the rate jumps over the target; C is the nearer side
-
-
-class Method(StrEnum):
-    """How the next C is chosen inside the bracket."""
-
-    REGULA_FALSI = "regula-falsi"
-    BISECTION = "bisection"
+# Trials that are asked before all are: their rate misses that of all by a tenth of a hertz, once
+# it is known how high they read. Fewer rounds than a jump would take: all trials will tell.
+PILOT_EVERY, FEWEST_IN_PILOT = 8, 3
+PILOT_TOLERANCE_HZ, MOST_IN_PILOT = 0.2, 6
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
     """What the search found for the taxels of one texture, speed and force.
 
-    ``c``, ``rate_hz``: float64 (n_taxels,); ``status``: int8; ``evaluations``: int64, encodings
-    of the taxel that it took; ``counts``: uint32 (n_trials, n_taxels, n_stretches), SA spikes
-    with that C.
+    ``c``, ``rate_hz``: float64 (n_taxels,); ``status``: int8; ``evaluations``: float64, encodings
+    of the taxel that it took, those of some trials by their share of the samples; ``counts``:
+    uint32 (n_trials, n_taxels, n_stretches), SA spikes with that C.
     """
 
     c: Floats
     rate_hz: Floats
     status: NDArray[np.int8]
-    evaluations: NDArray[np.int64]
+    evaluations: Floats
     counts: Counts
 
 
@@ -82,7 +70,7 @@ class ForceMatrix:
     c: Floats
     status: NDArray[np.int8]
     residual_hz: Floats
-    evaluations: NDArray[np.int64]
+    evaluations: Floats
 
     def of(self, texture: str, speed_mm_s: float, force_g: float) -> Floats:
         """C of each taxel, float64 (n_taxels,). Raises WrongUse for a condition it lacks."""
@@ -134,18 +122,19 @@ def force_matrix(
         raise WrongUse(f"force scaling needs trials at the reference force of {reference_g:g} g")
     shape = (len(textures), normalisation.n_taxels, len(speeds_mm_s), len(forces_g))
     c, residual = np.ones(shape), np.zeros(shape)
-    status, evaluations = np.zeros(shape, np.int8), np.zeros(shape, np.int64)
+    status, evaluations = np.zeros(shape, np.int8), np.zeros(shape)
     for t, texture in enumerate(textures):
         for v, speed in enumerate(speeds_mm_s):
             reference = _trials(trials_of, texture, speed, reference_g)
             target = mean_sa_rates_hz(reference, normalisation, parameters)
+            goal = mean_level(reference, normalisation)
             for f, force in enumerate(forces_g):
                 if force == reference_g:
                     continue
                 trials = _trials(trials_of, texture, speed, force)
                 found = search_to(
                     trials,
-                    reference,
+                    goal,
                     target,
                     normalisation,
                     parameters,
@@ -175,7 +164,7 @@ def mean_sa_rates_hz(
 
 def search_to(
     trials: Trials,
-    reference: Trials,
+    goal: Floats,
     target_hz: Floats,
     normalisation: Normalisation,
     parameters: EncoderParameters = DEFAULT,
@@ -184,9 +173,8 @@ def search_to(
     method: Method = Method.REGULA_FALSI,
     cuts: NDArray[np.int64] | None = None,
 ) -> Search:
-    """:func:`search` that starts where readings are as high as those of the reference trials."""
-    level, goal = mean_level(trials, normalisation), mean_level(reference, normalisation)
-    start = np.divide(goal, level, out=np.ones_like(level), where=level > 0)
+    """:func:`search` that starts where readings are as high as ``goal``, those of the reference."""
+    start = _ratio(goal, mean_level(trials, normalisation))
     return search(trials, target_hz, start, normalisation, parameters, tolerance_hz, method, cuts)
 
 
@@ -202,109 +190,93 @@ def search(
 ) -> Search:
     """C of every taxel of one condition; taxels that are found are not encoded again.
 
-    ``cuts``: of the stretches in which spikes are counted; without them a trial is one stretch.
+    Regula falsi asks every eighth trial first, and starts with what these say; what all trials say
+    decides. ``cuts``: of the stretches in which spikes are counted; without them a trial is one
+    stretch.
     """
-    brackets = [_Bracket(float(t), float(s), method) for t, s in zip(target_hz, start, strict=True)]
     cuts = whole_trials(trials) if cuts is None else cuts
-    lengths = list(map(len, trials))
+    every = _Encoded(trials, cuts, normalisation, parameters)
+    slopes, asked = np.zeros_like(start), np.zeros_like(start)
+    if method is Method.REGULA_FALSI and len(trials) >= PILOT_EVERY * FEWEST_IN_PILOT:
+        start, slopes, asked = _pilot(every, target_hz, start)
+    told = zip(target_hz.tolist(), start.tolist(), slopes.tolist(), strict=True)
+    brackets = [Bracket(target, first, method, slope) for target, first, slope in told]
     kept = np.zeros((len(trials), len(brackets), len(cuts) - 1), np.uint32)
-    for _ in range(MOST_EVALUATIONS):
-        open_ones = [i for i, b in enumerate(brackets) if b.status is None]
-        if not open_ones:
-            break
-        guesses = np.array([brackets[i].guess for i in open_ones])
-        counts = stretch_counts(
-            trials,
-            cuts,
-            normalisation,
-            parameters,
-            sa_scale=np.tile(guesses, (len(trials), 1)),
-            taxels=np.array(open_ones),
-            sa_only=True,
-        )
-        rates = sa_rates_hz(counts, lengths, parameters)
-        for place, (i, rate) in enumerate(zip(open_ones, rates, strict=True)):
-            if brackets[i].learn(float(rate), tolerance_hz):
-                kept[:, i] = counts[:, place]
+    for open_ones, counts, best in every.rounds(brackets, tolerance_hz, MOST_EVALUATIONS):
+        kept[:, open_ones[best]] = counts[:, best]
     for bracket in brackets:
         bracket.give_up()
     return Search(
         np.array([b.best_c for b in brackets]),
         np.array([b.best_rate for b in brackets]),
         np.array([b.status for b in brackets], np.int8),
-        np.array([b.evaluations for b in brackets], np.int64),
+        asked + [b.evaluations for b in brackets],
         kept,
     )
 
 
-class _Bracket:
-    """One taxel's search: the rate rises with C from 0 at C = 0, in jumps.
+def _pilot(every: _Encoded, target_hz: Floats, start: Floats) -> tuple[Floats, Floats, Floats]:
+    """What some of the trials say of C and of the rate's slope, and the encodings that it took.
 
-    Regula falsi with the Illinois rule: an end that stays twice has its distance halved, so that
-    the other end moves too.
+    Their readings are not as high as those of all, but how much they differ is known, and a C that
+    makes up for it brings much the same rate. So C is searched on them, and told for all.
     """
+    some = every.some(slice(PILOT_EVERY // 2, None, PILOT_EVERY))
+    higher = _ratio(*(mean_level(e.trials, e.normalisation) for e in (some, every)))
+    told = zip(target_hz.tolist(), (start / higher).tolist(), strict=True)
+    brackets = [Bracket(target, first, Method.REGULA_FALSI) for target, first in told]
+    for _ in some.rounds(brackets, PILOT_TOLERANCE_HZ, MOST_IN_PILOT):
+        pass
+    share = sum(map(len, some.trials)) / max(1, sum(map(len, every.trials)))
+    foreseen, slopes = (np.array([getattr(b, n) for b in brackets]) for n in ("foreseen", "slope"))
+    return foreseen * higher, slopes / higher, share * np.array([b.evaluations for b in brackets])
 
-    def __init__(self, target: float, start: float, method: Method) -> None:
-        self.status: Status | None = None
-        self.evaluations = 0
-        self.best_c, self.best_rate = 0.0, 0.0
-        self._target = target
-        self._bisects = method is Method.BISECTION
-        self._low, self._below = 0.0, -target
-        self._high, self._above = HIGHEST_C, float("nan")
-        self._last_side = 0
-        self.guess = HIGHEST_C / 2 if self._bisects else min(max(start, 0.0), HIGHEST_C)
 
-    def learn(self, rate: float, tolerance_hz: float) -> bool:
-        """Take in the rate at the guess and make the next one. True where it was the best yet."""
-        self.evaluations += 1
-        distance = rate - self._target
-        best = self.evaluations == 1 or abs(distance) < abs(self.best_rate - self._target)
-        if abs(distance) < tolerance_hz:
-            self.status = Status.CONVERGED
-        elif distance < 0 and self.guess >= HIGHEST_C:
-            self.status, best = Status.CAPPED, True
-        if best:
-            self.best_c, self.best_rate = self.guess, rate
-        if self.status is None:
-            self._narrow(distance)
-        return best
+class _Encoded(NamedTuple):
+    """Trials of one condition, to be encoded with one C after another."""
 
-    def give_up(self) -> None:
-        """Call a search that is still open a jump over the target."""
-        if self.status is None:
-            self.status = Status.DISCONTINUITY
+    trials: Trials
+    cuts: NDArray[np.int64]
+    normalisation: Normalisation
+    parameters: EncoderParameters
 
-    def _narrow(self, distance: float) -> None:
-        side = -1 if distance < 0 else 1
-        stays = side == self._last_side
-        if side < 0:
-            # Before anything was found above the target, the highest C is not known to be.
-            previous, self._low = self._low, self.guess
-            slope = (distance - self._below) / max(self.guess - previous, NARROWEST)
-            self._below = distance
-            self._above = self._above / 2 if stays else self._above
-        else:
-            slope = 0.0
-            self._high, self._above = self.guess, distance
-            self._below = self._below / 2 if stays else self._below
-        self._last_side = side
-        self.guess = self._next(slope)
-        if self._high - self._low < NARROWEST:
-            self.status = Status.DISCONTINUITY
+    def some(self, which: slice) -> _Encoded:
+        """Some of the trials, whole."""
+        chosen = self.trials[which]
+        return self._replace(trials=chosen, cuts=whole_trials(chosen))
 
-    def _next(self, slope: float) -> float:
-        if self._bisects:
-            middle = (self._low + self._high) / 2
-            return HIGHEST_C if self._low > HIGHEST_C - 2 * NARROWEST else middle
-        if np.isnan(self._above):
-            # Nothing above yet: follow the slope, at least a quarter further, at most to the cap.
-            step = -self._below / slope if slope > 0 else HIGHEST_C
-            return min(HIGHEST_C, self._low + max(1.02 * step, 0.25 * self._low, 0.05))
-        width = self._high - self._low
-        share = self._below / (self._below - self._above) if self._above > self._below else 0.5
-        # A guess on the rim would learn nothing.
-        return self._low + width * min(max(share, 0.02), 0.98)
+    def rounds(
+        self, brackets: Sequence[Bracket], tolerance_hz: float, most: int
+    ) -> Iterator[tuple[NDArray[np.int64], Counts, NDArray[np.bool_]]]:
+        """Encode with the guesses of all brackets that are open until none is.
+
+        Each round gives the taxels, their counts, and for which of them the guess was the best yet.
+        """
+        lengths = list(map(len, self.trials))
+        for _ in range(most):
+            taxels = np.array([i for i, b in enumerate(brackets) if b.status is None], np.int64)
+            if not len(taxels):
+                return
+            counts = self._counts(taxels, np.array([brackets[i].guess for i in taxels]))
+            rates = sa_rates_hz(counts, lengths, self.parameters).tolist()
+            learnt = zip(taxels, rates, strict=True)
+            yield taxels, counts, np.array([brackets[i].learn(r, tolerance_hz) for i, r in learnt])
+
+    def _counts(self, taxels: NDArray[np.int64], c: Floats) -> Counts:
+        return stretch_counts(
+            self.trials,
+            self.cuts,
+            self.normalisation,
+            self.parameters,
+            sa_scale=np.tile(c, (len(self.trials), 1)),
+            taxels=taxels,
+            sa_only=True,
+        )
+
+
+def _ratio(of: Floats, to: Floats) -> Floats:
+    """One level over another, 1 where there is none."""
+    return np.divide(of, to, out=np.ones_like(to), where=(to > 0) & (of > 0))
 
 
 def _trials(

@@ -19,6 +19,7 @@ HOLDERS = {"rigctl-model": "training/inputs", "rigctl-spikes": "inputs"}
 LAYOUT_VERSION = 1
 
 AXES = "texture, taxel, speed, force"
+EVALUATIONS_DOC = "encodings that it took, those of some trials by their share of the samples"
 STATUS_DOC = "0 reference force, 1 converged, 2 capped, 3 at a jump of the rate"
 
 
@@ -37,7 +38,7 @@ def put_force(group: Any, force: ForceMatrix) -> None:
     put_array(group, "c", force.c, "none", "factor on the SA current", AXES)
     put_array(group, "status", force.status, "none", STATUS_DOC, AXES)
     put_array(group, "residual_hz", force.residual_hz, "Hz", "rate reached less the target", AXES)
-    put_array(group, "evaluations", force.evaluations, "none", "encodings that it took", AXES)
+    put_array(group, "evaluations", force.evaluations, "none", EVALUATIONS_DOC, AXES)
 
 
 def take_force(group: Any) -> ForceMatrix:
@@ -50,7 +51,7 @@ def take_force(group: Any) -> ForceMatrix:
         take_array(group, "c"),
         take_array(group, "status", np.int8),
         take_array(group, "residual_hz"),
-        take_array(group, "evaluations", np.int64),
+        take_array(group, "evaluations"),
     )
     textures, speeds, forces = len(force.textures), len(force.speeds_mm_s), len(force.forces_g)
     shape = (textures, force.c.shape[1] if force.c.ndim == 4 else -1, speeds, forces)

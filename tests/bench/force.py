@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.encoding.bracket import Method, Status
+from rigctl.encoding.bulk import mean_level
 from rigctl.encoding.force import (
     REFERENCE_FORCE_G,
     Floats,
-    Method,
     Search,
-    Status,
     Trials,
-    mean_level,
     mean_sa_rates_hz,
     search,
 )
@@ -79,7 +78,7 @@ def searched(conditions: list[Condition], method: Method) -> tuple[list[Search],
 
 
 def told(found: list[Search]) -> str:
-    """Mean encodings an entry, and how many entries did not converge."""
+    """Mean encodings an entry, those of some trials by their share, and what did not converge."""
     evaluations = np.concatenate([one.evaluations for one in found])
     ill = sum(int((one.status != Status.CONVERGED).sum()) for one in found)
     return f"{evaluations.mean():.2f} encodings an entry, {ill} not converged"
