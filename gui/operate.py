@@ -1,4 +1,4 @@
-"""Working the rig by hand: arm, set-points, approach, run, retract, clear a fault."""
+"""Working the rig by hand: arm, jog, set-points, approach, run, retract, clear a fault."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.bench import Bench
+from gui.jog import Jog
 from gui.labels import elastic, label, set_property, show_text
 from gui.status import Status
 from gui.words import fault_sentence
@@ -87,6 +88,7 @@ class OperatePanel(QWidget):
         self.read_back = elastic(label("–", "muted"))
         self.now = {name: elastic(label("–", "heading")) for name in _NOW}
         self.fault = label("no fault", "muted", wraps=True)
+        self.jog = Jog()
         self.bench = Bench()
         self.bench.plate_asked.connect(self.plate_asked)
         self.bench.inject_asked.connect(self.inject_asked)
@@ -105,6 +107,7 @@ class OperatePanel(QWidget):
         for action in ACTIONS:
             self.buttons[action.command].setEnabled(is_possible(action, status))
         self.apply.setEnabled(status.drum_connected and not status.run.is_going)
+        self.jog.show_status(status)
         self.bench.show_status(status)
         sentence = status.fault_words if status.fault else "no fault"
         show_text(self.fault, sentence or fault_sentence(status.fault))
@@ -134,13 +137,20 @@ class OperatePanel(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 4, 6, 6)
         column.setSpacing(4)
-        column.addWidget(self._actions("Drum", (ARM, DISARM, HOME, TARE, RANGE, TEST)))
+        column.addWidget(self._drum_box())
         column.addWidget(self._set_points())
         column.addWidget(self._actions("Contact", (APPROACH, RUN, RETRACT)))
         column.addWidget(self._fault_box())
         column.addWidget(self._now_box())
         column.addWidget(self.bench)
         column.addStretch(1)
+
+    def _drum_box(self) -> QGroupBox:
+        box = self._actions("Drum", (ARM, DISARM, HOME, TARE, RANGE, TEST))
+        grid = box.layout()
+        assert isinstance(grid, QGridLayout)
+        grid.addWidget(self.jog, grid.rowCount(), 0, 1, 3)
+        return box
 
     def _actions(self, title: str, actions: tuple[Action, ...]) -> QGroupBox:
         box = QGroupBox(title)
@@ -169,7 +179,7 @@ class OperatePanel(QWidget):
         box = QGroupBox("Fault")
         column = QVBoxLayout(box)
         column.setContentsMargins(8, 6, 8, 8)
-        self.fault.setMinimumHeight(3 * self.fault.fontMetrics().height())
+        self.fault.setMinimumHeight(2 * self.fault.fontMetrics().height())
         self.fault.setAlignment(Qt.AlignmentFlag.AlignTop)
         column.addWidget(self.fault)
         column.addWidget(self.buttons[CLEAR.command])

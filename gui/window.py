@@ -216,6 +216,7 @@ class Window(QMainWindow):
         bar.stop_asked.connect(self.stop)
         operate.asked.connect(lambda command: ask(command))
         operate.set_asked.connect(lambda v, f: ask("set", speed_mm_s=v, force_g=f))
+        operate.jog.asked.connect(self._jog)
         operate.plate_asked.connect(lambda texture: ask("plate", texture=texture))
         operate.inject_asked.connect(lambda fault, args: ask("inject", fault=fault, **args))
         protocol.asked.connect(lambda command: ask(command))
@@ -246,6 +247,10 @@ class Window(QMainWindow):
         self.say("rig", f"connecting to {rig} …")
         self.connection.open(rig)
 
+    def _jog(self, mm: float) -> None:
+        jog = self.operate.jog
+        self.connection.ask("jog", done=lambda _: jog.ended(), mm=mm)
+
     def _go_on(self, folder: str) -> None:
         self.connection.ask("start", resume=folder, yes=False)
 
@@ -261,11 +266,14 @@ class Window(QMainWindow):
         self.toolbar.show_disconnected(sentence)
         self.health.show_nothing()
         self.operate.show_nothing()
+        self.operate.jog.ended()
         self.protocol.show_status(Status())
         self.prompt.show_prompt(None)
         self.say("rig" if sentence == "not connected" else "lost", sentence)
 
     def _refused(self, command: str, sentence: str) -> None:
+        if command == "jog":
+            self.operate.jog.ended()
         self.say("refused", f"{command.replace('_', ' ')}: {sentence}")
 
     def _happened(self, message: dict[str, Any]) -> None:

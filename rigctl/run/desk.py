@@ -77,13 +77,17 @@ class Desk:
         await self._free_motion().home()
         return {}
 
+    async def on_jog(self, mm: float) -> Result:
+        """Turn the lifted drum by so many mm of texture, forwards where positive; mm turned."""
+        motion = self._free_motion()
+        return {"moved_mm": await motion.jog(_number("mm", mm))}
+
     async def on_set(self, **values: float) -> Result:
         """Write settings; the values that the board took."""
         motion = self._free_motion()
         registers = {SHORT_NAMES.get(name, name): value for name, value in values.items()}
         for name, value in registers.items():
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise WrongUse(f"{name} must be a number, not {value!r}")
+            _number(name, value)
         taken = await motion.watch.drum.set(**registers)
         motion.settings.update(taken)
         back = {register: name for name, register in SHORT_NAMES.items()}
@@ -196,6 +200,13 @@ class Desk:
         if run is None or run.ended:
             raise WrongUse("no run is going: start one first")
         return run
+
+
+def _number(name: str, value: object) -> float:
+    """The value. Raises WrongUse where it is no number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise WrongUse(f"{name} must be a number, not {value!r}")
+    return value
 
 
 def _check_arguments(what: str, method: Callable[..., object], args: dict[str, Any]) -> None:

@@ -7,11 +7,12 @@ from typing import Final
 from rigctl.config import DrumGeometry, Inverted, RigConfig, Signals
 from rigctl.protocol import Settle
 from rigctl.values import PlannedTrial
-from rigctl.wire.drum_map import ForceMode, Signal
+from rigctl.wire.drum_map import BY_NAME, ForceMode, Signal
 
 FARTHEST_STEPS: Final = 1_900_000
 """Targets of MOVE end at two million steps; before that the drum homes and counts anew."""
 
+_TARGET: Final = BY_NAME["move_target"]
 _FORCE_MODES = {
     "hold": ForceMode.HOLD,
     "lock": ForceMode.LOCK,
@@ -80,6 +81,13 @@ def start_steps(trial: PlannedTrial, drum: DrumGeometry, mm_per_step: float) -> 
         start_mm += drum.plate_length_mm
     sign = -1 if drum.backwards else 1
     return sign * round(start_mm / mm_per_step)
+
+
+def jog_target(steps_now: int, travel_mm: float, drum: DrumGeometry, mm_per_step: float) -> int:
+    """So much texture from here, forwards where positive, within what the board takes; steps."""
+    sign = -1 if drum.backwards else 1
+    target = steps_now + sign * round(travel_mm / mm_per_step)
+    return round(min(max(target, _TARGET.low), _TARGET.high))
 
 
 def nearest(within_turn: int, steps_now: int, steps_per_turn: int) -> int:

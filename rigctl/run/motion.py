@@ -10,10 +10,11 @@ from collections.abc import Callable
 from typing import Final
 
 from rigctl.config import RigConfig
-from rigctl.errors import RigFault
+from rigctl.errors import CommandRefused, RigFault, WrongUse
 from rigctl.protocol import Settle
 from rigctl.run.drum_orders import (
     FARTHEST_STEPS,
+    jog_target,
     nearest,
     press_settings,
     rig_settings,
@@ -22,6 +23,7 @@ from rigctl.run.drum_orders import (
     trial_settings,
 )
 from rigctl.run.drum_watch import DrumWatch, command_ended
+from rigctl.run.status import STATE_WORDS
 from rigctl.values import DrumState, PlannedTrial
 from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import State
@@ -134,6 +136,28 @@ class Motion:
         await self.apply(move_target=target)
         if target != self.watch.healthy().steps:
             await self._do(Command.MOVE, State.ARMED, MOVE_LIMIT_S, "moving, lifted,")
+
+    async def jog(self, travel_mm: float) -> float:
+        """Turn the lifted drum by so much texture, at the speed of moves; the mm really turned.
+
+        Positive turns as a forward trial does. The target is kept inside what the board takes.
+        Raises WrongUse for more than a turn, CommandRefused where the drum is not armed.
+        """
+        turn, step_mm = self._detail("steps_per_turn"), self._detail("nm_per_step") / 1e6
+        if not abs(travel_mm) <= turn * step_mm:
+            raise WrongUse(
+                f"{travel_mm:g} mm is more than a turn of the drum ({turn * step_mm:g} mm): "
+                "jog in smaller pieces"
+            )
+        here = await self._fresh()
+        if here.state != State.ARMED:
+            raise CommandRefused(
+                f"the drum is {STATE_WORDS[State(here.state)]!r}: "
+                "it can be jogged while it is armed and lifted only"
+            )
+        await self._move_to(jog_target(here.steps, travel_mm, self.config.drum, step_mm))
+        sign = -1 if self.config.drum.backwards else 1
+        return sign * (self.watch.healthy().steps - here.steps) * step_mm
 
     async def move_to_quarter(self) -> None:
         """Turn the lifted drum to a quarter of a turn behind the mark."""

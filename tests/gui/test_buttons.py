@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
 
 from gui.operate import ACTIONS
 from rigctl.wire.drum_states import Event, State, next_state
@@ -77,6 +81,51 @@ def test_set_points_keep_to_the_boards_range(bench: Bench) -> None:
     operate.speed.setValue(1e6)
     operate.force.setValue(0.0)
     assert (operate.speed.value(), operate.force.value()) == (200.0, 50.0)
+
+
+@pytest.mark.parametrize(
+    ("status", "reason"),
+    [
+        ({"state": int(State.ARMED)}, ""),
+        ({"state": int(State.IDLE)}, "arm the drum first"),
+        ({"state": int(State.POSITION)}, "the drum is moving"),
+        ({"state": int(State.HOLD)}, "retract first"),
+        ({"state": int(State.FAULT_OFF)}, "clear the fault first"),
+        ({"state": int(State.ARMED), "run": {"state": "paused"}}, "a protocol has the rig"),
+        ({"state": int(State.ARMED), "drum_connected": False}, "no drum is connected"),
+    ],
+)
+def test_jog_is_offered_when_the_drum_would_take_it_else_says_why(
+    bench: Bench, status: dict[str, Any], reason: str
+) -> None:
+    bench.see(**status)
+    for button in bench.window.operate.jog.buttons.values():
+        assert button.isEnabled() is not bool(reason)
+        assert (reason or "mm of texture") in button.toolTip()
+
+
+def test_jog_asks_once_and_keeps_the_keyboards_focus(bench: Bench) -> None:
+    bench.see(state=int(State.ARMED))
+    jog = bench.window.operate.jog
+    bench.engine.answers = False
+    bench.window.activateWindow()
+    jog.buttons[-10].setFocus()
+    for _ in range(2):
+        focused = bench.window.focusWidget()
+        assert focused is not None
+        QTest.keyClick(focused, Qt.Key.Key_Space)
+    assert bench.engine.asked == [("jog", {"mm": -10.0})]
+    bench.window.operate.jog.ended()
+    assert jog.buttons[-10].hasFocus()
+
+
+def test_a_refused_jog_is_offered_again(bench: Bench) -> None:
+    bench.engine.refusals["jog"] = "the drum is 'pressing down'"
+    bench.see(state=int(State.ARMED))
+    click(bench.window.operate.jog.buttons[1])
+    bench.window.tick()
+    assert bench.window.operate.jog.buttons[1].isEnabled()
+    assert "jog: the drum is 'pressing down'" in bench.window.log.toPlainText()
 
 
 def test_a_refusal_is_said_in_log_and_status_line(bench: Bench) -> None:

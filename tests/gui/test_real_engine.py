@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
@@ -69,6 +71,32 @@ def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: Window) -> No
     assert window.connection.status.speed_mm_s == 0
     assert len(window.scene.history) > 1000
     assert window.scene.bars.rates_hz.shape == (36,)
+
+
+def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: Window) -> None:
+    jog, link = window.operate.jog, window.connection
+    _wait(window, State.ARMED)
+    turn_steps, step_mm = 12800, 0.03125
+
+    def moved(before: int) -> float:
+        return (link.status.steps - before) * step_mm
+
+    for mm in (10, -1):
+        before = link.status.steps
+        wait_until(jog.buttons[mm].isEnabled)
+        click(jog.buttons[mm])
+        assert not jog.buttons[mm].isEnabled() and "the drum is moving" in jog.buttons[mm].toolTip()
+        wait_until(lambda at=before, by=mm: moved(at) == by)  # type: ignore[misc]
+    before = link.status.steps
+    wait_until(jog.buttons[1].isEnabled)
+    QTest.keyClick(window, Qt.Key.Key_Right, Qt.KeyboardModifier.AltModifier)
+    wait_until(lambda: moved(before) == 1)
+    link.ask("jog", mm=turn_steps * step_mm)
+    wait_until(lambda: link.status.speed_mm_s > 100)
+    press_escape(window)
+    _wait(window, State.RETRACT, State.ARMED)
+    _wait(window, State.ARMED)
+    assert 1 < moved(before) < 300 and link.status.speed_mm_s == 0
 
 
 def test_a_refusal_of_the_board_is_a_sentence(window: Window) -> None:

@@ -34,6 +34,7 @@ def test_a_person_drives_the_drum_step_by_step(floor: Floor) -> None:
         await ask("home", {})
         status = floor.engine.status()
         assert status["tared"] and status["homed"]
+        assert await ask("jog", {"mm": -10}) == {"moved_mm": -10.0}
         taken = await ask("set", {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50})
         assert taken == {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50}
         await ask("approach", {})
@@ -57,6 +58,9 @@ def test_refusals_are_sentences(floor: Floor) -> None:
         for command, args, error, words in (
             ("dance", {}, WrongUse, "knows no command"),
             ("arm", {"quickly": True}, WrongUse, "command arm"),
+            ("jog", {"mm": 1}, CommandRefused, "the drum is 'off'.*armed and lifted only"),
+            ("jog", {"mm": 500}, WrongUse, "more than a turn"),
+            ("jog", {"mm": "far"}, WrongUse, "must be a number"),
             ("set", {"speed_mm_s": "fast"}, WrongUse, "must be a number"),
             ("set", {"speed_mm_s": 5000}, WrongUse, "the drum takes"),
             ("approach", {}, CommandRefused, "refused APPROACH in state IDLE"),
@@ -126,6 +130,8 @@ def test_a_protocol_is_started_held_and_ended_by_messages(floor: Floor) -> None:
         assert started == {"session": str(floor.session)}
         with pytest.raises(WrongUse, match="a run is going"):
             await ask("arm", {})
+        with pytest.raises(WrongUse, match="a run is going"):
+            await ask("jog", {"mm": 1})
         await floor.until(lambda: state_of(floor) is State.RUN)
         status = floor.engine.status()
         assert status["run"]["current"] == {

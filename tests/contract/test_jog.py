@@ -1,0 +1,110 @@
+"""The drum turned by hand, lifted: so many millimetres of texture, on both kinds of boards."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from rigctl.config import DrumGeometry, RigConfig
+from rigctl.errors import CommandRefused, WrongUse
+from rigctl.run.drum_orders import jog_target
+from rigctl.run.drum_watch import DrumWatch
+from rigctl.run.motion import Motion
+from rigctl.wire.drum_map import BY_NAME, Command
+from rigctl.wire.drum_states import State
+from tests.contract.operator import Operator
+
+STEP_MM = 0.03125
+FORWARDS, BACKWARDS = RigConfig(), RigConfig(drum=DrumGeometry(backwards=True))
+
+Work = Callable[[Motion], Awaitable[None]]
+
+
+def turned_mm(at_rig: Operator) -> float:
+    """Travel of the texture since power-up, as the world logged it."""
+    return float(at_rig.simulation.truth.arrays().speed_mm_s.sum()) * 1e-3
+
+
+def by_hand(at_rig: Operator, work: Work, config: RigConfig = FORWARDS) -> None:
+    """Do ``work`` with the drum armed and polled as the engine polls it."""
+
+    async def main() -> None:
+        await at_rig.reach(State.ARMED)
+        watch = DrumWatch(
+            at_rig.drum, at_rig.rig.loop, lambda: True, lambda why: None, lambda who, anew: None
+        )
+        await watch.connect()
+        polling = asyncio.ensure_future(watch.run())
+        try:
+            await watch.turn()
+            await work(Motion(watch, config))
+        finally:
+            polling.cancel()
+            await asyncio.gather(polling, return_exceptions=True)
+
+    at_rig.run(main())
+
+
+@pytest.mark.parametrize("config", [FORWARDS, BACKWARDS], ids=["forwards", "backwards"])
+def test_the_drum_turns_by_what_was_asked_and_says_so(at_rig: Operator, config: RigConfig) -> None:
+    sign = -1 if config.drum.backwards else 1
+
+    async def work(motion: Motion) -> None:
+        for mm in (10.0, 1.0, -1.0, -10.0, 123.4):
+            before_mm = turned_mm(at_rig)
+            assert await motion.jog(mm) == pytest.approx(mm, abs=STEP_MM)
+            await motion.watch.turn()
+            assert sign * (turned_mm(at_rig) - before_mm) == pytest.approx(mm, abs=STEP_MM)
+
+    by_hand(at_rig, work, config)
+
+
+def test_it_keeps_to_one_turn_and_to_what_the_board_takes(at_rig: Operator) -> None:
+    async def work(motion: Motion) -> None:
+        for mm in (401.0, -401.0, float("nan")):
+            with pytest.raises(WrongUse, match="more than a turn"):
+                await motion.jog(mm)
+        assert await motion.jog(0.01) == 0.0
+
+    by_hand(at_rig, work)
+
+
+def test_it_is_refused_in_words_unless_armed(at_rig: Operator) -> None:
+    async def work(motion: Motion) -> None:
+        for command, state, words in (
+            (Command.APPROACH, State.HOLD, "in contact"),
+            (Command.RETRACT, State.ARMED, ""),
+            (Command.DISARM, State.IDLE, "the drum is 'off'"),
+        ):
+            await motion.command(command)
+            await motion.watch.until(lambda now, goal=state: now.state == goal, 15, "the way")
+            if words:
+                with pytest.raises(CommandRefused, match=f"{words}.*armed and lifted only"):
+                    await motion.jog(1.0)
+
+    by_hand(at_rig, work)
+
+
+def test_a_stop_ends_it_on_the_way(at_rig: Operator) -> None:
+    async def work(motion: Motion) -> None:
+        before_mm = turned_mm(at_rig)
+        jogging = asyncio.ensure_future(motion.jog(300.0))
+        await motion.watch.until(lambda now: now.speed_mm_s > 100, 5, "getting going")
+        await motion.watch.drum.stop()
+        moved_mm = await jogging
+        assert 0 < moved_mm < 200
+        await motion.watch.turn()
+        assert motion.watch.healthy().state == State.ARMED
+        assert turned_mm(at_rig) - before_mm == pytest.approx(moved_mm, abs=STEP_MM)
+
+    by_hand(at_rig, work)
+
+
+def test_the_target_stays_within_what_the_register_takes() -> None:
+    most = BY_NAME["move_target"].high
+    drum = FORWARDS.drum
+    assert jog_target(most - 10, 10.0, drum, STEP_MM) == most
+    assert jog_target(10 - most, -10.0, drum, STEP_MM) == -most
+    assert jog_target(0, 1.0, BACKWARDS.drum, STEP_MM) == -32
