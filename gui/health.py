@@ -55,19 +55,19 @@ CELLS = {
 }
 
 WIDTHS = {
-    "rate": 21,
-    "gaps": 16,
-    "lost": 16,
-    "block": 19,
-    "poll": 18,
-    "loadcell": 18,
-    "disk": 22,
-    "clock": 21,
-    "boards": 19,
-    "ticks": 21,
-    "trial": 20,
+    "rate": 124,
+    "gaps": 90,
+    "lost": 85,
+    "block": 117,
+    "poll": 107,
+    "loadcell": 107,
+    "disk": 113,
+    "clock": 124,
+    "boards": 113,
+    "ticks": 122,
+    "trial": 115,
 }
-"""Shares of the strip's width: what a cell may have to say is not equally long."""
+"""Shares of the strip's width: its pixels where the window is at its smallest."""
 
 
 class HealthStrip(QWidget):
@@ -77,7 +77,7 @@ class HealthStrip(QWidget):
         super().__init__()
         row = QHBoxLayout(self)
         row.setContentsMargins(8, 0, 8, 0)
-        row.setSpacing(5)
+        row.setSpacing(4)
         self.cells = {key: _Cell(name, hint, theme) for key, (name, hint) in CELLS.items()}
         for key, cell in self.cells.items():
             row.addWidget(cell, WIDTHS[key])
@@ -232,7 +232,7 @@ class _Cell(QFrame):
         self.verdict = label("", "muted")
         self.value = elastic(label("–", "value"))
         grid = QGridLayout(self)
-        grid.setContentsMargins(7, 3, 6, 3)
+        grid.setContentsMargins(6, 3, 5, 3)
         grid.setVerticalSpacing(0)
         grid.setHorizontalSpacing(3)
         grid.addWidget(elastic(label(name, "muted")), 0, 0)

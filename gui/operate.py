@@ -9,6 +9,7 @@ from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QGridLayout,
     QGroupBox,
+    QHBoxLayout,
     QLabel,
     QPushButton,
     QVBoxLayout,
@@ -177,12 +178,12 @@ class OperatePanel(QWidget):
 
     def _fault_box(self) -> QGroupBox:
         box = QGroupBox("Fault")
-        column = QVBoxLayout(box)
-        column.setContentsMargins(8, 6, 8, 8)
-        self.fault.setMinimumHeight(2 * self.fault.fontMetrics().height())
+        row = QHBoxLayout(box)
+        row.setContentsMargins(8, 6, 8, 8)
+        self.fault.setMinimumHeight(3 * self.fault.fontMetrics().height())
         self.fault.setAlignment(Qt.AlignmentFlag.AlignTop)
-        column.addWidget(self.fault)
-        column.addWidget(self.buttons[CLEAR.command])
+        row.addWidget(self.fault, 1)
+        row.addWidget(self.buttons[CLEAR.command], 0, Qt.AlignmentFlag.AlignTop)
         return box
 
     def _now_box(self) -> QGroupBox:
