@@ -30,8 +30,8 @@ class DiskGuard:
 
     @property
     def works(self) -> bool:
-        """Whether the recorder keeps up, or has said why not."""
-        status = self._recorder.status
+        """Whether the recorder kept up at the last look, or has said why not."""
+        status = self._seen[-1][1] if self._seen else self._recorder.status
         return status.failure is not None or status.queue_samples < HUNG_SAMPLES
 
     def must_hold(self, held: bool) -> bool:

@@ -112,7 +112,7 @@ class Engine:
             boards.watch,
             self.news,
             lambda: self.vitals.check_in("runner"),
-            lambda: recorder.status.failure,
+            lambda: recorder.failure,
         )
         parts = RunParts(
             boards.motion, boards.pump, self.news, recorder, control, boards.health, self.set_plate

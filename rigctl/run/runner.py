@@ -172,7 +172,7 @@ class Run:
             self.control.check_in()
 
     def _end(self, ending: str, text: str) -> None:
-        failure = self._parts.recorder.status.failure
+        failure = self._parts.recorder.failure
         if failure is not None and ending == "done":
             ending, text = "failed", failure
         self.ending, self.text = ending, text

@@ -114,8 +114,13 @@ class Recorder:
             disk_free_bytes=disk.free_bytes,
             queue_blocks=self._mailbox.length,
             queue_samples=self._mailbox.samples,
-            failure=self._failure or self._overflow_sentence(),
+            failure=self.failure,
         )
+
+    @property
+    def failure(self) -> str | None:
+        """Why not everything reaches the disk, None while it does."""
+        return self._failure or self._overflow_sentence()
 
     def begin_part(self, reason: str, texture: str) -> None:
         """Start a new file; needed before the first data, at a resume and at a plate change."""

@@ -100,6 +100,11 @@ class BlockLayout:
         for entry in self.entries:
             form += "xx" * (entry.address - at) + _FORMATS[entry.kind] * entry.count
             at = entry.end
+        self._absent = [(entry.name, (0,) * entry.count) for entry in self.entries]
+        self._places: list[tuple[str, int, int]] = []
+        for entry in self.entries:
+            first = self._places[-1][2] if self._places else 0
+            self._places.append((entry.name, first, first + entry.count))
         self._words = struct.Struct(f">{count}H")
         self._values = struct.Struct(form + "xx" * (address + count - at))
 
@@ -108,16 +113,11 @@ class BlockLayout:
         if len(words) != self.count:
             raise ValueError(f"{self.count} registers were asked for and {len(words)} came")
         numbers = self._values.unpack(self._words.pack(*words))
-        out: dict[str, tuple[int, ...]] = {}
-        at = 0
-        for entry in self.entries:
-            out[entry.name] = numbers[at : at + entry.count]
-            at += entry.count
-        return out
+        return {name: numbers[first:end] for name, first, end in self._places}
 
     def words(self, raw: Mapping[str, Sequence[int]]) -> tuple[int, ...]:
         """The words that :meth:`raw` takes apart; what ``raw`` does not name is 0."""
-        numbers = [n for e in self.entries for n in raw.get(e.name, (0,) * e.count)]
+        numbers = [n for name, zeros in self._absent for n in raw.get(name, zeros)]
         return self._words.unpack(self._values.pack(*numbers))
 
     def values(self, words: Sequence[int]) -> dict[str, float]:

@@ -17,12 +17,13 @@ from rigctl.wire.drum_map import Command, CommandResult
 from rigctl.wire.drum_states import State
 from rigctl.wire.registers import plan_writes, register, words_of
 from rigctl.world.bench import Bench
+from rigctl.world.drum_tables import TENDED
 from rigctl.world.glances import Glance, glances, shot_of
 from rigctl.world.parameters import WorldParameters
 from rigctl.world.press_kernel import DONE, SETTLED_NOW, SHOT_EVERY_US, STOPPED, TOUCHED
 from rigctl.world.simulation import TAXELS, SimulatedLink
 from rigctl.world.skin import SLOT_US
-from rigctl.world.stretch import LONGEST_US, Stretch
+from rigctl.world.stretch import LONGEST_US
 from rigctl.world.virtual import VirtualRig
 from rigctl.world.virtual_drum import VirtualDrum
 from rigctl.world.virtual_taxels import BOOT_US, FRAME_US, VirtualTaxels
@@ -120,7 +121,6 @@ class DirectRig(VirtualRig):
         super().__init__(bench, self.tap)
         self.parameters = parameters
         self.board: VirtualDrum = self._drum
-        self._stretch = Stretch(bench, self.board.controller, self.board.registers)
         self._eventful = False
         self._polls: list[Glance] = []
         self._sequence = 0
@@ -187,27 +187,23 @@ class DirectRig(VirtualRig):
         self.board.beat()
         if not self._stretch.possible:
             self._eventful = True
-            return super()._go_on(until_us)
+            return self._pass_event(until_us)
         self._follow()
-        next_us = self.board.controller.next_tended_us
+        brain = self.board.controller
+        next_us = min(brain.waits.next_us_without(TENDED), brain.turner.motion.next_us)
         last_us = int(min(until_us, next_us - 1, self.time_us + LONGEST_US))
         news = self._pass(last_us)
         if news == DONE and last_us < until_us and last_us < next_us - 1:
             return True
         self._eventful = self._eventful or news != DONE or next_us <= until_us
-        return True if news & (STOPPED | TOUCHED | SETTLED_NOW) else super()._go_on(until_us)
+        return True if news & (STOPPED | TOUCHED | SETTLED_NOW) else self._pass_event(until_us)
 
     def _pass(self, until_us: int) -> int:
-        """Run a stretch; why it ended."""
-        marks, taken = self._bench.plant.index_rises, self.board.controller.cell.sequence
-        news = self._stretch.run(until_us)
+        """Run a stretch, noting its conversions and polls; why it ended."""
+        news = super()._pass(until_us)
         self._converted.append((self._stretch.raws, self._stretch.board_us))
         if self._stretch.shots:
             self._polls += glances(self.board, self._stretch.shots)
-        if self.board.controller.cell.sequence > taken:
-            self.time_us = self.board.now_us = self.board.controller.now_us
-        if news == STOPPED:
-            self._stopped(marks)
         self.board.beat()
         return news
 

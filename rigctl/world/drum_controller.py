@@ -31,12 +31,12 @@ from rigctl.world.drum_tables import (
     LIFT_US,
     SELFTEST_LIMIT_US,
     SLOWEST_SEARCH_MM_S,
-    TENDED,
     UNSUPERVISED,
     Timer,
 )
 from rigctl.world.drum_tares import Tares
 from rigctl.world.drum_turner import Turner
+from rigctl.world.drum_waits import Waits
 
 
 class Controller:
@@ -63,23 +63,15 @@ class Controller:
         self._goal: State | None = None
         self.health = Health(bench.disturbances, bank, self.cell, at_us)
         self.rewired(at_us)
-        self._timers = {Timer.BOOT: at_us + BOOT_US}
+        self.waits = Waits()
+        self.waits.start(Timer.BOOT, at_us + BOOT_US)
 
     # What happens to it
 
     @property
     def next_us(self) -> float:
         """When :meth:`pass_time` must be called next."""
-        planned = self.turner.motion.next_us
-        waiting = min(self._timers.values(), default=math.inf)
-        return waiting if planned is None or planned > waiting else planned
-
-    @property
-    def next_tended_us(self) -> float:
-        """As :attr:`next_us` while load cell and computer show that they are there."""
-        planned = self.turner.motion.next_us
-        waits = [at_us for timer, at_us in self._timers.items() if timer not in TENDED]
-        return min(math.inf if planned is None else planned, *waits, math.inf)
+        return min(self.waits.next_us, self.turner.motion.next_us)
 
     def board_us(self, at_us: int) -> int:
         """The board's own clock, not wrapped."""
@@ -94,9 +86,9 @@ class Controller:
         """Do what is due by now."""
         self.now_us = now_us
         self.turner.motion.pass_time(now_us)
-        for timer in [t for t, at_us in self._timers.items() if at_us <= now_us]:
-            if self._timers.get(timer, math.inf) <= now_us:
-                del self._timers[timer]
+        for timer in self.waits.over(now_us):
+            if self.waits.is_over(timer, now_us):
+                self.waits.stop(timer)
                 self._timer_handlers()[timer]()
 
     def conversion(self, now_us: int, raw: int) -> None:
@@ -151,7 +143,7 @@ class Controller:
     def beat(self, now_us: int) -> None:
         """The computer shows that it is alive."""
         self.health.beat_us = now_us
-        if Timer.HEARTBEAT in self._timers:
+        if Timer.HEARTBEAT in self.waits:
             self._wait(Timer.HEARTBEAT, 1000 * self._setting("heartbeat_limit_ms"))
 
     def command(self, now_us: int, command: Command, sequence: int) -> bool:
@@ -187,7 +179,7 @@ class Controller:
         return self._bank.settings[name]
 
     def _wait(self, timer: Timer, board_us: float) -> None:
-        self._timers[timer] = self.now_us + math.ceil(board_us / self.clock)
+        self.waits.start(timer, self.now_us + math.ceil(board_us / self.clock))
 
     def _timer_handlers(self) -> dict[Timer, Callable[[], None]]:
         return {
@@ -232,7 +224,7 @@ class Controller:
     def _enter(self, left: State) -> None:
         state = self.state
         outputs = OUTPUTS[state]
-        self._timers.pop(Timer.APPROACH, None)
+        self.waits.stop(Timer.APPROACH)
         if outputs.actuator in ("off", "hold"):
             self.actuator.off()
         if not outputs.stepper_enabled:
@@ -244,7 +236,7 @@ class Controller:
         self._supervise_heartbeat()
         entry = {
             State.SELFTEST: lambda: self._wait(Timer.SELFTEST, SELFTEST_LIMIT_US),
-            State.IDLE: lambda: self._timers.pop(Timer.SELFTEST, None),
+            State.IDLE: lambda: self.waits.stop(Timer.SELFTEST),
             State.APPROACH: self._begin_approach,
             State.RETRACT: self._begin_lift,
             State.FAULT_LIFT: self._begin_fault_lift,
@@ -255,8 +247,8 @@ class Controller:
 
     def _supervise_heartbeat(self) -> None:
         if self.state in UNSUPERVISED:
-            self._timers.pop(Timer.HEARTBEAT, None)
-        elif Timer.HEARTBEAT not in self._timers:
+            self.waits.stop(Timer.HEARTBEAT)
+        elif Timer.HEARTBEAT not in self.waits:
             self._wait(Timer.HEARTBEAT, 1000 * self._setting("heartbeat_limit_ms"))
 
     def _finish(self, result: CommandResult) -> None:
@@ -355,7 +347,7 @@ class Controller:
         self.presser.lift(1e-3 * self._setting("lift_clearance_um"))
 
     def _lifted(self) -> None:
-        still = not self.turner.motion.moving and Timer.BLIND_LIFT not in self._timers
+        still = not self.turner.motion.moving and Timer.BLIND_LIFT not in self.waits
         if self.state is State.RETRACT and still and self.actuator.duty == 0.0:
             self._go(Event.LIFTED)
 

@@ -75,9 +75,9 @@ class DrumMotion:
         return self.moving and self.motion.acceleration_mm_s2 == 0.0
 
     @property
-    def next_us(self) -> int | None:
-        """When something changes; None when nothing is planned."""
-        return self._plan[0][0] if self._plan else None
+    def next_us(self) -> float:
+        """When something changes; infinite when nothing is planned."""
+        return self._plan[0][0] if self._plan else math.inf
 
     def travel_mm(self, at_us: int) -> float:
         """Nominal travel since power-up."""

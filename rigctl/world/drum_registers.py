@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 from rigctl.wire.drum_map import (
@@ -62,11 +62,15 @@ class Owner(Protocol):
 
 
 class RegisterBank:
-    """All registers of one board. ``settings`` holds raw integers by name."""
+    """All registers of one board. ``settings`` holds raw integers by name.
+
+    ``version`` grows whenever a setting may have changed; traffic is none.
+    """
 
     def __init__(self, owner: Owner) -> None:
         self._owner = owner
         self.settings: dict[str, int] = {}
+        self.version = 0
         self._words: dict[int, int] = {}
         for entry in SETTINGS:
             self.put(entry.name, entry.default)
@@ -74,6 +78,7 @@ class RegisterBank:
     def put(self, name: str, raw: int) -> None:
         """The board itself changes one of its settings."""
         entry = BY_NAME[name]
+        self.version += 1
         self.settings[name] = raw
         self._words.update(enumerate(words_of(entry, raw), entry.address))
 
@@ -92,7 +97,8 @@ class RegisterBank:
         words = [0] * count
         for name, layout in _BLOCKS.items():
             if _overlap(address, count, layout.address, layout.count):
-                _lay(words, address, layout.words(self._owner.report(name)), layout.address)
+                laid = layout.words(self._owner.report(name))
+                _lay(words, address, laid, layout.address)
         if _overlap(address, count, *SETTINGS_BLOCK):
             for place in range(max(address, FIRST_SETTING), min(address + count, END_SETTING)):
                 words[place - address] = self._words.get(place, 0)
@@ -105,28 +111,31 @@ class RegisterBank:
         places = range(address, address + len(words))
         if any(place not in _SETTING_OF_WORD for place in places):
             return Answer.NO_REGISTER
-        before, settings = dict(self._words), dict(self.settings)
-        self._words.update(zip(places, words, strict=True))
         touched = {_SETTING_OF_WORD[place].name: _SETTING_OF_WORD[place] for place in places}
-        answer = self._take_over(list(touched.values()))
-        if (
-            answer is Answer.OK
-            and self.settings["command_sequence"] != settings["command_sequence"]
-        ):
+        before = {place: self._words[place] for place in places}
+        settings = {name: self.settings[name] for name in touched}
+        self._words.update(zip(places, words, strict=True))
+        answer = self._take_over(touched.values())
+        if answer is Answer.OK and self._is_new("command_sequence", settings):
             answer = self._execute()
         if answer is not Answer.OK:
-            self._words, self.settings = before, settings
+            self._words.update(before)
+            self.settings.update(settings)
         else:
-            self._tell(set(touched), settings["heartbeat"])
+            self._tell(set(touched), self._is_new("heartbeat", settings))
         return answer
 
-    def _tell(self, touched: set[str], beat_before: int) -> None:
-        if self.settings["heartbeat"] != beat_before:
+    def _is_new(self, name: str, before: dict[str, int]) -> bool:
+        return name in before and self.settings[name] != before[name]
+
+    def _tell(self, touched: set[str], beats: bool) -> None:
+        if beats:
             self._owner.beat()
         if touched - TRAFFIC:
+            self.version += 1
             self._owner.written(touched)
 
-    def _take_over(self, entries: Sequence[Register]) -> Answer:
+    def _take_over(self, entries: Iterable[Register]) -> Answer:
         for entry in entries:
             raw = _integer(entry, [self._words[a] for a in range(entry.address, entry.end)])
             if not entry.low <= raw <= entry.high:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import IntEnum
 
 from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import Event, State
@@ -19,16 +19,16 @@ UNSUPERVISED = frozenset(
 RESTING = frozenset({State.IDLE, State.ARMED})
 
 
-class Timer(Enum):
+class Timer(IntEnum):
     """What the controller waits for besides its inputs."""
 
-    BOOT = "boot"
-    SELFTEST = "selftest"
-    HEARTBEAT = "heartbeat"
-    SILENCE = "silence"
-    APPROACH = "approach"
-    LIFT = "lift"
-    BLIND_LIFT = "blind lift"
+    BOOT = 0
+    SELFTEST = 1
+    HEARTBEAT = 2
+    SILENCE = 3
+    APPROACH = 4
+    LIFT = 5
+    BLIND_LIFT = 6
 
 
 TENDED = frozenset({Timer.SILENCE, Timer.HEARTBEAT})

@@ -25,6 +25,11 @@ class Tares:
             return 0.0
         return counts_at(place_table(self._bank.settings), self._turner.turn_share(now_us))
 
+    @property
+    def busy(self) -> bool:
+        """Readings are being gathered for a tare."""
+        return self._turn is not None or self._cell.taring
+
     def begin_turn(self) -> None:
         """Readings at constant speed belong to a turn's tare from now on."""
         self._turn = TareTurn()

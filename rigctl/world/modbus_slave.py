@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import Protocol
 
-import numpy as np
-
 from rigctl.wire.drum_map import UNIT
+from rigctl.wire.modbus_frame import READ, READ_WRITE, WRITE, WRITE_ONE, crc, framed, warm
 
 RESET_SILENCE_US = 10_000
 LONGEST_REQUEST = 64
 MOST_WORDS = 125
-_READ, _WRITE_ONE, _WRITE, _READ_WRITE = 3, 6, 16, 23
 
 
 class Answer(IntEnum):
@@ -47,35 +45,6 @@ class Bank(Protocol):
         ...
 
 
-def _crc_of_byte(byte: int) -> int:
-    for _ in range(8):
-        byte = byte >> 1 ^ (0xA001 if byte & 1 else 0)
-    return byte
-
-
-def _crc_of_words() -> list[int]:
-    """What two bytes at once, already mixed with the CRC so far, leave of it."""
-    of_byte = np.array(_CRC_OF_BYTE, np.uint16)
-    value = np.arange(0x10000, dtype=np.uint16)
-    for _ in range(2):
-        value = value >> 8 ^ of_byte[value & 0xFF]
-    return value.tolist()
-
-
-_CRC_OF_BYTE = [_crc_of_byte(byte) for byte in range(256)]
-_CRC_OF_WORD = _crc_of_words()
-
-
-def crc(data: bytes) -> int:
-    """CRC-16 of Modbus over serial line (V1.02, §6.2.2); 0 over a frame with its own."""
-    value = 0xFFFF
-    for word in struct.unpack_from(f"<{len(data) // 2}H", data):
-        value = _CRC_OF_WORD[value ^ word]
-    if len(data) & 1:
-        value = value >> 8 ^ _CRC_OF_BYTE[(value ^ data[-1]) & 0xFF]
-    return value
-
-
 class ModbusSlave:
     """Takes the bytes of the line and gives the bytes to answer with."""
 
@@ -87,6 +56,7 @@ class ModbusSlave:
         self.frames_seen = 0
         self.exceptions_sent = 0
         self.crc_errors = 0
+        warm()
 
     def take(self, data: bytes, first_us: int, last_us: int) -> bytes:
         """Answers to the requests that ``data`` completes, which came between these times."""
@@ -122,13 +92,13 @@ class ModbusSlave:
         pending = self._pending
         function = pending[1] if len(pending) > 1 else 0
         length = 0
-        if function in (_READ, _WRITE_ONE):
+        if function in (READ, WRITE_ONE):
             length = 8
-        elif function == _WRITE and len(pending) > 6:
+        elif function == WRITE and len(pending) > 6:
             length = 9 + pending[6]
-        elif function == _READ_WRITE and len(pending) > 10:
+        elif function == READ_WRITE and len(pending) > 10:
             length = 13 + pending[10]
-        elif function not in (0, _WRITE, _READ_WRITE):
+        elif function not in (0, WRITE, READ_WRITE):
             length = self._by_crc()
         if length > LONGEST_REQUEST or (not length and len(pending) >= LONGEST_REQUEST):
             self._lose()
@@ -145,21 +115,21 @@ class ModbusSlave:
             return b""
         self.frames_seen += 1
         function, body = request[1], request[2:-2]
-        if function == _READ:
+        if function == READ:
             answer, reply = self._read(*struct.unpack(">HH", body))
-        elif function == _WRITE_ONE:
+        elif function == WRITE_ONE:
             address, word = struct.unpack(">HH", body)
             answer, reply = self._bank.write(address, (word,)), body
-        elif function == _WRITE:
+        elif function == WRITE:
             answer, reply = self._write(body), body[:4]
-        elif function == _READ_WRITE:
+        elif function == READ_WRITE:
             answer, reply = self._read_write(body)
         else:
             answer, reply = Answer.UNKNOWN_FUNCTION, b""
         if answer is not Answer.OK:
             self.exceptions_sent += 1
-            return _framed(bytes([UNIT, function | 0x80, answer]))
-        return _framed(bytes([UNIT, function]) + reply)
+            return framed(bytes([UNIT, function | 0x80, answer]))
+        return framed(bytes([UNIT, function]) + reply)
 
     def _read(self, address: int, count: int) -> tuple[Answer, bytes]:
         if not 1 <= count <= MOST_WORDS:
@@ -183,7 +153,3 @@ class ModbusSlave:
             return Answer.NO_REGISTER, b""
         answer = self._write(body[4:])
         return (answer, b"") if answer is not Answer.OK else self._read(address, count)
-
-
-def _framed(body: bytes) -> bytes:
-    return body + struct.pack("<H", crc(body))

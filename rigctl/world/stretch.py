@@ -46,6 +46,8 @@ class Stretch:
         self.shot_us = math.inf
         self.shots: list[Shot] = []
         self.raws = self.board_us = np.zeros(0, np.int64)
+        self._usual_seen = (-1, False)
+        self._given_seen: tuple[object, ...] = ()
         self._given[: kernel.CLOCK] = self._bench_numbers()
 
     @property
@@ -54,7 +56,7 @@ class Stretch:
         brain, cell = self._brain, self._brain.cell
         return (
             brain.state not in (State.BOOT, State.SELFTEST)
-            and not cell.taring
+            and not brain.tares.busy
             and cell.sequence > 0
             and not brain.health.silent
             and self._bench.disturbances.loadcell is LoadcellFault.NONE
@@ -66,9 +68,13 @@ class Stretch:
     @property
     def _usual(self) -> bool:
         """Every wire is there and as it should be, and no angle has a tare of its own."""
-        settings = self._bank.settings
-        wired = settings["optional_signals"] == ALL_SIGNALS and not settings["signal_polarity"]
-        return wired and not place_table(settings)
+        version, usual = self._usual_seen
+        if version != self._bank.version:
+            settings = self._bank.settings
+            wired = settings["optional_signals"] == ALL_SIGNALS and not settings["signal_polarity"]
+            usual = wired and not place_table(settings)
+            self._usual_seen = (self._bank.version, usual)
+        return usual
 
     def run(self, until_us: int) -> int:
         """Up to a world time at most :data:`LONGEST_US` away, or to an event before it.
@@ -96,7 +102,8 @@ class Stretch:
             )
         )
         taken = int(self._state[kernel.TAKEN])
-        self._collect(self._brain.cell.sequence)
+        if self._state[kernel.SHOTS] or self.shots:
+            self._collect(self._brain.cell.sequence)
         self.raws = self._raws[:taken].copy()
         self.board_us = self._brain.board_times_us(self._times_us[:taken])
         if taken:
@@ -110,7 +117,7 @@ class Stretch:
     def _load(self) -> None:
         cell, seen, presser = self._bench.loadcell, self._brain.cell, self._brain.presser
         actuator = presser.actuator
-        self._state[: kernel.SINE] = (
+        self._state[:] = (
             cell.next_us,
             cell.since_origin,
             cell.crept_g,
@@ -126,9 +133,13 @@ class Stretch:
             0,
             self.shot_us,
             0,
+            *presser.force.numbers,
         )
-        self._state[LOOP] = presser.force.numbers
-        self._given[kernel.CLOCK :] = self._board_numbers()
+        turner = self._brain.turner
+        seen_now = (self._bank.version, self._brain.state, turner.zero_mm, turner.motion.motion)
+        if seen_now != self._given_seen:
+            self._given[kernel.CLOCK :] = self._board_numbers()
+            self._given_seen = seen_now
 
     def _bench_numbers(self) -> tuple[float, ...]:
         p, cell, actuator = self._bench.parameters, self._bench.loadcell, self._brain.actuator
@@ -193,6 +204,7 @@ class Stretch:
             settings["tare_counts"],
             settings["scale_ug_per_count"],
         )
+        seen.place_counts = 0.0
         seen.taken(raws, board_us, int(numbers[kernel.EQUAL_RUN]))
         seen.weigh()
         if self._given[kernel.PRESSES]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from rigctl.wire.drum_map import Signal
 from rigctl.world.bench import Bench
 from rigctl.world.parameters import WorldParameters
+from rigctl.world.press_kernel import DONE, SETTLED_NOW, STOPPED, TOUCHED
 from rigctl.world.simulation import DRUM, TAXELS, FaultPanel, SimulatedLink
+from rigctl.world.stretch import Stretch
 from rigctl.world.truth import Truth
 from rigctl.world.virtual_drum import VirtualDrum
 from rigctl.world.virtual_taxels import VirtualTaxels
@@ -34,6 +36,7 @@ class VirtualRig:
         self.taxels = SimulatedLink(TAXELS, 2 * bench.seed + 1)
         self._drum = VirtualDrum(bench, self.drum)
         self._taxels = taxels or VirtualTaxels(bench, self.taxels)
+        self._stretch = self._new_stretch()
         bench.on_sync = self._taxels.sync_edge
         links = {DRUM: self.drum, TAXELS: self.taxels}
         self.faults = FaultPanel(links, bench.disturbances, self._disturb, self._reset)
@@ -62,8 +65,45 @@ class VirtualRig:
         self.drum.close()
         self.taxels.close()
 
+    def _new_stretch(self) -> Stretch:
+        """Compiled time for this boot of the drum board."""
+        return Stretch(self._bench, self._drum.controller, self._drum.registers)
+
     def _go_on(self, until_us: int) -> bool:
         """Up to the next event; False where there is none until then and the time has come."""
+        return (self._pass_quietly if self._stretch.possible else self._pass_event)(until_us)
+
+    def _pass_quietly(self, until_us: int) -> bool:
+        """As :meth:`_pass_event` with all load-cell conversions on the way compiled."""
+        drum_us, taxels_us = self._drum.next_but_silence_us, self._taxels.next_us
+        event_us = min(drum_us, taxels_us)
+        at_us = max(self.time_us, int(min(event_us, until_us)))
+        if self._bench.loadcell.next_us <= at_us:
+            news = self._pass(at_us)
+            if news != DONE:
+                return True if news & (STOPPED | TOUCHED | SETTLED_NOW) else self._pass_event(at_us)
+        elif at_us // 1000 > self._bench.plant.time_ms and self._mechanics(at_us // 1000):
+            return True
+        self.time_us = self._drum.now_us = at_us
+        if at_us >= drum_us:
+            self._drum.pass_time(at_us)
+        if at_us >= taxels_us:
+            self._taxels.pass_time(at_us)
+        return event_us <= at_us
+
+    def _pass(self, until_us: int) -> int:
+        """Run compiled through load-cell conversions and nothing else; why it ended."""
+        marks, cell = self._bench.plant.index_rises, self._drum.controller.cell
+        taken = cell.sequence
+        news = self._stretch.run(until_us)
+        if cell.sequence > taken:
+            self.time_us = self._drum.now_us = self._drum.controller.now_us
+        if news == STOPPED:
+            self._stopped(marks)
+        return news
+
+    def _pass_event(self, until_us: int) -> bool:
+        """As :meth:`_go_on`, and a load-cell conversion is an event of its own."""
         cell_us, drum_us = self._bench.loadcell.next_us, self._drum.next_us
         taxels_us = self._taxels.next_us
         due_us = min(drum_us, cell_us, taxels_us)
@@ -112,5 +152,6 @@ class VirtualRig:
     def _reset(self, board: str) -> None:
         if board == DRUM:
             self._drum.reset(self.time_us)
+            self._stretch = self._new_stretch()
         else:
             self._taxels.reset(self.time_us)

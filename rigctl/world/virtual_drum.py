@@ -92,18 +92,22 @@ class VirtualDrum:
     @property
     def next_us(self) -> float:
         """When :meth:`pass_time` must be called next."""
-        due_us = self.controller.next_us
-        if self._inbox and self._inbox[0][1] < due_us:
-            due_us = self._inbox[0][1]
-        if self._outbox and self._outbox[0][0] < due_us:
-            due_us = self._outbox[0][0]
-        return due_us
+        return min(self.controller.next_us, self.next_wire_us)
+
+    @property
+    def next_but_silence_us(self) -> float:
+        """As :attr:`next_us` while the load cell speaks in time."""
+        brain = self.controller
+        waits_us = min(brain.waits.next_but_silence_us, brain.turner.motion.next_us)
+        return min(waits_us, self.next_wire_us)
 
     @property
     def next_wire_us(self) -> float:
         """When a request is complete or an answer arrives, if one is on the wire."""
-        coming = self._inbox[0][1] if self._inbox else math.inf
-        return min(coming, self._outbox[0][0] if self._outbox else math.inf)
+        inbox, outbox = self._inbox, self._outbox
+        if not inbox:
+            return outbox[0][0] if outbox else math.inf
+        return min(inbox[0][1], outbox[0][0]) if outbox else inbox[0][1]
 
     def pass_time(self, now_us: int) -> None:
         """Do what is due by now, in the order in which it is due."""
@@ -253,16 +257,15 @@ class VirtualDrum:
         """What :class:`Status` names, as bits."""
         c = self.controller
         switches = c.health.fitted(Signal.END_SWITCHES)
-        shown = {
-            Status.SYNC_HIGH: c.turner.sync_high,
-            Status.INDEX_HIGH: self.bench.plant.index_high,
-            Status.FORCE_SETTLED: c.presser.settled,
-            Status.IN_CONTACT: c.presser.in_contact,
-            Status.SPEED_CONSTANT: self._motion.constant,
-            Status.ESTOP_CLOSED: not c.health.estop_wire_open,
-            Status.END_UP: switches and c.actuator.at_upper_end,
-            Status.END_DOWN: switches and c.actuator.at_lower_end,
-            Status.HOMED: c.turner.homed,
-            Status.TARED: c.tares.tared,
-        }
-        return sum(1 << bit for bit, on in shown.items() if on)
+        return (
+            c.turner.sync_high << Status.SYNC_HIGH
+            | self.bench.plant.index_high << Status.INDEX_HIGH
+            | c.presser.settled << Status.FORCE_SETTLED
+            | c.presser.in_contact << Status.IN_CONTACT
+            | self._motion.constant << Status.SPEED_CONSTANT
+            | (not c.health.estop_wire_open) << Status.ESTOP_CLOSED
+            | (switches and c.actuator.at_upper_end) << Status.END_UP
+            | (switches and c.actuator.at_lower_end) << Status.END_DOWN
+            | c.turner.homed << Status.HOMED
+            | c.tares.tared << Status.TARED
+        )
