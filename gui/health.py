@@ -38,7 +38,10 @@ CELLS = {
     "gaps": ("Gaps", "Places in the taxel stream where samples are missing, since connecting"),
     "lost": ("Lost", "Taxel samples taken by the board that never arrived"),
     "block": ("Block age", "Time since the last taxel samples arrived; up to 300 ms"),
-    "poll": ("Poll age", "Time since the drum last answered; up to 300 ms"),
+    "poll": (
+        "Poll age",
+        "Time since the drum answered; up to 300 ms; 3×: polls asked again",
+    ),
     "loadcell": ("Cell lost", "Load-cell samples that never arrived"),
     "disk": ("Disk left", "Free space, and how long it lasts at the rate now being written"),
     "clock": ("Clock ppm", "How fast the clocks of drum and taxel board run; up to ±5000 ppm"),
@@ -110,7 +113,7 @@ def readings(status: Status, since_trial_s: float | None) -> dict[str, Reading]:
         "gaps": _count(status.gaps, status.taxels_connected),
         "lost": _count(status.lost_samples, status.taxels_connected),
         "block": _age(status.last_block_age_s, BLOCK_AGE_LIMIT_S, status.taxels_connected),
-        "poll": _age(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected),
+        "poll": _poll(status),
         "loadcell": _count(status.loadcell_lost, status.drum_connected),
         "disk": _disk(status.recording),
         "clock": _clock(status.clock_ppm),
@@ -138,6 +141,12 @@ def _age(seconds: float | None, limit_s: float, connected: bool) -> Reading:
     if seconds is None:
         return Reading("–", Level.BAD if not connected else Level.OFF)
     return Reading(age(seconds), _judge(connected and seconds <= limit_s))
+
+
+def _poll(status: Status) -> Reading:
+    """A poll asked again cost nothing: it is told, and judged by the age alone."""
+    text, level = _age(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected)
+    return Reading(f"{text}, {status.poll_retries}×" if status.poll_retries else text, level)
 
 
 def _disk(recording: RecordingStatus) -> Reading:

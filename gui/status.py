@@ -100,6 +100,7 @@ class Status:
     gaps: int = 0
     last_block_age_s: float | None = None
     poll_age_s: float | None = None
+    poll_retries: int = 0
     loadcell_lost: int = 0
     clock_ppm: Mapping[str, float | None] = field(default_factory=dict)
     boards: Mapping[str, BoardStatus] = field(default_factory=dict)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,8 +82,7 @@ class Spikes:
         return int(self.row_start.shape[0]) - 1
 
 
-@dataclass(frozen=True, slots=True)
-class LoadcellSample:
+class LoadcellSample(NamedTuple):
     """One conversion of the load-cell amplifier."""
 
     sequence: int
@@ -97,7 +96,8 @@ class DrumState:
     """What one poll of the drum said, in engineering units, with the loop time of the reply.
 
     ``values`` holds every register of the poll block by name, scaled; ``loadcell`` the samples
-    that are new since the previous poll, oldest first. ``board_time_us`` and the sequence
+    that are new since the previous poll, oldest first, ``loadcell_lost`` how many of those since
+    then are missing. ``board_time_us`` and the sequence
     numbers are unwrapped.
     """
 

@@ -73,6 +73,11 @@ class Drum:
         return self._connected and self.link.is_open
 
     @property
+    def retries(self) -> int:
+        """Polls that were asked again because request or reply was lost or damaged."""
+        return self.line.retries
+
+    @property
     def state(self) -> DrumState | None:
         """The newest state polled since the last connect."""
         return self._decoder.last
@@ -204,7 +209,9 @@ class Drum:
         self._beat = (self._beat + 1) % 65536
         give_up_s = self._loop.time() + SILENCE_S
         while True:
-            words = await self.line.read_write(*table.POLL_BLOCK, _HEARTBEAT, (self._beat,))
+            words = await self.line.read_write(
+                *table.POLL_BLOCK, _HEARTBEAT, (self._beat,), hurried=True
+            )
             if words[_SEEN] == self._beat:
                 return words
             if self._loop.time() > give_up_s:

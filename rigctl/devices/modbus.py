@@ -11,6 +11,7 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,22 +20,36 @@ from pymodbus.exceptions import ModbusIOException
 from pymodbus.pdu import ModbusPDU
 
 from rigctl.devices.link import ByteLink
+from rigctl.devices.patience import Patience
+from rigctl.devices.rtu import ReplyFramer
 from rigctl.devices.transport import LinkTransport
 from rigctl.errors import CommandRefused, LinkLost
 from rigctl.wire.drum_map import UNIT
+from rigctl.wire.modbus_frame import READ, READ_WRITE, WRITE
 
 REPLY_S = 0.06
 """Longest wait for one reply."""
+LEAST_REPLY_S = 0.02
+"""A poll is not asked again sooner: the board forgets half a request after 10 ms of silence."""
 SILENCE_S = 0.24
 """Silence in spite of questions after which the link counts as lost."""
 DRAIN_S = 0.012
 """A pause after which no reply to an abandoned request is on the line any more."""
-READ, WRITE, READ_WRITE = 3, 16, 23
 
 # Lost replies are counted and reported by this file; pymodbus would print them as well.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL + 1)
 
 _Request = Callable[[AsyncModbusSerialClient], Awaitable[ModbusPDU]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Question:
+    """A request, and what marks its reply: the function and how many registers."""
+
+    request: _Request
+    function: int
+    count: int | None = None
+    hurried: bool = False
 
 
 class Refused(CommandRefused):
@@ -49,16 +64,24 @@ class StoppedMeanwhile(CommandRefused):
     """A stop overtook this request, which was given up."""
 
 
+class _Damaged(ModbusIOException):
+    """A reply of the right length, but not as it was sent."""
+
+
 class ModbusLine:
     """Registers of one board over one link.
 
-    ``timeouts`` counts replies that did not come, ``stale`` replies to another question.
+    ``timeouts`` counts replies that did not come or not whole, ``damaged`` those of them that
+    came damaged, ``stale`` replies to another question, ``retries`` polls that were asked again.
     """
 
     def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
         self.link = link
         self.timeouts = 0
+        self.damaged = 0
         self.stale = 0
+        self.retries = 0
+        self._patience = Patience(LEAST_REPLY_S, REPLY_S)
         self._loop = loop
         self._client: AsyncModbusSerialClient | None = None
         self._transport: LinkTransport | None = None
@@ -97,6 +120,7 @@ class ModbusLine:
             return transport, client.ctx
 
         client.ctx.call_create = create
+        client.ctx.framer = ReplyFramer(self._on_damaged)
         self._client, self._transport, self._lost = client, transport, None
         try:
             await client.connect()
@@ -114,18 +138,27 @@ class ModbusLine:
     async def read(self, address: int, count: int) -> list[int]:
         """``count`` registers from ``address``."""
         request = partial(_read, address, count)
-        return await self._words(request, READ, count)
+        return await self._words(_Question(request, READ, count))
 
     async def write(self, address: int, words: Sequence[int], once: bool = False) -> None:
         """Write registers; with ``once`` a stop that overtakes raises StoppedMeanwhile."""
-        await self._ask(partial(_write, address, words), WRITE, once)
+        await self._ask(_Question(partial(_write, address, words), WRITE), once)
 
     async def read_write(
-        self, read_address: int, count: int, address: int, words: Sequence[int]
+        self,
+        read_address: int,
+        count: int,
+        address: int,
+        words: Sequence[int],
+        hurried: bool = False,
     ) -> list[int]:
-        """Write registers, then read ``count`` of them, in one exchange."""
+        """Write registers, then read ``count`` of them, in one exchange.
+
+        ``hurried``: ask again as soon as a reply is later than usual. Only for a question whose
+        answer shows by itself which question it answers.
+        """
         request = partial(_read_write, read_address, count, address, words)
-        return await self._words(request, READ_WRITE, count)
+        return await self._words(_Question(request, READ_WRITE, count, hurried))
 
     async def urgent_write(self, address: int, words: Sequence[int]) -> None:
         """Write at once: the reply in flight is abandoned, waiting requests wait on."""
@@ -135,19 +168,17 @@ class ModbusLine:
         self._give_up(self._overtaken())
         try:
             async with self._lock:
-                await self._until_answered(partial(_write, address, words), WRITE, urgent=True)
+                question = _Question(partial(_write, address, words), WRITE)
+                await self._until_answered(question, urgent=True)
         finally:
             self._stops -= 1
             if not self._stops:
                 self._calm.set()
 
-    async def _words(self, request: _Request, function: int, count: int) -> list[int]:
-        reply = await self._ask(request, function, once=False, count=count)
-        return list(reply.registers)
+    async def _words(self, question: _Question) -> list[int]:
+        return list((await self._ask(question)).registers)
 
-    async def _ask(
-        self, request: _Request, function: int, once: bool, count: int | None = None
-    ) -> ModbusPDU:
+    async def _ask(self, question: _Question, once: bool = False) -> ModbusPDU:
         """One exchange when it is its turn; with ``once`` never after a stop asked for since."""
         stops_then = self._stops_ever
         while True:
@@ -157,19 +188,21 @@ class ModbusLine:
                     raise self._overtaken()
                 if not self._stops:
                     with suppress(StoppedMeanwhile):
-                        return await self._until_answered(request, function, count)
+                        return await self._until_answered(question)
 
-    async def _until_answered(
-        self, request: _Request, function: int, count: int | None = None, urgent: bool = False
-    ) -> ModbusPDU:
+    async def _until_answered(self, question: _Question, urgent: bool = False) -> ModbusPDU:
         """Repeat a request until the right reply comes or the silence lasts too long."""
-        give_up_s = self._loop.time() + SILENCE_S - REPLY_S / 2
+        asked_s = self._loop.time()
+        give_up_s = asked_s + SILENCE_S - REPLY_S / 2
+        repeated = False
         while True:
-            reply = await self._exchange(request)
-            if reply is not None and reply.function_code & 0x7F == function:
+            reply = await self._exchange(question)
+            if reply is not None and reply.function_code & 0x7F == question.function:
                 if reply.isError():
                     raise self._refused(reply)
-                if count is None or len(reply.registers) == count:
+                if question.count is None or len(reply.registers) == question.count:
+                    if question.hurried and not repeated:
+                        self._patience.answered(self._loop.time() - asked_s)
                     return reply
             if reply is not None:
                 self.stale += 1
@@ -178,16 +211,24 @@ class ModbusLine:
                 raise self._overtaken()
             if self._loop.time() >= give_up_s:
                 raise self._silent()
+            repeated = True
+            self.retries += question.hurried
 
-    async def _exchange(self, request: _Request) -> ModbusPDU | None:
-        """One request and its reply; None where none came in time."""
+    async def _exchange(self, question: _Question) -> ModbusPDU | None:
+        """One request and its reply; None where none came in time, or not whole."""
         if self._client is None or self._lost is not None:
             raise LinkLost(self._lost or f"{self.link.name}: not connected: connect first")
+        wait_s = self._patience.wait_s if question.hurried else REPLY_S
+        self._client.ctx.comm_params.timeout_connect = wait_s
         try:
-            return await request(self._client)
+            return await question.request(self._client)
+        except _Damaged:
+            self.damaged += 1
         except ModbusIOException:
-            self.timeouts += 1
-            return None
+            if question.hurried:
+                self._patience.missed()
+        self.timeouts += 1
+        return None
 
     def _overtaken(self) -> StoppedMeanwhile:
         return StoppedMeanwhile(f"{self.link.name}: a stop came first, nothing else was done")
@@ -201,6 +242,10 @@ class ModbusLine:
     def _refused(self, reply: Any) -> Refused:
         words = _EXCEPTIONS.get(reply.exception_code, "for a reason of its own")
         return Refused(f"{self.link.name}: the board refused, {words}", reply.exception_code)
+
+    def _on_damaged(self) -> None:
+        """A reply came that is none: ask again at once."""
+        self._give_up(_Damaged("the reply is damaged"))
 
     def _on_lost(self, reason: str) -> None:
         self._lost = reason

@@ -222,10 +222,10 @@ class Taxels:
 
     def _count(self, decoded: Decoded) -> None:
         counters = self.counters
-        counters.frames += sum(len(block) for block in decoded.blocks)
-        gaps = [gap for block in decoded.blocks for gap in block.gaps]
-        counters.gaps += len(gaps)
-        counters.lost += sum(gap.count for gap in gaps)
+        for block in decoded.blocks:
+            counters.frames += len(block)
+            counters.gaps += len(block.gaps)
+            counters.lost += sum(gap.count for gap in block.gaps) if block.gaps else 0
         counters.rejected_frames += decoded.rejected_frames
         counters.rejected_bytes += decoded.rejected_bytes
         counters.reboots += decoded.reboots

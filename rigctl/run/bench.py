@@ -22,6 +22,11 @@ from rigctl.wire.taxels import TaxelStatus
 class DrumBoard(Protocol):
     """The drum as its driver offers it."""
 
+    @property
+    def retries(self) -> int:
+        """Polls that were asked again because request or reply was lost or damaged."""
+        ...
+
     async def connect(self) -> BoardIdentity:
         """Ask who is there. Raises LinkLost or WrongBoard."""
         ...

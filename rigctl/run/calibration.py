@@ -14,7 +14,7 @@ import numpy as np
 
 from rigctl.errors import RigFault, WrongUse
 from rigctl.run.bench import Bench
-from rigctl.run.drum_watch import DrumWatch, command_ended
+from rigctl.run.drum_watch import DrumWatch
 from rigctl.run.motion import Motion
 from rigctl.values import DrumState
 from rigctl.wire.drum_map import BY_NAME, Command
@@ -186,10 +186,7 @@ class Calibrator:
     async def _ended(self, command: Command, limit_s: float, what: str) -> bool:
         """Give a command and wait for its work; False where it failed."""
         await self.motion.command(command)
-        given_s = self._bench.loop.time()
-        state = await self._watch.until(
-            lambda s: s.at_s > given_s and command_ended(s), limit_s, what
-        )
+        state = await self._watch.until(self.motion.ended, limit_s, what)
         return bool(state.values["command_result"] == 1)
 
     async def _pass(self, seconds: float) -> None:

@@ -103,6 +103,7 @@ class StatusData(TypedDict):
 
     ``state`` and ``fault`` are values of ``State`` and ``Fault``, ``*_words`` say them.
     ``last_block_age_s`` and ``poll_age_s``: loop time since the newest data, None before any.
+    ``poll_retries``: polls of the drum that were asked again, since the engine started.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
     ``boards``: by name, those that have introduced themselves.
     """
@@ -131,6 +132,7 @@ class StatusData(TypedDict):
     gaps: int
     last_block_age_s: float | None
     poll_age_s: float | None
+    poll_retries: int
     loadcell_lost: int
     clock_ppm: dict[str, float | None]
     boards: dict[str, BoardStatus]

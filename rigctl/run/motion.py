@@ -88,7 +88,7 @@ class Motion:
     async def tare(self) -> None:
         """Take the load cell's reading, lifted and still, as no load."""
         await self.command(Command.TARE)
-        await self.watch.until(command_ended, TARE_LIMIT_S, "the tare", self.check)
+        await self.watch.until(self.ended, TARE_LIMIT_S, "the tare", self.check)
 
     async def home(self) -> None:
         """Find the index mark and count steps from it."""
@@ -203,6 +203,10 @@ class Motion:
         await self.watch.drum.command(command)
         self._commanded_s = self.watch.loop.time()
 
+    def ended(self, state: DrumState) -> bool:
+        """Whether the last command's work is over; a poll from before it cannot tell."""
+        return state.at_s > self._commanded_s and command_ended(state)
+
     async def _fresh(self) -> DrumState:
         """A state that is newer than the last command."""
         while self.watch.healthy().at_s < self._commanded_s:
@@ -213,7 +217,7 @@ class Motion:
     async def _do(self, command: Command, end: State, limit_s: float, what: str) -> DrumState:
         await self.command(command)
         return await self.watch.until(
-            lambda s: s.state == end and command_ended(s), limit_s, what, self.check
+            lambda s: s.state == end and self.ended(s), limit_s, what, self.check
         )
 
     def _start(self, trial: PlannedTrial, steps_now: int) -> int:

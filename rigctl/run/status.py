@@ -94,6 +94,7 @@ class StatusBuilder:
             gaps=pump.gaps,
             last_block_age_s=None if arrival_s is None else now_s - arrival_s,
             poll_age_s=now_s - state.at_s if state else None,
+            poll_retries=watch.drum.retries,
             loadcell_lost=self._loadcell_lost,
             clock_ppm={"drum": _ppm(watch.clock), "taxels": _ppm(pump.clock)},
             boards=self._said_of_themselves(),

@@ -32,7 +32,7 @@ class PollDecoder:
 
     ``tare_counts``, ``scale_ug_per_count`` and, by the angle of a homed drum of
     ``steps_per_turn``, ``tare_table`` turn raw load-cell counts into grams, as the board does;
-    whoever changes them there changes them here.
+    whoever changes them there changes them here. ``loadcell_lost`` counts samples since then.
     """
 
     layout = BlockLayout(*POLL_BLOCK, entries=POLL)
@@ -73,9 +73,11 @@ class PollDecoder:
         ``ring``: the samples that :meth:`missing` asked for, as far as they could be read.
         """
         now_us = self._board_time(raw["board_time_us"][0])
+        lost_before = self.loadcell_lost
         self._homed = bool(raw["status_bits"][0] >> Status.HOMED & 1)
         samples = self._new_samples(raw, now_us, ring or {})
-        self._last = self._state(raw, at_s, now_us, samples)
+        lost = self.loadcell_lost - lost_before
+        self._last = self._state(raw, at_s, now_us, samples, lost)
         return self._last
 
     def _board_time(self, wire_us: int) -> int:
@@ -137,6 +139,7 @@ class PollDecoder:
         at_s: float,
         now_us: int,
         samples: tuple[LoadcellSample, ...],
+        lost: int,
     ) -> DrumState:
         values = {name: numbers[0] * _SCALES[name] for name, numbers in raw.items()}
         last = self._last
@@ -168,7 +171,7 @@ class PollDecoder:
             index_count=index_count,
             status_bits=raw["status_bits"][0],
             loadcell=samples,
-            loadcell_lost=self.loadcell_lost,
+            loadcell_lost=lost,
             values=values,
         )
 

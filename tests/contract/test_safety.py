@@ -11,6 +11,7 @@ from rigctl.errors import BoardFault, CommandRefused, LinkLost
 from rigctl.wire.drum_map import Command, Status
 from rigctl.wire.drum_states import Fault, State
 from rigctl.world.simulation import DRUM, TAXELS
+from tests.contract.noise import bear_noise
 from tests.contract.operator import Operator
 
 QUICK = {"force_set": 300.0, "speed_set": 80.0, "run_in_set": 30.0, "travel_set": 245.0}
@@ -247,19 +248,23 @@ def test_a_drum_board_that_restarts_is_noticed_and_comes_back_idle(at_rig: Opera
 
 
 def test_a_noisy_drum_line_changes_nothing_but_the_counters(at_rig: Operator) -> None:
+    at_rig.run(bear_noise(at_rig))
+
+
+def test_a_command_whose_reply_is_lost_is_repeated_and_executed_once(at_rig: Operator) -> None:
     async def main() -> None:
-        await at_rig.reach(State.ARMED)
-        before = await at_rig.drum.get("crc_errors")
-        # So few that three beats in a row are hardly ever lost, which would rightly be a fault.
-        at_rig.faults.corrupt_bytes(DRUM, "to_board", 0.005)
-        at_rig.faults.corrupt_bytes(DRUM, "to_host", 0.002)
-        await at_rig.watch(2.0)
-        for direction in ("to_board", "to_host"):
-            at_rig.faults.corrupt_bytes(DRUM, direction, 0.0)
-        after = await at_rig.drum.get("crc_errors")
-        assert (at_rig.state, at_rig.fault) == (State.ARMED, Fault.NONE)
-        assert after["crc_errors"] > before["crc_errors"]
-        assert at_rig.drum.line.timeouts > 0
+        await at_rig.reach(State.HOLD)
+        rises, timeouts = at_rig.states[-1].sync_count, at_rig.drum.line.timeouts
+        at_rig.faults.drop_bytes(DRUM, "to_host", 1.0)
+        at_rig.rig.loop.call_later(0.1, at_rig.faults.drop_bytes, DRUM, "to_host", 0.0)
+        # A drum that took the second request for a new one would refuse it: it runs already.
+        await at_rig.drum.command(Command.RUN)
+        assert at_rig.drum.line.timeouts - timeouts == 2
+        await at_rig.until_state(State.RUN)
+        state = await at_rig.until_state(State.HOLD)
+        await at_rig.watch(0.5)
+        assert at_rig.state is State.HOLD
+        assert state.sync_count == rises + 1
 
     at_rig.run(main())
 

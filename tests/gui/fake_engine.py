@@ -38,6 +38,7 @@ STATUS: dict[str, Any] = {
     "gaps": 0,
     "last_block_age_s": 0.012,
     "poll_age_s": 0.02,
+    "poll_retries": 0,
     "loadcell_lost": 0,
     "clock_ppm": {"drum": 1187.0, "taxels": -904.0},
     "boards": {

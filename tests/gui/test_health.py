@@ -29,6 +29,7 @@ def _read(**changes: Any) -> dict[str, Any]:
         ("block", {"last_block_age_s": 0.02}, "20 ms", Level.OK),
         ("block", {"last_block_age_s": 4.0}, "4 s", Level.BAD),
         ("poll", {"poll_age_s": 0.31}, "310 ms", Level.BAD),
+        ("poll", {"poll_retries": 3}, "20 ms, 3×", Level.OK),
         ("loadcell", {"loadcell_lost": 1}, "1", Level.BAD),
         ("disk", {}, "210 GB", Level.OK),
         ("clock", {}, "+1187, −904", Level.OK),

@@ -81,6 +81,8 @@ def test_a_longer_pause_counts_what_the_ring_no_longer_holds() -> None:
     state = poll(decoder, board, 3_000_000)
     assert [s.sequence for s in state.loadcell] == list(range(240 - 63, 241))
     assert state.loadcell_lost == decoder.loadcell_lost == 160 - 64
+    assert poll(decoder, board, 3_050_000).loadcell_lost == 0
+    assert decoder.loadcell_lost == 160 - 64
 
 
 def test_a_place_overwritten_while_the_ring_was_read_is_lost_and_not_mistaken() -> None:
