@@ -64,11 +64,11 @@ WIDTHS = {
     "block": 117,
     "poll": 107,
     "loadcell": 107,
-    "disk": 113,
+    "disk": 120,
     "clock": 124,
     "boards": 113,
-    "ticks": 122,
-    "trial": 115,
+    "ticks": 118,
+    "trial": 113,
 }
 """Shares of the strip's width: its pixels where the window is at its smallest."""
 

@@ -51,10 +51,15 @@ class About:
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Serial ports of the boards."""
+    """Serial ports of the boards, or simulated ones in their place."""
 
     drum: str = _text("", "port of the drum board; empty: ask each port who it is")
     taxels: str = _text("", "port of the taxel board; empty: ask each port who it is")
+    simulate: str = _text(
+        "",
+        "virtual or firmware: simulated boards, wired as this file says",
+        ("", "virtual", "firmware"),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +126,7 @@ class Signals:
     index: bool = _flag(True, "index mark of the drum")
     end_switches: bool = _flag(True, "end switches of the actuator")
     position: bool = _flag(True, "position potentiometer of the actuator")
-    sync: bool = _flag(True, "sync line to the taxel board; without it no trial can be cut")
+    sync: bool = _flag(True, "sync line to the taxel board; else the drum's clock cuts trials")
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from rigctl.devices.taxels import Taxels
 from rigctl.errors import ConfigError, LinkLost, RigFault, WrongUse
 from rigctl.resources import firmware_image
 from rigctl.values import N_TAXELS, BoardIdentity
+from rigctl.wire.drum_map import Signal
 
 if TYPE_CHECKING:
     from rigctl.world.parameters import WorldParameters
@@ -113,7 +114,10 @@ def open_rig(
     path = Path(spec)
     if not path.is_file():
         raise WrongUse(f"there is no rig {spec}: give virtual, firmware, or a rig.toml")
-    return _bench(path, _fitting(config or load_config(path)))
+    described = _fitting(config or load_config(path))
+    if described.ports.simulate:
+        return _simulated_rig(described.ports.simulate, seed, paced, described, parameters)
+    return _bench(path, described)
 
 
 def _fitting(config: RigConfig) -> RigConfig:
@@ -132,6 +136,7 @@ def _simulated_rig(
     from rigctl.world.loop import WorldLoop
 
     simulation = _open_simulation(kind, seed, parameters)
+    _wire_as_described(simulation, config)
     loop = WorldLoop(simulation, 1.0 if paced else None)
     return Rig(
         kind,
@@ -142,6 +147,14 @@ def _simulated_rig(
         Taxels(simulation.taxels, loop, array=config.taxels),
         simulation,
     )
+
+
+def _wire_as_described(simulation: Simulation, config: RigConfig) -> None:
+    """The simulated bench has the wires that the description says, the way round that it says."""
+    absent = [signal for signal in Signal if not getattr(config.signals, signal.name.lower())]
+    inverted = [signal for signal in Signal if getattr(config.inverted, signal.name.lower())]
+    if absent or inverted:
+        simulation.faults.rewire(absent, inverted)
 
 
 def _open_simulation(kind: str, seed: int, parameters: WorldParameters | None) -> Simulation:

@@ -16,6 +16,7 @@ from typing import Any
 from rigctl.cli.progress import Progress
 from rigctl.errors import WrongUse
 from rigctl.run.client import EngineClient
+from rigctl.session.layout import RIG_FILE
 from rigctl.session.reader import Session
 
 INTERRUPTED = 130
@@ -178,7 +179,9 @@ def _rig(args: argparse.Namespace) -> str:
     if args.resume is None:
         return "virtual"
     with Session.open(Path(args.resume)) as session:
-        kind = session.header.rig
+        kind, simulate = session.header.rig, session.config.ports.simulate
+    if simulate:
+        return str(Path(args.resume) / RIG_FILE)
     if kind not in ("virtual", "firmware"):
         raise WrongUse("this session is of a real rig: name its description with --rig")
     return kind

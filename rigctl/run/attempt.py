@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rigctl.errors import RigFault
+from rigctl.run.clock_cut import Place, place_of
 from rigctl.run.clock_fit import ClockEstimate
 from rigctl.run.cutter import CutTrial
 from rigctl.run.motion import Motion
@@ -36,6 +37,9 @@ class Attempt:
         self._loadcell: list[LoadcellSample] = []
         self._measured = Measured()
         self._cut: CutTrial | None = None
+        self._by_wire = motion.config.signals.sync
+        self._rises: int | None = None
+        self.place: Place | None = None
 
     async def run(self) -> tuple[str, ...]:
         """Take the trial; reasons against it, none when it is good. Ends with the lift begun.
@@ -75,13 +79,13 @@ class Attempt:
         await self._motion.set_trial(self.trial)
         await self._motion.move_to_start(self.trial)
         self._pump.flush()
-        self._pump.cutter.expect(self.trial.n_samples)
+        self._pump.cutter.expect(self.trial.n_samples, self._by_wire)
 
     async def _touch_and_turn(self) -> None:
         motion = self._motion
         await motion.approach()
         await self._set_clock()
-        rises = motion.watch.healthy().sync_count
+        self._rises = rises = motion.watch.healthy().sync_count
         state = await motion.run(self._travel_limit_s())
         await motion.begin_lift()
         if state.sync_count == rises:
@@ -90,18 +94,26 @@ class Attempt:
         await self._await_samples()
 
     async def _set_clock(self) -> None:
-        """Wait until the drum's clock error is known well enough for a true speed, and set it."""
+        """Wait until clock errors are known well enough for a true speed and a cut."""
         watch = self._motion.watch
         late_s = self._now_s() + CLOCK_LIMIT_S
-        while not _is_known(watch.clock.estimate):
+        while (name := self._unknown_clock()) is not None:
             if self._now_s() > late_s:
                 raise RigFault(
-                    "the drum's clock cannot be followed, its replies come too unevenly: "
+                    f"the {name}'s clock cannot be followed, its data come too unevenly: "
                     "give the board a USB port of its own"
                 )
             await watch.turn()
             self._motion.check()
         await self._motion.trim()
+
+    def _unknown_clock(self) -> str | None:
+        """Board whose clock is not known well enough yet; the sync line spares the taxels'."""
+        if not _is_known(self._motion.watch.clock.estimate):
+            return "drum"
+        if not self._by_wire and not _is_known(self._pump.clock.estimate):
+            return "taxel board"
+        return None
 
     async def _await_samples(self) -> None:
         """Give the last samples of the window time to arrive; a lost one is judged, not awaited."""
@@ -126,6 +138,16 @@ class Attempt:
 
     def _note(self, state: DrumState) -> None:
         self._loadcell.extend(state.loadcell)
+        rose = self._rises is not None and state.sync_count != self._rises
+        if rose and not self._by_wire and self.place is None:
+            self._cut_by_clock(state)
+
+    def _cut_by_clock(self, state: DrumState) -> None:
+        """No wire shows the rise to the taxel board: the drum said when it was."""
+        self._pump.flush()
+        self.place = place_of(state.sync_rise_us, self._motion.watch.clock, self._pump.clock)
+        if self.place is not None:
+            self._pump.cutter.begin(self.place.first_counter)
 
 
 def _is_known(estimate: ClockEstimate | None) -> bool:

@@ -90,6 +90,8 @@ class Boards:
         spawn(self.health.follow())
         for identity in self.identities.values():
             self._tell(identity, "connected")
+        if not self._bench.config.signals.sync:
+            self._news.tell("log", "no sync wire is fitted: the drum's clock cuts the trials")
         if taxels.self_test is not None:
             self._taxels_tested(taxels.self_test)
 

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 WINDOW_POINTS = 3000
 FEWEST_POINTS = 20
 """To begin with, and before the line is drawn anew."""
+RECENT_S = 5.0
+"""What arrived earliest is looked for in so long: a clock error of 100 ppm is 0.5 ms of it."""
 _PASSES = 4
 _KEEP_SIGMAS = 2.5
 _MAD_TO_SIGMA = 1.4826
@@ -28,6 +30,24 @@ class ClockEstimate(NamedTuple):
     ppm: float
     error_ppm: float
     span_s: float
+
+
+class ArrivalLine(NamedTuple):
+    """Board time against the loop time of the earliest arrivals; ``spread_s``: their median is
+    so much later."""
+
+    board_from_s: float
+    loop_from_s: float
+    rate: float
+    spread_s: float
+
+    def loop_s(self, board_s: float) -> float:
+        """When what the board said at ``board_s`` arrives at the earliest."""
+        return self.loop_from_s + (board_s - self.board_from_s) / self.rate
+
+    def board_s(self, loop_s: float) -> float:
+        """What the board said at the latest where it arrives at ``loop_s``."""
+        return self.board_from_s + (loop_s - self.loop_from_s) * self.rate
 
 
 class ClockFit:
@@ -58,6 +78,21 @@ class ClockFit:
             kept = self._readings[: min(self._count, len(self._readings))]
             self._estimate = fit_clock(kept[:, 0], kept[:, 1])
         return self._estimate
+
+    @property
+    def earliest(self) -> ArrivalLine | None:
+        """The line below the readings of the last seconds, None while the clock is unknown."""
+        estimate = self.estimate
+        if estimate is None:
+            return None
+        board_s, loop_s = self._readings[(self._count - 1) % len(self._readings)]
+        board, loop = self._readings[: min(self._count, len(self._readings))].T
+        recent = loop > loop_s - RECENT_S
+        rate = 1.0 + estimate.ppm * 1e-6
+        late = (loop[recent] - loop_s) - (board[recent] - board_s) / rate
+        first_s = float(late.min())
+        spread_s = float(np.median(late)) - first_s
+        return ArrivalLine(float(board_s), float(loop_s) + first_s, rate, spread_s)
 
 
 class _Line(NamedTuple):

@@ -3,6 +3,9 @@
 Every frame counts the rises modulo 4, so a rise is known even when the frame in which it fell
 was lost. A trial's first sample is the first frame that starts after the rise, which is the one
 behind the frame in which the count changed; its length is a number of samples, not an edge.
+
+Without a sync wire somebody else says, a little later, which sample was the first: what came
+meanwhile is kept and followed then.
 """
 
 from __future__ import annotations
@@ -15,6 +18,8 @@ from numpy.typing import NDArray
 from rigctl.values import Block
 from rigctl.wire.taxels import Flag
 
+KEPT_BLOCKS = 100
+"""Of 20 samples and more each: two seconds at least, and a poll tells of a rise within 0.1 s."""
 _RISES = 0b11
 
 
@@ -25,7 +30,8 @@ class CutTrial:
     ``first_counter``: board counter of its first sample. ``received`` of ``n_samples`` arrived;
     ``late`` and ``overrun`` count samples flagged so, ``sync_low`` those outside the window in
     which the drum says that its speed is constant. ``start_lost``: the rise fell into a gap, so
-    the first sample may be another one.
+    the first sample may be another one. ``by_wire``: cut at the sync line, which alone knows
+    ``sync_low``.
     """
 
     first_counter: int
@@ -36,6 +42,7 @@ class CutTrial:
     sync_low: int = 0
     seen_to: int = -1
     start_lost: bool = False
+    by_wire: bool = True
 
     @property
     def complete(self) -> bool:
@@ -52,16 +59,27 @@ class TrialCutter:
         self._expected: int | None = None
         self._edges: int | None = None
         self._next_counter = -1
+        self._kept: list[Block] | None = None
 
-    def expect(self, n_samples: int) -> None:
-        """The next rise begins a trial of that many samples."""
+    def expect(self, n_samples: int, by_wire: bool = True) -> None:
+        """The next rise, or without the wire :meth:`begin`, begins a trial of so many samples."""
         self.trial = None
         self._expected = n_samples
+        self._kept = None if by_wire else []
+
+    def begin(self, first_counter: int) -> None:
+        """The expected trial began at that sample, a short while ago."""
+        assert self._expected is not None and self._kept is not None
+        self.trial = CutTrial(first_counter, self._expected, by_wire=False)
+        kept, self._expected, self._kept = self._kept, None, None
+        for block in kept:
+            self._follow(block)
 
     def forget(self) -> None:
         """No trial is expected any more; what was cut is dropped."""
         self.trial = None
         self._expected = None
+        self._kept = None
 
     def restart(self) -> None:
         """The board's counters began anew: nothing before now can be continued."""
@@ -74,6 +92,8 @@ class TrialCutter:
 
         A counter directly behind the block belongs to the next one.
         """
+        if self._kept is not None:
+            self._kept = [*self._kept[-KEPT_BLOCKS:], block]
         rises = block.edges & _RISES
         if self._edges is not None and bool((rises == self._edges).all()):
             self._follow(block)  # as almost always: nothing rose
@@ -84,7 +104,7 @@ class TrialCutter:
         changed = np.flatnonzero(steps)
         starts = [int(block.counters[row]) + 1 for row in changed]
         self.rises += int(steps[changed].sum())
-        if self._expected is not None and starts:
+        if self._expected is not None and self._kept is None and starts:
             self._begin(starts[0], self._counter_before(block, int(changed[0])))
         self._follow(block)
         self._edges = int(rises[-1])
@@ -111,7 +131,8 @@ class TrialCutter:
         trial.received += len(flags)
         trial.late += _count(flags, Flag.LATE)
         trial.overrun += _count(flags, Flag.OVERRUN)
-        trial.sync_low += len(flags) - _count(flags, Flag.SYNC)
+        if trial.by_wire:
+            trial.sync_low += len(flags) - _count(flags, Flag.SYNC)
         trial.seen_to = int(block.counters[-1])
 
 

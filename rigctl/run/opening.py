@@ -13,7 +13,7 @@ from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol import Plan, load_protocol
 from rigctl.resources import find_protocol
 from rigctl.session import layout
-from rigctl.session.header import SessionHeader
+from rigctl.session.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
 from rigctl.session.reader import Session
 from rigctl.session.recorder import Recorder
 from rigctl.values import BoardIdentity
@@ -131,6 +131,7 @@ def _recorder(folder: Path, plan: Plan, bearings: Bearings, resume: bool) -> Rec
         n_taxels=config.taxels.count,
         taxel_low=config.taxels.low,
         taxel_high=config.taxels.high,
+        cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
         simulation={"seed": bearings.rig_seed} if bearings.simulated else {},
     )
     return Recorder(folder, header, plan.protocol.text, config.to_toml(), resume=resume)

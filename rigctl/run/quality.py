@@ -51,11 +51,12 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What speed and force really were; NaN where nothing was measured."""
+    """What speed and force really were, and how long the window was; NaN where not measured."""
 
     mean_speed_mm_s: float = float("nan")
     mean_force_g: float = float("nan")
     force_spread_g: float = float("nan")
+    window_s: float = float("nan")
 
 
 def measure(planned: PlannedTrial, window: Window) -> Measured:
@@ -67,8 +68,9 @@ def measure(planned: PlannedTrial, window: Window) -> Measured:
     end_us = window.rise_us + planned.n_samples * 1_000_000 // SAMPLE_RATE_HZ
     inside = [s.force_g for s in window.loadcell if window.rise_us <= s.board_time_us <= end_us]
     if not inside:
-        return Measured(window.travel_mm / true_s)
-    return Measured(window.travel_mm / true_s, float(np.mean(inside)), float(np.std(inside)))
+        return Measured(window.travel_mm / true_s, window_s=true_s)
+    force_g, spread_g = float(np.mean(inside)), float(np.std(inside))
+    return Measured(window.travel_mm / true_s, force_g, spread_g, true_s)
 
 
 def judge(
@@ -77,7 +79,11 @@ def judge(
     """Reasons to take the trial again; none means that it is good."""
     if cut is None:
         return ("the sync line never rose in the taxel samples: check its wire",)
-    return (*_data_reasons(cut, limits), *_motion_reasons(planned, measured, limits))
+    return (
+        *_data_reasons(cut, limits),
+        *_window_reasons(cut, measured),
+        *_motion_reasons(planned, measured, limits),
+    )
 
 
 def _data_reasons(cut: CutTrial, limits: Limits) -> list[str]:
@@ -93,6 +99,14 @@ def _data_reasons(cut: CutTrial, limits: Limits) -> list[str]:
     if cut.sync_low:
         reasons.append(f"the sync line was low for {cut.sync_low} samples of the trial")
     return reasons
+
+
+def _window_reasons(cut: CutTrial, measured: Measured) -> list[str]:
+    """Without the sync line's level in each sample, the drum's window must be long enough."""
+    held = measured.window_s * SAMPLE_RATE_HZ
+    if cut.by_wire or held >= cut.n_samples:
+        return []
+    return [f"the drum's window lasted {held:.0f} samples, {cut.n_samples} are needed"]
 
 
 def _motion_reasons(planned: PlannedTrial, measured: Measured, limits: Limits) -> list[str]:

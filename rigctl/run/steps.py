@@ -28,6 +28,7 @@ from rigctl.run.news import News
 from rigctl.run.progress import Progress
 from rigctl.run.pump import Pump
 from rigctl.run.quality import Limits
+from rigctl.session.header import CUT_BY_CLOCK
 from rigctl.session.recorder import Recorder
 from rigctl.values import PlannedTrial, Verdict
 
@@ -207,7 +208,7 @@ class Performer:
             raise
         index = await self._parts.motion.index_error_steps()
         verdict = Verdict.REJECTED if reasons else Verdict.COMMITTED
-        self._store(attempt, verdict, reasons, index_error_steps=index)
+        self._store(attempt, verdict, reasons, index_error_steps=index, **_cut_of(attempt))
         await self._lift()
         return not reasons
 
@@ -221,7 +222,7 @@ class Performer:
             motion.check = checked
 
     def _store(
-        self, attempt: Attempt, verdict: Verdict, reasons: tuple[str, ...], **more: int
+        self, attempt: Attempt, verdict: Verdict, reasons: tuple[str, ...], **more: float | str
     ) -> None:
         row = attempt.row(verdict, reasons)
         self._parts.recorder.commit_trial(row)
@@ -253,6 +254,13 @@ class Performer:
             drum_ppm=round(told[0], 1),
             taxels_ppm=round(told[1], 1),
         )
+
+
+def _cut_of(attempt: Attempt) -> dict[str, float | str]:
+    """How far off the trial's first sample may be, where the sync line did not show it."""
+    if attempt.place is None:
+        return {}
+    return {"cut_by": CUT_BY_CLOCK, "cut_uncertainty_ms": attempt.place.uncertainty_ms}
 
 
 def steps_left(steps: Iterable[Step], done: frozenset[int]) -> Iterator[Step]:

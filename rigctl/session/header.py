@@ -9,6 +9,8 @@ from typing import Any
 from rigctl.encoding.normalisation import FULL_SCALE
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
 
+CUT_BY_WIRE, CUT_BY_CLOCK = "sync line", "drum clock"
+"""What shows the first sample of a trial."""
 ADC_COUNTS = f"ADC counts, 0–{FULL_SCALE}"
 
 
@@ -19,7 +21,8 @@ class SessionHeader:
     ``start_utc`` is an ISO 8601 stamp that the command line took, ``start_loop_s`` the loop
     time at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each
     taxel in stored counts, empty when there was no calibration. ``sample_unit`` says what a reading
-    is, ``highest_reading`` how high one can be. ``simulation`` holds what a
+    is, ``highest_reading`` how high one can be. ``cut_by``: what showed the first sample of a
+    trial, empty where that is not told. ``simulation`` holds what a
     simulated bench needs to be repeated (seed, slice length, parameters) and is empty at a
     real one.
     """
@@ -44,6 +47,7 @@ class SessionHeader:
     highest_reading: int = FULL_SCALE
     taxel_low: tuple[int, ...] = ()
     taxel_high: tuple[int, ...] = ()
+    cut_by: str = ""
     simulation: dict[str, Any] = field(default_factory=dict)
 
     def attributes(self) -> dict[str, str | int | float]:

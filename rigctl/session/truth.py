@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rigctl.errors import SessionError
 from rigctl.session import layout
 from rigctl.session.folder import attributes, open_part
+from rigctl.session.header import CUT_BY_CLOCK
 from rigctl.session.reader import Session
 
 PATTERN = "world*.h5"
@@ -108,8 +109,12 @@ def trial_truths(session: Session) -> list[TrialTruth]:
     for index in session.committed():
         row = session.trials[index]
         truth = logs.get(_sitting_of(sittings, int(row["part"])))
-        rise = None if truth is None else _rise_of(truth, rises[truth.sitting], row)
-        if truth is not None and rise is not None:
+        if truth is None:
+            continue
+        rise = _rise_of(rises[truth.sitting], row)
+        if rise is None and session.header.cut_by == CUT_BY_CLOCK:
+            rise = _rise_by_the_drum(session, int(index))
+        if rise is not None and rise + int(row["count"]) < truth.first_ms + len(truth.sync):
             found.append(_judge(truth, rise, int(index), row))
     return found
 
@@ -146,12 +151,23 @@ def _judge(truth: WorldTruth, rise_ms: int, index: int, row: Any) -> TrialTruth:
     )
 
 
-def _rise_of(truth: WorldTruth, rises: NDArray[np.int64], row: Any) -> int | None:
+def _rise_by_the_drum(session: Session, index: int) -> int | None:
+    """When the drum says that it opened the window, without a wire that the world could see.
+
+    By the time that its last reply took to come, some milliseconds, it seems to be later.
+    """
+    polls = session.drum(index).polls
+    if not len(polls):
+        return None
+    since_s = (int(polls["board_time_us"][-1]) - int(polls["sync_rise_us"][-1])) * 1e-6
+    return round((float(polls["at_s"][-1]) - since_s) * 1000)
+
+
+def _rise_of(rises: NDArray[np.int64], row: Any) -> int | None:
     """The last rise of the attempt; loop time is world time at a simulated bench."""
     low = np.searchsorted(rises, float(row["started_s"]) * 1000 - SLACK_MS)
     high = np.searchsorted(rises, float(row["ended_s"]) * 1000)
-    complete = int(rises[high - 1]) + int(row["count"]) < truth.first_ms + len(truth.sync)
-    return int(rises[high - 1]) if high > low and complete else None
+    return int(rises[high - 1]) if high > low else None
 
 
 def _sittings(folder: Path) -> list[list[int]]:

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from rigctl.session.header import CUT_BY_CLOCK
 from rigctl.session.part_reader import PartReader
 from rigctl.values import TrialRow, Verdict
 from rigctl.wire.taxels import Flag
@@ -17,7 +18,7 @@ SLICE_ROWS = 500_000
 
 def check_trials(part: PartReader, rows: list[TrialRow]) -> tuple[list[str], list[str]]:
     """Problems and notes about the rows of one part, a line each."""
-    flagged = _has_sync(part, rows)
+    flagged = part.header.cut_by != CUT_BY_CLOCK and _has_sync(part, rows)
     problems = []
     for row in rows:
         name = f"trial {row.trial.trial_id}, attempt {row.attempt}"
@@ -30,7 +31,9 @@ def check_trials(part: PartReader, rows: list[TrialRow]) -> tuple[list[str], lis
 def _notes(part: PartReader, rows: list[TrialRow], flagged: bool) -> Iterator[str]:
     windows = sum(row.first_counter >= 0 for row in rows)
     spare = _rises(part) - windows
-    if windows and not flagged:
+    if part.header.cut_by == CUT_BY_CLOCK:
+        yield "no sync wire is fitted: trials were cut by the drum's clock"
+    elif windows and not flagged:
         yield "the sync line was never high, so trials were not cut by it"
     elif spare > 0:
         yield f"rises of the sync line that belong to no trial: {spare}"

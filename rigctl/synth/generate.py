@@ -18,7 +18,7 @@ from rigctl.protocol import (
     parse_protocol,
 )
 from rigctl.run.opening import check_room
-from rigctl.session.header import SessionHeader
+from rigctl.session.header import CUT_BY_WIRE, SessionHeader
 from rigctl.session.recorder import Recorder
 from rigctl.synth.sink import Sink
 from rigctl.synth.unfinished import Unfinished, forget_damaged_truth, look
@@ -142,6 +142,7 @@ def _header(order: Order) -> SessionHeader:
         software_version=__version__,
         encoder_preset=config.encoder.preset,
         n_taxels=config.taxels.count,
+        cut_by=CUT_BY_WIRE,
         simulation={
             "seed": order.seed,
             "method": METHOD,

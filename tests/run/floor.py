@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rigctl.config import RigConfig
 from rigctl.rig import Rig, open_rig
 from rigctl.run.engine import Doors, Engine
 from rigctl.run.live import LiveWriter
@@ -101,9 +102,11 @@ async def until_ended(floor: Floor) -> None:
 
 
 @contextmanager
-def open_floor(folder: Path, seed: int = 3, rig_kind: str = "virtual") -> Iterator[Floor]:
+def open_floor(
+    folder: Path, seed: int = 3, rig_kind: str = "virtual", config: RigConfig | None = None
+) -> Iterator[Floor]:
     """An engine on a simulated rig, not yet serving."""
-    rig = open_rig(rig_kind, seed=seed, paced=False)
+    rig = open_rig(rig_kind, seed=seed, paced=False, config=config)
     live = LiveWriter(folder / "live.ring")
     engine = Engine(rig, live, lambda: "2026-01-02T03:04:05+00:00", seed, False)
     try:

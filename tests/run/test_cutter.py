@@ -121,3 +121,31 @@ def test_joining_a_running_stream_is_no_rise(first: int) -> None:
         block.counters, block.samples, block.flags, block.edges + np.uint8(first), (), 0.0
     )
     assert cut([joined]) is None
+
+
+def begun(blocks: list[Block], known_after: int) -> CutTrial | None:
+    """Cut without the wire; after so many blocks somebody says which sample was the first."""
+    cutter = TrialCutter()
+    cutter.expect(LENGTH, by_wire=False)
+    for block in blocks[:known_after]:
+        cutter.feed(block)
+    cutter.begin(RISE_IN + 1)
+    for block in blocks[known_after:]:
+        cutter.feed(block)
+    return cutter.trial
+
+
+@given(st.lists(st.integers(0, N), max_size=8), st.integers(0, 8))
+def test_a_trial_told_of_late_is_followed_from_its_first_sample(cuts: list[int], at: int) -> None:
+    blocks = sliced(stream(rises_in=()), cuts)
+    trial = begun(blocks, min(at, len(blocks)))
+    assert trial is not None
+    assert (trial.received, trial.sync_low, trial.complete) == (LENGTH, 0, True)
+    assert not trial.by_wire
+
+
+def test_without_the_wire_lost_samples_are_missed_and_noise_on_the_line_begins_nothing() -> None:
+    blocks = sliced(stream(rises_in=(50, 70), lost=range(150, 160)), [120])
+    trial = begun(blocks, 1)
+    assert trial is not None
+    assert (trial.first_counter, trial.received) == (RISE_IN + 1, LENGTH - 10)
