@@ -29,6 +29,7 @@ from rigctl.world.drum_tables import (
     EVENTS,
     GOALS,
     LIFT_US,
+    SAVE_US,
     SELFTEST_LIMIT_US,
     SLOWEST_SEARCH_MM_S,
     UNSUPERVISED,
@@ -54,6 +55,7 @@ class Controller:
         self.acknowledged = 0
         self.result = CommandResult.NONE
         self.saved: dict[str, int] = {}
+        self._saving: tuple[int, dict[str, int]] = (0, {})
         self.cell = LoadcellWatch()
         self.turner = Turner(bench, motion, clock, at_us)
         self.presser = Presser(bench, bank, self.cell, clock)
@@ -190,6 +192,7 @@ class Controller:
             Timer.APPROACH: self._approach_overdue,
             Timer.LIFT: lambda: self._go(Event.LIFT_TIME_OVER),
             Timer.BLIND_LIFT: self._lifted,
+            Timer.SAVE: self._saved,
         }
 
     def _booted(self) -> None:
@@ -324,8 +327,14 @@ class Controller:
         self._finish(CommandResult.DONE)
 
     def _save(self) -> None:
-        self.saved = dict(self._bank.settings)
-        self._finish(CommandResult.DONE)
+        self._saving = (self.acknowledged, dict(self._bank.settings))
+        self._wait(Timer.SAVE, SAVE_US)
+
+    def _saved(self) -> None:
+        """The last byte is in the EEPROM; a reset before it leaves what was saved before."""
+        sequence, self.saved = self._saving
+        if sequence == self.acknowledged:
+            self._finish(CommandResult.DONE)
 
     def _defaults(self) -> None:
         self._bank.restore({entry.name: entry.default for entry in SETTINGS})

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from rigctl.wire.drum_map import Command
+from rigctl.wire.drum_map import SETTINGS_BLOCK, Command
 from rigctl.wire.drum_states import Event, State
 
 BOOT_US = 10_000
 SELFTEST_LIMIT_US = 500_000
 LIFT_US = 700_000
 BLIND_LIFT_US = 6_000_000
+SAVE_US = 1_000 * (2 * SETTINGS_BLOCK[1] + 4)
+"""A byte a tick: the settings, their number and their checksum."""
 SLOWEST_SEARCH_MM_S = 1.5
 
 UNSUPERVISED = frozenset(
@@ -29,6 +31,7 @@ class Timer(IntEnum):
     APPROACH = 4
     LIFT = 5
     BLIND_LIFT = 6
+    SAVE = 7
 
 
 TENDED = frozenset({Timer.SILENCE, Timer.HEARTBEAT})

@@ -124,6 +124,7 @@ class VirtualDrum:
     def reset(self, now_us: int) -> None:
         """The reset button: outputs fall off, everything unsaved is forgotten."""
         self.controller.turner.halt(now_us)
+        self._saved = self.controller.saved
         self._boot(now_us, ResetCause.EXTERNAL)
 
     def _receive(self, data: bytes) -> None:
@@ -141,9 +142,7 @@ class VirtualDrum:
 
     def command(self, command: int, sequence: int) -> bool:
         """Execute a command; False refuses it."""
-        done = self.controller.command(self.now_us, Command(command), sequence)
-        self._saved = self.controller.saved
-        return done
+        return self.controller.command(self.now_us, Command(command), sequence)
 
     def beat(self) -> None:
         """The computer is alive."""

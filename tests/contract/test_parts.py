@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterable
 
 import numpy as np
@@ -221,6 +222,32 @@ def test_an_inverted_emergency_stop_that_nobody_told_of_is_a_fault(at_rig: Opera
         await at_rig.drum.set(signal_polarity=1)
         await at_rig.watch(0.1)
         await at_rig.do(Command.CLEAR)
+
+    at_rig.run(main())
+
+
+def test_saving_takes_a_byte_a_tick_and_power_lost_meanwhile_leaves_the_old(
+    at_rig: Operator,
+) -> None:
+    async def save(seconds: float) -> float:
+        await at_rig.drum.command(Command.SAVE)
+        begun_s = at_rig.now_s
+        await at_rig.until(lambda s: s.values["command_result"] == CommandResult.DONE, seconds)
+        return at_rig.now_s - begun_s
+
+    async def main() -> None:
+        await at_rig.reach(State.IDLE)
+        await at_rig.drum.set(gain_p=6.5)
+        assert 0.08 < await save(1.0) < 0.2
+        await at_rig.drum.set(gain_p=9.5)
+        await at_rig.drum.command(Command.SAVE)
+        await asyncio.sleep(0.03)
+        at_rig.faults.reset(DRUM)
+        await at_rig.lost(at_rig.drum.poll)
+        await at_rig.drum.connect()
+        await at_rig.until_state(State.IDLE)
+        assert (await at_rig.drum.get("gain_p"))["gain_p"] == pytest.approx(6.5)
+        await at_rig.do(Command.DEFAULTS)
 
     at_rig.run(main())
 

@@ -267,6 +267,7 @@ def test_a_reset_forgets_everything_but_what_was_saved(rig: VirtualRig, host: Ho
     host.armed()
     host.put("force_set", 3000)
     host.command(Command.SAVE)
+    host.until(lambda poll: poll["command_result"] == CommandResult.DONE)
     host.put("speed_set", 10000)
     rig.faults.reset("drum")
     host.wait(200_000)
