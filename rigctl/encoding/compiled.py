@@ -153,15 +153,12 @@ def full(_typing: Any, number: Any, vectors: Any) -> Any:
     return Lanes("float64", vectors.literal_value)(types.float64, vectors), generate
 
 
-@_emitted_for
-def no_spikes(_typing: Any, vectors: Any) -> Any:
-    """A tally of nothing."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        none = ir.Constant(_VECTORS["uint8"], [0] * WIDE)
-        return _whole(builder, [none] * vectors.literal_value)
-
-    return Lanes("uint8", vectors.literal_value)(vectors), generate
+@emitted
+def as_bytes(_typing: Any, tally: Any) -> Any:
+    """A tally in bytes."""
+    return _elementwise(
+        lambda b, tally: b.fptoui(tally, _VECTORS["uint8"]), Lanes("uint8", tally.vectors), tally
+    )
 
 
 @emitted
@@ -207,11 +204,15 @@ def reached(_typing: Any, value: Any, threshold: Any, then: Any, otherwise: Any)
 
 @emitted
 def tallied(_typing: Any, tally: Any, value: Any, threshold: Any) -> Any:
-    """The tally, one higher in the lanes in which the value has reached the threshold."""
-    one = ir.Constant(_VECTORS["uint8"], [1] * WIDE)
+    """The tally, one higher in the lanes in which the value has reached the threshold.
+
+    A real number, as the other lanes are: to choose it takes one step, to turn a choice into a
+    byte and add that two.
+    """
+    one = ir.Constant(_VECTORS["float64"], [1.0] * WIDE)
 
     def count(b: Any, tally: Any, value: Any, threshold: Any) -> Any:
-        return b.select(b.fcmp_ordered(">=", value, threshold), b.add(tally, one), tally)
+        return b.select(b.fcmp_ordered(">=", value, threshold), b.fadd(tally, one), tally)
 
     return _elementwise(count, tally, tally, value, threshold)
 
@@ -336,7 +337,7 @@ def kernel(
             last = load(state, LAST * lanes + lane, g)
             t = 0
             for row in range(rows):
-                fired, fired_ra = no_spikes(g), no_spikes(g)
+                fired, fired_ra = full(0.0, g), full(0.0, g)
                 while t < ends[row]:
                     x = within(load(samples, t * lanes + lane, g), from_, range_)
                     if late:
@@ -371,11 +372,11 @@ def kernel(
                             )
                     t += 1
                 place = (lane * rows + row * wide) * channels
-                store(counts, place, fired)
+                store(counts, place, as_bytes(fired))
                 if traced:
                     store(trace, place, m)
                 if not sa_only:
-                    store(counts, place + wide, fired_ra)
+                    store(counts, place + wide, as_bytes(fired_ra))
                     if traced:
                         store(trace, place + wide, m_ra)
             store(state, M * lanes + lane, m)
