@@ -13,13 +13,14 @@ from rigctl.analysis.trial_set import Scratch, TrialRef, opened
 from rigctl.encoding.bulk import (
     Counts,
     Samples,
+    counts_without_and_with,
     cuts_of,
     mean_level,
     sa_rates_hz,
     stretch_counts,
 )
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force import ForceMatrix, search_to
+from rigctl.encoding.force import ForceMatrix, Search, search_to
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import WrongUse
@@ -47,6 +48,10 @@ class Condition(NamedTuple):
     def cuts(self) -> NDArray[np.int64]:
         """Of the stretches in which the spikes are counted."""
         return cuts_of(self.layouts, max(self.lengths), self.trials[0].speed_mm_s)
+
+    def rows_at(self, force_g: float) -> list[int]:
+        """Trials made at one force."""
+        return [i for i, trial in enumerate(self.trials) if trial.force_g == force_g]
 
     @property
     def scaled_rows(self) -> list[int]:
@@ -91,9 +96,9 @@ def counted_condition(condition: Condition) -> Arrays:
         scale = np.array([by_force[trial.force_g] for trial in some])
         return {"forced": _narrow(_counts(condition, _read(condition, some), scale))}
     samples = _read(condition, condition.trials)
-    plain = _counts(condition, samples)
-    searched = _searched(condition, samples, plain) if condition.forces_g else {}
-    return {"plain": _narrow(plain), **searched}
+    if not condition.forces_g:
+        return {"plain": _narrow(_counts(condition, samples))}
+    return _searched(condition, samples)
 
 
 def _read(condition: Condition, trials: Sequence[TrialRef]) -> list[Samples]:
@@ -115,37 +120,50 @@ def _counts(
     )
 
 
-def _searched(condition: Condition, samples: Sequence[Samples], plain: Counts) -> Arrays:
-    """C at each force, and the SA counts that it makes."""
-    rows = {
-        force: [i for i, trial in enumerate(condition.trials) if trial.force_g == force]
-        for force in condition.forces_g
-    }
-    reference, cuts = rows[condition.reference_g], condition.cuts
-    n_taxels = condition.normalisation.n_taxels
-    lengths = [len(samples[i]) for i in reference]
-    target = sa_rates_hz(plain[reference, :n_taxels], lengths, condition.parameters)
-    goal = mean_level([samples[i] for i in reference], condition.normalisation)
-    forced = plain[:, :n_taxels].copy()
+def _searched(condition: Condition, samples: Sequence[Samples]) -> Arrays:
+    """Counts without C; C at each force, and the SA counts that it makes."""
+    n_taxels, n_trials = condition.normalisation.n_taxels, len(samples)
+    plain = np.empty((n_trials, 2 * n_taxels, len(condition.cuts) - 1), np.uint32)
+    rows = condition.rows_at(condition.reference_g)
+    reference = [samples[i] for i in rows]
+    plain[rows] = _counts(condition, reference)
+    lengths = list(map(len, reference))
+    target = sa_rates_hz(plain[rows, :n_taxels], lengths, condition.parameters)
+    goal = mean_level(reference, condition.normalisation)
+    forced = np.empty_like(plain[:, :n_taxels])
     shape = (n_taxels, len(condition.forces_g))
     found: Arrays = {"c": np.ones(shape), "status": np.zeros(shape, np.int8)}
     found |= {"residual_hz": np.zeros(shape), "evaluations": np.zeros(shape)}
     for f, force in enumerate(condition.forces_g):
         if force == condition.reference_g:
             continue
-        search = search_to(
-            [samples[i] for i in rows[force]],
-            goal,
-            target,
-            condition.normalisation,
-            condition.parameters,
-            cuts=cuts,
-        )
-        forced[rows[force]] = search.counts
+        rows = condition.rows_at(force)
+        plain[rows], search = _search(condition, [samples[i] for i in rows], goal, target)
+        forced[rows] = search.counts
         found["c"][:, f], found["status"][:, f] = search.c, search.status
         found["residual_hz"][:, f] = search.rate_hz - target
         found["evaluations"][:, f] = search.evaluations
-    return {"forced": _narrow(forced[condition.scaled_rows]), **found}
+    return {"plain": _narrow(plain), "forced": _narrow(forced[condition.scaled_rows]), **found}
+
+
+def _search(
+    condition: Condition,
+    samples: Sequence[Samples],
+    goal: NDArray[np.float64],
+    target: NDArray[np.float64],
+) -> tuple[Counts, Search]:
+    """Counts without C at one force, and its C: the first of them is tried along with none."""
+    plain: list[Counts] = []
+    cuts, ways = condition.cuts, (condition.normalisation, condition.parameters)
+
+    def first(c: NDArray[np.float64]) -> Counts:
+        scale = np.tile(c, (len(samples), 1))
+        without, with_c = counts_without_and_with(samples, cuts, *ways, scale)
+        plain.append(without)
+        return with_c
+
+    search = search_to(samples, goal, target, *ways, cuts=cuts, first=first)
+    return plain[0], search
 
 
 def _narrow(counts: Counts) -> NDArray[Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from rigctl.analysis.counting import (
     with_c,
     with_own_c,
 )
+from rigctl.analysis.feature_file import FeatureFile
 from rigctl.analysis.jobs import HERE, Crew, Progress
 from rigctl.analysis.trial_set import TrialSet
 from rigctl.encoding.bracket import Status
@@ -120,31 +122,32 @@ def represent(
     if lacking:
         remarks.append(lacking)
     groups = groups_of(ground, parameters, reference_g, with_c=not (lacking or source))
-    files = _Files(folder, len(trials.trials), trials.n_taxels)
-    plain = []
-    for group, counted in zip(groups, count(ground, groups, means), strict=True):
-        files.put("", group, counted["plain"])
-        if "forced" in counted:
-            files.put("texture", group, with_own_c(group, counted))
-        plain.append(counted)
-    force, worth = c_of(groups, plain), None
-    if source is not None:
-        force = source.force
-        ways = (ground.normalisation, parameters)
-        worth = carried(source, trials, *ways, crew=crew, progress=progress)
-        remarks.append(worth.sentence)
-    for way in ("texture", "blind") if source else ("blind",):
-        if force is not None:
-            known = with_c(groups, force, blind=way == "blind")
-            for group, counts in zip(known, count_with(ground, known, plain, means), strict=True):
-                files.put(way, group, counts)
+    plain, worth = [], None
+    with _Files(folder, len(trials.trials), trials.n_taxels, crew) as files:
+        for group, counted in zip(groups, count(ground, groups, means), strict=True):
+            files.put("", group, counted["plain"])
+            if "forced" in counted:
+                files.put("texture", group, with_own_c(group, counted))
+            plain.append(counted)
+        force = c_of(groups, plain)
+        if source is not None:
+            force = source.force
+            ways = (ground.normalisation, parameters)
+            worth = carried(source, trials, *ways, crew=crew, progress=progress)
+            remarks.append(worth.sentence)
+        for way in ("texture", "blind") if source else ("blind",):
+            if force is not None:
+                known = with_c(groups, force, blind=way == "blind")
+                forced = count_with(ground, known, plain, means)
+                for group, counts in zip(known, forced, strict=True):
+                    files.put(way, group, counts)
     return RepresentationSet(
         trials,
         ground.normalisation,
         parameters,
         *ground.layouts,
         force,
-        files.close(crew),
+        files.paths,
         (*remarks, *means.kept.remarks),
         worth,
     )
@@ -175,11 +178,29 @@ def force_sentence(force: ForceMatrix) -> str:
 
 
 class _Files:
-    """Feature matrices on disk that are filled row by row."""
+    """Feature matrices on disk that are filled row by row; the crew reads them when it is left."""
 
-    def __init__(self, folder: Path, n_trials: int, n_taxels: int) -> None:
+    def __init__(self, folder: Path, n_trials: int, n_taxels: int, crew: Crew) -> None:
         self._folder, self._n, self._n_taxels = folder, n_trials, n_taxels
-        self._open: dict[str, NDArray[np.float64]] = {}
+        self._for_others = not crew.shares_disk
+        self._open: dict[str, FeatureFile] = {}
+
+    def __enter__(self) -> _Files:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for file in self._open.values():
+            file.close(for_others=self._for_others)
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """Of each representation by key."""
+        return {key: file.path for key, file in self._open.items()}
 
     def put(self, force: str, group: Group, counts: NDArray[Any]) -> None:
         """Write the unscaled and the speed-scaled rows of one way to treat force."""
@@ -189,21 +210,11 @@ class _Files:
         for representation, layout in zip(pair, condition.layouts, strict=True):
             key = representation.key
             if key not in self._open:
-                shape = (self._n, layout.width(self._n_taxels))
-                self._open[key] = np.lib.format.open_memmap(
-                    self._folder / f"{key}.npy", "w+", np.float64, shape
-                )
-            self._open[key][group.rows] = features_of(counts, *told, layout)
-
-    def close(self, crew: Crew) -> dict[str, Path]:
-        """Let go of the files, so that the crew can read them; their paths by key."""
-        keys = list(self._open)
-        while self._open:
-            _, matrix = self._open.popitem()
-            # Other machines see what reached the file server, not this one's memory.
-            if isinstance(matrix, np.memmap) and not crew.shares_disk:
-                matrix.flush()
-        return {key: self._folder / f"{key}.npy" for key in keys}
+                path = self._folder / f"{key}.npy"
+                self._open[key] = FeatureFile(path, self._n, layout.width(self._n_taxels))
+            file = self._open[key]
+            room = file.room(len(group.rows))
+            file.write(group.rows, features_of(counts, *told, layout, room))
 
 
 def why_no_force(trials: TrialSet, reference_g: float) -> str:

@@ -69,7 +69,7 @@ class Blocks:
             taxels = np.arange(normalisation.n_taxels)
         if sa_scale is None:
             sa_scale = np.ones((n_trials, len(taxels)))
-        lanes = np.tile(taxels, n_trials)
+        lanes = np.broadcast_to(taxels, (n_trials, len(taxels))).reshape(-1)
         return cls(normalisation, lanes, parameters, sa_scale.reshape(-1), sa_only)
 
     def use_ranges(self, normalisation: Normalisation) -> None:
@@ -77,8 +77,8 @@ class Blocks:
         low, high = normalisation.low[self._taxels], normalisation.high[self._taxels]
         scale = normalisation.scale[self._taxels]
         drives = kernel.drives(self._parameters, scale, self._sa_scale)
-        reals = (self._filled(values) for values in (scale, *drives))
-        self._lanes = (self._filled(low), self._filled(high - low), *reals)
+        reals = (self.by_lane(values) for values in (scale, *drives))
+        self._lanes = (self.by_lane(low), self.by_lane(high - low), *reals)
 
     def reset(self) -> None:
         """Back to rest; the filter starts with the next sample."""
@@ -90,13 +90,20 @@ class Blocks:
         channels = 1 if self._sa_only else 2
         return np.empty((self._n // self.wide, rows, channels, self.wide), np.uint8)
 
+    def by_lane(self, values: NDArray[Any]) -> NDArray[Any]:
+        """A number for each lane; 0 behind the last one: no range, no drive, no time."""
+        full = np.zeros(self._n, values.dtype)
+        full[: len(values)] = values
+        return full
+
     def advance(
         self, tile: Samples, ends: NDArray[np.int64], counts: Counts | None = None
     ) -> Counts:
         """Spikes in rows of samples, uint8 (blocks, rows, channels, wide), in ``counts`` if given.
 
-        ``tile``: uint16 (n, lanes) as :class:`rigctl.encoding.raster.Tile` lays it. ``ends``:
-        first sample behind each row; no row may be longer than ``kernel.samples_per_row``.
+        ``tile``: uint16 (n, lanes or more) as :class:`rigctl.encoding.raster.Tile` lays it.
+        ``ends``: first sample behind each row; no row may be longer than
+        ``kernel.samples_per_row``.
         """
         counts = self.room_for(len(ends)) if counts is None else counts
         self._run(self._advance, tile, ends, counts, np.empty(0))
@@ -110,12 +117,6 @@ class Blocks:
         self._run(advance, tile, np.arange(1, len(tile) + 1), counts, trace)
         return counts, kernel.membrane_mv(self._parameters, trace)
 
-    def _filled(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Zeros behind the last lane: a range without width, and no drive."""
-        full = np.zeros(self._n, values.dtype)
-        full[: len(values)] = values
-        return full
-
     def _run(
         self,
         advance: Kernel,
@@ -128,7 +129,8 @@ class Blocks:
             return
         if self._fresh:
             low, width, scale = self._lanes[:3]
-            x = np.minimum(np.maximum(tile[0], low) - low, width).astype(np.float64)
+            first = tile[0, : self._n]
+            x = np.minimum(np.maximum(first, low) - low, width).astype(np.float64)
             kernel.start_filter(self._parameters, x, scale, self._state)
             self._fresh = False
         advance(tile, *self._lanes, self._constants, self._state, ends, counts, trace)

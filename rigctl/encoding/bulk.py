@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding import kernel, raster
-from rigctl.encoding.blocks import Blocks
+from rigctl.encoding.blocks import Blocks, filled_up
 from rigctl.encoding.compiled import LANES, LANES_OF_SA
 from rigctl.encoding.encoder import tiles
 from rigctl.encoding.features import FeatureLayout
@@ -44,13 +44,13 @@ def cuts_of(layouts: Sequence[FeatureLayout], n_samples: int, speed_mm_s: float)
     return np.unique(np.concatenate([[0, n_samples], *changes])).astype(np.int64)
 
 
-def whole_trials(trials: Sequence[Samples]) -> NDArray[np.int64]:
+def whole_trials(trials: raster.Trials) -> NDArray[np.int64]:
     """Cuts of one stretch that holds all of each trial."""
-    return np.array([0, max(map(len, trials), default=0)])
+    return np.array([0, raster.Rows.of(trials).lengths.max(initial=0)])
 
 
 def stretch_counts(
-    trials: Sequence[Samples],
+    trials: raster.Trials,
     cuts: NDArray[np.int64],
     normalisation: Normalisation,
     parameters: EncoderParameters = DEFAULT,
@@ -61,33 +61,78 @@ def stretch_counts(
 ) -> Counts:
     """Spikes in each stretch, uint32 (n_trials, n_trains, n_stretches); SA trains, then RA.
 
-    ``trials``: contiguous uint16 (n_i, n_taxels) each, none longer than the last cut. ``taxels``:
+    ``trials``: uint16 (n_i, n_taxels) each, none longer than the last cut. ``taxels``:
     which of them are encoded (all). ``sa_scale``: float64 (n_trials, taxels that are encoded).
     """
+    way = _Way(sa_scale, sa_only)
+    (counts,) = _counts_of_ways(trials, cuts, normalisation, parameters, taxels, [way])
+    return counts
+
+
+def counts_without_and_with(
+    trials: raster.Trials,
+    cuts: NDArray[np.int64],
+    normalisation: Normalisation,
+    parameters: EncoderParameters,
+    sa_scale: NDArray[np.float64],
+) -> tuple[Counts, Counts]:
+    """:func:`stretch_counts` of both channels without C, and of SA alone with it.
+
+    Readings are laid side by side once for both.
+    """
+    ways = [_Way(None, sa_only=False), _Way(sa_scale, sa_only=True)]
+    without, with_c = _counts_of_ways(trials, cuts, normalisation, parameters, None, ways)
+    return without, with_c
+
+
+class _Way(NamedTuple):
+    """How the same readings are encoded; as :func:`stretch_counts` is told."""
+
+    sa_scale: NDArray[np.float64] | None
+    sa_only: bool
+
+    @property
+    def wide(self) -> int:
+        """Lanes of a block."""
+        return LANES_OF_SA if self.sa_only else LANES
+
+    @property
+    def channels(self) -> int:
+        """SA and RA, or SA alone."""
+        return 1 if self.sa_only else 2
+
+
+def _counts_of_ways(
+    trials: raster.Trials,
+    cuts: NDArray[np.int64],
+    normalisation: Normalisation,
+    parameters: EncoderParameters,
+    taxels: NDArray[np.int64] | None,
+    ways: Sequence[_Way],
+) -> list[Counts]:
+    """Counts of each way, uint32 (n_trials, n_trains, n_stretches)."""
     if taxels is None:
         taxels = np.arange(normalisation.n_taxels)
-    if sa_scale is None:
-        sa_scale = np.ones((len(trials), len(taxels)))
-    trains = (1 if sa_only else 2) * len(taxels)
-    out = np.empty((len(trials), trains, len(cuts) - 1), np.uint32)
-    lengths, most = [len(samples) for samples in trials], kernel.samples_per_row(parameters)
-    of_cuts = tuple(cuts.tolist())
-    memory = None
-    for chosen in tiles(lengths, len(taxels), LANES_OF_SA if sa_only else LANES):
-        some = [trials[i] for i in chosen]
-        blocks = Blocks.of_trials(
-            len(some), normalisation, parameters, sa_scale[chosen], taxels=taxels, sa_only=sa_only
-        )
-        of_tile = [lengths[i] for i in chosen]
-        steps = _steps(of_cuts, tuple(sorted(set(of_tile))), most)
-        tile = raster.Tile(some, taxels, blocks.wide, memory)
-        sums = _in_stretches(blocks, tile, steps, cuts, of_tile)
+    n, some, between = len(trials), len(taxels), len(cuts) - 1
+    outs = [np.empty((n, way.channels * some, between), np.uint32) for way in ways]
+    rows, most = raster.Rows.of(trials), kernel.samples_per_row(parameters)
+    of_cuts, memory = tuple(cuts.tolist()), None
+    for chosen in tiles(rows.lengths.tolist(), some, max(way.wide for way in ways)):
+        lanes = max(filled_up(len(chosen) * some, way.wide) for way in ways)
+        tile = raster.Tile(rows.some(chosen), taxels, lanes, memory)
+        lengths = rows.lengths[chosen]
+        going = [
+            _Going.of(way, chosen, lengths, between, normalisation, parameters, taxels)
+            for way in ways
+        ]
+        for step in _steps(of_cuts, tuple(sorted(set(lengths.tolist()))), most):
+            readings = tile.laid(step.start, step.stop)
+            for one in going:
+                one.go_on(readings, step)
+        for one, out in zip(going, outs, strict=True):
+            raster.take_apart(one.sums, np.array(chosen), out)
         memory = tile.memory
-        by_lane = raster.by_sample(sums, len(some) * len(taxels)).reshape(
-            len(cuts) - 1, -1, len(some), len(taxels)
-        )
-        out[chosen] = by_lane.transpose(2, 1, 3, 0).reshape(len(some), trains, -1)
-    return out
+    return outs
 
 
 class _Step(NamedTuple):
@@ -102,6 +147,38 @@ class _Step(NamedTuple):
     ends: NDArray[np.int64]
     starts: NDArray[np.int64]
     stretches: NDArray[np.int64]
+
+
+class _Going(NamedTuple):
+    """A tile on one way through time; ``sums``: its spikes between cuts so far."""
+
+    blocks: Blocks
+    in_lane: NDArray[np.int64]
+    sums: Counts
+
+    @classmethod
+    def of(
+        cls,
+        way: _Way,
+        chosen: Sequence[int],
+        lengths: NDArray[np.int64],
+        between: int,
+        normalisation: Normalisation,
+        parameters: EncoderParameters,
+        taxels: NDArray[np.int64],
+    ) -> _Going:
+        """At rest. ``chosen``: trials in the tile; ``between``: number of stretches."""
+        scale = None if way.sa_scale is None else way.sa_scale[chosen]
+        blocks = Blocks.of_trials(
+            len(chosen), normalisation, parameters, scale, taxels=taxels, sa_only=way.sa_only
+        )
+        in_lane = blocks.by_lane(np.repeat(lengths, len(taxels)))
+        return cls(blocks, in_lane, np.zeros_like(blocks.room_for(between), np.uint32))
+
+    def go_on(self, readings: Samples, step: _Step) -> None:
+        """Encode the readings of a step."""
+        counts = self.blocks.advance(readings, step.ends)
+        raster.add_up(counts, step.starts, step.stretches, self.in_lane, self.sums)
 
 
 # A search asks for the same few again and again.
@@ -128,22 +205,6 @@ def _row_edges(cuts: tuple[int, ...], lengths: tuple[int, ...], most: int) -> ND
     return np.array([*rows, longest], np.int64)
 
 
-def _in_stretches(
-    blocks: Blocks,
-    tile: raster.Tile,
-    steps: Sequence[_Step],
-    cuts: NDArray[np.int64],
-    lengths: Sequence[int],
-) -> Counts:
-    """Spikes of a tile between cuts, uint32 (blocks, stretches, channels, wide)."""
-    sums = np.zeros_like(blocks.room_for(len(cuts) - 1), np.uint32)
-    in_lane = tile.by_lane(np.array(lengths))
-    for step in steps:
-        rows = blocks.advance(tile.laid(step.start, step.stop), step.ends)
-        raster.add_up(rows, step.starts, step.stretches, in_lane, sums)
-    return sums
-
-
 def sa_rates_hz(
     counts: Counts, n_samples: Sequence[int], parameters: EncoderParameters
 ) -> NDArray[np.float64]:
@@ -161,11 +222,27 @@ def sa_rates_hz(
 
 def mean_level(trials: Sequence[Samples], normalisation: Normalisation) -> NDArray[np.float64]:
     """Mean normalised reading of each taxel over some of the samples, float64: a start for C."""
+    return mean_of_levels(levels_of(trials, normalisation), normalisation)
+
+
+def levels_of(trials: Sequence[Samples], normalisation: Normalisation) -> NDArray[np.float64]:
+    """Mean reading of each trial and taxel over some of the samples, cut off at the range's ends.
+
+    float64 (n_trials, n_taxels).
+    """
     sums = np.zeros((len(trials), normalisation.n_taxels))
     for samples, row in zip(trials, sums, strict=True):
         _level_compiled(samples, normalisation.low, normalisation.high, LEVEL_EVERY, row)
     used = np.array([-(-len(samples) // LEVEL_EVERY) for samples in trials])
-    level: NDArray[np.float64] = np.mean(sums / used[:, None], axis=0)
+    levels: NDArray[np.float64] = sums / used[:, None]
+    return levels
+
+
+def mean_of_levels(
+    levels: NDArray[np.float64], normalisation: Normalisation
+) -> NDArray[np.float64]:
+    """Of what :func:`levels_of` gives, or of some of its rows: normalised, float64 (n_taxels,)."""
+    level: NDArray[np.float64] = np.mean(levels, axis=0)
     return (level - normalisation.low.astype(np.float64)) * normalisation.scale
 
 
@@ -175,17 +252,20 @@ def features_of(
     n_samples: Sequence[int],
     speed_mm_s: float,
     layout: FeatureLayout,
+    out: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Feature vectors, float64 (n_trials, width), of SA and RA counts in stretches.
 
-    Equal to :func:`rigctl.encoding.features.trial_features` of each trial's spikes.
+    Equal to :func:`rigctl.encoding.features.trial_features` of each trial's spikes. In ``out``
+    where it is given.
     """
     window_of = _windows(layout, int(cuts[-1]), speed_mm_s)[cuts[:-1]]
     seconds = np.empty((len(counts), layout.n_windows))
     for n in set(n_samples):
         held = layout.seconds_in_windows(layout.windows(n, speed_mm_s))
         seconds[[i for i, m in enumerate(n_samples) if m == n]] = held
-    out = np.zeros((len(counts), counts.shape[1] * layout.n_windows))
+    if out is None:
+        out = np.empty((len(counts), counts.shape[1] * layout.n_windows))
     _features_compiled(counts, window_of, seconds, out)
     return out
 
@@ -214,12 +294,14 @@ def _level(samples: Any, low: Any, high: Any, every: Any, out: Any) -> None:
 
 
 def _features(counts: Any, window_of: Any, seconds: Any, out: Any) -> None:
-    """Counts in stretches to feature vectors: SA rates in Hz, RA counts; ``out`` holds zeros."""
+    """Counts in stretches to feature vectors: SA rates in Hz, RA counts."""
     n, trains, stretches = counts.shape
     windows = seconds.shape[1]
     for i in range(n):
         for train in range(trains):
             first = train * windows
+            for w in range(windows):
+                out[i, first + w] = 0.0
             for s in range(stretches):
                 if window_of[s] < windows:
                     out[i, first + window_of[s]] += counts[i, train, s]

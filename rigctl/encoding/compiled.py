@@ -308,7 +308,7 @@ def kernel(
         counts: Any,
         trace: Any,
     ) -> None:
-        lanes, rows = samples.shape[1], ends.shape[0]
+        stride, lanes, rows = samples.shape[1], low.shape[0], ends.shape[0]
         w0, fall = full(k[W0], g), full(k[FALL], g)
         c = (
             full(k[KEEP], g),
@@ -339,7 +339,7 @@ def kernel(
             for row in range(rows):
                 fired, fired_ra = full(0.0, g), full(0.0, g)
                 while t < ends[row]:
-                    x = within(load(samples, t * lanes + lane, g), from_, range_)
+                    x = within(load(samples, t * stride + lane, g), from_, range_)
                     if late:
                         x = mul(x, factor)
                         w = mul(per_sa, x)

@@ -83,7 +83,7 @@ class Encoder:
 
     def _counts(self, blocks: Blocks, samples: Samples) -> Counts:
         each = np.arange(1, len(samples) + 1)
-        counts = blocks.advance(raster.Tile([samples]).laid(0, len(samples)), each)
+        counts = blocks.advance(raster.Tile.of_trials([samples]).laid(0, len(samples)), each)
         return raster.by_sample(counts, self._normalisation.n_taxels)
 
 
@@ -121,7 +121,7 @@ def encode_trials(
         some = [trials[i] for i in chosen]
         scale = None if sa_scale is None else sa_scale[chosen]
         blocks = Blocks.of_trials(len(some), normalisation, parameters, scale)
-        tile, trains = raster.Tile(some, memory=memory[0]), Trains(some, memory[1])
+        tile, trains = raster.Tile.of_trials(some, memory[0]), Trains(some, memory[1])
         longest = len(some[-1])
         counts = blocks.room_for(STRETCH)
         for start in range(0, longest, STRETCH):
@@ -158,6 +158,6 @@ def membrane_mv(
     """
     _check(samples, normalisation)
     blocks = Blocks.of_taxels(normalisation, parameters)
-    counts, voltage = blocks.traced_mv(raster.Tile([samples]).laid(0, len(samples)))
+    counts, voltage = blocks.traced_mv(raster.Tile.of_trials([samples]).laid(0, len(samples)))
     voltage = np.where(counts > 0, parameters.threshold_mv, voltage)
     return raster.by_sample(voltage, normalisation.n_taxels)

@@ -18,17 +18,21 @@ from numpy.typing import NDArray
 from rigctl.encoding.bracket import Bracket, Method, Status
 from rigctl.encoding.bulk import (
     Counts,
+    levels_of,
     mean_level,
+    mean_of_levels,
     sa_rates_hz,
     stretch_counts,
     whole_trials,
 )
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
+from rigctl.encoding.raster import Rows
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
 Trials = Sequence[NDArray[np.uint16]]
+Encode = Callable[[Floats], Counts]
 
 REFERENCE_FORCE_G = 500.0
 TOLERANCE_HZ = 0.1
@@ -172,10 +176,12 @@ def search_to(
     tolerance_hz: float = TOLERANCE_HZ,
     method: Method = Method.REGULA_FALSI,
     cuts: NDArray[np.int64] | None = None,
+    first: Encode | None = None,
 ) -> Search:
     """:func:`search` that starts where readings are as high as ``goal``, those of the reference."""
     start = _ratio(goal, mean_level(trials, normalisation))
-    return search(trials, target_hz, start, normalisation, parameters, tolerance_hz, method, cuts)
+    ways = (normalisation, parameters, tolerance_hz, method)
+    return search(trials, target_hz, start, *ways, cuts, first)
 
 
 def search(
@@ -187,22 +193,25 @@ def search(
     tolerance_hz: float = TOLERANCE_HZ,
     method: Method = Method.REGULA_FALSI,
     cuts: NDArray[np.int64] | None = None,
+    first: Encode | None = None,
 ) -> Search:
     """C of every taxel of one condition; taxels that are found are not encoded again.
 
     Regula falsi asks every eighth trial first, and starts with what these say; what all trials say
     decides. ``cuts``: of the stretches in which spikes are counted; without them a trial is one
-    stretch.
+    stretch. ``first``: gives the counts of all taxels with the first C, for who has more to do
+    with the same readings.
     """
     cuts = whole_trials(trials) if cuts is None else cuts
-    every = _Encoded(trials, cuts, normalisation, parameters)
+    every = _Encoded(Rows.of(trials), cuts, normalisation, parameters)
     slopes, asked = np.zeros_like(start), np.zeros_like(start)
     if method is Method.REGULA_FALSI and len(trials) >= PILOT_EVERY * FEWEST_IN_PILOT:
-        start, slopes, asked = _pilot(every, target_hz, start)
+        start, slopes, asked = _pilot(every, levels_of(trials, normalisation), target_hz, start)
     told = zip(target_hz.tolist(), start.tolist(), slopes.tolist(), strict=True)
     brackets = [Bracket(target, first, method, slope) for target, first, slope in told]
     kept = np.zeros((len(trials), len(brackets), len(cuts) - 1), np.uint32)
-    for open_ones, counts, best in every.rounds(brackets, tolerance_hz, MOST_EVALUATIONS):
+    rounds = every.rounds(brackets, tolerance_hz, MOST_EVALUATIONS, first)
+    for open_ones, counts, best in rounds:
         kept[:, open_ones[best]] = counts[:, best]
     for bracket in brackets:
         bracket.give_up()
@@ -215,19 +224,22 @@ def search(
     )
 
 
-def _pilot(every: _Encoded, target_hz: Floats, start: Floats) -> tuple[Floats, Floats, Floats]:
+def _pilot(
+    every: _Encoded, levels: Floats, target_hz: Floats, start: Floats
+) -> tuple[Floats, Floats, Floats]:
     """What some of the trials say of C and of the rate's slope, and the encodings that it took.
 
     Their readings are not as high as those of all, but how much they differ is known, and a C that
     makes up for it brings much the same rate. So C is searched on them, and told for all.
     """
-    some = every.some(slice(PILOT_EVERY // 2, None, PILOT_EVERY))
-    higher = _ratio(*(mean_level(e.trials, e.normalisation) for e in (some, every)))
+    which = slice(PILOT_EVERY // 2, None, PILOT_EVERY)
+    some = every.some(which)
+    higher = _ratio(*(mean_of_levels(own, every.normalisation) for own in (levels[which], levels)))
     told = zip(target_hz.tolist(), (start / higher).tolist(), strict=True)
     brackets = [Bracket(target, first, Method.REGULA_FALSI) for target, first in told]
     for _ in some.rounds(brackets, PILOT_TOLERANCE_HZ, MOST_IN_PILOT):
         pass
-    share = sum(map(len, some.trials)) / max(1, sum(map(len, every.trials)))
+    share = some.trials.lengths.sum() / max(1, every.trials.lengths.sum())
     foreseen, slopes = (np.array([getattr(b, n) for b in brackets]) for n in ("foreseen", "slope"))
     return foreseen * higher, slopes / higher, share * np.array([b.evaluations for b in brackets])
 
@@ -235,29 +247,34 @@ def _pilot(every: _Encoded, target_hz: Floats, start: Floats) -> tuple[Floats, F
 class _Encoded(NamedTuple):
     """Trials of one condition, to be encoded with one C after another."""
 
-    trials: Trials
+    trials: Rows
     cuts: NDArray[np.int64]
     normalisation: Normalisation
     parameters: EncoderParameters
 
     def some(self, which: slice) -> _Encoded:
         """Some of the trials, whole."""
-        chosen = self.trials[which]
+        chosen = self.trials.some(which)
         return self._replace(trials=chosen, cuts=whole_trials(chosen))
 
     def rounds(
-        self, brackets: Sequence[Bracket], tolerance_hz: float, most: int
+        self,
+        brackets: Sequence[Bracket],
+        tolerance_hz: float,
+        most: int,
+        first: Encode | None = None,
     ) -> Iterator[tuple[NDArray[np.int64], Counts, NDArray[np.bool_]]]:
         """Encode with the guesses of all brackets that are open until none is.
 
         Each round gives the taxels, their counts, and for which of them the guess was the best yet.
         """
-        lengths = list(map(len, self.trials))
-        for _ in range(most):
+        lengths = self.trials.lengths.tolist()
+        for number in range(most):
             taxels = np.array([i for i, b in enumerate(brackets) if b.status is None], np.int64)
             if not len(taxels):
                 return
-            counts = self._counts(taxels, np.array([brackets[i].guess for i in taxels]))
+            guesses = np.array([brackets[i].guess for i in taxels])
+            counts = first(guesses) if first and number == 0 else self._counts(taxels, guesses)
             rates = sa_rates_hz(counts, lengths, self.parameters).tolist()
             learnt = zip(taxels, rates, strict=True)
             yield taxels, counts, np.array([brackets[i].learn(r, tolerance_hz) for i, r in learnt])

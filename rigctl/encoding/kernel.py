@@ -35,6 +35,7 @@ in which they were published, the low-pass included, with every operation rounde
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,11 @@ def _sigma(p: EncoderParameters) -> float:
 
 def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
     """The kernel's constants, float64 (20,), in the order of the names in ``compiled``."""
+    return np.array(_folded(parameters))
+
+
+@cache
+def _folded(parameters: EncoderParameters) -> tuple[float, ...]:
     p, h, late = parameters, parameters.substep_ms, is_late(parameters)
     scale, shift, recovery_scale, recovery_shift = _normal_form(p)
     b, a = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
@@ -92,7 +98,7 @@ def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
     feedback = a[1:] if late else [-x for x in a[1:]]
     ceiling = p.threshold_mv if p.clamp_v else math.inf
     textbook = (h, p.quadratic, p.linear, p.constant, p.a, p.b, h * p.substeps, ceiling)
-    return np.array((*normal, *b, *feedback, *textbook, FALLS[p.ra_rectify]))
+    return (*normal, *b, *feedback, *textbook, FALLS[p.ra_rectify])
 
 
 def drives(
@@ -110,7 +116,8 @@ def drives(
     return per_unit * p.sa_gain * sa_scale * unit, of_slope * unit
 
 
-def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[list[float], list[float]]:
+@cache
+def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Numerator and denominator of the second-order low-pass, three coefficients each.
 
     The bilinear transform with the cut-off prewarped, as SciPy designs it (a test compares; its
@@ -121,7 +128,7 @@ def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[list[float], list[flo
     norm = 1.0 + math.sqrt(2.0) * c + c * c
     numerator = (1.0 / norm, 2.0 / norm, 1.0 / norm)
     denominator = (1.0, 2.0 * (1.0 - c * c) / norm, (1.0 - math.sqrt(2.0) * c + c * c) / norm)
-    return [round(x, 15) for x in numerator], [round(x, 15) for x in denominator]
+    return tuple(round(x, 15) for x in numerator), tuple(round(x, 15) for x in denominator)
 
 
 def rest(parameters: EncoderParameters, lanes: int) -> NDArray[np.float64]:
@@ -129,8 +136,8 @@ def rest(parameters: EncoderParameters, lanes: int) -> NDArray[np.float64]:
     scale, shift, recovery_scale, recovery_shift = _normal_form(parameters)
     state = np.zeros((STATE_ROWS, lanes))
     u = (recovery_scale * parameters.start_u + recovery_shift) / _sigma(parameters)
-    state[[compiled.M, compiled.M_RA]] = scale * parameters.start_v_mv + shift
-    state[[compiled.Q, compiled.Q_RA]] = u
+    state[compiled.M] = state[compiled.M_RA] = scale * parameters.start_v_mv + shift
+    state[compiled.Q] = state[compiled.Q_RA] = u
     return state
 
 
@@ -171,7 +178,7 @@ def kernel_for(
 
     Called as ``kernel(samples, low, width, scale, sa_drive, ra_drive, constants, state, ends,
     counts, trace)``, all contiguous, lanes in blocks of 32 (48 of SA alone).
-    samples: uint16 (n, lanes).
+    samples: uint16 (n, lanes or more).
     low, width: uint16 (lanes,); scale, sa_drive, ra_drive: float64 (lanes,). state: as from
     :func:`rest`, changed in place. ends: int64 (rows,), ascending; spikes before sample ends[0]
     go to row 0, those from there to ends[1] to row 1 and so on; the last is n, and no row holds

@@ -7,6 +7,7 @@ the spikes of what follows are left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
@@ -19,34 +20,69 @@ from rigctl.encoding.blocks import filled_up
 from rigctl.encoding.compiled import LANES, emitted, pointer
 
 BYTES = 2
-# Readings that are copied at a time.
-RUN = 16
+# Readings that are copied at a time, and rows of a tile that are filled before the next.
+RUN, AT_A_TIME = 16, 64
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Where the readings of trials lie, row by row of all taxels.
+
+    ``addresses``, ``lengths``: int64 (n_trials,); ``row_bytes``: of one row. ``held``: what must
+    stay in memory meanwhile, as the kernels are handed addresses.
+    """
+
+    addresses: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    row_bytes: int
+    held: Sequence[NDArray[np.uint16]]
+
+    def __len__(self) -> int:
+        return len(self.lengths)
+
+    @classmethod
+    def of(cls, trials: Trials) -> Rows:
+        """Of arrays uint16 (n_i, n_taxels), or what can be made such; one that is made stays."""
+        if isinstance(trials, Rows):
+            return trials
+        held = [np.ascontiguousarray(samples, np.uint16) for samples in trials]
+        at = np.array([samples.__array_interface__["data"][0] for samples in held], np.int64)
+        row_bytes = BYTES * held[0].shape[1] if held else 0
+        return cls(at, np.array(list(map(len, held)), np.int64), row_bytes, held)
+
+    def some(self, which: Any) -> Rows:
+        """Of some trials: a list of indices, or a slice."""
+        return replace(self, addresses=self.addresses[which], lengths=self.lengths[which])
+
+
+Trials = Sequence[NDArray[np.uint16]] | Rows
 
 
 class Tile:
-    """Trials side by side, a lane for each trial and taxel (some ``taxels`` only, or all).
+    """Trials side by side, a lane for each trial and taxel.
 
-    ``wide``: lanes of a block. ``memory``: of a tile that is done with, to be used again: fresh
-    memory costs as much as the work done in it.
+    ``lanes``: with those that fill its blocks up. ``memory``: of a tile that is done with, to be
+    used again: fresh memory costs as much as the work done in it.
     """
 
     def __init__(
         self,
-        trials: Sequence[NDArray[np.uint16]],
-        taxels: NDArray[np.int64] | None = None,
-        wide: int = LANES,
+        rows: Rows,
+        taxels: NDArray[np.int64],
+        lanes: int,
         memory: NDArray[np.uint16] | None = None,
     ) -> None:
-        n_taxels = trials[0].shape[1]
-        self._taxels = np.arange(n_taxels) if taxels is None else taxels
-        self._gapless = bool((np.diff(self._taxels) == 1).all())
-        self._row_bytes = n_taxels * np.dtype(np.uint16).itemsize
-        # The kernel is handed their addresses: they must stay.
-        self._trials = [np.ascontiguousarray(samples, np.uint16) for samples in trials]
-        self._addresses = np.array([t.__array_interface__["data"][0] for t in self._trials])
-        self._lengths = np.array([len(samples) for samples in trials])
-        self._lanes = filled_up(len(trials) * len(self._taxels), wide)
+        self._rows, self._taxels, self._lanes = rows, taxels, lanes
         self.memory = np.empty(0, np.uint16) if memory is None else memory
+
+    @classmethod
+    def of_trials(
+        cls, trials: Sequence[NDArray[np.uint16]], memory: NDArray[np.uint16] | None = None
+    ) -> Tile:
+        """All taxels of trials, in blocks of both channels."""
+        n_taxels = trials[0].shape[1]
+        lanes = filled_up(len(trials) * n_taxels, LANES)
+        return cls(Rows.of(trials), np.arange(n_taxels), lanes, memory)
 
     def laid(self, start: int, stop: int) -> NDArray[np.uint16]:
         """Samples ``start`` to ``stop`` of all, uint16 (stop − start, lanes), trial after trial.
@@ -57,15 +93,9 @@ class Tile:
         if self.memory.size < size:
             self.memory = np.empty(size, np.uint16)
         tile = self.memory[:size].reshape(stop - start, self._lanes)
-        source = (self._addresses, self._lengths, self._row_bytes, self._taxels, self._gapless)
-        _lay_compiled(*source, start, tile)
+        rows = self._rows
+        _lay_compiled(rows.addresses, rows.row_bytes, rows.lengths, self._taxels, start, tile)
         return tile
-
-    def by_lane(self, of_trials: NDArray[np.int64]) -> NDArray[np.int64]:
-        """A number of each trial for each lane, int64 (lanes,); 0 behind the last one."""
-        lanes = np.zeros(self._lanes, np.int64)
-        lanes[: len(of_trials) * len(self._taxels)] = np.repeat(of_trials, len(self._taxels))
-        return lanes
 
 
 def by_sample(values: NDArray[Any], n_lanes: int) -> NDArray[Any]:
@@ -99,29 +129,33 @@ def copy_run(_typing: Any, target: Any, index: Any, address: Any) -> Any:
     return types.void(target, types.intp, types.intp), generate
 
 
-def _lay(
-    addresses: Any, lengths: Any, row_bytes: Any, taxels: Any, gapless: Any, start: Any, tile: Any
-) -> None:
+def _lay(addresses: Any, row_bytes: Any, lengths: Any, taxels: Any, start: Any, tile: Any) -> None:
     """Copy some taxels of each trial into the tile's lanes; its last row fills the rest."""
     lanes, some = tile.shape[1], taxels.shape[0]
     flat = tile.reshape(-1)
-    runs = gapless and some >= RUN
-    for trial in range(addresses.shape[0]):
-        n = lengths[trial]
-        own = max(0, min(tile.shape[0], n - start))
-        at, row = trial * some, addresses[trial] + start * row_bytes + BYTES * taxels[0]
-        if runs:
-            for _ in range(own):
-                for j in range(0, some - RUN, RUN):
-                    copy_run(flat, at + j, row + BYTES * j)
-                # The last run overlaps the one before, so that nothing beyond the row is touched.
-                copy_run(flat, at + some - RUN, row + BYTES * (some - RUN))
-                at, row = at + lanes, row + row_bytes
-        for t in range(own if runs else 0, tile.shape[0]):
-            at = t * lanes + trial * some
-            row = addresses[trial] + min(start + t, n - 1) * row_bytes
-            for j in range(some):
-                flat[at + j] = reading(row + BYTES * taxels[j]) if n else 0
+    runs = some >= RUN
+    for j in range(1, some):
+        runs = runs and taxels[j] == taxels[j - 1] + 1
+    for first in range(0, tile.shape[0], AT_A_TIME):
+        stop = min(tile.shape[0], first + AT_A_TIME)
+        for trial in range(addresses.shape[0]):
+            n = lengths[trial]
+            own = max(first, min(stop, n - start))
+            lane = trial * some
+            if runs:
+                at = first * lanes + lane
+                row = addresses[trial] + (start + first) * row_bytes + BYTES * taxels[0]
+                for _ in range(first, own):
+                    for j in range(0, some - RUN, RUN):
+                        copy_run(flat, at + j, row + BYTES * j)
+                    # The last run overlaps the one before: nothing beyond the row is touched.
+                    copy_run(flat, at + some - RUN, row + BYTES * (some - RUN))
+                    at, row = at + lanes, row + row_bytes
+            for t in range(own if runs else first, stop):
+                at = t * lanes + lane
+                row = addresses[trial] + min(start + t, n - 1) * row_bytes
+                for j in range(some):
+                    flat[at + j] = reading(row + BYTES * taxels[j]) if n else 0
 
 
 def _add_up(rows: Any, starts: Any, stretches: Any, in_lane: Any, sums: Any) -> None:
@@ -146,6 +180,23 @@ def _add_up(rows: Any, starts: Any, stretches: Any, in_lane: Any, sums: Any) -> 
                             into[lane] += np.uint32(row[lane])
 
 
+def _take_apart(sums: Any, chosen: Any, out: Any) -> None:
+    """Spikes between cuts, lane by lane (blocks, stretches, channels, wide), to some trials.
+
+    ``out``: (n_trials, trains, stretches); SA trains of all lanes' taxels, then RA.
+    """
+    channels, wide = sums.shape[2:]
+    some = out.shape[1] // channels
+    for place in range(chosen.shape[0]):
+        for train in range(out.shape[1]):
+            channel, taxel = divmod(train, some)
+            block, lane = divmod(place * some + taxel, wide)
+            into = out[chosen[place], train]
+            for s in range(out.shape[2]):
+                into[s] = sums[block, s, channel, lane]
+
+
 _compile = numba.njit(cache=True, nogil=True, error_model="numpy")
 _lay_compiled = _compile(_lay)
 add_up = _compile(_add_up)
+take_apart = _compile(_take_apart)

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.encoding.bulk import (
+    counts_without_and_with,
     cuts_of,
     features_of,
     mean_level,
@@ -45,6 +46,19 @@ def test_counts_are_those_of_the_trains(name: str) -> None:
             expected = np.histogram(trial.train(row), cuts)[0]
             np.testing.assert_array_equal(found[row], expected)
     assert counts.sum() > 0
+
+
+@pytest.mark.parametrize("n", [1, 7, 61])
+def test_readings_laid_once_count_the_same_without_c_and_with_it(n: int) -> None:
+    """Tiles have blocks of two widths, and trials that end in the middle of what is laid at once."""
+    rng = np.random.default_rng(n)
+    trials = scene([900, *rng.integers(0, 900, n - 1).tolist()], n)
+    scale, cuts = rng.uniform(0.5, 2, (n, 5)), cuts_of(LAYOUTS, 900, 80.0)
+    without, with_c = counts_without_and_with(trials, cuts, RANGES, DEFAULT, scale)
+    np.testing.assert_array_equal(without, stretch_counts(trials, cuts, RANGES))
+    alone = stretch_counts(trials, cuts, RANGES, sa_scale=scale, sa_only=True)
+    np.testing.assert_array_equal(with_c, alone)
+    assert (without[:, :5] != with_c).any()
 
 
 def test_some_taxels_and_sa_alone_are_as_among_all() -> None:
