@@ -220,17 +220,18 @@ class _Files:
 def why_no_force(trials: TrialSet, reference_g: float) -> str:
     """A sentence where force cannot be scaled; empty where it can."""
     without = "Force Scaled representations are left out: "
-    if len(trials.forces_g) < 2:
+    forces = trials.forces_g
+    if len(forces) < 2:
         return f"{without}there is one level of force only"
-    if reference_g not in trials.forces_g:
+    if reference_g not in forces:
         return (
             f"{without}no trial was made at the reference force of {reference_g:g} g "
             "(--reference-force names another)"
         )
     there = {(t.texture, t.speed_mm_s, t.force_g) for t in trials.trials}
     for texture, speed in sorted({(t.texture, t.speed_mm_s) for t in trials.trials}):
-        for force in trials.forces_g:
+        for force in forces:
             if (texture, speed, force) not in there:
                 return f"{without}texture {texture} at {speed:g} mm/s has no trial at {force:g} g"
-    crossed = len(trials.textures) * len(trials.speeds_mm_s) * len(trials.forces_g)
+    crossed = len(trials.textures) * len(trials.speeds_mm_s) * len(forces)
     return "" if len(there) == crossed else f"{without}some texture lacks a speed"

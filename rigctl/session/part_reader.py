@@ -79,6 +79,15 @@ class PartReader:
         """Rows of a table; text as Unicode."""
         with self.named():
             raw = self._tables[table.path][start:stop]
+        return self._readable_rows(table, raw)
+
+    def rows_with(self, table: layout.Table, column: str, text: str) -> Structured:
+        """Rows of a table with a text in one of its columns: the others are not decoded."""
+        with self.named():
+            raw = self._tables[table.path][:]
+        return self._readable_rows(table, raw[raw[column] == text.encode()])
+
+    def _readable_rows(self, table: layout.Table, raw: Structured) -> Structured:
         dtype = self._dtypes[table.path]
         rows: Structured = np.empty(raw.shape, dtype)
         for column in table.columns:

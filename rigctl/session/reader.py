@@ -171,8 +171,8 @@ class Session:
 
     def events_of(self, kind: str) -> tuple[Event, ...]:
         """The events of one kind."""
-        rows = self._join(layout.EVENTS)
-        return tuple(map(event_of, rows[rows["kind"] == kind]))
+        parts = [(p.number, p.rows_with(layout.EVENTS, "kind", kind)) for p in self.parts]
+        return tuple(map(event_of, _joined(parts)))
 
     @property
     def scaling(self) -> tuple[tuple[float, float], ...]:
@@ -273,12 +273,17 @@ class Session:
 
     def _join(self, table: layout.Table) -> Structured:
         parts = [(part.number, part.rows(table)) for part in self.parts]
-        rows = np.concatenate([rows for _, rows in parts])
-        if table is layout.TRIALS:
-            rows = rows[np.isin(rows["verdict"], list(Verdict))]  # not what a crash left empty
-        if "part" in (rows.dtype.names or ()):
-            return rows
-        return _with_part(rows, np.repeat([n for n, _ in parts], [len(r) for _, r in parts]))
+        if table is layout.TRIALS:  # not what a crash left empty
+            parts = [(n, rows[np.isin(rows["verdict"], list(Verdict))]) for n, rows in parts]
+        return _joined(parts)
+
+
+def _joined(parts: Sequence[tuple[int, Structured]]) -> Structured:
+    """Rows of a table in all parts, with the number of each row's part."""
+    rows: Structured = np.concatenate([rows for _, rows in parts])
+    if "part" in (rows.dtype.names or ()):
+        return rows
+    return _with_part(rows, np.repeat([n for n, _ in parts], [len(r) for _, r in parts]))
 
 
 def _loadcell_of(part: PartReader, polls: Structured) -> Structured:

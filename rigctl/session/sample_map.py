@@ -135,11 +135,12 @@ def _offsets(part: PartReader, path: str) -> NDArray[np.int64] | None:
         return None
     if not as_in_memory or (dataset.ndim == 2 and dataset.chunks[1] != dataset.shape[1]):
         return None
-    found: list[tuple[int, int]] = []
-    dataset.id.chunk_iter(lambda chunk: found.append((chunk.chunk_offset[0], chunk.byte_offset)))
+    found: list[Any] = []
+    dataset.id.chunk_iter(found.append)
     chunk_rows, n_rows = dataset.chunks[0], int(dataset.shape[0])
     offsets = np.full(-(-n_rows // chunk_rows), -1, np.int64)
-    rows, places = np.array(found, np.int64).reshape(-1, 2).T
+    rows = np.array([chunk.chunk_offset[0] for chunk in found], np.int64)
+    places = np.array([chunk.byte_offset for chunk in found], np.int64)
     inside = rows < n_rows
     offsets[rows[inside] // chunk_rows] = places[inside]
     return offsets if (offsets >= 0).all() else None

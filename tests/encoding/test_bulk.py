@@ -50,7 +50,7 @@ def test_counts_are_those_of_the_trains(name: str) -> None:
 
 @pytest.mark.parametrize("n", [1, 7, 61])
 def test_readings_laid_once_count_the_same_without_c_and_with_it(n: int) -> None:
-    """Tiles have blocks of two widths, and trials that end in the middle of what is laid at once."""
+    """Tiles have blocks of two widths, and trials end in the middle of what is laid at once."""
     rng = np.random.default_rng(n)
     trials = scene([900, *rng.integers(0, 900, n - 1).tolist()], n)
     scale, cuts = rng.uniform(0.5, 2, (n, 5)), cuts_of(LAYOUTS, 900, 80.0)
