@@ -154,6 +154,7 @@ class Engine:
         """Stop and lift, ahead of everything else; a run ends."""
         if self.run is not None:
             self.run.control.abort(text)
+        self.boards.motion.stops += 1
         await self.bench.drum.stop()
         self.news.tell("stop", text)
 

@@ -40,7 +40,10 @@ SHOWN_SETTINGS: Final = ("speed_set", "force_set", "acceleration_set", "travel_s
 
 
 class Motion:
-    """The drum's moves on this rig. ``check`` may raise to end whatever is being waited for."""
+    """The drum's moves on this rig. ``check`` may raise to end whatever is being waited for.
+
+    ``stops`` counts STOPs: a jog that was asked for before one is not begun after it.
+    """
 
     def __init__(
         self, watch: DrumWatch, config: RigConfig, check: Callable[[], None] = lambda: None
@@ -50,6 +53,7 @@ class Motion:
         self.check = check
         self.settings: dict[str, float] = {}
         self.homed = False
+        self.stops = 0
         self._commanded_s = -1.0
 
     def forget(self) -> None:
@@ -144,6 +148,7 @@ class Motion:
         Raises WrongUse for more than a turn, CommandRefused where the drum is not armed.
         """
         turn, step_mm = self._detail("steps_per_turn"), self._detail("nm_per_step") / 1e6
+        stops = self.stops
         if not abs(travel_mm) <= turn * step_mm:
             raise WrongUse(
                 f"{travel_mm:g} mm is more than a turn of the drum ({turn * step_mm:g} mm): "
@@ -155,7 +160,11 @@ class Motion:
                 f"the drum is {STATE_WORDS[State(here.state)]!r}: "
                 "it can be jogged while it is armed and lifted only"
             )
-        await self._move_to(jog_target(here.steps, travel_mm, self.config.drum, step_mm))
+        target = jog_target(here.steps, travel_mm, self.config.drum, step_mm)
+        await self.apply(move_target=target)
+        if self.stops != stops:
+            raise CommandRefused("a stop came first: the drum was not moved")
+        await self._move_to(target)
         sign = -1 if self.config.drum.backwards else 1
         return sign * (self.watch.healthy().steps - here.steps) * step_mm
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,22 @@ def test_a_person_drives_the_drum_step_by_step(floor: Floor) -> None:
         assert state_of(floor) is State.ARMED
         await ask("disarm", {})
         assert state_of(floor) is State.IDLE
+
+    floor.play(person)
+
+
+def test_a_jog_asked_for_before_a_stop_is_not_begun_after_it(floor: Floor) -> None:
+    async def person(floor: Floor) -> None:
+        ask = asked(floor)
+        await ask("arm", {})
+        before = floor.engine.status()["steps"]
+        jog = asyncio.ensure_future(ask("jog", {"mm": 100}))
+        await asyncio.sleep(0.001)
+        await ask("stop", {})
+        with pytest.raises(CommandRefused, match="a stop came first"):
+            await jog
+        await floor.passes(1)
+        assert floor.engine.status()["steps"] == before
 
     floor.play(person)
 
