@@ -37,14 +37,15 @@ class _Progress:
     """Says on the terminal how far a long check is and how long the rest takes."""
 
     def __init__(self) -> None:
-        self._started_s = time.monotonic()
+        self._started_s = self._told_s = time.monotonic()
 
-    def __call__(self, done: int, parts: int) -> None:
-        spent_s = time.monotonic() - self._started_s
-        if spent_s < QUIET_S or not done:
+    def __call__(self, share: float, what: str) -> None:
+        now_s = time.monotonic()
+        if now_s - self._told_s < QUIET_S or not share:
             return
-        left_s = spent_s / done * (parts - done)
-        print(f"part {done + 1} of {parts}, about {left_s:.0f} s left", file=sys.stderr)
+        self._told_s = now_s
+        left_s = (now_s - self._started_s) / share * (1.0 - share)
+        print(f"{what}, about {left_s:.0f} s left", file=sys.stderr)
 
 
 def _print(report: Report, path: Path) -> None:

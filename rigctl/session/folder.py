@@ -14,6 +14,9 @@ from rigctl.session.dead_part import DeadPart
 from rigctl.session.header import SessionHeader
 from rigctl.session.lock import WriterLock, is_being_written
 
+CACHE_BYTES = 256 << 10
+"""Of chunks that HDF5 keeps for each data set: its own 8 MiB add up over a session's parts."""
+
 
 def part_paths(folder: Path) -> list[Path]:
     """Files of the session's parts, in order; raises SessionError where there is none."""
@@ -56,13 +59,13 @@ def open_part(path: Path) -> h5py.File:
 def _open(path: Path) -> h5py.File:
     """The plain way unless the file says that a writer has it: a living or a dead one."""
     try:
-        return h5py.File(path, "r", libver=layout.LIBVER)
+        return h5py.File(path, "r", libver=layout.LIBVER, rdcc_nbytes=CACHE_BYTES)
     except OSError as error:
         if "already open" not in str(error):
             raise
     if _grows(path):
-        return h5py.File(path, "r", libver=layout.LIBVER, swmr=True)
-    return h5py.File(DeadPart(path), "r")
+        return h5py.File(path, "r", libver=layout.LIBVER, swmr=True, rdcc_nbytes=CACHE_BYTES)
+    return h5py.File(DeadPart(path), "r", rdcc_nbytes=CACHE_BYTES)
 
 
 def _grows(path: Path) -> bool:

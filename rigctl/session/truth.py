@@ -6,6 +6,7 @@ of everything the rig measured.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,18 +20,13 @@ from rigctl.session import layout
 from rigctl.session.folder import attributes, open_part
 from rigctl.session.header import CUT_BY_CLOCK
 from rigctl.session.reader import Session
+from rigctl.session.truth_reader import COLUMNS, TruthReader
 
 PATTERN = "world*.h5"
 LAYOUT = "rigctl-world"
 CHUNK_ROWS = 65_536
 SLACK_MS = 1_000
 """A window belongs to an attempt if it begins between its start and end, give or take this."""
-
-_COLUMNS = (
-    ("speed_mm_s", "<f4", "mm/s", "true speed of the texture, mean over the millisecond"),
-    ("force_g", "<f4", "g", "true contact force at the end of the millisecond"),
-    ("sync", "u1", "", "level of the sync line at the end of the millisecond"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +41,6 @@ class WorldTruth:
     force_g: NDArray[np.float32]
     sync: NDArray[np.uint8]
     sitting: int = 1
-
-    def rises_ms(self) -> NDArray[np.int64]:
-        """World time, in ms, of each rise of sync, to the millisecond in which it came."""
-        high = np.concatenate([[0], self.sync != 0]).astype(np.int8)
-        return np.flatnonzero(np.diff(high) == 1).astype(np.int64) + self.first_ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +76,7 @@ def write_truth(folder: Path, log: TruthLog) -> Path:
         known = int(file.attrs["first_ms"]) + length - first_ms
         if known < 0:
             raise SessionError(f"{path} ends {-known} ms before the log goes on: truth is missing")
-        for (name, *_), values in zip(_COLUMNS, columns, strict=True):
+        for (name, *_), values in zip(COLUMNS, columns, strict=True):
             new = values[known:]
             file[name].resize(length + len(new), axis=0)
             file[name][length:] = new
@@ -97,33 +88,57 @@ def load_truth(folder: Path) -> list[WorldTruth]:
 
     Raises SessionError for a file that is damaged.
     """
-    return [_load(path) for path in sorted(folder.glob(PATTERN))]
+    return [_load(path) for path in _logs(folder)]
 
 
-def trial_truths(session: Session) -> list[TrialTruth]:
-    """What was true in each committed trial that a log covers, by trial id."""
-    logs = {truth.sitting: truth for truth in load_truth(session.path)}
-    rises = {sitting: truth.rises_ms() for sitting, truth in logs.items()}
+def check_truth(folder: Path) -> None:
+    """Read the logs of all sittings once. Raises SessionError for a file that is damaged."""
+    for path in _logs(folder):
+        with TruthReader(path) as log:
+            log.check()
+
+
+def trial_truths(
+    session: Session, on_trial: Callable[[int, int], None] | None = None
+) -> list[TrialTruth]:
+    """What was true in each committed trial that a log covers, by trial id.
+
+    ``on_trial`` is told how many trials were looked at, and of how many, before each. Raises
+    SessionError for a log that is damaged.
+    """
     sittings = _sittings(session.path)
-    found = []
-    for index in session.committed():
-        row = session.trials[index]
-        truth = logs.get(_sitting_of(sittings, int(row["part"])))
-        if truth is None:
-            continue
-        rise = _rise_of(rises[truth.sitting], row)
-        if rise is None and session.header.cut_by == CUT_BY_CLOCK:
-            rise = _rise_by_the_drum(session, int(index))
-        if rise is not None and rise + int(row["count"]) < truth.first_ms + len(truth.sync):
-            found.append(_judge(truth, rise, int(index), row))
-    return found
+    committed = session.committed()
+    rows = session.trials[committed]
+    places = {part: n for n, parts in enumerate(sittings, start=1) for part in parts}
+    sitting_of = np.array([places.get(part, 0) for part in rows["part"].tolist()], np.int64)
+    found: dict[int, TrialTruth] = {}
+    for path in _logs(session.path):
+        with TruthReader(path) as log:
+            rises = log.rises_ms()
+            own = np.flatnonzero(sitting_of == log.sitting)
+            for place in own[np.argsort(rows["started_s"][own], kind="stable")].tolist():
+                if on_trial is not None:
+                    on_trial(len(found), len(rows))
+                row, index = rows[place], int(committed[place])
+                rise = _rise_of(rises, row)
+                if rise is None and session.header.cut_by == CUT_BY_CLOCK:
+                    rise = _rise_by_the_drum(session, index)
+                if rise is not None and rise + int(row["count"]) < log.first_ms + log.n_rows:
+                    found[place] = _judge(log, rise, index, row)
+    return [found[place] for place in sorted(found)]
 
 
-def summary(session: Session) -> dict[str, Any] | None:
-    """The ``world`` section of ``rigctl info``; None where no log is."""
-    if not list(session.path.glob(PATTERN)):
+def _logs(folder: Path) -> list[Path]:
+    return sorted(folder.glob(PATTERN))
+
+
+def summary(
+    session: Session, on_trial: Callable[[int, int], None] | None = None
+) -> dict[str, Any] | None:
+    """The ``world`` section of ``rigctl info``; None where no log is. As :func:`trial_truths`."""
+    if not _logs(session.path):
         return None
-    truths = trial_truths(session)
+    truths = trial_truths(session, on_trial)
     speed = [abs(truth.speed_error) * 1000 for truth in truths]
     force = [abs(truth.force_error) * 1000 for truth in truths]
     return {
@@ -135,12 +150,12 @@ def summary(session: Session) -> dict[str, Any] | None:
     }
 
 
-def _judge(truth: WorldTruth, rise_ms: int, index: int, row: Any) -> TrialTruth:
+def _judge(log: TruthReader, rise_ms: int, index: int, row: Any) -> TrialTruth:
     """Means over the trial's own length from the millisecond behind the rise's."""
-    start = rise_ms + 1 - truth.first_ms
-    window = slice(start, start + int(row["count"]))
-    speed = float(np.mean(np.abs(truth.speed_mm_s[window]), dtype=np.float64))
-    force = float(np.mean(truth.force_g[window], dtype=np.float64))
+    start = rise_ms + 1 - log.first_ms
+    stop = start + int(row["count"])
+    speed = float(np.mean(np.abs(log.window("speed_mm_s", start, stop)), dtype=np.float64))
+    force = float(np.mean(log.window("force_g", start, stop), dtype=np.float64))
     return TrialTruth(
         index=index,
         trial_id=int(row["trial_id"]),
@@ -185,17 +200,13 @@ def _sittings(folder: Path) -> list[list[int]]:
     return found
 
 
-def _sitting_of(sittings: list[list[int]], part: int) -> int:
-    return next((n for n, parts in enumerate(sittings, start=1) if part in parts), 0)
-
-
 def _create(path: Path, first_ms: int, sitting: int) -> None:
     with h5py.File(path, "x", libver=layout.LIBVER) as file:
         layout.describe(
             file,
             {"layout": LAYOUT, "layout_version": 1, "first_ms": first_ms, "sitting": sitting},
         )
-        for name, dtype, unit, doc in _COLUMNS:
+        for name, dtype, unit, doc in COLUMNS:
             dataset = file.create_dataset(
                 name, (0,), dtype, maxshape=(None,), chunks=(CHUNK_ROWS,), compression=1
             )
@@ -203,10 +214,6 @@ def _create(path: Path, first_ms: int, sitting: int) -> None:
 
 
 def _load(path: Path) -> WorldTruth:
-    try:
-        with h5py.File(path, "r") as file:
-            read = attributes(file)
-            speed, force, sync = (file[name][:] for name, *_ in _COLUMNS)
-            return WorldTruth(int(read["first_ms"]), speed, force, sync, int(read["sitting"]))
-    except (OSError, KeyError) as error:
-        raise SessionError(f"{path} is damaged: {error}") from error
+    with TruthReader(path) as log:
+        speed, force, sync = (log.window(name, 0, log.n_rows) for name, *_ in COLUMNS)
+        return WorldTruth(log.first_ms, speed, force, sync, log.sitting)

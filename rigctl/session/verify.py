@@ -17,10 +17,15 @@ from rigctl.session import layout
 from rigctl.session.lock import is_being_written
 from rigctl.session.part_reader import PartReader
 from rigctl.session.reader import Session
-from rigctl.session.truth import summary
+from rigctl.session.truth import PATTERN, summary
 from rigctl.session.verify_part import check_part
 from rigctl.session.verify_trials import check_trials
 from rigctl.values import TrialRow, Verdict
+
+WORLD = "the world's own log"
+WORLD_SHARE = 0.5
+"""Of the work, as measured: that log is compressed, the parts are not."""
+TOLD_TRIALS = 500
 
 SAME_IN_ALL_PARTS = ("plan_hash", "seed", "trials_planned", "n_taxels", "sample_rate_hz")
 
@@ -41,10 +46,14 @@ class Report:
         return not self.problems
 
 
-def verify(path: Path, on_part: Callable[[int, int], None] | None = None) -> Report:
+OnStep = Callable[[float, str], None]
+
+
+def verify(path: Path, on_step: OnStep = lambda share, what: None) -> Report:
     """Check everything in a session. Raises SessionError for a folder that is none.
 
-    ``on_part`` is told how many parts are done, and of how many, before each.
+    ``on_step`` is told which share of the work is done, 0 to 1, and what comes next. However
+    long a session is, no more than a stretch of its samples is held.
     """
     report = Report()
     try:
@@ -56,28 +65,33 @@ def verify(path: Path, on_part: Callable[[int, int], None] | None = None) -> Rep
         return report
     with session:
         try:
-            _check_session(session, report, on_part)
+            _check_session(session, report, on_step)
         except SessionError as error:
             report.problems.append(str(error))
     return report
 
 
-def _check_session(
-    session: Session, report: Report, on_part: Callable[[int, int], None] | None
-) -> None:
+def _check_session(session: Session, report: Report, on_step: OnStep) -> None:
     _check_parts(session, report)
     rows = [session.trial_row(index) for index in range(len(session.trials))]
+    n_parts, of_parts = len(session.parts), _share_of_parts(session)
     for done, part in enumerate(session.parts):
-        if on_part is not None:
-            on_part(done, len(session.parts))
+        on_step(of_parts * done / n_parts, f"part {done + 1} of {n_parts}")
         own = [row for row in rows if row.part == part.number]
         problems, notes = check_trials(part, own)
-        report.problems += [f"{part.path.name}: {line}" for line in check_part(part) + problems]
+        problems = check_part(part) + problems
+        report.problems += [f"{part.path.name}: {line}" for line in problems]
         report.notes += [f"{part.path.name}: {line}" for line in notes]
+    on_step(of_parts, "the plan")
     _check_plan(session, rows, report)
-    _check_world(session, report)
+    _check_world(session, report, lambda share: on_step(share, WORLD), of_parts)
     report.samples = session.n_samples
     report.lost_samples = int(session.gaps["count"].sum())
+
+
+def _share_of_parts(session: Session) -> float:
+    """How much of the work the parts are: the rest is the world's own log, where there is one."""
+    return 1.0 - WORLD_SHARE if list(session.path.glob(PATTERN)) else 1.0
 
 
 def _check_parts(session: Session, report: Report) -> None:
@@ -150,9 +164,15 @@ def _plan_of(session: Session, report: Report) -> Plan | None:
     return plan
 
 
-def _check_world(session: Session, report: Report) -> None:
+def _check_world(
+    session: Session, report: Report, on_share: Callable[[float], None], begun: float
+) -> None:
+    def on_trial(done: int, trials: int) -> None:
+        if done % TOLD_TRIALS == 0:
+            on_share(begun + (1.0 - begun) * done / trials)
+
     try:
-        world = summary(session)
+        world = summary(session, on_trial)
     except SessionError as error:
         report.problems.append(str(error))
         return

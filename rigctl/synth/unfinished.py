@@ -12,7 +12,7 @@ from rigctl.protocol import Plan
 from rigctl.session import layout
 from rigctl.session.header import SessionHeader
 from rigctl.session.reader import Session
-from rigctl.session.truth import PATTERN, load_truth
+from rigctl.session.truth import PATTERN, check_truth
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ def look(folder: Path, header: SessionHeader, plan: Plan) -> Unfinished:
 def forget_damaged_truth(folder: Path) -> None:
     """Remove a log of the world that a kill left unreadable: the world writes it anew."""
     try:
-        load_truth(folder)
+        check_truth(folder)
     except SessionError:
         for path in folder.glob(PATTERN):
             path.unlink()

@@ -14,6 +14,7 @@ import pytest
 
 from rigctl.cli import verify as command
 from rigctl.errors import SessionError
+from rigctl.session import read_ahead
 from rigctl.session.recorder import Recorder
 from rigctl.session.verify import verify
 from rigctl.values import Gap, Verdict
@@ -137,6 +138,27 @@ def test_each_damage_is_named(
     assert not report.whole
     assert any(words in line for line in report.problems), report.problems
     assert run(str(session)) == 1
+
+
+@pytest.mark.parametrize("stretch", [1, 50, 313])
+def test_findings_do_not_depend_on_how_much_is_read_at_a_time(
+    session: Path, stretch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with h5py.File(session / "part-0002.h5", "r+") as file:
+        spoil_array("/taxels/flags", slice(60, 70), 0)(file)
+        spoil_array("/taxels/edges", slice(0, 90), 0)(file)
+        spoil_table("/trials", 1, first_sample=7)(file)
+    at_once = verify(session)
+    monkeypatch.setattr(read_ahead, "STRETCH_ROWS", stretch)
+    assert verify(session) == at_once
+    assert len(at_once.problems) > 3
+
+
+def test_progress_rises_to_the_end(recorded: Path) -> None:
+    told: list[tuple[float, str]] = []
+    verify(recorded, lambda share, what: told.append((share, what)))
+    assert [what for _, what in told] == ["part 1 of 2", "part 2 of 2", "the plan"]
+    assert [share for share, _ in told] == [0.0, 0.5, 1.0]
 
 
 def test_a_missing_part_a_truncated_part_and_a_foreign_file_are_named(session: Path) -> None:

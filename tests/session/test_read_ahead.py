@@ -1,0 +1,40 @@
+"""Windows of a long array: the same rows, and little held."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from rigctl.session import read_ahead
+from rigctl.session.read_ahead import ReadAhead
+
+ROWS = np.arange(1000)
+
+
+@given(st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 120)), max_size=30))
+def test_windows_are_the_rows_that_were_asked_for(windows: list[tuple[int, int]]) -> None:
+    ahead = ReadAhead(lambda start, stop: ROWS[start:stop], len(ROWS))
+    for start, count in windows:
+        assert np.array_equal(ahead.window(start, start + count), ROWS[start : start + count])
+
+
+def test_windows_in_order_are_read_about_once_and_no_more_than_a_stretch_is_held(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(read_ahead, "STRETCH_ROWS", 200)
+    reads: list[int] = []
+
+    def read(start: int, stop: int) -> NDArray[Any]:
+        reads.append(stop - start)
+        return ROWS[start:stop]
+
+    ahead = ReadAhead(read, len(ROWS))
+    for start in range(0, 1000, 10):
+        ahead.window(start, start + 10)
+    assert max(reads) == 200
+    assert sum(reads) < 1.1 * len(ROWS)
