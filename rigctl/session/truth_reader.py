@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -43,7 +44,7 @@ class TruthReader:
             raise
         self.n_rows = min(int(column.shape[0]) for column in columns.values())
         self._ahead = {
-            name: ReadAhead(lambda start, stop, c=column: self._part(c, start, stop), self.n_rows)
+            name: ReadAhead(partial(self._part, column), self.n_rows)
             for name, column in columns.items()
         }
 
