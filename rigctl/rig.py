@@ -134,7 +134,9 @@ def _simulated_rig(
     kind: str, seed: int, paced: bool, config: RigConfig, parameters: WorldParameters | None
 ) -> Rig:
     from rigctl.world.loop import WorldLoop
+    from rigctl.world.virtual import warm
 
+    warm()
     simulation = _open_simulation(kind, seed, parameters)
     _wire_as_described(simulation, config)
     loop = WorldLoop(simulation, 1.0 if paced else None)

@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import json
 import signal
+import sys
 from dataclasses import asdict
 from typing import Any
 
@@ -30,6 +31,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
+    print("getting the simulated bench ready: half a minute after an update", file=sys.stderr)
     rig = open_rig(args.rig, seed=args.seed, paced=True)
     try:
         rig.set_plate(args.plate)

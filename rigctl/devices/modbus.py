@@ -24,6 +24,7 @@ from rigctl.devices.patience import Patience
 from rigctl.devices.rtu import ReplyFramer
 from rigctl.devices.transport import LinkTransport
 from rigctl.errors import CommandRefused, LinkLost
+from rigctl.wire import modbus_frame
 from rigctl.wire.drum_map import UNIT
 from rigctl.wire.modbus_frame import READ, READ_WRITE, WRITE
 
@@ -88,6 +89,7 @@ class ModbusLine:
         self._lost: str | None = None
         self._lock = asyncio.Lock()
         self._stops = self._stops_ever = 0
+        modbus_frame.warm()
         self._calm = asyncio.Event()
         self._calm.set()
 

@@ -49,7 +49,6 @@ class ReplyFramer(FramerRTU):
     def __init__(self, on_damaged: Callable[[], None]) -> None:
         super().__init__(ReplyDecoder())
         self._on_damaged = on_damaged
-        modbus_frame.warm()
 
     def encode(self, payload: bytes, device_id: int, _tid: int) -> bytes:
         """A request with its unit and CRC."""

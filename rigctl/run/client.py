@@ -25,6 +25,9 @@ from rigctl.run.runtime import (
 )
 
 START_LIMIT_S = 60.0
+COMPILE_LIMIT_S = 600.0
+"""An engine's first start after an update compiles, on a busy machine for minutes; one that ends
+instead is noticed at once."""
 _LOOK_S = 0.02
 
 
@@ -80,7 +83,7 @@ class EngineClient:
         folder = runtime_folder()
         process, log = _spawn(folder, name, rig, paced, seed, run)
         try:
-            client = cls(_await_announcement(folder, name, process, log, limit_s), process)
+            client = cls(_await_announcement(folder, name, process, log), process)
         finally:
             log.close()
         try:
@@ -270,11 +273,11 @@ def _spawn(
 
 
 def _await_announcement(
-    folder: Path, name: str, process: subprocess.Popen[bytes], log: IO[bytes], limit_s: float
+    folder: Path, name: str, process: subprocess.Popen[bytes], log: IO[bytes]
 ) -> Announcement:
     """Wait for the engine's file; where it ends instead, say what it said."""
     path = announcement_path(folder, name)
-    for _ in range(round(limit_s / _LOOK_S)):
+    for _ in range(round(COMPILE_LIMIT_S / _LOOK_S)):
         found = read_announcement(path)
         if found is not None:
             return found
@@ -285,7 +288,7 @@ def _await_announcement(
         raise EngineRefusal(_last_words(log), code if code > 0 else 3)
     process.terminate()
     process.wait()
-    raise RigFault(f"the engine did not start within {limit_s:.0f} s: see {log.name}")
+    raise RigFault(f"the engine did not start within {COMPILE_LIMIT_S:.0f} s: see {log.name}")
 
 
 def _last_words(log: IO[bytes]) -> str:

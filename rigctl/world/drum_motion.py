@@ -103,11 +103,11 @@ class DrumMotion:
         cruise_s, brake_s = shape.ramp_s, shape.ramp_s + shape.cruise_s
         cruise_mm, brake_mm = shape.ramp_mm, shape.distance_mm - shape.ramp_mm
         end_mm = start_mm + sign * shape.distance_mm
-        self.motion = Motion(at_us, start_mm, 0.0, a)
+        self.motion = Motion(float(at_us), start_mm, 0.0, a)
         phases = [
             (cruise_s, Motion(at_us + 1e6 * cruise_s, start_mm + sign * cruise_mm, v, 0.0)),
             (brake_s, Motion(at_us + 1e6 * brake_s, start_mm + sign * brake_mm, v, -a)),
-            (shape.duration_s, Motion(at_us, end_mm, 0.0, 0.0)),
+            (shape.duration_s, Motion(float(at_us), end_mm, 0.0, 0.0)),
         ]
         plan = [(at_us + round(1e6 * t), motion, None) for t, motion in phases]
         calls = [(at_us + round(1e6 * shape.time_at(mm)), None, call) for mm, call in marks]
@@ -124,13 +124,15 @@ class DrumMotion:
             return
         seconds = abs(speed) / acceleration_mm_s2
         end_mm = here_mm + 0.5 * speed * seconds
-        self.motion = Motion(at_us, here_mm, speed, -math.copysign(acceleration_mm_s2, speed))
+        self.motion = Motion(
+            float(at_us), here_mm, speed, -math.copysign(acceleration_mm_s2, speed)
+        )
         end_us = at_us + math.ceil(1e6 * seconds)
-        self._plan = [(end_us, Motion(at_us, end_mm, 0.0, 0.0), done)]
+        self._plan = [(end_us, Motion(float(at_us), end_mm, 0.0, 0.0), done)]
 
     def halt(self, at_us: int) -> None:
         """Stand still at once where the drum is now, and forget all plans."""
-        self.motion = Motion(at_us, self.travel_mm(at_us), 0.0, 0.0)
+        self.motion = Motion(float(at_us), self.travel_mm(at_us), 0.0, 0.0)
         self._plan = []
 
     def pass_time(self, at_us: int) -> None:

@@ -91,7 +91,8 @@ _Floats = NDArray[np.float64]
 class Motion(NamedTuple):
     """Where the drum was commanded to be: nominal travel as a parabola of world time.
 
-    ``travel_mm + speed_mm_s·t + acceleration_mm_s2·t²/2`` with t counted from ``from_us``.
+    ``travel_mm + speed_mm_s·t + acceleration_mm_s2·t²/2`` with t counted from ``from_us``. All
+    are floats: for another type the kernels would be compiled once more, in mid-run.
     """
 
     from_us: float

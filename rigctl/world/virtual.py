@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from rigctl.wire.drum_map import Signal
 from rigctl.world.bench import Bench
 from rigctl.world.parameters import WorldParameters
@@ -13,6 +15,8 @@ from rigctl.world.virtual_drum import VirtualDrum
 from rigctl.world.virtual_taxels import VirtualTaxels
 
 SLICE_US = 20_000
+WARM_US = 300_000
+"""By then the boards have booted, the load cell speaks and frames were sent."""
 
 
 def open_virtual(parameters: WorldParameters | None = None, seed: int = 0) -> VirtualRig:
@@ -21,6 +25,17 @@ def open_virtual(parameters: WorldParameters | None = None, seed: int = 0) -> Vi
     Raises WrongUse when a parameter lies outside its plausible range.
     """
     return VirtualRig(Bench(parameters or WorldParameters(), seed))
+
+
+@cache
+def warm() -> None:
+    """Have everything compiled that a simulated bench needs, or load what was.
+
+    Later it would hold up a world that is watched: after an update it takes half a minute.
+    """
+    rig = open_virtual()
+    rig.advance(WARM_US)
+    rig.close()
 
 
 class VirtualRig:
