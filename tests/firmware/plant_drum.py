@@ -34,6 +34,9 @@ class Trial:
     settle_s: float
     """From first touch until the 200 ms mean is, and stays, within ±2 %; inf when never."""
     overshoot: float
+    """Highest millisecond from touch to the start of the run: the drum is still."""
+    approach_mean: float
+    """Highest 200 ms mean of the same time."""
     mean_error: float
     window: NDArray[np.float64]
 
@@ -119,6 +122,7 @@ def judged(forces: NDArray[np.float64], rest: int, window: slice, force_g: float
     return Trial(
         settle_s=(last + MEAN_MS) / 1000 if last < approach.size else float("inf"),
         overshoot=float(forces[touch:rest].max() / force_g - 1),
+        approach_mean=float(approach.max()) if approach.size else 0.0,
         mean_error=float(forces[window].mean() / force_g - 1),
         window=forces[window],
     )

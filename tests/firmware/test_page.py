@@ -6,6 +6,7 @@ import pytest
 
 from rigctl.resources import checkout
 from tests.bench._firmware_rows import GRBL, figure
+from tests.bench._force_map import Cell, marks
 from tests.firmware import page
 from tests.firmware.drum_checks import CONTROLS
 
@@ -13,7 +14,10 @@ ROWS = [
     figure("idle_share", 0.6174, "", "asleep"),
     figure("max_steps_per_s", 10_240.0, "steps/s", "in contact", GRBL, 3e4),
     figure("free_stack_bytes", 5000, "bytes", "never used of 8192, build 0badcafe; runs"),
-    figure("force_map.lag 50 ms", 0.456, "s", "all kept; 2 trials"),
+    {
+        **figure("force_map.lag 50 ms", 0.456, "s", "all kept"),
+        "cells": {"250 g": list("····m"), "500 g": list("·····"), "1000 g": ["so", *"····"]},
+    },
 ]
 
 
@@ -22,7 +26,16 @@ def test_rows_become_lines_with_units_shares_and_peers() -> None:
     assert "| `idle_share` | 61.74 % | ≥ 60 % | asleep |" in text
     assert "10,240 steps/s" in text and "30,000 steps/s, grbl" in text
     assert "build `0badcafe`" in text
-    assert "| lag 50 ms | 0.46 | all kept; 2 trials |" in text
+    assert "| lag 50 ms | 0.46 | · · · · m | · · · · · | so · · · · | all kept |" in text
+
+
+def test_a_trial_that_misses_something_is_marked_with_what() -> None:
+    kept = Cell(40, 250, settle_s=0.5, approach_peak=0.02, mean_error=-0.004)
+    missed = Cell(120, 250, settle_s=1.2, approach_peak=0.16, mean_error=-0.05)
+    fault = Cell(40, 500, fault="ACTUATOR_END")
+    assert marks([kept, missed, fault]) == {"250 g": ["·", "som"], "500 g": ["f"], "1000 g": []}
+    assert missed.told == "120 mm/s 250 g settles in 1.20 s, overshoots 16.0%, mean off -5.0%"
+    assert not kept.told and "ACTUATOR_END" in fault.told
 
 
 def test_without_figures_there_is_no_page() -> None:

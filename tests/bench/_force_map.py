@@ -1,0 +1,171 @@
+"""What the force loop keeps on each plant: every speed at every force, two plants at a time."""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.world.parameters import WorldParameters
+from tests.firmware.plant_drum import MEAN_MS, PlantDrum, Trial
+
+SPEEDS_MM_S = (40, 60, 80, 100, 120)
+FORCES_G = (250, 500, 1000)
+GRID = tuple((speed, force) for force in FORCES_G for speed in SPEEDS_MM_S)
+SETTLE_S, OVERSHOOT, MEAN_ERROR = 1.0, 0.05, 0.01
+"""What is asked for."""
+KEPT = "·"
+MARKS = {"s": "settles late", "o": "overshoots", "m": "mean off", "f": "a fault"}
+PROCESSES = 2
+SCENE = f"{len(GRID)} trials, 40–120 mm/s × 250–1000 g"
+HARD = WorldParameters(
+    actuator_lag_ms=50, dead_band=0.2, run_out_mm=0.1, backlash_mm=0.1, ripple_share=1.0
+)
+PLANTS: dict[str, tuple[WorldParameters, str]] = {
+    "stiffness 900 g/mm": (WorldParameters(stiffness_g_mm=900), "A"),
+    "stiffness 300 g/mm": (WorldParameters(stiffness_g_mm=300), "A"),
+    "stiffening 0.3/mm": (WorldParameters(stiffening_per_mm=0.3), "A"),
+    "lag 15 ms": (WorldParameters(actuator_lag_ms=15), "A"),
+    "lag 50 ms": (WorldParameters(actuator_lag_ms=50), "A"),
+    "dead band 2 %": (WorldParameters(dead_band=0.02), "A"),
+    "dead band 20 %": (WorldParameters(dead_band=0.2), "A"),
+    "stiction 5 %": (WorldParameters(stiction=0.05), "A"),
+    "actuator 6 mm/s": (WorldParameters(actuator_speed_mm_s=6), "A"),
+    "actuator 15 mm/s": (WorldParameters(actuator_speed_mm_s=15), "A"),
+    "run-out 0.1 mm": (WorldParameters(run_out_mm=0.1), "A"),
+    "backlash 0.1 mm": (WorldParameters(backlash_mm=0.1), "A"),
+    "light drum, backlash": (WorldParameters(backlash_mm=0.1, drum_weight_g=800), "A"),
+    "ripple 1, plate C": (WorldParameters(ripple_share=1.0), "C"),
+    "cell noise 1 g, 12 ms": (WorldParameters(loadcell_noise_g=1, loadcell_average_ms=12), "A"),
+    "all hard, stiff, plate C": (replace(HARD, stiffness_g_mm=900, stiffening_per_mm=0.3), "C"),
+    "all hard, soft, plate C": (replace(HARD, stiffness_g_mm=300, stiffening_per_mm=0.0), "C"),
+}
+"""The ends of the ranges that matter to the loop, one at a time and together."""
+
+Settings = Mapping[str, int]
+"""Registers and raw values, other than their defaults."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One trial of a plant, forces as shares of the set one; a fault where nothing is known."""
+
+    speed_mm_s: float
+    force_g: float
+    fault: str = ""
+    settle_s: float = float("inf")
+    approach_peak: float = 0.0
+    """Highest millisecond from touch on, the drum still, over the set force."""
+    approach_mean: float = 0.0
+    """Highest 200 ms mean of the same time."""
+    mean_error: float = 0.0
+    """Of the window's mean."""
+    motion_peak: float = 0.0
+    """Highest millisecond inside the window: ridges pass, the loop does not follow them."""
+    swing: float = 0.0
+    """Farthest 200 ms mean inside the window."""
+
+    @property
+    def missed(self) -> str:
+        """Letters of :data:`MARKS` for what was not kept; empty where all was."""
+        if self.fault:
+            return "f"
+        late = self.settle_s >= SETTLE_S
+        over = self.approach_peak >= OVERSHOOT
+        off = abs(self.mean_error) >= MEAN_ERROR
+        return "s" * late + "o" * over + "m" * off
+
+    @property
+    def told(self) -> str:
+        """What was missed, in words and numbers."""
+        words = {
+            "f": f"fault ({self.fault})",
+            "s": f"settles in {self.settle_s:.2f} s",
+            "o": f"overshoots {self.approach_peak:.1%}",
+            "m": f"mean off {self.mean_error:.1%}",
+        }
+        missed = ", ".join(words[letter] for letter in self.missed)
+        return f"{self.speed_mm_s:g} mm/s {self.force_g:g} g {missed}" if missed else ""
+
+
+def cell_of(scene: tuple[float, float], trial: Trial) -> Cell:
+    """A trial's figures."""
+    speed_mm_s, force_g = scene
+    means = moving(trial.window) / force_g - 1
+    return Cell(
+        speed_mm_s,
+        force_g,
+        settle_s=trial.settle_s,
+        approach_peak=trial.overshoot,
+        approach_mean=trial.approach_mean,
+        mean_error=trial.mean_error,
+        motion_peak=float(trial.window.max() / force_g - 1),
+        swing=float(np.abs(means).max()),
+    )
+
+
+def moving(forces: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means over 200 ms, (n,) to (n − 199,)."""
+    return np.convolve(forces, np.ones(MEAN_MS) / MEAN_MS, "valid")
+
+
+def cells_of(
+    plant: WorldParameters,
+    plate: str,
+    settings: Settings,
+    scenes: tuple[tuple[float, float], ...] = GRID,
+) -> list[Cell]:
+    """Trials on one plant, one behind the other; after a fault the drum starts anew."""
+    done: list[Cell] = []
+    while len(done) < len(scenes):
+        with PlantDrum(plant, plate) as drum:
+            try:
+                drum.ready()
+                for name, value in settings.items():
+                    assert drum.set(name, value) == 0, name
+                for scene in scenes[len(done) :]:
+                    trial = drum.trial(*scene)
+                    done.append(cell_of(scene, trial))
+            except AssertionError as error:
+                done.append(Cell(*scenes[len(done)], fault=str(error)[:40] or "refused"))
+    return done
+
+
+def grids(
+    names: tuple[str, ...], settings: Settings, title: str
+) -> Iterator[tuple[str, list[Cell]]]:
+    """Every plant named with its cells, as they get done; progress on standard error."""
+    begun_s = time.monotonic()
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(PROCESSES, mp_context=context) as pool:
+        jobs = {pool.submit(cells_of, *PLANTS[name], settings): name for name in names}
+        for n, job in enumerate(as_completed(jobs), 1):
+            passed_s = time.monotonic() - begun_s
+            left_s = passed_s * (len(names) - n) / n
+            said = f"{title}: {n} of {len(names)} plants, {left_s:.0f} s left"
+            print(said, file=sys.stderr, flush=True)
+            yield jobs[job], job.result()
+
+
+def marks(cells: list[Cell]) -> dict[str, list[str]]:
+    """For each force what each speed kept or missed, in the order of the speeds."""
+    return {
+        f"{force_g} g": [cell.missed or KEPT for cell in cells if cell.force_g == force_g]
+        for force_g in FORCES_G
+    }
+
+
+def off(cells: list[Cell]) -> float:
+    """The farthest mean of a window."""
+    return max(abs(c.mean_error) for c in cells)
+
+
+def swing(cells: list[Cell]) -> float:
+    """The farthest 200 ms mean inside a window."""
+    return max(c.swing for c in cells)
