@@ -97,7 +97,7 @@ def page(rows: list[Row]) -> str:
     taxels = [r for r in rows if r["name"].startswith(TAXELS)]
     parts = [HEAD.format(run=said_of_run(drum)), "\n## Drum controller\n\n", table(drum, DRUM)]
     parts += ["\n## Force over the plant's ranges\n\n", MAP_HEAD, force_map(rows, MAP)]
-    parts += ["\n### Coarse ridges\n\n", STEADY_HEAD, force_map(rows, STEADY)]
+    parts += ["\n### With settings for coarse ridges\n\n", STEADY_HEAD, force_map(rows, STEADY)]
     if taxels:
         parts += ["\n## Taxel board\n\n", table(taxels, TAXELS)]
     return "".join([*parts, "\n## Negative controls\n\n", controls(), CELLS_HEAD, cells()])
@@ -123,7 +123,7 @@ STEADY_HEAD = f"""A drum that comes to rest on a ridge holds its force there; on
 mean height below the sensor is another, and the loop has the run-in to find it. It samples 80 times
 a second and the actuator lags, so it cannot follow single ridges, and with the default gain it
 answers them a little. What helps needs no other firmware: in `rig.toml` {STEADY_SAID}.
-These are the plants with plate C at these settings, everything else as above.
+These are the same plants at these settings, everything else as above.
 
 """
 
