@@ -123,7 +123,8 @@ STEADY_HEAD = f"""A drum that comes to rest on a ridge holds its force there; on
 mean height below the sensor is another, and the loop has the run-in to find it. It samples 80 times
 a second and the actuator lags, so it cannot follow single ridges, and with the default gain it
 answers them a little. What helps needs no other firmware: in `rig.toml` {STEADY_SAID}.
-These are the same plants at these settings, everything else as above.
+These are the same plants at these settings, everything else as above. The settings were found on
+the plants with plate C and are judged here on all.
 
 """
 
