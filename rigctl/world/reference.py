@@ -60,7 +60,8 @@ any classification was looked at. The ranges are what tests sweep; a value outsi
   of the sync line.
 
 `rigctl serve` offers both boards to other programs in real time, each as a TCP port on the
-loopback and as a pseudo-terminal; `--json` prints the addresses as one line.
+loopback and as a pseudo-terminal; `--json` prints the addresses as one line. The
+first start after an update compiles for half a minute before it gives addresses.
 
 Chance comes from counters, never from the order of calls: any slicing of time gives the same
 samples.

@@ -102,5 +102,5 @@ def _weighed(state: DrumState, trial: PlannedTrial, sequence: int) -> DrumState:
     cells = zip(state.loadcell, noise, strict=True)
     return replace(
         state,
-        loadcell=tuple(replace(cell, force_g=trial.force_g + float(e)) for cell, e in cells),
+        loadcell=tuple(cell._replace(force_g=trial.force_g + float(e)) for cell, e in cells),
     )
