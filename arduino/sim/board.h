@@ -46,6 +46,7 @@ struct drum {
     double from;                 /* where it was at that pulse */
     uint64_t stepped, interval;  /* cycle of the last pulse, and the time from the one before */
     int index_pin;               /* what the chip sees of the index mark */
+    int matched;                 /* the compare unit has met what was last written to it */
 };
 
 struct watched {

@@ -1,12 +1,15 @@
 /* The stepper: pulses by the compare pin turn the drum, and the drum its index mark. */
 #include "board.h"
 
+#include <stddef.h>
+
 #define PORT_INDEX 'E'
 #define BIT_INDEX 4
 #define LONGEST_STEP 80000 /* 5 ms: slower steps are single jerks */
 
 /* Timer 1 of the 2560, whose compare pin PB5 makes the steps. */
-enum { TCCR1A = 0x80, OCR1AL = 0x88, PORTB = 0x25, STEP_BIT = 5, TIMER1_COMPA = 17 };
+enum { TCCR1A = 0x80, TCNT1L = 0x84, OCR1AL = 0x88, PORTB = 0x25, STEP_BIT = 5 };
+enum { TIMER1_COMPA = 17, ROUND = 0x10000, LONGEST_INSTRUCTION = 5 };
 enum { COM_PORT = 0, COM_TOGGLE = 1, COM_SET = 3 };
 
 /* Between pulses the drum glides on to where the last one wants it, as long as a step lasts. */
@@ -59,7 +62,9 @@ static void on_step_match(avr_irq_t *irq, uint32_t value, void *param)
     sim_board *board = param;
     int mode = step_mode(board), level = mode == COM_SET;
     (void)irq;
-    if (!value || mode == COM_PORT) return;
+    if (!value) return;
+    board->drum.matched = 1;
+    if (mode == COM_PORT) return;
     on_output(board, SIM_OUT_STEP, mode == COM_TOGGLE ? !board->out_level[SIM_OUT_STEP] : level);
 }
 
@@ -82,13 +87,48 @@ static void on_step_port(avr_irq_t *irq, uint32_t value, void *param)
     follow_port(param);
 }
 
-/* simavr never matches at 0: the match comes a cycle later instead of not at all. */
+static avr_int_vector_t *vector_of(avr_t *avr, int number)
+{
+    avr_int_vector_t **vectors = avr->interrupts.vector;
+    for (int i = 0; i < avr->interrupts.vector_count; i++)
+        if (vectors[i]->vector == number) return vectors[i];
+    return NULL;
+}
+
+static uint16_t count_of_timer(avr_t *avr)
+{
+    int io = AVR_DATA_TO_IO(TCNT1L);
+    uint8_t low = avr->io[io].r.c(avr, TCNT1L, avr->io[io].r.param);
+    return (uint16_t)(low | avr->data[TCNT1L + 1] << 8);
+}
+
+/* A match that did not come is made up for, with the port bit that simavr toggles at each. */
+static avr_cycle_count_t on_match_overdue(avr_t *avr, avr_cycle_count_t when, void *param)
+{
+    sim_board *board = param;
+    (void)when;
+    if (board->drum.matched) return 0;
+    if (step_mode(board) == COM_TOGGLE) {
+        int high = !BIT(avr->data[PORTB], STEP_BIT);
+        avr_irq_t *pin = avr_io_getirq(avr, AVR_IOCTL_TIMER_GETIRQ('1'), TIMER_IRQ_OUT_COMP);
+        avr_raise_irq(pin, AVR_IOPORT_OUTPUT | (uint32_t)high);
+    }
+    avr_raise_interrupt(avr, vector_of(avr, TIMER1_COMPA));
+    return 0;
+}
+
+/* Where the instruction in which the timer overflows ends behind the match, simavr 1.6 leaves the
+ * match out for a whole round (avr_timer_tov): one of some hundred thousand came 4 ms late. It
+ * matches a cycle after the count is reached; a cycle later it is known to have left it out. */
 static void on_match_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param)
 {
-    (void)param;
-    if (value || avr->data[OCR1AL + 1]) return;
-    int io = AVR_DATA_TO_IO(address);
-    avr->io[io].w.c(avr, address, 1, avr->io[io].w.param);
+    sim_board *board = param;
+    uint16_t match = (uint16_t)(value | avr->data[OCR1AL + 1] << 8), count = count_of_timer(avr);
+    (void)address;
+    board->drum.matched = 0;
+    avr_cycle_timer_cancel(avr, on_match_overdue, board);
+    if (match >= LONGEST_INSTRUCTION || count <= match) return;
+    avr_cycle_timer_register(avr, ROUND - count + match + 2u, on_match_overdue, board);
 }
 
 void motor_open(sim_board *board)
