@@ -27,7 +27,7 @@ Row = dict[str, Any]
 DRUM, TAXELS = "firmware.drum.", "firmware.taxels."
 MAP, STEADY = "firmware.drum.force_map.", "firmware.drum.force_steady."
 ASKED = {
-    "step_jitter_cycles": "± 6",
+    "step_jitter_cycles": "± 5",
     "rate_error_ppm": "< 5",
     "step_count_error": "0",
     "acceleration_error": "< 1 %",
