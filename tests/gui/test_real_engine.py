@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -81,12 +82,15 @@ def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: Window) -> Non
     def moved(before: int) -> float:
         return (link.status.steps - before) * step_mm
 
+    def has_moved(before: int, by_mm: float) -> bool:
+        return moved(before) == by_mm
+
     for mm in (10, -1):
         before = link.status.steps
         wait_until(jog.buttons[mm].isEnabled)
         click(jog.buttons[mm])
         assert not jog.buttons[mm].isEnabled() and "the drum is moving" in jog.buttons[mm].toolTip()
-        wait_until(lambda at=before, by=mm: moved(at) == by)  # type: ignore[misc]
+        wait_until(partial(has_moved, before, mm))
     before = link.status.steps
     wait_until(jog.buttons[1].isEnabled)
     QTest.keyClick(window, Qt.Key.Key_Right, Qt.KeyboardModifier.AltModifier)
