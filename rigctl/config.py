@@ -69,7 +69,7 @@ class DrumGeometry:
     circumference_mm: float = _number(400, "mm", 50, 5000, "texture travel of one turn")
     plate_start_mm: float = _number(10, "mm", 0, 5000, "from the index mark to the plate's start")
     plate_length_mm: float = _number(370, "mm", 10, 5000, "texture on the plate")
-    run_in_mm: float = _number(60, "mm", 0, 200, "ramp and settling before the recorded window")
+    run_in_mm: float = _number(100, "mm", 0, 200, "ramp and settling before the recorded window")
     sync_margin_mm: float = _number(5, "mm", 0, 50, "sync stays high so much behind the window")
     acceleration_mm_s2: float = _number(600, "mm/s²", 50, 2000, "of every ramp")
     rapid_mm_s: float = _number(200, "mm/s", 5, 300, "speed of moves between trials, lifted")
@@ -94,10 +94,10 @@ class Actuator:
     lift_clearance_mm: float = _number(3, "mm", 0.5, 20, "lift above the last contact")
     approach_limit_mm: float = _number(30, "mm", 0.5, 50, "travel without contact: a fault")
     approach_timeout_s: float = _number(10, "s", 0.5, 30, "time to settle that is a fault")
-    stiffness_g_per_mm: float = _number(600, "g/mm", 50, 5000, "contact stiffness to start from")
+    stiffness_g_per_mm: float = _number(900, "g/mm", 50, 5000, "stiffest contact expected: where the estimate starts")
     dead_band_permille: int = _integer(100, "‰", 0, 500, "least duty that moves the actuator")
     gain_p_per_s: float = _number(7, "1/s", 0.01, 50, "of the force loop: error over stiffness")
-    gain_i_per_s: float = _number(12, "1/s", 0, 50, "of the force loop: how fast it learns")
+    gain_i_per_s: float = _number(5, "1/s", 0, 50, "of the force loop: how fast it learns")
 
 
 @dataclass(frozen=True, slots=True)

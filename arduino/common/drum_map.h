@@ -207,7 +207,7 @@ constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {71, Kind::U16, 0L, 1L, 0L},  // direction_set, 
     {72, Kind::U16, 0L, 2L, 0L},  // force_mode, 
     {73, Kind::U16, 10L, 6000L, 2450L},  // travel_set, mm
-    {74, Kind::U16, 0L, 2000L, 600L},  // run_in_set, mm
+    {74, Kind::U16, 0L, 2000L, 1000L},  // run_in_set, mm
     {75, Kind::U16, 0L, 10000L, 1000L},  // depth_set_um, µm
     {76, Kind::I32, -2000000L, 2000000L, 0L},  // move_target, steps
     {78, Kind::U16, 500L, 32000L, 20000L},  // move_speed_set, mm/s
@@ -221,8 +221,8 @@ constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {86, Kind::I32, -8388608L, 8388607L, 0L},  // tare_counts, counts
     {88, Kind::I32, -1000000L, 1000000L, 2400L},  // scale_ug_per_count, µg/count
     {90, Kind::U16, 1L, 5000L, 700L},  // gain_p, 1/s
-    {91, Kind::U16, 0L, 5000L, 1200L},  // gain_i, 1/s
-    {92, Kind::U16, 50L, 5000L, 600L},  // stiffness_g_per_mm, g/mm
+    {91, Kind::U16, 0L, 5000L, 500L},  // gain_i, 1/s
+    {92, Kind::U16, 50L, 5000L, 900L},  // stiffness_g_per_mm, g/mm
     {93, Kind::U16, 0L, 500L, 100L},  // dead_band_permille, permille
     {94, Kind::U16, 100L, 250L, 250L},  // heartbeat_limit_ms, ms
     {95, Kind::U16, 0L, 31L, 31L},  // optional_signals, 

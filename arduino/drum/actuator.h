@@ -15,7 +15,7 @@ class Actuator {
   public:
     static constexpr int16_t FULL = 1000;
     static constexpr float PULSE_MM_S = 0.8f;
-    static constexpr uint8_t PULSE_MS = 3;
+    static constexpr uint8_t PULSE_MS = 2;
 
     // A dead band to start from; the one given before changes nothing that was learned since.
     void start_from(uint16_t dead_band_permille) {

@@ -95,7 +95,9 @@ void ForceLoop::correct(float force_g, const DrumTurn &turn) {
     compression_ += shown_ + (drift_ + run_out_rate(seen)) * PERIOD_S;
     surprise_ = force_g * compliance_ - compression_;
     compression_ += COMPRESSION_GAIN * surprise_;
-    if (!turns(turn)) return;
+    // A ridge that passes slowly in a ramp would weigh more than all of the run.
+    const bool steady = turn.rate_rad_s == last_rate_rad_s_;
+    if (!turns(turn) || !steady) return;
     const float share = RUN_OUT_GAIN * surprise_ / turn.rate_rad_s;
     sine_ = limited(sine_ + share * seen.cosine, MAX_RUN_OUT);
     cosine_ = limited(cosine_ - share * seen.sine, MAX_RUN_OUT);
@@ -110,6 +112,7 @@ void ForceLoop::observe(float force_g, const DrumTurn &turn) {
         correct(force_g, turn);
     }
     last_g_ = force_g;
+    last_rate_rad_s_ = turn.rate_rad_s;
 }
 
 float ForceLoop::update(float force_g, const ForceTarget &target, const DrumTurn &turn) {

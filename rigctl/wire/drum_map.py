@@ -207,7 +207,7 @@ SETTINGS = (
     _rw(71, "direction_set", "u16", "", "0 forwards, 1 backwards", (0, 1, 0)),
     _rw(72, "force_mode", "u16", "", "value of ForceMode", (0, 2, 0)),
     _rw(73, "travel_set", "u16", "mm", "texture travel while sync is high", (10, 6000, 2450), 0.1),
-    _rw(74, "run_in_set", "u16", "mm", "travel from RUN to the rise of sync", (0, 2000, 600), 0.1),
+    _rw(74, "run_in_set", "u16", "mm", "travel from RUN to the rise of sync", (0, 2000, 1000), 0.1),
     _rw(
         75,
         "depth_set_um",
@@ -285,7 +285,7 @@ SETTINGS = (
         "u16",
         "1/s",
         "rate learned per unforeseen compression, each load-cell sample",
-        (0, 5000, 1200),
+        (0, 5000, 500),
         0.01,
     ),
     _rw(
@@ -294,7 +294,7 @@ SETTINGS = (
         "u16",
         "g/mm",
         "contact stiffness: start value, then the estimate",
-        (50, 5000, 600),
+        (50, 5000, 900),
     ),
     _rw(
         93,

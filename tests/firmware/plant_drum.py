@@ -23,8 +23,8 @@ MEAN_MS = 200
 BAND = 0.02
 REST_MS = 300
 """From HOLD to RUN."""
-AHEAD_MM = 25.0
-"""From the mark to where a trial begins, so that run-in and window lie on the plate."""
+AHEAD_MM = 10.0
+"""From the mark to where a trial begins: the plate's start, where the host begins too."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def test_a_run_is_exact_to_the_step_and_to_the_cycle(holding: DrumChip, speed_mm
     wanted = STEP_CYCLES_AT_1_MM_S / speed_mm_s
     opened, closed = (int(np.searchsorted(steps, c, "right")) for c in sync[:, 0])
     assert sync[:, 1].tolist() == [1, 0]
-    assert (opened, closed) == (1920, 1920 + 7840)
+    assert (opened, closed) == (3200, 3200 + 7840)
     inside = steps[opened - 1 : closed]
     intervals = np.diff(inside)
     assert np.abs(intervals - wanted).max() <= FLOOR + 1

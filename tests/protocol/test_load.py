@@ -219,7 +219,7 @@ def test_nothing_but_a_sentence_comes_of_a_spoilt_protocol(data: st.DataObject) 
 
 def test_a_speed_whose_ramp_is_longer_than_the_run_in_is_refused() -> None:
     rig = RigConfig()
-    slow = replace(rig, drum=replace(rig.drum, acceleration_mm_s2=100))
+    slow = replace(rig, drum=replace(rig.drum, acceleration_mm_s2=60))
     with pytest.raises(ProtocolError, match=r"line 2: speeds_mm_s: the ramp to 120 mm/s"):
         parse_protocol(GOOD, "some.toml", slow)
 

@@ -169,8 +169,8 @@ TEST(a_run_opens_the_window_for_exactly_the_travel) {
         CHECK(bench.command(Command::Run) == Answer::Ok);
         CHECK(bench.finish(20000));
         CHECK(bench.state() == State::Hold);
-        CHECK_NEAR(opened, 60, 0.13);
-        CHECK_NEAR(closed, 305, 0.13);
+        CHECK_NEAR(opened, 100, 0.13);
+        CHECK_NEAR(closed, 345, 0.13);
         CHECK_EQUAL(bench.sync.count, 1);
         const double seconds = (bench.sync.fall_us - bench.sync.rise_us) * 1e-6;
         CHECK_NEAR(seconds * speed * 0.01, 245, 0.02);
