@@ -94,9 +94,9 @@ class Actuator:
     lift_clearance_mm: float = _number(3, "mm", 0.5, 20, "lift above the last contact")
     approach_limit_mm: float = _number(30, "mm", 0.5, 50, "travel without contact: a fault")
     approach_timeout_s: float = _number(10, "s", 0.5, 30, "time to settle that is a fault")
-    stiffness_g_per_mm: float = _number(900, "g/mm", 50, 5000, "stiffest contact expected: where the estimate starts")
+    stiffness_g_per_mm: float = _number(900, "g/mm", 50, 5000, "stiffest contact: the first guess")
     dead_band_permille: int = _integer(100, "‰", 0, 500, "least duty that moves the actuator")
-    gain_p_per_s: float = _number(7, "1/s", 0.01, 50, "of the force loop: error over stiffness")
+    gain_p_per_s: float = _number(6, "1/s", 0.01, 50, "of the force loop: error over stiffness")
     gain_i_per_s: float = _number(5, "1/s", 0, 50, "of the force loop: how fast it learns")
 
 

@@ -220,7 +220,7 @@ constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {85, Kind::U16, 500L, 20000L, 3000L},  // lift_clearance_um, µm
     {86, Kind::I32, -8388608L, 8388607L, 0L},  // tare_counts, counts
     {88, Kind::I32, -1000000L, 1000000L, 2400L},  // scale_ug_per_count, µg/count
-    {90, Kind::U16, 1L, 5000L, 700L},  // gain_p, 1/s
+    {90, Kind::U16, 1L, 5000L, 600L},  // gain_p, 1/s
     {91, Kind::U16, 0L, 5000L, 500L},  // gain_i, 1/s
     {92, Kind::U16, 50L, 5000L, 900L},  // stiffness_g_per_mm, g/mm
     {93, Kind::U16, 0L, 500L, 100L},  // dead_band_permille, permille

@@ -20,7 +20,10 @@ constexpr float decay(float x, int terms = 16, float n = 1) {
 constexpr float DECAY = PERIOD_S < 4 * LAG_S ? decay(PERIOD_S / LAG_S) : 0;
 constexpr float CONTACT_G = 8.0f;     // far above noise, far below any set force
 constexpr float COMPRESSION_GAIN = 0.3f;
-constexpr float RUN_OUT_GAIN = 0.1f;
+// A cell that looks seldom has as many turns to learn them in; more would learn its noise.
+constexpr float RUN_OUT_PER_S = 8.0f, MOST_RUN_OUT_GAIN = 0.2f;
+constexpr float RUN_OUT_GAIN =
+    RUN_OUT_PER_S * PERIOD_S < MOST_RUN_OUT_GAIN ? RUN_OUT_PER_S * PERIOD_S : MOST_RUN_OUT_GAIN;
 constexpr float MAX_DRIFT = 1.0f;     // mm/s
 constexpr float MAX_RUN_OUT = 0.5f;   // mm
 constexpr float PRIOR = 4e-4f;        // mm²: weight of the stiffness believed before

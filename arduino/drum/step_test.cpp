@@ -12,8 +12,8 @@ constexpr uint8_t LEAST_LIFT = 4, MOST_LIFT = 40;
 constexpr float LEAST_STEP_G = 10.0f;
 constexpr float LEAST_OF_EXPECTED = 0.2f, MOST_OF_EXPECTED = 5.0f;
 constexpr float LEAST_DELAY_S = 0.01f, MOST_DELAY_S = 0.3f;
-// Gains over 1 / delay: a quarter of the gain at which such a loop begins to swing.
-constexpr float GAIN_P_TIMES_DELAY = 0.3f, GAIN_I_TIMES_DELAY = 0.5f;
+// Over 1 / delay: a quarter of the gain at which such a loop begins to swing.
+constexpr float GAIN_P_TIMES_DELAY = 0.3f;
 
 }  // namespace
 
@@ -54,7 +54,9 @@ void StepTest::finish() {
     if (delay < LEAST_DELAY_S || delay > MOST_DELAY_S) return;
     proposal_.delay_s = delay;
     proposal_.gain_p = GAIN_P_TIMES_DELAY / delay;
-    proposal_.gain_i = GAIN_I_TIMES_DELAY / delay;
+    // The slower the loop and the more often it looks, the less of each surprise is the surface's:
+    // single ridges pass before they are learned.
+    proposal_.gain_i = PERIOD_S / (delay * delay);
     proposal_.stiffness_g_per_mm = fall / (lift_samples_ * LIFT_MM_S * PERIOD_S);
     succeeded_ = true;
 }

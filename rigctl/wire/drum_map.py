@@ -276,7 +276,7 @@ SETTINGS = (
         "u16",
         "1/s",
         "approach rate per force error over stiffness",
-        (1, 5000, 700),
+        (1, 5000, 600),
         0.01,
     ),
     _rw(

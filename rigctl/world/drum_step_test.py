@@ -16,7 +16,7 @@ LEAST_LIFT, MOST_LIFT = 4, 40
 LEAST_STEP_G = 10.0
 SHARES_EXPECTED = (0.2, 5.0)
 DELAYS_S = (0.01, 0.3)
-GAIN_P_TIMES_DELAY, GAIN_I_TIMES_DELAY = 0.3, 0.5
+GAIN_P_TIMES_DELAY = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class StepTest:
             return None
         return GainProposal(
             GAIN_P_TIMES_DELAY / delay_s,
-            GAIN_I_TIMES_DELAY / delay_s,
+            PERIOD_S / delay_s**2,
             fall_g / self._travel_mm,
             delay_s,
         )

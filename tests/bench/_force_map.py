@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 
@@ -23,7 +23,10 @@ SETTLE_S, OVERSHOOT, MEAN_ERROR = 1.0, 0.05, 0.01
 KEPT = "·"
 MARKS = {"s": "settles late", "o": "overshoots", "m": "mean off", "f": "a fault"}
 PROCESSES = 2
+PLACES_MM = (10.0, 12.0, 14.0)
+"""Where trials begin: at the plate's start, as the host lets them, and elsewhere on a ridge."""
 SCENE = f"{len(GRID)} trials, 40–120 mm/s × 250–1000 g"
+EVERYWHERE = f"{len(GRID) * len(PLACES_MM)} trials, 40–120 mm/s × 250–1000 g × 3 places of a ridge"
 HARD = WorldParameters(
     actuator_lag_ms=50, dead_band=0.2, run_out_mm=0.1, backlash_mm=0.1, ripple_share=1.0
 )
@@ -47,9 +50,6 @@ PLANTS: dict[str, tuple[WorldParameters, str]] = {
     "all hard, soft, plate C": (replace(HARD, stiffness_g_mm=300, stiffening_per_mm=0.0), "C"),
 }
 """The ends of the ranges that matter to the loop, one at a time and together."""
-
-Settings = Mapping[str, int]
-"""Registers and raw values, other than their defaults."""
 
 
 @dataclass(frozen=True)
@@ -118,17 +118,15 @@ def moving(forces: NDArray[np.float64]) -> NDArray[np.float64]:
 def cells_of(
     plant: WorldParameters,
     plate: str,
-    settings: Settings,
     scenes: tuple[tuple[float, float], ...] = GRID,
+    begin_mm: float = PLACES_MM[0],
 ) -> list[Cell]:
     """Trials on one plant, one behind the other; after a fault the drum starts anew."""
     done: list[Cell] = []
     while len(done) < len(scenes):
-        with PlantDrum(plant, plate) as drum:
+        with PlantDrum(plant, plate, begin_mm=begin_mm) as drum:
             try:
                 drum.ready()
-                for name, value in settings.items():
-                    assert drum.set(name, value) == 0, name
                 for scene in scenes[len(done) :]:
                     trial = drum.trial(*scene)
                     done.append(cell_of(scene, trial))
@@ -137,14 +135,17 @@ def cells_of(
     return done
 
 
-def grids(
-    names: tuple[str, ...], settings: Settings, title: str
-) -> Iterator[tuple[str, list[Cell]]]:
+def everywhere(plant: WorldParameters, plate: str) -> list[Cell]:
+    """The grid from each of the places, with a drum of its own for each."""
+    return [cell for mm in PLACES_MM for cell in cells_of(plant, plate, begin_mm=mm)]
+
+
+def grids(names: tuple[str, ...], title: str) -> Iterator[tuple[str, list[Cell]]]:
     """Every plant named with its cells, as they get done; progress on standard error."""
     begun_s = time.monotonic()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(PROCESSES, mp_context=context) as pool:
-        jobs = {pool.submit(cells_of, *PLANTS[name], settings): name for name in names}
+        jobs = {pool.submit(everywhere, *PLANTS[name]): name for name in names}
         for n, job in enumerate(as_completed(jobs), 1):
             passed_s = time.monotonic() - begun_s
             left_s = passed_s * (len(names) - n) / n
@@ -154,9 +155,15 @@ def grids(
 
 
 def marks(cells: list[Cell]) -> dict[str, list[str]]:
-    """For each force what each speed kept or missed, in the order of the speeds."""
+    """For each force what each speed kept or missed anywhere, in the order of the speeds."""
+    missed: dict[tuple[float, float], str] = {}
+    for cell in cells:
+        scene = (cell.force_g, cell.speed_mm_s)
+        missed[scene] = "".join(m for m in MARKS if m in missed.get(scene, "") + cell.missed)
     return {
-        f"{force_g} g": [cell.missed or KEPT for cell in cells if cell.force_g == force_g]
+        f"{force_g} g": [
+            letters or KEPT for (force, _), letters in missed.items() if force == force_g
+        ]
         for force_g in FORCES_G
     }
 

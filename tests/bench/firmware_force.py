@@ -24,7 +24,7 @@ MEAN = f"{MEAN_MS} ms mean of the true force"
 
 def measure() -> Iterator[dict[str, Any]]:
     """Yield ``firmware.drum.force_*`` of the nominal plant, and ``variant_*``."""
-    yield from nominal_rows(cells_of(WorldParameters(), "A", {}))
+    yield from nominal_rows(cells_of(WorldParameters(), "A"))
     yield from variant_rows()
     yield figure(
         "force_drift", drift(), "", f"{TRIALS} trials at 500 g, 120 mm/s", PREDECESSOR, 0.034

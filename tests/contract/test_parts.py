@@ -86,7 +86,8 @@ def test_a_step_test_proposes_gains_and_the_force_comes_back(at_rig: Operator) -
 
     found = at_rig.run(main())
     assert 4 < found["proposed_gain_p"] < 12
-    assert found["proposed_gain_i"] == pytest.approx(5 / 3 * found["proposed_gain_p"], rel=0.01)
+    delay_s = found["tuned_delay"] * 1e-3
+    assert found["proposed_gain_i"] == pytest.approx(0.0125 / delay_s**2, rel=0.01)
     assert 25 < found["tuned_delay"] < 75
     assert 350 < found["tuned_stiffness_g_per_mm"] < 1000
     assert at_rig.state is State.HOLD
@@ -272,7 +273,7 @@ def test_saved_settings_outlive_a_reset_and_others_do_not(at_rig: Operator) -> N
             }
         )
         await at_rig.do(Command.DEFAULTS)
-        assert (await at_rig.drum.get("gain_p"))["gain_p"] == pytest.approx(7.0)
+        assert (await at_rig.drum.get("gain_p"))["gain_p"] == pytest.approx(6.0)
         assert at_rig.states[-1].values["command_result"] == CommandResult.DONE
 
     at_rig.run(main())

@@ -23,8 +23,8 @@ MEAN_MS = 200
 BAND = 0.02
 REST_MS = 300
 """From HOLD to RUN."""
-AHEAD_MM = 10.0
-"""From the mark to where a trial begins: the plate's start, where the host begins too."""
+PLATE_START_MM = 10.0
+"""From the mark to where the host lets a trial begin."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,9 @@ class PlantDrum(DrumChip):
         plate: str = "A",
         seed: int = 1,
         image: str = "firmware/drum.elf",
+        begin_mm: float = PLATE_START_MM,
     ) -> None:
+        self._begin_mm = begin_mm
         self.parameters = checked(parameters or WorldParameters())
         self.plant = Plant(self.parameters)
         tables = height_tables(texture(plate), self.parameters, 0.0)
@@ -101,7 +103,7 @@ class PlantDrum(DrumChip):
 
     def _place(self) -> None:
         turn = self.get("steps_per_turn")
-        ahead = round(AHEAD_MM / self.parameters.mm_per_step)
+        ahead = round(self._begin_mm / self.parameters.mm_per_step)
         steps = self.get("steps")
         self.set("move_target", -(-(steps - ahead) // turn) * turn + ahead)
         assert self.command(Command.MOVE, 20_000) == 0

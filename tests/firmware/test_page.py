@@ -31,9 +31,11 @@ def test_rows_become_lines_with_units_shares_and_peers() -> None:
 
 def test_a_trial_that_misses_something_is_marked_with_what() -> None:
     kept = Cell(40, 250, settle_s=0.5, approach_peak=0.02, mean_error=-0.004)
+    elsewhere = Cell(40, 250, settle_s=0.5, approach_peak=0.06, mean_error=-0.004)
     missed = Cell(120, 250, settle_s=1.2, approach_peak=0.16, mean_error=-0.05)
     fault = Cell(40, 500, fault="ACTUATOR_END")
     assert marks([kept, missed, fault]) == {"250 g": ["·", "som"], "500 g": ["f"], "1000 g": []}
+    assert marks([kept, missed, elsewhere])["250 g"] == ["o", "som"]
     assert missed.told == "120 mm/s 250 g settles in 1.20 s, overshoots 16.0%, mean off -5.0%"
     assert not kept.told and "ACTUATOR_END" in fault.told
 
