@@ -24,3 +24,12 @@ def test_a_trial_keeps_its_force(plant: WorldParameters, force_g: int) -> None:
     assert trial.settle_s < 1.0
     assert trial.overshoot < 0.05
     assert abs(trial.mean_error) < 0.01
+
+
+def test_ridges_that_pass_in_a_ramp_are_not_taken_for_run_out() -> None:
+    """What a trial's slow start and end told of the surface, the next one believed."""
+    with PlantDrum(WorldParameters(ripple_share=1.0), "C") as drum:
+        drum.ready()
+        first, second = drum.trial(40, 250), drum.trial(60, 250)
+    assert abs(first.mean_error) < 0.005
+    assert abs(second.mean_error) < 0.005
