@@ -46,7 +46,7 @@ class ForceLoop:
     """One contact, from touch to lift. Called once a load-cell sample."""
 
     def __init__(self) -> None:
-        self.sine = self.cosine = 0.0
+        self.sine = self.cosine = self._last_rate = 0.0
         self.begin(600.0, 0.0)
 
     def begin(self, stiffness_g_mm: float, free_g: float) -> None:
@@ -81,6 +81,7 @@ class ForceLoop:
             self._drift,
             self._sum_xx,
             self._sum_xy,
+            self._last_rate,
         )
 
     def restore(self, numbers: Sequence[float]) -> None:
@@ -89,7 +90,7 @@ class ForceLoop:
         self.in_contact, self._samples = bool(numbers[3]), int(numbers[4])
         self._free_g, self._last_g, self._command, self._speed, self._moved = numbers[5:10]
         self._shown, self._pending, self._compression, self._drift = numbers[10:14]
-        self._sum_xx, self._sum_xy = numbers[14:]
+        self._sum_xx, self._sum_xy, self._last_rate = numbers[14:]
 
     def forget_run_out(self) -> None:
         """The drum's angle got a new zero."""
@@ -110,7 +111,7 @@ class ForceLoop:
         else:
             self._look_for_contact(force_g - self._free_g)
             speed = target.limit_mm_s
-        self._last_g = force_g
+        self._last_g, self._last_rate = force_g, rate
         self._command = _within(speed, target.limit_mm_s)
         return self._command
 
@@ -153,7 +154,8 @@ class ForceLoop:
         self._compression += self._shown + surface * PERIOD_S
         surprise = force_g / self.stiffness_g_mm - self._compression
         self._compression += SHARE_SEEN * surprise
-        if abs(rate) > TURNING_RAD_S:
+        # A ridge that passes slowly in a ramp would weigh more than all of the run.
+        if abs(rate) > TURNING_RAD_S and rate == self._last_rate:
             share = SHARE_LEARNED * surprise / rate
             self.sine = _within(self.sine + share * math.cos(seen_at), MOST_RUN_OUT_MM)
             self.cosine = _within(self.cosine - share * math.sin(seen_at), MOST_RUN_OUT_MM)

@@ -79,8 +79,9 @@ from rigctl.world.plant import (
     DRIFT,
     SUM_XX,
     SUM_XY,
+    LAST_RATE,
     STATE_SIZE,
-) = range(33)
+) = range(34)
 """What changes, float64; from SINE on the numbers of the force loop."""
 
 (
@@ -205,7 +206,7 @@ def _observe(m: _Floats, angle: float, rate: float) -> float:
     m[COMPRESSION] += m[SHOWN] + surface * PERIOD_S
     surprise = m[FORCE_G] / m[STIFFNESS] - m[COMPRESSION]
     m[COMPRESSION] += SHARE_SEEN * surprise
-    if abs(rate) > TURNING_RAD_S:
+    if abs(rate) > TURNING_RAD_S and rate == m[LAST_RATE]:
         share = SHARE_LEARNED * surprise / rate
         m[SINE] = _within(m[SINE] + share * math.cos(seen_at), MOST_RUN_OUT_MM)
         m[COSINE] = _within(m[COSINE] - share * math.sin(seen_at), MOST_RUN_OUT_MM)
@@ -243,6 +244,7 @@ def _sample(m: _Floats, k: _Floats, limit: float, angle: float, rate: float) -> 
         _look_for_contact(m)
         speed = limit
     m[LAST_G] = m[FORCE_G]
+    m[LAST_RATE] = rate
     return float(_within(speed, limit))
 
 
