@@ -53,10 +53,16 @@ def _wait(window: Window, *states: State) -> None:
     wait_until(lambda: window.connection.status.state in states, LIMIT_MS)
 
 
+def _arm(window: Window) -> None:
+    """Armed, whatever the tests before left."""
+    if window.connection.status.state is State.IDLE:
+        click(window.operate.buttons["arm"])
+    _wait(window, State.ARMED)
+
+
 def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: Window) -> None:
     buttons = window.operate.buttons
-    click(buttons["arm"])
-    _wait(window, State.ARMED)
+    _arm(window)
     window.operate.speed.setValue(40.0)
     click(window.operate.apply)
     wait_until(lambda: window.operate.read_back.text() == "40.0 mm/s, 500 g")
@@ -76,7 +82,7 @@ def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: Window) -> No
 
 def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: Window) -> None:
     jog, link = window.operate.jog, window.connection
-    _wait(window, State.ARMED)
+    _arm(window)
     turn_steps, step_mm = 12800, 0.03125
 
     def moved(before: int) -> float:
