@@ -5,9 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +21,11 @@ FORCES_G = (250, 500, 1000)
 GRID = tuple((speed, force) for force in FORCES_G for speed in SPEEDS_MM_S)
 SETTLE_S, OVERSHOOT, MEAN_ERROR = 1.0, 0.05, 0.01
 """What is asked for."""
+Found = TypeVar("Found")
 KEPT = "·"
 MARKS = {"s": "settles late", "o": "overshoots", "m": "mean off", "f": "a fault"}
 PROCESSES = 2
+DRIFT_SCENE, DRIFT_TRIALS = (120, 500), 100
 PLACES_MM = (10.0, 12.0, 14.0)
 """Where trials begin: at the plate's start, as the host lets them, and elsewhere on a ridge."""
 SCENE = f"{len(GRID)} trials, 40–120 mm/s × 250–1000 g"
@@ -140,12 +143,23 @@ def everywhere(plant: WorldParameters, plate: str) -> list[Cell]:
     return [cell for mm in PLACES_MM for cell in cells_of(plant, plate, begin_mm=mm)]
 
 
-def grids(names: tuple[str, ...], title: str) -> Iterator[tuple[str, list[Cell]]]:
-    """Every plant named with its cells, as they get done; progress on standard error."""
+def drift(plant: WorldParameters, plate: str) -> float:
+    """Mean force of the last ten of 100 trials over that of the first ten, less 1."""
+    with PlantDrum(plant, plate) as drum:
+        drum.ready()
+        means = [1 + drum.trial(*DRIFT_SCENE).mean_error for _ in range(DRIFT_TRIALS)]
+    return float(np.mean(means[-10:]) / np.mean(means[:10]) - 1)
+
+
+def over_plants(
+    work: Callable[[WorldParameters, str], Found], title: str
+) -> Iterator[tuple[str, Found]]:
+    """Every plant's name with what ``work`` finds on it, as they get done; progress is told."""
+    names = tuple(PLANTS)
     begun_s = time.monotonic()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(PROCESSES, mp_context=context) as pool:
-        jobs = {pool.submit(everywhere, *PLANTS[name]): name for name in names}
+        jobs = {pool.submit(work, *PLANTS[name]): name for name in names}
         for n, job in enumerate(as_completed(jobs), 1):
             passed_s = time.monotonic() - begun_s
             left_s = passed_s * (len(names) - n) / n

@@ -10,15 +10,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from rigctl.world.parameters import WorldParameters
 from tests.bench._firmware_rows import PREDECESSOR, figure
-from tests.bench._force_map import FORCES_G, SCENE, Cell, cell_of, cells_of, off, swing
+from tests.bench._force_map import (
+    DRIFT_TRIALS,
+    FORCES_G,
+    SCENE,
+    Cell,
+    cell_of,
+    cells_of,
+    drift,
+    off,
+    swing,
+)
 from tests.firmware.other_drum import OtherDrum
-from tests.firmware.plant_drum import MEAN_MS, PlantDrum
+from tests.firmware.plant_drum import MEAN_MS
 
-TRIALS = 100
 MEAN = f"{MEAN_MS} ms mean of the true force"
 
 
@@ -26,9 +33,8 @@ def measure() -> Iterator[dict[str, Any]]:
     """Yield ``firmware.drum.force_*`` of the nominal plant, and ``variant_*``."""
     yield from nominal_rows(cells_of(WorldParameters(), "A"))
     yield from variant_rows()
-    yield figure(
-        "force_drift", drift(), "", f"{TRIALS} trials at 500 g, 120 mm/s", PREDECESSOR, 0.034
-    )
+    scene = f"{DRIFT_TRIALS} trials at 500 g, 120 mm/s"
+    yield figure("force_drift", abs(drift(WorldParameters(), "A")), "", scene, PREDECESSOR, 0.034)
 
 
 def nominal_rows(cells: list[Cell]) -> Iterator[dict[str, Any]]:
@@ -57,11 +63,3 @@ def variant_rows() -> Iterator[dict[str, Any]]:
     yield figure("variant_settle_s", max(c.settle_s for c in cells), "s", scene)
     yield figure("variant_overshoot", max(c.approach_peak for c in cells), "", scene)
     yield figure("variant_mean_error", off(cells), "", scene)
-
-
-def drift() -> float:
-    """Mean force of the last ten of 100 trials against the first ten, as a share."""
-    with PlantDrum() as drum:
-        drum.ready()
-        means = [500 * (1 + drum.trial(120, 500).mean_error) for _ in range(TRIALS)]
-    return abs(float(np.mean(means[-10:]) / np.mean(means[:10]) - 1))

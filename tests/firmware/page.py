@@ -52,6 +52,7 @@ ASKED = {
     "force_overshoot": "< 5 %",
     "force_mean_error": "< 1 %",
     "force_drift": "< 0.5 %",
+    "force_drift_worst": "< 0.5 %",
     "approach_excess": "≤ 10 %",
     "force_map_settle_s": "< 1",
     "force_map_mean_error": "< 1 %",
