@@ -13,18 +13,21 @@ from functools import cache
 from typing import Any
 
 import numba
-from llvmlite import ir
+import numpy as np
+from llvmlite import binding, ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic, models, register_model
 
 Kernel = Callable[..., None]
 Function = Callable[..., Any]
 
-# Several vectors of eight hide each other's latency, until they run out of registers: of each four
-# SA and four RA at a time, or six where SA is alone.
+# Several vectors hide each other's latency: four of SA and four of RA, or six of SA alone.
 WIDE = 8
 VECTORS, VECTORS_OF_SA = 4, 6
 LANES, LANES_OF_SA = WIDE * VECTORS, WIDE * VECTORS_OF_SA
+
+# So many states have room in 32 registers of a whole vector, which come with masks for choices.
+MASKED = bool(binding.get_host_cpu_features().get("avx512f"))
 
 # Rows of the state: membrane and recovery of SA and RA, and the RA channel's filter.
 M, Q, M_RA, Q_RA, Z1, Z2, LAST = range(7)
@@ -33,11 +36,12 @@ STATE_ROWS = 7
 # Positions in the vector of folded constants.
 W0, KEEP, TAKE, THRESHOLD, RESET_TO, JUMP = range(6)
 B0, B1, B2, A1, A2 = range(6, 11)
-H, QUADRATIC, LINEAR, CONSTANT, A_U, B_U, U_STEP, CEILING, FALL = range(11, 20)
-N_CONSTANTS = 20
+H, QUADRATIC, LINEAR, CONSTANT, A_U, B_U, U_STEP, CEILING, FALL, SUBSTEPS = range(11, 21)
 
+FMA = f"llvm.fma.v{WIDE}f64"
 _VECTORS = {
     "float64": ir.VectorType(ir.DoubleType(), WIDE),
+    "int64": ir.VectorType(ir.IntType(64), WIDE),
     "uint16": ir.VectorType(ir.IntType(16), WIDE),
     "uint8": ir.VectorType(ir.IntType(8), WIDE),
 }
@@ -104,12 +108,11 @@ def pointer(context: Any, builder: Any, kind: Any, array: Any, index: Any, vecto
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 
-def _places(context: Any, builder: Any, signature: Any, arguments: Any, lanes: Lanes) -> list[Any]:
-    """Pointers to a block's vectors in the array that comes first, from the index after it."""
+def _places(context: Any, builder: Any, kind: Any, array: Any, index: Any, lanes: Lanes) -> Any:
+    """Pointers to a block's vectors in an array, from a flat index on."""
     vector = _VECTORS[lanes.element]
-    steps = [ir.Constant(arguments[1].type, WIDE * i) for i in range(lanes.vectors)]
-    indices = [builder.add(arguments[1], step) for step in steps]
-    kind, array = signature.args[0], arguments[0]
+    steps = [ir.Constant(index.type, WIDE * i) for i in range(lanes.vectors)]
+    indices = [builder.add(index, step) for step in steps]
     return [pointer(context, builder, kind, array, i, vector) for i in indices]
 
 
@@ -119,7 +122,7 @@ def load(_typing: Any, array: Any, index: Any, vectors: Any) -> Any:
     kind = Lanes(str(array.dtype), vectors.literal_value)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        places = _places(context, builder, signature, arguments, kind)
+        places = _places(context, builder, array, arguments[0], arguments[1], kind)
         size = array.dtype.bitwidth // 8
         return _whole(builder, [builder.load(place, align=size) for place in places])
 
@@ -131,7 +134,7 @@ def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
     """Write a block's numbers into a contiguous array, from a flat index on."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        places = _places(context, builder, signature, arguments, value)
+        places = _places(context, builder, array, arguments[0], arguments[1], value)
         for place, part in zip(places, _parts(builder, arguments[2]), strict=True):
             builder.store(part, place, align=array.dtype.bitwidth // 8)
         return context.get_dummy_value()
@@ -156,16 +159,14 @@ def full(_typing: Any, number: Any, vectors: Any) -> Any:
 @emitted
 def as_bytes(_typing: Any, tally: Any) -> Any:
     """A tally in bytes."""
-    return _elementwise(
-        lambda b, tally: b.fptoui(tally, _VECTORS["uint8"]), Lanes("uint8", tally.vectors), tally
-    )
+    narrow = Lanes("uint8", tally.vectors)
+    return _elementwise(lambda b, tally: b.trunc(tally, _VECTORS["uint8"]), narrow, tally)
 
 
 @emitted
 def fma(_typing: Any, x: Any, y: Any, z: Any) -> Any:
     """x · y + z, rounded once."""
-    name = f"llvm.fma.v{WIDE}f64"
-    return _elementwise(lambda b, *xyz: _call(b, name, *xyz), x, x, y, z)
+    return _elementwise(lambda b, *xyz: _call(b, FMA, *xyz), x, x, y, z)
 
 
 @emitted
@@ -202,19 +203,25 @@ def reached(_typing: Any, value: Any, threshold: Any, then: Any, otherwise: Any)
     return _elementwise(choose, value, value, threshold, then, otherwise)
 
 
+def _count(builder: Any, place: Any, spike: Any) -> None:
+    """Make the tally at a place in memory one higher in the lanes that have a spike."""
+    ones = builder.sext(spike, _VECTORS["int64"])
+    builder.store(builder.sub(builder.load(place, align=8), ones), place, align=8)
+
+
 @emitted
-def tallied(_typing: Any, tally: Any, value: Any, threshold: Any) -> Any:
-    """The tally, one higher in the lanes in which the value has reached the threshold.
+def tallied(_typing: Any, tally: Any, at: Any, value: Any, threshold: Any) -> Any:
+    """Count in an array, from a flat index on, the lanes in which the threshold is reached."""
 
-    A real number, as the other lanes are: to choose it takes one step, to turn a choice into a
-    byte and add that two.
-    """
-    one = ir.Constant(_VECTORS["float64"], [1.0] * WIDE)
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        array, index, *both = arguments
+        places = _places(context, builder, tally, array, index, Lanes("int64", value.vectors))
+        pairs = zip(*(_parts(builder, each) for each in both), strict=True)
+        for place, pair in zip(places, pairs, strict=True):
+            _count(builder, place, builder.fcmp_ordered(">=", *pair))
+        return context.get_dummy_value()
 
-    def count(b: Any, tally: Any, value: Any, threshold: Any) -> Any:
-        return b.select(b.fcmp_ordered(">=", value, threshold), b.fadd(tally, one), tally)
-
-    return _elementwise(count, tally, tally, value, threshold)
+    return types.void(tally, types.intp, value, threshold), generate
 
 
 @emitted
@@ -228,6 +235,48 @@ def within(_typing: Any, reading: Any, low: Any, width: Any) -> Any:
     return _elementwise(cut, Lanes("float64", reading.vectors), reading, low, width)
 
 
+@_emitted_for
+def substep(
+    _typing: Any, m: Any, q: Any, w: Any, c: Any, old_v: Any, coupled: Any, tally: Any, at: Any
+) -> Any:
+    """One Euler step in the normal form: (membrane, recovery) after it.
+
+    Spikes are added to those in the array ``tally``, from a flat index on.
+    """
+    ways = (old_v.literal_value, coupled.literal_value)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        *state, constants, _, _, array, index = arguments
+        places = _places(context, builder, tally, array, index, Lanes("int64", m.vectors))
+        told, done = (*state, *_parts(builder, constants)), []
+        # Vector after vector: of so many at once too few registers would be left.
+        for place, *vectors in zip(places, *(_parts(builder, v) for v in told), strict=True):
+            *both, spike = _stepped(builder, *vectors, *ways)
+            done.append(both)
+            _count(builder, place, spike)
+        # Tallies in registers would drive the state out of them: what is stored stays stored.
+        stored = ir.InlineAsm(ir.FunctionType(ir.VoidType(), []), "", "~{memory}", side_effect=True)
+        builder.call(stored, [])
+        wholes = [_whole(builder, list(parts)) for parts in zip(*done, strict=True)]
+        return context.make_tuple(builder, signature.return_type, wholes)
+
+    pair: Any = types.UniTuple
+    return pair(m, 2)(m, q, w, c, old_v, coupled, tally, at), generate
+
+
+def _stepped(b: Any, m: Any, q: Any, w: Any, *told: Any) -> tuple[Any, Any, Any]:
+    """Membrane and recovery of one vector, and in which of its lanes there is a spike."""
+    keep, take, threshold, reset_to, jump, old_v, coupled = told
+    after = _call(b, FMA, m, m, _call(b, FMA, take, q, w))
+    q = _call(b, FMA, keep, q, m if old_v else after) if coupled else b.fmul(keep, q)
+    spike = b.fcmp_ordered(">=", after, threshold)
+    if MASKED:
+        q = b.select(spike, b.fadd(q, jump), q)
+    else:  # the jump or 0 is chosen while q is still computed
+        q = b.fadd(q, b.select(spike, jump, ir.Constant(jump.type, [0.0] * WIDE)))
+    return b.select(spike, reset_to, after), q, spike
+
+
 def _inlined(function: Function) -> Function:
     """Compiled into whatever calls it: a call would send all registers through memory."""
     compiled: Function = numba.njit(forceinline=True, error_model="numpy")(function)
@@ -235,32 +284,7 @@ def _inlined(function: Function) -> Function:
 
 
 @_inlined
-def _substep(m: Any, q: Any, fired: Any, w: Any, c: Any, old_v: Any, coupled: Any) -> Any:
-    """One Euler step in the normal form."""
-    keep, take, threshold, reset_to, jump = c
-    after = fma(m, m, fma(take, q, w))
-    seen = m if old_v else after
-    q = fma(keep, q, seen) if coupled else mul(keep, q)
-    fired = tallied(fired, after, threshold)
-    q = reached(after, threshold, add(q, jump), q)
-    return reached(after, threshold, reset_to, after), q, fired
-
-
-@_inlined
-def _sample(m: Any, q: Any, fired: Any, w: Any, c: Any, n: Any, old_v: Any, coupled: Any) -> Any:
-    """A sample of ``n`` substeps; four of them in a row are laid out without a loop."""
-    for _ in range(n // 4):
-        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
-        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
-        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
-        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
-    for _ in range(n % 4):
-        m, q, fired = _substep(m, q, fired, w, c, old_v, coupled)
-    return m, q, fired
-
-
-@_inlined
-def _published_sample(v: Any, u: Any, fired: Any, w: Any, c: Any, p: Any, n: Any) -> Any:
+def _published_sample(v: Any, u: Any, w: Any, c: Any, p: Any, n: Any, tally: Any, at: Any) -> Any:
     """A sample of a scheme that resets at the next one, in the order that was published."""
     _, _, threshold, reset_to, jump = c
     h, quadratic, linear, constant, a_u, b_u, u_step, ceiling = p
@@ -269,9 +293,9 @@ def _published_sample(v: Any, u: Any, fired: Any, w: Any, c: Any, p: Any, n: Any
     for _ in range(n):
         rise = add(add(mul(quadratic, mul(v, v)), mul(linear, v)), constant)
         v = add(v, mul(h, add(sub(rise, u), w)))
-    fired = tallied(fired, v, threshold)
+    tallied(tally, at, v, threshold)
     v = reached(v, ceiling, ceiling, v)
-    return v, add(u, mul(u_step, mul(a_u, sub(mul(b_u, v), u)))), fired
+    return v, add(u, mul(u_step, mul(a_u, sub(mul(b_u, v), u))))
 
 
 @cache
@@ -296,38 +320,24 @@ def kernel(
 
     # One long function on purpose: what its loop carries on is in registers.
     def advance(
-        samples: Any,
-        low: Any,
-        width: Any,
-        scale: Any,
-        sa_drive: Any,
-        ra_drive: Any,
-        k: Any,
-        state: Any,
-        ends: Any,
-        counts: Any,
-        trace: Any,
-    ) -> None:
+        samples: Any, low: Any, width: Any, scale: Any, sa_drive: Any, ra_drive: Any,
+        k: Any, state: Any, ends: Any, counts: Any, trace: Any,
+    ) -> None:  # fmt: skip
         stride, lanes, rows = samples.shape[1], low.shape[0], ends.shape[0]
         w0, fall = full(k[W0], g), full(k[FALL], g)
         c = (
-            full(k[KEEP], g),
-            full(k[TAKE], g),
-            full(k[THRESHOLD], g),
-            full(k[RESET_TO], g),
-            full(k[JUMP], g),
-        )
-        b0, b1, b2, a1, a2 = (
-            full(k[B0], g),
-            full(k[B1], g),
-            full(k[B2], g),
-            full(k[A1], g),
-            full(k[A2], g),
-        )
+            full(k[KEEP], g), full(k[TAKE], g),
+            full(k[THRESHOLD], g), full(k[RESET_TO], g), full(k[JUMP], g),
+        )  # fmt: skip
+        b0, b1, b2 = full(k[B0], g), full(k[B1], g), full(k[B2], g)
+        a1, a2 = full(k[A1], g), full(k[A2], g)
         p = (
             full(k[H], g), full(k[QUADRATIC], g), full(k[LINEAR], g), full(k[CONSTANT], g),
             full(k[A_U], g), full(k[B_U], g), full(k[U_STEP], g), full(k[CEILING], g),
         )  # fmt: skip
+        # Laid out in a row, substeps would be mingled until registers run out.
+        n = substeps if MASKED else int(k[SUBSTEPS])
+        tally = np.empty(channels * wide, np.int64)
         for lane in range(0, lanes, wide):
             from_, range_, factor = load(low, lane, g), load(width, lane, g), load(scale, lane, g)
             per_sa, per_ra = load(sa_drive, lane, g), load(ra_drive, lane, g)
@@ -337,16 +347,13 @@ def kernel(
             last = load(state, LAST * lanes + lane, g)
             t = 0
             for row in range(rows):
-                fired, fired_ra = full(0.0, g), full(0.0, g)
+                tally[:] = 0
                 while t < ends[row]:
                     x = within(load(samples, t * stride + lane, g), from_, range_)
+                    x = mul(x, factor) if late else x
+                    w = mul(per_sa, x) if late else fma(per_sa, x, w0)
                     if late:
-                        x = mul(x, factor)
-                        w = mul(per_sa, x)
-                        m, q, fired = _published_sample(m, q, fired, w, c, p, substeps)
-                    else:
-                        w = fma(per_sa, x, w0)
-                        m, q, fired = _sample(m, q, fired, w, c, substeps, old_v, coupled)
+                        m, q = _published_sample(m, q, w, c, p, n, tally, 0)
                     if not sa_only:
                         if late:
                             y = add(mul(b0, x), z1)
@@ -360,23 +367,21 @@ def kernel(
                             z2 = fma(a2, slope, change)
                         if not signed:
                             slope = larger(slope, mul(fall, slope))
+                        w_ra = mul(per_ra, slope) if late else fma(per_ra, slope, w0)
                         if late:
-                            w = mul(per_ra, slope)
-                            m_ra, q_ra, fired_ra = _published_sample(
-                                m_ra, q_ra, fired_ra, w, c, p, substeps
-                            )
-                        else:
-                            w = fma(per_ra, slope, w0)
-                            m_ra, q_ra, fired_ra = _sample(
-                                m_ra, q_ra, fired_ra, w, c, substeps, old_v, coupled
-                            )
+                            of_ra = (m_ra, q_ra, w_ra)
+                            m_ra, q_ra = _published_sample(*of_ra, c, p, n, tally, wide)
+                    for _ in range(0 if late else n):
+                        m, q = substep(m, q, w, c, old_v, coupled, tally, 0)
+                        if not sa_only:
+                            m_ra, q_ra = substep(m_ra, q_ra, w_ra, c, old_v, coupled, tally, wide)
                     t += 1
                 place = (lane * rows + row * wide) * channels
-                store(counts, place, as_bytes(fired))
+                store(counts, place, as_bytes(load(tally, 0, g)))
                 if traced:
                     store(trace, place, m)
                 if not sa_only:
-                    store(counts, place + wide, as_bytes(fired_ra))
+                    store(counts, place + wide, as_bytes(load(tally, wide, g)))
                     if traced:
                         store(trace, place + wide, m_ra)
             store(state, M * lanes + lane, m)

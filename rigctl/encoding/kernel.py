@@ -77,7 +77,7 @@ def _sigma(p: EncoderParameters) -> float:
 
 
 def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
-    """The kernel's constants, float64 (20,), in the order of the names in ``compiled``."""
+    """The kernel's constants, float64 (21,), in the order of the names in ``compiled``."""
     return np.array(_folded(parameters))
 
 
@@ -98,7 +98,7 @@ def _folded(parameters: EncoderParameters) -> tuple[float, ...]:
     feedback = a[1:] if late else [-x for x in a[1:]]
     ceiling = p.threshold_mv if p.clamp_v else math.inf
     textbook = (h, p.quadratic, p.linear, p.constant, p.a, p.b, h * p.substeps, ceiling)
-    return (*normal, *b, *feedback, *textbook, FALLS[p.ra_rectify])
+    return (*normal, *b, *feedback, *textbook, FALLS[p.ra_rectify], p.substeps)
 
 
 def drives(
