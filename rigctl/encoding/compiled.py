@@ -1,4 +1,4 @@
-"""The kernel in machine code: dozens of neurons at a time, their state in registers throughout.
+"""The kernel in machine code: dozens of neurons at a time, their state in registers where they are enough.
 
 The inner loop is written with vectors of a fixed width, so nothing is left to a compiler's guess
 at what may be vectorised. On a processor with narrower registers LLVM splits them; the operations,
