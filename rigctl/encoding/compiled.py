@@ -1,4 +1,4 @@
-"""The kernel in machine code: dozens of neurons at a time, their state in registers where they are enough.
+"""The kernel in machine code: dozens of neurons at a time, in registers where there are enough.
 
 The inner loop is written with vectors of a fixed width, so nothing is left to a compiler's guess
 at what may be vectorised. On a processor with narrower registers LLVM splits them; the operations,
@@ -216,8 +216,7 @@ def tallied(_typing: Any, tally: Any, at: Any, value: Any, threshold: Any) -> An
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         array, index, *both = arguments
         places = _places(context, builder, tally, array, index, Lanes("int64", value.vectors))
-        pairs = zip(*(_parts(builder, each) for each in both), strict=True)
-        for place, pair in zip(places, pairs, strict=True):
+        for place, *pair in zip(places, *(_parts(builder, each) for each in both), strict=True):
             _count(builder, place, builder.fcmp_ordered(">=", *pair))
         return context.get_dummy_value()
 
