@@ -33,15 +33,28 @@ def hash_of(data: NDArray[Any]) -> int:
     return int(_hash_compiled(words, octets[len(words) * 8 :]))
 
 
-def look_at(samples: NDArray[np.uint16], low: NDArray[Any], high: NDArray[Any]) -> int:
-    """Put the range of samples uint16 (n, n_taxels) into ``low`` and ``high``; their hash.
+def look_at(
+    memory: NDArray[np.uint16], begins: NDArray[np.int64], lengths: NDArray[np.int64]
+) -> tuple[NDArray[np.uint64], NDArray[np.uint16], NDArray[np.uint16]]:
+    """Hash, lowest and highest readings of trials: uint64 (n,), twice uint16 (n, n_taxels).
 
-    ``samples`` is contiguous, begins at a multiple of 8 bytes, and n is at least 1.
+    Each trial is ``lengths`` rows, at least one, of the contiguous ``memory`` (rows, n_taxels)
+    from ``begins`` on, which is at a multiple of 8 bytes.
     """
-    flat = samples.reshape(-1)
-    _range_compiled(flat, samples.shape[1], low, high)
-    words = flat[: len(flat) // 4 * 4].view(np.uint64)
-    return int(_hash_compiled(words, flat[len(words) * 4 :].view(np.uint8)))
+    n, width = len(lengths), memory.shape[1]
+    hashes = np.empty(n, np.uint64)
+    low, high = (np.empty((n, width), np.uint16) for _ in range(2))
+    _look_compiled(memory.reshape(-1), begins * width, lengths * width, hashes, low, high)
+    return hashes, low, high
+
+
+def _look(flat: Any, begins: Any, lengths: Any, hashes: Any, low: Any, high: Any) -> None:
+    for i in range(len(lengths)):
+        samples = flat[begins[i] : begins[i] + lengths[i]]
+        _range_compiled(samples, low.shape[1], low[i], high[i])
+        whole = len(samples) // 4 * 4
+        words = samples[:whole].view(np.uint64)
+        hashes[i] = _hash_compiled(words, samples[whole:].view(np.uint8))
 
 
 def _range(flat: Any, width: Any, low: Any, high: Any) -> None:
@@ -116,3 +129,4 @@ def _round(lane: Any, word: Any) -> Any:
 
 _range_compiled = _compile(_range)
 _hash_compiled = _compile(_hash)
+_look_compiled = _compile(_look)

@@ -19,6 +19,8 @@ from rigctl.session.sample_map import Files, Place, SampleFile, SampleReader
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 NAMED_IDS = 5
+ROWS_TOGETHER = 4
+"""So many rows of uint16 are whole words of 8 bytes, whatever the number of taxels."""
 
 
 class TrialRef(NamedTuple):
@@ -101,6 +103,23 @@ class Scratch(threading.local):
         return self._memory[: n * n_taxels].reshape(n, n_taxels)
 
 
+class Block(NamedTuple):
+    """Readings of several trials in one ``memory``, uint16 (n, n_taxels).
+
+    Each has ``lengths`` rows from ``begins`` on, int64 (n_trials,), at a multiple of 8 bytes.
+    """
+
+    memory: NDArray[np.uint16]
+    begins: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+
+    @property
+    def arrays(self) -> list[NDArray[np.uint16]]:
+        """Of each trial, (n, n_taxels)."""
+        pairs = zip(self.begins.tolist(), self.lengths.tolist(), strict=True)
+        return [self.memory[begin : begin + n] for begin, n in pairs]
+
+
 class Samples:
     """Reads the samples of trials, in one thread, while it is open."""
 
@@ -124,15 +143,26 @@ class Samples:
     def all_of(
         self, trials: Sequence[TrialRef], scratch: Scratch | None = None
     ) -> list[NDArray[np.uint16]]:
-        """Readings of several trials, behind each other in one memory, ``scratch`` if given."""
-        if not trials:
-            return []
-        lengths = [trial.place.stop - trial.place.start for trial in trials]
-        n_taxels = self._files[trials[0].place.file].n_taxels
-        memory = (scratch or Scratch()).room(sum(lengths), n_taxels)
-        ends = np.cumsum(lengths).tolist()
-        places = zip(trials, lengths, ends, strict=True)
-        return [self.of(trial, memory[end - n : end]) for trial, n, end in places]
+        """Readings of several trials, in one memory, ``scratch`` if given."""
+        return self.block_of(trials, scratch).arrays if trials else []
+
+    def block_of(self, trials: Sequence[TrialRef], scratch: Scratch | None = None) -> Block:
+        """Readings of at least one trial, in one memory, ``scratch`` if given.
+
+        Raises SessionError naming the trial that cannot be read.
+        """
+        places = [trial.place for trial in trials]
+        lengths = np.array([place.stop - place.start for place in places])
+        room = -(-lengths // ROWS_TOGETHER) * ROWS_TOGETHER
+        begins = np.cumsum(room) - room
+        n_taxels = self._files[places[0].file].n_taxels
+        block = Block((scratch or Scratch()).room(int(room.sum()), n_taxels), begins, lengths)
+        try:
+            self._reader.read_all(places, block.memory, begins.tolist())
+        except (OSError, SessionError):
+            for trial, samples in zip(trials, block.arrays, strict=True):
+                self.of(trial, samples)  # one by one, so that the error names the trial
+        return block
 
 
 @contextmanager

@@ -9,8 +9,9 @@ to HDF5.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, NamedTuple
@@ -107,15 +108,28 @@ class SampleReader:
 
         Raises OSError or SessionError for what cannot be read.
         """
-        file = self._files[place.file]
         if out is None:
-            out = np.empty((place.stop - place.start, file.n_taxels), np.uint16)
-        source = self._source(place.file)
-        if isinstance(source, PartReader):
-            out[:] = source.read(SAMPLES, place.start, place.stop)
-        elif file.offsets is not None:
-            _read_chunks(source, file.offsets, file.chunk_rows, place.start, out)
+            n_taxels = self._files[place.file].n_taxels
+            out = np.empty((place.stop - place.start, n_taxels), np.uint16)
+        self.read_all([place], out, [0])
         return out
+
+    def read_all(
+        self, places: Sequence[Place], out: NDArray[np.uint16], begins: Sequence[int]
+    ) -> None:
+        """Samples of several trials into ``out`` (n, n_taxels), each from its row of ``begins`` on.
+
+        Raises OSError or SessionError for what cannot be read.
+        """
+        pairs = zip(places, begins, strict=True)
+        for number, some in groupby(pairs, key=lambda pair: pair[0].file):
+            source, told = self._source(number), list(some)
+            if isinstance(source, PartReader):
+                for place, begin in told:
+                    end = begin + place.stop - place.start
+                    out[begin:end] = source.read(SAMPLES, place.start, place.stop)
+            else:
+                _read_pieces(source, _pieces(self._files[number], told), out)
 
     def _source(self, number: int) -> BinaryIO | PartReader:
         if number not in self._open:
@@ -165,19 +179,34 @@ def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]
     return out[:, 0]
 
 
-def _read_chunks(
-    file: BinaryIO, offsets: NDArray[np.int64], chunk_rows: int, start: int, out: NDArray[Any]
+def _pieces(file: SampleFile, told: Sequence[tuple[Place, int]]) -> Iterator[tuple[int, int, int]]:
+    """Byte of the file, first byte and end in memory of each piece of trials and their begins.
+
+    A piece is what one trial has in one chunk.
+    """
+    rows = np.array([(place.start, place.stop, begin) for place, begin in told], np.int64)
+    start, stop, begin = rows.T
+    first = start // file.chunk_rows
+    counts = np.maximum((stop - 1) // file.chunk_rows - first + 1, 0)
+    trial = np.repeat(np.arange(len(told)), counts)
+    chunk = np.arange(len(trial)) - np.repeat(np.cumsum(counts) - counts - first, counts)
+    row = np.maximum(start[trial], chunk * file.chunk_rows)
+    end = np.minimum(stop[trial], (chunk + 1) * file.chunk_rows)
+    size = file.n_taxels * np.dtype(np.uint16).itemsize
+    assert file.offsets is not None
+    at = file.offsets[chunk] + (row - chunk * file.chunk_rows) * size
+    to = (begin - start)[trial]
+    return zip(at.tolist(), ((to + row) * size).tolist(), ((to + end) * size).tolist(), strict=True)
+
+
+def _read_pieces(
+    file: BinaryIO, pieces: Iterable[tuple[int, int, int]], out: NDArray[np.uint16]
 ) -> None:
-    """Fill ``out`` (n, columns) with the rows from ``start``. Raises OSError where they end."""
-    row_bytes = out.shape[1] * out.itemsize
+    """Fill the bytes of ``out`` with pieces of the file. Raises OSError where it ends."""
     target = out.reshape(-1).view(np.uint8).data
-    row, stop = start, start + len(out)
-    while row < stop:
-        chunk, within = divmod(row, chunk_rows)
-        last = min(stop, (chunk + 1) * chunk_rows)
-        file.seek(int(offsets[chunk]) + within * row_bytes)
-        _fill(file, target[(row - start) * row_bytes : (last - start) * row_bytes])
-        row = last
+    for at, first, end in pieces:
+        file.seek(at)
+        _fill(file, target[first:end])
 
 
 def _fill(file: Any, target: memoryview) -> None:

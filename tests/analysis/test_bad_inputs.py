@@ -262,9 +262,12 @@ def test_a_trial_whose_samples_cannot_be_read_is_named(good: Path, tmp_path: Pat
     end = part.stat().st_size
     with part.open("r+b") as file:
         file.truncate(end // 2)  # a disk that fails while the analysis runs
-    with opened(again.files) as reader, pytest.raises(SessionError, match=f"{copy}: trial \\d+ "):
+    told = f"{copy}: trial \\d+ cannot be read"
+    with opened(again.files) as reader, pytest.raises(SessionError, match=told):
         for trial in joined.trials:
             reader.of(trial)
+    with opened(again.files) as reader, pytest.raises(SessionError, match=told):
+        reader.all_of(joined.trials)
 
 
 @pytest.mark.parametrize(

@@ -168,7 +168,10 @@ def test_the_hash_is_xxh64(text: bytes, expected: int) -> None:
 @pytest.mark.parametrize("n", [1, 2, 31, 33, 700])
 def test_a_look_gives_range_and_hash(n: int, n_taxels: int) -> None:
     samples = np.random.default_rng(n).integers(0, 1024, (n, n_taxels)).astype(np.uint16)
-    low, high = np.empty(n_taxels, np.uint16), np.empty(n_taxels, np.uint16)
-    assert look_at(samples, low, high) == hash_of(samples)
-    np.testing.assert_array_equal(low, samples.min(axis=0))
-    np.testing.assert_array_equal(high, samples.max(axis=0))
+    memory = np.zeros((4 + n, n_taxels), np.uint16)
+    memory[4:] = samples
+    hashes, low, high = look_at(memory, np.array([0, 4]), np.array([3, n]))
+    assert hashes.tolist() == [hash_of(memory[:3]), hash_of(samples)]
+    assert low[0].max() == high[0].max() == 0
+    np.testing.assert_array_equal(low[1], samples.min(axis=0))
+    np.testing.assert_array_equal(high[1], samples.max(axis=0))
