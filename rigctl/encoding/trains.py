@@ -2,7 +2,7 @@
 
 Spikes are few, and a branch for each of them costs more than the kernel. So 64 samples of 64 trains
 are taken as bits, turned about so that a word holds one train, and each word's places are written
-without a branch.
+without a branch, or where the processor has no instruction for that with one for each.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numba.core import cgutils, types
 from numpy.typing import NDArray
 
 from rigctl.encoding.blocks import filled_up
-from rigctl.encoding.compiled import LANES, emitted, pointer
+from rigctl.encoding.compiled import LANES, MASKED, emitted, pointer
 from rigctl.values import Spikes
 
 # Trains of a block, 32 of SA and 32 of RA, and bits of a word.
@@ -119,6 +119,25 @@ def write_places(_typing: Any, out: Any, index: Any, first: Any, bits: Any) -> A
     return types.intp(out, types.intp, types.intp, types.uint64), generate
 
 
+@emitted
+def lowest(_typing: Any, bits: Any) -> Any:
+    """Place of the lowest bit that is set; there is one."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.uint64(types.uint64), generate
+
+
+def _write_one_by_one(out: Any, at: Any, first: Any, bits: Any) -> Any:
+    """What ``write_places`` does, for processors that cannot squeeze a vector."""
+    while bits != NONE:
+        out[at] = first + np.int64(lowest(bits))
+        bits &= bits - ONE
+        at += 1
+    return at
+
+
 def _turn(rows: Any) -> None:
     """Turn 64 words of 64 bits about: bit j of word i becomes bit i of word j."""
     half, mask = WORD // 2, np.uint64(2 ** (WORD // 2) - 1)
@@ -155,7 +174,7 @@ def _take(counts: Any, start: Any, in_lane: Any, samples: Any, n_spikes: Any) ->
                 own = ALL if left >= WORD else (ONE << np.uint64(left)) - ONE
                 train = block * WORD + place
                 at = train * room + n_spikes[train]
-                end = write_places(flat, at, start + t, words[place] & own)
+                end = _write(flat, at, start + t, words[place] & own)
                 n_spikes[train] += end - at
 
 
@@ -182,6 +201,7 @@ def _gather(samples: Any, trains: Any, starts: Any, out: Any) -> None:
 
 _compile = numba.njit(cache=True, nogil=True, error_model="numpy")
 _turn_compiled = _compile(_turn)
+_write = write_places if MASKED else _compile(_write_one_by_one)
 _take_compiled = _compile(_take)
 _take_several_compiled = _compile(_take_several)
 _gather_compiled = _compile(_gather)
