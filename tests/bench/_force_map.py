@@ -143,23 +143,28 @@ def everywhere(plant: WorldParameters, plate: str) -> list[Cell]:
     return [cell for mm in PLACES_MM for cell in cells_of(plant, plate, begin_mm=mm)]
 
 
-def drift(plant: WorldParameters, plate: str) -> float:
-    """Mean force of the last ten of 100 trials over that of the first ten, less 1."""
+def mean_errors(plant: WorldParameters, plate: str) -> NDArray[np.float64]:
+    """Of the window's mean in each of a hundred trials, shares (100,)."""
     with PlantDrum(plant, plate) as drum:
         drum.ready()
-        means = [1 + drum.trial(*DRIFT_SCENE).mean_error for _ in range(DRIFT_TRIALS)]
-    return float(np.mean(means[-10:]) / np.mean(means[:10]) - 1)
+        return np.array([drum.trial(*DRIFT_SCENE).mean_error for _ in range(DRIFT_TRIALS)])
 
 
 def over_plants(
-    work: Callable[[WorldParameters, str], Found], title: str
+    work: Callable[[WorldParameters, str], Found],
+    title: str,
+    nominal: tuple[WorldParameters, str] | None = None,
 ) -> Iterator[tuple[str, Found]]:
-    """Every plant's name with what ``work`` finds on it, as they get done; progress is told."""
-    names = tuple(PLANTS)
+    """Every plant's name with what ``work`` finds on it, as they get done; progress is told.
+
+    ``nominal``: one plant more, named "".
+    """
+    plants = PLANTS if nominal is None else {"": nominal, **PLANTS}
+    names = tuple(plants)
     begun_s = time.monotonic()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(PROCESSES, mp_context=context) as pool:
-        jobs = {pool.submit(work, *PLANTS[name]): name for name in names}
+        jobs = {pool.submit(work, *plants[name]): name for name in names}
         for n, job in enumerate(as_completed(jobs), 1):
             passed_s = time.monotonic() - begun_s
             left_s = passed_s * (len(names) - n) / n

@@ -1,4 +1,4 @@
-"""The force loop on its chip against the world's true force: nominal, drift, second variant.
+"""The force loop on its chip against the world's true force: nominal, and second variant.
 
 Three things are told apart: the approach, while the drum is still, as the highest single
 millisecond and as the highest mean of 200 ms; and the run, whose single milliseconds show the
@@ -11,15 +11,13 @@ from collections.abc import Iterator
 from typing import Any
 
 from rigctl.world.parameters import WorldParameters
-from tests.bench._firmware_rows import PREDECESSOR, figure
+from tests.bench._firmware_rows import figure
 from tests.bench._force_map import (
-    DRIFT_TRIALS,
     FORCES_G,
     SCENE,
     Cell,
     cell_of,
     cells_of,
-    drift,
     off,
     swing,
 )
@@ -33,8 +31,6 @@ def measure() -> Iterator[dict[str, Any]]:
     """Yield ``firmware.drum.force_*`` of the nominal plant, and ``variant_*``."""
     yield from nominal_rows(cells_of(WorldParameters(), "A"))
     yield from variant_rows()
-    scene = f"{DRIFT_TRIALS} trials at 500 g, 120 mm/s"
-    yield figure("force_drift", abs(drift(WorldParameters(), "A")), "", scene, PREDECESSOR, 0.034)
 
 
 def nominal_rows(cells: list[Cell]) -> Iterator[dict[str, Any]]:

@@ -8,10 +8,8 @@ from typing import Any
 
 from tests.bench._firmware_rows import figure
 from tests.bench._force_map import (
-    DRIFT_TRIALS,
     EVERYWHERE,
     Cell,
-    drift,
     everywhere,
     marks,
     off,
@@ -24,9 +22,8 @@ Plants = Iterable[tuple[str, list[Cell]]]
 
 
 def measure() -> Iterator[dict[str, Any]]:
-    """Yield ``firmware.drum.force_map*``, ``approach_excess*`` and ``force_drift_worst``."""
+    """Yield ``firmware.drum.force_map*`` and ``approach_excess*``."""
     yield from map_rows(over_plants(everywhere, "force_map"))
-    yield drift_row(dict(over_plants(drift, "force_drift")))
 
 
 def map_rows(plants: Plants) -> Iterator[dict[str, Any]]:
@@ -49,13 +46,6 @@ def map_rows(plants: Plants) -> Iterator[dict[str, Any]]:
     yield figure("approach_excess", peak, "", f"highest millisecond {still}; {len(every)} trials")
     mean = max(c.approach_mean for c in every)
     yield figure("approach_excess_mean", mean, "", f"highest {MEAN_MS} ms mean {still}")
-
-
-def drift_row(drifts: dict[str, float]) -> dict[str, Any]:
-    """The plant whose last trials differ most from its first ones."""
-    worst = max(drifts, key=lambda name: abs(drifts[name]))
-    scene = f"{DRIFT_TRIALS} trials at 500 g, 120 mm/s on each of {len(drifts)} plants"
-    return figure("force_drift_worst", abs(drifts[worst]), "", f"{scene}; {worst}")
 
 
 def plant_row(name: str, cells: list[Cell]) -> dict[str, Any]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from rigctl.resources import checkout
 from tests.bench._firmware_rows import GRBL, figure
 from tests.bench._force_map import Cell, marks
+from tests.bench.firmware_drift import drift_rows
 from tests.firmware import page
 from tests.firmware.drum_checks import CONTROLS
 
@@ -38,6 +40,16 @@ def test_a_trial_that_misses_something_is_marked_with_what() -> None:
     assert marks([kept, missed, elsewhere])["250 g"] == ["o", "som"]
     assert missed.told == "120 mm/s 250 g settles in 1.20 s, overshoots 16.0%, mean off -5.0%"
     assert not kept.told and "ACTUATOR_END" in fault.told
+
+
+def test_plants_whose_force_wanders_are_named() -> None:
+    steady, late = np.full(10, 0.001), np.array([*[0.0] * 9, 0.012])
+    rows = {r["name"]: r for r in drift_rows({"": steady, "soft": -steady, "hard": late})}
+    assert rows["firmware.drum.force_drift"]["value"] == 0
+    worst = rows["firmware.drum.force_drift_worst"]
+    assert worst["value"] == pytest.approx(0.012) and "not kept by hard 1.20%" in worst["note"]
+    assert "soft" not in worst["note"]
+    assert rows["firmware.drum.force_lasting_error"]["value"] == 0.012
 
 
 def test_without_figures_there_is_no_page() -> None:
