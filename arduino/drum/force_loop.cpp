@@ -24,6 +24,10 @@ constexpr float COMPRESSION_GAIN = 0.3f;
 constexpr float RUN_OUT_PER_S = 8.0f, MOST_RUN_OUT_GAIN = 0.2f;
 constexpr float RUN_OUT_GAIN =
     RUN_OUT_PER_S * PERIOD_S < MOST_RUN_OUT_GAIN ? RUN_OUT_PER_S * PERIOD_S : MOST_RUN_OUT_GAIN;
+// A trial shows most of a turn, not all: what it says is forgotten in seconds, or errors add up
+// from trial to trial.
+constexpr float FORGOTTEN_IN_S = 6.0f;
+constexpr float RUN_OUT_KEPT = 1 - PERIOD_S / FORGOTTEN_IN_S;
 constexpr float MAX_DRIFT = 1.0f;     // mm/s
 constexpr float MAX_RUN_OUT = 0.5f;   // mm
 constexpr float PRIOR = 4e-4f;        // mm²: weight of the stiffness believed before
@@ -99,11 +103,14 @@ void ForceLoop::correct(float force_g, const DrumTurn &turn) {
     surprise_ = force_g * compliance_ - compression_;
     compression_ += COMPRESSION_GAIN * surprise_;
     // A ridge that passes slowly in a ramp would weigh more than all of the run.
-    const bool steady = turn.rate_rad_s == last_rate_rad_s_;
-    if (!turns(turn) || !steady) return;
-    const float share = RUN_OUT_GAIN * surprise_ / turn.rate_rad_s;
-    sine_ = limited(sine_ + share * seen.cosine, MAX_RUN_OUT);
-    cosine_ = limited(cosine_ - share * seen.sine, MAX_RUN_OUT);
+    if (turn.rate_rad_s != last_rate_rad_s_) {
+        run_out_gain_ = turns(turn) ? RUN_OUT_GAIN / turn.rate_rad_s : 0;
+        return;
+    }
+    if (!turns(turn)) return;
+    const float share = run_out_gain_ * surprise_;
+    sine_ = limited(RUN_OUT_KEPT * sine_ + share * seen.cosine, MAX_RUN_OUT);
+    cosine_ = limited(RUN_OUT_KEPT * cosine_ - share * seen.sine, MAX_RUN_OUT);
 }
 
 void ForceLoop::observe(float force_g, const DrumTurn &turn) {

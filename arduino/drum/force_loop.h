@@ -69,7 +69,7 @@ class ForceLoop {
     float sum_xx_ = 0, sum_xy_ = 0;
     float depth_ = 0;
     uint16_t since_contact_ = 0;
-    float last_rate_rad_s_ = 0;
+    float last_rate_rad_s_ = 0, run_out_gain_ = 0;  // the gain is worked out once a speed
     uint8_t free_samples_ = 0;
     bool contact_ = false;
 };
