@@ -77,7 +77,7 @@ def _sigma(p: EncoderParameters) -> float:
 
 
 def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
-    """The kernel's constants, float64 (21,), in the order of the names in ``compiled``."""
+    """The kernel's constants, float64 (20,), in the order of the names in ``compiled``."""
     return np.array(_folded(parameters))
 
 
@@ -98,7 +98,7 @@ def _folded(parameters: EncoderParameters) -> tuple[float, ...]:
     feedback = a[1:] if late else [-x for x in a[1:]]
     ceiling = p.threshold_mv if p.clamp_v else math.inf
     textbook = (h, p.quadratic, p.linear, p.constant, p.a, p.b, h * p.substeps, ceiling)
-    return (*normal, *b, *feedback, *textbook, FALLS[p.ra_rectify], p.substeps)
+    return (*normal, *b, *feedback, *textbook, FALLS[p.ra_rectify])
 
 
 def drives(
@@ -177,12 +177,12 @@ def kernel_for(
     """The compiled kernel of a scheme; the numbers of the scheme go in through :func:`folded`.
 
     Called as ``kernel(samples, low, width, scale, sa_drive, ra_drive, constants, state, ends,
-    counts, trace)``, all contiguous, lanes in blocks of 32 (48 of SA alone).
+    counts, trace)``, all contiguous, lanes in blocks of 32 (64 of SA alone).
     samples: uint16 (n, lanes or more).
     low, width: uint16 (lanes,); scale, sa_drive, ra_drive: float64 (lanes,). state: as from
     :func:`rest`, changed in place. ends: int64 (rows,), ascending; spikes before sample ends[0]
     go to row 0, those from there to ends[1] to row 1 and so on; the last is n, and no row holds
-    more than :func:`samples_per_row`. counts: uint8 (blocks, rows, channels, 32 or 48), written;
+    more than :func:`samples_per_row`. counts: uint8 (blocks, rows, channels, 32 or 64), written;
     two channels, SA and RA, or SA alone. trace: float64 of the same shape, written if ``traced``
     with the membrane after each row. Releases the GIL.
     """

@@ -17,11 +17,12 @@ from numba.core import types
 from numpy.typing import NDArray
 
 from rigctl.encoding.blocks import filled_up
-from rigctl.encoding.compiled import LANES, emitted, pointer
+from rigctl.encoding.compiled import LANES
+from rigctl.encoding.lanes import emitted, pointer
 
 BYTES = 2
 # Readings that are copied at a time, and rows of a tile that are filled before the next.
-RUN, AT_A_TIME = 16, 64
+RUN, AT_A_TIME = 16, 256
 
 
 @dataclass(frozen=True, slots=True)

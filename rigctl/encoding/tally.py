@@ -1,0 +1,104 @@
+"""Spikes of 32 lanes as a vector of bytes, and tallies of them.
+
+A comparison of float64 gives 64 bits a lane, one register for four lanes; so kept, counts would
+take more memory than the neurons and as much work. Blended into one another, eight such are one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+
+from rigctl.encoding.lanes import (
+    AVX2,
+    IN_UNIT,
+    MASKED,
+    UNIT,
+    VECTORS,
+    WIDE,
+    Lanes,
+    elementwise,
+    emitted,
+    parts,
+    whole,
+)
+
+
+def _pinned(b: Any, value: Any) -> Any:
+    """The same, computed here and not later, while what it is made of would wait in registers."""
+    if not AVX2:
+        return value
+    kind = ir.FunctionType(value.type, [value.type])
+    return b.call(ir.InlineAsm(kind, "", "=x,0", side_effect=True), [value])
+
+
+def _blended(b: Any, one: Any, other: Any, bits: int) -> Any:
+    """Numbers of so many bits: of the one vector at even places, of the other at odd ones."""
+    kind = ir.VectorType(ir.IntType(bits), UNIT * 8 // bits)
+    places = [i + kind.count * (i % 2) for i in range(kind.count)]
+    which = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), places)
+    blended = b.shuffle_vector(b.bitcast(one, kind), b.bitcast(other, kind), which)
+    return _pinned(b, blended)
+
+
+def _joined(b: Any, masks: list[Any]) -> Any:
+    """Vectors of the same length, a power of two of them, as one."""
+    while len(masks) > 1:
+        n = masks[0].type.count
+        all_ = ir.Constant(ir.VectorType(ir.IntType(32), 2 * n), list(range(2 * n)))
+        pairs = zip(masks[::2], masks[1::2], strict=True)
+        masks = [b.shuffle_vector(*pair, all_) for pair in pairs]
+    return masks[0]
+
+
+def collected(b: Any, spiking: Callable[[int], Any], first: int = 0, step: int = 1) -> Any:
+    """Spikes of a unit, −1 each, by a function that emits those of a vector.
+
+    Where masks have registers of their own, in the order of the lanes. Elsewhere a vector's mask
+    has 64 bits a lane, and eight of them are laid into one: lane j of vector i becomes byte 8j + i.
+    """
+    if MASKED:
+        return b.sext(_joined(b, [spiking(i) for i in range(IN_UNIT)]), VECTORS["uint8"])
+    if step == IN_UNIT:
+        return b.sext(spiking(first), ir.VectorType(ir.IntType(64), WIDE))
+    one, other = (collected(b, spiking, i, 2 * step) for i in (first, first + step))
+    return _blended(b, one, other, 8 * step)
+
+
+@emitted
+def in_order(_typing: Any, tally: Any) -> Any:
+    """A tally in the order of the lanes."""
+    places = [i if MASKED else IN_UNIT * (i % WIDE) + i // WIDE for i in range(UNIT)]
+
+    def ordered(b: Any, tally: Any) -> Any:
+        which = ir.Constant(ir.VectorType(ir.IntType(32), UNIT), places)
+        return b.shuffle_vector(tally, tally, which)
+
+    return elementwise(ordered, tally, tally)
+
+
+@emitted
+def no_spikes(_typing: Any) -> Any:
+    """A tally of nothing."""
+    kind = Lanes("uint8", 1)
+    return kind(), lambda _c, b, _s, _a: whole(b, [ir.Constant(VECTORS["uint8"], None)])
+
+
+@emitted
+def counted(_typing: Any, tally: Any, spikes: Any) -> Any:
+    """A tally with one more for each spike."""
+    return elementwise(lambda b, *both: b.sub(*both), tally, tally, spikes)
+
+
+@emitted
+def spiking(_typing: Any, value: Any, threshold: Any) -> Any:
+    """The lanes of a unit that have reached the threshold."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        pairs = list(zip(*(parts(builder, each) for each in arguments), strict=True))
+        spikes = collected(builder, lambda i: builder.fcmp_ordered(">=", *pairs[i]))
+        return whole(builder, [builder.bitcast(spikes, VECTORS["uint8"])])
+
+    return Lanes("uint8", 1)(value, threshold), generate
