@@ -133,7 +133,7 @@ def _currents(
         full(k[B1], PAIR),
         full(k[B2], PAIR),
     )
-    a1, a2 = full(k[A1], PAIR), full(k[A2], PAIR)
+    a1, a2, two = full(k[A1], PAIR), full(k[A2], PAIR), full(2.0, PAIR)
     z1, z2 = (
         load(state, Z1 * lanes + lane, PAIR),
         load(state, Z2 * lanes + lane, PAIR),
@@ -153,7 +153,7 @@ def _currents(
             else:
                 change, last = sub(x, last), x
                 slope = add(change, z1)
-                z1 = fma(a1, slope, add(add(change, change), z2))
+                z1 = fma(a1, slope, fma(two, change, z2))  # twice the change is exact
                 z2 = fma(a2, slope, change)
             if not signed:
                 slope = larger(slope, mul(fall, slope))
