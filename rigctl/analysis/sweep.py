@@ -9,7 +9,7 @@ block's. PCA is centred, not standardised; LDA has pooled covariance and empiric
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -30,6 +30,9 @@ NO_VARIANCE = 1e-12
 # From so many features on, and for so small a share of them, Lanczos' method beats LAPACK's.
 LANCZOS_FEATURES = 600
 LANCZOS_SHARE = 8
+
+# Folds whose scatters, p × p each, are kept side by side.
+FOLDS_IN_MEMORY = 8
 
 
 class Divisor(StrEnum):
@@ -162,15 +165,35 @@ def _principals_by_difference(
     everything = np.arange(len(features))
     offset = features.mean(axis=0)
     centred = features - offset
-    total, total_sum = centred.T @ centred, centred.sum(axis=0)
-    principals = []
-    for train, _ in folds:
-        left_out = centred[np.setdiff1d(everything, train)]
+    left_out = [np.setdiff1d(everything, train) for train, _ in folds]
+    total, scatters = _scatters(centred, left_out)
+    total_sum, principals = centred.sum(axis=0), []
+    for (train, _), rows, scatter in zip(folds, left_out, scatters, strict=True):
         n = len(train)
-        mean = (total_sum - left_out.sum(axis=0)) / n
-        scatter = total - left_out.T @ left_out - n * np.outer(mean, mean)
-        principals.append(_from_covariance(offset + mean, scatter / (n - 1), k_max))
+        mean = (total_sum - centred[rows].sum(axis=0)) / n
+        within = total - scatter - n * np.outer(mean, mean)
+        principals.append(_from_covariance(offset + mean, within / (n - 1), k_max))
     return principals
+
+
+def _scatters(
+    centred: Matrix, left_out: Sequence[NDArray[np.intp]]
+) -> tuple[Matrix, Iterable[Matrix]]:
+    """Scatter of all rows, and of those that each fold leaves out, float64 (p, p) each.
+
+    Where few folds leave out other rows each, the total is the sum of theirs and of what is left.
+    """
+    times = np.bincount(np.concatenate(left_out), minlength=len(centred))
+    parts = (_scatter(centred[rows]) for rows in left_out)
+    if len(left_out) > FOLDS_IN_MEMORY or times.max() > 1:
+        return _scatter(centred), parts
+    kept = list(parts)
+    return _scatter(centred[times == 0]) + sum(kept), kept
+
+
+def _scatter(centred: Matrix) -> Matrix:
+    product: Matrix = centred.T @ centred
+    return product
 
 
 def _from_covariance(mean: Matrix, covariance: Matrix, k_max: int) -> Principal:
