@@ -2,13 +2,16 @@
 
 A neuron's substeps wait for each other, each of them for some fifteen cycles, so many neurons take
 turns. First the currents of a stretch are made, a few lanes at a time; then all 64 neurons of a
-block go through it substep by substep. Spikes are counted in bytes, 32 lanes at a time.
+block go through it substep by substep (where a scheme resets at the next sample, 32 of them sample
+by sample). Spikes are counted in bytes, 32 lanes at a time.
 """
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -64,6 +67,11 @@ AT_A_TIME, PAIR = 16, 2
 # Where a block's numbers lie in memory of its own: membranes, recoveries, currents.
 OWN_Q, OWN_W, OWN_SIZE = BLOCK, 2 * BLOCK, (2 + AT_A_TIME) * BLOCK
 
+# numba's disk cache knows the text of this file only, and what a closure holds: so a kernel holds
+# what stands for the other files that it is made of.
+_FILES = (Path(__file__).with_name(name) for name in ("lanes.py", "tally.py"))
+_SOURCES = zlib.crc32(b"".join(file.read_bytes() for file in _FILES))
+
 
 def _fenced(b: Any, memory: Any) -> None:
     """Have what is stored stay stored, and the vectors keep their order."""
@@ -79,13 +87,12 @@ def substep(
     ways = (old_v.literal_value, coupled.literal_value)
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        memory, m_at, w_at, constants, *_ = arguments
+        memory, of_m, of_w, constants, *_ = arguments
         told = [parts(builder, each)[0] for each in parts(builder, constants)]
-        starts = (m_at, builder.add(m_at, m_at.type(OWN_Q)), w_at)
-        unit = Lanes("float64", IN_UNIT)
-        rows = [places_of(context, builder, block, memory, at, unit)[0] for at in starts]
+        starts, lanes = (of_m, builder.add(of_m, of_m.type(OWN_Q)), of_w), Lanes("float64", IN_UNIT)
+        rows = [places_of(context, builder, block, memory, at, lanes)[0] for at in starts]
 
-        def spiking(i: int) -> Any:
+        def step_one(i: int) -> Any:
             m, q, w = (builder.load(row[i], align=8 * WIDE) for row in rows)
             *both, spike = _stepped(builder, m, q, w, *told, *ways)
             for value, row in zip(both, rows, strict=False):
@@ -94,7 +101,7 @@ def substep(
                 _fenced(builder, memory)
             return spike
 
-        return whole(builder, [builder.bitcast(collected(builder, spiking), VECTORS["uint8"])])
+        return whole(builder, [builder.bitcast(collected(builder, step_one), VECTORS["uint8"])])
 
     return Lanes("uint8", 1)(block, types.intp, types.intp, c, old_v, coupled), generate
 
@@ -113,6 +120,24 @@ def _stepped(b: Any, m: Any, q: Any, w: Any, *told: Any) -> tuple[Any, Any, Any]
 
 
 @inlined
+def _slope(x: Any, z1: Any, z2: Any, last: Any, k: Any) -> Any:
+    """The filtered reading's change, without b0, and the filter and the reading behind it."""
+    change = sub(x, last)
+    slope = add(change, z1)
+    z1 = fma(full(k[A1], PAIR), slope, fma(full(2.0, PAIR), change, z2))  # 2 · change is exact
+    return slope, z1, fma(full(k[A2], PAIR), slope, change), x
+
+
+@inlined
+def _published_slope(x: Any, z1: Any, z2: Any, last: Any, k: Any) -> Any:
+    """The same, with b0, in the order that was published; behind it the filtered reading."""
+    y = add(mul(full(k[B0], PAIR), x), z1)
+    z1 = sub(add(z2, mul(full(k[B1], PAIR), x)), mul(full(k[A1], PAIR), y))
+    z2 = sub(mul(full(k[B2], PAIR), x), mul(full(k[A2], PAIR), y))
+    return sub(y, last), z1, z2, y
+
+
+@inlined
 def _currents(
     samples: Any, first: Any, stop: Any, of_lanes: Any, lane: Any, k: Any, state: Any,
     block: Any, at: Any, ways: Any,
@@ -121,24 +146,11 @@ def _currents(
     low, width, scale, sa_drive, ra_drive = of_lanes
     late, signed, sa_only = ways
     lane += at
-    from_, range_, factor = (
-        load(low, lane, PAIR),
-        load(width, lane, PAIR),
-        load(scale, lane, PAIR),
-    )
-    per_sa, per_ra = load(sa_drive, lane, PAIR), load(ra_drive, lane, PAIR)
-    w0, fall, lanes = full(k[W0], PAIR), full(k[FALL], PAIR), low.shape[0]
-    b0, b1, b2 = (
-        full(k[B0], PAIR),
-        full(k[B1], PAIR),
-        full(k[B2], PAIR),
-    )
-    a1, a2, two = full(k[A1], PAIR), full(k[A2], PAIR), full(2.0, PAIR)
-    z1, z2 = (
-        load(state, Z1 * lanes + lane, PAIR),
-        load(state, Z2 * lanes + lane, PAIR),
-    )
-    last = load(state, LAST * lanes + lane, PAIR)
+    from_, range_ = load(low, lane, PAIR), load(width, lane, PAIR)
+    factor, per_sa = load(scale, lane, PAIR), load(sa_drive, lane, PAIR)
+    per_ra, w0, fall = load(ra_drive, lane, PAIR), full(k[W0], PAIR), full(k[FALL], PAIR)
+    z1_at, z2_at, last_at = Z1 * len(low) + lane, Z2 * len(low) + lane, LAST * len(low) + lane
+    z1, z2, last = load(state, z1_at, PAIR), load(state, z2_at, PAIR), load(state, last_at, PAIR)
     to = OWN_W + at
     for t in range(first, stop):
         x = within(load(samples, t * samples.shape[1] + lane, PAIR), from_, range_)
@@ -146,22 +158,15 @@ def _currents(
         store(block, to, mul(per_sa, x) if late else fma(per_sa, x, w0))
         if not sa_only:
             if late:
-                y = add(mul(b0, x), z1)
-                z1 = sub(add(z2, mul(b1, x)), mul(a1, y))
-                z2 = sub(mul(b2, x), mul(a2, y))
-                slope, last = sub(y, last), y
+                slope, z1, z2, last = _published_slope(x, z1, z2, last, k)
             else:
-                change, last = sub(x, last), x
-                slope = add(change, z1)
-                z1 = fma(a1, slope, fma(two, change, z2))  # twice the change is exact
-                z2 = fma(a2, slope, change)
-            if not signed:
-                slope = larger(slope, mul(fall, slope))
+                slope, z1, z2, last = _slope(x, z1, z2, last, k)
+            slope = slope if signed else larger(slope, mul(fall, slope))
             store(block, to + UNIT, mul(per_ra, slope) if late else fma(per_ra, slope, w0))
         to += BLOCK
-    store(state, Z1 * lanes + lane, z1)
-    store(state, Z2 * lanes + lane, z2)
-    store(state, LAST * lanes + lane, last)
+    store(state, z1_at, z1)
+    store(state, z2_at, z2)
+    store(state, last_at, last)
 
 
 @inlined
@@ -224,12 +229,13 @@ def kernel(
     The arguments are constants of the compiled code, not tests at run time. numba keeps closures
     over plain numbers in its disk cache.
     """
-    wide = LANES_OF_SA if sa_only else LANES
+    wide, made_of = LANES_OF_SA if sa_only else LANES, _SOURCES
 
     def advance(
         samples: Any, low: Any, width: Any, scale: Any, sa_drive: Any, ra_drive: Any,
         k: Any, state: Any, ends: Any, counts: Any, trace: Any,
     ) -> None:  # fmt: skip
+        _ = made_of
         lanes, rows, n = low.shape[0], ends.shape[0], ends[-1]
         of_lanes, ways = (low, width, scale, sa_drive, ra_drive), (late, signed, sa_only)
         reset = (full(k[THRESHOLD], 1), full(k[RESET_TO], 1), full(k[JUMP], 1))

@@ -2,25 +2,33 @@
 
 Written with vectors, nothing is left to a compiler's guess at what may be vectorised. On a
 processor with narrower registers LLVM splits them; the operations, each of them rounded as IEEE 754
-says, stay the same. numba's disk cache looks at the age of the file of the function that calls:
-whoever changes this one touches ``compiled.py`` too.
+says, stay the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numba
 import numpy as np
-from llvmlite import binding, ir
-from numba.core import cgutils, types
+from llvmlite import ir
+from numba.core import cgutils, codegen, types
 from numba.extending import intrinsic, models, register_model
 
 Function = Callable[..., Any]
 
+
+def _has(feature: str) -> bool:
+    """Whether the processor that numba compiles for has it."""
+    config, host = cast(Any, numba.config), cast(Any, codegen)
+    told = config.CPU_FEATURES
+    features = host.get_host_cpu_features() if told is None else told
+    return f"+{feature}" in features.split(",")
+
+
 # Whether there are registers of four numbers, and of eight with masks for choices.
-AVX2, MASKED = map(bool, map(binding.get_host_cpu_features().get, ("avx2", "avx512f")))
+AVX2, MASKED = _has("avx2"), _has("avx512f")
 WIDE = 8 if MASKED else 4
 
 # Lanes whose bytes are one vector.
@@ -82,10 +90,10 @@ def parts(builder: Any, value: Any) -> list[Any]:
     return [builder.extract_value(value, i) for i in range(value.type.count)]
 
 
-def whole(builder: Any, parts: list[Any]) -> Any:
-    value = ir.Constant(ir.ArrayType(parts[0].type, len(parts)), ir.Undefined)
-    for i, part in enumerate(parts):
-        value = builder.insert_value(value, part, i)
+def whole(builder: Any, vectors: list[Any]) -> Any:
+    value = ir.Constant(ir.ArrayType(vectors[0].type, len(vectors)), ir.Undefined)
+    for i, vector in enumerate(vectors):
+        value = builder.insert_value(value, vector, i)
     return value
 
 
@@ -123,8 +131,8 @@ def own(_typing: Any, element: Any, numbers: Any) -> Any:
 
 def pointer(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:
     """Where in memory a vector lies in a contiguous array, from a flat index on."""
-    whole = isinstance(kind, Own)
-    data = array if whole else context.make_array(kind)(context, builder, array).data
+    is_own = isinstance(kind, Own)
+    data = array if is_own else context.make_array(kind)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 

@@ -46,7 +46,7 @@ class Rows:
         """Of arrays uint16 (n_i, n_taxels), or what can be made such; one that is made stays."""
         if isinstance(trials, Rows):
             return trials
-        held = [np.ascontiguousarray(samples, np.uint16) for samples in trials]
+        held = [np.require(samples, np.uint16, ["C", "A"]) for samples in trials]
         at = np.array([samples.__array_interface__["data"][0] for samples in held], np.int64)
         row_bytes = BYTES * held[0].shape[1] if held else 0
         return cls(at, np.array(list(map(len, held)), np.int64), row_bytes, held)

@@ -1,7 +1,7 @@
 """Spikes of 32 lanes as a vector of bytes, and tallies of them.
 
 A comparison of float64 gives 64 bits a lane, one register for four lanes; so kept, counts would
-take more memory than the neurons and as much work. Blended into one another, eight such are one.
+take half as much memory as the neurons. Blended into one another, eight such are one.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Spikes are few, and a branch for each of them costs more than the kernel. So 64 samples of 64 trains
 are taken as bits and turned about, so that a word holds one train. When all is in, the words tell
-how much memory each trial's trains need, and their bits are written there eight at a time, by a
-table.
+how much memory each trial's trains need, and their bits are written there eight at a time by a
+table, or where a sample holds several spikes one by one.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ def _write(words: Any, trains: Any, n_samples: Any, starts: Any, places: Any, ou
 def _write_several(
     words: Any, trains: Any, n_samples: Any, starts: Any, _places: Any, out: Any
 ) -> None:
-    """The same where a sample may hold several spikes, one plane after the other."""
+    """The same where a sample may hold several spikes, plane after plane within each."""
     for i in range(trains.shape[0]):
         at = starts[i]
         for t in range(n_samples):
