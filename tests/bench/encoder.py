@@ -173,27 +173,13 @@ def _against_numpy(trials: Trials, ours: float) -> Iterator[dict[str, Any]]:
     batched = 1e9 * (time.perf_counter() - start) / NEURON_MS
     note = f"{SCENE}; one thread each"
     yield _peers.row("encoder.vs_numpy_batched", ours, unit, "NumPy, all trials", batched, note)
-    if cores() > 1:
-        yield _numpy_on_all_cores(trials, all_drives)
     start = time.perf_counter()
     for samples in trials[:PER_TRIAL_SAMPLE]:
         numpy_spikes(currents(samples, DEFAULT))
     spent = time.perf_counter() - start
     alone = 1e9 * spent / (PER_TRIAL_SAMPLE * N_SAMPLES * 2 * N_TAXELS)
-    note = f"{SCENE}; one thread each; the peer measured on {PER_TRIAL_SAMPLE} of the trials"
+    note = f"{note}; the peer measured on {PER_TRIAL_SAMPLE} of the trials"
     yield _peers.row("encoder.vs_numpy_per_trial", ours, unit, "NumPy, trial by trial", alone, note)
-
-
-def _numpy_on_all_cores(trials: Trials, drives: NDArray[np.float64]) -> dict[str, Any]:
-    ours = per_neuron_ms(best_of(5, lambda: on_all_cores(trials, DEFAULT)))
-    shares = [np.ascontiguousarray(share) for share in np.array_split(drives, cores(), axis=1)]
-    with ThreadPoolExecutor(cores()) as pool:
-        start = time.perf_counter()
-        list(pool.map(numpy_spikes, shares))
-        theirs = per_neuron_ms(time.perf_counter() - start)
-    note = f"{SCENE}; {cores()} threads each, each with a share of the trials"
-    name, peer = "encoder.vs_numpy_batched_all_cores", "NumPy, all trials"
-    return _peers.row(name, ours, "ns/neuron-ms", peer, theirs, note)
 
 
 def _against_brian2(trials: Trials, folder: Path) -> Iterator[dict[str, Any]]:
