@@ -31,6 +31,10 @@ NO_VARIANCE = 1e-12
 LANCZOS_FEATURES = 600
 LANCZOS_SHARE = 8
 
+# Components are taken from products of rows where the last has at least this part of the first's
+# variance: then their axes are right to ten digits.
+FINE_SHARE = 1e-6
+
 # Folds whose scatters, p × p each, are kept side by side.
 FOLDS_IN_MEMORY = 8
 
@@ -99,8 +103,7 @@ def fit_principal(features: Matrix, k_max: int) -> Principal:
     centred = features - mean
     if p <= n:
         return _from_covariance(mean, centred.T @ centred / (n - 1), k_max)
-    _, s, rows = linalg.svd(centred, full_matrices=False, check_finite=False)
-    return Principal(mean, rows[:k_max].T, s[:k_max] ** 2 / (n - 1))
+    return _from_rows(mean, centred, k_max)
 
 
 def fit_nested_lda(
@@ -197,29 +200,49 @@ def _scatter(centred: Matrix) -> Matrix:
 
 
 def _from_covariance(mean: Matrix, covariance: Matrix, k_max: int) -> Principal:
-    p = len(mean)
+    variance, axes = _leading(covariance, k_max, np.ones(len(covariance)))
+    return Principal(mean, np.ascontiguousarray(axes), variance)
+
+
+def _from_rows(mean: Matrix, centred: Matrix, k_max: int) -> Principal:
+    """Of fewer rows than features: from the products of the rows with one another.
+
+    Their eigenvectors are the scores. Squares lose what is too small beside the largest; where
+    that is asked for, the rows themselves are decomposed.
+    """
+    n = len(centred)
+    # Ones would be no start: centred rows sum up to nothing.
+    start = np.random.default_rng(0).normal(size=n)
+    variance, scores = _leading(centred @ centred.T / (n - 1), k_max, start)
+    if variance[-1] > FINE_SHARE * variance[0]:
+        return Principal(mean, centred.T @ scores / np.sqrt((n - 1) * variance), variance)
+    _, s, rows = linalg.svd(centred, full_matrices=False, check_finite=False)
+    return Principal(mean, rows[:k_max].T, s[:k_max] ** 2 / (n - 1))
+
+
+def _leading(symmetric: Matrix, k_max: int, start: Matrix) -> tuple[Matrix, Matrix]:
+    """Leading eigenvalues, float64 (k_max,), falling, and eigenvectors, float64 (p, k_max)."""
+    p = len(symmetric)
     if p >= LANCZOS_FEATURES and k_max <= p // LANCZOS_SHARE:
-        variance, axes = _leading_by_lanczos(covariance, k_max)
+        values, vectors = _leading_by_lanczos(symmetric, k_max, start)
     else:
-        variance, axes = linalg.eigh(
-            covariance, subset_by_index=(p - k_max, p - 1), driver="evr", check_finite=False
+        values, vectors = linalg.eigh(
+            symmetric, subset_by_index=(p - k_max, p - 1), driver="evr", check_finite=False
         )
-    return Principal(mean, np.ascontiguousarray(axes[:, ::-1]), variance[::-1])
+    return values[::-1], vectors[:, ::-1]
 
 
-def _leading_by_lanczos(covariance: Matrix, k_max: int) -> tuple[Matrix, Matrix]:
+def _leading_by_lanczos(symmetric: Matrix, k_max: int, start: Matrix) -> tuple[Matrix, Matrix]:
     """Leading eigenpairs to machine precision, ascending, for a few out of very many.
 
-    The start vector is fixed, so that equal data give equal bits.
+    The start vector is given, so that equal data give equal bits.
     """
     from scipy.sparse.linalg import eigsh
 
-    p = len(covariance)
-    variance, axes = eigsh(
-        covariance, k=k_max, which="LA", v0=np.ones(p), ncv=min(p, 2 * k_max + 20), tol=0
-    )
-    order = np.argsort(variance)
-    return variance[order], axes[:, order]
+    most = min(len(symmetric), 2 * k_max + 20)
+    values, vectors = eigsh(symmetric, k=k_max, which="LA", v0=start, ncv=most, tol=0)
+    order = np.argsort(values)
+    return values[order], vectors[:, order]
 
 
 def _factor(covariance: Matrix, variance: Matrix) -> tuple[Matrix, tuple[int, ...]]:

@@ -100,6 +100,22 @@ def test_every_prediction_is_scikit_learns(name: str, divisor: Divisor) -> None:
             np.testing.assert_array_equal(mine[k - 1], other, err_msg=f"k = {k}")
 
 
+@pytest.mark.parametrize("faintest", [1e-1, 1e-4, 1e-7])
+@pytest.mark.parametrize("n", [60, 700])
+def test_components_of_fewer_trials_than_features_are_those_of_an_svd(
+    n: int, faintest: float
+) -> None:
+    rng = np.random.default_rng(n)
+    left, _ = np.linalg.qr(rng.normal(size=(n, 40)))
+    right, _ = np.linalg.qr(rng.normal(size=(n + 100, 40)))
+    features = 5 + left * np.geomspace(1.0, faintest, 40) @ right.T
+    found = fit_principal(features, 30)
+    _, s, axes = np.linalg.svd(features - features.mean(axis=0), full_matrices=False)
+    np.testing.assert_allclose(found.variance, s[:30] ** 2 / (n - 1), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(np.sum(found.axes * axes[:30].T, axis=0)), 1, atol=1e-12)
+    np.testing.assert_allclose(found.axes.T @ found.axes, np.eye(30), atol=1e-9)
+
+
 def test_folds_that_do_not_cover_the_set() -> None:
     """A training set smaller than the rest, as in the extrapolation task."""
     features, labels = unequal_set()
