@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
-from threadpoolctl import threadpool_info, threadpool_limits
+from threadpoolctl import threadpool_info
 
 from rigctl import __version__
-from rigctl.analysis.jobs import Crew, Job, Result
+from rigctl.analysis.jobs import Crew, Job, Result, one_blas_thread
 from rigctl.errors import CrewLost, WrongUse
 from rigctl.resources import source_commit
 
@@ -241,7 +241,7 @@ def _done(work: Callable[[Job], Result], job: Job, versions: Versions) -> Result
 @cache
 def _one_blas_thread() -> None:
     # For good, as the limit is the process's: jobs in other threads would feel it lifted.
-    threadpool_limits(1, "blas")
+    one_blas_thread()
 
 
 @cache

@@ -60,7 +60,7 @@ class Here(_OnThisMachine):
     def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Each result is worked out when it is asked for."""
         for job in jobs:
-            with threadpool_limits(1, "blas"):
+            with one_blas_thread():
                 result = work(job)
             yield result
 
@@ -137,7 +137,15 @@ def work_through(
         yield result
 
 
+def one_blas_thread() -> threadpool_limits:
+    """Have linear algebra keep to one thread in this process, for good or in a ``with``."""
+    # Only libraries that are loaded can be limited, and SciPy brings one of its own.
+    import scipy.linalg  # noqa: F401
+
+    return threadpool_limits(1, "blas")
+
+
 def _one_thread() -> None:
     # Ctrl-C reaches every process of a terminal; the first one alone decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threadpool_limits(1, "blas")
+    one_blas_thread()

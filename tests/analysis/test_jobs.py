@@ -1,0 +1,22 @@
+"""Pieces of work in processes of their own."""
+
+from __future__ import annotations
+
+from threadpoolctl import threadpool_info
+
+from rigctl.analysis.jobs import HERE, processes
+
+
+def blas_threads(_job: int) -> list[int]:
+    """Threads of each library of linear algebra, SciPy's own with NumPy's."""
+    from scipy import linalg
+
+    linalg.eigvalsh([[2.0, 1.0], [1.0, 2.0]])
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+
+def test_linear_algebra_keeps_to_one_thread_in_every_process() -> None:
+    with processes(2) as crew:
+        found = list(crew.map(blas_threads, range(4)))
+    assert found == [[1, 1]] * 4
+    assert list(HERE.map(blas_threads, [0])) == [[1, 1]]
