@@ -39,7 +39,7 @@ from tests.bench.fig3 import made_up
 
 SPEEDS, FORCES = (40, 60, 80, 100, 120), (250, 500, 1000)
 REPEATS = 8
-SWEEPS = (9_600, 14_400)
+SWEEPS = (9_600, 19_200)
 """Trials of two sets that make a draw's cost a line: every fit has more than 2160 rows."""
 WIDTHS = (720, 2160)
 TASKS = 300
@@ -188,9 +188,12 @@ def _of_draws() -> dict[str, Any]:
 
 def _answered_s(features: Any, of: Design, fits: Any, family: str) -> float:
     labels = {task.key: of.labels(task) for task in paper.TASKS if task.family == family}
-    begun = time.process_time()
-    answer(features, labels, fits, paper.K_MAX, Engine.OWN)
-    return time.process_time() - begun
+    took = []
+    for _ in range(2):
+        begun = time.process_time()
+        answer(features, labels, fits, paper.K_MAX, Engine.OWN)
+        took.append(time.process_time() - begun)
+    return min(took)
 
 
 def _design(n: int) -> Design:
