@@ -35,7 +35,7 @@ TABS = {"operate": 0, "protocol": 1, "analysis": 2}
 
 def main(argv: list[str]) -> int:
     """Render everything into the folder; return the exit code."""
-    if len(argv) != 1:
+    if len(argv) != 1 or argv[0].startswith("-"):
         print("usage: python -m gui.shots FOLDER", file=sys.stderr)
         return 2
     os.environ["QT_QPA_PLATFORM"] = "offscreen"

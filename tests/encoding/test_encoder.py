@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -241,18 +238,6 @@ def test_trains_are_brian2s() -> None:
     assert sum(map(len, ours)) == len(sample) > 3000
     for index, train in enumerate(ours):
         np.testing.assert_array_equal(train, sample[neuron == index])
-
-
-def test_other_registers_give_the_same_spikes(tmp_path: Path) -> None:
-    def told(*which: str) -> list[str]:
-        command = [sys.executable, "-m", "tests.encoding.other_registers", *which]
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "".join(which))}
-        ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        return ran.stdout.split()
-
-    (wide, spikes), (other_wide, of_others) = told(), told("other")
-    assert {wide, other_wide} == {"4", "8"}
-    assert spikes == of_others
 
 
 @settings(max_examples=40, deadline=None)
