@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rigctl.encoding import kernel
 from rigctl.encoding.compiled import LANES, LANES_OF_SA, Kernel
+from rigctl.encoding.gather import BYTES, Rows, first_readings
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 
@@ -44,6 +45,11 @@ class Blocks:
         self._n = filled_up(len(taxels), self.wide)
         self.use_ranges(normalisation)
         self.reset()
+
+    @property
+    def lanes(self) -> int:
+        """Lanes of all blocks."""
+        return self._n
 
     @classmethod
     def of_taxels(cls, normalisation: Normalisation, parameters: EncoderParameters) -> Blocks:
@@ -96,41 +102,56 @@ class Blocks:
         full[: len(values)] = values
         return full
 
-    def advance(
-        self, tile: Samples, ends: NDArray[np.int64], counts: Counts | None = None
-    ) -> Counts:
-        """Spikes in rows of samples, uint8 (blocks, rows, channels, wide), in ``counts`` if given.
+    def advance(self, rows: Rows, ends: NDArray[np.int64]) -> Counts:
+        """Spikes between ends, uint8 (blocks, ends, channels, wide).
 
-        ``tile``: uint16 (n, lanes or more) as :class:`rigctl.encoding.raster.Tile` lays it.
-        ``ends``: first sample behind each row; no row may be longer than
-        ``kernel.samples_per_row``.
+        ``rows``: readings of as many trials as there are side by side; what a lane shows behind
+        its trial's end means nothing. ``ends``: ascending, first sample behind each stretch; none
+        may be longer than ``kernel.samples_per_row``.
         """
-        counts = self.room_for(len(ends)) if counts is None else counts
-        self._run(self._advance, tile, ends, counts, np.empty(0))
+        counts = self.room_for(len(ends))
+        self._run(self._advance, rows, ends, counts, np.empty(0))
         return counts
 
-    def traced_mv(self, tile: Samples) -> tuple[Counts, NDArray[np.float64]]:
+    def take_trains(self, rows: Rows, words: NDArray[np.uint64]) -> int:
+        """Keep all spikes as bits, uint64 (planes, trains, words); the most in one sample.
+
+        As :func:`rigctl.encoding.bits.keep` says; as many planes as a sample has substeps.
+        """
+        advance = kernel.kernel_for(self._parameters, trains=True)
+        return self._run(advance, rows, np.empty(0, np.int64), words, np.empty(0))
+
+    def traced_mv(self, rows: Rows) -> tuple[Counts, NDArray[np.float64]]:
         """Spikes and membrane voltage in mV of each sample, both (blocks, n, channels, wide)."""
         advance = kernel.kernel_for(self._parameters, sa_only=self._sa_only, traced=True)
-        counts = self.room_for(len(tile))
+        ends = np.arange(1, rows.lengths.max() + 1)
+        counts = self.room_for(len(ends))
         trace = np.empty(counts.shape)
-        self._run(advance, tile, np.arange(1, len(tile) + 1), counts, trace)
+        self._run(advance, rows, ends, counts, trace)
         return counts, kernel.membrane_mv(self._parameters, trace)
 
     def _run(
         self,
         advance: Kernel,
-        tile: Samples,
+        rows: Rows,
         ends: NDArray[np.int64],
-        counts: Counts,
+        out: NDArray[Any],
         trace: NDArray[np.float64],
-    ) -> None:
-        if len(tile) == 0:
-            return
+    ) -> int:
+        if not rows.lengths.any():
+            return 0
+        some = len(self._taxels) // len(rows)
+        addresses = self.by_lane(np.repeat(rows.addresses, some) + BYTES * self._taxels)
+        lengths = self.by_lane(np.repeat(rows.lengths, some))
         if self._fresh:
-            low, width, scale = self._lanes[:3]
-            first = tile[0, : self._n]
-            x = np.minimum(np.maximum(first, low) - low, width).astype(np.float64)
-            kernel.start_filter(self._parameters, x, scale, self._state)
-            self._fresh = False
-        advance(tile, *self._lanes, self._constants, self._state, ends, counts, trace)
+            self._start_filter(addresses, lengths)
+        lanes = (addresses, lengths, rows.row_bytes, *self._lanes)
+        return advance(*lanes, self._constants, self._state, ends, out, trace)
+
+    def _start_filter(self, addresses: NDArray[np.int64], lengths: NDArray[np.int64]) -> None:
+        low, width, scale = self._lanes[:3]
+        first = np.empty(self._n, np.uint16)
+        first_readings(addresses, lengths, first)
+        x = np.minimum(np.maximum(first, low) - low, width).astype(np.float64)
+        kernel.start_filter(self._parameters, x, scale, self._state)
+        self._fresh = False

@@ -17,17 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding import kernel, raster
-from rigctl.encoding.blocks import Blocks, filled_up
+from rigctl.encoding.blocks import Blocks
 from rigctl.encoding.compiled import LANES, LANES_OF_SA
 from rigctl.encoding.encoder import tiles
 from rigctl.encoding.features import FeatureLayout
+from rigctl.encoding.gather import Rows, Trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 
 Samples = NDArray[np.uint16]
 Counts = NDArray[np.uint32]
-# Samples that are laid side by side at a time: most trials whole.
-STRETCH = 4096
 LEVEL_EVERY = 16
 """Every so many samples enter the mean reading."""
 
@@ -44,13 +43,13 @@ def cuts_of(layouts: Sequence[FeatureLayout], n_samples: int, speed_mm_s: float)
     return np.unique(np.concatenate([[0, n_samples], *changes])).astype(np.int64)
 
 
-def whole_trials(trials: raster.Trials) -> NDArray[np.int64]:
+def whole_trials(trials: Trials) -> NDArray[np.int64]:
     """Cuts of one stretch that holds all of each trial."""
-    return np.array([0, raster.Rows.of(trials).lengths.max(initial=0)])
+    return np.array([0, Rows.of(trials).lengths.max(initial=0)])
 
 
 def stretch_counts(
-    trials: raster.Trials,
+    trials: Trials,
     cuts: NDArray[np.int64],
     normalisation: Normalisation,
     parameters: EncoderParameters = DEFAULT,
@@ -70,16 +69,13 @@ def stretch_counts(
 
 
 def counts_without_and_with(
-    trials: raster.Trials,
+    trials: Trials,
     cuts: NDArray[np.int64],
     normalisation: Normalisation,
     parameters: EncoderParameters,
     sa_scale: NDArray[np.float64],
 ) -> tuple[Counts, Counts]:
-    """:func:`stretch_counts` of both channels without C, and of SA alone with it.
-
-    Readings are laid side by side once for both.
-    """
+    """:func:`stretch_counts` of both channels without C, and of SA alone with it."""
     ways = [_Way(None, sa_only=False), _Way(sa_scale, sa_only=True)]
     without, with_c = _counts_of_ways(trials, cuts, normalisation, parameters, None, ways)
     return without, with_c
@@ -103,7 +99,7 @@ class _Way(NamedTuple):
 
 
 def _counts_of_ways(
-    trials: raster.Trials,
+    trials: Trials,
     cuts: NDArray[np.int64],
     normalisation: Normalisation,
     parameters: EncoderParameters,
@@ -115,94 +111,59 @@ def _counts_of_ways(
         taxels = np.arange(normalisation.n_taxels)
     n, some, between = len(trials), len(taxels), len(cuts) - 1
     outs = [np.empty((n, way.channels * some, between), np.uint32) for way in ways]
-    rows, most = raster.Rows.of(trials), kernel.samples_per_row(parameters)
-    of_cuts, memory = tuple(cuts.tolist()), None
+    rows, most = Rows.of(trials), kernel.samples_per_row(parameters)
+    of_cuts = tuple(cuts.tolist())
     for chosen in tiles(rows.lengths.tolist(), some, max(way.wide for way in ways)):
-        lanes = max(filled_up(len(chosen) * some, way.wide) for way in ways)
-        tile = raster.Tile(rows.some(chosen), taxels, lanes, memory)
-        lengths = rows.lengths[chosen]
-        going = [
-            _Going.of(way, chosen, lengths, between, normalisation, parameters, taxels)
-            for way in ways
-        ]
-        for step in _steps(of_cuts, tuple(sorted(set(lengths.tolist()))), most):
-            readings = tile.laid(step.start, step.stop)
-            for one in going:
-                one.go_on(readings, step)
-        for one, out in zip(going, outs, strict=True):
-            raster.take_apart(one.sums, np.array(chosen), out)
-        memory = tile.memory
+        tile = rows.some(chosen)
+        steps = _steps(of_cuts, tuple(sorted(set(tile.lengths.tolist()))), most)
+        for way, out in zip(ways, outs, strict=True):
+            sums = _sums(way, chosen, tile, steps, between, normalisation, parameters, taxels)
+            raster.take_apart(sums, np.array(chosen), out)
     return outs
 
 
-class _Step(NamedTuple):
-    """Samples ``start`` to ``stop`` of a tile in rows of the kernel.
+class _Steps(NamedTuple):
+    """Rows of the kernel: first sample of each, the one behind it, and whose spikes they are."""
 
-    ``ends``: first sample behind each row, from ``start`` on; ``starts``: its first sample;
-    ``stretches``: where its spikes belong.
-    """
-
-    start: int
-    stop: int
-    ends: NDArray[np.int64]
     starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
     stretches: NDArray[np.int64]
 
 
-class _Going(NamedTuple):
-    """A tile on one way through time; ``sums``: its spikes between cuts so far."""
-
-    blocks: Blocks
-    in_lane: NDArray[np.int64]
-    sums: Counts
-
-    @classmethod
-    def of(
-        cls,
-        way: _Way,
-        chosen: Sequence[int],
-        lengths: NDArray[np.int64],
-        between: int,
-        normalisation: Normalisation,
-        parameters: EncoderParameters,
-        taxels: NDArray[np.int64],
-    ) -> _Going:
-        """At rest. ``chosen``: trials in the tile; ``between``: number of stretches."""
-        scale = None if way.sa_scale is None else way.sa_scale[chosen]
-        blocks = Blocks.of_trials(
-            len(chosen), normalisation, parameters, scale, taxels=taxels, sa_only=way.sa_only
-        )
-        in_lane = blocks.by_lane(np.repeat(lengths, len(taxels)))
-        return cls(blocks, in_lane, np.zeros_like(blocks.room_for(between), np.uint32))
-
-    def go_on(self, readings: Samples, step: _Step) -> None:
-        """Encode the readings of a step."""
-        counts = self.blocks.advance(readings, step.ends)
-        raster.add_up(counts, step.starts, step.stretches, self.in_lane, self.sums)
+def _sums(
+    way: _Way,
+    chosen: Sequence[int],
+    tile: Rows,
+    steps: _Steps,
+    between: int,
+    normalisation: Normalisation,
+    parameters: EncoderParameters,
+    taxels: NDArray[np.int64],
+) -> Counts:
+    """Spikes of some trials between cuts, lane by lane: (blocks, stretches, channels, wide)."""
+    scale = None if way.sa_scale is None else way.sa_scale[chosen]
+    blocks = Blocks.of_trials(
+        len(chosen), normalisation, parameters, scale, taxels=taxels, sa_only=way.sa_only
+    )
+    in_lane = blocks.by_lane(np.repeat(tile.lengths, len(taxels)))
+    sums = np.zeros_like(blocks.room_for(between), np.uint32)
+    counts = blocks.advance(tile, steps.ends)
+    raster.add_up(counts, steps.starts, steps.stretches, in_lane, sums)
+    return sums
 
 
 # A search asks for the same few again and again.
 @lru_cache(maxsize=64)
-def _steps(cuts: tuple[int, ...], lengths: tuple[int, ...], most: int) -> list[_Step]:
-    """How a tile of trials of these lengths goes through time, in rows of ``most`` samples."""
-    edges = _row_edges(cuts, lengths, most)
-    starts, ends = edges[:-1], edges[1:]
+def _steps(cuts: tuple[int, ...], lengths: tuple[int, ...], most: int) -> _Steps:
+    """How trials of these lengths go through time side by side, in rows of ``most`` samples.
+
+    No row holds a cut, a trial's end, or too much.
+    """
+    inside = (cut for cut in cuts if cut < lengths[-1])
+    edges = sorted({0, *inside, *lengths})
+    starts = np.array([t for a, b in pairwise(edges) for t in range(a, b, most)], np.int64)
     stretches = np.searchsorted(cuts, starts, side="right") - 1
-    steps = []
-    for start in range(0, int(edges[-1]), STRETCH):
-        inside = (starts >= start) & (starts < start + STRETCH)
-        rows = (ends[inside] - start, starts[inside], stretches[inside])
-        steps.append(_Step(start, int(ends[inside][-1]), *rows))
-    return steps
-
-
-def _row_edges(cuts: tuple[int, ...], lengths: tuple[int, ...], most: int) -> NDArray[np.int64]:
-    """Where rows begin and end: none holds a cut, a trial's end, or too much."""
-    longest = max(lengths)
-    inside = (cut for cut in cuts if cut < longest)
-    edges = sorted({0, *inside, *lengths, *range(0, longest, STRETCH)})
-    rows = [start for a, b in pairwise(edges) for start in range(a, b, most)]
-    return np.array([*rows, longest], np.int64)
+    return _Steps(starts, np.append(starts[1:], lengths[-1]), stretches)
 
 
 def sa_rates_hz(

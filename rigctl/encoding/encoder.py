@@ -8,24 +8,22 @@ the RA channel out where only SA is asked for.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding import raster
+from rigctl.encoding import kernel, raster
 from rigctl.encoding.blocks import Blocks, Counts, Samples
 from rigctl.encoding.compiled import LANES
+from rigctl.encoding.gather import Rows
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.encoding.trains import Trains
 from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 
-# Samples that are laid into blocks at a time: what passes between two kernels stays in the cache.
-STRETCH = 512
-# Lanes that advance through such a stretch together, at least.
-TILE_LANES = 288
+# Lanes that are encoded side by side, at least.
+TILE_LANES = 2048
 
 
 class Encoder:
@@ -83,7 +81,7 @@ class Encoder:
 
     def _counts(self, blocks: Blocks, samples: Samples) -> Counts:
         each = np.arange(1, len(samples) + 1)
-        counts = blocks.advance(raster.Tile.of_trials([samples]).laid(0, len(samples)), each)
+        counts = blocks.advance(Rows.of([samples]), each)
         return raster.by_sample(counts, self._normalisation.n_taxels)
 
 
@@ -116,22 +114,12 @@ def encode_trials(
     for samples in trials:
         _check(samples, normalisation)
     spikes: dict[int, Spikes] = {}
-    memory: tuple[Any, Any] = (None, None)
+    trains = Trains(kernel.most_in_a_sample(parameters))
     for chosen in tiles([len(samples) for samples in trials], normalisation.n_taxels):
-        some = [trials[i] for i in chosen]
         scale = None if sa_scale is None else sa_scale[chosen]
-        blocks = Blocks.of_trials(len(some), normalisation, parameters, scale)
-        tile, trains = raster.Tile.of_trials(some, memory[0]), Trains(some, memory[1])
-        longest = len(some[-1])
-        counts = blocks.room_for(STRETCH)
-        for start in range(0, longest, STRETCH):
-            stop = min(start + STRETCH, longest)
-            if stop - start < STRETCH:
-                counts = blocks.room_for(stop - start)
-            each = np.arange(1, stop - start + 1)
-            trains.add(blocks.advance(tile.laid(start, stop), each, counts), start)
-        memory = tile.memory, trains.memory
-        spikes.update(zip(chosen, trains.spikes(), strict=True))
+        blocks = Blocks.of_trials(len(chosen), normalisation, parameters, scale)
+        rows = Rows.of([trials[i] for i in chosen])
+        spikes.update(zip(chosen, trains.of(blocks, rows, normalisation.n_taxels), strict=True))
     return [spikes[i] for i in range(len(trials))]
 
 
@@ -158,6 +146,6 @@ def membrane_mv(
     """
     _check(samples, normalisation)
     blocks = Blocks.of_taxels(normalisation, parameters)
-    counts, voltage = blocks.traced_mv(raster.Tile.of_trials([samples]).laid(0, len(samples)))
+    counts, voltage = blocks.traced_mv(Rows.of([samples]))
     voltage = np.where(counts > 0, parameters.threshold_mv, voltage)
     return raster.by_sample(voltage, normalisation.n_taxels)

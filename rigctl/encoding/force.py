@@ -25,9 +25,9 @@ from rigctl.encoding.bulk import (
     stretch_counts,
     whole_trials,
 )
+from rigctl.encoding.gather import Rows
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
-from rigctl.encoding.raster import Rows
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]

@@ -40,8 +40,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding import compiled
-from rigctl.encoding.compiled import STATE_ROWS, Kernel
+from rigctl.encoding import compiled, steps
+from rigctl.encoding.compiled import Kernel
 from rigctl.encoding.presets import EncoderParameters, Recovery, Rectify, Reset
 
 # What a falling signal counts: max(slope, FALL · slope) is the slope, its size, or 0.
@@ -61,6 +61,11 @@ def samples_per_row(parameters: EncoderParameters) -> int:
     return HIGHEST_TALLY // parameters.substeps
 
 
+def most_in_a_sample(parameters: EncoderParameters) -> int:
+    """Most spikes that a neuron may have in one sample."""
+    return 1 if is_late(parameters) else parameters.substeps
+
+
 def _normal_form(p: EncoderParameters) -> tuple[float, float, float, float]:
     """(scale, shift) of the membrane, m = scale·v + shift, and of the recovery s = σq likewise."""
     if is_late(p):
@@ -77,7 +82,7 @@ def _sigma(p: EncoderParameters) -> float:
 
 
 def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
-    """The kernel's constants, float64 (20,), in the order of the names in ``compiled``."""
+    """The kernel's constants, float64 (20,), in the order of the names in ``steps``."""
     return np.array(_folded(parameters))
 
 
@@ -134,10 +139,10 @@ def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[tuple[float, ...], tu
 def rest(parameters: EncoderParameters, lanes: int) -> NDArray[np.float64]:
     """State of neurons at rest, float64 (7, lanes); the filter is still to start."""
     scale, shift, recovery_scale, recovery_shift = _normal_form(parameters)
-    state = np.zeros((STATE_ROWS, lanes))
+    state = np.zeros((steps.STATE_ROWS, lanes))
     u = (recovery_scale * parameters.start_u + recovery_shift) / _sigma(parameters)
-    state[compiled.M] = state[compiled.M_RA] = scale * parameters.start_v_mv + shift
-    state[compiled.Q] = state[compiled.Q_RA] = u
+    state[steps.M] = state[steps.M_RA] = scale * parameters.start_v_mv + shift
+    state[steps.Q] = state[steps.Q_RA] = u
     return state
 
 
@@ -153,13 +158,13 @@ def start_filter(
     what the kernel will compute for this sample, so the first difference is 0 exactly.
     """
     if not is_late(parameters):
-        state[compiled.Z1], state[compiled.Z2], state[compiled.LAST] = 0.0, 0.0, x
+        state[steps.Z1], state[steps.Z2], state[steps.LAST] = 0.0, 0.0, x
         return
     b, a = butterworth(parameters.ra_lowpass_hz, parameters.sample_rate_hz)
     level = x * scale
-    state[compiled.Z2] = (b[2] - a[2]) * level
-    state[compiled.Z1] = (b[1] - a[1]) * level + state[compiled.Z2]
-    state[compiled.LAST] = b[0] * level + state[compiled.Z1]
+    state[steps.Z2] = (b[2] - a[2]) * level
+    state[steps.Z1] = (b[1] - a[1]) * level + state[steps.Z2]
+    state[steps.LAST] = b[0] * level + state[steps.Z1]
 
 
 def membrane_mv(
@@ -172,19 +177,26 @@ def membrane_mv(
 
 
 def kernel_for(
-    parameters: EncoderParameters, *, sa_only: bool = False, traced: bool = False
+    parameters: EncoderParameters,
+    *,
+    sa_only: bool = False,
+    traced: bool = False,
+    trains: bool = False,
 ) -> Kernel:
     """The compiled kernel of a scheme; the numbers of the scheme go in through :func:`folded`.
 
-    Called as ``kernel(samples, low, width, scale, sa_drive, ra_drive, constants, state, ends,
-    counts, trace)``, all contiguous, lanes in blocks of 32 (64 of SA alone).
-    samples: uint16 (n, lanes or more).
+    Called as ``kernel(addresses, lengths, row_bytes, low, width, scale, sa_drive, ra_drive,
+    constants, state, ends, out, trace)``, all contiguous, lanes in blocks of 32 (64 of SA alone).
+    addresses: int64 (lanes,), where the first reading of each lane lies in memory, the next
+    row_bytes further; lengths: int64 (lanes,), how many there are.
     low, width: uint16 (lanes,); scale, sa_drive, ra_drive: float64 (lanes,). state: as from
     :func:`rest`, changed in place. ends: int64 (rows,), ascending; spikes before sample ends[0]
-    go to row 0, those from there to ends[1] to row 1 and so on; the last is n, and no row holds
-    more than :func:`samples_per_row`. counts: uint8 (blocks, rows, channels, 32 or 64), written;
-    two channels, SA and RA, or SA alone. trace: float64 of the same shape, written if ``traced``
-    with the membrane after each row. Releases the GIL.
+    go to row 0, those from there to ends[1] to row 1 and so on; the last is the end, and no row
+    holds more than :func:`samples_per_row`. out: uint8 (blocks, rows, channels, 32 or 64), written;
+    two channels, SA and RA, or SA alone. If ``trains``, rows hold up to 64 samples, and out is
+    what :func:`rigctl.encoding.bits.keep` writes, a word a row; the kernel then returns the most
+    spikes in one sample. trace: float64 of the shape of out, written if ``traced`` with the
+    membrane after each row. Releases the GIL.
     """
     return compiled.kernel(
         substeps=parameters.substeps,
@@ -194,4 +206,5 @@ def kernel_for(
         signed=parameters.ra_rectify is Rectify.SIGNED,
         sa_only=sa_only,
         traced=traced,
+        trains=trains,
     )

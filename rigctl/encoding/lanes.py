@@ -97,6 +97,23 @@ def whole(builder: Any, vectors: list[Any]) -> Any:
     return value
 
 
+def joined(b: Any, vectors: list[Any]) -> Any:
+    """Vectors of the same length, a power of two of them, as one."""
+    while len(vectors) > 1:
+        n = vectors[0].type.count
+        all_ = ir.Constant(ir.VectorType(ir.IntType(32), 2 * n), list(range(2 * n)))
+        pairs = zip(vectors[::2], vectors[1::2], strict=True)
+        vectors = [b.shuffle_vector(*pair, all_) for pair in pairs]
+    return vectors[0]
+
+
+def split(b: Any, vector: Any) -> list[Any]:
+    """A vector as some of the usual length."""
+    index = ir.VectorType(ir.IntType(32), WIDE)
+    places = [list(range(i, i + WIDE)) for i in range(0, vector.type.count, WIDE)]
+    return [b.shuffle_vector(vector, vector, ir.Constant(index, place)) for place in places]
+
+
 def call(builder: Any, name: str, *arguments: Any) -> Any:
     kind = arguments[0].type
     signature = ir.FunctionType(kind, [kind] * len(arguments))
@@ -235,12 +252,15 @@ def reached(_typing: Any, value: Any, threshold: Any, then: Any, otherwise: Any)
 @emitted
 def within(_typing: Any, reading: Any, low: Any, width: Any) -> Any:
     """How far the reading lies above the low end, as a real number from 0 to the width."""
-    above, least = f"llvm.usub.sat.v{WIDE}i16", f"llvm.umin.v{WIDE}i16"
+    n = WIDE * reading.vectors
+    above, least = f"llvm.usub.sat.v{n}i16", f"llvm.umin.v{n}i16"
 
-    def cut(b: Any, reading: Any, low: Any, width: Any) -> Any:
-        return b.uitofp(call(b, least, call(b, above, reading, low), width), VECTORS["float64"])
+    def generate(_context: Any, b: Any, _signature: Any, arguments: Any) -> Any:
+        reading, low, width = (joined(b, parts(b, each)) for each in arguments)
+        cut = call(b, least, call(b, above, reading, low), width)
+        return whole(b, split(b, b.uitofp(cut, ir.VectorType(ir.DoubleType(), n))))
 
-    return elementwise(cut, Lanes("float64", reading.vectors), reading, low, width)
+    return Lanes("float64", reading.vectors)(reading, low, width), generate
 
 
 def inlined(function: Function) -> Function:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 
 from rigctl.encoding.lanes import (
@@ -21,9 +22,14 @@ from rigctl.encoding.lanes import (
     Lanes,
     elementwise,
     emitted,
+    joined,
     parts,
     whole,
 )
+
+# The lane of each byte of a tally, of two units one behind the other.
+_IN_UNIT = [i if MASKED else WIDE * (i % IN_UNIT) + i // IN_UNIT for i in range(UNIT)]
+PLACES = np.array([*_IN_UNIT, *(UNIT + i for i in _IN_UNIT)], np.int64)
 
 
 def _pinned(b: Any, value: Any) -> Any:
@@ -39,28 +45,27 @@ def _blended(b: Any, one: Any, other: Any, bits: int) -> Any:
     kind = ir.VectorType(ir.IntType(bits), UNIT * 8 // bits)
     places = [i + kind.count * (i % 2) for i in range(kind.count)]
     which = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), places)
-    blended = b.shuffle_vector(b.bitcast(one, kind), b.bitcast(other, kind), which)
-    return _pinned(b, blended)
+    blended = _pinned(b, b.shuffle_vector(b.bitcast(one, kind), b.bitcast(other, kind), which))
+    return b.bitcast(blended, VECTORS["uint8"])
 
 
-def _joined(b: Any, masks: list[Any]) -> Any:
-    """Vectors of the same length, a power of two of them, as one."""
-    while len(masks) > 1:
-        n = masks[0].type.count
-        all_ = ir.Constant(ir.VectorType(ir.IntType(32), 2 * n), list(range(2 * n)))
-        pairs = zip(masks[::2], masks[1::2], strict=True)
-        masks = [b.shuffle_vector(*pair, all_) for pair in pairs]
-    return masks[0]
+def in_turn(first: int = 0, step: int = 1) -> list[int]:
+    """The vectors of a unit in the order in which their masks are laid into one."""
+    if MASKED:
+        return list(range(IN_UNIT))
+    if step == IN_UNIT:
+        return [first]
+    return in_turn(first, 2 * step) + in_turn(first + step, 2 * step)
 
 
 def collected(b: Any, spiking: Callable[[int], Any], first: int = 0, step: int = 1) -> Any:
-    """Spikes of a unit, −1 each, by a function that emits those of a vector.
+    """Spikes of a unit, −1 each, by a function that emits those of a vector, :func:`in_turn`.
 
     Where masks have registers of their own, in the order of the lanes. Elsewhere a vector's mask
     has 64 bits a lane, and eight of them are laid into one: lane j of vector i becomes byte 8j + i.
     """
     if MASKED:
-        return b.sext(_joined(b, [spiking(i) for i in range(IN_UNIT)]), VECTORS["uint8"])
+        return b.sext(joined(b, [spiking(i) for i in in_turn()]), VECTORS["uint8"])
     if step == IN_UNIT:
         return b.sext(spiking(first), ir.VectorType(ir.IntType(64), WIDE))
     one, other = (collected(b, spiking, i, 2 * step) for i in (first, first + step))
@@ -70,7 +75,7 @@ def collected(b: Any, spiking: Callable[[int], Any], first: int = 0, step: int =
 @emitted
 def in_order(_typing: Any, tally: Any) -> Any:
     """A tally in the order of the lanes."""
-    places = [i if MASKED else IN_UNIT * (i % WIDE) + i // WIDE for i in range(UNIT)]
+    places = [_IN_UNIT.index(lane) for lane in range(UNIT)]
 
     def ordered(b: Any, tally: Any) -> Any:
         which = ir.Constant(ir.VectorType(ir.IntType(32), UNIT), places)
@@ -81,9 +86,9 @@ def in_order(_typing: Any, tally: Any) -> Any:
 
 @emitted
 def no_spikes(_typing: Any) -> Any:
-    """A tally of nothing."""
-    kind = Lanes("uint8", 1)
-    return kind(), lambda _c, b, _s, _a: whole(b, [ir.Constant(VECTORS["uint8"], None)])
+    """A block's tally of nothing."""
+    none = ir.Constant(VECTORS["uint8"], None)
+    return Lanes("uint8", 2)(), lambda _c, b, _s, _a: whole(b, [none, none])
 
 
 @emitted
@@ -98,7 +103,16 @@ def spiking(_typing: Any, value: Any, threshold: Any) -> Any:
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         pairs = list(zip(*(parts(builder, each) for each in arguments), strict=True))
-        spikes = collected(builder, lambda i: builder.fcmp_ordered(">=", *pairs[i]))
-        return whole(builder, [builder.bitcast(spikes, VECTORS["uint8"])])
+        return whole(builder, [collected(builder, lambda i: builder.fcmp_ordered(">=", *pairs[i]))])
 
     return Lanes("uint8", 1)(value, threshold), generate
+
+
+@emitted
+def of_block(_typing: Any, one: Any, other: Any) -> Any:
+    """Spikes of both units of a block."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return whole(builder, [parts(builder, unit)[0] for unit in arguments])
+
+    return Lanes("uint8", 2)(one, other), generate

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigctl.encoding import encoder
 from rigctl.encoding.bulk import (
     counts_without_and_with,
     cuts_of,
@@ -49,8 +50,11 @@ def test_counts_are_those_of_the_trains(name: str) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 7, 61])
-def test_readings_laid_once_count_the_same_without_c_and_with_it(n: int) -> None:
-    """Tiles have blocks of two widths, and trials end in the middle of what is laid at once."""
+def test_counts_in_one_go_are_those_without_c_and_those_with_it(
+    n: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tiles have blocks of two widths, and there are several where there are many trials."""
+    monkeypatch.setattr(encoder, "TILE_LANES", 100)
     rng = np.random.default_rng(n)
     trials = scene([900, *rng.integers(0, 900, n - 1).tolist()], n)
     scale, cuts = rng.uniform(0.5, 2, (n, 5)), cuts_of(LAYOUTS, 900, 80.0)

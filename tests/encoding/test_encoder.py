@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import signal
 
-from rigctl.encoding import compiled, kernel
+from rigctl.encoding import compiled, kernel, steps
 from rigctl.encoding.encoder import Encoder, encode_trial, encode_trials, membrane_mv
 from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.presets import PRESETS, EncoderParameters, Recovery, Rectify, Reset, preset
@@ -161,10 +161,10 @@ def exact_fma(x: float, y: float, z: float) -> float:
 def reckoned(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], list[float]]:
     """Spikes and membrane of one lane in the kernel's normal form, one operation at a time."""
     w0, keep, take, threshold, reset_to, jump = kernel.folded(p)[:6].tolist()
-    a1, a2 = kernel.folded(p)[compiled.A1 : compiled.A2 + 1].tolist()
+    a1, a2 = kernel.folded(p)[steps.A1 : steps.A2 + 1].tolist()
     unit = np.array([1 / 1023])
     drive = float(kernel.drives(p, unit, np.ones(1))[ra][0])
-    m, q = kernel.rest(p, compiled.LANES)[: compiled.Q + 1, 0].tolist()
+    m, q = kernel.rest(p, compiled.LANES)[: steps.Q + 1, 0].tolist()
     last, z1, z2 = float(x[0]), 0.0, 0.0
     spikes, membrane = [], []
     for reading in map(float, x):

@@ -1,0 +1,119 @@
+"""Trials side by side, whatever their lengths and taxels: each as if it were alone."""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rigctl.encoding import encoder
+from rigctl.encoding.bits import WORD, keep
+from rigctl.encoding.encoder import encode_trial, encode_trials
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
+from rigctl.encoding.tally import PLACES
+
+HOT = replace(DEFAULT, sa_gain=3000.0, ra_gain=90.0)
+
+
+def noise(rng: np.random.Generator, n: int, taxels: int) -> NDArray[np.uint16]:
+    """Readings with sudden changes, so that SA and RA neurons both spike."""
+    steps = rng.integers(0, 1024, (-(-n // 20), taxels))
+    return np.repeat(steps, 20, axis=0)[:n].astype(np.uint16)
+
+
+@pytest.mark.parametrize("tile_lanes", [1, 2048])
+@pytest.mark.parametrize("taxels", [1, 5, 7, 8, 9, 16, 18, 33])
+def test_a_trial_among_others_spikes_as_alone(
+    taxels: int, tile_lanes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(encoder, "TILE_LANES", tile_lanes)
+    rng, ranges = np.random.default_rng(taxels), Normalisation.full_scale(taxels)
+    lengths = [300, 1, 31, 32, 33, 63, 64, 65, 128, 700, 0, 640]
+    trials = [noise(rng, n, taxels) for n in lengths]
+    together = encode_trials(trials, ranges)
+    for samples, spikes in zip(trials, together, strict=True):
+        alone = encode_trial(samples, ranges)
+        np.testing.assert_array_equal(spikes.row_start, alone.row_start)
+        np.testing.assert_array_equal(spikes.sample_index, alone.sample_index)
+    assert sum(len(spikes.sample_index) for spikes in together) > 50
+
+
+@pytest.mark.parametrize("scheme", [HOT, PRESETS["explicit"]])
+def test_samples_with_several_spikes_may_come_late(
+    scheme: EncoderParameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first tile's silent, and room for several spikes a sample is made in a later one."""
+    monkeypatch.setattr(encoder, "TILE_LANES", 1)
+    ranges = Normalisation.full_scale(3)
+    silent = np.zeros((100, 3), np.uint16)
+    loud = np.full((200, 3), 1023, np.uint16)
+    trials = [silent, silent, loud, loud[:150], loud]
+    together = encode_trials(trials, ranges, scheme)
+    for samples, spikes in zip(trials, together, strict=True):
+        alone = encoder.Encoder(ranges, scheme).encode(samples)
+        counts = [np.bincount(spikes.train(row), minlength=len(samples)) for row in range(6)]
+        np.testing.assert_array_equal(np.array(counts).T, alone)
+    assert (np.bincount(together[2].train(0)).max() > 1) == (scheme is HOT)
+
+
+@pytest.mark.parametrize("planes", [1, 2, 4])
+@pytest.mark.parametrize("n", [1, 63, 64])
+def test_bits_are_the_tallies(n: int, planes: int) -> None:
+    rng = np.random.default_rng(n)
+    tallies = rng.integers(0, planes + 1, (WORD, WORD)).astype(np.uint8)
+    words = np.zeros((planes, 3 * WORD, 5), np.uint64)
+    room = np.empty(2 * WORD, np.uint64)
+    assert keep(tallies.reshape(-1), n, room, words, WORD, 3) == planes
+    bits = np.unpackbits(words[:, WORD : 2 * WORD, 3].copy().view(np.uint8), bitorder="little")
+    found = bits.reshape(planes, WORD, WORD).sum(axis=0)
+    np.testing.assert_array_equal(found[PLACES, :n], tallies[:n].T)
+    assert not words[:, :WORD].any() and not words[:, 2 * WORD :].any() and not found[:, n:].any()
+
+
+def test_more_spikes_than_there_is_room_for_are_told() -> None:
+    tallies = np.full(WORD * WORD, 3, np.uint8)
+    words = np.zeros((1, WORD, 1), np.uint64)
+    assert keep(tallies, WORD, np.empty(2 * WORD, np.uint64), words, 0, 0) == 3
+    assert (words == np.uint64(2**64 - 1)).all()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="protects pages as POSIX does")
+def test_nothing_beside_a_trial_is_read() -> None:
+    """Trials lie between pages of memory that must not be read: another process tries it."""
+    subprocess.run([sys.executable, "-m", __name__], check=True, timeout=300)
+
+
+def between_forbidden_pages(n: int, taxels: int, at_end: bool) -> NDArray[np.uint16]:
+    """Memory for a trial that ends where it may not be read on, or begins behind such a page."""
+    page, size = mmap.PAGESIZE, 2 * n * taxels
+    inside = -(-size // page) * page
+    held = mmap.mmap(-1, inside + 2 * page)
+    memory = np.frombuffer(held, np.uint8)
+    libc = ctypes.CDLL(None, use_errno=True)
+    for start in (0, page + inside):
+        if libc.mprotect(ctypes.c_void_p(memory.ctypes.data + start), page, 0) != 0:
+            raise OSError(ctypes.get_errno(), "mprotect")
+    start = page + (inside - size if at_end else 0)
+    return memory[start : start + size].view(np.uint16).reshape(n, taxels)
+
+
+def read_between_forbidden_pages() -> None:
+    rng = np.random.default_rng(0)
+    for taxels in (1, 7, 8, 9, 18, 33):
+        trials = []
+        for n in (1, 40, 64, 77, 300):
+            for at_end in (False, True):
+                trials.append(between_forbidden_pages(n, taxels, at_end))
+                trials[-1][...] = noise(rng, n, taxels)
+        encode_trials(trials, Normalisation.full_scale(taxels))
+
+
+if __name__ == "__main__":
+    read_between_forbidden_pages()
