@@ -26,7 +26,8 @@ from rigctl.encoding.features import SPEED_SCALED, UNSCALED
 from rigctl.encoding.presets import DEFAULT
 from rigctl.session.reader import Session
 from tests.bench._peers import row
-from tests.bench.encoder import best_of, currents, numpy_spikes
+from tests.bench.encoder import best_of
+from tests.bench.numpy_encoder import currents, numpy_spikes
 
 SIZES = (3_000, 6_000, 12_000, 24_000)
 WORKERS = 2

@@ -1,12 +1,13 @@
 """The encoder beside Brian2 and NumPy: 36 neurons × 10 s × 100 trials, strict float64.
 
-Brian2 and NumPy are handed the finished input currents; ours normalises, filters and
-differentiates the integer readings within the measured time.
+Ours makes spike trains of integer readings. So does NumPy, batched; beside it stands what its
+neurons alone take, from finished currents to counts. Brian2 is handed finished currents too.
 """
 
 from __future__ import annotations
 
 import os
+import statistics
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -17,16 +18,17 @@ from typing import Any
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
-from rigctl.encoding import kernel
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.lanes import WIDE, add, fma, full, store
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
+from rigctl.values import Spikes
 from tests.bench import _peers
+from tests.bench.numpy_encoder import currents, numpy_spikes, numpy_trains
 
 N_TRIALS, N_SAMPLES, N_TAXELS = 100, 10_000, 18
+TAXELS = range(N_TAXELS)
 NEURON_MS = N_TRIALS * N_SAMPLES * 2 * N_TAXELS
 COMPARED_TRAINS, PER_TRIAL_SAMPLE = 500, 2
 RANGES = Normalisation.full_scale(N_TAXELS)
@@ -117,43 +119,6 @@ def scene(seed: int = 0) -> Trials:
     return trials
 
 
-def currents(samples: NDArray[np.uint16], p: EncoderParameters) -> NDArray[np.float64]:
-    """k·x of one trial by SciPy, float64 (n, 36): SA, then RA."""
-    x = samples / 1023.0
-    b, a = kernel.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
-    smooth, _ = signal.lfilter(b, a, x, axis=0, zi=signal.lfilter_zi(b, a)[:, None] * x[0])
-    slope = np.diff(smooth, axis=0, prepend=smooth[:1]) * p.sample_rate_hz
-    return np.hstack([p.sa_gain * x, p.ra_gain * slope])
-
-
-def numpy_spikes(drive: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """The default scheme as a careful NumPy loop over time: drive (n, m) to counts (n, m)."""
-    n, m = drive.shape
-    v, u = np.full(m, -70.0), np.full(m, -14.0)
-    counts = np.zeros((n, m), np.uint8)
-    rise, fired = np.empty(m), np.empty(m, bool)
-    for t in range(n):
-        for _ in range(4):
-            np.multiply(v, 0.04, out=rise)
-            rise += 5.0
-            rise *= v
-            rise += 140.0
-            rise -= u
-            rise += drive[t]
-            rise *= 0.25
-            v += rise
-            np.multiply(v, 0.2, out=rise)
-            rise -= u
-            rise *= 0.005
-            u += rise
-            np.greater_equal(v, 30.0, out=fired)
-            if fired.any():
-                v[fired] = -65.0
-                u[fired] += 6.0
-                counts[t] += fired
-    return counts
-
-
 def best_of(times: int, action: Callable[[], Any]) -> float:
     """Shortest wall time of an action, s, after one run to warm it."""
     action()
@@ -166,20 +131,46 @@ def best_of(times: int, action: Callable[[], Any]) -> float:
 
 
 def _against_numpy(trials: Trials, ours: float) -> Iterator[dict[str, Any]]:
-    unit = "ns/neuron-ms"
-    all_drives = np.hstack([currents(samples, DEFAULT) for samples in trials])
-    start = time.perf_counter()
-    numpy_spikes(all_drives)
-    batched = 1e9 * (time.perf_counter() - start) / NEURON_MS
-    note = f"{SCENE}; one thread each"
-    yield _peers.row("encoder.vs_numpy_batched", ours, unit, "NumPy, all trials", batched, note)
+    def encode() -> list[Spikes]:
+        return encode_trials(trials, RANGES)
+
+    unit, readings = "ns/neuron-ms", np.hstack(trials)
+    both = [per_neuron_ms(s) for s in in_turns(encode, lambda: numpy_trains(readings))]
+    unlike = _unlike(encode(), *numpy_trains(readings))
+    note = (
+        f"{SCENE}; readings to trains on both sides, {unlike} of the trains unlike; the middle of "
+        "nine runs beside that of three, in turns; one thread each"
+    )
+    yield _peers.row("encoder.vs_numpy_batched", both[0], unit, "NumPy, all trials", both[1], note)
+    drives = np.hstack([currents(samples, DEFAULT) for samples in trials])
+    both = [per_neuron_ms(s) for s in in_turns(encode, lambda: numpy_spikes(drives))]
+    note = "the same, but NumPy is handed finished currents and makes counts, not trains"
+    name = "encoder.vs_numpy_neurons_alone"
+    yield _peers.row(name, both[0], unit, "NumPy, all trials, neurons alone", both[1], note)
     start = time.perf_counter()
     for samples in trials[:PER_TRIAL_SAMPLE]:
         numpy_spikes(currents(samples, DEFAULT))
-    spent = time.perf_counter() - start
-    alone = 1e9 * spent / (PER_TRIAL_SAMPLE * N_SAMPLES * 2 * N_TAXELS)
-    note = f"{note}; the peer measured on {PER_TRIAL_SAMPLE} of the trials"
+    alone = per_neuron_ms(time.perf_counter() - start) * N_TRIALS / PER_TRIAL_SAMPLE
+    note = f"{SCENE}; one thread each; the peer measured on {PER_TRIAL_SAMPLE} of the trials"
     yield _peers.row("encoder.vs_numpy_per_trial", ours, unit, "NumPy, trial by trial", alone, note)
+
+
+def in_turns(ours: Callable[[], Any], theirs: Callable[[], Any]) -> tuple[float, float]:
+    """The middle wall time of each, s: a slow minute of the machine is both sides' minute."""
+    ours()
+    spent: tuple[list[float], list[float]] = ([], [])
+    for of_whom in (0, 0, 1, 0) * 3:
+        start = time.perf_counter()
+        (theirs if of_whom else ours)()
+        spent[of_whom].append(time.perf_counter() - start)
+    return statistics.median(spent[0]), statistics.median(spent[1])
+
+
+def _unlike(ours: list[Spikes], starts: NDArray[np.int64], samples: NDArray[np.int32]) -> int:
+    """How many trains of ours are not NumPy's: SA of all trials' taxels, then RA."""
+    trains = [spikes.train(c * N_TAXELS + k) for c in range(2) for spikes in ours for k in TAXELS]
+    theirs = np.split(samples, starts[1:-1])
+    return sum(not np.array_equal(*both) for both in zip(trains, theirs, strict=True))
 
 
 def _against_brian2(trials: Trials, folder: Path) -> Iterator[dict[str, Any]]:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.presets import PRESETS
 from tests.bench import _peers
-from tests.bench.encoder import ask_brian2, currents
+from tests.bench.encoder import ask_brian2
+from tests.bench.numpy_encoder import currents
 
 FILE = Path(__file__).with_name("brian2_explicit.npz")
 N_TRIALS, N_SAMPLES, N_TAXELS = 4, 2000, 6
