@@ -106,8 +106,9 @@ class Blocks:
         """Spikes between ends, uint8 (blocks, ends, channels, wide).
 
         ``rows``: readings of as many trials as there are side by side; what a lane shows behind
-        its trial's end means nothing. ``ends``: ascending, first sample behind each stretch; none
-        may be longer than ``kernel.samples_per_row``.
+        its trial's end means nothing. ``ends``: ascending, first sample behind each row of
+        counts, each trial's end among them; no row may be longer than
+        ``kernel.samples_per_row``.
         """
         counts = self.room_for(len(ends))
         self._run(self._advance, rows, ends, counts, np.empty(0))
@@ -116,7 +117,7 @@ class Blocks:
     def take_trains(self, rows: Rows, words: NDArray[np.uint64]) -> int:
         """Keep all spikes as bits, uint64 (planes, trains, words); the most in one sample.
 
-        As :func:`rigctl.encoding.bits.keep` says; as many planes as a sample has substeps.
+        As :func:`rigctl.encoding.bits.keep` says; if there are fewer planes, spikes are missing.
         """
         advance = kernel.kernel_for(self._parameters, trains=True)
         return self._run(advance, rows, np.empty(0, np.int64), words, np.empty(0))

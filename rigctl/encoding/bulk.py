@@ -21,9 +21,10 @@ from rigctl.encoding.blocks import Blocks
 from rigctl.encoding.compiled import LANES, LANES_OF_SA
 from rigctl.encoding.encoder import tiles
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.gather import Rows, Trials
+from rigctl.encoding.gather import BYTES, Rows, Trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
+from rigctl.errors import WrongUse
 
 Samples = NDArray[np.uint16]
 Counts = NDArray[np.uint32]
@@ -62,6 +63,9 @@ def stretch_counts(
 
     ``trials``: uint16 (n_i, n_taxels) each, none longer than the last cut. ``taxels``:
     which of them are encoded (all). ``sa_scale``: float64 (n_trials, taxels that are encoded).
+
+    Raises :class:`WrongUse` for another number of taxels, longer trials, or taxels that there are
+    not: the kernel reads memory by address.
     """
     way = _Way(sa_scale, sa_only)
     (counts,) = _counts_of_ways(trials, cuts, normalisation, parameters, taxels, [way])
@@ -112,6 +116,7 @@ def _counts_of_ways(
     n, some, between = len(trials), len(taxels), len(cuts) - 1
     outs = [np.empty((n, way.channels * some, between), np.uint32) for way in ways]
     rows, most = Rows.of(trials), kernel.samples_per_row(parameters)
+    _check(rows, cuts, normalisation.n_taxels, taxels)
     of_cuts = tuple(cuts.tolist())
     for chosen in tiles(rows.lengths.tolist(), some, max(way.wide for way in ways)):
         tile = rows.some(chosen)
@@ -120,6 +125,15 @@ def _counts_of_ways(
             sums = _sums(way, chosen, tile, steps, between, normalisation, parameters, taxels)
             raster.take_apart(sums, np.array(chosen), out)
     return outs
+
+
+def _check(rows: Rows, cuts: NDArray[np.int64], n_taxels: int, taxels: NDArray[np.int64]) -> None:
+    if len(rows) and rows.row_bytes != BYTES * n_taxels:
+        raise WrongUse(f"samples of {rows.row_bytes // BYTES} taxels, ranges of {n_taxels}")
+    if rows.lengths.max(initial=0) > cuts[-1]:
+        raise WrongUse(f"a trial of {rows.lengths.max()} samples, the last cut at {cuts[-1]}")
+    if not set(taxels.tolist()) <= set(range(n_taxels)):
+        raise WrongUse(f"taxels {taxels.tolist()} of 0 to {n_taxels - 1}")
 
 
 class _Steps(NamedTuple):
@@ -161,9 +175,9 @@ def _steps(cuts: tuple[int, ...], lengths: tuple[int, ...], most: int) -> _Steps
     """
     inside = (cut for cut in cuts if cut < lengths[-1])
     edges = sorted({0, *inside, *lengths})
-    starts = np.array([t for a, b in pairwise(edges) for t in range(a, b, most)], np.int64)
-    stretches = np.searchsorted(cuts, starts, side="right") - 1
-    return _Steps(starts, np.append(starts[1:], lengths[-1]), stretches)
+    rows = [t for a, b in pairwise(edges) for t in range(a, b, most)]
+    starts, ends = np.array(rows, np.int64), np.array([*rows, lengths[-1]][1:], np.int64)
+    return _Steps(starts, ends, np.searchsorted(cuts, starts, side="right") - 1)
 
 
 def sa_rates_hz(

@@ -108,6 +108,7 @@ def encode_trials(
 ) -> list[Spikes]:
     """Spike trains of many trials, several at a time side by side; each starts at rest.
 
+    Those that were side by side share memory: to keep one and let the others go, copy it.
     ``trials``: uint16 (n_i, n_taxels) each. ``sa_scale``: float64 (n_trials, n_taxels), a factor
     on the SA current of each trial and taxel (the force matrix C), or None for 1 everywhere.
     """
@@ -131,8 +132,9 @@ def tiles(lengths: Sequence[int], n_taxels: int, wide: int = LANES) -> Iterator[
     order = sorted(range(len(lengths)), key=lambda i: (lengths[i], i))
     least = -(-TILE_LANES // n_taxels)
     # The last block of a tile is filled up with lanes that nobody asked for: take as many trials
-    # as waste fewest of them.
-    per_tile = min(range(least, 2 * least), key=lambda n: (-n * n_taxels) % wide / n)
+    # as waste fewest of them. Up to the block's width there is a number that wastes none.
+    numbers = range(least, min(2 * least, least + wide))
+    per_tile = min(numbers, key=lambda n: (-n * n_taxels) % wide / n)
     for start in range(0, len(order), per_tile):
         yield order[start : start + per_tile]
 

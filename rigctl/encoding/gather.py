@@ -18,6 +18,7 @@ from numba.core import types
 from numpy.typing import NDArray
 
 from rigctl.encoding.lanes import VECTORS, WIDE, Lanes, emitted, inlined, pointer, whole
+from rigctl.errors import WrongUse
 
 BYTES = 2
 # Lanes that are read at a time, and copied at a time. A run may begin before the lanes that are
@@ -47,10 +48,16 @@ class Rows:
 
     @classmethod
     def of(cls, trials: Trials) -> Rows:
-        """Of arrays uint16 (n_i, n_taxels), or what can be made such; one that is made stays."""
+        """Of arrays uint16 (n_i, n_taxels), or what can be made such; one that is made stays.
+
+        Raises :class:`WrongUse` for trials of unlike numbers of taxels.
+        """
         if isinstance(trials, Rows):
             return trials
         held = [np.require(samples, np.uint16, ["C", "A"]) for samples in trials]
+        shapes = {samples.shape[1:] for samples in held}
+        if len(shapes) > 1 or any(len(shape) != 1 for shape in shapes):
+            raise WrongUse(f"trials of samples of shapes {sorted(shapes)} side by side")
         at = np.array([samples.__array_interface__["data"][0] for samples in held], np.int64)
         row_bytes = BYTES * held[0].shape[1] if held else 0
         return cls(at, np.array(list(map(len, held)), np.int64), row_bytes, held)

@@ -24,7 +24,8 @@ change of the reading from sample to sample, which is the change of what it make
     y = Δ + z1,  z1' = 2Δ + z2 − a1·y,  z2' = Δ − a2·y,  w = drive·b0·y + w0
 
 Both are the same maps as the textbook's; only the last bits of the rounding differ, and the
-schemes that reset within the substep forget them. Those that reset at the next sample amplify them
+schemes that reset within the substep forget them, unless the last bit decides whether a neuron that
+hardly fires does so. Those that reset at the next sample amplify them
 (v runs far beyond the threshold, and u with it), so these keep v and u as they are and the order
 in which they were published, the low-pass included, with every operation rounded::
 
@@ -191,12 +192,13 @@ def kernel_for(
     row_bytes further; lengths: int64 (lanes,), how many there are.
     low, width: uint16 (lanes,); scale, sa_drive, ra_drive: float64 (lanes,). state: as from
     :func:`rest`, changed in place. ends: int64 (rows,), ascending; spikes before sample ends[0]
-    go to row 0, those from there to ends[1] to row 1 and so on; the last is the end, and no row
-    holds more than :func:`samples_per_row`. out: uint8 (blocks, rows, channels, 32 or 64), written;
-    two channels, SA and RA, or SA alone. If ``trains``, rows hold up to 64 samples, and out is
-    what :func:`rigctl.encoding.bits.keep` writes, a word a row; the kernel then returns the most
-    spikes in one sample. trace: float64 of the shape of out, written if ``traced`` with the
-    membrane after each row. Releases the GIL.
+    go to row 0, those from there to ends[1] to row 1 and so on. The longest length in each block
+    must be among them, the longest of all the last, and no row may hold more samples than
+    :func:`samples_per_row`. out: uint8 (blocks, rows, channels, 32 or 64), written up to the end
+    of each block; two channels, SA and RA, or SA alone. If ``trains``, ends are not looked at,
+    and out is what :func:`rigctl.encoding.bits.keep` writes, a word for each 64 samples; the
+    kernel then returns the most spikes in one sample of any lane, ended or not. trace: float64 of
+    the shape of out, written if ``traced`` with the membrane after each row. Releases the GIL.
     """
     return compiled.kernel(
         substeps=parameters.substeps,

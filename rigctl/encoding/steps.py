@@ -52,8 +52,8 @@ W0, KEEP, TAKE, THRESHOLD, RESET_TO, JUMP = range(6)
 B0, B1, B2, A1, A2 = range(6, 11)
 H, QUADRATIC, LINEAR, CONSTANT, A_U, B_U, U_STEP, CEILING, FALL = range(11, 20)
 
-# Samples whose currents are made at a time, for two vectors of lanes at once.
-AT_A_TIME, PAIR = 32, RUN // WIDE
+# Samples whose currents are made at a time, and vectors of the lanes that are made at once.
+AT_A_TIME, OF_RUN = 32, RUN // WIDE
 
 # Where a block's numbers lie in memory of its own: membranes, recoveries, currents.
 OWN_Q, OWN_W, OWN_SIZE = BLOCK, 2 * BLOCK, (2 + AT_A_TIME) * BLOCK
@@ -118,16 +118,16 @@ def _slope(x: Any, z1: Any, z2: Any, last: Any, k: Any) -> Any:
     """The filtered reading's change, without b0, and the filter and the reading behind it."""
     change = sub(x, last)
     slope = add(change, z1)
-    z1 = fma(full(k[A1], PAIR), slope, fma(full(2.0, PAIR), change, z2))  # 2 · change is exact
-    return slope, z1, fma(full(k[A2], PAIR), slope, change), x
+    z1 = fma(full(k[A1], OF_RUN), slope, fma(full(2.0, OF_RUN), change, z2))  # 2 · change is exact
+    return slope, z1, fma(full(k[A2], OF_RUN), slope, change), x
 
 
 @inlined
 def _published_slope(x: Any, z1: Any, z2: Any, last: Any, k: Any) -> Any:
     """The same, with b0, in the order that was published; behind it the filtered reading."""
-    y = add(mul(full(k[B0], PAIR), x), z1)
-    z1 = sub(add(z2, mul(full(k[B1], PAIR), x)), mul(full(k[A1], PAIR), y))
-    z2 = sub(mul(full(k[B2], PAIR), x), mul(full(k[A2], PAIR), y))
+    y = add(mul(full(k[B0], OF_RUN), x), z1)
+    z1 = sub(add(z2, mul(full(k[B1], OF_RUN), x)), mul(full(k[A1], OF_RUN), y))
+    z2 = sub(mul(full(k[B2], OF_RUN), x), mul(full(k[A2], OF_RUN), y))
     return sub(y, last), z1, z2, y
 
 
@@ -142,11 +142,15 @@ def currents(
     """
     low, width, scale, sa_drive, ra_drive = of_lanes
     late, signed, sa_only = ways
-    from_, range_ = load(low, lane, PAIR), load(width, lane, PAIR)
-    factor, per_sa = load(scale, lane, PAIR), load(sa_drive, lane, PAIR)
-    per_ra, w0, fall = load(ra_drive, lane, PAIR), full(k[W0], PAIR), full(k[FALL], PAIR)
+    from_, range_ = load(low, lane, OF_RUN), load(width, lane, OF_RUN)
+    factor, per_sa = load(scale, lane, OF_RUN), load(sa_drive, lane, OF_RUN)
+    per_ra, w0, fall = load(ra_drive, lane, OF_RUN), full(k[W0], OF_RUN), full(k[FALL], OF_RUN)
     z1_at, z2_at, last_at = Z1 * len(low) + lane, Z2 * len(low) + lane, LAST * len(low) + lane
-    z1, z2, last = load(state, z1_at, PAIR), load(state, z2_at, PAIR), load(state, last_at, PAIR)
+    z1, z2, last = (
+        load(state, z1_at, OF_RUN),
+        load(state, z2_at, OF_RUN),
+        load(state, last_at, OF_RUN),
+    )
     to = OWN_W + at
     for _ in range(n):
         x = within(read_run(source), from_, range_)

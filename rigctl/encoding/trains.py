@@ -8,7 +8,6 @@ spikes one by one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numba
@@ -46,7 +45,7 @@ class Trains:
         self._highest, self._planes = highest, 1
         self._memory = np.empty(0, np.uint64)
 
-    def of(self, blocks: Blocks, rows: Rows, n_taxels: int) -> Iterator[Spikes]:
+    def of(self, blocks: Blocks, rows: Rows, n_taxels: int) -> list[Spikes]:
         """Encode trials side by side, from rest: the trains of each."""
         words = self._room(2 * blocks.lanes, int(rows.lengths.max()))
         most = blocks.take_trains(rows, words)
@@ -62,9 +61,12 @@ class Trains:
         samples = np.empty(starts[-1] + BITS, np.int32)
         write = _write_compiled if most <= 1 else _write_several_compiled
         write(words[:most], trains, lengths, starts, PLACES, samples)
-        for trial, n in enumerate(rows.lengths.tolist()):
-            own = starts[2 * n_taxels * trial : 2 * n_taxels * (trial + 1) + 1]
-            yield Spikes(own - own[0], samples[own[0] : own[-1]], n)
+        each = range(0, len(trains), 2 * n_taxels)
+        owns = [starts[first : first + 2 * n_taxels + 1] for first in each]
+        return [
+            Spikes(own - own[0], samples[own[0] : own[-1]], n)
+            for own, n in zip(owns, rows.lengths.tolist(), strict=True)
+        ]
 
     def _room(self, trains: int, n_samples: int) -> Words:
         """Words for so many trains, uint64 (planes, trains, words); 0 behind the first plane."""

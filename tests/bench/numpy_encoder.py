@@ -1,6 +1,6 @@
 """The default scheme in careful NumPy: the peer that needs no compiler.
 
-Batched, all neurons of all trials take a step together, in place and without a copy.
+Batched, all neurons of all trials take a step together, in place.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ def numpy_trains(readings: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArr
     Where each train starts, int64 (2·m + 1,), and the samples of the spikes, int32.
     """
     n, m = readings.shape
+    if 2 * m > np.iinfo(np.uint16).max:
+        raise ValueError(f"{2 * m} trains: they are numbered with 16 bits")
     drives, neurons = _Drives(readings[0]), _Neurons(2 * m)
     which, sizes = [], np.empty(n, np.int64)
     for t in range(n):
@@ -114,7 +116,8 @@ class _Neurons:
             rise *= 0.005
             u += rise
             np.greater_equal(v, 30.0, out=fired)
-            if fired.any():
-                v[fired] = -65.0
-                u[fired] += 6.0
-                spikes += fired
+            (where,) = fired.nonzero()
+            if len(where):  # by index: masks go through all neurons once more for each line
+                v[where] = -65.0
+                u[where] += 6.0
+                spikes[where] += 1

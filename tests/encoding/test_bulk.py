@@ -20,6 +20,7 @@ from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED, FeatureLayout, trial_features
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, PRESETS
+from rigctl.errors import WrongUse
 
 RANGES = Normalisation.full_scale(5)
 LAYOUTS = (UNSCALED, SPEED_SCALED)
@@ -63,6 +64,42 @@ def test_counts_in_one_go_are_those_without_c_and_those_with_it(
     alone = stretch_counts(trials, cuts, RANGES, sa_scale=scale, sa_only=True)
     np.testing.assert_array_equal(with_c, alone)
     assert (without[:, :5] != with_c).any()
+
+
+def test_trials_without_a_sample_have_no_spikes() -> None:
+    nothing = [np.zeros((0, 5), np.uint16)] * 3
+    counts = stretch_counts(nothing, np.array([0, 100, 200]), RANGES)
+    assert counts.shape == (3, 10, 2) and not counts.any()
+
+
+@pytest.mark.parametrize(
+    ("widths", "last", "taxels", "words"),
+    [
+        ((4, 4), 900, [0], "samples of 4 taxels, ranges of 5"),
+        ((5, 4), 900, [0], "shapes"),
+        ((5, 5), 899, [0], "a trial of 900 samples, the last cut at 899"),
+        ((5, 5), 900, [-1], r"taxels \[-1\] of 0 to 4"),
+        ((5, 5), 900, [5], r"taxels \[5\] of 0 to 4"),
+    ],
+)
+def test_what_would_be_read_elsewhere_is_refused(
+    widths: tuple[int, ...], last: int, taxels: list[int], words: str
+) -> None:
+    trials = [np.zeros((900, width), np.uint16) for width in widths]
+    with pytest.raises(WrongUse, match=words):
+        stretch_counts(trials, np.array([0, last]), RANGES, taxels=np.array(taxels))
+
+
+def test_neighbouring_taxels_are_as_among_all() -> None:
+    """Runs of eight of them, in blocks of both widths, begin before those asked for."""
+    rng, ranges = np.random.default_rng(2), Normalisation.full_scale(18)
+    trials = [rng.integers(0, 1024, (n, 18)).astype(np.uint16) for n in (70, 64, 33, 70, 1)]
+    chosen, cuts = np.arange(5, 17), whole_trials(trials)
+    both = stretch_counts(trials, cuts, ranges)
+    some = stretch_counts(trials, cuts, ranges, taxels=chosen)
+    np.testing.assert_array_equal(some, both[:, [*chosen, *(18 + chosen)]])
+    alone = stretch_counts(trials, cuts, ranges, taxels=chosen, sa_only=True)
+    np.testing.assert_array_equal(alone, both[:, chosen])
 
 
 def test_some_taxels_and_sa_alone_are_as_among_all() -> None:

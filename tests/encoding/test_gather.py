@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rigctl.encoding import encoder
 from rigctl.encoding.bits import WORD, keep
+from rigctl.encoding.bulk import stretch_counts, whole_trials
 from rigctl.encoding.encoder import encode_trial, encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
@@ -112,7 +113,9 @@ def read_between_forbidden_pages() -> None:
             for at_end in (False, True):
                 trials.append(between_forbidden_pages(n, taxels, at_end))
                 trials[-1][...] = noise(rng, n, taxels)
-        encode_trials(trials, Normalisation.full_scale(taxels))
+        ranges, some = Normalisation.full_scale(taxels), np.arange(taxels // 4, taxels)
+        encode_trials(trials, ranges)
+        stretch_counts(trials, whole_trials(trials), ranges, taxels=some, sa_only=True)
 
 
 if __name__ == "__main__":
