@@ -1,7 +1,8 @@
 """Spikes of 64 samples of a block's 64 trains, turned about: a word of 64 bits for each train.
 
 Eight samples of a train are pushed bit by bit into a byte, for all trains at once; then the eight
-bytes of each train are brought together.
+bytes of each train are brought together. Words of all trains lie side by side until the block is
+through, and are then laid one behind the other, train by train.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from numba.core import types
 from rigctl.encoding.lanes import (
     UNIT,
     VECTORS,
-    Lanes,
     call,
     elementwise,
     emitted,
+    inlined,
     load,
+    own,
     parts,
     pointer,
     splat,
@@ -34,6 +36,8 @@ WORD = 2 * UNIT
 BYTE = 8
 # Bytes of half a vector: what processors interleave, they interleave within such halves.
 HALF = UNIT // 2
+# Bytes of eight samples of each train, as many rows of them, and words in a line of the cache.
+ROWS, LINE = BYTE * WORD, 8
 
 
 def _interleaved(bits: int, upper: int) -> list[int]:
@@ -77,23 +81,23 @@ OF_TRAIN = np.array([_LANES.index(train) for train in range(WORD)], np.int64)
 
 
 @emitted
-def pushed(_typing: Any, bits: Any, tally: Any, low: Any) -> Any:
-    """Bytes with one more bit at the low end: whether the tally is above ``low``."""
+def pushed(_typing: Any, bits: Any, bit: Any) -> Any:
+    """Bytes with one more bit, 0 or 1, at the low end."""
+    return elementwise(lambda b, bits, bit: b.or_(b.add(bits, bits), bit), bits, bits, bit)
+
+
+@emitted
+def above(_typing: Any, tally: Any, low: Any) -> Any:
+    """1 where the tally is above ``low``, else 0."""
     over, least = f"llvm.usub.sat.v{UNIT}i8", f"llvm.umin.v{UNIT}i8"
     vector = VECTORS["uint8"]
 
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        low = splat(builder, builder.trunc(arguments[2], vector.element), vector)
-        one = ir.Constant(vector, [1] * UNIT)
+    def generate(_context: Any, b: Any, _signature: Any, arguments: Any) -> Any:
+        low = splat(b, b.trunc(arguments[1], vector.element), vector)
+        one, units = ir.Constant(vector, [1] * UNIT), parts(b, arguments[0])
+        return whole(b, [call(b, least, call(b, over, unit, low), one) for unit in units])
 
-        def push(bits: Any, tally: Any) -> Any:
-            bit = call(builder, least, call(builder, over, tally, low), one)
-            return builder.or_(builder.add(bits, bits), bit)
-
-        both = zip(*(parts(builder, each) for each in arguments[:2]), strict=True)
-        return whole(builder, [push(*each) for each in both])
-
-    return bits(bits, tally, types.intp), generate
+    return tally(tally, types.intp), generate
 
 
 @emitted
@@ -118,51 +122,83 @@ def largest(_typing: Any, tally: Any) -> Any:
 
 
 @emitted
-def bring_together(_typing: Any, bits: Any, words: Any) -> Any:
-    """Make words, uint64 (64,), of eight rows of bits, uint8 (8 · 64,), by :data:`OF_TRAIN`."""
-    kind = Lanes("uint8", 1)
+def bring_together(_typing: Any, bits: Any, words: Any, at: Any) -> Any:
+    """Make 64 words, by :data:`OF_TRAIN`, from a flat index on, of eight rows of bytes of bits."""
+    vector, index = VECTORS["uint8"], ir.IntType(64)
 
     def generate(context: Any, b: Any, signature: Any, arguments: Any) -> Any:
-        def place(which: int, index: int) -> Any:
-            at, array = ir.Constant(ir.IntType(64), index), arguments[which]
-            return pointer(context, b, signature.args[which], array, at, VECTORS[kind.element])
+        bits, words, at = arguments
+
+        def row(group: int, unit: int) -> Any:
+            first = index(group * WORD + unit * UNIT)
+            return b.load(pointer(context, b, signature.args[0], bits, first, vector), align=UNIT)
 
         def interleave(one: Any, other: Any, numbers: list[int], bits: int) -> Any:
             which = ir.Constant(ir.VectorType(ir.IntType(32), UNIT), _bytes(numbers, bits))
             return b.shuffle_vector(one, other, which)
 
         for unit in (0, 1):
-            rows = [b.load(place(0, group * WORD + unit * UNIT), align=1) for group in range(BYTE)]
-            for i, vector in enumerate(_brought_together(rows, interleave)):
-                b.store(vector, place(1, unit * UNIT + i * UNIT // BYTE), align=8)
+            rows = [row(group, unit) for group in range(BYTE)]
+            for i, few in enumerate(_brought_together(rows, interleave)):
+                place = b.add(at, index(unit * UNIT + i * UNIT // BYTE))
+                b.store(few, pointer(context, b, signature.args[1], words, place, vector), align=8)
         return context.get_dummy_value()
 
-    return types.void(bits, words), generate
+    return types.void(bits, words, types.intp), generate
 
 
-def _keep(tallies: Any, n: Any, room: Any, words: Any, train: Any, word: Any) -> int:
+@inlined
+def _byte(tallies: Any, end: Any) -> Any:
+    """Eight samples' tallies, none of them above 1, as bits; ``end``: behind the last of them."""
+    bits = no_spikes()
+    for i in range(1, BYTE + 1):
+        bits = pushed(bits, load(tallies, end - i * WORD, 2))
+    return bits
+
+
+@inlined
+def _byte_above(tallies: Any, end: Any, low: Any) -> Any:
+    """Whether they are above ``low``, as bits."""
+    bits = no_spikes()
+    for i in range(1, BYTE + 1):
+        bits = pushed(bits, above(load(tallies, end - i * WORD, 2), low))
+    return bits
+
+
+def _keep(tallies: Any, n: Any, held: Any, word: Any) -> int:
     """Put tallies of up to 64 samples, uint8 (64 · 64,) as they are counted, into words.
 
-    ``room``: uint64 (128,). ``words``: uint64 (planes, trains, words); plane p tells of more than
-    p spikes, and is written where it is there and there are so many. ``train``: the block's first.
-    Returns the largest tally.
+    ``held``: uint64 (planes, words, 64), in the order of :data:`OF_TRAIN`; plane p tells of more
+    than p spikes. Returns the largest tally, be it more than there are planes.
     """
     tallies[n * WORD :] = 0
-    turned, bits = room[:WORD], room[WORD:].view(np.uint8)
-    most, plane = 1, 0
-    while plane < min(most, words.shape[0]):
-        seen = no_spikes()
+    bits, seen = own("uint8", ROWS), no_spikes()
+    for i in range(n):
+        seen = more(seen, load(tallies, i * WORD, 2))
+    most: int = largest(seen)
+    for plane in range(held.shape[0]):
         for group in range(BYTE):
-            of_group = no_spikes()
-            for i in range(BYTE):
-                tally = load(tallies, (group * BYTE + BYTE - 1 - i) * WORD, 2)
-                of_group, seen = pushed(of_group, tally, plane), more(seen, tally)
+            end = (group + 1) * ROWS
+            few = most <= 1 and plane == 0
+            of_group = _byte(tallies, end) if few else _byte_above(tallies, end, plane)
             store(bits, group * WORD, of_group)
-        bring_together(bits, turned)
-        for place in range(WORD):
-            words[plane, train + place, word] = turned[OF_TRAIN[place]]
-        most, plane = largest(seen), plane + 1
+        bring_together(bits, held, (plane * held.shape[1] + word) * WORD)
     return most
 
 
-keep = numba.njit(cache=True, nogil=True, error_model="numpy")(_keep)
+def _hand_over(held: Any, n: Any, words: Any, train: Any) -> None:
+    """Lay a block's first ``n`` words one behind the other, train by train.
+
+    ``held``: as :func:`keep` fills it; ``words``: uint64 (planes, trains, words), where ``train``
+    is the block's first. Both hold whole lines of the cache, and what lies behind the ``n`` words
+    in the last of them means nothing.
+    """
+    for plane in range(words.shape[0]):
+        for first in range(0, n, LINE):
+            for place in range(WORD):
+                for i in range(first, first + LINE):
+                    words[plane, train + place, i] = held[plane, i, OF_TRAIN[place]]
+
+
+_compile = numba.njit(cache=True, nogil=True, error_model="numpy")
+keep, hand_over = _compile(_keep), _compile(_hand_over)

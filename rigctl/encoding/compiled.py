@@ -17,8 +17,8 @@ from typing import Any
 import numba
 import numpy as np
 
-from rigctl.encoding.bits import WORD, keep
-from rigctl.encoding.gather import PIECE, ROW, RUN, found, planned
+from rigctl.encoding.bits import WORD, hand_over, keep
+from rigctl.encoding.gather import PIECE, ROW, RUN, call_up, found, planned
 from rigctl.encoding.lanes import UNIT, full, own, store
 from rigctl.encoding.steps import (
     AT_A_TIME,
@@ -82,7 +82,7 @@ def kernel(
         n_pieces, pieces = np.empty(groups, np.int64), np.empty((groups, RUN, PIECE), np.int64)
         copies = np.zeros(AT_A_TIME * ROW, np.uint16)
         tallies = np.empty(WORD * BLOCK if trains else 0, np.uint8)
-        room = np.empty(2 * WORD, np.uint64)
+        held = np.empty((*out.shape[::2], WORD) if trains else (0, 0, 0), np.uint64)
         for lane in range(0, lanes, wide):
             carried(state, lanes, lane, sa_only, block, False)
             for i in range(groups):
@@ -96,6 +96,7 @@ def kernel(
                     at = i * RUN
                     currents(*lie, stop - first, of_lanes, lane + at, k, state, block, at, ways)
                 for t in range(first, stop):
+                    call_up(pieces, row_bytes, t + AT_A_TIME)
                     w = OWN_W + (t - first) * BLOCK
                     if late:
                         tally = counted(tally, published_sample(block, w, k, substeps))
@@ -112,9 +113,10 @@ def kernel(
                             copied(trace, at + UNIT, block, UNIT, True)
                         tally, row = no_spikes(), row + 1
                 if trains and (place == WORD * BLOCK or stop == n):
-                    train, samples = lane // wide * BLOCK, place // BLOCK
-                    most = max(most, keep(tallies, samples, room, out, train, row))
+                    most = max(most, keep(tallies, place // BLOCK, held, row))
                     row, place = row + 1, 0
+            if trains:
+                hand_over(held, row, out, lane // wide * BLOCK)
             carried(state, lanes, lane, sa_only, block, True)
         return most
 

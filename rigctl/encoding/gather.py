@@ -14,7 +14,7 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numpy.typing import NDArray
 
 from rigctl.encoding.lanes import VECTORS, WIDE, Lanes, emitted, inlined, pointer, whole
@@ -109,6 +109,23 @@ def read_run(_typing: Any, address: Any) -> Any:
     return kind(types.intp), generate
 
 
+@emitted
+def _call_up(_typing: Any, address: Any) -> Any:
+    """Have the processor bring what lies at an address in memory into its nearest cache."""
+    place, how = ir.IntType(8).as_pointer(), ir.IntType(32)
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [place, how, how, how])
+        get: Any = cgutils.get_or_insert_function
+        prefetch = get(builder.module, kind, "llvm.prefetch.p0i8")
+        to_read, to_keep, data = how(0), how(3), how(1)
+        where = builder.inttoptr(arguments[0], place)
+        builder.call(prefetch, [where, to_read, to_keep, data])
+        return context.get_dummy_value()
+
+    return types.void(types.intp), generate
+
+
 def _follows(addresses: Any, lengths: Any, lane: Any) -> bool:
     """Whether a lane's readings lie right behind those of the lane before, in every sample."""
     near: bool = addresses[lane] == addresses[lane - 1] + BYTES
@@ -171,3 +188,10 @@ def found(
         gather(pieces, n, row_bytes, first, stop, copies)
         return copies.ctypes.data + BYTES * RUN, BYTES * ROW
     return pieces[0, ADDRESS] + first * row_bytes, row_bytes
+
+
+@inlined
+def call_up(pieces: Any, row_bytes: Any, sample: Any) -> None:
+    """Have a sample's readings at hand when it comes to it, of all lanes that are in ``pieces``."""
+    for i in range(len(pieces)):
+        _call_up(pieces[i, 0, ADDRESS] + sample * row_bytes)

@@ -8,6 +8,8 @@ spikes one by one.
 
 from __future__ import annotations
 
+from itertools import pairwise
+from math import prod
 from typing import Any
 
 import numba
@@ -16,7 +18,7 @@ from llvmlite import ir
 from numba.core import types
 from numpy.typing import NDArray
 
-from rigctl.encoding.bits import WORD
+from rigctl.encoding.bits import LINE, WORD
 from rigctl.encoding.blocks import Blocks
 from rigctl.encoding.compiled import LANES
 from rigctl.encoding.gather import Rows
@@ -61,22 +63,29 @@ class Trains:
         samples = np.empty(starts[-1] + BITS, np.int32)
         write = _write_compiled if most <= 1 else _write_several_compiled
         write(words[:most], trains, lengths, starts, PLACES, samples)
-        each = range(0, len(trains), 2 * n_taxels)
-        owns = [starts[first : first + 2 * n_taxels + 1] for first in each]
-        return [
-            Spikes(own - own[0], samples[own[0] : own[-1]], n)
-            for own, n in zip(owns, rows.lengths.tolist(), strict=True)
-        ]
+        return _by_trial(starts, samples, rows.lengths, 2 * n_taxels)
 
     def _room(self, trains: int, n_samples: int) -> Words:
-        """Words for so many trains, uint64 (planes, trains, words); 0 behind the first plane."""
-        # An odd number, so that one word of many trains does not crowd a few sets of the cache.
-        words = -(-n_samples // WORD) | 1
-        size = self._planes * trains * words
-        if self._memory.size < size:
-            self._memory = np.empty(size, np.uint64)
-        self._memory[trains * words : size] = 0
-        return self._memory[:size].reshape(self._planes, trains, words)
+        """Words for so many trains, uint64 (planes, trains, words), whole lines of the cache."""
+        words = -(-n_samples // (WORD * LINE)) * LINE
+        shape = (self._planes, trains, words)
+        if self._memory.size < prod(shape):
+            self._memory = np.empty(prod(shape), np.uint64)
+        return self._memory[: prod(shape)].reshape(shape)
+
+
+def _by_trial(
+    starts: NDArray[np.int64],
+    samples: NDArray[np.int32],
+    lengths: NDArray[np.int64],
+    per_trial: int,
+) -> list[Spikes]:
+    """Spikes of each trial, of trains that lie trial after trial."""
+    begins = starts[::per_trial]
+    of_trial = per_trial * np.arange(len(lengths))[:, None] + np.arange(per_trial + 1)
+    row_starts = starts[of_trial] - begins[:-1, None]
+    several = zip(row_starts, pairwise(begins.tolist()), lengths.tolist(), strict=True)
+    return [Spikes(own, samples[begin:end], n) for own, (begin, end), n in several]
 
 
 def _places(n_trials: int, n_taxels: int) -> NDArray[np.int64]:
@@ -121,10 +130,10 @@ def ones(_typing: Any, bits: Any) -> Any:
     return types.intp(types.uint64), generate
 
 
-def _own(words: Any, plane: Any, train: Any, i: Any, n_samples: Any) -> Any:
-    """A word of a train, without what it shows behind its trial's end."""
-    bits, left = words[plane, train, i], n_samples - i * WORD
-    return bits if left >= WORD else bits & ((ONE << np.uint64(left)) - ONE)
+def _rest(words: Any, plane: Any, train: Any, n_samples: Any) -> Any:
+    """A train's last samples, which fill no word, without what it shows behind its trial's end."""
+    left = np.uint64(n_samples % WORD)
+    return words[plane, train, n_samples // WORD] & ((ONE << left) - ONE) if left else ONE - ONE
 
 
 def _count(words: Any, trains: Any, lengths: Any, starts: Any) -> None:
@@ -132,18 +141,20 @@ def _count(words: Any, trains: Any, lengths: Any, starts: Any) -> None:
     for i in range(trains.shape[0]):
         n = 0
         for plane in range(words.shape[0]):
-            for j in range((lengths[i] + WORD - 1) // WORD):
-                n += ones(_own_compiled(words, plane, trains[i], j, lengths[i]))
+            for j in range(lengths[i] // WORD):
+                n += ones(words[plane, trains[i], j])
+            n += ones(_rest_compiled(words, plane, trains[i], lengths[i]))
         starts[i + 1] = starts[i] + n
 
 
 def _write(words: Any, trains: Any, lengths: Any, starts: Any, places: Any, out: Any) -> None:
     """Write the sample of each spike, train after train, where no sample holds two."""
     for i in range(trains.shape[0] if words.shape[0] else 0):
-        at = starts[i]
-        for j in range((lengths[i] + WORD - 1) // WORD):
-            bits = _own_compiled(words, 0, trains[i], j, lengths[i])
-            at = write_word(out, at, j * WORD, places, bits)
+        at, full = starts[i], lengths[i] // WORD
+        for j in range(full):
+            at = write_word(out, at, j * WORD, places, words[0, trains[i], j])
+        rest = _rest_compiled(words, 0, trains[i], lengths[i])
+        write_word(out, at, full * WORD, places, rest)
 
 
 def _write_several(
@@ -160,5 +171,5 @@ def _write_several(
 
 
 _compile = numba.njit(cache=True, nogil=True, error_model="numpy")
-_own_compiled, _count_compiled = _compile(_own), _compile(_count)
+_rest_compiled, _count_compiled = _compile(_rest), _compile(_count)
 _write_compiled, _write_several_compiled = _compile(_write), _compile(_write_several)

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.encoding import encoder
-from rigctl.encoding.bits import WORD, keep
+from rigctl.encoding.bits import LINE, WORD, hand_over, keep
 from rigctl.encoding.bulk import stretch_counts, whole_trials
 from rigctl.encoding.encoder import encode_trial, encode_trials
 from rigctl.encoding.normalisation import Normalisation
@@ -65,24 +65,32 @@ def test_samples_with_several_spikes_may_come_late(
 
 
 @pytest.mark.parametrize("planes", [1, 2, 4])
+@pytest.mark.parametrize("most", [0, 1, 2, 4])
 @pytest.mark.parametrize("n", [1, 63, 64])
-def test_bits_are_the_tallies(n: int, planes: int) -> None:
+def test_bits_are_the_tallies(n: int, most: int, planes: int) -> None:
     rng = np.random.default_rng(n)
-    tallies = rng.integers(0, planes + 1, (WORD, WORD)).astype(np.uint8)
-    words = np.zeros((planes, 3 * WORD, 5), np.uint64)
-    room = np.empty(2 * WORD, np.uint64)
-    assert keep(tallies.reshape(-1), n, room, words, WORD, 3) == planes
+    tallies = rng.integers(0, most + 1, (WORD, WORD)).astype(np.uint8)
+    tallies[0, 0] = most
+    held = np.full((planes, 2 * LINE, WORD), 7, np.uint64)
+    words = np.zeros((planes, 3 * WORD, 2 * LINE), np.uint64)
+    assert keep(tallies.reshape(-1).copy(), n, held, 3) == most
+    hand_over(held, 4, words, WORD)
     bits = np.unpackbits(words[:, WORD : 2 * WORD, 3].copy().view(np.uint8), bitorder="little")
     found = bits.reshape(planes, WORD, WORD).sum(axis=0)
-    np.testing.assert_array_equal(found[PLACES, :n], tallies[:n].T)
+    np.testing.assert_array_equal(found[PLACES, :n], np.minimum(tallies[:n], planes).T)
     assert not words[:, :WORD].any() and not words[:, 2 * WORD :].any() and not found[:, n:].any()
 
 
-def test_more_spikes_than_there_is_room_for_are_told() -> None:
-    tallies = np.full(WORD * WORD, 3, np.uint8)
-    words = np.zeros((1, WORD, 1), np.uint64)
-    assert keep(tallies, WORD, np.empty(2 * WORD, np.uint64), words, 0, 0) == 3
-    assert (words == np.uint64(2**64 - 1)).all()
+def test_each_word_goes_where_its_train_and_time_are() -> None:
+    n = 2 * LINE + 1
+    held, words = np.zeros((1, 3 * LINE, WORD), np.uint64), np.zeros((1, WORD, 3 * LINE), np.uint64)
+    rng = np.random.default_rng(1)
+    tallies = rng.integers(0, 2, (n, WORD, WORD)).astype(np.uint8)
+    for word in range(n):
+        keep(tallies[word].reshape(-1), WORD, held, word)
+    hand_over(held, n, words, 0)
+    bits = np.unpackbits(words[0, :, :n].copy().view(np.uint8), axis=1, bitorder="little")
+    np.testing.assert_array_equal(bits[PLACES], tallies.reshape(n * WORD, WORD).T)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="protects pages as POSIX does")
