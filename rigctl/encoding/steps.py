@@ -8,6 +8,7 @@ finished.
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 from typing import Any
 
 from llvmlite import ir
@@ -59,16 +60,18 @@ AT_A_TIME, OF_RUN = 32, RUN // WIDE
 OWN_Q, OWN_W, OWN_SIZE = BLOCK, 2 * BLOCK, (2 + AT_A_TIME) * BLOCK
 
 
-def _fenced(b: Any, memory: Any) -> None:
-    """Have what is stored stay stored, and the vectors keep their order."""
-    kind = ir.FunctionType(ir.VoidType(), [memory.type])
-    b.call(ir.InlineAsm(kind, "", "r,~{memory}", side_effect=True), [memory])
+def _put(b: Any, memory: Any, value: Any, place: Any) -> None:
+    """Store a vector; what is stored stays stored, and the vectors keep their order."""
+    b.store(value, place, align=8 * WIDE)
+    if not MASKED:  # in half as many registers of half the size there is no room for more
+        kind = ir.FunctionType(ir.VoidType(), [memory.type])
+        b.call(ir.InlineAsm(kind, "", "r,~{memory}", side_effect=True), [memory])
 
 
 @emitted_for
 def substep(_typing: Any, block: Any, w_at: Any, c: Any, old_v: Any, coupled: Any) -> Any:
     """One Euler step in the normal form of a whole block: the spikes."""
-    ways = (old_v.literal_value, coupled.literal_value)
+    is_old, is_coupled = old_v.literal_value, coupled.literal_value
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         memory, of_w, constants, *_ = arguments
@@ -77,23 +80,19 @@ def substep(_typing: Any, block: Any, w_at: Any, c: Any, old_v: Any, coupled: An
         rows = [places_of(context, builder, block, memory, at, lanes)[0] for at in starts]
         to_come = deque(unit + i for unit in (0, IN_UNIT) for i in in_turn())
         begun: deque[tuple[Any, ...]] = deque()
+        put = partial(_put, builder, memory)
 
         def begin() -> None:
             i = to_come.popleft()
-            m, q, w = (builder.load(row[i], align=8 * WIDE) for row in rows)
-            after = call(builder, FMA, m, m, call(builder, FMA, take, q, w))
-            begun.append((i, m, q, after))
+            places = [row[i] for row in rows]
+            begun.append((*places[:2], *_begun(builder, places, take)))
 
         def step_next(_: int) -> Any:
             if to_come:
                 begin()
-            i, *state = begun.popleft()
-            *both, spike = _stepped(builder, *state, *told, *ways)
-            for value, row in zip(both, rows, strict=False):
-                builder.store(value, row[i], align=8 * WIDE)
-            if not MASKED:  # in half as many registers of half the size there is no room for more
-                _fenced(builder, memory)
-            return spike
+            of_m, of_q, m, after = begun.popleft()
+            follows = (m if is_old else after) if is_coupled else None
+            return _finished(builder, put, of_m, of_q, after, follows, *told)
 
         begin()
         return whole(builder, [collected(builder, step_next) for _ in range(2)])
@@ -101,16 +100,30 @@ def substep(_typing: Any, block: Any, w_at: Any, c: Any, old_v: Any, coupled: An
     return Lanes("uint8", 2)(block, types.intp, c, old_v, coupled), generate
 
 
-def _stepped(b: Any, m: Any, q: Any, after: Any, *told: Any) -> tuple[Any, Any, Any]:
-    """Membrane and recovery of one vector, and in which of its lanes there is a spike."""
-    keep, threshold, reset_to, jump, old_v, coupled = told
-    q = call(b, FMA, keep, q, m if old_v else after) if coupled else b.fmul(keep, q)
+def _begun(b: Any, places: list[Any], take: Any) -> tuple[Any, Any]:
+    """A vector's membrane before the step and behind it."""
+    m, q, w = (b.load(place, align=8 * WIDE) for place in places)
+    return m, call(b, FMA, m, m, call(b, FMA, take, q, w))
+
+
+def _finished(
+    b: Any, put: Any, of_m: Any, of_q: Any, after: Any, follows: Any,
+    keep: Any, threshold: Any, reset_to: Any, jump: Any,
+) -> Any:  # fmt: skip
+    """Store a vector's membrane and recovery: in which of its lanes there is a spike.
+
+    ``follows``: the membrane that recovery follows, if any.
+    """
     spike = b.fcmp_ordered(">=", after, threshold)
+    put(b.select(spike, reset_to, after), of_m)
+    # Loaded only now, or once more, it is multiplied from memory and has taken no register.
+    q = b.load(of_q, align=8 * WIDE)
+    q = b.fmul(keep, q) if follows is None else call(b, FMA, keep, q, follows)
     if MASKED:
-        q = b.select(spike, b.fadd(q, jump), q)
+        put(b.select(spike, b.fadd(q, jump), q), of_q)
     else:  # the jump or 0 is chosen while q is still computed
-        q = b.fadd(q, b.select(spike, jump, ir.Constant(jump.type, [0.0] * WIDE)))
-    return b.select(spike, reset_to, after), q, spike
+        put(b.fadd(q, b.select(spike, jump, ir.Constant(jump.type, [0.0] * WIDE))), of_q)
+    return spike
 
 
 @inlined
