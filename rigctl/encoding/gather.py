@@ -192,6 +192,9 @@ def found(
 
 @inlined
 def call_up(pieces: Any, row_bytes: Any, sample: Any) -> None:
-    """Have a sample's readings at hand when it comes to it, of all lanes that are in ``pieces``."""
+    """Have a sample's readings at hand when it comes to it: of each eight lanes the first piece's.
+
+    Readings of the same sample that lie beside them mostly come with them.
+    """
     for i in range(len(pieces)):
         _call_up(pieces[i, 0, ADDRESS] + sample * row_bytes)
