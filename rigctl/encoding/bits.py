@@ -36,8 +36,8 @@ WORD = 2 * UNIT
 BYTE = 8
 # Bytes of half a vector: what processors interleave, they interleave within such halves.
 HALF = UNIT // 2
-# Bytes of eight samples of each train, as many rows of them, and words in a line of the cache.
-ROWS, LINE = BYTE * WORD, 8
+# Bytes that eight samples of a block take, and words in a line of the cache.
+OF_EIGHT, LINE = BYTE * WORD, 8
 
 
 def _interleaved(bits: int, upper: int) -> list[int]:
@@ -172,15 +172,15 @@ def _keep(tallies: Any, n: Any, held: Any, word: Any) -> int:
     than p spikes. Returns the largest tally, be it more than there are planes.
     """
     tallies[n * WORD :] = 0
-    bits, seen = own("uint8", ROWS), no_spikes()
+    bits, seen = own("uint8", OF_EIGHT), no_spikes()
     for i in range(n):
         seen = more(seen, load(tallies, i * WORD, 2))
     most: int = largest(seen)
     for plane in range(held.shape[0]):
         for group in range(BYTE):
-            end = (group + 1) * ROWS
-            few = most <= 1 and plane == 0
-            of_group = _byte(tallies, end) if few else _byte_above(tallies, end, plane)
+            end = (group + 1) * OF_EIGHT
+            are_bits = most <= 1 and plane == 0
+            of_group = _byte(tallies, end) if are_bits else _byte_above(tallies, end, plane)
             store(bits, group * WORD, of_group)
         bring_together(bits, held, (plane * held.shape[1] + word) * WORD)
     return most
