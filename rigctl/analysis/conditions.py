@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.fingerprint import look_at
-from rigctl.analysis.trial_set import Scratch, TrialRef, opened
+from rigctl.analysis.trial_set import Samples, Scratch, TrialRef, opened
 from rigctl.encoding.bulk import (
     Counts,
-    Samples,
     counts_without_and_with,
     cuts_of,
     mean_level,
@@ -21,6 +20,7 @@ from rigctl.encoding.bulk import (
 )
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force import ForceMatrix, Search, search_to
+from rigctl.encoding.gather import Rows
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import WrongUse
@@ -65,16 +65,16 @@ class Condition(NamedTuple):
 
 Arrays = dict[str, NDArray[Any]]
 SCRATCH = Scratch()
-AT_A_LOOK = 16
+AT_A_LOOK = 32
 """Trials that are read before they are looked at: so few are still in the processor's cache."""
 
 
 def fingerprints_of(job: tuple[dict[int, SampleFile], tuple[TrialRef, ...]]) -> Arrays:
     """Of some trials: ``hashes`` uint64 (n,); ``low``, ``high`` uint16 (n, n_taxels)."""
     files, trials = job
-    with opened(files) as reader:
+    with opened(files) as samples:
         looks = [
-            look_at(*reader.block_of(trials[first : first + AT_A_LOOK], SCRATCH))
+            look_at(*samples.block_of(trials[first : first + AT_A_LOOK], SCRATCH))
             for first in range(0, len(trials), AT_A_LOOK)
         ]
     hashes, low, high = (np.concatenate(parts) for parts in zip(*looks, strict=True))
@@ -89,28 +89,26 @@ def counted_condition(condition: Condition) -> Arrays:
     that C: ``c``, ``status``, ``residual_hz``, ``evaluations``, each (n_taxels, n_forces).
     Counts are (trials, trains, stretches) in the narrowest type that holds them.
     """
-    if condition.given:
-        by_force = dict(zip(condition.forces_g, condition.given, strict=True))
-        some = [condition.trials[i] for i in condition.scaled_rows]
-        scale = np.array([by_force[trial.force_g] for trial in some])
-        return {"forced": _narrow(_counts(condition, _read(condition, some), scale))}
-    samples = _read(condition, condition.trials)
-    if not condition.forces_g:
-        return {"plain": _narrow(_counts(condition, samples))}
-    return _searched(condition, samples)
+    with opened(condition.files) as samples:
+        if condition.given:
+            return {"forced": _narrow(_given(condition, samples))}
+        if condition.forces_g:
+            return _searched(condition, samples)
+        every = range(len(condition.trials))
+        return {"plain": _narrow(_counts(condition, _read(condition, samples, every)))}
 
 
-def _read(condition: Condition, trials: Sequence[TrialRef]) -> list[Samples]:
-    with opened(condition.files) as reader:
-        return reader.all_of(trials, SCRATCH)
+def _read(condition: Condition, samples: Samples, which: Sequence[int]) -> Rows:
+    """Readings of some trials, in memory that the next call in this thread takes back."""
+    if not which:
+        return Rows.of([])
+    return Rows.within(*samples.block_of([condition.trials[i] for i in which], SCRATCH))
 
 
-def _counts(
-    condition: Condition, samples: Sequence[Samples], scale: NDArray[np.float64] | None = None
-) -> Counts:
+def _counts(condition: Condition, rows: Rows, scale: NDArray[np.float64] | None = None) -> Counts:
     """Counts of both channels, or with a C of SA alone: it changes nothing in RA."""
     return stretch_counts(
-        samples,
+        rows,
         condition.cuts,
         condition.normalisation,
         condition.parameters,
@@ -119,15 +117,26 @@ def _counts(
     )
 
 
-def _searched(condition: Condition, samples: Sequence[Samples]) -> Arrays:
-    """Counts without C; C at each force, and the SA counts that it makes."""
-    n_taxels, n_trials = condition.normalisation.n_taxels, len(samples)
+def _given(condition: Condition, samples: Samples) -> Counts:
+    """SA counts of the trials that a C changes, with the C that is given."""
+    by_force = dict(zip(condition.forces_g, condition.given, strict=True))
+    which = condition.scaled_rows
+    scale = np.array([by_force[condition.trials[i].force_g] for i in which])
+    return _counts(condition, _read(condition, samples, which), scale)
+
+
+def _searched(condition: Condition, samples: Samples) -> Arrays:
+    """Counts without C; C at each force, and the SA counts that it makes.
+
+    The trials of one force are read at a time: so many stay in the processor's last cache.
+    """
+    n_taxels, n_trials = condition.normalisation.n_taxels, len(condition.trials)
     plain = np.empty((n_trials, 2 * n_taxels, len(condition.cuts) - 1), np.uint32)
-    rows = condition.rows_at(condition.reference_g)
-    reference = [samples[i] for i in rows]
-    plain[rows] = _counts(condition, reference)
-    lengths = list(map(len, reference))
-    target = sa_rates_hz(plain[rows, :n_taxels], lengths, condition.parameters)
+    which = condition.rows_at(condition.reference_g)
+    reference = _read(condition, samples, which)
+    plain[which] = _counts(condition, reference)
+    lengths = reference.lengths.tolist()
+    target = sa_rates_hz(plain[which, :n_taxels], lengths, condition.parameters)
     goal = mean_level(reference, condition.normalisation)
     forced = np.empty_like(plain[:, :n_taxels])
     shape = (n_taxels, len(condition.forces_g))
@@ -136,9 +145,10 @@ def _searched(condition: Condition, samples: Sequence[Samples]) -> Arrays:
     for f, force in enumerate(condition.forces_g):
         if force == condition.reference_g:
             continue
-        rows = condition.rows_at(force)
-        plain[rows], search = _search(condition, [samples[i] for i in rows], goal, target)
-        forced[rows] = search.counts
+        which = condition.rows_at(force)
+        rows = _read(condition, samples, which)
+        plain[which], search = _search(condition, rows, goal, target)
+        forced[which] = search.counts
         found["c"][:, f], found["status"][:, f] = search.c, search.status
         found["residual_hz"][:, f] = search.rate_hz - target
         found["evaluations"][:, f] = search.evaluations
@@ -147,7 +157,7 @@ def _searched(condition: Condition, samples: Sequence[Samples]) -> Arrays:
 
 def _search(
     condition: Condition,
-    samples: Sequence[Samples],
+    rows: Rows,
     goal: NDArray[np.float64],
     target: NDArray[np.float64],
 ) -> tuple[Counts, Search]:
@@ -156,12 +166,12 @@ def _search(
     cuts, ways = condition.cuts, (condition.normalisation, condition.parameters)
 
     def first(c: NDArray[np.float64]) -> Counts:
-        scale = np.tile(c, (len(samples), 1))
-        without, with_c = counts_without_and_with(samples, cuts, *ways, scale)
+        scale = np.tile(c, (len(rows), 1))
+        without, with_c = counts_without_and_with(rows, cuts, *ways, scale)
         plain.append(without)
         return with_c
 
-    search = search_to(samples, goal, target, *ways, cuts=cuts, first=first)
+    search = search_to(rows, goal, target, *ways, cuts=cuts, first=first)
     return plain[0], search
 
 

@@ -139,7 +139,7 @@ def _seconds(made: RepresentationSet, layout: FeatureLayout) -> np.ndarray[Any, 
     for trial in made.trials.trials:
         key = (trial.n_planned, trial.speed_mm_s)
         if key not in known:
-            known[key] = layout.seconds_in_windows(layout.windows(*key))
+            known[key] = layout.seconds(*key)
     return np.array([known[t.n_planned, t.speed_mm_s] for t in made.trials.trials])
 
 

@@ -209,8 +209,7 @@ def _write_windows(
         for name, windows in layouts.items():
             spikes, seconds = tables[name]
             spikes[group.rows] = window_counts(found, condition.cuts, speed, windows)[:, order]
-            for row, length in zip(group.rows, condition.lengths, strict=True):
-                seconds[row] = windows.seconds_in_windows(windows.windows(length, speed))
+            seconds[group.rows] = windows.seconds(condition.lengths, speed)
     for name, both in tables.items():
         file.add_windows(name, *both)
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
+from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 from rigctl.encoding import kernel, raster
@@ -21,7 +22,7 @@ from rigctl.encoding.blocks import Blocks
 from rigctl.encoding.compiled import LANES, LANES_OF_SA
 from rigctl.encoding.encoder import tiles
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.gather import BYTES, Rows, Trials
+from rigctl.encoding.gather import BYTES, Rows, Trials, readings_at
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
@@ -38,10 +39,8 @@ def cuts_of(layouts: Sequence[FeatureLayout], n_samples: int, speed_mm_s: float)
     ``n_samples``: of the longest trial. What lies behind a layout's last window belongs to
     stretches too, so that a trial's counts sum up to all of its spikes.
     """
-    changes = [
-        np.flatnonzero(np.diff(_windows(layout, n_samples, speed_mm_s))) + 1 for layout in layouts
-    ]
-    return np.unique(np.concatenate([[0, n_samples], *changes])).astype(np.int64)
+    begins = np.concatenate([layout.begins(speed_mm_s) for layout in layouts])
+    return np.unique([0, *begins[begins < n_samples], n_samples])
 
 
 def whole_trials(trials: Trials) -> NDArray[np.int64]:
@@ -128,12 +127,16 @@ def _counts_of_ways(
 
 
 def _check(rows: Rows, cuts: NDArray[np.int64], n_taxels: int, taxels: NDArray[np.int64]) -> None:
-    if len(rows) and rows.row_bytes != BYTES * n_taxels:
-        raise WrongUse(f"samples of {rows.row_bytes // BYTES} taxels, ranges of {n_taxels}")
+    _check_width(rows, n_taxels)
     if rows.lengths.max(initial=0) > cuts[-1]:
         raise WrongUse(f"a trial of {rows.lengths.max()} samples, the last cut at {cuts[-1]}")
     if not set(taxels.tolist()) <= set(range(n_taxels)):
         raise WrongUse(f"taxels {taxels.tolist()} of 0 to {n_taxels - 1}")
+
+
+def _check_width(rows: Rows, n_taxels: int) -> None:
+    if len(rows) and rows.row_bytes != BYTES * n_taxels:
+        raise WrongUse(f"samples of {rows.row_bytes // BYTES} taxels, ranges of {n_taxels}")
 
 
 class _Steps(NamedTuple):
@@ -188,28 +191,29 @@ def sa_rates_hz(
     Summed up in the order of the trials' lengths, as
     :func:`rigctl.encoding.force.mean_sa_rates_hz` does, so that both give the same bits.
     """
-    order = sorted(range(len(n_samples)), key=lambda i: (n_samples[i], i))
-    per_spike = np.array([parameters.sample_rate_hz / max(1, n_samples[i]) for i in order])
-    terms = counts.sum(axis=2)[order] * per_spike[:, None]
-    total: NDArray[np.float64] = np.add.accumulate(terms, axis=0)[-1] / len(order)
-    return total
+    lengths = np.maximum(1, n_samples)
+    total = np.zeros(counts.shape[1])
+    order = np.argsort(n_samples, kind="stable")
+    _rates_compiled(counts, order, parameters.sample_rate_hz / lengths, total)
+    return total / len(order)
 
 
-def mean_level(trials: Sequence[Samples], normalisation: Normalisation) -> NDArray[np.float64]:
+def mean_level(trials: Trials, normalisation: Normalisation) -> NDArray[np.float64]:
     """Mean normalised reading of each taxel over some of the samples, float64: a start for C."""
     return mean_of_levels(levels_of(trials, normalisation), normalisation)
 
 
-def levels_of(trials: Sequence[Samples], normalisation: Normalisation) -> NDArray[np.float64]:
+def levels_of(trials: Trials, normalisation: Normalisation) -> NDArray[np.float64]:
     """Mean reading of each trial and taxel over some of the samples, cut off at the range's ends.
 
-    float64 (n_trials, n_taxels).
+    float64 (n_trials, n_taxels). Raises :class:`WrongUse` for another number of taxels.
     """
-    sums = np.zeros((len(trials), normalisation.n_taxels))
-    for samples, row in zip(trials, sums, strict=True):
-        _level_compiled(samples, normalisation.low, normalisation.high, LEVEL_EVERY, row)
-    used = np.array([-(-len(samples) // LEVEL_EVERY) for samples in trials])
-    levels: NDArray[np.float64] = sums / used[:, None]
+    rows = Rows.of(trials)
+    _check_width(rows, normalisation.n_taxels)
+    sums = np.zeros((len(rows), normalisation.n_taxels), np.int64)
+    ends = (normalisation.low, normalisation.high)
+    _level_compiled(rows.addresses, rows.lengths, *ends, LEVEL_EVERY, sums)
+    levels: NDArray[np.float64] = sums / -(-rows.lengths // LEVEL_EVERY)[:, None]
     return levels
 
 
@@ -234,11 +238,8 @@ def features_of(
     Equal to :func:`rigctl.encoding.features.trial_features` of each trial's spikes. In ``out``
     where it is given.
     """
-    window_of = _windows(layout, int(cuts[-1]), speed_mm_s)[cuts[:-1]]
-    seconds = np.empty((len(counts), layout.n_windows))
-    for n in set(n_samples):
-        held = layout.seconds_in_windows(layout.windows(n, speed_mm_s))
-        seconds[[i for i, m in enumerate(n_samples) if m == n]] = held
+    window_of = _windows(layout, cuts, speed_mm_s)
+    seconds = layout.seconds(n_samples, speed_mm_s)
     if out is None:
         out = np.empty((len(counts), counts.shape[1] * layout.n_windows))
     _features_compiled(counts, window_of, seconds, out)
@@ -249,23 +250,34 @@ def window_counts(
     counts: NDArray[Any], cuts: NDArray[np.int64], speed_mm_s: float, layout: FeatureLayout
 ) -> NDArray[np.uint32]:
     """Spikes in each window, uint32 (n_trials, n_trains, n_windows), of counts in stretches."""
-    window_of = _windows(layout, int(cuts[-1]), speed_mm_s)[cuts[:-1]]
+    window_of = _windows(layout, cuts, speed_mm_s)
     out = np.zeros((*counts.shape[:2], layout.n_windows + 1), np.uint32)
     firsts = np.flatnonzero(np.diff(window_of, prepend=-1))
     out[:, :, window_of[firsts]] = np.add.reduceat(counts, firsts, axis=2, dtype=np.uint32)
     return out[:, :, : layout.n_windows]
 
 
-def _windows(layout: FeatureLayout, n_samples: int, speed_mm_s: float) -> NDArray[np.int64]:
-    """Window of each sample; all behind the last window are in one of their own."""
-    return np.minimum(layout.windows(n_samples, speed_mm_s), layout.n_windows)
+def _windows(
+    layout: FeatureLayout, cuts: NDArray[np.int64], speed_mm_s: float
+) -> NDArray[np.int64]:
+    """Window of each stretch; all behind the last window are in one of their own."""
+    return np.searchsorted(layout.begins(speed_mm_s), cuts[:-1], side="right") - 1
 
 
-def _level(samples: Any, low: Any, high: Any, every: Any, out: Any) -> None:
-    """Sum of some samples cut off at the ends of the range: whole numbers, so exact."""
-    for t in range(0, samples.shape[0], every):
-        for j in range(samples.shape[1]):
-            out[j] += min(max(samples[t, j], low[j]), high[j])
+def _rates(counts: Any, order: Any, per_spike: Any, total: Any) -> None:
+    """Add up the rates of each train (trials, trains, stretches), trial after trial in order."""
+    for i in order:
+        for train in range(counts.shape[1]):
+            total[train] += counts[i, train].sum() * per_spike[i]
+
+
+def _level(addresses: Any, lengths: Any, low: Any, high: Any, every: Any, out: Any) -> None:
+    """Sum of some samples cut off at the ends of the range, int64 (trials, taxels)."""
+    for i in range(len(addresses)):
+        samples = carray(readings_at(addresses[i]), (lengths[i], out.shape[1]))
+        for t in range(0, lengths[i], every):
+            for j in range(out.shape[1]):
+                out[i, j] += min(max(samples[t, j], low[j]), high[j])
 
 
 def _features(counts: Any, window_of: Any, seconds: Any, out: Any) -> None:
@@ -287,5 +299,6 @@ def _features(counts: Any, window_of: Any, seconds: Any, out: Any) -> None:
 
 
 _compile = numba.njit(cache=True, nogil=True, error_model="numpy")
+_rates_compiled = _compile(_rates)
 _level_compiled = _compile(_level)
 _features_compiled = _compile(_features)

@@ -8,6 +8,7 @@ the RA channel out where only SA is asked for.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,14 +130,22 @@ def tiles(lengths: Sequence[int], n_taxels: int, wide: int = LANES) -> Iterator[
 
     ``wide``: lanes of a block.
     """
-    order = sorted(range(len(lengths)), key=lambda i: (lengths[i], i))
-    least = -(-TILE_LANES // n_taxels)
-    # The last block of a tile is filled up with lanes that nobody asked for: take as many trials
-    # as waste fewest of them. Up to the block's width there is a number that wastes none.
-    numbers = range(least, min(2 * least, least + wide))
-    per_tile = min(numbers, key=lambda n: (-n * n_taxels) % wide / n)
+    order = np.argsort(np.array(lengths, np.int64), kind="stable").tolist()
+    per_tile = _per_tile(n_taxels, wide, TILE_LANES)
     for start in range(0, len(order), per_tile):
         yield order[start : start + per_tile]
+
+
+@cache
+def _per_tile(n_taxels: int, wide: int, lanes: int) -> int:
+    """Trials that have about so many lanes.
+
+    The last block of a tile is filled up with lanes that nobody asked for: take as many trials as
+    waste fewest of them. Up to the block's width there is a number that wastes none.
+    """
+    least = -(-lanes // n_taxels)
+    numbers = range(least, min(2 * least, least + wide))
+    return min(numbers, key=lambda n: (-n * n_taxels) % wide / n)
 
 
 def membrane_mv(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
-from rigctl.encoding.speed import REFERENCE_SPEED_MM_S, WINDOW_MS, windows_of_samples
+from rigctl.encoding.speed import REFERENCE_SPEED_MM_S, WINDOW_MS, window_begins, windows_of_samples
 from rigctl.errors import WrongUse
 from rigctl.values import SAMPLE_RATE_HZ, Spikes
 
@@ -33,15 +33,32 @@ class FeatureLayout:
 
     def windows(self, n_samples: int, speed_mm_s: float) -> NDArray[np.int64]:
         """Window of each sample, int64 (n_samples,)."""
-        speed = speed_mm_s if self.scaled else self.reference_mm_s
         return windows_of_samples(
-            n_samples, speed, window_ms=self.window_ms, reference_mm_s=self.reference_mm_s
+            n_samples,
+            self._speed(speed_mm_s),
+            window_ms=self.window_ms,
+            reference_mm_s=self.reference_mm_s,
         )
 
-    def seconds_in_windows(self, windows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Real time that the samples of a trial spend in each window, float64 (n_windows,), s."""
-        inside = windows[windows < self.n_windows]
-        return np.bincount(inside, minlength=self.n_windows) / SAMPLE_RATE_HZ
+    def begins(self, speed_mm_s: float) -> NDArray[np.int64]:
+        """First sample of each window and the first behind the last, int64 (n_windows + 1,)."""
+        return window_begins(
+            self.n_windows,
+            self._speed(speed_mm_s),
+            window_ms=self.window_ms,
+            reference_mm_s=self.reference_mm_s,
+        )
+
+    def seconds(self, n_samples: int | Sequence[int], speed_mm_s: float) -> NDArray[np.float64]:
+        """Real time that the samples of a trial spend in each window, float64 (n_windows,), s.
+
+        Of several trials at that speed (n_trials, n_windows).
+        """
+        ends = np.asarray(n_samples, np.int64)[..., None]
+        return np.diff(np.minimum(self.begins(speed_mm_s), ends)) / SAMPLE_RATE_HZ
+
+    def _speed(self, speed_mm_s: float) -> float:
+        return speed_mm_s if self.scaled else self.reference_mm_s
 
     def width(self, n_taxels: int) -> int:
         """Number of features."""
@@ -80,7 +97,7 @@ def trial_features(spikes: Spikes, speed_mm_s: float, layout: FeatureLayout) -> 
     for row in range(spikes.n_trains):
         hit = windows[spikes.train(row)]
         counts[row] = np.bincount(hit[hit < layout.n_windows], minlength=layout.n_windows)
-    return _rates_and_counts(counts, layout.seconds_in_windows(windows))
+    return _rates_and_counts(counts, layout.seconds(spikes.n_samples, speed_mm_s))
 
 
 def feature_matrices(

@@ -25,13 +25,12 @@ from rigctl.encoding.bulk import (
     stretch_counts,
     whole_trials,
 )
-from rigctl.encoding.gather import Rows
+from rigctl.encoding.gather import Rows, Trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
-Trials = Sequence[NDArray[np.uint16]]
 Encode = Callable[[Floats], Counts]
 
 REFERENCE_FORCE_G = 500.0
@@ -160,10 +159,11 @@ def mean_sa_rates_hz(
 ) -> Floats:
     """Mean SA rate of each taxel over trials, float64 (n_taxels,); ``c`` scales its current."""
     scale = None if c is None else np.tile(c, (len(trials), 1))
+    rows = Rows.of(trials)
     counts = stretch_counts(
-        trials, whole_trials(trials), normalisation, parameters, sa_scale=scale, sa_only=True
+        rows, whole_trials(rows), normalisation, parameters, sa_scale=scale, sa_only=True
     )
-    return sa_rates_hz(counts, list(map(len, trials)), parameters)
+    return sa_rates_hz(counts, rows.lengths.tolist(), parameters)
 
 
 def search_to(
@@ -179,9 +179,11 @@ def search_to(
     first: Encode | None = None,
 ) -> Search:
     """:func:`search` that starts where readings are as high as ``goal``, those of the reference."""
-    start = _ratio(goal, mean_level(trials, normalisation))
+    rows = Rows.of(trials)
+    levels = levels_of(rows, normalisation)
+    start = _ratio(goal, mean_of_levels(levels, normalisation))
     ways = (normalisation, parameters, tolerance_hz, method)
-    return search(trials, target_hz, start, *ways, cuts, first)
+    return search(rows, target_hz, start, *ways, cuts, first, levels)
 
 
 def search(
@@ -194,19 +196,23 @@ def search(
     method: Method = Method.REGULA_FALSI,
     cuts: NDArray[np.int64] | None = None,
     first: Encode | None = None,
+    levels: Floats | None = None,
 ) -> Search:
     """C of every taxel of one condition; taxels that are found are not encoded again.
 
     Regula falsi asks every eighth trial first, and starts with what these say; what all trials say
     decides. ``cuts``: of the stretches in which spikes are counted; without them a trial is one
     stretch. ``first``: gives the counts of all taxels with the first C, for who has more to do
-    with the same readings.
+    with the same readings. ``levels``: as :func:`rigctl.encoding.bulk.levels_of` tells them, for
+    who knows.
     """
-    cuts = whole_trials(trials) if cuts is None else cuts
-    every = _Encoded(Rows.of(trials), cuts, normalisation, parameters)
+    rows = Rows.of(trials)
+    cuts = whole_trials(rows) if cuts is None else cuts
+    every = _Encoded(rows, cuts, normalisation, parameters)
     slopes, asked = np.zeros_like(start), np.zeros_like(start)
     if method is Method.REGULA_FALSI and len(trials) >= PILOT_EVERY * FEWEST_IN_PILOT:
-        start, slopes, asked = _pilot(every, levels_of(trials, normalisation), target_hz, start)
+        levels = levels_of(rows, normalisation) if levels is None else levels
+        start, slopes, asked = _pilot(every, levels, target_hz, start)
     told = zip(target_hz.tolist(), start.tolist(), slopes.tolist(), strict=True)
     brackets = [Bracket(target, first, method, slope) for target, first, slope in told]
     kept = np.zeros((len(trials), len(brackets), len(cuts) - 1), np.uint32)

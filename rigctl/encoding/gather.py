@@ -58,9 +58,23 @@ class Rows:
         shapes = {samples.shape[1:] for samples in held}
         if len(shapes) > 1 or any(len(shape) != 1 for shape in shapes):
             raise WrongUse(f"trials of samples of shapes {sorted(shapes)} side by side")
-        at = np.array([samples.__array_interface__["data"][0] for samples in held], np.int64)
+        at = np.array([samples.ctypes.data for samples in held], np.int64)
         row_bytes = BYTES * held[0].shape[1] if held else 0
         return cls(at, np.array(list(map(len, held)), np.int64), row_bytes, held)
+
+    @classmethod
+    def within(
+        cls, memory: NDArray[np.uint16], begins: NDArray[np.int64], lengths: NDArray[np.int64]
+    ) -> Rows:
+        """Of trials in one contiguous memory, (rows, n_taxels): so many rows of it from where each
+        begins.
+
+        Raises :class:`WrongUse` for rows that it does not have.
+        """
+        if (lengths < 0).any() or (begins < 0).any() or (begins + lengths > len(memory)).any():
+            raise WrongUse(f"trials beyond the ends of a memory of {len(memory)} rows")
+        row_bytes = BYTES * memory.shape[1]
+        return cls(memory.ctypes.data + begins * row_bytes, lengths, row_bytes, [memory])
 
     def some(self, which: Any) -> Rows:
         """Of some trials: a list of indices, or a slice."""
@@ -78,6 +92,17 @@ def reading(_typing: Any, address: Any) -> Any:
         return builder.load(builder.inttoptr(arguments[0], ir.IntType(16).as_pointer()), align=2)
 
     return types.uint16(types.intp), generate
+
+
+@emitted
+def readings_at(_typing: Any, address: Any) -> Any:
+    """A pointer to the readings from an address in memory on."""
+    pointer_to: Any = types.CPointer
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.IntType(16).as_pointer())
+
+    return pointer_to(types.uint16)(types.intp), generate
 
 
 @emitted
@@ -151,7 +176,11 @@ def _planned(addresses: Any, lengths: Any, first: Any, pieces: Any) -> int:
 
 
 def _gather(pieces: Any, n: Any, row_bytes: Any, first: Any, stop: Any, out: Any) -> None:
-    """Copy some samples, a row of ``out`` each; a trial that has ended leaves what is there."""
+    """Copy some samples, a row of ``out`` each; a trial that has ended leaves what is there.
+
+    The readings so many samples on are called up: it will be their turn next.
+    """
+    ahead = (stop - first) * row_bytes
     for i in range(n):
         address, at = pieces[i, ADDRESS] + first * row_bytes, pieces[i, PLACE]
         own = min(stop, pieces[i, LENGTH])
@@ -162,6 +191,7 @@ def _gather(pieces: Any, n: Any, row_bytes: Any, first: Any, stop: Any, out: Any
         else:
             for _ in range(first, own):
                 out[at] = reading(address)
+                _call_up(address + ahead)
                 at, address = at + ROW, address + row_bytes
 
 

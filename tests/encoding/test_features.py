@@ -45,6 +45,27 @@ def test_windows_are_exact_to_the_micrometre_per_second(t: int, speed: int) -> N
     assert windows_of_samples(t + 1, speed / 1000)[t] == exact.__floor__()
 
 
+@given(
+    n=st.integers(0, 3000),
+    speed=st.integers(1, 400_000) | st.integers(200_000_000, 10**9),
+    windows=st.integers(1, 70),
+    scaled=st.booleans(),
+)
+def test_windows_begin_and_last_as_their_samples_say(
+    n: int, speed: int, windows: int, scaled: bool
+) -> None:
+    """Also where a window is too short for a sample."""
+    layout = FeatureLayout(windows, scaled)
+    of_samples = layout.windows(n, speed / 1000)
+    inside = of_samples[of_samples < windows]
+    per_window = np.bincount(inside, minlength=windows)
+    assert layout.seconds(n, speed / 1000).tolist() == (per_window / 1000).tolist()
+    assert layout.seconds([n, 0], speed / 1000).tolist()[1] == [0.0] * windows
+    begins = layout.begins(speed / 1000)
+    firsts = np.searchsorted(of_samples, np.arange(windows + 1))
+    assert np.minimum(begins, n).tolist() == firsts.tolist()
+
+
 def test_other_windows_and_references() -> None:
     windows = windows_of_samples(10, 50.0, window_ms=2, reference_mm_s=100.0)
     assert windows.tolist() == [0, 0, 0, 0, 1, 1, 1, 1, 2, 2]
