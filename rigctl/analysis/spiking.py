@@ -254,7 +254,7 @@ def _columns(trials: TrialSet, hashes: NDArray[np.uint64]) -> dict[str, Any]:
         "speed_mm_s": ("mm/s", "planned speed", np.array([t.speed_mm_s for t in table])),
         "force_g": ("g", "planned force", np.array([t.force_g for t in table])),
         "n_samples": ("samples", "length, 1 ms each", _ints(lengths)),
-        "content": ("", "XXH64 of its samples' bytes", hashes),
+        "content": ("", "XXH3 (64 bits) of its samples' bytes", hashes),
     }
 
 

@@ -19,8 +19,6 @@ from rigctl.session.sample_map import Files, Place, SampleFile, SampleReader
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 NAMED_IDS = 5
-ROWS_TOGETHER = 4
-"""So many rows of uint16 are whole words of 8 bytes, whatever the number of taxels."""
 
 
 class TrialRef(NamedTuple):
@@ -106,7 +104,7 @@ class Scratch(threading.local):
 class Block(NamedTuple):
     """Readings of several trials in one ``memory``, uint16 (n, n_taxels).
 
-    Each has ``lengths`` rows from ``begins`` on, int64 (n_trials,), at a multiple of 8 bytes.
+    Each has ``lengths`` rows from ``begins`` on, int64 (n_trials,).
     """
 
     memory: NDArray[np.uint16]
@@ -153,10 +151,9 @@ class Samples:
         """
         places = [trial.place for trial in trials]
         lengths = np.array([place.stop - place.start for place in places])
-        room = -(-lengths // ROWS_TOGETHER) * ROWS_TOGETHER
-        begins = np.cumsum(room) - room
+        begins = np.cumsum(lengths) - lengths
         n_taxels = self._files[places[0].file].n_taxels
-        block = Block((scratch or Scratch()).room(int(room.sum()), n_taxels), begins, lengths)
+        block = Block((scratch or Scratch()).room(int(lengths.sum()), n_taxels), begins, lengths)
         try:
             self._reader.read_all(places, block.memory, begins.tolist())
         except (OSError, SessionError):
