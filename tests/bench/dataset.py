@@ -31,7 +31,7 @@ from tests.bench.numpy_encoder import currents, numpy_spikes
 
 SIZES = (3_000, 6_000, 12_000, 24_000)
 WORKERS = 2
-REPEATS = 2
+REPEATS = 4
 PEER_TRIALS = 3
 SET = Path(os.environ.get("RIGCTL_BENCH_SET", "build/bench-set"))
 
@@ -40,7 +40,7 @@ def measure() -> Iterator[dict[str, Any]]:
     """Yield the factor, the memory, a line a size, the second run, and opening the session."""
     made_here()
     print(f"# {machine()}", file=sys.stderr)
-    sizes = [best(n) for n in SIZES]
+    sizes = shortest([[ask(n) for n in SIZES] for _ in range(REPEATS)])
     largest = sizes[-1]
     factor = largest["trial_s"] / largest["four_s"]
     trials = join_sessions([SET])
@@ -49,7 +49,7 @@ def measure() -> Iterator[dict[str, Any]]:
         f"{largest['trials']} trials, {largest['trial_s']:.0f} s; join, ranges, search of C, both "
         f"encodings, features of the paper's four representations; {WORKERS} threads; files in "
         f"memory, kernels loaded; all six with the texture-blind two: {largest['six_s']:.2f} s; "
-        f"best of {REPEATS}; CPU {largest['cpu_s']:.1f} s; {machine()}, "
+        f"best of {REPEATS} in turns with smaller sets; CPU {largest['cpu_s']:.1f} s; {machine()}, "
         f"load {largest['load']:.1f}; "
         f"the peer encodes {PEER_TRIALS} trials with and without C, no search, extrapolated"
     )
@@ -97,9 +97,13 @@ def ask(n: int, kept: str = "") -> dict[str, Any]:
     return answer
 
 
-def best(n: int) -> dict[str, Any]:
-    """The shortest of some measurements: whatever else runs only makes them longer."""
-    return min((ask(n) for _ in range(REPEATS)), key=lambda answer: float(answer["four_s"]))
+def shortest(turns: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """The shortest measurement of each size: whatever else runs only makes them longer.
+
+    Sizes take turns, so that a slow minute does not fall on all measurements of one.
+    """
+    sizes = zip(*turns, strict=True)
+    return [min(answers, key=lambda answer: float(answer["four_s"])) for answers in sizes]
 
 
 def table(sizes: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
