@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.jobs import HERE, Crew, Progress, work_through
 from rigctl.analysis.trial_set import TrialRef, TrialSet, opened
-from rigctl.encoding.force import TOLERANCE_HZ, ForceMatrix, mean_sa_rates_hz
+from rigctl.encoding.force import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
+from rigctl.encoding.search import TOLERANCE_HZ, mean_sa_rates_hz
 from rigctl.errors import WrongUse
 from rigctl.session.content import content_of
 from rigctl.session.force_file import read_force

@@ -19,10 +19,11 @@ from rigctl.encoding.bulk import (
     stretch_counts,
 )
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force import ForceMatrix, Search, search_to
+from rigctl.encoding.force import ForceMatrix
 from rigctl.encoding.gather import Rows
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
+from rigctl.encoding.search import Search, search_to
 from rigctl.errors import WrongUse
 from rigctl.session.sample_map import Files, SampleFile
 

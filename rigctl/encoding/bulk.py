@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 from rigctl.encoding import kernel, raster
@@ -22,7 +21,7 @@ from rigctl.encoding.blocks import Blocks
 from rigctl.encoding.compiled import LANES, LANES_OF_SA
 from rigctl.encoding.encoder import tiles
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.gather import BYTES, Rows, Trials, readings_at
+from rigctl.encoding.gather import BYTES, Rows, Trials, readings_of
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
@@ -189,7 +188,7 @@ def sa_rates_hz(
     """Mean SA rate of each taxel over trials, float64 (n_taxels,), of their SA counts.
 
     Summed up in the order of the trials' lengths, as
-    :func:`rigctl.encoding.force.mean_sa_rates_hz` does, so that both give the same bits.
+    :func:`rigctl.encoding.search.mean_sa_rates_hz` does, so that both give the same bits.
     """
     lengths = np.maximum(1, n_samples)
     total = np.zeros(counts.shape[1])
@@ -274,7 +273,7 @@ def _rates(counts: Any, order: Any, per_spike: Any, total: Any) -> None:
 def _level(addresses: Any, lengths: Any, low: Any, high: Any, every: Any, out: Any) -> None:
     """Sum of some samples cut off at the ends of the range, int64 (trials, taxels)."""
     for i in range(len(addresses)):
-        samples = carray(readings_at(addresses[i]), (lengths[i], out.shape[1]))
+        samples = readings_of(addresses[i], lengths[i], out.shape[1])
         for t in range(0, lengths[i], every):
             for j in range(out.shape[1]):
                 out[i, j] += min(max(samples[t, j], low[j]), high[j])

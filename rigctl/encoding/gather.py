@@ -66,11 +66,11 @@ class Rows:
     def within(
         cls, memory: NDArray[np.uint16], begins: NDArray[np.int64], lengths: NDArray[np.int64]
     ) -> Rows:
-        """Of trials in one contiguous memory, (rows, n_taxels): so many rows of it from where each
-        begins.
+        """Of trials in one ``memory``, (rows, n_taxels): ``lengths`` rows of it from ``begins`` on.
 
         Raises :class:`WrongUse` for rows that it does not have.
         """
+        memory = np.require(memory, np.uint16, ["C", "A"])
         if (lengths < 0).any() or (begins < 0).any() or (begins + lengths > len(memory)).any():
             raise WrongUse(f"trials beyond the ends of a memory of {len(memory)} rows")
         row_bytes = BYTES * memory.shape[1]
@@ -95,8 +95,7 @@ def reading(_typing: Any, address: Any) -> Any:
 
 
 @emitted
-def readings_at(_typing: Any, address: Any) -> Any:
-    """A pointer to the readings from an address in memory on."""
+def _pointer(_typing: Any, address: Any) -> Any:
     pointer_to: Any = types.CPointer
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -204,6 +203,12 @@ def _first(addresses: Any, lengths: Any, out: Any) -> None:
 _compile = numba.njit(cache=True, nogil=True, error_model="numpy")
 _follows_compiled = _compile(_follows)
 planned, gather, first_readings = _compile(_planned), _compile(_gather), _compile(_first)
+
+
+@inlined
+def readings_of(address: Any, n: Any, n_taxels: Any) -> Any:
+    """All readings of a trial, uint16 (n, n_taxels), from an address in memory on."""
+    return numba.carray(_pointer(address), (n, n_taxels))  # type: ignore[attr-defined]
 
 
 @inlined

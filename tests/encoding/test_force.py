@@ -13,18 +13,17 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.bracket import HIGHEST_C, Bracket, Method, Status
 from rigctl.encoding.bulk import mean_level
-from rigctl.encoding.force import (
+from rigctl.encoding.force import ForceMatrix, force_matrix
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.search import (
     FEWEST_IN_PILOT,
     PILOT_EVERY,
     TOLERANCE_HZ,
-    ForceMatrix,
     Search,
-    force_matrix,
     mean_sa_rates_hz,
     search,
     search_to,
 )
-from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import WrongUse
 
 N_TAXELS = 6

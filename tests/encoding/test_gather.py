@@ -16,9 +16,11 @@ from rigctl.encoding import encoder
 from rigctl.encoding.bits import LINE, WORD, hand_over, keep
 from rigctl.encoding.bulk import stretch_counts, whole_trials
 from rigctl.encoding.encoder import encode_trial, encode_trials
+from rigctl.encoding.gather import Rows
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
 from rigctl.encoding.tally import PLACES
+from rigctl.errors import WrongUse
 
 HOT = replace(DEFAULT, sa_gain=3000.0, ra_gain=90.0)
 
@@ -128,3 +130,21 @@ def read_between_forbidden_pages() -> None:
 
 if __name__ == "__main__":
     read_between_forbidden_pages()
+
+
+def test_trials_in_one_memory_are_as_in_memories_of_their_own() -> None:
+    rng = np.random.default_rng(7)
+    memory = rng.integers(0, 1024, (500, 18)).astype(np.uint16)
+    begins, lengths = np.array([300, 0, 120]), np.array([200, 97, 0])
+    ranges = Normalisation.full_scale(18)
+    apart = [memory[b : b + n].copy() for b, n in zip(begins, lengths, strict=True)]
+    expected = stretch_counts(apart, whole_trials(apart), ranges)
+    for one in (memory, np.asfortranarray(memory), np.repeat(memory, 2, axis=1)[:, ::2]):
+        rows = Rows.within(one, begins, lengths)
+        np.testing.assert_array_equal(stretch_counts(rows, whole_trials(rows), ranges), expected)
+
+
+@pytest.mark.parametrize(("begin", "n"), [(-1, 5), (0, -1), (6, 5), (11, 0)])
+def test_trials_beyond_their_memory_are_refused(begin: int, n: int) -> None:
+    with pytest.raises(WrongUse, match="memory of 10 rows"):
+        Rows.within(np.zeros((10, 3), np.uint16), np.array([begin]), np.array([n]))
