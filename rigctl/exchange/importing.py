@@ -18,6 +18,7 @@ from rigctl.exchange.mapping import ImportMap
 from rigctl.exchange.reading import read_columns
 from rigctl.exchange.resampling import Floats, Resampled, Track, resample
 from rigctl.exchange.survey import COUNTS, Scaling, Survey, Surveyed, survey, track_of
+from rigctl.resources import source_commit
 from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import Recorder
 from rigctl.values import (
@@ -86,6 +87,7 @@ def _header(
         protocol=mapping.name,
         sensor=mapping.sensor,
         software_version=__version__,
+        software_commit=source_commit(),
         n_taxels=len(scaling.names),
         sample_unit=scaling.unit(mapping.unit),
         highest_reading=COUNTS,

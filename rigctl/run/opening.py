@@ -11,7 +11,7 @@ from rigctl import __version__
 from rigctl.config import RigConfig
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol import Plan, load_protocol
-from rigctl.resources import find_protocol
+from rigctl.resources import find_protocol, source_commit
 from rigctl.session import layout
 from rigctl.session.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
 from rigctl.session.reader import Session
@@ -127,6 +127,7 @@ def _recorder(folder: Path, plan: Plan, bearings: Bearings, resume: bool) -> Rec
         operator=config.about.operator,
         sensor=config.about.sensor,
         software_version=__version__,
+        software_commit=source_commit(),
         encoder_preset=config.encoder.preset,
         n_taxels=config.taxels.count,
         taxel_low=config.taxels.low,

@@ -17,6 +17,7 @@ from rigctl.protocol import (
     load_protocol,
     parse_protocol,
 )
+from rigctl.resources import source_commit
 from rigctl.run.opening import check_room
 from rigctl.session.header import CUT_BY_WIRE, SessionHeader
 from rigctl.session.recorder import Recorder
@@ -140,6 +141,7 @@ def _header(order: Order) -> SessionHeader:
         protocol=plan.protocol.name,
         sensor="simulated",
         software_version=__version__,
+        software_commit=source_commit(),
         encoder_preset=config.encoder.preset,
         n_taxels=config.taxels.count,
         cut_by=CUT_BY_WIRE,

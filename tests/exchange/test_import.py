@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import savemat
 
+from rigctl import __version__
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.encoding.normalisation import Normalisation
@@ -20,6 +21,7 @@ from rigctl.exchange.extra import FILE
 from rigctl.exchange.importing import import_files
 from rigctl.exchange.mapping import load_map
 from rigctl.exchange.survey import Survey
+from rigctl.resources import source_commit
 from rigctl.session.reader import Session
 from rigctl.session.verify import verify
 
@@ -70,7 +72,9 @@ def test_rows_between_milliseconds_are_joined_by_straight_lines(tmp_path: Path) 
             3,
         )
         assert row.force_g == pytest.approx(254.93, abs=0.01)
-        assert (session.header.simulated, session.header.rig) == (False, "import")
+        header = session.header
+        assert (header.simulated, header.rig) == (False, "import")
+        assert (header.software_version, header.software_commit) == (__version__, source_commit())
         samples = session.samples(0)
         assert samples.shape == (1001, 3)
         scaling = [event.data for event in session.events if event.kind == "scaling"]

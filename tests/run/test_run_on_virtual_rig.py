@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from floor import TINY, Floor, open_floor, read
 
+from rigctl import __version__
+from rigctl.resources import source_commit
 from rigctl.session.truth import trial_truths
 from rigctl.session.verify import verify
 
@@ -66,8 +68,10 @@ def test_both_clocks_and_boards_are_told(floor: Floor) -> None:
     assert ppm["taxels"] is not None and abs(ppm["taxels"] + 900) < 100
     with read(floor.session) as session:
         clocks = [event for event in session.events if event.kind == "clock"]
-        assert session.header.simulated
-        assert {board.board for board in session.header.boards} == {"drum", "taxels"}
+        header = session.header
+        assert header.simulated
+        assert (header.software_version, header.software_commit) == (__version__, source_commit())
+        assert {board.board for board in header.boards} == {"drum", "taxels"}
     assert clocks, "the corrections stand in the session"
 
 

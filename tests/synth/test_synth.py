@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigctl import __version__
 from rigctl.cli import main
 from rigctl.errors import ProtocolError, SessionError
+from rigctl.resources import source_commit
 from rigctl.session import layout
 from rigctl.session.reader import Session
 from rigctl.session.truth import load_truth, trial_truths
@@ -88,6 +90,7 @@ def test_the_session_is_whole_and_says_that_it_is_simulated(made: Path) -> None:
     with Session.open(made) as session:
         header = session.header
         assert (header.rig, header.simulated, header.trials_planned) == ("synth", True, 4)
+        assert (header.software_version, header.software_commit) == (__version__, source_commit())
         assert header.simulation["seed"] == SEED
         assert header.simulation["method"] == "direct"
         assert "repeats = 1" in session.protocol_text
