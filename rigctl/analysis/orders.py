@@ -263,4 +263,4 @@ def _pair_table(found: Mapping[str, Any], names: Sequence[str]) -> str:
             rows.append(["" if number else task_name(task, ""), order, theirs, *ours, mean])
     head = ["task", "the paper's order", "the paper", *names, "over sets"]
     note = "Differences in percentage points; behind ±, two standard deviations of the pair."
-    return f"{table(head, rows, named=True)}<p><small>{note}</small></p>"
+    return f"<div class=dense>{table(head, rows, named=True)}</div><p><small>{note}</small></p>"
