@@ -22,6 +22,9 @@ MEASURED = (
     "could have come from; it does not prove a cause."
 )
 
+LINES = "<br>"
+"""Between the values of several sets in one cell: side by side they would leave the page."""
+
 Sets = Sequence[Mapping[str, Any]]
 
 
@@ -75,12 +78,13 @@ def evidence_section(sets: Sets) -> str:
     if not sets:
         return ""
     n = sets[0]["evidence"]["draws"]
+    each = " Each line is a set, in the order above." if len(sets) > 1 else ""
     return (
         f"<h3>What explains the features</h3>{_halves(sets)}"
         "<small>Share of the variance between trials that one factor explains alone, and that "
         "inside conditions; means over windows and taxels by force, ascending. C acts on SA only."
-        f"</small><h3>SA rates and RA counts alone</h3>{_alone(sets)}"
-        f"<small>Accuracy in % from one half of the features, mean of {n} draws.</small>"
+        f"{each}</small><h3>SA rates and RA counts alone</h3>{_alone(sets)}"
+        f"<small>Accuracy in % from one half of the features, mean of {n} draws.{each}</small>"
     )
 
 
@@ -91,10 +95,10 @@ def _halves(sets: Sets) -> str:
         for number, name in enumerate(("SA", "RA")):
             halves = [one["evidence"]["halves"][key][name] for one in sets]
             shares = [
-                " / ".join(f"{100 * half[part]:.1f} %" for half in halves)
+                LINES.join(f"{100 * half[part]:.1f} %" for half in halves)
                 for part in ("texture", "speed", "force", "within")
             ]
-            means = " / ".join(
+            means = LINES.join(
                 ", ".join(f"{mean:.3g}" for mean in half["mean_by_force"]) for half in halves
             )
             unit = "SA, Hz" if name == "SA" else "RA, a window"
@@ -109,6 +113,6 @@ def _alone(sets: Sets) -> str:
     for task in alone[0]:
         for number, half in enumerate(("SA", "RA")):
             name = "" if number else task_name(sets[0]["tasks"][task], "")
-            cells = [" / ".join(f"{100 * a[task][key][half]:.1f}" for a in alone) for key in keys]
+            cells = [LINES.join(f"{100 * a[task][key][half]:.1f}" for a in alone) for key in keys]
             rows.append([name, half, *cells])
     return table(["task", "", *(NAME_OF[key] for key in keys)], rows, named=True)

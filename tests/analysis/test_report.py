@@ -128,6 +128,7 @@ def test_several_reports_stand_side_by_side(
     assert found["textures"]["accuracy"]["original"]["paper"] == [91.78, 0.55]
     page = (out / "orders.html").read_text()
     assert "not the paper's experiment" in page and "cannot be told apart" in page
+    assert "Each line is a set" in page and "Each line is a set" not in words
     for reports, said in (
         ([made, made], "hold the same session"),
         ([made, other("k", settings={**plain["settings"], "k_max": 7})], "another k_max"),
