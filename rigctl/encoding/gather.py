@@ -208,7 +208,7 @@ planned, gather, first_readings = _compile(_planned), _compile(_gather), _compil
 @inlined
 def readings_of(address: Any, n: Any, n_taxels: Any) -> Any:
     """All readings of a trial, uint16 (n, n_taxels), from an address in memory on."""
-    return numba.carray(_pointer(address), (n, n_taxels))  # type: ignore[attr-defined]
+    return numba.carray(_pointer(address), (n, n_taxels))  # type: ignore[attr-defined]  # numba has no type information
 
 
 @inlined
