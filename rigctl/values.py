@@ -15,6 +15,13 @@ from numpy.typing import NDArray
 N_TAXELS = 18
 SAMPLE_RATE_HZ = 1000
 
+DRAWN_WIRING = (0, 1, 2, 6, 7, 8, 12, 13, 14, 3, 4, 5, 9, 10, 11, 15, 16, 17)
+"""The reading that stands at each place of a sensor soldered as ``arduino/README.md`` draws it.
+
+Places count row by row, the top layer first; a reading's number is 6 · line + input, and inputs
+A0–A2 read the top layer, A3–A5 the bottom layer.
+"""
+
 
 class Verdict(StrEnum):
     """What became of one attempt at a trial."""
