@@ -45,6 +45,7 @@ class Drum : public Owner {
     const Machine &machine() const { return machine_; }
     const ForceLoop &force_loop() const { return force_; }
     const Loadcell &loadcell() const { return loadcell_; }
+    CommandResult result() const { return result_; }
 
     // Owner
     void refresh() override;
