@@ -21,6 +21,11 @@ class SerialLine {
         free_ += byte_cycles_;
         bytes_.push_back({static_cast<uint64_t>(free_), byte});
     }
+    // The same for bytes of which only the line's own time counts.
+    void pass(uint32_t count, uint64_t cycle) {
+        if (free_ < static_cast<double>(cycle)) free_ = static_cast<double>(cycle);
+        free_ += byte_cycles_ * count;
+    }
     bool empty() const { return bytes_.empty(); }
     const StampedByte &first() const { return bytes_.front(); }
     void drop_first() { bytes_.pop_front(); }
