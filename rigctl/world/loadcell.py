@@ -150,6 +150,4 @@ class Loadcell:
         noise = float(self._noise.rows(self._weighed, 1)[0, 0])
         self._weighed += 1
         force_g = self._plant.force_g
-        return int(
-            _weigh(self.state, self.given, self._plant.log, force_g, noise, float(at_us))
-        )
+        return int(_weigh(self.state, self.given, self._plant.log, force_g, noise, float(at_us)))

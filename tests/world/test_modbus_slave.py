@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.wire.drum_map import END, Command
-from rigctl.world.modbus_slave import crc
 from rigctl.world.virtual import open_virtual
-from tests.world.host import Host, Refused, framed
+from tests.world.host import Host, Refused, crc, framed
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ namespace {
 
 constexpr uint64_t NEVER = UINT64_MAX;
 constexpr uint16_t BEAT_EVERY_MS = 20;
+constexpr uint64_t REPLY_CYCLES = 8000;  // a chip needs about 0.5 ms to work a reply out
 // What a chip has of them and a PC does not: nothing is late, no stack is short.
 constexpr uint16_t FREE_STACK_BYTES = 4096, ALL_IDLE_PERMILLE = 1000;
 
@@ -115,7 +116,7 @@ void DrumBoard::take_byte() {
     const uint16_t length = drum_->modbus().take(byte);
     if (!length || to_host_.waiting(cycle_) + length >= SEND_SIZE) return;
     const uint8_t *reply = drum_->modbus().reply();
-    for (uint16_t i = 0; i < length; ++i) to_host_.put(reply[i], cycle_);
+    for (uint16_t i = 0; i < length; ++i) to_host_.put(reply[i], cycle_ + REPLY_CYCLES);
     send_out();
 }
 
