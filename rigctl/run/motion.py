@@ -28,6 +28,7 @@ from rigctl.values import DrumState, PlannedTrial
 from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import State
 
+SELF_TEST_LIMIT_S = 10.0
 LIFT_LIMIT_S = 20.0
 TARE_LIMIT_S = 10.0
 HOME_LIMIT_S = 120.0
@@ -35,6 +36,7 @@ MOVE_LIMIT_S = 600.0
 SLOW_LIMIT_S = 20.0
 TRIM_STEP_PPM = 10
 
+STARTING: Final = (State.BOOT, State.SELFTEST)
 LIFTED: Final = (State.ARMED, State.IDLE)
 SHOWN_SETTINGS: Final = ("speed_set", "force_set", "acceleration_set", "travel_set", "run_in_set")
 
@@ -61,8 +63,16 @@ class Motion:
         self.settings = {}
         self.homed = False
 
+    async def started(self) -> None:
+        """Wait until the board's self-test is over; before that it refuses what matters."""
+        if (await self._fresh()).state in STARTING:
+            await self.watch.until(
+                lambda s: s.state not in STARTING, SELF_TEST_LIMIT_S, "the self-test", self.check
+            )
+
     async def configure(self) -> None:
         """Write what the rig's description says, and learn the other set-points."""
+        await self.started()
         await self.apply(
             **rig_settings(self.config),
             approach_timeout_ms=self.config.actuator.approach_timeout_s * 1000,

@@ -9,12 +9,7 @@ from numba import types
 from numba.extending import intrinsic
 
 
-@intrinsic
-def call_board(context: Any, address: Any, handle: Any, argument: Any) -> Any:
-    """Call ``void function(void *board, int64_t argument)``.
-
-    The address is an argument, not a constant, so that the compiled caller can be kept on disk.
-    """
+def _call(context: Any, address: Any, handle: Any, argument: Any) -> Any:
     del context, address, handle, argument
     signature = types.void(types.int64, types.int64, types.int64)
 
@@ -28,3 +23,10 @@ def call_board(context: Any, address: Any, handle: Any, argument: Any) -> Any:
         return context.get_dummy_value()
 
     return signature, generate
+
+
+call_board: Any = intrinsic(_call)
+"""``call_board(address, handle, argument)`` calls ``void function(void *board, int64_t argument)``.
+
+The address is an argument, not a constant, so that the compiled caller can be kept on disk.
+"""

@@ -69,11 +69,17 @@ class Samples(NamedTuple):
 
     def where(self, chosen: NDArray[np.bool_]) -> Samples:
         """Some of them."""
-        return Samples(*(column[chosen] for column in self))
+        sequence, board_us, raw_counts, force_g = self
+        return Samples(sequence[chosen], board_us[chosen], raw_counts[chosen], force_g[chosen])
 
     def and_then(self, later: Samples) -> Samples:
         """These, then those."""
-        return Samples(*(np.concatenate(pair) for pair in zip(self, later, strict=True)))
+        return Samples(
+            np.concatenate([self.sequence, later.sequence]),
+            np.concatenate([self.board_us, later.board_us]),
+            np.concatenate([self.raw_counts, later.raw_counts]),
+            np.concatenate([self.force_g, later.force_g]),
+        )
 
 
 class DirectRig:

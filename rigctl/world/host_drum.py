@@ -93,11 +93,11 @@ class HostDrum:
         self.handle: int = self._library.drum_open()
         self.exchange = Exchange.from_address(self._library.drum_exchange(self.handle))
         self.exchange.poll_address, self.exchange.poll_count = POLL_BLOCK
-        self.words: NDArray[np.int64] = self._view(0, len(WORDS), np.int64)
+        self.words: NDArray[np.int64] = self._view(0, len(WORDS), I64)
         reals_at = Exchange.drive.offset
-        self.reals: NDArray[np.float64] = self._view(reals_at, len(REALS), np.float64)
+        self.reals: NDArray[np.float64] = self._view(reals_at, len(REALS), ctypes.c_double)
         words_at = Exchange.poll_words.offset
-        self.poll_words: NDArray[np.uint16] = self._view(words_at, POLL_BLOCK[1], np.uint16)
+        self.poll_words: NDArray[np.uint16] = self._view(words_at, POLL_BLOCK[1], ctypes.c_uint16)
 
     @property
     def addresses(self) -> tuple[int, int]:
@@ -152,7 +152,6 @@ class HostDrum:
         if handle:
             self._library.drum_close(handle)
 
-    def _view(self, offset: int, count: int, dtype: type[np.generic]) -> NDArray[Any]:
-        size = np.dtype(dtype).itemsize * count
-        memory = (ctypes.c_char * size).from_address(ctypes.addressof(self.exchange) + offset)
-        return np.frombuffer(memory, dtype)
+    def _view(self, offset: int, count: int, kind: type[ctypes._SimpleCData[Any]]) -> NDArray[Any]:
+        memory = (kind * count).from_address(ctypes.addressof(self.exchange) + offset)
+        return np.ctypeslib.as_array(memory)

@@ -1,4 +1,4 @@
-"""The taxels' virtual board on the bench: when its frames are due, and what the sensor gives them."""
+"""The taxels' virtual board on the bench: when frames are due and what the sensor gives them."""
 
 from __future__ import annotations
 
