@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -89,6 +89,10 @@ class Table:
 
     def __contains__(self, key: str) -> bool:
         return key in self._data
+
+    def __iter__(self) -> Iterator[str]:
+        """Every key of this table, in the order of the text."""
+        return iter(self._data)
 
     def allow(self, *keys: str) -> None:
         """Keys that may be absent and are then not asked for."""
