@@ -60,7 +60,18 @@ class Text:
             line = self._search(section, key, wanted)
             if line:
                 return line
-        return self._search(names[:-1], (), wanted) if len(names) > 1 else None
+        line = self._search(names[:-1], (), wanted) if len(names) > 1 else None
+        return line or self._begins_with(names)
+
+    def _begins_with(self, names: tuple[str, ...]) -> int | None:
+        """First line of the dotted name, as a key or in a header, or of the longest part of it."""
+        for length in range(len(names), 0, -1):
+            dotted = r"\s*\.\s*".join(map(re.escape, names[:length]))
+            pattern = re.compile(rf"^\s*\[*\s*{dotted}\s*[=.\]]")
+            for number, line in enumerate(self._lines, start=1):
+                if pattern.match(line):
+                    return number
+        return None
 
     def _search(self, section: tuple[str, ...], key: tuple[str, ...], wanted: int) -> int | None:
         """First line of ``key`` in the ``wanted``-th table headed ``section``."""

@@ -6,12 +6,14 @@ import json
 from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rigctl.errors import ConfigError, SessionError
-from rigctl.world.parameters import ParameterInfo, WorldParameters, table
+from rigctl.world.parameters import ParameterInfo, Plate, WorldParameters, table
+from rigctl.world.textures import CATALOGUE, profile, texture
 from rigctl.world.world_file import (
     NOMINAL,
     World,
@@ -30,9 +32,19 @@ def between(row: ParameterInfo) -> st.SearchStrategy[float]:
     return st.floats(row.low, row.high)
 
 
+RIDGES = st.builds(
+    Plate,
+    st.sampled_from("ABCDEFGHIJKLMNOP"),
+    st.sampled_from(["circular ridges", "rectangular ridges", "waves"]),
+    st.floats(0.1, 4),
+    st.floats(1, 20),
+    st.floats(0.1, 0.9),
+)
+PLATES = st.lists(RIDGES, max_size=4, unique_by=lambda plate: plate.name).map(tuple)
+
 WORLDS = st.fixed_dictionaries(
     {row.name: between(row) for row in table() if row.name not in DRUM}
-    | {"dead_taxels": READINGS, "stuck_taxels": READINGS}
+    | {"dead_taxels": READINGS, "stuck_taxels": READINGS, "plates": PLATES}
 ).map(lambda values: replace(WorldParameters(), **values))
 
 
@@ -82,6 +94,16 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ("circumference_mm = 350", ["line 1", "the plate would end at 380 mm, behind the turn"]),
         ("circumference_mm = 390\nplate_length_mm = 385", ["line 2: plate_length_mm", "395 mm"]),
         ("start_mm\nstop_mm", ["not TOML", "line 1"]),
+        ("[plates.Q]\ngroup = 'waves'", ["line 1: plates.Q", "the catalogue has A to P"]),
+        ("[plate.B]\nheight_mm = 1", ["line 1: plate", "did you mean 'plates'?"]),
+        ("\nplates.B.space_mm = 0", ["line 2: plates.B.space_mm", "outside 1 to 20 mm"]),
+        ("\nplates = {B = {space_mm = 0}}", ["line 2: plates.B.space_mm", "outside"]),
+        ("[plates.B]\nheigth_mm = 1", ["line 2: plates.B.heigth_mm", "mean 'height_mm'?"]),
+        ("[plates.B]\n\nspace_mm = 0", ["line 3: plates.B.space_mm", "outside 1 to 20 mm"]),
+        ("[plates.B]\ngroup = 'wave'", ["line 2: plates.B.group", "did you mean 'waves'?"]),
+        ("[plates.A]\nheight_mm = 1", ["line 2: plates.A.height_mm", "a smooth plate has none"]),
+        ("plates = 3", ["line 1: plates", "must be a table"]),
+        ("[plates]\nB = 3", ["line 2: plates.B", "must be a table, written [plates.B]"]),
     ],
 )
 def test_a_mistake_names_file_line_and_cure(text: str, words: list[str]) -> None:
@@ -109,12 +131,30 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 def test_what_a_session_keeps_makes_the_same_world_again() -> None:
     world = World(replace(WorldParameters(), start_mm=5.0, dead_taxels=(2,)), "lab.toml")
+    world = world._replace(
+        parameters=replace(world.parameters, plates=(Plate("B", "waves", 1.25),))
+    )
     kept = json.loads(json.dumps(world.facts()))
     assert recorded_world(kept, Path("s")) == world
     assert recorded_world({"seed": 1}, Path("s")) is None
     kept["world"]["warp"] = kept["world"].pop("start_mm")
     with pytest.raises(SessionError, match="s was recorded in the world of another version"):
         recorded_world(kept, Path("s"))
+
+
+def test_a_plate_of_a_labs_own_is_printed_as_high_and_as_wide_as_it_says() -> None:
+    text = 'base_height_mm = 0.5\n[plates.C]\ngroup = "waves"\nheight_mm = 1.5\nspace_mm = 5\n'
+    world = parse_world(text + "[plates.G]\nridge_share = 0.2\n[plates.L]\ngroup = 'smooth'")
+    along_mm = np.arange(0.0, 20.0, 0.01)
+    waves, ridges, smooth, other = (
+        profile(texture(name, world), along_mm, world) for name in "CGLH"
+    )
+    assert waves.max() == pytest.approx(1.5)
+    assert np.flatnonzero(np.diff(np.sign(np.diff(waves))) < 0).size == 4
+    assert np.mean(ridges[:600] > 0) == pytest.approx(0.2, abs=0.01)
+    assert ridges.max() == pytest.approx(0.5)
+    assert not smooth.any()
+    assert other.max() == pytest.approx(CATALOGUE["H"].height * 0.5)
 
 
 def test_the_description_of_a_rig_without_one_fits_its_world() -> None:
