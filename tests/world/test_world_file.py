@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rigctl.errors import ConfigError, SessionError
+from rigctl.protocol import load_protocol
+from rigctl.resources import find_protocol
 from rigctl.world.parameters import ParameterInfo, Plate, WorldParameters, table
 from rigctl.world.textures import CATALOGUE, profile, texture
 from rigctl.world.world_file import (
@@ -118,7 +120,9 @@ def test_the_how_to_shows_a_world_file_and_the_sentence_of_a_wrong_one() -> None
     page = Path(__file__).parents[2] / "docs" / "how-to" / "rehearse.md"
     shown = page.read_text(encoding="utf-8")
     example = shown.split("```toml\n")[1].split("```")[0]
-    assert parse_world(example) != WorldParameters()
+    description = World(parse_world(example)).description()
+    for protocol in ("quick", "paper"):  # which the page has run in this world
+        load_protocol(find_protocol(protocol), description)
     with pytest.raises(ConfigError) as refused:
         parse_world(example.replace("speed_mm_s", "speed_in_s"), "lab.toml")
     assert f"rigctl: {refused.value}\n" in shown
