@@ -38,9 +38,9 @@ class Toolbar(QFrame):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.rig = FileChoice(RIGS, "open a rig.toml …", 190)
+        self.rig = FileChoice(RIGS, "open a rig.toml …", 205)
         self.rig.setToolTip("Which rig to connect to")
-        self.world = FileChoice(WORLDS, "open a world file …", 130)
+        self.world = FileChoice(WORLDS, "open a world file …", 145)
         self.world.setToolTip("Plates, sensor and mechanics of a simulated rig")
         self.rig.currentIndexChanged.connect(lambda _: self._offer_world())
         self.connect_button = QPushButton("Connect")
