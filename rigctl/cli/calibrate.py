@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from rigctl.cli.world import add_world, chosen_world
 from rigctl.config import parse_config
 from rigctl.errors import WrongUse
 from rigctl.rig import BENCH, Rig, open_rig
@@ -25,6 +26,7 @@ def add_parser(subparsers: Any) -> None:
         "rig's description. Exit code 0: done; 2: the answer cannot be right; 3: rig fault.",
     )
     parser.add_argument("--rig", required=True, help="virtual, firmware, or a rig.toml")
+    add_world(parser)
     parser.add_argument("--seed", type=int, default=0, help="of a simulated rig")
     parser.add_argument("--yes", action="store_true", help="ask nothing: everything is in place")
     parser.add_argument("--dry", action="store_true", help="keep nothing, on the board or in files")
@@ -41,7 +43,8 @@ def run(args: argparse.Namespace) -> int:
     """Calibrate one part; the last line says what was found and where it is kept."""
     if args.part == "loadcell":
         check_masses(args.mass)
-    with closing(open_rig(args.rig, seed=args.seed, paced=False)) as rig:
+    world = chosen_world(args.world)
+    with closing(open_rig(args.rig, seed=args.seed, paced=False, world=world)) as rig:
         session = _Sitting(args, rig)
         part = {"loadcell": session.loadcell, "force": session.force, "imbalance": session.turn}
         rig.loop.run_until_complete(session.calibrator.during(part[args.part]))

@@ -44,12 +44,18 @@ class Work:
     """
 
     def __init__(
-        self, protocol: Protocol, seed: int, folder: Path, recorder: Sink, workers: int
+        self,
+        protocol: Protocol,
+        parameters: WorldParameters,
+        seed: int,
+        folder: Path,
+        recorder: Sink,
+        workers: int,
     ) -> None:
         self._folder = folder
         self._recorder = recorder
         self._helper = ThreadPoolExecutor(1, "noise") if workers > 1 else None
-        self._rig = DirectRig(WorldParameters(), seed, self._helper)
+        self._rig = DirectRig(parameters, seed, self._helper)
         self._operator = Operator(self._rig, protocol.config, protocol.settle)
         self._tape = Tape(self._rig, self._take_block, self._take_drum)
         self._quality = protocol.quality
