@@ -64,11 +64,21 @@ class Motion:
         self.homed = False
 
     async def started(self) -> None:
-        """Wait until the board's self-test is over; before that it refuses what matters."""
-        if (await self._fresh()).state in STARTING:
-            await self.watch.until(
-                lambda s: s.state not in STARTING, SELF_TEST_LIMIT_S, "the self-test", self.check
-            )
+        """Wait until the board's self-test is over: before that it refuses what matters.
+
+        A latched fault ends it as well. Raises RigFault where it does not end.
+        """
+        end_s = self.watch.loop.time() + SELF_TEST_LIMIT_S
+        await self.watch.turn()
+        while self.watch.connected and self._state in (None, *STARTING):
+            if self.watch.loop.time() > end_s:
+                raise RigFault("the drum's self-test does not end: restart the board")
+            await self.watch.turn()
+
+    @property
+    def _state(self) -> int | None:
+        """State of the newest poll, None before the first."""
+        return None if self.watch.state is None else self.watch.state.state
 
     async def configure(self) -> None:
         """Write what the rig's description says, and learn the other set-points."""

@@ -120,7 +120,7 @@ def _kernel(digest: str) -> Callable[..., Any]:
             end_ms = s[TIME_MS] + 1.0
             _show_wires(words, s[ROD], clock, wires)
             at_us = cell[NEXT_US]
-            if at_us <= end_ms * 1000.0:
+            if at_us < end_ms * 1000.0:
                 words[_DUE] = convert(cell, given, log, s[FORCE], noise[used])
                 used += 1
                 words[_DUE_CYCLE] = int(at_us * 1e-3 * clock[CYCLES_PER_MS])
