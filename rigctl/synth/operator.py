@@ -24,6 +24,9 @@ from rigctl.world.direct import POLL_MS, DirectRig, Poll
 TURN_US = 700_000
 """The longest time between two looks at the polls; the board's ring of conversions holds 0.8 s."""
 
+QUIET_US = 10_000_000
+"""The same where nobody looks at polls."""
+
 LIMIT_US = 300_000_000
 OnPolls = Callable[[list[Poll]], None]
 
@@ -124,7 +127,7 @@ class Operator:
         while not ended():
             if self.now_us > late_us:
                 raise BoardFault(f"the simulated drum did not end {what}")
-            self._pass_time(self.now_us + TURN_US)
+            self._pass_time(self.now_us + (TURN_US if on_step else QUIET_US))
             if on_step is not None:
                 on_step()
 

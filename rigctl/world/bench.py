@@ -17,7 +17,7 @@ from rigctl.world.skin import Skin
 from rigctl.world.textures import height_tables, texture
 from rigctl.world.truth import Truth
 
-LOG_EVERY_MS = 500
+LOG_EVERY_MS = 1000
 
 
 class Bench:

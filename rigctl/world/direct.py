@@ -7,6 +7,7 @@ a host that polls. So it goes many times as fast.
 from __future__ import annotations
 
 from concurrent.futures import Executor
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -161,10 +162,8 @@ class DirectRig:
 
     def get(self, name: str) -> float:
         """A register in engineering units."""
-        entry = register(name)
-        layout = BlockLayout(entry.address, entry.words * entry.count, [entry])
-        words = self._board.read(layout.address, layout.count)
-        return layout.raw(words)[name][0] * entry.scale
+        layout = _layout_of(name)
+        return layout.values(self._board.read(layout.address, layout.count))[name]
 
     def command(self, command: Command) -> bool:
         """Give a command; False where the drum refuses it."""
@@ -248,3 +247,9 @@ class DirectRig:
             status_bits=raw["status_bits"][0],
             sequence=self._taken + taken,
         )
+
+
+@cache
+def _layout_of(name: str) -> BlockLayout:
+    entry = register(name)
+    return BlockLayout(entry.address, entry.words * entry.count, [entry])

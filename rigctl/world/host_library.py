@@ -11,6 +11,7 @@ from rigctl.errors import RigFault
 from rigctl.resources import checkout, installed_library
 from rigctl.world.host_build import COMMAND, CURE, digest, library_name, library_path
 
+# Calls are short: letting go of the interpreter for each would cost more than it gives.
 Signatures = Mapping[str, tuple[Any, list[Any]]]
 POINTER = ctypes.c_void_p
 I32, I64, U64 = ctypes.c_int32, ctypes.c_int64, ctypes.c_uint64
@@ -18,7 +19,7 @@ I32, I64, U64 = ctypes.c_int32, ctypes.c_int64, ctypes.c_uint64
 
 def load(
     board: str, exchange: type[ctypes.Structure], signatures: Signatures, path: Path | None = None
-) -> ctypes.CDLL:
+) -> ctypes.PyDLL:
     """Return the library of ``drum`` or ``taxels``, at ``path`` or where it is built.
 
     Raises RigFault where it is missing, stale, or made for another system.
@@ -28,7 +29,7 @@ def load(
     if not place.is_file():
         raise RigFault(f"{place}: the virtual {board} board is not compiled: {CURE}{COMMAND}")
     try:
-        library = ctypes.CDLL(str(place))
+        library = ctypes.PyDLL(str(place))
         size = _declared(library, f"{board}_exchange_size", U64)
         made_of = _declared(library, f"{board}_sources", ctypes.c_char_p).decode()
     except (OSError, AttributeError) as error:
@@ -47,7 +48,7 @@ def load(
     return library
 
 
-def _declared(library: ctypes.CDLL, name: str, result: Any) -> Any:
+def _declared(library: ctypes.PyDLL, name: str, result: Any) -> Any:
     function = getattr(library, name)
     function.restype, function.argtypes = result, []
     return function()
