@@ -56,6 +56,16 @@ constexpr uint16_t ACTUATOR_END_UM = 300;
 constexpr uint32_t LOADCELL_PERIOD_US = 12500;
 constexpr float LOADCELL_DELAY_S = 0.006f;
 
+// Force that no setting lets pass, and the cell by which it is judged in raw counts. A cell that
+// counts otherwise moves the limit by as much: put its scale here, to within a fifth.
+constexpr uint16_t MOST_FORCE_G = 2000;
+constexpr uint16_t UG_PER_COUNT = 2400;
+
+// Bits of Signal that hold until settings say otherwise. An emergency stop that closes when it is
+// pressed, or none at all, is told here: a board that sees it open takes no such setting.
+constexpr uint8_t SIGNALS_FITTED = 0x1f;
+constexpr uint8_t SIGNALS_INVERTED = 0;
+
 }  // namespace board
 
 #endif  // BOARD_H

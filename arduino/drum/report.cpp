@@ -55,7 +55,9 @@ uint16_t Drum::status_bits() const {
            flag(Status::SpeedConstant, ports::at_speed()) |
            flag(Status::EstopClosed, !inputs_.estop_open) |
            flag(Status::EndUp, end_up()) | flag(Status::EndDown, end_down()) |
-           flag(Status::Homed, homed_) | flag(Status::Tared, tared_);
+           flag(Status::Homed, homed_) | flag(Status::Tared, tared_) |
+           flag(Status::ContactMayStand, contact_ != Contact::Gone) |
+           flag(Status::LiftFailed, lift_failed_);
 }
 
 void Drum::report_state() {
