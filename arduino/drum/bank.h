@@ -49,7 +49,9 @@ class Bank {
 
   private:
     bool writable(uint16_t address, uint16_t count) const;
-    Answer judge(uint16_t address, uint16_t count, const uint16_t *before) const;
+    bool in_bounds(uint16_t address, uint16_t count) const;
+    Answer take(uint16_t address, uint16_t count, const uint16_t *before);
+    Guard guard_of_change(uint16_t address, uint16_t count, const uint16_t *before) const;
 
     Owner &owner_;
     uint16_t words_[COUNTERS_END] = {};

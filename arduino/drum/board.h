@@ -35,6 +35,10 @@ constexpr uint8_t END_DOWN = _BV(PC6);      // D31
 #define MICROSTEPS 16
 #endif
 
+#ifndef INVERTED
+#define INVERTED 0
+#endif
+
 namespace board {
 
 // Stepper driver: false where low switches it on. Its pull resistor goes to the other level.
@@ -64,7 +68,7 @@ constexpr uint16_t UG_PER_COUNT = 2400;
 // Bits of Signal that hold until settings say otherwise. An emergency stop that closes when it is
 // pressed, or none at all, is told here: a board that sees it open takes no such setting.
 constexpr uint8_t SIGNALS_FITTED = 0x1f;
-constexpr uint8_t SIGNALS_INVERTED = 0;
+constexpr uint8_t SIGNALS_INVERTED = INVERTED;
 
 }  // namespace board
 

@@ -376,19 +376,18 @@ void Drum::watch_contact() {
 
 // What a sample tells of contact; the lifted drum is weighed wherever it stands still.
 void Drum::watch_reading() {
+    const Drive drive = machine_.drive();
+    if (drive == Drive::Approach || drive == Drive::ForceLoop) return zero_.disturb();
     const int32_t raw = loadcell_.raw();
     const bool sound = !loadcell_.faults();
     if (!sound || !zero_.free(raw)) free_run_ = 0;
     else if (free_run_ < FREE_READINGS) ++free_run_;
+    if (drive == Drive::Off) watch_contact();
     const State state = machine_.state();
     const bool lifts = state == State::Armed || state == State::Retract;
     const bool still = contact_ == Contact::Gone && !permille_ && !ports::moving();
-    if (sound && lifts && still) {
-        if (zero_.weigh(raw)) judge_tare();
-        return;
-    }
-    zero_.disturb();
-    if (machine_.drive() == Drive::Off) watch_contact();
+    if (!sound || !lifts || !still) return zero_.disturb();
+    if (zero_.weigh(raw)) judge_tare();
 }
 
 void Drum::position_move() {
