@@ -42,6 +42,8 @@ void Drum::report_identity() {
     bank_.put(reg::ring_depth, RING_DEPTH);
     bank_.put(reg::steps_per_turn, board::STEPS_PER_TURN);
     bank_.put_wide(reg::nm_per_step, board::NM_PER_STEP);
+    bank_.put(reg::most_force, board::MOST_FORCE_G);
+    bank_.put(reg::overrun_um, board::OVERRUN_UM);
 }
 
 uint16_t Drum::status_bits() const {

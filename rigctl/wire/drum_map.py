@@ -199,6 +199,8 @@ IDENTITY = (
     _ro(8, "ring_depth", "u16", "", "load-cell samples kept in the ring"),
     _ro(9, "steps_per_turn", "u16", "steps", "microsteps of one drum turn"),
     _ro(10, "nm_per_step", "u32", "nm", "texture travel of one microstep at the drum's surface"),
+    _ro(12, "most_force", "u16", "g", "force that the board lifts at, whatever settings say"),
+    _ro(13, "overrun_um", "u16", "µm", "farthest travel from that force until the drum stands"),
 )
 
 POLL = (
@@ -428,7 +430,7 @@ RING = (
 
 REGISTERS: tuple[Register, ...] = IDENTITY + POLL + SETTINGS + COUNTERS + RING
 BY_NAME: dict[str, Register] = {register.name: register for register in REGISTERS}
-IDENTITY_BLOCK = (0, 12)
+IDENTITY_BLOCK = (0, 14)
 POLL_BLOCK = (16, 40)
 """First address and count of the one read that every poll makes."""
 SETTINGS_BLOCK = (64, 49)
