@@ -45,12 +45,12 @@ bool supervised(State state) {
 // What the wires say, with those put right that are inverted.
 Inputs Drum::unwired(const Inputs &inputs) const {
     Inputs result = inputs;
-    if (has(reg::signal_polarity, Signal::Index)) result.index_high = !inputs.index_high;
-    if (has(reg::signal_polarity, Signal::EndSwitches)) {
+    if (inverted(Signal::Index)) result.index_high = !inputs.index_high;
+    if (inverted(Signal::EndSwitches)) {
         result.end_up = !inputs.end_up;
         result.end_down = !inputs.end_down;
     }
-    if (has(reg::signal_polarity, Signal::Position))
+    if (inverted(Signal::Position))
         result.position_um = inputs.position_um < board::ACTUATOR_TRAVEL_UM
                                  ? board::ACTUATOR_TRAVEL_UM - inputs.position_um
                                  : 0;
@@ -75,17 +75,18 @@ void Drum::apply_settings() {
 
 // By which wires a lift was seen to end decides what is known of contact and zero.
 void Drum::rewire() {
-    constexpr uint16_t OF_THE_LIFT = 0x101 << static_cast<uint8_t>(Signal::EndSwitches) |
-                                     0x101 << static_cast<uint8_t>(Signal::Position);
-    const uint16_t wires = word(reg::optional_signals) << 8 | word(reg::signal_polarity);
-    ports::wire_signals(word(reg::optional_signals), word(reg::signal_polarity));
-    if ((wires ^ wires_) & OF_THE_LIFT) {
-        contact_known_ = false;
-        zero_.forget();
-        free_run_ = 0;
-        if (contact_ == Contact::Gone) contact_ = Contact::Unknown;
-    }
-    wires_ = wires;
+    constexpr uint8_t OF_THE_LIFT = 1 << static_cast<uint8_t>(Signal::EndSwitches) |
+                                    1 << static_cast<uint8_t>(Signal::Position);
+    const uint8_t fitted = word(reg::optional_signals), inverted = word(reg::signal_polarity);
+    const uint8_t changed = (fitted ^ fitted_) | (inverted ^ inverted_);
+    fitted_ = fitted;
+    inverted_ = inverted;
+    ports::wire_signals(fitted, inverted);
+    if (!(changed & OF_THE_LIFT)) return;
+    contact_known_ = false;
+    zero_.forget();
+    free_run_ = 0;
+    if (contact_ == Contact::Gone) contact_ = Contact::Unknown;
 }
 
 void Drum::judge_tare() { tare_holds_ = zero_.near(bank_.wide(reg::tare_counts)); }

@@ -91,10 +91,9 @@ class Drum final : public Owner {
     void end_tune();
     void start(const Motion &motion, uint16_t speed);
     DrumTurn turn();
-    bool fitted(Signal signal) const { return has(reg::optional_signals, signal); }
-    bool has(uint16_t address, Signal signal) const {
-        return word(address) >> static_cast<uint8_t>(signal) & 1;
-    }
+    // As last applied: while a write is judged, its words stand in the bank already.
+    bool fitted(Signal signal) const { return fitted_ >> static_cast<uint8_t>(signal) & 1; }
+    bool inverted(Signal signal) const { return inverted_ >> static_cast<uint8_t>(signal) & 1; }
     Inputs unwired(const Inputs &inputs) const;
     bool estop_open() const { return fitted(Signal::Estop) && inputs_.estop_open; }
     bool end_up() const { return fitted(Signal::EndSwitches) && inputs_.end_up; }
@@ -173,7 +172,7 @@ class Drum final : public Owner {
     Contact contact_ = Contact::Unknown;
     bool lift_failed_ = false;    // the last lift ended, and contact was not seen to be gone
     uint8_t free_run_ = 0;        // readings in a row that show no contact
-    uint16_t wires_ = 0;          // optional_signals and signal_polarity as last applied
+    uint8_t fitted_ = 0, inverted_ = 0;  // bits of Signal
     ForceTarget target_ = {0, 0, 0, 0};
     float band_g_ = 0, over_force_g_ = 0;
     uint32_t turn_interval_ = 0;  // for which turn_rate_ was worked out
