@@ -38,14 +38,22 @@ def sound_bench(at_rig: Operator) -> None:
 async def rewired(
     at_rig: Operator, absent: Iterable[Signal] = (), inverted: Iterable[Signal] = ()
 ) -> None:
-    """The board told and the bench wired so; lifted off and switched off before.
+    """The bench wired so and the board told; lifted off and switched off before.
 
-    It is told first: an emergency stop that reads open takes no setting.
+    The emergency stop comes last: a board that sees it open takes no such setting.
     """
     absent, inverted = tuple(absent), tuple(inverted)
     await at_rig.drum.poll()
     if at_rig.state not in (State.IDLE, State.FAULT_OFF):
         await at_rig.reach(State.IDLE)
+    told = await at_rig.drum.get("optional_signals", "signal_polarity")
+    others = [signal for signal in Signal if signal is not Signal.ESTOP]
+    missing = [] if int(told["optional_signals"]) & 1 else [Signal.ESTOP]
+    turned = [Signal.ESTOP] if int(told["signal_polarity"]) & 1 else []
+    at_rig.faults.rewire(
+        missing + [signal for signal in others if signal in absent],
+        turned + [signal for signal in others if signal in inverted],
+    )
     await at_rig.drum.set(
         **QUICK,
         optional_signals=ALL - sum(1 << signal for signal in absent),
