@@ -23,7 +23,7 @@ constexpr uint16_t SLOW_ZONE_UM = 1400 + board::LOADCELL_PERIOD_US / 125;
 constexpr float SEARCH_MM_S = 3.0f;        // near the surface, at most
 // And so slow that contact is a matter of this time.
 constexpr float SEARCH_S = (80000 + board::LOADCELL_PERIOD_US * 8 / 5) / 1e6f;
-constexpr float QUICK_MM_S = board::MOST_PRESS_MM_S;
+constexpr float QUICK_MM_S = board::ACTUATOR_MAX_MM_S < 8 ? board::ACTUATOR_MAX_MM_S : 8.0f;
 constexpr float CONTACT_MM_S = board::ACTUATOR_MAX_MM_S < 6 ? board::ACTUATOR_MAX_MM_S : 6.0f;
 constexpr float DEPTH_GAIN = 4.0f;         // 1/s
 constexpr float DEPTH_REST_MM = 0.03f;     // the potentiometer shows 0.05 mm a count

@@ -10,6 +10,7 @@ from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
 STATE_REFUSES = 4
 """Modbus exception of a command or change that the present state refuses."""
 
+_WIRES = frozenset({"optional_signals", "signal_polarity"})
 _NEEDS_LIFTED = frozenset({Command.TARE, Command.TARE_TURN, Command.APPROACH, Command.DEFAULTS})
 _RESTING = (State.IDLE, State.ARMED)
 
@@ -41,4 +42,7 @@ def refused_settings(names: Iterable[str], code: int) -> str:
     text = f"{', '.join(listed)} not set"
     if code != STATE_REFUSES or not any(BY_NAME[name].guard is not Guard.NONE for name in listed):
         return text
-    return f"{text}: lift the drum to ARMED or IDLE and release the emergency stop first"
+    text += ": lift the drum to ARMED or IDLE and release the emergency stop first"
+    if _WIRES.isdisjoint(listed):
+        return text
+    return f"{text}; one that closes when it is pressed, press instead (arduino/drum/board.h)"

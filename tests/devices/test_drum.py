@@ -48,7 +48,7 @@ def test_connect_says_who_is_there_and_reads_the_settings() -> None:
 def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
     async def main(loop: JumpingLoop) -> None:
         link = MemoryLink(loop)
-        identity = "5247 0003 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12 07d0 018c"
+        identity = "5247 0003 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12 07d0 01ef"
         settings = "0000 0000 0009" + 46 * " 0000"
         script = Script(
             link,

@@ -1,8 +1,8 @@
 """How far the true force may go beyond the force at which a drum board lifts by itself.
 
-What is travelled beyond it is the board's own figure (register ``overrun_um``): the fastest that
-it ever presses, times the sample that has to come, its delay, a tick, and the actuator's lag. What
-that travel weighs is the bench's: how stiff the contact is at that force, and how much faster the
+What is travelled beyond it is the board's own figure (register ``overrun_um``): the actuator's full
+speed, times the sample that has to come, its delay, a tick, and the actuator's lag. What that
+travel weighs is the bench's: how stiff the contact is at that force, and how much faster the
 actuator is than the board believes.
 """
 

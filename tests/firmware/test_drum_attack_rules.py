@@ -46,10 +46,10 @@ def test_the_board_says_at_what_force_it_lifts_and_how_far_it_overruns() -> None
     with DrumChip() as drum:
         most, overrun_um = drum.get("most_force"), drum.get("overrun_um")
     assert most == 2000
-    assert overrun_um == pytest.approx(8 * (12.5 + 6 + 1 + 30), abs=1)  # mm/s × ms
+    assert overrun_um == pytest.approx(10 * (12.5 + 6 + 1 + 30), abs=1)  # mm/s × ms
     nominal, stiffest = (overshoot_g(overrun_um, most, *skin) for skin in ((600.0, 0.1), STIFFEST))
     print(f"beyond {most} g: {nominal:.0f} g nominal, {stiffest:.0f} g on the stiffest skin")
-    assert nominal < stiffest < 0.4 * most
+    assert nominal < stiffest < 0.5 * most
 
 
 def test_a_lift_that_cannot_ends_and_says_so() -> None:
