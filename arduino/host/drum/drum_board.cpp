@@ -42,6 +42,7 @@ void DrumBoard::boot(uint8_t reset_cause) {
     store_ = Store();
     sync_ = {0, 0, 0, false};
     mark_ = {0, 0};
+    estop_latched_ = estop_told_ = false;
     store_.begin();
     drum_.reset(new Drum());
     drum_->boot(false);
@@ -246,13 +247,13 @@ void DrumBoard::set_estop(bool level) {
     look_at_estop();
 }
 
-// An opening that was seen with the wiring of before means nothing.
+// What was seen before anybody told how it is wired means nothing; an opening after that is kept
+// until the brain has seen it, or a change of wires could make it unseen.
 void DrumBoard::wire_signals(uint8_t fitted, uint8_t inverted) {
-    const bool was_fitted = estop_fitted_, was_inverted = estop_inverted_;
     estop_fitted_ = has(fitted, Signal::Estop);
     estop_inverted_ = has(inverted, Signal::Estop);
-    if (was_fitted != estop_fitted_ || was_inverted != estop_inverted_)
-        estop_latched_ = estop_fitted_ && estop_open();
+    estop_latched_ = (estop_told_ && estop_latched_) || (estop_fitted_ && estop_open());
+    estop_told_ = true;
     index_inverted_ = has(inverted, Signal::Index);
     sync_fitted_ = has(fitted, Signal::Sync);
     sync_inverted_ = has(inverted, Signal::Sync);

@@ -98,7 +98,8 @@ class DrumBoard {
     bool stepper_on_ = false, bridge_on_ = false;
     bool sync_fitted_ = true, sync_inverted_ = false, sync_level_ = false;
     bool index_inverted_ = false, index_pin_ = false, mark_level_ = false;
-    bool estop_fitted_ = true, estop_inverted_ = false, estop_level_ = false, estop_latched_ = false;
+    bool estop_fitted_ = true, estop_inverted_ = false, estop_level_ = false;
+    bool estop_latched_ = false, estop_told_ = false;
     int16_t permille_ = 0;
     double duty_sum_ = 0;
     uint64_t duty_since_ = 0;
