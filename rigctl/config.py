@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from rigctl.errors import ConfigError
 from rigctl.toml_text import Table, Text
+from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 ADC_MAX = 1023
 MAX_TAXELS = 1024
@@ -148,12 +149,19 @@ class TaxelArray:
     rows: int = _integer(3, "", 1, MAX_TAXELS, "rows of a layer")
     columns: int = _integer(3, "", 1, MAX_TAXELS, "columns of a layer")
     wiring: tuple[int, ...] = _integers(
-        "", 0, MAX_TAXELS, "reading that stands at each place, layer by layer; empty: in order"
+        "", 0, MAX_TAXELS, "reading that stands at each place, layer by layer; empty: as drawn"
     )
     pressure_raises: bool = _flag(True, "a pressed taxel reads higher")
     low: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "least reading of each taxel")
     high: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "highest reading of each taxel")
     range_from: str = _text("", "when and from what the range was taken, for people")
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """The reading that stands at each place: ``wiring``, or that of the boards' drawing."""
+        if self.wiring:
+            return self.wiring
+        return DRAWN_WIRING if self.count == N_TAXELS else tuple(range(self.count))
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,6 +190,10 @@ class RigConfig:
     def with_range(self, low: tuple[int, ...], high: tuple[int, ...], source: str) -> RigConfig:
         """The same rig with a newly measured range of each taxel."""
         return replace(self, taxels=replace(self.taxels, low=low, high=high, range_from=source))
+
+    def with_order(self) -> RigConfig:
+        """The same rig with the order of its taxels written out, whatever an empty one means."""
+        return replace(self, taxels=replace(self.taxels, wiring=self.taxels.order))
 
     def to_toml(self) -> str:
         """The whole description as TOML, each key with its unit and meaning."""

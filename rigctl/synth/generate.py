@@ -27,9 +27,9 @@ from rigctl.synth.work import Work
 from rigctl.world.parameters import WorldParameters
 
 METHOD = "direct"
-GENERATOR = 2
+GENERATOR = 3
 """Goes up when one seed no longer gives the same session. 2: polls and blocks in batches; the
-samples are still those of 1."""
+samples are still those of 1. 3: the taxels stand in their places."""
 
 BYTES_PER_SECOND = 62_000
 """Samples, polls, load cell, truth; measured, rounded up."""
@@ -103,12 +103,11 @@ def generate(
     check_room(order.folder, round(1.1 * max(0.0, left) * trial_s * BYTES_PER_SECOND))
     there = bool(found.start_utc)
     header = replace(header, start_utc=found.start_utc) if there else header
-    texts = plan.protocol.text, plan.protocol.config.to_toml()
+    texts = plan.protocol.text, plan.protocol.config.with_order().to_toml()
     with Recorder(order.folder, header, *texts, resume=there) as recorder:
         forget_damaged_truth(order.folder)
-        work = Work(
-            plan.protocol, order.seed, order.folder, Sink(recorder, found.attempts), workers
-        )
+        sink = Sink(recorder, found.attempts, header.wiring)
+        work = Work(plan.protocol, order.seed, order.folder, sink, workers)
         try:
             return _take_steps(work, plan, on_progress, stop)
         finally:
@@ -144,6 +143,7 @@ def _header(order: Order) -> SessionHeader:
         software_commit=source_commit(),
         encoder_preset=config.encoder.preset,
         n_taxels=config.taxels.count,
+        wiring=config.taxels.order,
         cut_by=CUT_BY_WIRE,
         simulation={
             "seed": order.seed,
