@@ -35,6 +35,7 @@ from gui.status import Status
 from gui.stop_key import StopKey
 from gui.theme import ThemeChoice
 from gui.toolbar import Toolbar
+from rigctl.run.notices import wiring_notice
 
 FRAME_MS = 33
 BAD_STAYS_MS = 8000
@@ -245,6 +246,8 @@ class Window(QMainWindow):
         self.toolbar.choose_rig(rig)
         self.toolbar.show_connecting(rig)
         self.say("rig", f"connecting to {rig} …")
+        if notice := wiring_notice(rig):
+            self.say("check", notice)
         self.connection.open(rig)
 
     def _jog(self, mm: float) -> None:
