@@ -18,7 +18,7 @@ from gui.status import RunStatus, Status, read_status
 from rigctl.errors import RigctlError
 from rigctl.run.client import EngineClient
 from rigctl.run.live import LiveView
-from rigctl.run.runtime import running_engines, runtime_folder
+from rigctl.run.runtime import Announcement, running_engines, runtime_folder
 
 JOIN = "join"
 SIMULATED = ("virtual", "firmware")
@@ -28,6 +28,9 @@ STOP_LIMIT_S = 0.5
 
 class Client(Protocol):
     """What the window needs of :class:`rigctl.run.client.EngineClient`."""
+
+    @property
+    def announcement(self) -> Announcement: ...
 
     @property
     def live(self) -> LiveView: ...
@@ -97,6 +100,11 @@ class Connection(QObject):
     def is_open(self) -> bool:
         """Whether requests can be sent."""
         return self._client is not None
+
+    @property
+    def engines(self) -> tuple[str, ...]:
+        """Name of the engine that requests go to; empty while there is none."""
+        return (self._client.announcement.name,) if self._client is not None else ()
 
     @property
     def live(self) -> LiveView | None:

@@ -17,6 +17,7 @@ from rigctl.cli.progress import Progress
 from rigctl.cli.world import add_world
 from rigctl.errors import WrongUse
 from rigctl.run.client import EngineClient
+from rigctl.run.notices import wiring_notice
 from rigctl.session.layout import RIG_FILE
 from rigctl.session.reader import Session
 
@@ -50,8 +51,11 @@ def run(args: argparse.Namespace) -> int:
     """Start an engine on the rig, have it run the protocol, watch it to the end."""
     if (args.protocol is None) == (args.resume is None):
         raise WrongUse("give a protocol to run, or --resume with a session, not both")
+    rig = _rig(args)
+    if notice := wiring_notice(rig):
+        print(f"rigctl: {notice}", file=sys.stderr, flush=True)
     client = EngineClient.start(
-        _rig(args), paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
+        rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
     )
     watcher = Watcher(client, Progress(sys.stderr, quiet=args.json))
     with watcher.interruptible():

@@ -136,7 +136,10 @@ def _recorder(folder: Path, plan: Plan, bearings: Bearings, resume: bool) -> Rec
         n_taxels=config.taxels.count,
         taxel_low=config.taxels.low,
         taxel_high=config.taxels.high,
+        wiring=config.taxels.order,
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
         simulation={"seed": bearings.rig_seed, **bearings.world} if bearings.simulated else {},
     )
-    return Recorder(folder, header, plan.protocol.text, config.to_toml(), resume=resume)
+    return Recorder(
+        folder, header, plan.protocol.text, config.with_order().to_toml(), resume=resume
+    )

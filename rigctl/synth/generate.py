@@ -26,9 +26,9 @@ from rigctl.synth.work import Work
 from rigctl.world.world_file import NOMINAL, World
 
 METHOD = "direct"
-GENERATOR = 2
+GENERATOR = 3
 """Goes up when one seed no longer gives the same session. 2: polls and blocks in batches; the
-samples are still those of 1."""
+samples are still those of 1. 3: the taxels stand in their places."""
 
 BYTES_PER_SECOND = 62_000
 """Samples, polls, load cell, truth; measured, rounded up."""
@@ -103,10 +103,10 @@ def generate(
     check_room(order.folder, round(1.1 * max(0.0, left) * trial_s * BYTES_PER_SECOND))
     there = bool(found.start_utc)
     header = replace(header, start_utc=found.start_utc) if there else header
-    texts = plan.protocol.text, plan.protocol.config.to_toml()
+    texts = plan.protocol.text, plan.protocol.config.with_order().to_toml()
     with Recorder(order.folder, header, *texts, resume=there) as recorder:
         forget_damaged_truth(order.folder)
-        sink = Sink(recorder, found.attempts)
+        sink = Sink(recorder, found.attempts, header.wiring)
         parameters = order.world.parameters
         work = Work(plan.protocol, parameters, order.seed, order.folder, sink, workers)
         try:
@@ -144,6 +144,7 @@ def _header(order: Order) -> SessionHeader:
         software_commit=source_commit(),
         encoder_preset=config.encoder.preset,
         n_taxels=config.taxels.count,
+        wiring=config.taxels.order,
         cut_by=CUT_BY_WIRE,
         simulation={
             "seed": order.seed,

@@ -79,6 +79,21 @@ def test_an_engine_that_is_joined_keeps_its_own_world(app: QApplication, tmp_pat
     delete(window)
 
 
+def test_a_bench_without_a_wiring_is_told_once_what_that_means(
+    app: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    rig = tmp_path / "rig.toml"
+    rig.write_text("[about]\nname = 'mine'\n")
+    for times in (1, 0):
+        window = Window(lambda rig, world: FakeEngine(tmp_path))
+        window.connect_rig(str(rig))
+        wait_until(lambda: window.connection.is_open)  # noqa: B023
+        assert window.log.toPlainText().count("[taxels] wiring is empty") == times
+        window.close()
+        delete(window)
+
+
 def test_a_rig_that_does_not_open_says_why(app: QApplication) -> None:
     def open_client(rig: str, world: str) -> Client:
         raise WrongUse("port /dev/ttyACM0 is in use: close the other program")
