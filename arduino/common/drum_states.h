@@ -63,7 +63,7 @@ constexpr uint8_t STATE_COUNT = 11;
 constexpr uint8_t EVENT_COUNT = 18;
 constexpr uint8_t FAULT_COUNT = 14;
 
-// Bit n: fault n lifts for a set time before it switches off; all others switch off.
+// Bit n: fault n lifts off before it switches off; all others switch off.
 constexpr uint16_t LIFT_FAULTS = 0x25fc;
 
 // TRANSITIONS[state][event] is the next state, REFUSED where the event is refused.

@@ -102,7 +102,7 @@ LIFT_FAULTS = frozenset(
         Fault.FORCE_UNREACHED,
     }
 )
-"""Faults after which the drum is lifted for a set time and then switched off.
+"""Faults after which the drum is lifted until contact is gone, and then switched off.
 
 All others (E-stop, hang, actuator end, self-test) switch everything off at once.
 """

@@ -173,7 +173,7 @@ def _states_header() -> str:
         f"constexpr uint8_t STATE_COUNT = {len(State)};\n"
         f"constexpr uint8_t EVENT_COUNT = {len(Event)};\n"
         f"constexpr uint8_t FAULT_COUNT = {len(Fault)};\n\n"
-        "// Bit n: fault n lifts for a set time before it switches off; all others switch off.\n"
+        "// Bit n: fault n lifts off before it switches off; all others switch off.\n"
         f"constexpr uint16_t LIFT_FAULTS = 0x{lift_mask:04x};\n",
         _transitions(),
         _outputs(),
@@ -288,6 +288,9 @@ from 0 as on the wire. Functions 3, 6, 16 and 23 are served; 23 writes first and
 - `CONTACT_MAY_STAND`: the drum may rest on something: it pressed, or a boot or a change of end
   switches or potentiometer left it unknown, and no lift has ended since. ARM lifts. `LIFT_FAILED`:
   the last lift ended without a sign that contact is gone; lift the drum by hand, or ARM again.
+- FAULT_LIFT lasts 700 ms at least, and until contact is gone; it ends without that after 1.6 times
+  what the whole travel takes. The board lifts at `most_force`, whatever settings say; how far the
+  drum may travel meanwhile is `overrun_um`.
 - A command is the value of `command`, executed when `command_sequence` changes. Its outcome
   stands in `command_result` once `command_acknowledged` shows the sequence; a command that takes
   time answers RUNNING first.
