@@ -53,6 +53,7 @@ TEST = Action(
 APPROACH = Action("approach", "Approach", Event.APPROACH, "Press on until the set force is held")
 RUN = Action("run", "Run", Event.RUN, "Turn the drum once over the plate at the set speed")
 RETRACT = Action("retract", "Retract", Event.RETRACT, "Slow down and lift")
+TARE_FIRST = "Tare first: without a zero no force can be held"
 CLEAR = Action("clear_fault", "Clear fault", Event.CLEAR, "Once the cause is gone")
 ACTIONS = (ARM, DISARM, HOME, TARE, RANGE, TEST, APPROACH, RUN, RETRACT, CLEAR)
 
@@ -67,6 +68,8 @@ def is_possible(action: Action, status: Status) -> bool:
         return False
     if action is TARE:
         return status.state in (State.IDLE, State.ARMED)
+    if action is APPROACH and not status.tared:
+        return False
     return next_state(status.state, action.event) not in (None, status.state)
 
 
@@ -107,6 +110,8 @@ class OperatePanel(QWidget):
         """Enable what is possible, show what is."""
         for action in ACTIONS:
             self.buttons[action.command].setEnabled(is_possible(action, status))
+        untared = status.state is State.ARMED and not status.tared
+        self.buttons["approach"].setToolTip(TARE_FIRST if untared else APPROACH.hint)
         self.apply.setEnabled(status.drum_connected and not status.run.is_going)
         self.jog.show_status(status)
         self.bench.show_status(status)

@@ -39,7 +39,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "lab": LAB,
         "other": "start_mm = 120\ncircumference_mm = 420\n",
         "wrong": "\nstart_inch = 3\n",
-        "real": '[ports]\ndrum = "/dev/none"\ntaxels = "/dev/none"\n',
+        "real": f'[ports]\ndrum = "/dev/none"\n[taxels]\nwiring = {list(range(18))}\n',
         "rehearsal": '[ports]\nsimulate = "virtual"\n',
     }
     for name, text in texts.items():

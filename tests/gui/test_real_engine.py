@@ -66,6 +66,8 @@ def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: Window) -> No
     window.operate.speed.setValue(40.0)
     click(window.operate.apply)
     wait_until(lambda: window.operate.read_back.text() == "40.0 mm/s, 500 g")
+    assert not buttons["approach"].isEnabled() and "Tare first" in buttons["approach"].toolTip()
+    click(buttons["tare"])
     wait_until(buttons["approach"].isEnabled)
     click(buttons["approach"])
     _wait(window, State.HOLD)
