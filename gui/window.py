@@ -215,7 +215,8 @@ class Window(QMainWindow):
         bar, operate, protocol = self.toolbar, self.operate, self.protocol
         bar.connect_asked.connect(self.connect_rig)
         bar.disconnect_asked.connect(self.connection.close)
-        bar.rig_file_asked.connect(lambda: self._pick(Pick.RIG_FILE, bar.add_rig_file))
+        bar.rig.file_asked.connect(lambda: self._pick(Pick.RIG_FILE, bar.rig.choose))
+        bar.world.file_asked.connect(lambda: self._pick(Pick.WORLD_FILE, bar.world.choose))
         bar.stop_asked.connect(self.stop)
         operate.asked.connect(lambda command: ask(command))
         operate.set_asked.connect(lambda v, f: ask("set", speed_mm_s=v, force_g=f))
@@ -244,14 +245,15 @@ class Window(QMainWindow):
         self.tabs.currentChanged.connect(lambda _: self._show_page())
         self.browser.closed.connect(self._show_page)
 
-    def connect_rig(self, rig: str) -> None:
-        """Start or join the engine of a rig."""
-        self.toolbar.choose_rig(rig)
+    def connect_rig(self, rig: str, world: str = "") -> None:
+        """Start or join the engine of a rig; a simulated one in the world of a file."""
+        self.toolbar.rig.choose(rig)
+        self.toolbar.world.choose(world)
         self.toolbar.show_connecting(rig)
-        self.say("rig", f"connecting to {rig} …")
+        self.say("rig", f"connecting to {rig}{f' in {world}' if world else ''} …")
         if notice := wiring_notice(rig):
             self.say("check", notice)
-        self.connection.open(rig)
+        self.connection.open(rig, world)
 
     def _jog(self, mm: float) -> None:
         jog = self.operate.jog

@@ -12,6 +12,7 @@ from typing import Any
 
 from rigctl.cli import calibrate_wiring
 from rigctl.cli.asking import ask
+from rigctl.cli.world import add_world, chosen_world
 from rigctl.config import parse_config
 from rigctl.errors import WrongUse
 from rigctl.rig import BENCH, Rig, open_rig
@@ -29,6 +30,7 @@ def add_parser(subparsers: Any) -> None:
         "description. Exit code 0: done; 2: the answer cannot be right; 3: rig fault.",
     )
     parser.add_argument("--rig", required=True, help="virtual, firmware, or a rig.toml")
+    add_world(parser)
     parser.add_argument("--seed", type=int, default=0, help="of a simulated rig")
     parser.add_argument("--yes", action="store_true", help="ask nothing: everything is in place")
     parser.add_argument("--dry", action="store_true", help="keep nothing, on the board or in files")
@@ -48,9 +50,10 @@ def run(args: argparse.Namespace) -> int:
         return calibrate_wiring.run(args)
     if args.part == "loadcell":
         check_masses(args.mass)
+    world = chosen_world(args.world)
     if notice := wiring_notice(args.rig):
         print(f"rigctl: {notice}", file=sys.stderr, flush=True)
-    with closing(open_rig(args.rig, seed=args.seed, paced=False)) as rig:
+    with closing(open_rig(args.rig, seed=args.seed, paced=False, world=world)) as rig:
         session = _Sitting(args, rig)
         part = {"loadcell": session.loadcell, "force": session.force, "imbalance": session.turn}
         rig.loop.run_until_complete(session.calibrator.during(part[args.part]))

@@ -14,6 +14,7 @@ from types import FrameType
 from typing import Any
 
 from rigctl.cli.progress import Progress
+from rigctl.cli.world import add_world
 from rigctl.errors import WrongUse
 from rigctl.run.client import EngineClient
 from rigctl.run.notices import wiring_notice
@@ -37,6 +38,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("protocol", nargs="?", metavar="PROTOCOL", help="a file, or a name")
     parser.add_argument("--rig", metavar="RIG", help="virtual, firmware, or a rig.toml")
+    add_world(parser)
     parser.add_argument("--out", metavar="DIR", help="the folder that becomes the session")
     parser.add_argument("--resume", metavar="DIR", help="go on with a session")
     parser.add_argument("--seed", type=int, help="of the order and of a simulated rig")
@@ -193,6 +195,7 @@ def _rig(args: argparse.Namespace) -> str:
 
 def _engine_arguments(args: argparse.Namespace) -> list[str]:
     named = {
+        "--world": args.world,
         "--protocol": args.protocol,
         "--out": args.out,
         "--resume": args.resume,

@@ -30,6 +30,7 @@ from rigctl.values import DrumState, PlannedTrial
 from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import State
 
+SELF_TEST_LIMIT_S = 10.0
 LIFT_LIMIT_S = 20.0
 TARE_LIMIT_S = 10.0
 HOME_LIMIT_S = 120.0
@@ -37,6 +38,7 @@ MOVE_LIMIT_S = 600.0
 SLOW_LIMIT_S = 20.0
 TRIM_STEP_PPM = 10
 
+STARTING: Final = (State.BOOT, State.SELFTEST)
 LIFTED: Final = (State.ARMED, State.IDLE)
 SHOWN_SETTINGS: Final = ("speed_set", "force_set", "acceleration_set", "travel_set", "run_in_set")
 
@@ -63,12 +65,30 @@ class Motion:
         self.settings = {}
         self.homed = False
 
+    async def started(self) -> None:
+        """Wait until the board's self-test is over: before that it refuses what matters.
+
+        A latched fault ends it as well. Raises RigFault where it does not end.
+        """
+        end_s = self.watch.loop.time() + SELF_TEST_LIMIT_S
+        await self.watch.turn()
+        while self.watch.connected and self._state in (None, *STARTING):
+            if self.watch.loop.time() > end_s:
+                raise RigFault("the drum's self-test does not end: restart the board")
+            await self.watch.turn()
+
+    @property
+    def _state(self) -> int | None:
+        """State of the newest poll, None before the first."""
+        return None if self.watch.state is None else self.watch.state.state
+
     async def configure(self) -> str:
         """Write what the rig's description says, and learn the other set-points.
 
         The answer says what the board did not take in its present state, empty where it took all:
         :meth:`arm` and :meth:`approach` see to that before anything is pressed.
         """
+        await self.started()
         await self.apply(
             **{n: v for n, v in rig_settings(self.config).items() if n not in GUARDED},
             approach_timeout_ms=self.config.actuator.approach_timeout_s * 1000,

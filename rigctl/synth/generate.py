@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rigctl import __version__
-from rigctl.config import RigConfig
 from rigctl.errors import ProtocolError
 from rigctl.protocol import (
     Plan,
@@ -24,7 +23,7 @@ from rigctl.session.recorder import Recorder
 from rigctl.synth.sink import Sink
 from rigctl.synth.unfinished import Unfinished, forget_damaged_truth, look
 from rigctl.synth.work import Work
-from rigctl.world.parameters import WorldParameters
+from rigctl.world.world_file import NOMINAL, World
 
 METHOD = "direct"
 GENERATOR = 3
@@ -39,7 +38,7 @@ _REPEATS = re.compile(r"^repeats\s*=.*$", re.MULTILINE)
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What data set is wanted. ``seed`` orders the trials and shapes the world.
+    """What data set is wanted. ``seed`` orders the trials, it and ``world`` shape the bench.
 
     With ``resume`` a session that is there is gone on with.
     """
@@ -49,6 +48,7 @@ class Order:
     folder: Path
     start_utc: str
     resume: bool = False
+    world: World = NOMINAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +60,12 @@ class Progress:
     trial_s: float
 
 
-def plan_of(path: Path, repeats: int | None, seed: int) -> Plan:
+def plan_of(path: Path, repeats: int | None, seed: int, world: World = NOMINAL) -> Plan:
     """The plan of a protocol file with another number of repeats, if one is given.
 
     The protocol's text says so too, because a session holds it. Raises ProtocolError.
     """
-    protocol = load_protocol(path, RigConfig())
+    protocol = load_protocol(path, world.description())
     if repeats is not None:
         protocol = _with_repeats(protocol, repeats, str(path))
     return protocol.plan(seed)
@@ -107,7 +107,8 @@ def generate(
     with Recorder(order.folder, header, *texts, resume=there) as recorder:
         forget_damaged_truth(order.folder)
         sink = Sink(recorder, found.attempts, header.wiring)
-        work = Work(plan.protocol, order.seed, order.folder, sink, workers)
+        parameters = order.world.parameters
+        work = Work(plan.protocol, parameters, order.seed, order.folder, sink, workers)
         try:
             return _take_steps(work, plan, on_progress, stop)
         finally:
@@ -149,6 +150,6 @@ def _header(order: Order) -> SessionHeader:
             "seed": order.seed,
             "method": METHOD,
             "generator": GENERATOR,
-            "world": asdict(WorldParameters()),
+            **order.world.facts(),
         },
     )

@@ -17,7 +17,7 @@ from rigctl.world.skin import Skin
 from rigctl.world.textures import height_tables, texture
 from rigctl.world.truth import Truth
 
-LOG_EVERY_MS = 500
+LOG_EVERY_MS = 1000
 
 
 class Bench:
@@ -57,7 +57,7 @@ class Bench:
         random = generator(self.seed, Stream.SEATING, self._plates)
         spread_mm = self.parameters.plate_seating_mm
         seating_mm = spread_mm * random.uniform(-1.0, 1.0)
-        tables = height_tables(texture(name), self.parameters, seating_mm)
+        tables = height_tables(texture(name, self.parameters), self.parameters, seating_mm)
         self._plates += 1
         self.skin.set_heights(tables)
         self.plant.set_footprint(tables.footprint)

@@ -33,6 +33,7 @@ The world is stepped in world time, a millisecond at a time, and is the same for
 boards and simulated chips are wired to the same world. Nothing here is measured on a real rig:
 what is not published is chosen from plausibility, within the ranges below, and was fixed before
 any classification was looked at. The ranges are what tests sweep; a value outside is refused.
+A file can give any of them another value: [Rehearse on your own bench](../how-to/rehearse.md).
 
 ## How it works
 
@@ -68,6 +69,11 @@ samples.
 
 ## Parameters
 """
+
+
+def heading(name: str) -> str:
+    """Return the heading of the group that a parameter begins; empty where it begins none."""
+    return _GROUPS.get(name, "")
 
 
 def render() -> str:

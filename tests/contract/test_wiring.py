@@ -10,6 +10,7 @@ import pytest
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from rigctl.values import DRAWN_WIRING, Block
 from rigctl.world.parameters import WorldParameters
+from rigctl.world.world_file import World
 
 BOTTOM = (3, 4, 5, 9, 10, 11, 15, 16, 17)
 """Readings of inputs A3 to A5, which the drawing leads to the bottom layer."""
@@ -28,7 +29,7 @@ def test_dead_readings_are_dead_places(
 ) -> None:
     if kind == FIRMWARE:
         request.getfixturevalue("images")
-    rig = open_rig(kind, paced=False, parameters=WorldParameters(dead_taxels=dead))
+    rig = open_rig(kind, paced=False, world=World(WorldParameters(dead_taxels=dead)))
     asyncio.set_event_loop(rig.loop)
     blocks: list[Block] = []
     rig.taxels.on_block(blocks.append)

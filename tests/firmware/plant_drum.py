@@ -55,7 +55,7 @@ class PlantDrum(DrumChip):
         self._begin_mm = begin_mm
         self.parameters = checked(parameters or WorldParameters())
         self.plant = Plant(self.parameters)
-        tables = height_tables(texture(plate), self.parameters, 0.0)
+        tables = height_tables(texture(plate, self.parameters), self.parameters, 0.0)
         self.plant.set_footprint(tables.footprint)
         self._cell = Loadcell(self.parameters, seed, self.plant, Disturbances())
         super().__init__(image)

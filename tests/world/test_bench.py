@@ -225,7 +225,7 @@ def test_the_catalogue_has_sixteen_plates_with_their_heights_and_spacings() -> N
 
 def test_the_gap_of_the_drum_is_smooth() -> None:
     p = dataclasses.replace(QUIET)
-    tables = height_tables(texture("C"), p, 0.0)
+    tables = height_tables(texture("C", p), p, 0.0)
     gap = tables.top[round(386 / 0.05) : round(394 / 0.05)]
     assert np.abs(gap).max() < 0.01
 
