@@ -22,8 +22,12 @@ Places count row by row, the top layer first; a reading's number is 6 · line + 
 A0–A2 read the top layer, A3–A5 the bottom layer.
 """
 
-SCALE_BAND_UG_PER_COUNT = (200, 20_000)
+SCALE_BAND_UG_PER_COUNT = (200, 25_000)
 """Least and highest magnitude of a load cell's scale; the nominal cell has 2,400.
+
+An HX711 at gain 128 measures its bridge against the bridge's own supply: at a cell's capacity it
+counts sensitivity · 256 · 2**23. A cell of 1 kg with 2 mV/V gives 233 µg a count, one of 50 kg
+with 1 mV/V gives 23,283.
 
 With a scale outside a press of kilograms would read as one of grams, or as none at all, so nobody
 may set one: not ``rig.toml``, not a calibration, not the drum's wire.

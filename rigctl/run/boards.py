@@ -86,7 +86,7 @@ class Boards:
         else:
             self._follow_range()
         spawn(self.watch.run())
-        await self.motion.configure()
+        await self._configure()
         spawn(self.health.follow())
         for identity in self.identities.values():
             self._tell(identity, "connected")
@@ -167,9 +167,13 @@ class Boards:
         assert self._spawn is not None
         self._spawn(self._configure_again())
 
+    async def _configure(self) -> None:
+        if left := await self.motion.configure():
+            self._news.tell("check", left)
+
     async def _configure_again(self) -> None:
         try:
-            await self.motion.configure()
+            await self._configure()
         except RigFault as fault:
             self._news.tell("link", str(fault), board=DRUM)
 

@@ -40,6 +40,11 @@ def rig_settings(config: RigConfig) -> dict[str, float]:
     }
 
 
+GUARDED: Final = ("over_force", "scale_ug_per_count", "optional_signals", "signal_polarity")
+"""Settings of a rig that decide what a force means or what stops it: the board takes them while it
+is lifted and at rest, with the emergency stop closed."""
+
+
 def _bits(flags: Signals | Inverted) -> int:
     """The flags as bits of Signal."""
     return sum(1 << signal for signal in Signal if getattr(flags, signal.name.lower()))

@@ -7,6 +7,7 @@ calls ``check``, so that a pause or a stop ends it at the next turn of the poll 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final
 
 from rigctl.config import RigConfig
@@ -14,6 +15,7 @@ from rigctl.errors import CommandRefused, RigFault, WrongUse
 from rigctl.protocol import Settle
 from rigctl.run.drum_orders import (
     FARTHEST_STEPS,
+    GUARDED,
     jog_target,
     nearest,
     press_settings,
@@ -80,15 +82,32 @@ class Motion:
         """State of the newest poll, None before the first."""
         return None if self.watch.state is None else self.watch.state.state
 
-    async def configure(self) -> None:
-        """Write what the rig's description says, and learn the other set-points."""
+    async def configure(self) -> str:
+        """Write what the rig's description says, and learn the other set-points.
+
+        The answer says what the board did not take in its present state, empty where it took all:
+        :meth:`arm` and :meth:`approach` see to that before anything is pressed.
+        """
         await self.started()
         await self.apply(
-            **rig_settings(self.config),
+            **{n: v for n, v in rig_settings(self.config).items() if n not in GUARDED},
             approach_timeout_ms=self.config.actuator.approach_timeout_s * 1000,
             clock_trim_ppm=self.config.clocks.drum_ppm,
         )
         self.settings.update(await self.watch.drum.get(*SHOWN_SETTINGS))
+        try:
+            await self._guard()
+        except CommandRefused as refusal:
+            return f"{refusal}; arming the drum tries again"
+        return ""
+
+    async def _guard(self) -> None:
+        """Have the board hold what decides a force, as the description says it.
+
+        Raises CommandRefused where its state does not allow that.
+        """
+        settings = rig_settings(self.config)
+        await self.apply(**{name: settings[name] for name in GUARDED})
 
     async def apply(self, **values: float) -> None:
         """Write settings that differ from what the board has, in engineering units."""
@@ -98,9 +117,15 @@ class Motion:
             self.settings.update(news)
 
     async def arm(self) -> None:
-        """Power up and lift off; nothing to do where the drum is armed already."""
+        """Power up and lift off; nothing to do where the drum is armed already.
+
+        Raises CommandRefused where the lifted board does not take the rig's description.
+        """
+        with suppress(CommandRefused):  # lifted it may take what it does not take now
+            await self._guard()
         if (await self._fresh()).state != State.ARMED:
             await self._do(Command.ARM, State.ARMED, LIFT_LIMIT_S, "lifting off")
+        await self._guard()
 
     async def disarm(self) -> None:
         """Lift off if need be and switch the drivers off."""
@@ -123,7 +148,8 @@ class Motion:
         self.homed = True
 
     async def approach(self) -> None:
-        """Press until the force has settled."""
+        """Press until the force has settled. Raises CommandRefused where the board says no."""
+        await self._guard()
         limit_s = SLOW_LIMIT_S + self.settings["approach_timeout_ms"] / 1000
         await self._do(Command.APPROACH, State.HOLD, limit_s, "reaching the force")
 

@@ -12,6 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+from rigctl.values import SCALE_BAND_UG_PER_COUNT
+
 MAGIC = 0x5247
 MAP_VERSION = 3
 BOARD_DRUM = 1
@@ -21,13 +23,6 @@ BAUD = 115200
 LOADCELL_RECENT = 5
 RING_DEPTH = 64
 TARE_PLACES = 16
-SCALE_BAND_UG_PER_COUNT = (200, 25_000)
-"""Magnitudes of a load cell's scale that can be; a negative scale is a cell mounted upside down.
-
-An HX711 at gain 128 measures its bridge against the bridge's own supply: at a cell's capacity it
-counts sensitivity · 256 · 2**23. A cell of 1 kg with 2 mV/V gives 233 µg a count, one of 50 kg
-with 1 mV/V gives 23,283.
-"""
 
 
 class Command(IntEnum):

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
 
+from rigctl.values import SCALE_BAND_UG_PER_COUNT
 from rigctl.wire import drum_map
 from rigctl.wire.drum_map import Guard, Register
 from rigctl.wire.drum_states import FAULT_WORDS, LIFT_FAULTS, OUTPUTS, Event, Fault, State
@@ -110,8 +111,8 @@ def _map_header() -> str:
         _constant("LOADCELL_RECENT", drum_map.LOADCELL_RECENT, "uint8_t"),
         _constant("RING_DEPTH", drum_map.RING_DEPTH, "uint8_t"),
         _constant("TARE_PLACES", drum_map.TARE_PLACES, "uint8_t"),
-        _constant("SCALE_LEAST_UG", drum_map.SCALE_BAND_UG_PER_COUNT[0], "int32_t"),
-        _constant("SCALE_MOST_UG", drum_map.SCALE_BAND_UG_PER_COUNT[1], "int32_t"),
+        _constant("SCALE_LEAST_UG", SCALE_BAND_UG_PER_COUNT[0], "int32_t"),
+        _constant("SCALE_MOST_UG", SCALE_BAND_UG_PER_COUNT[1], "int32_t"),
         _constant("SETTINGS_START", start),
         _constant("SETTINGS_WORDS", count),
         _constant("COUNTERS_END", drum_map.COUNTERS[-1].end),
