@@ -71,6 +71,11 @@ class Footprint(NamedTuple):
     cell_mm: float
     give_mm_g: float
 
+    def travel_mm(self, force_g: float) -> float:
+        """Travel at which the plate carries a force in the mean over its places."""
+        means = self.force_g.mean(axis=1, dtype=np.float64)
+        return float(np.interp(force_g, means, np.arange(means.size) * self.cell_mm))
+
 
 class Mounting(NamedTuple):
     """How a plate sits: along and across in mm a taxel pitch, shift in mm, gains float64 (18,)."""
@@ -100,9 +105,8 @@ def places_along(parameters: WorldParameters, mounting: Mounting) -> _Floats:
 def missed(parameters: WorldParameters, mounting: Mounting) -> _Floats:
     """Depth that each place misses, mm over that of the deepest, float64 (9,)."""
     row, column = _rows_and_columns()
-    radius_mm = parameters.circumference_mm / (2.0 * math.pi)
-    curve = parameters.curvature_share * (parameters.taxel_pitch_mm * row) ** 2 / (2.0 * radius_mm)
-    tilted = curve + mounting.tilt_along_mm * row + mounting.tilt_across_mm * column
+    edge_mm = parameters.edge_drop_mm * row**2
+    tilted = edge_mm + mounting.tilt_along_mm * row + mounting.tilt_across_mm * column
     over: _Floats = tilted - tilted.min()
     return over
 
@@ -166,11 +170,22 @@ def contact_tables(name: str, parameters: WorldParameters) -> ContactTables:
     return ContactTables(np.maximum(load, 0), felt, felt.mean(axis=1), cell_mm)
 
 
+@lru_cache(maxsize=4)
 def pressure_g(parameters: WorldParameters) -> float:
-    """Force per mm of depth to the pressure's power, over the whole sensor."""
+    """Force per mm of depth to the pressure's power, were the whole sensor pressed alike.
+
+    The sensor as it is shows the skin's stiffness on a smooth plate at :data:`REFERENCE_G`.
+    """
     power = parameters.pressure_power
     skin_g_mm = parameters.stiffness_g_mm / (1.0 - parameters.frame_share)
-    return float((skin_g_mm / power) ** power * REFERENCE_G ** (1.0 - power))
+    row, _ = _rows_and_columns()
+    low, high = 0.0, 2.0 * power * REFERENCE_G / skin_g_mm + parameters.edge_drop_mm
+    for _ in range(50):
+        deep = 0.5 * (low + high)
+        pressed = np.maximum(deep - parameters.edge_drop_mm * row**2, 0.0)
+        force_g = skin_g_mm * np.mean(pressed**power) / (power * np.mean(pressed ** (power - 1.0)))
+        low, high = (deep, high) if force_g < REFERENCE_G else (low, deep)
+    return float(REFERENCE_G / np.mean(pressed**power))
 
 
 def _conductance(pressure: _Table, p: WorldParameters) -> _Table:

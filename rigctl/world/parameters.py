@@ -74,8 +74,12 @@ class WorldParameters:
     stiffness_g_mm: float = _p(
         600.0, "g/mm", 300, 900, "of skin and frame under a smooth plate at 500 g"
     )
-    frame_share: float = _p(0.5, "", 0, 0.8, "share of that give which is the frame's")
-    pressure_power: float = _p(1.67, "", 1, 2.2, "pressure is this power of the depth", IDENTIFIED)
+    frame_share: float = _p(
+        0.5, "", 0.3, 0.8, "share of that give which is the frame's", IDENTIFIED
+    )
+    pressure_power: float = _p(
+        1.67, "", 1.5, 2.2, "pressure is this power of the depth", IDENTIFIED
+    )
 
     # Load cell
     loadcell_rate_hz: float = _p(80.0, "Hz", 80, 80, "conversions a second by its own clock")
@@ -105,8 +109,13 @@ class WorldParameters:
     taxel_pitch_mm: float = _p(5.0, "mm", 5, 5, "distance of taxel centres", PAPER)
     taxel_size_mm: float = _p(3.0, "mm", 3, 3, "width of a taxel, most sensitive inside", SENSOR)
     sensor_skew_deg: float = _p(3.0, "°", -5, 5, "turn of the sensor against the travel")
-    curvature_share: float = _p(
-        0.7, "", 0, 1, "share of the drum's curve that outer rows miss", IDENTIFIED
+    edge_drop_mm: float = _p(
+        0.5,
+        "mm",
+        0.1,
+        0.8,
+        "depth that outer rows miss: the drum's curve and the sensor's",
+        IDENTIFIED,
     )
     bridging_mm: float = _p(
         0.565, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED

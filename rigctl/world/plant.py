@@ -264,8 +264,8 @@ def _advance(
 class Plant:
     """The mechanics of one bench.
 
-    ``advance`` moves it, and compiled code that is handed ``state``, ``constants``, ``log`` and
-    ``footprint`` for :func:`pass_millisecond`; nothing else does.
+    ``advance`` and ``put_rod`` move it, and compiled code that is handed ``state``, ``constants``,
+    ``log`` and ``footprint`` for :func:`pass_millisecond`; nothing else does.
     """
 
     def __init__(self, parameters: WorldParameters) -> None:
@@ -308,6 +308,11 @@ class Plant:
                 stop_high_mm,
             )
         )
+
+    def put_rod(self, rod_mm: float) -> None:
+        """Stand the actuator at a travel from its upper end at once, as no motor could."""
+        self.state[ROD] = rod_mm
+        self.state[_VELOCITY] = 0.0
 
     def set_footprint(self, footprint: Footprint) -> None:
         """Contact force over travel from first touch and place, from now on."""

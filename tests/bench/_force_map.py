@@ -34,7 +34,7 @@ HARD = WorldParameters(actuator_lag_ms=50, dead_band=0.2, run_out_mm=0.1, backla
 PLANTS: dict[str, tuple[WorldParameters, str]] = {
     "stiffness 900 g/mm": (WorldParameters(stiffness_g_mm=900), "A"),
     "stiffness 300 g/mm": (WorldParameters(stiffness_g_mm=300), "A"),
-    "pressure in proportion": (WorldParameters(pressure_power=1.0), "A"),
+    "frame stiff": (WorldParameters(frame_share=0.3), "A"),
     "pressure to the 2.2": (WorldParameters(pressure_power=2.2), "A"),
     "lag 15 ms": (WorldParameters(actuator_lag_ms=15), "A"),
     "lag 50 ms": (WorldParameters(actuator_lag_ms=50), "A"),
@@ -50,7 +50,7 @@ PLANTS: dict[str, tuple[WorldParameters, str]] = {
     "plate D": (WorldParameters(), "D"),
     "cell noise 1 g, 12 ms": (WorldParameters(loadcell_noise_g=1, loadcell_average_ms=12), "A"),
     "all hard, stiff, plate D": (replace(HARD, stiffness_g_mm=900, pressure_power=2.2), "D"),
-    "all hard, soft, plate D": (replace(HARD, stiffness_g_mm=300, pressure_power=1.0), "D"),
+    "all hard, soft, plate D": (replace(HARD, stiffness_g_mm=300, pressure_power=1.5), "D"),
 }
 """The ends of the ranges that matter to the loop, one at a time and together."""
 
