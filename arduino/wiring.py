@@ -151,7 +151,7 @@ def taxel_parts() -> list[Part]:
             "Sensor: driven lines",
             "high one at a time, 50 µs",
             tuple(
-                Row(pin, f"line {i + 1}", f"common line {i + 1}", colour)
+                Row(pin, f"line {i + 1}", f"common line {i + 1}: row {i + 1}", colour)
                 for i, (pin, colour) in enumerate(zip(lines, line_colours, strict=True))
             ),
         ),
@@ -163,7 +163,7 @@ def taxel_parts() -> list[Part]:
                     Row(
                         pin,
                         f"input {i + 1}",
-                        f"{'top' if i < 3 else 'bottom'} read line {i % 3 + 1}",
+                        f"{'top' if i < 3 else 'bottom'} read line {i % 3 + 1}: column {i % 3 + 1}",
                         input_colours[i % 3] if i < 3 else ("grey", "white", "brown")[i % 3],
                         f"{divider} to GND",
                     )

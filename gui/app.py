@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from rigctl.errors import RigctlError, WrongUse
 
@@ -21,6 +22,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rig",
         metavar="RIG",
         help="connect at once: virtual, firmware, join (a running engine), or a rig.toml",
+    )
+    parser.add_argument(
+        "--world",
+        type=Path,
+        metavar="FILE",
+        help="a simulated rig's plates, sensor and mechanics; `rigctl world` prints them",
     )
     parser.add_argument("--theme", choices=("system", "light", "dark"), default="system")
 
@@ -42,6 +49,18 @@ def check_display() -> None:
         raise WrongUse(_why_not(tried.stderr))
 
 
+def check_world(rig: str | None, world: Path | None) -> None:
+    """Raise WrongUse for a world file that no rig could have, before a window opens."""
+    from gui.connection import JOIN
+    from rigctl.world.world_file import load_world
+
+    if world is None:
+        return
+    if rig == JOIN:
+        raise WrongUse("the running engine has a world already: join it without --world")
+    load_world(world)
+
+
 def _why_not(said: str) -> str:
     shown = (os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"))
     if not any(shown):
@@ -56,9 +75,10 @@ def _why_not(said: str) -> str:
     )
 
 
-def show(rig: str | None, theme: str) -> int:
+def show(rig: str | None, world: Path | None, theme: str) -> int:
     """Show the window until it is closed; return the exit code. Raises WrongUse."""
     check_display()
+    check_world(rig, world)
     import pyqtgraph as pg
 
     from gui.theme import ThemeChoice
@@ -70,7 +90,9 @@ def show(rig: str | None, theme: str) -> int:
         signal.signal(number, lambda *_: window.close())
     window.show()
     if rig is not None:
-        window.connect_rig(rig)
+        window.connect_rig(rig, str(world or ""))
+    elif world is not None:
+        window.toolbar.world.choose(str(world))
     return int(app.exec())
 
 
@@ -80,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_arguments(parser)
     args = parser.parse_args(argv)
     try:
-        return show(args.rig, args.theme)
+        return show(args.rig, args.world, args.theme)
     except RigctlError as error:
         print(f"rigctl-gui: {error}", file=sys.stderr)
         return error.exit_code

@@ -14,6 +14,7 @@ class Pick(Enum):
     """What is looked for: window title of the page and Qt's file mode."""
 
     RIG_FILE = ("Rig description (rig.toml)", QFileDialog.FileMode.ExistingFile)
+    WORLD_FILE = ("World of a simulated rig (*.toml)", QFileDialog.FileMode.ExistingFile)
     PROTOCOL = ("Protocol (*.toml)", QFileDialog.FileMode.ExistingFile)
     OUTPUT = ("Folder that will hold the new session", QFileDialog.FileMode.Directory)
     SESSION = ("Folder of a session", QFileDialog.FileMode.Directory)

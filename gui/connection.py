@@ -18,7 +18,7 @@ from gui.status import RunStatus, Status, read_status
 from rigctl.errors import RigctlError
 from rigctl.run.client import EngineClient
 from rigctl.run.live import LiveView
-from rigctl.run.runtime import running_engines, runtime_folder
+from rigctl.run.runtime import Announcement, running_engines, runtime_folder
 
 JOIN = "join"
 SIMULATED = ("virtual", "firmware")
@@ -28,6 +28,9 @@ STOP_LIMIT_S = 0.5
 
 class Client(Protocol):
     """What the window needs of :class:`rigctl.run.client.EngineClient`."""
+
+    @property
+    def announcement(self) -> Announcement: ...
 
     @property
     def live(self) -> LiveView: ...
@@ -41,17 +44,19 @@ class Client(Protocol):
     def shut_down(self, limit_s: float = 30.0) -> int | None: ...
 
 
-Opener = Callable[[str], Client]
+Opener = Callable[[str, str], Client]
 
 
-def open_engine(rig: str) -> Client:
+def open_engine(rig: str, world: str = "") -> Client:
     """Start an engine, or join one; raises what kept it from opening.
 
     ``JOIN`` joins the newest that runs. A bench has one engine: where one has it already, that
-    one is joined. Simulated rigs are as many as one likes.
+    one is joined. Simulated rigs are as many as one likes, each with the ``world`` of a file.
     """
     if rig == JOIN:
         return EngineClient.attach()
+    if world:
+        return EngineClient.start(rig, run=["--world", world])
     if rig not in SIMULATED:
         for announcement in running_engines(runtime_folder()):
             if announcement.rig == rig:
@@ -97,16 +102,21 @@ class Connection(QObject):
         return self._client is not None
 
     @property
+    def engines(self) -> tuple[str, ...]:
+        """Name of the engine that requests go to; empty while there is none."""
+        return (self._client.announcement.name,) if self._client is not None else ()
+
+    @property
     def live(self) -> LiveView | None:
         """Live samples, None while no engine is there."""
         return self._client.live if self._client is not None else None
 
-    def open(self, rig: str) -> None:
+    def open(self, rig: str, world: str = "") -> None:
         """Begin to connect; :attr:`opened` or :attr:`closed` follows."""
         if self._opening or self._client is not None:
             return
         self._opening = True
-        self._in_thread(lambda: self._results.put(self._try_open(rig)))
+        self._in_thread(lambda: self._results.put(self._try_open(rig, world)))
 
     def ask(
         self, command: str, done: Callable[[dict[str, Any]], None] | None = None, **args: Any
@@ -162,9 +172,9 @@ class Connection(QObject):
         self._threads.append(thread)
         thread.start()
 
-    def _try_open(self, rig: str) -> Client | Exception:
+    def _try_open(self, rig: str, world: str) -> Client | Exception:
         try:
-            return self._open_client(rig)
+            return self._open_client(rig, world)
         except Exception as error:  # noqa: BLE001  # top of a thread: shown in the window
             return error
 

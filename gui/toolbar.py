@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
-    QComboBox,
     QFrame,
     QHBoxLayout,
     QPushButton,
@@ -13,6 +12,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.choices import FileChoice
+from gui.connection import JOIN
 from gui.labels import elastic, label, set_property, show_text
 from gui.lamp import Lamp, Level
 from gui.status import RecordingStatus, Status
@@ -22,29 +23,26 @@ from gui.words import fault_sentence
 RIGS = (
     ("Virtual rig", "virtual"),
     ("Firmware on simulated chips", "firmware"),
-    ("Join the running engine", "join"),
+    ("Join the running engine", JOIN),
 )
+WORLDS = (("Nominal world", ""),)
 UNRECORDED_LIMIT = 12  # statuses, ten a second: the engine judges by the last second itself
-_OPEN_FILE = "open a rig.toml …"
 
 
 class Toolbar(QFrame):
     """Emits what was asked for; knows no engine."""
 
-    connect_asked = Signal(str)
+    connect_asked = Signal(str, str)
     disconnect_asked = Signal()
-    rig_file_asked = Signal()
     stop_asked = Signal()
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.rig = QComboBox()
-        for text, spec in RIGS:
-            self.rig.addItem(text, spec)
-        self.rig.addItem(_OPEN_FILE, None)
-        self.rig.setMinimumWidth(190)
+        self.rig = FileChoice(RIGS, "open a rig.toml …", 205)
         self.rig.setToolTip("Which rig to connect to")
-        self.rig.activated.connect(self._rig_chosen)
+        self.world = FileChoice(WORLDS, "open a world file …", 145)
+        self.world.setToolTip("Plates, sensor and mechanics of a simulated rig")
+        self.rig.currentIndexChanged.connect(lambda _: self._offer_world())
         self.connect_button = QPushButton("Connect")
         self.connect_button.setMinimumWidth(104)
         self.connect_button.clicked.connect(self._connect_clicked)
@@ -65,28 +63,12 @@ class Toolbar(QFrame):
         """Shine in other colours."""
         self.lamp.set_theme(theme)
 
-    def add_rig_file(self, path: str) -> None:
-        """Offer a rig description and choose it."""
-        if (place := self.rig.findData(path)) < 0:
-            place = self.rig.count() - 1
-            self.rig.insertItem(place, path.rsplit("/", 1)[-1], path)
-            self.rig.setItemData(place, path, Qt.ItemDataRole.ToolTipRole)
-        self.rig.setCurrentIndex(place)
-
-    def choose_rig(self, spec: str) -> None:
-        """Choose a rig by its name or the path of its description."""
-        place = self.rig.findData(spec)
-        if place >= 0:
-            self.rig.setCurrentIndex(place)
-        else:
-            self.add_rig_file(spec)
-
     def show_connecting(self, spec: str) -> None:
         """The engine is starting."""
         self._connected = False
         self.connect_button.setText("Connecting …")
         self.connect_button.setEnabled(False)
-        self.rig.setEnabled(False)
+        self._lock(True)
         show_text(self.words, f"starting the engine for {spec} …")
 
     def show_disconnected(self, words: str = "not connected") -> None:
@@ -94,7 +76,7 @@ class Toolbar(QFrame):
         self._connected = False
         self.connect_button.setText("Connect")
         self.connect_button.setEnabled(True)
-        self.rig.setEnabled(True)
+        self._lock(False)
         self.state.setText("–")
         set_property(self.state, "level", "ok")
         show_text(self.words, words)
@@ -105,7 +87,7 @@ class Toolbar(QFrame):
         self._connected = True
         self.connect_button.setText("Disconnect")
         self.connect_button.setEnabled(True)
-        self.rig.setEnabled(False)
+        self._lock(True)
 
     def show_silent(self, seconds: float) -> None:
         """The engine said nothing for a while: what was shown is no longer true."""
@@ -124,16 +106,20 @@ class Toolbar(QFrame):
         self._unrecorded = self._unrecorded + 1 if missing else 0
         self._show_recording(*recording_truth(status.recording, self._unrecorded))
 
-    def _rig_chosen(self, index: int) -> None:
-        if self.rig.itemData(index) is None:
-            self.rig.setCurrentIndex(0)
-            self.rig_file_asked.emit()
+    def _lock(self, locked: bool) -> None:
+        self.rig.setEnabled(not locked)
+        self.world.setEnabled(not locked)
+
+    def _offer_world(self) -> None:
+        """An engine that is joined has its world already."""
+        self.world.setVisible(self.rig.currentData() != JOIN)
 
     def _connect_clicked(self) -> None:
         if self._connected:
             self.disconnect_asked.emit()
         else:
-            self.connect_asked.emit(self.rig.currentData())
+            world = "" if self.rig.currentData() == JOIN else self.world.currentData()
+            self.connect_asked.emit(self.rig.currentData(), world)
 
     def _show_recording(self, level: Level, title: str, detail: str) -> None:
         self.lamp.set_level(level)
@@ -146,6 +132,7 @@ class Toolbar(QFrame):
         row.setContentsMargins(8, 5, 8, 5)
         row.setSpacing(8)
         row.addWidget(self.rig)
+        row.addWidget(self.world)
         row.addWidget(self.connect_button)
         row.addSpacing(10)
         row.addLayout(_two_lines(self.state, self.words), 1)

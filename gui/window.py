@@ -33,8 +33,10 @@ from gui.protocol_panel import ProtocolPanel
 from gui.scene import Scene
 from gui.status import Status
 from gui.stop_key import StopKey
+from gui.stopper import Stopper
 from gui.theme import ThemeChoice
 from gui.toolbar import Toolbar
+from rigctl.run.notices import wiring_notice
 
 FRAME_MS = 33
 BAD_STAYS_MS = 8000
@@ -52,7 +54,7 @@ class Window(QMainWindow):
         self.setWindowTitle("rigctl")
         self._choice = choice
         self.theme = self._dress()
-        self.connection = Connection(open_client)
+        self.connection, self.stopper = Connection(open_client), Stopper()
         self._since_trial = QElapsedTimer()
         self._bad_said = QElapsedTimer()
         self._committed = 0
@@ -71,6 +73,7 @@ class Window(QMainWindow):
     def tick(self) -> None:
         """Thirty times a second: take what the engine said, draw what is new."""
         self.connection.poll()
+        self.stopper.poll()
         self.analysis.worker.poll()
         self.planner.worker.poll()
         live = self.connection.live
@@ -78,12 +81,11 @@ class Window(QMainWindow):
             self.scene.refresh(live)
 
     def stop(self) -> None:
-        """Stop the rig, whatever it does. Never asks, never waits."""
-        if not self.connection.is_open:
-            self.say("stop", "STOP: no rig is connected; use its emergency stop if it moves")
-            return
+        """Stop whatever runs: this window's rig first, then all others. Never asks, never waits."""
         self.say("stop", "STOP")
-        self.connection.ask("stop")
+        if self.connection.is_open:
+            self.connection.ask("stop")
+        self.stopper.stop(self.connection.engines)
 
     def say(self, kind: str, text: str) -> None:
         """Put a sentence into the log and the status line, where bad news stay for a while."""
@@ -112,6 +114,7 @@ class Window(QMainWindow):
         self.planner.worker.cancel()
         self.connection.close()
         self.connection.wait_closed()
+        self.stopper.wait()
         super().closeEvent(event)
 
     def _dress(self) -> themes.Theme:
@@ -212,7 +215,8 @@ class Window(QMainWindow):
         bar, operate, protocol = self.toolbar, self.operate, self.protocol
         bar.connect_asked.connect(self.connect_rig)
         bar.disconnect_asked.connect(self.connection.close)
-        bar.rig_file_asked.connect(lambda: self._pick(Pick.RIG_FILE, bar.add_rig_file))
+        bar.rig.file_asked.connect(lambda: self._pick(Pick.RIG_FILE, bar.rig.choose))
+        bar.world.file_asked.connect(lambda: self._pick(Pick.WORLD_FILE, bar.world.choose))
         bar.stop_asked.connect(self.stop)
         operate.asked.connect(lambda command: ask(command))
         operate.set_asked.connect(lambda v, f: ask("set", speed_mm_s=v, force_g=f))
@@ -229,6 +233,7 @@ class Window(QMainWindow):
         self.prompt.answered.connect(
             lambda number, answer: ask("answer", prompt_id=number, answer=answer)
         )
+        self.stopper.said.connect(self.say)
         desk = self.analysis
         desk.said.connect(self.say)
         desk.page_changed.connect(self._show_page)
@@ -240,12 +245,15 @@ class Window(QMainWindow):
         self.tabs.currentChanged.connect(lambda _: self._show_page())
         self.browser.closed.connect(self._show_page)
 
-    def connect_rig(self, rig: str) -> None:
-        """Start or join the engine of a rig."""
-        self.toolbar.choose_rig(rig)
+    def connect_rig(self, rig: str, world: str = "") -> None:
+        """Start or join the engine of a rig; a simulated one in the world of a file."""
+        self.toolbar.rig.choose(rig)
+        self.toolbar.world.choose(world)
         self.toolbar.show_connecting(rig)
-        self.say("rig", f"connecting to {rig} …")
-        self.connection.open(rig)
+        self.say("rig", f"connecting to {rig}{f' in {world}' if world else ''} …")
+        if notice := wiring_notice(rig):
+            self.say("check", notice)
+        self.connection.open(rig, world)
 
     def _jog(self, mm: float) -> None:
         jog = self.operate.jog

@@ -14,9 +14,11 @@ from typing import Any, TypeVar
 
 from rigctl.errors import ConfigError
 from rigctl.toml_text import Table, Text
+from rigctl.values import DRAWN_WIRING, N_TAXELS, SCALE_BAND_UG_PER_COUNT
 
 ADC_MAX = 1023
 MAX_TAXELS = 1024
+_SCALES = SCALE_BAND_UG_PER_COUNT
 _Section = TypeVar("_Section")
 
 
@@ -105,7 +107,7 @@ class LoadCell:
     """From the amplifier's counts to grams."""
 
     scale_ug_per_count: int = _integer(
-        2400, "µg/count", -1_000_000, 1_000_000, "sign included; from calibration with masses"
+        2400, "µg/count", -_SCALES[1], _SCALES[1], "sign included; from calibration with masses"
     )
     calibrated: str = _text("", "when and with what masses, for people")
 
@@ -148,12 +150,19 @@ class TaxelArray:
     rows: int = _integer(3, "", 1, MAX_TAXELS, "rows of a layer")
     columns: int = _integer(3, "", 1, MAX_TAXELS, "columns of a layer")
     wiring: tuple[int, ...] = _integers(
-        "", 0, MAX_TAXELS, "reading that stands at each place, layer by layer; empty: in order"
+        "", 0, MAX_TAXELS, "reading that stands at each place, layer by layer; empty: as drawn"
     )
     pressure_raises: bool = _flag(True, "a pressed taxel reads higher")
     low: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "least reading of each taxel")
     high: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "highest reading of each taxel")
     range_from: str = _text("", "when and from what the range was taken, for people")
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """The reading that stands at each place: ``wiring``, or that of the boards' drawing."""
+        if self.wiring:
+            return self.wiring
+        return DRAWN_WIRING if self.count == N_TAXELS else tuple(range(self.count))
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +192,10 @@ class RigConfig:
         """The same rig with a newly measured range of each taxel."""
         return replace(self, taxels=replace(self.taxels, low=low, high=high, range_from=source))
 
+    def with_order(self) -> RigConfig:
+        """The same rig with the order of its taxels written out, whatever an empty one means."""
+        return replace(self, taxels=replace(self.taxels, wiring=self.taxels.order))
+
     def to_toml(self) -> str:
         """The whole description as TOML, each key with its unit and meaning."""
         return "\n".join(_section_toml(f.name, getattr(self, f.name)) for f in fields(self))
@@ -209,8 +222,7 @@ def _config(text: Text) -> RigConfig:
     _check_geometry(config, tables["drum"])
     _check_limits(config.limits, tables["limits"])
     _check_taxels(config.taxels, tables["taxels"])
-    if config.loadcell.scale_ug_per_count == 0:
-        tables["loadcell"].fail("scale_ug_per_count", "must not be 0")
+    _check_scale(config.loadcell, tables["loadcell"])
     return config
 
 
@@ -268,6 +280,16 @@ def _check_taxels(taxels: TaxelArray, table: Table) -> None:
         table.fail("low", "each taxel's low must be below its high")
     if taxels.wiring and sorted(taxels.wiring) != list(range(taxels.count)):
         table.fail("wiring", f"must hold each of 0 to {taxels.count - 1} once")
+
+
+def _check_scale(loadcell: LoadCell, table: Table) -> None:
+    scale = loadcell.scale_ug_per_count
+    if abs(scale) < _SCALES[0]:
+        table.fail(
+            "scale_ug_per_count",
+            f"{scale} µg a count is too little for a load cell, {_SCALES[0]} to {_SCALES[1]} of "
+            "either sign: the drum would press harder than it reads; calibrate it",
+        )
 
 
 def _section_toml(name: str, section: Any) -> str:

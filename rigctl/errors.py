@@ -5,7 +5,7 @@
     RigctlError                     every failure that a user can meet; one sentence with the cure
     ├── NegativeAnswer   exit 1     the question was answered, and the answer is no (verify, check)
     ├── WrongUse         exit 2     the user asked for something impossible; nothing was touched
-    │   ├── ConfigError             rig.toml: names file and key
+    │   ├── ConfigError             rig.toml or a world file: names file and key
     │   ├── ProtocolError           protocols/*.toml: names file, line or key
     │   └── SessionError            a folder that is not a session, is locked, or is damaged
     ├── CrewLost         exit 3     the processes or machines that worked for an analysis are gone
@@ -39,7 +39,7 @@ class WrongUse(RigctlError):
 
 
 class ConfigError(WrongUse):
-    """A rig description that cannot be used; the message names file and key."""
+    """A description of a rig or a world that cannot be used; the message names file and key."""
 
 
 class ProtocolError(WrongUse):

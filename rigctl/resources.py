@@ -56,6 +56,11 @@ def firmware_image(board: str) -> Path:
     return image
 
 
+def installed_library(name: str) -> Path:
+    """Where an installed wheel carries a virtual board's library; it may be missing."""
+    return _PACKAGE / "_data" / "boards" / name
+
+
 def source_commit() -> str:
     """Commit of the checkout that runs, 40 hexadecimal digits; empty where it is not known."""
     root = checkout()

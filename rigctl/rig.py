@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rigctl.config import RigConfig, load_config
 from rigctl.devices.drum import Drum
@@ -22,8 +22,8 @@ from rigctl.values import N_TAXELS, BoardIdentity
 from rigctl.wire.drum_map import Signal
 
 if TYPE_CHECKING:
-    from rigctl.world.parameters import WorldParameters
     from rigctl.world.simulation import FaultPanel, Simulation
+    from rigctl.world.world_file import World
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
 OTHER = {DRUM: TAXELS, TAXELS: DRUM}
@@ -33,7 +33,7 @@ class Rig:
     """Two boards, the loop they live by, and what is known of the bench around them.
 
     ``kind`` is virtual, firmware or bench. ``faults`` makes things go wrong on a simulated
-    rig, and is None at the bench.
+    rig, and is None at the bench. ``world`` is what a session keeps of a simulated one.
     """
 
     def __init__(
@@ -45,6 +45,7 @@ class Rig:
         drum: Drum,
         taxels: Taxels,
         simulation: Simulation | None = None,
+        world: dict[str, Any] | None = None,
     ) -> None:
         self.kind = kind
         self.description = description
@@ -53,6 +54,7 @@ class Rig:
         self.drum = drum
         self.taxels = taxels
         self.simulation = simulation
+        self.world = world or {}
 
     @property
     def simulated(self) -> bool:
@@ -101,22 +103,29 @@ def open_rig(
     seed: int = 0,
     paced: bool = True,
     config: RigConfig | None = None,
-    parameters: WorldParameters | None = None,
+    world: World | None = None,
 ) -> Rig:
     """Open ``virtual``, ``firmware``, or the rig that a ``rig.toml`` describes.
 
-    ``seed`` and ``parameters`` shape a simulated world; ``paced`` keeps it to real time. Opening
+    ``seed`` and ``world`` shape a simulated bench; ``paced`` keeps it to real time. Without a
+    ``config`` the description of ``virtual`` and ``firmware`` fits the world. Opening
     asks no board anything: ``rig.drum.connect()`` and ``rig.taxels.connect()`` do. Raises
-    WrongUse for a rig that does not exist, ConfigError for a description that cannot be used.
+    WrongUse for a rig that does not exist or cannot have a world, ConfigError for a description
+    that cannot be used.
     """
     if spec in (VIRTUAL, FIRMWARE):
-        return _simulated_rig(spec, seed, paced, _fitting(config or RigConfig()), parameters)
+        return _simulated_rig(spec, seed, paced, config, world)
     path = Path(spec)
     if not path.is_file():
         raise WrongUse(f"there is no rig {spec}: give virtual, firmware, or a rig.toml")
     described = _fitting(config or load_config(path))
     if described.ports.simulate:
-        return _simulated_rig(described.ports.simulate, seed, paced, described, parameters)
+        return _simulated_rig(described.ports.simulate, seed, paced, described, world)
+    if world is not None:
+        raise WrongUse(
+            f"{path} describes a real rig, which has no world file: leave --world out, or set "
+            "[ports] simulate to rehearse"
+        )
     return _bench(path, described)
 
 
@@ -131,13 +140,16 @@ def _fitting(config: RigConfig) -> RigConfig:
 
 
 def _simulated_rig(
-    kind: str, seed: int, paced: bool, config: RigConfig, parameters: WorldParameters | None
+    kind: str, seed: int, paced: bool, config: RigConfig | None, world: World | None
 ) -> Rig:
     from rigctl.world.loop import WorldLoop
     from rigctl.world.virtual import warm
+    from rigctl.world.world_file import NOMINAL
 
+    world = world or NOMINAL
+    config = _fitting(config or world.description())
     warm()
-    simulation = _open_simulation(kind, seed, parameters)
+    simulation = _open_simulation(kind, seed, world)
     _wire_as_described(simulation, config)
     loop = WorldLoop(simulation, 1.0 if paced else None)
     return Rig(
@@ -148,6 +160,7 @@ def _simulated_rig(
         Drum(simulation.drum, loop),
         Taxels(simulation.taxels, loop, array=config.taxels),
         simulation,
+        world.facts(),
     )
 
 
@@ -159,17 +172,15 @@ def _wire_as_described(simulation: Simulation, config: RigConfig) -> None:
         simulation.faults.rewire(absent, inverted)
 
 
-def _open_simulation(kind: str, seed: int, parameters: WorldParameters | None) -> Simulation:
-    from rigctl.world.parameters import WorldParameters as Nominal
-
+def _open_simulation(kind: str, seed: int, world: World) -> Simulation:
     if kind == VIRTUAL:
         from rigctl.world.virtual import open_virtual
 
-        return open_virtual(parameters or Nominal(), seed)
+        return open_virtual(world.parameters, seed)
     images = firmware_image(DRUM), firmware_image(TAXELS)
     from rigctl.world.chips import open_chips
 
-    return open_chips(parameters or Nominal(), seed, *images)
+    return open_chips(world.parameters, seed, *images)
 
 
 def _bench(path: Path, config: RigConfig) -> Rig:

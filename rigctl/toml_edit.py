@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rigctl.errors import DiskFault
 
-Value = bool | int | float | str
+Value = bool | int | float | str | list[int]
 
 _HEADER = re.compile(r"^\s*\[")
 
@@ -17,7 +17,8 @@ _HEADER = re.compile(r"^\s*\[")
 def with_keys(source: str, table: str, values: Mapping[str, Value]) -> str:
     """``source`` with these keys of ``[table]``; a key or table that is missing is added.
 
-    Keys stand one a line, as in every rig description; a comment behind a changed key is kept.
+    Keys stand one a line, as in every rig description, but a list may go over several; a comment
+    behind a changed key is kept.
     """
     lines = source.splitlines()
     first = _header_of(lines, table)
@@ -31,7 +32,9 @@ def with_keys(source: str, table: str, values: Mapping[str, Value]) -> str:
             lines.insert(first + 1, f"{key} = {_toml(value)}")
             behind += 1
         else:
-            lines[at] = f"{key} = {_toml(value)}{_comment(lines[at])}"
+            last = _end_of(lines, at)
+            lines[at : last + 1] = [f"{key} = {_toml(value)}{_comment(lines[last])}"]
+            behind -= last - at
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
@@ -56,9 +59,25 @@ def _line_of(lines: list[str], key: str, first: int, behind: int) -> int | None:
     return next((i for i in range(first, behind) if wanted.match(lines[i])), None)
 
 
+def _end_of(lines: list[str], first: int) -> int:
+    """The line at which the value that begins in line ``first`` ends: its brackets are closed."""
+    depth = 0
+    for at in range(first, len(lines)):
+        plain = _outside(lines[at]).partition("#")[0]
+        depth += plain.count("[") - plain.count("]")
+        if depth <= 0:
+            return at
+    return first
+
+
+def _outside(line: str) -> str:
+    """The line, as long as it is, with nothing in its texts that could mean something."""
+    return re.sub(r'"(\\.|[^"\\])*"', lambda text: "x" * len(text.group()), line)
+
+
 def _comment(line: str) -> str:
     """The comment behind a value; a # inside of a text is none."""
-    outside = re.sub(r'"(\\.|[^"\\])*"', lambda text: "x" * len(text.group()), line)
+    outside = _outside(line)
     return f"  {line[outside.index('#') :]}" if "#" in outside else ""
 
 

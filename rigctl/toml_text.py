@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -60,7 +60,18 @@ class Text:
             line = self._search(section, key, wanted)
             if line:
                 return line
-        return self._search(names[:-1], (), wanted) if len(names) > 1 else None
+        line = self._search(names[:-1], (), wanted) if len(names) > 1 else None
+        return line or self._begins_with(names)
+
+    def _begins_with(self, names: tuple[str, ...]) -> int | None:
+        """First line of the dotted name, as a key or in a header, or of the longest part of it."""
+        for length in range(len(names), 0, -1):
+            dotted = r"\s*\.\s*".join(map(re.escape, names[:length]))
+            pattern = re.compile(rf"^\s*\[*\s*{dotted}\s*[=.\]]")
+            for number, line in enumerate(self._lines, start=1):
+                if pattern.match(line):
+                    return number
+        return None
 
     def _search(self, section: tuple[str, ...], key: tuple[str, ...], wanted: int) -> int | None:
         """First line of ``key`` in the ``wanted``-th table headed ``section``."""
@@ -89,6 +100,10 @@ class Table:
 
     def __contains__(self, key: str) -> bool:
         return key in self._data
+
+    def __iter__(self) -> Iterator[str]:
+        """Every key of this table, in the order of the text."""
+        return iter(self._data)
 
     def allow(self, *keys: str) -> None:
         """Keys that may be absent and are then not asked for."""

@@ -22,6 +22,13 @@ Places count row by row, the top layer first; a reading's number is 6 · line + 
 A0–A2 read the top layer, A3–A5 the bottom layer.
 """
 
+SCALE_BAND_UG_PER_COUNT = (200, 20_000)
+"""Least and highest magnitude of a load cell's scale; the nominal cell has 2,400.
+
+With a scale outside a press of kilograms would read as one of grams, or as none at all, so nobody
+may set one: not ``rig.toml``, not a calibration, not the drum's wire.
+"""
+
 
 class Verdict(StrEnum):
     """What became of one attempt at a trial."""

@@ -8,13 +8,15 @@
 #include "flash.h"  // constant tables stay in program memory
 
 constexpr uint16_t MAGIC = 21063;
-constexpr uint16_t MAP_VERSION = 2;
+constexpr uint16_t MAP_VERSION = 3;
 constexpr uint16_t BOARD_DRUM = 1;
 constexpr uint8_t UNIT = 1;
 constexpr uint32_t BAUD = 115200;
 constexpr uint8_t LOADCELL_RECENT = 5;
 constexpr uint8_t RING_DEPTH = 64;
 constexpr uint8_t TARE_PLACES = 16;
+constexpr int32_t SCALE_LEAST_UG = 200;
+constexpr int32_t SCALE_MOST_UG = 25000;
 constexpr uint16_t SETTINGS_START = 64;
 constexpr uint16_t SETTINGS_WORDS = 49;
 constexpr uint16_t COUNTERS_END = 128;
@@ -37,6 +39,7 @@ enum class Command : uint8_t {
     Defaults = 13,
     Tune = 14,
     TareTurn = 15,
+    TareAnyway = 16,
 };
 
 enum class CommandResult : uint8_t {
@@ -78,6 +81,14 @@ enum class Status : uint8_t {
     EndDown = 7,
     Homed = 8,
     Tared = 9,
+    ContactMayStand = 10,
+    LiftFailed = 11,
+};
+
+enum class Guard : uint8_t {
+    None = 0,
+    Resting = 1,
+    Lifted = 2,
 };
 
 enum class ResetCause : uint8_t {
@@ -101,6 +112,8 @@ constexpr uint16_t reset_cause = 7;
 constexpr uint16_t ring_depth = 8;
 constexpr uint16_t steps_per_turn = 9;
 constexpr uint16_t nm_per_step = 10;
+constexpr uint16_t most_force = 12;
+constexpr uint16_t overrun_um = 13;
 constexpr uint16_t state = 16;
 constexpr uint16_t fault = 17;
 constexpr uint16_t fault_at_ms = 18;
@@ -188,61 +201,63 @@ constexpr uint16_t ring_raw = 128;
 constexpr uint16_t ring_time_us = 256;
 }  // namespace reg
 
-// Everything that may be written, by rising address; bounds are raw register integers.
+// Everything that may be written, by rising address; bounds are raw register integers,
+// `least` bounds the magnitude.
 struct Setting {
     uint16_t address;
     Kind kind;
-    int32_t low, high, initial;
+    Guard guard;
+    int32_t low, high, initial, least;
 };
 
 constexpr uint8_t SETTING_COUNT = 46;
 constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
-    {64, Kind::U16, 0L, 65535L, 0L},  // heartbeat, 
-    {65, Kind::U16, 0L, 15L, 0L},  // command, 
-    {66, Kind::U16, 0L, 65535L, 0L},  // command_sequence, 
-    {67, Kind::U16, 0L, 31L, 0L},  // signal_polarity, 
-    {68, Kind::U16, 500L, 20000L, 8000L},  // speed_set, mm/s
-    {69, Kind::U16, 500L, 15000L, 5000L},  // force_set, g
-    {70, Kind::U16, 50L, 2000L, 600L},  // acceleration_set, mm/s²
-    {71, Kind::U16, 0L, 1L, 0L},  // direction_set, 
-    {72, Kind::U16, 0L, 2L, 0L},  // force_mode, 
-    {73, Kind::U16, 10L, 6000L, 2450L},  // travel_set, mm
-    {74, Kind::U16, 0L, 2000L, 1000L},  // run_in_set, mm
-    {75, Kind::U16, 0L, 10000L, 1000L},  // depth_set_um, µm
-    {76, Kind::I32, -2000000L, 2000000L, 0L},  // move_target, steps
-    {78, Kind::U16, 500L, 32000L, 20000L},  // move_speed_set, mm/s
-    {79, Kind::I16, -10000L, 10000L, 0L},  // clock_trim_ppm, ppm
-    {80, Kind::U16, 2L, 200L, 20L},  // settle_band, permille
-    {81, Kind::U16, 50L, 5000L, 300L},  // settle_time_ms, ms
-    {82, Kind::U16, 500L, 50000L, 30000L},  // approach_limit_um, µm
-    {83, Kind::U16, 500L, 30000L, 10000L},  // approach_timeout_ms, ms
-    {84, Kind::U16, 1000L, 30000L, 14000L},  // over_force, g
-    {85, Kind::U16, 500L, 20000L, 3000L},  // lift_clearance_um, µm
-    {86, Kind::I32, -8388608L, 8388607L, 0L},  // tare_counts, counts
-    {88, Kind::I32, -1000000L, 1000000L, 2400L},  // scale_ug_per_count, µg/count
-    {90, Kind::U16, 1L, 5000L, 600L},  // gain_p, 1/s
-    {91, Kind::U16, 0L, 5000L, 500L},  // gain_i, 1/s
-    {92, Kind::U16, 50L, 5000L, 900L},  // stiffness_g_per_mm, g/mm
-    {93, Kind::U16, 0L, 500L, 100L},  // dead_band_permille, permille
-    {94, Kind::U16, 100L, 250L, 250L},  // heartbeat_limit_ms, ms
-    {95, Kind::U16, 0L, 31L, 31L},  // optional_signals, 
-    {96, Kind::U16, 0L, 2000L, 100L},  // run_settle_ms, ms
-    {97, Kind::I16, -32768L, 32767L, 0L},  // tare_place_00, counts
-    {98, Kind::I16, -32768L, 32767L, 0L},  // tare_place_01, counts
-    {99, Kind::I16, -32768L, 32767L, 0L},  // tare_place_02, counts
-    {100, Kind::I16, -32768L, 32767L, 0L},  // tare_place_03, counts
-    {101, Kind::I16, -32768L, 32767L, 0L},  // tare_place_04, counts
-    {102, Kind::I16, -32768L, 32767L, 0L},  // tare_place_05, counts
-    {103, Kind::I16, -32768L, 32767L, 0L},  // tare_place_06, counts
-    {104, Kind::I16, -32768L, 32767L, 0L},  // tare_place_07, counts
-    {105, Kind::I16, -32768L, 32767L, 0L},  // tare_place_08, counts
-    {106, Kind::I16, -32768L, 32767L, 0L},  // tare_place_09, counts
-    {107, Kind::I16, -32768L, 32767L, 0L},  // tare_place_10, counts
-    {108, Kind::I16, -32768L, 32767L, 0L},  // tare_place_11, counts
-    {109, Kind::I16, -32768L, 32767L, 0L},  // tare_place_12, counts
-    {110, Kind::I16, -32768L, 32767L, 0L},  // tare_place_13, counts
-    {111, Kind::I16, -32768L, 32767L, 0L},  // tare_place_14, counts
-    {112, Kind::I16, -32768L, 32767L, 0L},  // tare_place_15, counts
+    {64, Kind::U16, Guard::None, 0L, 65535L, 0L, 0L},  // heartbeat, 
+    {65, Kind::U16, Guard::None, 0L, 16L, 0L, 0L},  // command, 
+    {66, Kind::U16, Guard::None, 0L, 65535L, 0L, 0L},  // command_sequence, 
+    {67, Kind::U16, Guard::Resting, 0L, 31L, 0L, 0L},  // signal_polarity, 
+    {68, Kind::U16, Guard::None, 500L, 20000L, 8000L, 0L},  // speed_set, mm/s
+    {69, Kind::U16, Guard::None, 500L, 15000L, 5000L, 0L},  // force_set, g
+    {70, Kind::U16, Guard::None, 50L, 2000L, 600L, 0L},  // acceleration_set, mm/s²
+    {71, Kind::U16, Guard::None, 0L, 1L, 0L, 0L},  // direction_set, 
+    {72, Kind::U16, Guard::Resting, 0L, 2L, 0L, 0L},  // force_mode, 
+    {73, Kind::U16, Guard::None, 10L, 6000L, 2450L, 0L},  // travel_set, mm
+    {74, Kind::U16, Guard::None, 0L, 2000L, 1000L, 0L},  // run_in_set, mm
+    {75, Kind::U16, Guard::Resting, 0L, 10000L, 1000L, 0L},  // depth_set_um, µm
+    {76, Kind::I32, Guard::None, -2000000L, 2000000L, 0L, 0L},  // move_target, steps
+    {78, Kind::U16, Guard::None, 500L, 32000L, 20000L, 0L},  // move_speed_set, mm/s
+    {79, Kind::I16, Guard::None, -10000L, 10000L, 0L, 0L},  // clock_trim_ppm, ppm
+    {80, Kind::U16, Guard::None, 2L, 200L, 20L, 0L},  // settle_band, permille
+    {81, Kind::U16, Guard::None, 50L, 5000L, 300L, 0L},  // settle_time_ms, ms
+    {82, Kind::U16, Guard::None, 500L, 50000L, 30000L, 0L},  // approach_limit_um, µm
+    {83, Kind::U16, Guard::None, 500L, 30000L, 10000L, 0L},  // approach_timeout_ms, ms
+    {84, Kind::U16, Guard::Resting, 1000L, 30000L, 14000L, 0L},  // over_force, g
+    {85, Kind::U16, Guard::None, 500L, 20000L, 3000L, 0L},  // lift_clearance_um, µm
+    {86, Kind::I32, Guard::Lifted, -8388608L, 8388607L, 0L, 0L},  // tare_counts, counts
+    {88, Kind::I32, Guard::Resting, -25000L, 25000L, 2400L, 200L},  // scale_ug_per_count, µg/count
+    {90, Kind::U16, Guard::None, 1L, 5000L, 600L, 0L},  // gain_p, 1/s
+    {91, Kind::U16, Guard::None, 0L, 5000L, 500L, 0L},  // gain_i, 1/s
+    {92, Kind::U16, Guard::None, 50L, 5000L, 900L, 0L},  // stiffness_g_per_mm, g/mm
+    {93, Kind::U16, Guard::None, 0L, 500L, 100L, 0L},  // dead_band_permille, permille
+    {94, Kind::U16, Guard::None, 100L, 250L, 250L, 0L},  // heartbeat_limit_ms, ms
+    {95, Kind::U16, Guard::Resting, 0L, 31L, 31L, 0L},  // optional_signals, 
+    {96, Kind::U16, Guard::None, 0L, 2000L, 100L, 0L},  // run_settle_ms, ms
+    {97, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_00, counts
+    {98, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_01, counts
+    {99, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_02, counts
+    {100, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_03, counts
+    {101, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_04, counts
+    {102, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_05, counts
+    {103, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_06, counts
+    {104, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_07, counts
+    {105, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_08, counts
+    {106, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_09, counts
+    {107, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_10, counts
+    {108, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_11, counts
+    {109, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_12, counts
+    {110, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_13, counts
+    {111, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_14, counts
+    {112, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_15, counts
 };
 
 #endif  // DRUM_MAP_H

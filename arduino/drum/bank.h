@@ -15,6 +15,8 @@ class Owner {
     virtual void refresh() = 0;
     // Words of the load-cell ring, addresses reg::ring_raw and up.
     virtual uint16_t ring_word(uint16_t address) = 0;
+    // Whether settings that are guarded so may change now.
+    virtual bool may_change(Guard guard) const = 0;
     // A new command_sequence arrived and all settings are in place; false refuses the write.
     virtual bool command(Command command, uint16_t sequence) = 0;
     // Settings were written and hold.
@@ -48,6 +50,8 @@ class Bank {
   private:
     bool writable(uint16_t address, uint16_t count) const;
     bool in_bounds(uint16_t address, uint16_t count) const;
+    Answer take(uint16_t address, uint16_t count, const uint16_t *before);
+    Guard guard_of_change(uint16_t address, uint16_t count, const uint16_t *before) const;
 
     Owner &owner_;
     uint16_t words_[COUNTERS_END] = {};

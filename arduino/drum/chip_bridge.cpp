@@ -4,17 +4,16 @@
 
 #include "chip.h"
 #include "ports.h"
+#include "potentiometer.h"
 #include "variant.h"
 
 namespace {
 
 constexpr uint16_t TOP = 3999;  // 16 MHz / 4000 = 4 kHz, four counts a permille
-constexpr uint8_t SMOOTHING = 8;
 constexpr uint8_t FAST_PWM_A = _BV(WGM41);
 constexpr uint8_t ADC_CONTROL = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
 
-uint16_t smoothed;  // sum of SMOOTHING readings
-bool primed;
+Potentiometer potentiometer;
 
 }  // namespace
 
@@ -39,18 +38,11 @@ void cut() {
 
 void start_reading() {
     if (ADCSRA & _BV(ADSC)) return;
-    const uint16_t reading = ADC;
-    if (!primed) smoothed = reading * SMOOTHING;
-    else smoothed += reading - smoothed / SMOOTHING;
-    primed = true;
+    potentiometer.take(ADC);
     ADCSRA = ADC_CONTROL | _BV(ADSC);
 }
 
-uint16_t position_um() {
-    // A fraction with a power of two below: a division would cost 40 µs a tick.
-    constexpr uint32_t UM_TIMES_1024 = board::ACTUATOR_TRAVEL_UM * 1024ULL / (1023 * SMOOTHING);
-    return smoothed * UM_TIMES_1024 >> 10;
-}
+uint16_t position_um() { return potentiometer.position_um(); }
 
 bool end_up() { return PINC & pins::END_UP; }
 bool end_down() { return PINC & pins::END_DOWN; }

@@ -13,6 +13,7 @@ namespace {
 
 volatile bool latched;
 volatile bool fitted = true;
+bool told;  // how it is wired
 volatile uint8_t open_level = pins::ESTOP;  // what the input shows when it is open
 
 inline bool open() { return (PINE & pins::ESTOP) == open_level; }
@@ -40,14 +41,15 @@ void begin() {
 #endif
 }
 
-// An opening that was seen with the wiring of before means nothing.
+// What was seen before anybody told how it is wired means nothing; an opening after that is kept
+// until the brain has seen it, or a change of wires could make it unseen.
 void wire(bool is_fitted, bool inverted) {
     const uint8_t level = inverted ? 0 : pins::ESTOP;
-    if (fitted == is_fitted && open_level == level) return;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         fitted = is_fitted;
         open_level = level;
-        latched = fitted && open();
+        latched = (told && latched) || (fitted && open());
+        told = true;
     }
 }
 

@@ -41,7 +41,8 @@ bool Drum::begin(Command command) {
         case Command::Retract: return start_state(Event::Retract);
         case Command::Stop: return start_state(Event::Stop);
         case Command::Clear: return clear();
-        case Command::Tare: return tare();
+        case Command::Tare: return tare(false);
+        case Command::TareAnyway: return tare(true);
         case Command::ZeroSteps: return zero_steps();
         case Command::Home: return home();
         case Command::Save: return save();
@@ -69,6 +70,20 @@ bool Drum::start_state(Event event) {
 
 bool Drum::resting() const {
     return machine_.state() == State::Idle || machine_.state() == State::Armed;
+}
+
+// What decides what a force means, or what stops it.
+bool Drum::may_change(Guard guard) const {
+#ifdef NO_GUARD  // a broken image that the tests must catch
+    return true;
+#endif
+#ifdef ESTOP_CONFIGURABLE  // another
+    if (estop_open()) return true;
+#endif
+    if (!resting() || estop_open()) return false;
+    if (contact_ == Contact::Gone) return true;
+    // Nothing was pressed since the boot, and whatever is armed lifts first.
+    return guard == Guard::Resting && contact_ == Contact::Unknown;
 }
 
 bool Drum::arm() {
@@ -104,11 +119,14 @@ bool Drum::home() {
     return true;
 }
 
-// A set force too near the limit would end in OVER_FORCE at the first overshoot.
+// A set force too near a limit would end in OVER_FORCE at the first overshoot.
 bool Drum::approach_begin() {
+    constexpr uint32_t MOST_TENTHS = board::MOST_FORCE_G * 10UL;
     if (!machine_.accepts(Event::Approach)) return false;
+    if (contact_ != Contact::Gone || !tare_holds_) return false;
     const uint32_t highest = word(reg::force_set) + word(reg::force_set) / 10U;
-    if (highest > word(reg::over_force)) return false;
+    if (highest > word(reg::over_force) || highest > MOST_TENTHS) return false;
+    contact_ = Contact::MayStand;
     start_um_ = inputs_.position_um;
     locked_ = false;
     force_.begin(word(reg::stiffness_g_per_mm));
@@ -137,8 +155,14 @@ bool Drum::clear() {
     return true;
 }
 
-bool Drum::tare() {
+// In contact, or far from the zero that the board knows, only where it is asked for by name.
+bool Drum::tare(bool anyway) {
+#ifdef TARE_IN_CONTACT  // a broken image that the tests must catch
+    anyway = true;
+#endif
     if (!resting() || loadcell_.faults()) return false;
+    if (!anyway && (contact_ != Contact::Gone || !near_zero(loadcell_.raw()))) return false;
+    tare_anyway_ = anyway;
     loadcell_.begin_tare();
     tare_tries_ = TARE_TRIES;
     pending_ = Pending::Tare;
@@ -148,6 +172,7 @@ bool Drum::tare() {
 // A turn at constant speed, lifted, from wherever the drum is; needs to know its angle.
 bool Drum::tare_turn() {
     if (!machine_.accepts(Event::Move) || !homed_ || loadcell_.faults()) return false;
+    if (contact_ != Contact::Gone) return false;
     start_state(Event::Move);
     tare_turn_.begin();
     turning_tare_ = true;
@@ -183,9 +208,15 @@ bool Drum::save() {
     return true;
 }
 
-bool Drum::defaults() {
-    if (!resting()) return false;
+void Drum::restore_defaults() {
     bank_.restore_defaults();
+    bank_.put(reg::optional_signals, board::SIGNALS_FITTED);
+    bank_.put(reg::signal_polarity, board::SIGNALS_INVERTED);
+}
+
+bool Drum::defaults() {
+    if (!resting() || !may_change(Guard::Resting)) return false;
+    restore_defaults();
     apply_settings();
     tared_ = false;
     return true;

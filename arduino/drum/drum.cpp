@@ -9,9 +9,13 @@
 namespace {
 
 constexpr uint16_t SELFTEST_LIMIT_MS = board::LOADCELL_PERIOD_US / 25;  // 40 conversions
-constexpr uint16_t LIFT_TIME_MS = 700;     // FAULT_LIFT: with 250 ms of silence, off within 1 s
-constexpr uint16_t ACTUATOR_FULL_LIFT_MS = 6000;
-constexpr uint16_t LIFT_LIMIT_MS = 8000;   // a lift that takes longer is stuck
+// FAULT_LIFT at least: with 250 ms of silence, off within 1 s where contact is gone by then.
+constexpr uint16_t LIFT_TIME_MS = 700;
+constexpr float WHOLE_TRAVEL_MS = board::ACTUATOR_TRAVEL_UM / board::ACTUATOR_MAX_MM_S;
+constexpr uint16_t ACTUATOR_FULL_LIFT_MS = 1.2f * WHOLE_TRAVEL_MS;
+constexpr uint16_t LIFT_LIMIT_MS = 1.6f * WHOLE_TRAVEL_MS;  // a lift that takes longer is stuck
+constexpr uint8_t FREE_READINGS = 8;       // in a row: contact is gone, a coasting rod at rest
+constexpr uint16_t GONE_UM = 3000;         // above the last contact: more than ridges and run-out
 constexpr uint16_t TOP_UM = board::ACTUATOR_END_UM;  // the potentiometer at the upper end
 constexpr uint16_t BOTTOM_UM = board::ACTUATOR_TRAVEL_UM - board::ACTUATOR_END_UM;
 // Above the last contact: slowing down takes 0.9 mm, and begins with a sample.
@@ -41,12 +45,12 @@ bool supervised(State state) {
 // What the wires say, with those put right that are inverted.
 Inputs Drum::unwired(const Inputs &inputs) const {
     Inputs result = inputs;
-    if (has(reg::signal_polarity, Signal::Index)) result.index_high = !inputs.index_high;
-    if (has(reg::signal_polarity, Signal::EndSwitches)) {
+    if (inverted(Signal::Index)) result.index_high = !inputs.index_high;
+    if (inverted(Signal::EndSwitches)) {
         result.end_up = !inputs.end_up;
         result.end_down = !inputs.end_down;
     }
-    if (has(reg::signal_polarity, Signal::Position))
+    if (inverted(Signal::Position))
         result.position_um = inputs.position_um < board::ACTUATOR_TRAVEL_UM
                                  ? board::ACTUATOR_TRAVEL_UM - inputs.position_um
                                  : 0;
@@ -60,23 +64,45 @@ void Drum::apply_settings() {
     band_g_ = force_g * word(reg::settle_band) * 0.001f;
     over_force_g_ = word(reg::over_force) * 0.1f;
     actuator_.start_from(word(reg::dead_band_permille));
-    ports::wire_signals(word(reg::optional_signals), word(reg::signal_polarity));
+    rewire();
     tare_by_place_ = false;
     for (uint8_t place = 0; place < TARE_PLACES; ++place)
         if (word(reg::tare_place_00 + place)) tare_by_place_ = true;
     loadcell_.set_scale(bank_.wide(reg::tare_counts), bank_.wide(reg::scale_ug_per_count));
+    judge_tare();
     judge_force();
 }
 
-// Either way: with a scale of the wrong sign, pressing reads as pulling.
+// By which wires a lift was seen to end decides what is known of contact and zero.
+void Drum::rewire() {
+    constexpr uint8_t OF_THE_LIFT = 1 << static_cast<uint8_t>(Signal::EndSwitches) |
+                                    1 << static_cast<uint8_t>(Signal::Position);
+    const uint8_t fitted = word(reg::optional_signals), inverted = word(reg::signal_polarity);
+    const uint8_t changed = (fitted ^ fitted_) | (inverted ^ inverted_);
+    fitted_ = fitted;
+    inverted_ = inverted;
+    ports::wire_signals(fitted, inverted);
+    if (!(changed & OF_THE_LIFT)) return;
+    contact_known_ = false;
+    zero_.forget();
+    free_run_ = 0;
+    if (contact_ == Contact::Gone) contact_ = Contact::Unknown;
+}
+
+void Drum::judge_tare() { tare_holds_ = zero_.near(bank_.wide(reg::tare_counts)); }
+
+// Once by the settings, either way, since with a scale of the wrong sign pressing reads as pulling;
+// and once by what no setting moves. A tare far from the board's own zero makes no force of counts.
 void Drum::judge_force() {
-    over_force_ = fabsf(loadcell_.force_g()) > over_force_g_;
+    over_force_ = tare_holds_ && fabsf(loadcell_.force_g()) > over_force_g_;
+    if (!loadcell_.saturated() && zero_.exceeded(loadcell_.raw())) over_force_ = true;
 }
 
 void Drum::boot(bool watchdog_reset) {
+    restore_defaults();
     SettingsFrom from = ports::load(bank_.settings());
     if (from == SettingsFrom::Saved && !bank_.settings_valid()) {
-        bank_.restore_defaults();
+        restore_defaults();
         from = SettingsFrom::Damaged;
     }
     bank_.put(reg::settings_from, static_cast<uint16_t>(from));
@@ -127,6 +153,7 @@ void Drum::follow() {
 void Drum::enter(State state) {
     entered_ = state;
     entered_ms_ = inputs_.now_ms;
+    free_run_ = 0;
     const Outputs outputs = machine_.outputs();
     const bool may_step = outputs.stepper_may_step;
     if (!may_step) ports::stop_at_once();
@@ -165,6 +192,7 @@ void Drum::sample(const Conversion &conversion) {
     const uint16_t *table = bank_.settings() + (reg::tare_place_00 - SETTINGS_START);
     loadcell_.set_place_tare(by_place ? TareTurn::between(table, place_in_turn()) : 0);
     if (!loadcell_.take(conversion)) return;
+    watch_reading();
     if (turning_tare_ && ports::at_speed()) tare_turn_.add(conversion.raw, place_in_turn());
     judge_force();
     supervise();
@@ -219,6 +247,7 @@ void Drum::press() {
     float speed = force_.update(loadcell_.force_g(), target_, turn());
     if (searching && force_.in_contact()) touched();
     if (force_.in_contact()) speed = other_mode(speed);
+    if (speed > target_.speed_limit) speed = target_.speed_limit;
     force_.commanded(speed);
     actuator_.want(speed);
     if (!within_band()) outside_ms_ = inputs_.now_ms;
@@ -293,26 +322,73 @@ bool Drum::lifted_clear() const {
     const uint32_t clearance = word(reg::lift_clearance_um);
     if (end_up()) return true;
     if (!fitted(Signal::Position))
-        return !fitted(Signal::EndSwitches) && since_start > ACTUATOR_FULL_LIFT_MS;
+        return !fitted(Signal::EndSwitches) && since_start > ACTUATOR_FULL_LIFT_MS &&
+               !reads_contact();
     if (inputs_.position_um <= TOP_UM) return true;
     // A fault lifts as far as its time allows: whatever happened, distance helps.
     if (machine_.state() == State::FaultLift) return false;
-    return contact_known_ && inputs_.position_um + clearance <= contact_um_;
+    return contact_known_ && inputs_.position_um + clearance <= contact_um_ && !reads_contact();
 }
 
+// A lift goes on until contact is gone. One that must be weighed ends when it has been.
 void Drum::lift() {
     const bool retracting = machine_.state() == State::Retract;
     const uint32_t since_start = inputs_.now_ms - entered_ms_;
     const bool clear = lifted_clear();
     if (clear) actuator_.rest();
     else actuator_.lift();
+    if (clear) contact_ = Contact::Gone;
+    watch_contact();
+    const bool gone = contact_ == Contact::Gone;
+    const bool late = since_start > LIFT_LIMIT_MS;
+    if (late) lift_failed_ = !gone;
+#ifdef SHORT_LIFT  // a broken image that the tests must catch
+    if (!retracting && since_start >= LIFT_TIME_MS) return go(Event::LiftTimeOver);
+#endif
     if (!retracting) {
-        if (since_start >= LIFT_TIME_MS) go(Event::LiftTimeOver);
-    } else if (clear && !ports::moving()) {
+        if ((gone && since_start >= LIFT_TIME_MS) || late) go(Event::LiftTimeOver);
+    } else if (clear && !ports::moving() && zero_.known()) {
         go(Event::Lifted);
-    } else if (since_start > LIFT_LIMIT_MS) {
+    } else if (late) {
         raise(Fault::ActuatorEnd);
     }
+}
+
+// --- contact ------------------------------------------------------------------------------------
+
+// The cell shows a force, as far as it can be believed.
+bool Drum::reads_contact() const {
+    return zero_.known() && !loadcell_.faults() && !zero_.free(loadcell_.raw());
+}
+
+// By the upper end, by the reading, or by the way above the last contact.
+bool Drum::contact_gone() const {
+    if (end_up() || free_run_ >= FREE_READINGS) return true;
+    if (!fitted(Signal::Position)) return false;
+    if (inputs_.position_um <= TOP_UM) return true;
+    return contact_known_ && inputs_.position_um + GONE_UM <= contact_um_ && !reads_contact();
+}
+
+// Not while the drum is pressed down: then contact may come at any moment.
+void Drum::watch_contact() {
+    if (contact_ != Contact::Gone && contact_gone()) contact_ = Contact::Gone;
+    if (contact_ == Contact::Gone) lift_failed_ = false;
+}
+
+// What a sample tells of contact; the lifted drum is weighed wherever it stands still.
+void Drum::watch_reading() {
+    const Drive drive = machine_.drive();
+    if (drive == Drive::Approach || drive == Drive::ForceLoop) return zero_.disturb();
+    const int32_t raw = loadcell_.raw();
+    const bool sound = !loadcell_.faults();
+    if (!sound || !zero_.free(raw)) free_run_ = 0;
+    else if (free_run_ < FREE_READINGS) ++free_run_;
+    if (drive == Drive::Off) watch_contact();
+    const State state = machine_.state();
+    const bool lifts = state == State::Armed || state == State::Retract;
+    const bool still = contact_ == Contact::Gone && !permille_ && !ports::moving();
+    if (!sound || !lifts || !still) return zero_.disturb();
+    if (zero_.weigh(raw)) judge_tare();
 }
 
 void Drum::position_move() {
@@ -402,6 +478,9 @@ void Drum::end_tare() {
         return loadcell_.begin_tare();
     }
     const int32_t tare = loadcell_.tare_mean() - loadcell_.place_tare();
+    const bool lifted = contact_ == Contact::Gone;
+    if (!tare_anyway_ && !(lifted && near_zero(tare))) return finish(CommandResult::Failed);
+    if (lifted) zero_.take(tare);
     bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(tare));
     apply_settings();
     tared_ = true;
@@ -410,7 +489,9 @@ void Drum::end_tare() {
 
 void Drum::end_tare_turn() {
     turning_tare_ = false;
-    if (!tare_turn_.finish()) return finish(CommandResult::Failed);
+    if (!tare_turn_.finish() || !near_zero(tare_turn_.mean()))
+        return finish(CommandResult::Failed);
+    zero_.take(tare_turn_.mean());
     bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(tare_turn_.mean()));
     for (uint8_t place = 0; place < TARE_PLACES; ++place)
         bank_.put(reg::tare_place_00 + place, static_cast<uint16_t>(tare_turn_.at(place)));

@@ -21,6 +21,7 @@
 #include "ports.h"       // the body
 #include "step_test.h"   // gain proposal
 #include "tare_turn.h"   // tare by angle
+#include "zero.h"        // the lifted drum's reading
 
 struct Inputs {
     uint32_t now_ms;
@@ -28,7 +29,7 @@ struct Inputs {
     bool estop_open, end_up, end_down, index_high;
 };
 
-class Drum : public Owner {
+class Drum final : public Owner {
   public:
     Drum() : bank_(*this), modbus_(bank_) {}
 
@@ -45,14 +46,18 @@ class Drum : public Owner {
     const Machine &machine() const { return machine_; }
     const ForceLoop &force_loop() const { return force_; }
     const Loadcell &loadcell() const { return loadcell_; }
+    CommandResult result() const { return result_; }
 
     // Owner
     void refresh() override;
     uint16_t ring_word(uint16_t address) override;
+    bool may_change(Guard guard) const override;
     bool command(Command command, uint16_t sequence) override;
     void written(uint16_t address, uint16_t count) override;
 
   private:
+    // Whether the drum rests on something: after a boot nobody knows.
+    enum class Contact : uint8_t { Gone, Unknown, MayStand };
     // What a long command waits for.
     enum class Pending : uint8_t { None, Change, Tare, Save, Tune };
 
@@ -71,6 +76,13 @@ class Drum : public Owner {
     void approach();
     void lift();
     bool lifted_clear() const;
+    bool reads_contact() const;
+    bool contact_gone() const;
+    void watch_contact();
+    void watch_reading();
+    void judge_tare();
+    bool near_zero(int32_t counts) const { return !zero_.known() || zero_.near(counts); }
+    void rewire();
     void position_move();
     void watch_index();
     void finish(CommandResult result);
@@ -80,10 +92,9 @@ class Drum : public Owner {
     void end_tune();
     void start(const Motion &motion, uint16_t speed);
     DrumTurn turn();
-    bool fitted(Signal signal) const { return has(reg::optional_signals, signal); }
-    bool has(uint16_t address, Signal signal) const {
-        return word(address) >> static_cast<uint8_t>(signal) & 1;
-    }
+    // As last applied: while a write is judged, its words stand in the bank already.
+    bool fitted(Signal signal) const { return fitted_ >> static_cast<uint8_t>(signal) & 1; }
+    bool inverted(Signal signal) const { return inverted_ >> static_cast<uint8_t>(signal) & 1; }
     Inputs unwired(const Inputs &inputs) const;
     bool estop_open() const { return fitted(Signal::Estop) && inputs_.estop_open; }
     bool end_up() const { return fitted(Signal::EndSwitches) && inputs_.end_up; }
@@ -107,13 +118,14 @@ class Drum : public Owner {
     bool approach_begin();
     bool run();
     bool clear();
-    bool tare();
+    bool tare(bool anyway);
     bool zero_steps();
     bool tare_turn();
     bool tune();
     bool save();
     bool defaults();
     bool resting() const;
+    void restore_defaults();
 
     // report.cpp
     void report_identity();
@@ -126,6 +138,7 @@ class Drum : public Owner {
     Machine machine_;
     Heartbeat heartbeat_;
     Loadcell loadcell_;
+    Zero zero_;
     ForceLoop force_;
     Actuator actuator_;
     TareTurn tare_turn_;
@@ -154,7 +167,13 @@ class Drum : public Owner {
     bool homing_ = false, homed_ = false, tared_ = false;
     bool turning_tare_ = false;   // a turn is made to tare by the angle
     bool tare_by_place_ = false;  // some place of the turn has a tare of its own
+    bool tare_anyway_ = false;    // the tare under way was asked for by name
+    bool tare_holds_ = false;     // tare_counts lies near the zero that the board knows
     bool backwards_ = false, over_force_ = false;
+    Contact contact_ = Contact::Unknown;
+    bool lift_failed_ = false;    // the last lift ended, and contact was not seen to be gone
+    uint8_t free_run_ = 0;        // readings in a row that show no contact
+    uint8_t fitted_ = 0, inverted_ = 0;  // bits of Signal
     ForceTarget target_ = {0, 0, 0, 0};
     float band_g_ = 0, over_force_g_ = 0;
     uint32_t turn_interval_ = 0;  // for which turn_rate_ was worked out

@@ -29,6 +29,7 @@ class Loadcell {
 
     // Bits of fault_bits that this sensor sees now.
     uint16_t faults() const;
+    bool saturated() const { return saturated_; }
     // Samples have come since the boot.
     bool alive() const { return settled_ > SETTLING && !silent_; }
 

@@ -1,5 +1,5 @@
 // What the drum's brain asks of its body. The chip implements it (chip_*.cpp), and so do the
-// PC tests, whose body is a little model of the bench.
+// virtual board on the PC (../host/drum) and the PC tests, whose body is a little model of the bench.
 #ifndef PORTS_H
 #define PORTS_H
 
@@ -52,6 +52,8 @@ SettingsFrom load(uint16_t *words);
 void save(const uint16_t *words);
 bool saving();
 uint8_t stored_byte(uint16_t address);
+bool store_ready();  // for another byte
+void store_byte(uint16_t address, uint8_t byte);
 
 }  // namespace ports
 

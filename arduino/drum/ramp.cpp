@@ -75,7 +75,7 @@ Profile profile(uint16_t speed, uint16_t acceleration, int16_t trim_ppm) {
     static_assert(STEP_CYCLES % PARTS == 0 && STEP_CYCLES / PARTS <= 0xffffffffULL,
                   "choose another split");
     // First interval at 1 mm/s²: clock · sqrt(2 · step length).
-    constexpr float FIRST = (1UL << FRACTION_BITS) * static_cast<float>(board::CLOCK_HZ) *
+    static const float FIRST = (1UL << FRACTION_BITS) * static_cast<float>(board::CLOCK_HZ) *
                             __builtin_sqrtf(2e-6f * board::NM_PER_STEP);
     constexpr uint32_t PART = STEP_CYCLES / PARTS;
     Profile result;

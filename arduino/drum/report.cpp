@@ -42,6 +42,8 @@ void Drum::report_identity() {
     bank_.put(reg::ring_depth, RING_DEPTH);
     bank_.put(reg::steps_per_turn, board::STEPS_PER_TURN);
     bank_.put_wide(reg::nm_per_step, board::NM_PER_STEP);
+    bank_.put(reg::most_force, board::MOST_FORCE_G);
+    bank_.put(reg::overrun_um, board::OVERRUN_UM);
 }
 
 uint16_t Drum::status_bits() const {
@@ -55,7 +57,9 @@ uint16_t Drum::status_bits() const {
            flag(Status::SpeedConstant, ports::at_speed()) |
            flag(Status::EstopClosed, !inputs_.estop_open) |
            flag(Status::EndUp, end_up()) | flag(Status::EndDown, end_down()) |
-           flag(Status::Homed, homed_) | flag(Status::Tared, tared_);
+           flag(Status::Homed, homed_) | flag(Status::Tared, tared_) |
+           flag(Status::ContactMayStand, contact_ != Contact::Gone) |
+           flag(Status::LiftFailed, lift_failed_);
 }
 
 void Drum::report_state() {

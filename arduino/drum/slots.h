@@ -35,8 +35,8 @@ class Slots {
     uint16_t word_at(uint16_t address) const;
     int8_t newest() const;
 
-    const uint16_t start_, stride_;
-    const uint8_t count_;
+    uint16_t start_, stride_;
+    uint8_t count_;
     uint16_t address_ = 0;
     uint8_t bytes_[MAX_BYTES];
     uint8_t size_ = 0, done_ = 0;

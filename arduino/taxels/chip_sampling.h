@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-#include "wire.h"
+#include "ports.h"
 
 void sampling_begin();
 
@@ -14,26 +14,5 @@ extern volatile uint8_t frame_closed;
 
 // The frame closed last; valid until the next one is closed, 1 ms later. Clears frame_closed.
 const Frame &take_frame();
-
-// Frames that were closed before the one before them had been taken.
-uint16_t missed_frames();
-
-// Fills in what sampling knows: samples, late slots, longest interrupt, sync.
-void report_sampling(Status &status);
-
-// Orders for the spare slots, from the next frame on; the answers come with a frame's end.
-// What is converted in slot 19: the bandgap, or an input with the lines idle and some inputs'
-// pull-ups on. True, and the reading, once the last order was served.
-void ask_bandgap();
-void ask_input(uint8_t input, uint8_t pulled_inputs);
-bool spare_answered(uint16_t &reading);
-
-// Has a line tested once; what all tests since the last call found, a bit a line.
-struct LineTest {
-    uint8_t low, high, together;
-};
-void ask_line(uint8_t line);
-bool line_answered();
-LineTest take_line_tests();
 
 #endif

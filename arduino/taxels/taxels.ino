@@ -1,10 +1,12 @@
 // Taxel board, Arduino Uno: 18 taxels, 10 bit, exactly 1,000 frames a second at 500 kbaud.
 //
 // The IDE wants a file of the folder's name; the program is in the .cpp files beside it:
-//   chip_main.cpp      main loop: pack, send, hear the host, sleep
+//   chip_main.cpp      main loop: wait for a frame, have the brain talk
 //   chip_sampling.cpp  timer, converter, lines, sync and index; the timing is told there
-//   chip_test.cpp      self-test: a step a frame in the spare slots
 //   chip_serial.cpp    transmit ring, receive ring
 //   chip_boot.cpp      reset cause, count of boots, unused stack
-//   wire.cpp, cobs.cpp, crc32.cpp, request.cpp, self_test.cpp   bytes; these run on the PC as well
+//   talk.cpp           the brain: what is sent when, and what the host asks for
+//   self_test_course.cpp   a step of the self-test a frame, in the spare slots
+//   wire.cpp, cobs.cpp, crc32.cpp, request.cpp, self_test.cpp   bytes
+// All but chip_*.cpp runs on the PC as well, behind ports.h.
 // Pins, polarity, dividers: board.h. Frames: docs/reference/taxel-wire.md.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.jobs import HERE, Crew, Progress, work_through
+from rigctl.analysis.same_wiring import check_learnt
 from rigctl.analysis.trial_set import TrialRef, TrialSet, opened
 from rigctl.encoding.force import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
@@ -82,6 +83,7 @@ def c_of(
 ) -> Source:
     """C of a model or a spikes.h5, checked against a set. Raises SessionError and WrongUse."""
     force, inputs = read_force(file)
+    check_learnt(file, inputs, trials.provenance)
     check_covers(trials, force, by_texture=True)
     return Source(file, force, strangers(trials, inputs, progress))
 

@@ -14,6 +14,7 @@ from rigctl.analysis.answering import log_posteriors
 from rigctl.analysis.carried_c import Miss, check_covers, rate_errors, strangers, warning
 from rigctl.analysis.classify_words import sentences
 from rigctl.analysis.jobs import HERE, Crew, Progress, work_through
+from rigctl.analysis.same_wiring import check_learnt
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, opened
 from rigctl.encoding.features import feature_matrices
 from rigctl.errors import SessionError
@@ -127,6 +128,7 @@ def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
     for path in paths:
         with Session.open(path) as session:
             header, scaling = session.header, [list(pair) for pair in session.scaling]
+            order = {"path": str(path), "wiring": session.wiring}
         for theirs, ours, what in (
             (header.n_taxels, model.n_taxels, "taxels"),
             (header.sample_rate_hz, model.sample_rate_hz, "samples a second"),
@@ -136,6 +138,7 @@ def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
                     f"{path} has {theirs} {what}, the model was trained with {ours}: "
                     "train one on recordings of this kind"
                 )
+        check_learnt("the model", model.training.inputs, [order])
         if scaling != _scaling_of(model):
             raise SessionError(
                 f"{path} stores readings on another scale than the sessions of the model: import "

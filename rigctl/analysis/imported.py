@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from rigctl.analysis.trial_set import TrialSet
+from rigctl.session.header import IMPORTED
 from rigctl.session.reader import Session
 
-IMPORTED = "import"
-"""Name of the rig, and kind of the events, of an imported session."""
+EVENT_KIND = "import"
+"""Of the events of an imported session that say what was found."""
 TOLD = ("sampled too slowly", "forces are levels", "rows a second: taken at 1 kHz")
 """Words of the lines that bear on every trial."""
 
@@ -24,7 +25,7 @@ def imported_remarks(trials: TrialSet) -> list[str]:
 
 def _remarks_of(path: Path) -> list[str]:
     with Session.open(path) as session:
-        lines = [event.text for event in session.events if event.kind == IMPORTED]
+        lines = [event.text for event in session.events if event.kind == EVENT_KIND]
     told = [line for line in lines if any(words in line for words in TOLD)]
     said = [f"{path}: {line}" for line in told]
     if len(lines) > len(told):

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.analysis.imported import IMPORTED
 from rigctl.analysis.report_figures import TaxelPicture
 from rigctl.analysis.trial_set import TrialRef, TrialSet, opened
 from rigctl.encoding.encoder import encode_trial, membrane_mv
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.presets import EncoderParameters
 from rigctl.errors import WrongUse
+from rigctl.session.header import IMPORTED
 from rigctl.values import SAMPLE_RATE_HZ
 
 SHOWN_TRIAL = ("L", 80.0, 500.0)

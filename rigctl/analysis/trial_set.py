@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.same_wiring import check_alike
 from rigctl.errors import SessionError
 from rigctl.session.reader import Session
 from rigctl.session.sample_map import Files, Place, SampleFile, SampleReader
@@ -211,6 +212,7 @@ def _same_layout(sources: Sequence[dict[str, Any]]) -> None:
             f"{last['path']} stores readings on another scale than {first['path']}: import both "
             "at once, or with the same low and high under [taxels]"
         )
+    check_alike(first, last)
     if last["sample_rate_hz"] != SAMPLE_RATE_HZ:
         raise SessionError(
             f"{last['path']} has {last['sample_rate_hz']} samples a second, not {SAMPLE_RATE_HZ}: "
@@ -269,6 +271,7 @@ def _provenance(session: Session) -> dict[str, Any]:
         "operator": header.operator,
         "sensor": header.sensor,
         "n_taxels": header.n_taxels,
+        "wiring": list(session.wiring),
         "sample_rate_hz": header.sample_rate_hz,
         "scaling": [list(pair) for pair in session.scaling],
         "trials_planned": header.trials_planned,

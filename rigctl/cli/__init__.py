@@ -13,7 +13,7 @@ from rigctl.errors import RigctlError
 
 COMMANDS = (
     *("demo", "run", "synth", "import", "encode", "analyse", "orders", "classify", "stop"),
-    *("check", "serve", "info", "verify", "accept", "calibrate", "ports", "gui", "engine"),
+    *("check", "serve", "world", "info", "verify", "accept", "calibrate", "ports", "gui", "engine"),
 )
 MODULES = {"import": "import_"}
 """Modules of commands whose name Python keeps for itself."""

@@ -1,18 +1,23 @@
-"""``rigctl calibrate``: load cell, force loop or imbalance of a rig, step by step."""
+"""``rigctl calibrate``: load cell, force loop, imbalance or wiring of a rig, step by step."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from rigctl.cli import calibrate_wiring
+from rigctl.cli.asking import ask
+from rigctl.cli.world import add_world, chosen_world
 from rigctl.config import parse_config
 from rigctl.errors import WrongUse
 from rigctl.rig import BENCH, Rig, open_rig
 from rigctl.run.calibration import Calibrator, Point, check_masses, scale_of
+from rigctl.run.notices import wiring_notice
 from rigctl.toml_edit import Value, replace_text, with_keys
 
 
@@ -20,11 +25,12 @@ def add_parser(subparsers: Any) -> None:
     """Describe the command line."""
     parser = subparsers.add_parser(
         "calibrate",
-        help="calibrate load cell, force loop or imbalance",
-        description="Calibrate a rig with its drum board, keep the result on the board and in the "
-        "rig's description. Exit code 0: done; 2: the answer cannot be right; 3: rig fault.",
+        help="calibrate load cell, force loop, imbalance or wiring",
+        description="Calibrate a rig, keep the result on the drum's board and in the rig's "
+        "description. Exit code 0: done; 2: the answer cannot be right; 3: rig fault.",
     )
     parser.add_argument("--rig", required=True, help="virtual, firmware, or a rig.toml")
+    add_world(parser)
     parser.add_argument("--seed", type=int, default=0, help="of a simulated rig")
     parser.add_argument("--yes", action="store_true", help="ask nothing: everything is in place")
     parser.add_argument("--dry", action="store_true", help="keep nothing, on the board or in files")
@@ -35,13 +41,19 @@ def add_parser(subparsers: Any) -> None:
     force = parts.add_parser("force", help="gains of the force loop, from a step at a held force")
     force.add_argument("--force", type=float, default=500.0, metavar="G")
     parts.add_parser("imbalance", help="what the drum's angle adds to the load cell")
+    parts.add_parser("wiring", help="which reading is which taxel, by unplugging and pressing")
 
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate one part; the last line says what was found and where it is kept."""
+    if args.part == "wiring":
+        return calibrate_wiring.run(args)
     if args.part == "loadcell":
         check_masses(args.mass)
-    with closing(open_rig(args.rig, seed=args.seed, paced=False)) as rig:
+    world = chosen_world(args.world)
+    if notice := wiring_notice(args.rig):
+        print(f"rigctl: {notice}", file=sys.stderr, flush=True)
+    with closing(open_rig(args.rig, seed=args.seed, paced=False, world=world)) as rig:
         session = _Sitting(args, rig)
         part = {"loadcell": session.loadcell, "force": session.force, "imbalance": session.turn}
         rig.loop.run_until_complete(session.calibrator.during(part[args.part]))
@@ -137,14 +149,8 @@ class _Sitting:
         self._words.append(f"kept in {' and '.join(places)}")
 
     def _ask(self, text: str) -> None:
-        if self._args.yes:
-            return
-        try:
-            answer = input(f"{text} [Enter, or a to abort] ")
-        except EOFError:
-            raise WrongUse("nobody is there to answer: --yes says that all is in place") from None
-        if answer.strip().lower().startswith("a"):
-            raise KeyboardInterrupt
+        if not self._args.yes:
+            ask(text, "--yes says that all is in place")
 
     def _tell(self, text: str) -> None:
         if not self._args.json:

@@ -12,6 +12,7 @@ from typing import Any
 
 from rigctl.cli.progress import Progress, clock
 from rigctl.cli.run import EXIT_CODES, Watcher
+from rigctl.cli.world import add_world
 from rigctl.errors import NegativeAnswer
 from rigctl.run.client import EngineClient
 from rigctl.session.verify import verify
@@ -32,6 +33,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--out", metavar="DIR", help="the folder that becomes the session")
     parser.add_argument("--seed", type=int, default=1, help="of the simulated rig (default 1)")
     parser.add_argument("--rig", choices=("virtual", "firmware"), default="virtual")
+    add_world(parser)
     parser.add_argument("--no-window", action="store_true", help="do not open the window")
 
 
@@ -40,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.analysis.demo import analyse_session
 
     _say(f"recording {PROTOCOL}.toml on the {args.rig} rig, seed {args.seed}, as fast as it goes")
-    ended = _record(args.rig, args.seed, args.out)
+    ended = _record(args)
     if ended["state"] != "done":
         print(f"the run ended early: {ended['text']}\nsession: {ended['session']}")
         return EXIT_CODES[ended["state"]]
@@ -52,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"note: {remark}")
     print(f"{answer.sentence}; everything from the simulated bench")
     print(f"session: {session}\nraster: {answer.raster}\naccuracy: {answer.accuracy}", flush=True)
-    return 0 if args.no_window or not has_display() else _open_window(args.rig)
+    return 0 if args.no_window or not has_display() else _open_window(args.rig, _world_words(args))
 
 
 def has_display() -> bool:
@@ -61,16 +63,21 @@ def has_display() -> bool:
     return bool(named) or sys.platform in ("win32", "darwin")
 
 
-def _record(rig: str, seed: int, out: str | None) -> dict[str, Any]:
+def _record(args: argparse.Namespace) -> dict[str, Any]:
     """Have an engine of our own run the protocol; the run's part of its last status."""
-    order = ["--protocol", PROTOCOL, "--yes", *(["--out", out] if out else [])]
-    client = EngineClient.start(rig, paced=False, seed=seed, run=order)
+    order = ["--protocol", PROTOCOL, "--yes", *(["--out", args.out] if args.out else [])]
+    order += _world_words(args)
+    client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=order)
     watcher = Watcher(client, Progress(sys.stderr))
     with watcher.interruptible():
         try:
             return watcher.watch()
         finally:
             client.shut_down()
+
+
+def _world_words(args: argparse.Namespace) -> list[str]:
+    return [] if args.world is None else ["--world", str(args.world)]
 
 
 def _verified(session: Path) -> str:
@@ -83,10 +90,10 @@ def _verified(session: Path) -> str:
     )
 
 
-def _open_window(rig: str) -> int:
+def _open_window(rig: str, world: list[str]) -> int:
     """The window in a process of its own: the job is done, and whatever Qt meets leaves it so."""
     _say(f"opening the window on a live {rig} rig; close it to end (--no-window leaves it out)")
-    command = [sys.executable, "-m", "rigctl", "gui", "--rig", rig]
+    command = [sys.executable, "-m", "rigctl", "gui", "--rig", rig, *world]
     code = subprocess.run(command, check=False).returncode
     if code:
         _say(

@@ -72,13 +72,19 @@ def parameters_of(args: argparse.Namespace) -> EncoderParameters:
 
 
 def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
-    """The taxel ranges asked for. Raises WrongUse for a file that has none."""
+    """The taxel ranges asked for.
+
+    Raises SessionError for a file that has none, or whose taxels are in another order.
+    """
     from rigctl.analysis.counting import RangesOver
+    from rigctl.analysis.same_wiring import check_file
     from rigctl.session.encoder_file import read_ranges
 
     if args.ranges in list(RangesOver):
         return RangesOver(args.ranges)
-    return read_ranges(Path(args.ranges))
+    ranges = read_ranges(Path(args.ranges))
+    check_file(Path(args.ranges), [Path(name) for name in args.sessions])
+    return ranges
 
 
 def cache_of(args: argparse.Namespace) -> Cache:

@@ -11,13 +11,18 @@ import sys
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from rigctl.cli.world import add_world, chosen_world, session_world
 from rigctl.rig import open_rig
 from rigctl.run.engine import Doors, Engine
 from rigctl.run.live import LiveWriter
 from rigctl.run.opening import Order
 from rigctl.run.runtime import Announcement, announce, new_name, runtime_folder
 from rigctl.run.server import await_client, listen
+
+if TYPE_CHECKING:
+    from rigctl.world.world_file import World
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -32,13 +37,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--resume", default=None)
     parser.add_argument("--order-seed", type=int, default=None)
     parser.add_argument("--yes", action="store_true")
+    add_world(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for the client that wanted it, serve."""
     folder, name, token = runtime_folder(), args.name or new_name(), secrets.token_urlsafe(24)
     order = _order(args)
-    rig = open_rig(args.rig, seed=args.seed, paced=args.paced)
+    rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
     with closing(rig), listen() as listener:
         live = LiveWriter(folder / f"{name}.live")
         watched = args.paced or not rig.simulated
@@ -62,6 +68,13 @@ def _order(args: argparse.Namespace) -> Order | None:
     if args.protocol is None and args.resume is None:
         return None
     return Order(args.protocol, args.out, args.resume, args.order_seed, args.yes)
+
+
+def _world(args: argparse.Namespace) -> World | None:
+    """The world of the file named, or else that of the session to go on with."""
+    if args.world is None and args.resume is not None:
+        return session_world(Path(args.resume))
+    return chosen_world(args.world)
 
 
 def _end_on_signals(loop: asyncio.AbstractEventLoop, engine: Engine) -> None:

@@ -16,4 +16,4 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Show the window until it is closed. Raises WrongUse where Qt cannot show anything."""
-    return show(args.rig, args.theme)
+    return show(args.rig, args.world, args.theme)

@@ -14,8 +14,10 @@ from types import FrameType
 from typing import Any
 
 from rigctl.cli.progress import Progress
+from rigctl.cli.world import add_world
 from rigctl.errors import WrongUse
 from rigctl.run.client import EngineClient
+from rigctl.run.notices import wiring_notice
 from rigctl.session.layout import RIG_FILE
 from rigctl.session.reader import Session
 
@@ -36,6 +38,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("protocol", nargs="?", metavar="PROTOCOL", help="a file, or a name")
     parser.add_argument("--rig", metavar="RIG", help="virtual, firmware, or a rig.toml")
+    add_world(parser)
     parser.add_argument("--out", metavar="DIR", help="the folder that becomes the session")
     parser.add_argument("--resume", metavar="DIR", help="go on with a session")
     parser.add_argument("--seed", type=int, help="of the order and of a simulated rig")
@@ -48,8 +51,11 @@ def run(args: argparse.Namespace) -> int:
     """Start an engine on the rig, have it run the protocol, watch it to the end."""
     if (args.protocol is None) == (args.resume is None):
         raise WrongUse("give a protocol to run, or --resume with a session, not both")
+    rig = _rig(args)
+    if notice := wiring_notice(rig):
+        print(f"rigctl: {notice}", file=sys.stderr, flush=True)
     client = EngineClient.start(
-        _rig(args), paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
+        rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
     )
     watcher = Watcher(client, Progress(sys.stderr, quiet=args.json))
     with watcher.interruptible():
@@ -189,6 +195,7 @@ def _rig(args: argparse.Namespace) -> str:
 
 def _engine_arguments(args: argparse.Namespace) -> list[str]:
     named = {
+        "--world": args.world,
         "--protocol": args.protocol,
         "--out": args.out,
         "--resume": args.resume,

@@ -10,11 +10,12 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
+from rigctl.cli.world import add_world, chosen_world
 from rigctl.rig import FIRMWARE, VIRTUAL, Rig, open_rig
 
 
 def add_parser(subparsers: Any) -> None:
-    """``rigctl serve [--rig virtual|firmware] [--plate A] [--seed N] [--json]``."""
+    """``rigctl serve [--rig virtual|firmware] [--world FILE] [--plate A] [--seed N] [--json]``."""
     parser = subparsers.add_parser(
         "serve",
         help="offer the simulated boards to other programs",
@@ -24,6 +25,7 @@ def add_parser(subparsers: Any) -> None:
         ),
     )
     parser.add_argument("--rig", choices=(VIRTUAL, FIRMWARE), default=VIRTUAL)
+    add_world(parser)
     parser.add_argument("--plate", default="A", metavar="A–P", help="texture on the drum")
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulated world")
     parser.add_argument("--json", action="store_true", help="one JSON line with the addresses")
@@ -31,8 +33,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
+    world = chosen_world(args.world)
     print("getting the simulated bench ready: half a minute after an update", file=sys.stderr)
-    rig = open_rig(args.rig, seed=args.seed, paced=True)
+    rig = open_rig(args.rig, seed=args.seed, paced=True, world=world)
     try:
         rig.set_plate(args.plate)
         rig.loop.run_until_complete(_serve(rig, args.json))

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from rigctl.errors import NegativeAnswer, RigctlError, RigFault
-from rigctl.run.client import EngineClient
-from rigctl.run.runtime import Announcement, running_engines, runtime_folder
-
-ANSWER_S = 5.0
+from rigctl.errors import NegativeAnswer, RigFault
+from rigctl.run.stopping import Stopped, stop_engines
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -18,24 +15,16 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Stop each engine; a run ends with its session whole."""
-    engines = running_engines(runtime_folder())
-    if not engines:
+    failures: list[str] = []
+
+    def tell(stopped: Stopped) -> None:
+        if stopped.failure:
+            failures.append(f"{stopped.name}: {stopped.failure}")
+        else:
+            print(f"stopped: {stopped.name}", flush=True)
+
+    if not stop_engines(tell):
         raise NegativeAnswer("no engine is running: there is nothing to stop")
-    failures = [failure for engine in engines if (failure := _stop(engine)) is not None]
     if failures:
         raise RigFault("; ".join(failures))
     return 0
-
-
-def _stop(engine: Announcement) -> str | None:
-    """What kept that engine from stopping, None where nothing did."""
-    try:
-        client = EngineClient.attach(engine)
-        try:
-            client.request("stop", limit_s=ANSWER_S)
-        finally:
-            client.close()
-    except RigctlError as error:
-        return f"{engine.rig} (process {engine.pid}): {error}"
-    print(f"stopped: {engine.rig} (process {engine.pid})")
-    return None

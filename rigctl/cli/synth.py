@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.interrupt import Interrupt
 from rigctl.cli.progress import clock
+from rigctl.cli.world import add_world, chosen_world
 from rigctl.errors import WrongUse
 from rigctl.resources import find_protocol
 
@@ -32,6 +33,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--plan", required=True, metavar="PROTOCOL", help="a file, or a name")
     parser.add_argument("--repeats", type=int, metavar="N", help="instead of the protocol's")
     parser.add_argument("--seed", type=int, required=True, help="of the world and the order")
+    add_world(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new session")
     parser.add_argument(
         "--sessions",
@@ -50,11 +52,13 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the data set; 0 when every trial is in it, 1 when some could not be committed."""
     from rigctl.synth.generate import Order, plan_of
+    from rigctl.world.world_file import NOMINAL
 
     path = find_protocol(args.plan)
-    plan = plan_of(path, args.repeats, args.seed)
+    world = chosen_world(args.world) or NOMINAL
+    plan = plan_of(path, args.repeats, args.seed, world)
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    order = Order(plan, args.seed, args.out, now, args.resume)
+    order = Order(plan, args.seed, args.out, now, args.resume, world)
     teller = Teller(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
     with Interrupt() as interrupt:
         whole = _make(args, path, order, teller, interrupt)

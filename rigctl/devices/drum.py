@@ -13,6 +13,7 @@ from rigctl.devices.identity import WhosThere, drum_identity, explain
 from rigctl.devices.link import BoardRebooted, ByteLink
 from rigctl.devices.loadcell_ring import read_ring
 from rigctl.devices.modbus import DRAIN_S, SILENCE_S, ModbusLine, Refused
+from rigctl.devices.refusals import refused_command, refused_settings
 from rigctl.errors import BoardFault, CommandRefused, LinkLost, RigFault, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire import drum_map as table
@@ -149,7 +150,7 @@ class Drum:
         latched a fault on the way.
         """
         sequence = self._next_sequence()
-        if command in (Command.TARE, Command.TARE_TURN):
+        if command in (Command.TARE, Command.TARE_TURN, Command.TARE_ANYWAY):
             self._tare_sequence = sequence
         try:
             await self.line.write(_COMMAND, (command, sequence), once=True)
@@ -239,7 +240,8 @@ class Drum:
                 write.address, len(write.words), write.address, write.words
             )
         except Refused as refused:
-            raise CommandRefused(f"{refused}: {', '.join(write.names)} not set") from refused
+            why = refused_settings(write.names, refused.code)
+            raise CommandRefused(f"{refused}: {why}") from refused
         return layout.values(words)
 
     def _remember(self, values: dict[str, float]) -> None:
@@ -260,12 +262,10 @@ class Drum:
         return self._sequence
 
     async def _refusal(self, command: Command, refused: Refused) -> CommandRefused:
-        values = await self.get("state", "fault")
+        values = await self.get("state", "fault", "status_bits")
         state, fault = State(int(values["state"])), Fault(int(values["fault"]))
-        why = f" ({FAULT_WORDS[fault]})" if fault is not Fault.NONE else ""
-        return CommandRefused(
-            f"{self.link.name}: the drum refused {command.name} in state {state.name}{why}"
-        )
+        why = refused_command(command, state, fault, int(values["status_bits"]))
+        return CommandRefused(f"{self.link.name}: {why}")
 
     def _is_done(self, command: Command, sequence: int, state: DrumState) -> bool:
         if state.fault:

@@ -86,7 +86,7 @@ class Taxels:
         self._on_block: list[OnBlock] = []
         self._on_fault: list[OnFault] = []
         self._on_test: list[OnTest] = []
-        self._order = np.array(self.array.wiring, np.intp)
+        self._order = np.array(self.array.order, np.intp)
 
     @property
     def connected(self) -> bool:
@@ -111,7 +111,7 @@ class Taxels:
     @property
     def findings(self) -> list[str]:
         """What the last self-test found, a sentence each; empty where all is well or unknown."""
-        return findings(self.self_test, self.array.wiring) if self.self_test else []
+        return findings(self.self_test, self.array.order) if self.self_test else []
 
     async def test(self) -> SelfTest:
         """Have the board test its lines and the sensor, while samples flow on.
@@ -213,12 +213,8 @@ class Taxels:
 
     def _placed(self, block: Block) -> Block:
         """The block as the sensor has its taxels: in its order, pressure upwards."""
-        samples = block.samples
-        if self._order.size:
-            samples = np.ascontiguousarray(samples[:, self._order])
-        if not self.array.pressure_raises:
-            samples = ADC_MAX - samples
-        return block if samples is block.samples else replace(block, samples=samples)
+        samples = np.ascontiguousarray(block.samples[:, self._order])
+        return replace(block, samples=samples if self.array.pressure_raises else ADC_MAX - samples)
 
     def _count(self, decoded: Decoded) -> None:
         counters = self.counters

@@ -19,7 +19,7 @@ from rigctl.exchange.reading import read_columns
 from rigctl.exchange.resampling import Floats, Resampled, Track, resample
 from rigctl.exchange.survey import COUNTS, Scaling, Survey, Surveyed, survey, track_of
 from rigctl.resources import source_commit
-from rigctl.session.header import SessionHeader
+from rigctl.session.header import IMPORTED, SessionHeader
 from rigctl.session.recorder import Recorder
 from rigctl.values import (
     SAMPLE_RATE_HZ,
@@ -81,7 +81,7 @@ def _header(
         plan_hash=hashlib.sha256(text.encode()).hexdigest()[:32],
         seed=0,
         trials_planned=len(trials),
-        rig="import",
+        rig=IMPORTED,
         simulated=False,
         start_utc=start_utc,
         protocol=mapping.name,

@@ -119,6 +119,11 @@ class Bench(Protocol):
     @property
     def faults(self) -> Any: ...
 
+    @property
+    def world(self) -> dict[str, Any]:
+        """What a session keeps of a simulated world, by name; empty at a real rig."""
+        ...
+
     def set_plate(self, texture: str) -> bool:
         """True where the plate changed by itself; False where a person must change it."""
         ...

@@ -16,7 +16,7 @@ from rigctl.errors import RigFault, WrongUse
 from rigctl.run.bench import Bench
 from rigctl.run.drum_watch import DrumWatch
 from rigctl.run.motion import Motion
-from rigctl.values import DrumState
+from rigctl.values import SCALE_BAND_UG_PER_COUNT, DrumState
 from rigctl.wire.drum_map import BY_NAME, Command
 from rigctl.wire.drum_states import State
 
@@ -29,8 +29,6 @@ MOST_SPREAD_SHARE = 0.01
 MOST_CURVE_SHARE = 0.02
 FULL_SCALE = 8_388_607
 TUNE_LIMIT_S, TURN_LIMIT_S = 10.0, 120.0
-
-_SCALE = BY_NAME["scale_ug_per_count"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +87,11 @@ def scale_of(points: Sequence[Point]) -> Scale:
             "nothing touches the drum"
         )
     ug_per_count = round(float(g_per_count) * 1e6)
-    if not _SCALE.low <= ug_per_count <= _SCALE.high:
+    low, high = SCALE_BAND_UG_PER_COUNT
+    if not low <= abs(ug_per_count) <= high:
         raise WrongUse(
-            f"a scale of {ug_per_count} µg a count cannot be: check the masses and the wiring"
+            f"a scale of {ug_per_count} µg a count cannot be, {low} to {high} can: check the "
+            "masses and the wiring"
         )
     return Scale(ug_per_count, curve)
 

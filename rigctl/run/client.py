@@ -76,7 +76,7 @@ class EngineClient:
     ) -> EngineClient:
         """Start an engine on that rig and join it once its boards have answered.
 
-        ``run``: further arguments of the engine, which make it start a protocol at once.
+        ``run``: further arguments of the engine, such as make it start a protocol at once.
         Raises what kept the rig from opening, with its exit code.
         """
         name = new_name()

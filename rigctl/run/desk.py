@@ -6,9 +6,11 @@ Commands that move the rig are refused while a run is going; stop never is.
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
+from rigctl.config import Limits
 from rigctl.errors import WrongUse
 from rigctl.run.motion import Motion
 from rigctl.run.opening import Order
@@ -22,15 +24,15 @@ Result = dict[str, Any]
 TRAVEL_SLACK = 1.5
 TRAVEL_SLACK_S = 10.0
 
-SHORT_NAMES = {
+OPERATORS = {
     "speed_mm_s": "speed_set",
     "force_g": "force_set",
     "acceleration_mm_s2": "acceleration_set",
     "travel_mm": "travel_set",
     "run_in_mm": "run_in_set",
-    "depth_um": "depth_set_um",
 }
-"""Names of settings in messages; any other writable register goes by its own name."""
+"""What an operator may set, and its register. All else decides what a force means, what stops the
+drum or how it is built: that stands in ``rig.toml``, in a protocol, or comes from a calibration."""
 
 
 class Desk:
@@ -83,15 +85,14 @@ class Desk:
         return {"moved_mm": await motion.jog(_number("mm", mm))}
 
     async def on_set(self, **values: float) -> Result:
-        """Write settings; the values that the board took."""
+        """Write what an operator may set; the values that the board took."""
         motion = self._free_motion()
-        registers = {SHORT_NAMES.get(name, name): value for name, value in values.items()}
-        for name, value in registers.items():
-            _number(name, value)
+        for name, value in values.items():
+            _check_setting(name, value, motion.config.limits)
+        registers = {OPERATORS[name]: value for name, value in values.items()}
         taken = await motion.watch.drum.set(**registers)
         motion.settings.update(taken)
-        back = {register: name for name, register in SHORT_NAMES.items()}
-        return {back.get(name, name): taken[name] for name in registers}
+        return {name: taken[OPERATORS[name]] for name in values}
 
     async def on_approach(self) -> Result:
         """Press until the force has settled."""
@@ -202,9 +203,29 @@ class Desk:
         return run
 
 
+def _check_setting(name: str, value: object, limits: Limits) -> None:
+    """Raise WrongUse for what is not an operator's to set, or not within this rig's limits."""
+    if name not in OPERATORS:
+        raise WrongUse(
+            f"{name} is not for an operator to set, who sets {', '.join(OPERATORS)}: change it in "
+            "rig.toml or in the protocol, or calibrate the rig"
+        )
+    number = _number(name, value)
+    bounds = {
+        "speed_mm_s": (limits.speed_min_mm_s, limits.speed_max_mm_s),
+        "force_g": (limits.force_min_g, limits.force_max_g),
+    }
+    low, high = bounds.get(name, (-math.inf, math.inf))
+    if not low <= number <= high:
+        raise WrongUse(
+            f"{name} {number:g} is outside of this rig's limits, {low:g} to {high:g}: choose one "
+            "within them, or change [limits] in rig.toml"
+        )
+
+
 def _number(name: str, value: object) -> float:
     """The value. Raises WrongUse where it is no number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise WrongUse(f"{name} must be a number, not {value!r}")
     return value
 

@@ -234,6 +234,7 @@ class Engine:
             config=self.bench.config,
             rig=self.bench.kind,
             simulated=self.bench.simulated,
+            world=self.bench.world,
             rig_seed=self._rig_seed,
             boards=tuple(self.boards.identities.values()),
             start_utc=self._utc_now(),

@@ -28,6 +28,7 @@ from rigctl.values import DrumState, PlannedTrial
 from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import State
 
+SELF_TEST_LIMIT_S = 10.0
 LIFT_LIMIT_S = 20.0
 TARE_LIMIT_S = 10.0
 HOME_LIMIT_S = 120.0
@@ -35,6 +36,7 @@ MOVE_LIMIT_S = 600.0
 SLOW_LIMIT_S = 20.0
 TRIM_STEP_PPM = 10
 
+STARTING: Final = (State.BOOT, State.SELFTEST)
 LIFTED: Final = (State.ARMED, State.IDLE)
 SHOWN_SETTINGS: Final = ("speed_set", "force_set", "acceleration_set", "travel_set", "run_in_set")
 
@@ -61,8 +63,26 @@ class Motion:
         self.settings = {}
         self.homed = False
 
+    async def started(self) -> None:
+        """Wait until the board's self-test is over: before that it refuses what matters.
+
+        A latched fault ends it as well. Raises RigFault where it does not end.
+        """
+        end_s = self.watch.loop.time() + SELF_TEST_LIMIT_S
+        await self.watch.turn()
+        while self.watch.connected and self._state in (None, *STARTING):
+            if self.watch.loop.time() > end_s:
+                raise RigFault("the drum's self-test does not end: restart the board")
+            await self.watch.turn()
+
+    @property
+    def _state(self) -> int | None:
+        """State of the newest poll, None before the first."""
+        return None if self.watch.state is None else self.watch.state.state
+
     async def configure(self) -> None:
         """Write what the rig's description says, and learn the other set-points."""
+        await self.started()
         await self.apply(
             **rig_settings(self.config),
             approach_timeout_ms=self.config.actuator.approach_timeout_s * 1000,

@@ -6,6 +6,7 @@ import shutil
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rigctl import __version__
 from rigctl.config import RigConfig
@@ -16,6 +17,7 @@ from rigctl.session import layout
 from rigctl.session.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
 from rigctl.session.reader import Session
 from rigctl.session.recorder import Recorder
+from rigctl.session.same_world import check_same_world
 from rigctl.values import BoardIdentity
 
 
@@ -45,6 +47,7 @@ class Bearings:
     rig: str
     simulated: bool
     rig_seed: int
+    world: dict[str, Any]
     boards: tuple[BoardIdentity, ...]
     start_utc: str
     start_loop_s: float
@@ -97,12 +100,13 @@ def _go_on(order: Order, folder: Path, bearings: Bearings) -> Opened:
     with Session.open(folder) as session:
         seed, tried = session.header.seed, Counter(session.trials["trial_id"].tolist())
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
-        rig = session.header.rig
+        rig, simulation = session.header.rig, session.header.simulation
     if rig != bearings.rig:
         raise SessionError(
             f"{folder} was recorded on the {rig} rig and this is the {bearings.rig} one: "
             "connect the rig that began the session"
         )
+    check_same_world(folder, simulation, bearings.world)
     plan = load_protocol(folder / layout.PROTOCOL_FILE, bearings.config).plan(seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned trial is committed")
@@ -132,7 +136,10 @@ def _recorder(folder: Path, plan: Plan, bearings: Bearings, resume: bool) -> Rec
         n_taxels=config.taxels.count,
         taxel_low=config.taxels.low,
         taxel_high=config.taxels.high,
+        wiring=config.taxels.order,
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
-        simulation={"seed": bearings.rig_seed} if bearings.simulated else {},
+        simulation={"seed": bearings.rig_seed, **bearings.world} if bearings.simulated else {},
     )
-    return Recorder(folder, header, plan.protocol.text, config.to_toml(), resume=resume)
+    return Recorder(
+        folder, header, plan.protocol.text, config.with_order().to_toml(), resume=resume
+    )

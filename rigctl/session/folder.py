@@ -11,8 +11,10 @@ import numpy as np
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session import layout
 from rigctl.session.dead_part import DeadPart
+from rigctl.session.described import take_text
 from rigctl.session.header import SessionHeader
 from rigctl.session.lock import WriterLock, is_being_written
+from rigctl.session.wiring import agree, in_words, wiring_of
 
 CACHE_BYTES = 256 << 10
 """Of chunks that HDF5 keeps for each data set: its own 8 MiB add up over a session's parts."""
@@ -90,8 +92,9 @@ def _plain(value: Any) -> Any:
 def prepare(folder: Path, header: SessionHeader, resume: bool) -> WriterLock:
     """Make the folder and lock it.
 
-    Raises SessionError where it holds a session (without ``resume``), another plan's session
-    or none (with ``resume``), or has a living writer; DiskFault where it cannot be written.
+    Raises SessionError where it holds a session (without ``resume``), another plan's session,
+    one of another order of taxels or none (with ``resume``), or has a living writer; DiskFault
+    where it cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -136,8 +139,15 @@ def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
 def _check_plan(path: Path, header: SessionHeader) -> None:
     with open_part(path) as file:
         recorded = SessionHeader.from_attributes(attributes(file))
+        wiring = wiring_of(recorded, take_text(file, "/rig_toml"))
     if (recorded.plan_hash, recorded.n_taxels) != (header.plan_hash, header.n_taxels):
         raise SessionError(
             f"{path.parent} was recorded with another protocol or seed: resume it with its own "
             f"{layout.PROTOCOL_FILE}, or start a new session"
+        )
+    if not agree(header.wiring, wiring):
+        raise SessionError(
+            f"{path.parent} has its taxels in another order than this rig has "
+            f"({in_words(wiring, header.wiring)}): go on with the wiring that it was begun with, "
+            "or start a new session"
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,10 @@ import numpy as np
 
 from rigctl.encoding.force import ForceMatrix
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.described import put_array, put_texts, take_array, take_text, take_texts
+from rigctl.session.described import put_array, put_texts, take_array, take_texts
 from rigctl.session.folder import attributes
+from rigctl.session.inputs import HOLDERS, take_inputs
 
-HOLDERS = {"rigctl-model": "training/inputs", "rigctl-spikes": "inputs"}
-"""Layouts of files that may hold C in their group ``c``, and where they name their sessions."""
 LAYOUT_VERSION = 1
 
 AXES = "texture, taxel, speed, force"
@@ -68,8 +66,7 @@ def read_force(path: Path) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
     try:
         with h5py.File(path, "r") as file:
             found = attributes(file)
-            inputs = HOLDERS.get(str(found.get("layout")))
-            if inputs is None:
+            if found.get("layout") not in HOLDERS:
                 raise SessionError(f"{path} is no model and no spikes.h5: --c takes one of these")
             if found.get("layout_version") != LAYOUT_VERSION:
                 raise SessionError(
@@ -81,7 +78,7 @@ def read_force(path: Path) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
                     f"{path} holds no C: name a model of a Force Scaled representation, or a "
                     "spikes.h5 of sessions with several forces"
                 )
-            return take_force(file["c"]), tuple(json.loads(take_text(file, inputs)))
+            return take_force(file["c"]), take_inputs(file)
     except FileNotFoundError:
         raise SessionError(f"there is no file {path}: --c takes a model or a spikes.h5") from None
     except (OSError, KeyError, ValueError) as error:

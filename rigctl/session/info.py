@@ -46,6 +46,7 @@ def _identity(session: Session) -> dict[str, Any]:
         "seed": header.seed,
         "rig": header.rig,
         "simulated": header.simulated,
+        **({"world_file": name} if (name := header.simulation.get("world_file")) else {}),
         **({"cut_by": header.cut_by} if header.cut_by else {}),
         "firmware": {board.board: firmware(board) for board in session.parts[-1].header.boards},
         "operator": header.operator,

@@ -75,8 +75,10 @@ def _stored(kind: str) -> np.dtype[Any]:
 SAMPLE_UNIT = "attribute `sample_unit`"
 """What a reading is depends on who made it, so the part's own attribute says it."""
 
+PLACES = "a column a place of the sensor, layer by layer; attribute `wiring`: the readings there"
+
 TAXEL_ARRAYS = (
-    Array("/taxels/samples", "u2", SAMPLE_UNIT, "readings in wire order", True),
+    Array("/taxels/samples", "u2", SAMPLE_UNIT, PLACES, True),
     Array("/taxels/counter", "i8", "samples", "the board's own sample number, unwrapped"),
     Array("/taxels/flags", "u1", "", "bits of the taxel wire's flags; bit 0 is the sync level"),
     Array("/taxels/edges", "u1", "", "sync rises mod 4 in bits 0–1, index marks mod 4 in 2–3"),

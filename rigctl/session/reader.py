@@ -19,6 +19,7 @@ from rigctl.session.header import SessionHeader
 from rigctl.session.part_reader import PartReader, Structured
 from rigctl.session.rows import event_of, trial_of
 from rigctl.session.sample_map import Place, SampleFile, places_of, sample_file
+from rigctl.session.wiring import wiring_of
 from rigctl.values import Event, Gap, PlannedTrial, TrialRow, Verdict
 
 SCALING_KIND = "scaling"
@@ -143,6 +144,11 @@ class Session:
     def config(self) -> RigConfig:
         """The rig's description, read. Raises ConfigError."""
         return parse_config(self.rig_text, str(self.path / layout.RIG_FILE))
+
+    @property
+    def wiring(self) -> tuple[int, ...]:
+        """The reading of the wire that each column of the samples holds; empty where untold."""
+        return wiring_of(self.header, self.parts[0].text("/rig_toml"))
 
     @property
     def finished(self) -> bool:

@@ -20,6 +20,7 @@ from rigctl.session.reader import Session
 from rigctl.session.truth import PATTERN, summary
 from rigctl.session.verify_part import check_part
 from rigctl.session.verify_trials import check_trials
+from rigctl.session.wiring import wiring_of
 from rigctl.values import TrialRow, Verdict
 
 WORLD = "the world's own log"
@@ -121,6 +122,8 @@ def _check_header(session: Session, part: PartReader, report: Report) -> None:
     for name in SAME_IN_ALL_PARTS:
         if getattr(part.header, name) != getattr(session.header, name):
             report.problems.append(f"{part.path.name}: has another {name} than the first part")
+    if wiring_of(part.header, part.text("/rig_toml")) != session.wiring:
+        report.problems.append(f"{part.path.name}: has its taxels in another order than the first")
 
 
 def _check_plan(session: Session, rows: list[TrialRow], report: Report) -> None:

@@ -19,23 +19,16 @@ from rigctl.run.drum_orders import (
 from rigctl.values import PlannedTrial
 from rigctl.wire.drum_map import Command, CommandResult
 from rigctl.wire.drum_states import Fault, State
-from rigctl.world.direct import DirectRig
-from rigctl.world.glances import Glance
+from rigctl.world.direct import POLL_MS, DirectRig, Poll
 
-STEP_US = 50_000
-"""Commands are given, and ends of moves seen, at these steps of world time."""
+TURN_US = 700_000
+"""The longest time between two looks at the polls; the board's ring of conversions holds 0.8 s."""
 
-TURN_STEP_US = 100_000
-"""The step while the drum is polled: 10 times a second."""
-
-TURN_STEPS = 7
-"""So many polls are looked at together; the board's ring of conversions holds 0.8 s."""
-
-QUIET_STEPS = 40
-"""So many are passed at once where nobody looks at each."""
+QUIET_US = 10_000_000
+"""The same where nobody looks at polls."""
 
 LIMIT_US = 300_000_000
-OnPolls = Callable[[list[Glance]], None]
+OnPolls = Callable[[list[Poll]], None]
 
 
 class Operator:
@@ -58,20 +51,12 @@ class Operator:
         """World time."""
         return self.rig.time_us
 
-    def step(self, length_us: int = STEP_US, most: int = 1) -> None:
-        """Let one step of world time pass, or up to so many in which nothing happens."""
-        self.rig.pass_steps(length_us, most)
-        fault = self.rig.board.controller.fault
-        if fault is not Fault.NONE:
-            raise BoardFault(f"the simulated drum stopped with {Fault(fault).name}")
-
     def wait(self, seconds: float, on_polls: OnPolls = lambda polls: None) -> None:
         """Let time pass; ``on_polls`` as in :meth:`turn`."""
         end_us = self.now_us + round(seconds * 1e6)
         self.rig.watch()
         while self.now_us < end_us:
-            steps = -(-(end_us - self.now_us) // TURN_STEP_US)
-            self.step(TURN_STEP_US, min(TURN_STEPS, steps))
+            self._pass_time(min(end_us, self.now_us + TURN_US))
             on_polls(self.rig.polls())
         self.rig.unwatch()
 
@@ -106,6 +91,9 @@ class Operator:
         self._give(Command.RUN)
         self.rig.watch()
         self._wait_for(self._ended(State.HOLD), "the travel", lambda: on_polls(self.rig.polls()))
+        # The last poll shows the window closed, however short the ramp down was.
+        self._pass_time(self.now_us + 1000 * POLL_MS)
+        on_polls(self.rig.polls())
         self.rig.unwatch()
 
     def lift(self) -> None:
@@ -114,7 +102,7 @@ class Operator:
 
     def _start(self, trial: PlannedTrial) -> tuple[int, int]:
         """Where the drum stands and where the run-in begins, steps."""
-        p, steps_now = self.rig.parameters, self.rig.board.controller.turner.steps(self.now_us)
+        p, steps_now = self.rig.parameters, int(self.rig.get("steps"))
         within_turn = start_steps(trial, self._config.drum, p.mm_per_step)
         return steps_now, nearest(within_turn, steps_now, round(p.steps_per_turn))
 
@@ -139,8 +127,12 @@ class Operator:
         while not ended():
             if self.now_us > late_us:
                 raise BoardFault(f"the simulated drum did not end {what}")
-            if on_step is None:
-                self.step(most=QUIET_STEPS)
-            else:
-                self.step(TURN_STEP_US, TURN_STEPS)
+            self._pass_time(self.now_us + (TURN_US if on_step else QUIET_US))
+            if on_step is not None:
                 on_step()
+
+    def _pass_time(self, until_us: int) -> None:
+        """Let time pass until then, or until a move ends."""
+        self.rig.pass_time(until_us)
+        if self.rig.fault is not Fault.NONE:
+            raise BoardFault(f"the simulated drum stopped with {self.rig.fault.name}")

@@ -32,7 +32,8 @@ def orders(path: Path, repeats: int | None, order: Order, sessions: int) -> list
         seed = SEEDS_APART * order.seed + number
         own = total // sessions + (number <= total % sessions)
         folder = order.folder / f"session-{number:02d}"
-        split.append(replace(order, plan=plan_of(path, own, seed), seed=seed, folder=folder))
+        plan = plan_of(path, own, seed, order.world)
+        split.append(replace(order, plan=plan, seed=seed, folder=folder))
     return split
 
 

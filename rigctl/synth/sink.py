@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
 from rigctl.session.recorder import Recorder, RecorderStatus
 from rigctl.values import Block, DrumState, Event, TrialRow
 
 
 class Sink:
-    """A recorder that takes nothing until so many attempts have gone by: they are on disk."""
+    """A recorder that takes nothing until so many attempts have gone by: they are on disk.
 
-    def __init__(self, recorder: Recorder, attempts: int) -> None:
+    ``wiring``: the reading that stands at each place; blocks come as the wire has them.
+    """
+
+    def __init__(self, recorder: Recorder, attempts: int, wiring: Sequence[int]) -> None:
         self._recorder = recorder
+        self._order = np.array(wiring, np.intp)
         self._to_come = attempts
         self._texture = ""
 
@@ -28,7 +37,8 @@ class Sink:
     def add_block(self, block: Block) -> None:
         """Samples."""
         if not self._to_come:
-            self._recorder.add_block(block)
+            placed = np.ascontiguousarray(block.samples[:, self._order])
+            self._recorder.add_block(replace(block, samples=placed))
 
     def add_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
         """A poll."""

@@ -14,8 +14,7 @@ import numpy as np
 
 from rigctl.session.truth import TruthLog
 from rigctl.values import Block, DrumState, LoadcellSample
-from rigctl.world.direct import DirectRig
-from rigctl.world.glances import Glance
+from rigctl.world.direct import DirectRig, Poll
 
 LEAD_US = 110_000
 """Recorded before the rise of sync; longer than a step, so that a poll lies in it."""
@@ -36,14 +35,14 @@ class Tape:
         on_drum: Callable[[DrumState], None],
     ) -> None:
         self._rig = rig
-        self._tap = rig.tap
+        self._taxels = rig.taxels
         self._on_block = on_block
         self._on_drum = on_drum
         self._clock = 1.0 + rig.parameters.drum_clock_ppm * 1e-6
         self._next_frame = 0
         self._skipped_frames = 0
-        self._polls: list[Glance] = []
-        self._later = rig.conversions()
+        self._polls: list[Poll] = []
+        self._later = rig.samples()
         self._conversions = 0
         self._edges_us = [0, 0]
         self._start_us = 0.0
@@ -52,52 +51,51 @@ class Tape:
     @property
     def now_s(self) -> float:
         """Session time up to which there are samples."""
-        return self._recorded_us(self._tap.start_us(self._next_frame)) * 1e-6
+        return self._recorded_us(self._taxels.start_us(self._next_frame)) * 1e-6
 
-    def listen(self, poll: Glance) -> None:
+    def listen(self, poll: Poll) -> None:
         """While no stretch is recorded: keep the newest polls, one may begin the next."""
         self._polls = [*self._polls[1 - POLLS_KEPT :], poll]
 
-    def begin(self, at_us: int) -> None:
+    def begin(self, at_us: float) -> None:
         """A stretch begins ``LEAD_US`` before this world time, which is less than 2 s ago."""
-        first = max(self._next_frame, self._tap.frame_at(at_us - LEAD_US))
+        first = max(self._next_frame, self._taxels.frame_at(at_us - LEAD_US))
         self._skipped_frames += first - self._next_frame
         self._next_frame = first
-        self._start_us = self._tap.start_us(first)
-        self._tap.skip_marks(math.floor(self._start_us))
+        self._start_us = self._taxels.start_us(first)
         polls, self._polls = self._polls, []
         self._tell(polls)
 
-    def follow(self, polls: Sequence[Glance]) -> None:
+    def follow(self, polls: Sequence[Poll]) -> None:
         """Record these polls, and samples up to the last of them."""
-        behind = self._tap.complete(polls[-1].at_us)
-        frames = self._tap.take(self._next_frame, behind)
+        behind = self._taxels.complete(polls[-1].at_us)
+        samples, flags, edges = self._taxels.take(self._next_frame, behind)
         numbers = np.arange(self._next_frame, behind, dtype=np.int64) - self._skipped_frames
         self._next_frame = behind
         at_s = self._recorded_us(polls[-1].at_us) * 1e-6
-        self._on_block(Block(numbers, frames.samples, frames.flags, frames.edges, (), at_s))
+        self._on_block(Block(numbers, samples, flags, edges, (), at_s))
         self._tell(polls)
 
     def end(self) -> TruthLog:
         """The stretch ends with the last :meth:`follow`; what the world logged meanwhile."""
         log = self._rig.truth.take()
-        shift_ms = round(self._skipped_frames * self._tap.frame_us / 1000)
+        shift_ms = round(self._skipped_frames * self._taxels.frame_us / 1000)
         first, behind = self._truth_rows, int(self.now_s * 1000)
         self._truth_rows = behind
         rows = slice(first + shift_ms - log.first_ms, behind + shift_ms - log.first_ms)
         return first, log.speed_mm_s[rows], log.force_g[rows], log.sync[rows]
 
     def _recorded_us(self, world_us: float) -> float:
-        return world_us - self._skipped_frames * self._tap.frame_us
+        return world_us - self._skipped_frames * self._taxels.frame_us
 
     def _recorded_board_us(self, board_us: int) -> int:
         return math.floor(board_us - self._skipped_board_us)
 
     @property
     def _skipped_board_us(self) -> float:
-        return self._skipped_frames * self._tap.frame_us * self._clock
+        return self._skipped_frames * self._taxels.frame_us * self._clock
 
-    def _tell(self, polls: Sequence[Glance]) -> None:
+    def _tell(self, polls: Sequence[Poll]) -> None:
         """Show the polls of this stretch, each with the conversions since the one before."""
         polls = [poll for poll in polls if poll.at_us >= self._start_us + SEAM_US]
         if not polls:
@@ -109,7 +107,7 @@ class Tape:
             self._on_drum(self._shown(poll, tuple(samples[first:behind])))
             first = behind
 
-    def _shown(self, poll: Glance, loadcell: tuple[LoadcellSample, ...]) -> DrumState:
+    def _shown(self, poll: Poll, loadcell: tuple[LoadcellSample, ...]) -> DrumState:
         rise_us, fall_us = self._edges(poll)
         return DrumState(
             at_s=self._recorded_us(poll.at_us) * 1e-6,
@@ -133,7 +131,7 @@ class Tape:
             values={},
         )
 
-    def _edges(self, poll: Glance) -> list[int]:
+    def _edges(self, poll: Poll) -> list[int]:
         """Session times of the last edges; those before this stretch stay where they were."""
         for place, at_us in enumerate((poll.sync_rise_us, poll.sync_fall_us)):
             if at_us >= self._start_us * self._clock:
@@ -143,7 +141,7 @@ class Tape:
     def _weighed(self, newest: int) -> tuple[list[int], list[LoadcellSample]]:
         """Conversions of this stretch up to this one, not yet told: the board's numbers of them,
         and they with numbers and times of the session."""
-        known = self._later.and_then(self._rig.conversions())
+        known = self._later.and_then(self._rig.samples())
         early = known.board_us < (self._start_us + SEAM_US) * self._clock
         late = known.sequence > newest
         self._later, told = known.where(late), known.where(~early & ~late)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rigctl.errors import SessionError
 from rigctl.protocol import Plan
 from rigctl.session import layout
 from rigctl.session.header import SessionHeader
 from rigctl.session.reader import Session
+from rigctl.session.same_world import check_same_world
 from rigctl.session.truth import PATTERN, check_truth
 
 
@@ -52,13 +53,20 @@ def forget_damaged_truth(folder: Path) -> None:
 
 
 def _check(folder: Path, found: SessionHeader, wanted: SessionHeader) -> None:
-    if (found.rig, found.plan_hash, found.seed) != (wanted.rig, wanted.plan_hash, wanted.seed):
-        raise SessionError(
-            f"{folder} holds another session than this protocol and seed make: choose "
-            "another folder"
-        )
-    if found.simulation != json.loads(json.dumps(wanted.simulation)):  # JSON has no tuples
+    another = SessionError(
+        f"{folder} holds another session than this protocol and seed make: choose another folder"
+    )
+    if (found.rig, found.seed) != (wanted.rig, wanted.seed):
+        raise another
+    if _method(found) != _method(wanted):
         raise SessionError(
             f"{folder} was begun by another version of rigctl or of the simulated bench: finish it "
             "with that one, or choose another folder"
         )
+    check_same_world(folder, found.simulation, wanted.simulation)
+    if found.plan_hash != wanted.plan_hash:  # it follows the world's drum too
+        raise another
+
+
+def _method(header: SessionHeader) -> tuple[Any, ...]:
+    return tuple(header.simulation.get(name) for name in ("seed", "method", "generator"))

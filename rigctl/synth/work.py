@@ -28,8 +28,7 @@ from rigctl.synth.operator import Operator
 from rigctl.synth.sink import Sink
 from rigctl.synth.tape import Tape
 from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
-from rigctl.world.direct import DirectRig
-from rigctl.world.glances import Glance
+from rigctl.world.direct import DirectRig, Poll
 from rigctl.world.parameters import WorldParameters
 
 QUEUE_SAMPLES = 100_000
@@ -45,18 +44,25 @@ class Work:
     """
 
     def __init__(
-        self, protocol: Protocol, seed: int, folder: Path, recorder: Sink, workers: int
+        self,
+        protocol: Protocol,
+        parameters: WorldParameters,
+        seed: int,
+        folder: Path,
+        recorder: Sink,
+        workers: int,
     ) -> None:
         self._folder = folder
         self._recorder = recorder
         self._helper = ThreadPoolExecutor(1, "noise") if workers > 1 else None
-        self._rig = DirectRig(WorldParameters(), seed, self._helper)
+        self._rig = DirectRig(parameters, seed, self._helper)
         self._operator = Operator(self._rig, protocol.config, protocol.settle)
         self._tape = Tape(self._rig, self._take_block, self._take_drum)
         self._quality = protocol.quality
         self._cutter = TrialCutter()
         self._loadcell: list[LoadcellSample] = []
         self._last: DrumState | None = None
+        self._set_points = (0.0, 0.0)
         self._texture = ""
         self._reason = "start"
         self._tared = False
@@ -69,6 +75,7 @@ class Work:
         if self._reason == "start":  # nothing was recorded
             self._recorder.begin_part(self._reason, self._texture)
         self._write_truth()
+        self._rig.close()
         if self._helper is not None:
             self._helper.shutdown(cancel_futures=True)
 
@@ -152,18 +159,17 @@ class Work:
 
     def _record_window(self) -> float:
         """Turn; record from before the rise of sync until behind its fall. Returns the start."""
-        turner = self._rig.board.controller.turner
-        rises, recording, started_s = turner.sync_count, False, self._tape.now_s
+        rises, recording, started_s = self._rig.sync_count, False, self._tape.now_s
 
-        def look(polls: list[Glance]) -> None:
+        def look(polls: list[Poll]) -> None:
             nonlocal recording
-            inside: list[Glance] = []
+            inside: list[Poll] = []
             for poll in polls:
                 if poll.sync_count == rises:
                     self._tape.listen(poll)
                     continue
-                if not recording and not inside and poll.sync_rise_us > poll.sync_fall_us:
-                    self._tape.begin(turner.sync_rise_us)
+                if not recording and not inside and poll.sync_high:
+                    self._tape.begin(self._rig.world_us(poll.sync_rise_us))
                     recording = True
                 if recording:
                     inside.append(poll)
@@ -175,8 +181,11 @@ class Work:
         self._keep(self._tape.end())
         return started_s
 
+    def _note_set_points(self) -> None:
+        self._set_points = self._rig.get("force_set"), self._rig.get("speed_set")
+
     def _record_still(self, seconds: float, what: str) -> None:
-        self._operator.step()
+        self._note_set_points()
         self._tape.begin(self._operator.now_us)
         self._event("still", f"{seconds:g} s {what} begin")
         self._operator.wait(seconds, self._tape.follow)
@@ -188,7 +197,7 @@ class Work:
         last = self._last
         if last is None:
             return Measured()
-        travel_mm = self._rig.setting("travel_set")
+        travel_mm = self._rig.get("travel_set")
         ppm = self._rig.parameters.drum_clock_ppm
         window = Window(travel_mm, last.sync_rise_us, last.sync_fall_us, ppm, self._loadcell)
         return measure(trial, window)
@@ -228,8 +237,7 @@ class Work:
     def _take_drum(self, state: DrumState) -> None:
         self._last = state
         self._loadcell.extend(state.loadcell)
-        force_g, speed = self._rig.setting("force_set"), self._rig.setting("speed_set")
-        self._recorder.add_drum(state, force_g, speed)
+        self._recorder.add_drum(state, *self._set_points)
 
     def _event(self, kind: str, text: str, **data: Any) -> None:
         self._recorder.add_event(Event(self._now_s(), kind, text, data))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 MAGIC = 0x5247
-MAP_VERSION = 2
+MAP_VERSION = 3
 BOARD_DRUM = 1
 BOARD_TAXELS = 2
 UNIT = 1
@@ -21,6 +21,13 @@ BAUD = 115200
 LOADCELL_RECENT = 5
 RING_DEPTH = 64
 TARE_PLACES = 16
+SCALE_BAND_UG_PER_COUNT = (200, 25_000)
+"""Magnitudes of a load cell's scale that can be; a negative scale is a cell mounted upside down.
+
+An HX711 at gain 128 measures its bridge against the bridge's own supply: at a cell's capacity it
+counts sensitivity · 256 · 2**23. A cell of 1 kg with 2 mV/V gives 233 µg a count, one of 50 kg
+with 1 mV/V gives 23,283.
+"""
 
 
 class Command(IntEnum):
@@ -42,6 +49,7 @@ class Command(IntEnum):
     DEFAULTS = 13
     TUNE = 14
     TARE_TURN = 15
+    TARE_ANYWAY = 16
 
 
 class CommandResult(IntEnum):
@@ -93,6 +101,20 @@ class Status(IntEnum):
     END_DOWN = 7
     HOMED = 8
     TARED = 9
+    CONTACT_MAY_STAND = 10
+    LIFT_FAILED = 11
+
+
+class Guard(IntEnum):
+    """When a setting may be changed; writing the value that it has is harmless always.
+
+    RESTING: in IDLE or ARMED, the emergency stop closed, and no contact known to stand; after a
+    boot, when nothing is known, too. LIFTED: the same, and known to be lifted.
+    """
+
+    NONE = 0
+    RESTING = 1
+    LIFTED = 2
 
 
 class ResetCause(IntEnum):
@@ -110,7 +132,8 @@ class Register:
     """One value on the drum's wire.
 
     ``kind`` is u16, i16, u32 or i32; ``low`` and ``high`` bound what may be written, in raw
-    integers; ``default`` is what the board boots with.
+    integers, and ``least`` its magnitude; ``default`` is what the board boots with; ``guard``
+    says when it may be changed.
     """
 
     name: str
@@ -124,6 +147,8 @@ class Register:
     high: int = 0
     default: int = 0
     count: int = 1
+    least: int = 0
+    guard: Guard = Guard.NONE
 
     @property
     def words(self) -> int:
@@ -134,6 +159,10 @@ class Register:
     def end(self) -> int:
         """First address behind this entry."""
         return self.address + self.words * self.count
+
+    def takes(self, raw: int) -> bool:
+        """True where ``raw`` is within what may be written."""
+        return self.low <= raw <= self.high and abs(raw) >= self.least
 
 
 def _ro(
@@ -150,9 +179,13 @@ def _rw(
     doc: str,
     bounds: tuple[int, int, int],
     scale: float = 1,
+    guard: Guard = Guard.NONE,
+    least: int = 0,
 ) -> Register:
     low, high, default = bounds
-    return Register(name, address, kind, unit, scale, doc, True, low, high, default)
+    return Register(
+        name, address, kind, unit, scale, doc, True, low, high, default, least=least, guard=guard
+    )
 
 
 IDENTITY = (
@@ -166,6 +199,8 @@ IDENTITY = (
     _ro(8, "ring_depth", "u16", "", "load-cell samples kept in the ring"),
     _ro(9, "steps_per_turn", "u16", "steps", "microsteps of one drum turn"),
     _ro(10, "nm_per_step", "u32", "nm", "texture travel of one microstep at the drum's surface"),
+    _ro(12, "most_force", "u16", "g", "force that the board lifts at, whatever settings say"),
+    _ro(13, "overrun_um", "u16", "µm", "farthest travel from that force until the drum stands"),
 )
 
 POLL = (
@@ -198,14 +233,22 @@ POLL = (
 
 SETTINGS = (
     _rw(64, "heartbeat", "u16", "", "any change counts as a beat; 0 is allowed", (0, 65535, 0)),
-    _rw(65, "command", "u16", "", "value of Command, executed with the next register", (0, 15, 0)),
+    _rw(65, "command", "u16", "", "value of Command, executed with the next register", (0, 16, 0)),
     _rw(66, "command_sequence", "u16", "", "a new value executes the command", (0, 65535, 0)),
-    _rw(67, "signal_polarity", "u16", "", "bits of Signal: wired the other way", (0, 31, 0)),
+    _rw(
+        67,
+        "signal_polarity",
+        "u16",
+        "",
+        "bits of Signal: wired the other way",
+        (0, 31, 0),
+        guard=Guard.RESTING,
+    ),
     _rw(68, "speed_set", "u16", "mm/s", "surface speed of RUN", (500, 20000, 8000), 0.01),
     _rw(69, "force_set", "u16", "g", "force of APPROACH, HOLD and RUN", (500, 15000, 5000), 0.1),
     _rw(70, "acceleration_set", "u16", "mm/s²", "of every ramp", (50, 2000, 600)),
     _rw(71, "direction_set", "u16", "", "0 forwards, 1 backwards", (0, 1, 0)),
-    _rw(72, "force_mode", "u16", "", "value of ForceMode", (0, 2, 0)),
+    _rw(72, "force_mode", "u16", "", "value of ForceMode", (0, 2, 0), guard=Guard.RESTING),
     _rw(73, "travel_set", "u16", "mm", "texture travel while sync is high", (10, 6000, 2450), 0.1),
     _rw(74, "run_in_set", "u16", "mm", "travel from RUN to the rise of sync", (0, 2000, 1000), 0.1),
     _rw(
@@ -215,6 +258,7 @@ SETTINGS = (
         "µm",
         "actuator depth below contact, force_mode 2",
         (0, 10000, 1000),
+        guard=Guard.RESTING,
     ),
     _rw(76, "move_target", "i32", "steps", "target of MOVE", (-2000000, 2000000, 0)),
     _rw(
@@ -259,16 +303,35 @@ SETTINGS = (
         "time to settle that is a fault",
         (500, 30000, 10000),
     ),
-    _rw(84, "over_force", "u16", "g", "force that lifts at once", (1000, 30000, 14000), 0.1),
+    _rw(
+        84,
+        "over_force",
+        "u16",
+        "g",
+        "force that lifts at once; the board's own limit stands besides",
+        (1000, 30000, 14000),
+        0.1,
+        guard=Guard.RESTING,
+    ),
     _rw(85, "lift_clearance_um", "u16", "µm", "lift above the last contact", (500, 20000, 3000)),
-    _rw(86, "tare_counts", "i32", "counts", "raw reading at no load", (-8388608, 8388607, 0)),
+    _rw(
+        86,
+        "tare_counts",
+        "i32",
+        "counts",
+        "raw reading at no load",
+        (-8388608, 8388607, 0),
+        guard=Guard.LIFTED,
+    ),
     _rw(
         88,
         "scale_ug_per_count",
         "i32",
         "µg/count",
         "load-cell scale, sign included",
-        (-1000000, 1000000, 2400),
+        (-SCALE_BAND_UG_PER_COUNT[1], SCALE_BAND_UG_PER_COUNT[1], 2400),
+        guard=Guard.RESTING,
+        least=SCALE_BAND_UG_PER_COUNT[0],
     ),
     _rw(
         90,
@@ -314,6 +377,7 @@ SETTINGS = (
         "",
         "bits of Signal: fitted",
         (0, 31, 31),
+        guard=Guard.RESTING,
     ),
     _rw(
         96,
@@ -331,6 +395,7 @@ SETTINGS = (
             "counts",
             f"reading at no load less tare_counts, {place}/{TARE_PLACES} of a turn behind the mark",
             (-32768, 32767, 0),
+            guard=Guard.LIFTED,
         )
         for place in range(TARE_PLACES)
     ),
@@ -365,7 +430,7 @@ RING = (
 
 REGISTERS: tuple[Register, ...] = IDENTITY + POLL + SETTINGS + COUNTERS + RING
 BY_NAME: dict[str, Register] = {register.name: register for register in REGISTERS}
-IDENTITY_BLOCK = (0, 12)
+IDENTITY_BLOCK = (0, 14)
 POLL_BLOCK = (16, 40)
 """First address and count of the one read that every poll makes."""
 SETTINGS_BLOCK = (64, 49)

@@ -14,7 +14,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from rigctl.wire import drum_map
-from rigctl.wire.drum_map import Register
+from rigctl.wire.drum_map import Guard, Register
 from rigctl.wire.drum_states import FAULT_WORDS, LIFT_FAULTS, OUTPUTS, Event, Fault, State
 from rigctl.wire.drum_states import next_state as after
 
@@ -23,6 +23,7 @@ HEADER_FOLDERS = ("arduino/common", "arduino/drum")
 PAGE = "docs/reference/drum-wire.md"
 REFUSED = 255
 _KINDS = {"u16": "U16", "i16": "I16", "u32": "U32", "i32": "I32"}
+_GUARDED = {Guard.NONE: "", Guard.RESTING: "at rest", Guard.LIFTED: "lifted"}
 _ACTUATOR = {"off": 0, "hold": 1, "approach": 2, "force_loop": 3, "lift": 4}
 
 
@@ -80,17 +81,19 @@ def _c_integer(value: int) -> str:
 
 
 def _setting_line(register: Register) -> str:
-    bounds = ", ".join(_c_integer(v) for v in (register.low, register.high, register.default))
-    kind = f"Kind::{_KINDS[register.kind]}"
-    return f"    {{{register.address}, {kind}, {bounds}}},  // {register.name}, {register.unit}"
+    numbers = (register.low, register.high, register.default, register.least)
+    kind = f"Kind::{_KINDS[register.kind]}, Guard::{_camel(register.guard.name)}"
+    values = ", ".join(map(_c_integer, numbers))
+    return f"    {{{register.address}, {kind}, {values}}},  // {register.name}, {register.unit}"
 
 
 def _settings_table() -> str:
     lines = "\n".join(_setting_line(r) for r in drum_map.SETTINGS)
     return (
-        "// Everything that may be written, by rising address; bounds are raw register integers.\n"
-        "struct Setting {\n    uint16_t address;\n    Kind kind;\n"
-        "    int32_t low, high, initial;\n};\n\n"
+        "// Everything that may be written, by rising address; bounds are raw register integers,\n"
+        "// `least` bounds the magnitude.\n"
+        "struct Setting {\n    uint16_t address;\n    Kind kind;\n    Guard guard;\n"
+        "    int32_t low, high, initial, least;\n};\n\n"
         f"constexpr uint8_t SETTING_COUNT = {len(drum_map.SETTINGS)};\n"
         f"constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {{\n{lines}\n}};\n"
     )
@@ -107,6 +110,8 @@ def _map_header() -> str:
         _constant("LOADCELL_RECENT", drum_map.LOADCELL_RECENT, "uint8_t"),
         _constant("RING_DEPTH", drum_map.RING_DEPTH, "uint8_t"),
         _constant("TARE_PLACES", drum_map.TARE_PLACES, "uint8_t"),
+        _constant("SCALE_LEAST_UG", drum_map.SCALE_BAND_UG_PER_COUNT[0], "int32_t"),
+        _constant("SCALE_MOST_UG", drum_map.SCALE_BAND_UG_PER_COUNT[1], "int32_t"),
         _constant("SETTINGS_START", start),
         _constant("SETTINGS_WORDS", count),
         _constant("COUNTERS_END", drum_map.COUNTERS[-1].end),
@@ -119,6 +124,7 @@ def _map_header() -> str:
         _enum(drum_map.Signal, "uint8_t"),
         _enum(drum_map.SettingsFrom, "uint8_t"),
         _enum(drum_map.Status, "uint8_t"),
+        _enum(drum_map.Guard, "uint8_t"),
         _enum(drum_map.ResetCause, "uint8_t"),
         "enum class Kind : uint8_t { U16, I16, U32, I32 };\n",
     ]
@@ -207,13 +213,21 @@ def _write_rows(registers: Iterable[Register]) -> str:
             f"`{r.name}`",
             r.kind,
             _unit(r),
-            f"{r.low} … {r.high}",
+            _bounds(r),
             str(r.default),
+            _GUARDED[r.guard],
             r.doc,
         )
         for r in registers
     ]
-    return _table(("address", "name", "kind", "one count is", "bounds", "at boot", "meaning"), rows)
+    head = ("address", "name", "kind", "one count is", "bounds", "at boot", "changed", "meaning")
+    return _table(head, rows)
+
+
+def _bounds(register: Register) -> str:
+    if register.least:
+        return f"±{register.least} … ±{register.high}"
+    return f"{register.low} … {register.high}"
 
 
 def _enum_rows(enum: type[IntEnum]) -> str:
@@ -263,7 +277,17 @@ from 0 as on the wire. Functions 3, 6, 16 and 23 are served; 23 writes first and
   Requests stay under 64 bytes. A request for another unit or with a bad CRC gets no reply.
 - A write is applied whole or not at all. Exception 1: unknown function. 2: no such register, or
   one that cannot be written. 3: a value out of bounds, or a count that does not fit its bytes.
-  4: a command that the present state refuses, or whose conditions are not met.
+  4: a command or a change that the present state refuses, or whose conditions are not met.
+- What decides what a force means, or what stops it, is changed *at rest* only: in IDLE or ARMED,
+  the emergency stop closed, no contact known to stand. The tare asks for more: that the drum is
+  known to be *lifted* (`CONTACT_MAY_STAND` is 0). Writing the value that a register has is
+  harmless in every state.
+- TARE and TARE_TURN need a lifted drum and a reading near the zero that the board knows;
+  TARE_ANYWAY needs neither. APPROACH needs a lifted drum, a tare near that zero, and a set force
+  that leaves a tenth below `over_force` and below the board's own limit.
+- `CONTACT_MAY_STAND`: the drum may rest on something: it pressed, or a boot or a change of end
+  switches or potentiometer left it unknown, and no lift has ended since. ARM lifts. `LIFT_FAILED`:
+  the last lift ended without a sign that contact is gone; lift the drum by hand, or ARM again.
 - A command is the value of `command`, executed when `command_sequence` changes. Its outcome
   stands in `command_result` once `command_acknowledged` shows the sequence; a command that takes
   time answers RUNNING first.

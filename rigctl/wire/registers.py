@@ -46,13 +46,18 @@ def to_raw(name: str, value: float) -> int:
     if not entry.writable:
         raise WrongUse(f"{name} is measured by the drum and cannot be set")
     raw = round(value / entry.scale) if math.isfinite(value) else None
-    if raw is None or not entry.low <= raw <= entry.high:
+    if raw is None or not entry.takes(raw):
         unit = f" {entry.unit}" if entry.unit else ""
-        low, high = entry.low * entry.scale, entry.high * entry.scale
-        raise WrongUse(
-            f"{name} cannot be {value:g}{unit}: the drum takes {low:g} to {high:g}{unit}"
-        )
+        raise WrongUse(f"{name} cannot be {value:g}{unit}: the drum takes {bounds(entry)}{unit}")
     return raw
+
+
+def bounds(entry: Register) -> str:
+    """What may be written, in engineering units, as words."""
+    low, high = entry.low * entry.scale, entry.high * entry.scale
+    if not entry.least:
+        return f"{low:g} to {high:g}"
+    return f"{entry.least * entry.scale:g} to {high:g}, of either sign"
 
 
 def words_of(entry: Register, raw: int) -> tuple[int, ...]:

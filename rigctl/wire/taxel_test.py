@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntFlag
 
-from rigctl.values import N_TAXELS
+from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 N_LINES, N_INPUTS = 3, 6
 LINE_PINS = ("D4", "D5", "D6")
@@ -71,11 +71,11 @@ def parse_tested(body: bytes) -> SelfTest:
     return replace(SelfTest(*small), silent=wide[0], full=wide[1])
 
 
-def findings(test: SelfTest, wiring: Sequence[int] = ()) -> list[str]:
+def findings(test: SelfTest, wiring: Sequence[int] = DRAWN_WIRING) -> list[str]:
     """One sentence for each thing found: what, where, cure. Empty where all is well.
 
-    ``wiring``: the reading that stands at each place of the sensor, as in ``rig.toml``; taxels
-    are named by their place, counted from 1.
+    ``wiring``: the reading that stands at each place of the sensor; taxels are named by their
+    place, counted from 1.
     """
     return [*_of_lines(test), *_of_inputs(test), *_of_taxels(test, wiring)]
 
@@ -159,7 +159,7 @@ def _unexplained(mask: int, bad_lines: int, bad_inputs: int) -> set[int]:
 
 
 def _taxel(reading: int, wiring: Sequence[int]) -> str:
-    place = list(wiring).index(reading) if wiring else reading
+    place = list(wiring).index(reading)
     line, input_ = divmod(reading, N_INPUTS)
     return f"taxel {place + 1} (line {LINE_PINS[line]}, input {INPUT_PINS[input_]})"
 

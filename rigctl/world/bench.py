@@ -16,7 +16,7 @@ from rigctl.world.simulation import Disturbances
 from rigctl.world.skin import Skin
 from rigctl.world.truth import Truth
 
-LOG_EVERY_MS = 500
+LOG_EVERY_MS = 1000
 
 
 class Bench:

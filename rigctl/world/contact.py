@@ -155,7 +155,7 @@ def _over_travel(
 @lru_cache(maxsize=4)
 def contact_tables(name: str, parameters: WorldParameters) -> ContactTables:
     """The tables of one plate. Raises WrongUse for a name that is not ``A``–``P``."""
-    heights = _surface(texture(name), parameters)
+    heights = _surface(texture(name, parameters), parameters)
     cell_mm = _depth_of(DEEPEST_G, heights, parameters) / (DEPTH_CELLS - 1)
     depths_mm = np.arange(DEPTH_CELLS, dtype=np.float32) * np.float32(cell_mm)
     pressed = np.maximum(heights.astype(np.float32) + depths_mm[:, None], 0)

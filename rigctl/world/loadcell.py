@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.world.compiled import compiled, inlined
 from rigctl.world.noise import NoiseRows, Stream
 from rigctl.world.parameters import WorldParameters
 from rigctl.world.plant import FELT_G, RING_MS, Plant
@@ -12,82 +16,138 @@ from rigctl.world.simulation import Disturbances, LoadcellFault
 FULL_SCALE = 8_388_607
 SETTLING_CONVERSIONS = 4
 
+NEXT_US, NUMBER, CREPT_G, LAST_COUNTS, _STATE_SIZE = range(5)
+"""What changes with a conversion, float64: when the next is ready, how many there were since the
+supply came on, creep, and the value before."""
+
+(
+    _ORIGIN_US,
+    PERIOD_US,
+    _AVERAGE_MS,
+    _CREEP_GAIN,
+    _CREEP,
+    _DRIFT_G,
+    _DRIFT_S,
+    _NOISE_G,
+    _OFFSET,
+    _UG,
+    _FAULT,
+    _GIVEN_SIZE,
+) = range(12)
+_NONE, _SILENT, _FROZEN, _SATURATED = range(4)
+_FAULTS = {
+    LoadcellFault.NONE: _NONE,
+    LoadcellFault.SILENT: _SILENT,
+    LoadcellFault.FROZEN: _FROZEN,
+    LoadcellFault.SATURATED: _SATURATED,
+}
+_Floats = NDArray[np.float64]
+
+
+@inlined
+def _felt_g(log: _Floats, end_ms: int, count: int) -> float:
+    total = 0.0
+    for ms in range(end_ms - count + 1, end_ms + 1):
+        total += log[ms % RING_MS, FELT_G]
+    return total / count
+
+
+@inlined
+def weigh(
+    state: _Floats, given: _Floats, log: _Floats, force_g: float, noise: float, at_us: float
+) -> float:
+    """Counts of a sound conversion that ends at ``at_us`` under this true contact force."""
+    state[CREPT_G] += given[_CREEP_GAIN] * (force_g - state[CREPT_G])
+    drift_g = given[_DRIFT_G] * math.sin(2.0 * math.pi * at_us * 1e-6 / given[_DRIFT_S])
+    felt_g = _felt_g(log, int(at_us) // 1000, int(given[_AVERAGE_MS]))
+    total_g = felt_g + drift_g + given[_CREEP] * state[CREPT_G] + given[_NOISE_G] * noise
+    counts = np.rint(given[_OFFSET] + total_g * 1e6 / given[_UG])
+    return float(max(-FULL_SCALE - 1.0, min(float(FULL_SCALE), counts)))
+
+
+@inlined
+def convert(state: _Floats, given: _Floats, log: _Floats, force_g: float, noise: float) -> bool:
+    """Make the conversion that is due into ``LAST_COUNTS``; False where nothing is offered."""
+    counts = weigh(state, given, log, force_g, noise, state[NEXT_US])
+    state[NUMBER] += 1.0
+    state[NEXT_US] = math.floor(
+        given[_ORIGIN_US] + (state[NUMBER] + SETTLING_CONVERSIONS) * given[PERIOD_US]
+    )
+    if given[_FAULT] == _SATURATED:
+        state[LAST_COUNTS] = FULL_SCALE
+    elif given[_FAULT] != _FROZEN:
+        state[LAST_COUNTS] = counts
+    return bool(given[_FAULT] != _SILENT)
+
+
+@compiled
+def _weigh(
+    state: _Floats, given: _Floats, log: _Floats, force_g: float, noise: float, at_us: float
+) -> float:
+    return float(weigh(state, given, log, force_g, noise, at_us))
+
+
+@compiled
+def _convert(state: _Floats, given: _Floats, log: _Floats, force_g: float, noise: float) -> bool:
+    return bool(convert(state, given, log, force_g, noise))
+
 
 class Loadcell:
     """One amplifier. A conversion is ready at ``next_us``; ``convert`` gives it.
 
     The plant must have run to the millisecond that ends at or before ``next_us``, not beyond
-    the next one. Compiled code that makes conversions itself tells so by :meth:`converted`.
+    the next one. Compiled code is handed ``state``, ``given`` and the noise of the conversions
+    to come, and makes them by :func:`convert`.
     """
 
     def __init__(
         self, parameters: WorldParameters, seed: int, plant: Plant, disturbances: Disturbances
     ) -> None:
-        self._p = parameters
         self._plant = plant
         self._bench = disturbances
         rate_hz = parameters.loadcell_rate_hz * (1.0 + parameters.loadcell_clock_ppm * 1e-6)
         self.period_us = 1e6 / rate_hz
-        self.average_ms = round(parameters.loadcell_average_ms)
-        self.creep_gain = 1.0 - math.exp(-1.0 / (rate_hz * parameters.loadcell_creep_s))
-        self.crept_g = 0.0
-        self._last_counts = 0
-        self.number = 0
-        self.noise = NoiseRows(seed, Stream.LOADCELL, 1)
-        self.power_up(0)
+        self._noise = NoiseRows(seed, Stream.LOADCELL, 1)
+        self._weighed = 0
+        self.state = np.zeros(_STATE_SIZE)
+        self.given = np.array(
+            [
+                0.0,
+                self.period_us,
+                round(parameters.loadcell_average_ms),
+                1.0 - math.exp(-1.0 / (rate_hz * parameters.loadcell_creep_s)),
+                parameters.loadcell_creep,
+                parameters.loadcell_drift_g,
+                parameters.loadcell_drift_s,
+                parameters.loadcell_noise_g,
+                parameters.loadcell_offset_counts,
+                parameters.loadcell_ug_per_count,
+                _NONE,
+            ]
+        )
+        self.state[NEXT_US] = math.floor(SETTLING_CONVERSIONS * self.period_us)
 
-    def power_up(self, at_us: int) -> None:
-        """Supply on, or clock line low again: the first conversion comes after settling."""
-        self.origin_us = at_us + (SETTLING_CONVERSIONS - 1) * self.period_us
-        self.since_origin = 0
-        self._schedule()
+    @property
+    def next_us(self) -> int:
+        """World time at which the next conversion is ready."""
+        return int(self.state[NEXT_US])
+
+    def noise(self, until_us: int) -> NDArray[np.float32]:
+        """Standard normal noise, float32 (n,), of all conversions up to a world time."""
+        count = 2 + int(max(0.0, until_us - self.state[NEXT_US]) / self.period_us)
+        self.given[_FAULT] = _FAULTS[self._bench.loadcell]
+        return self._noise.rows(int(self.state[NUMBER]), count).reshape(-1)
 
     def convert(self) -> int | None:
         """Raw counts of the conversion due at ``next_us``; None when the amplifier is silent."""
-        counts = self.weigh(self.next_us)
-        self._schedule()
-        if self._bench.loadcell is LoadcellFault.SILENT:
-            return None
-        if self._bench.loadcell is LoadcellFault.SATURATED:
-            return FULL_SCALE
-        if self._bench.loadcell is not LoadcellFault.FROZEN:
-            self._last_counts = counts
-        return self._last_counts
-
-    def converted(self, count: int, next_us: int, crept_g: float, last_counts: int) -> None:
-        """So many sound conversions were made elsewhere, from :attr:`next_us` on."""
-        self.number += count
-        self.since_origin += count
-        self.next_us, self.crept_g, self._last_counts = next_us, crept_g, last_counts
+        noise = float(self.noise(self.next_us)[0])
+        force_g = self._plant.force_g
+        there = _convert(self.state, self.given, self._plant.log, force_g, noise)
+        return int(self.state[LAST_COUNTS]) if there else None
 
     def weigh(self, at_us: int) -> int:
-        """Raw counts of a sound conversion that ends now; each call is a conversion of its own."""
-        force_g = self._felt_g(at_us // 1000) + self._slow_g(at_us) + self._noise_g()
-        return self._counts(force_g)
-
-    def _schedule(self) -> None:
-        self.since_origin += 1
-        self.next_us = int(self.origin_us + self.since_origin * self.period_us)
-
-    def _felt_g(self, end_ms: int) -> float:
-        end = end_ms % RING_MS + 1
-        first = end - self.average_ms
-        if first >= 0:
-            return float(self._plant.log[first:end, FELT_G].sum()) / self.average_ms
-        wrapped = self._plant.log[first:, FELT_G].sum() + self._plant.log[:end, FELT_G].sum()
-        return float(wrapped) / self.average_ms
-
-    def _slow_g(self, at_us: int) -> float:
-        """Drift of the bridge and creep of its glue."""
-        self.crept_g += self.creep_gain * (self._plant.force_g - self.crept_g)
-        drift = math.sin(2.0 * math.pi * at_us * 1e-6 / self._p.loadcell_drift_s)
-        return self._p.loadcell_drift_g * drift + self._p.loadcell_creep * self.crept_g
-
-    def _noise_g(self) -> float:
-        noise = float(self.noise.rows(self.number, 1)[0, 0])
-        self.number += 1
-        return self._p.loadcell_noise_g * noise
-
-    def _counts(self, force_g: float) -> int:
-        counts = self._p.loadcell_offset_counts + force_g * 1e6 / self._p.loadcell_ug_per_count
-        return max(-FULL_SCALE - 1, min(FULL_SCALE, round(counts)))
+        """Raw counts of a sound conversion that ends now, by somebody else's conversion clock."""
+        noise = float(self._noise.rows(self._weighed, 1)[0, 0])
+        self._weighed += 1
+        force_g = self._plant.force_g
+        return int(_weigh(self.state, self.given, self._plant.log, force_g, noise, float(at_us)))

@@ -43,6 +43,17 @@ def _p(value: float, unit: str, low: float, high: float, doc: str, source: str =
 
 
 @dataclass(frozen=True, slots=True)
+class Plate:
+    """A plate of a lab's own in the place of the catalogue's ``name``."""
+
+    name: str
+    group: str
+    height_mm: float = _p(1.0, "mm", 0.1, 4, "of ridges and waves")
+    space_mm: float = _p(6.0, "mm", 1, 20, "from ridge to ridge")
+    ridge_share: float = _p(0.5, "", 0.1, 0.9, "share of the spacing that a ridge takes")
+
+
+@dataclass(frozen=True, slots=True)
 class WorldParameters:
     """One bench. The defaults are the nominal one."""
 
@@ -167,6 +178,7 @@ class WorldParameters:
     adc_noise_counts: float = _p(0.7, "counts", 0, 3, "noise of one conversion, rms")
     dead_taxels: tuple[int, ...] = ()
     stuck_taxels: tuple[int, ...] = ()
+    plates: tuple[Plate, ...] = ()
 
     @property
     def mm_per_step(self) -> float:

@@ -35,6 +35,7 @@ below says where it is from: **published** of the rig or its sensor; **measured*
 other labs; **identified**, which means searched for until the paper's Original column comes out,
 and that column alone ([decision 0018](../decisions/0018-the-world-is-identified.md)); or
 **plausible**, chosen within the range. The ranges are what tests sweep; a value outside is refused.
+A file can give any of them another value: [Rehearse on your own bench](../how-to/rehearse.md).
 
 ## How it works
 
@@ -79,6 +80,11 @@ samples.
 
 ## Parameters
 """
+
+
+def heading(name: str) -> str:
+    """Return the heading of the group that a parameter begins; empty where it begins none."""
+    return _GROUPS.get(name, "")
 
 
 OURS = {"growth": 2.6, "mean_growth": 2.96, "mean_scatter": 0.02, "amplitude_scatter": 0.04}

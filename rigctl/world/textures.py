@@ -25,12 +25,16 @@ Values = TypeVar("Values", NDArray[np.float32], NDArray[np.float64])
 
 
 class Texture(NamedTuple):
-    """One plate: its group and its height and spacing over those of the base."""
+    """One plate: its group and its height and spacing over those of the base.
+
+    ``ridge_share`` is 0 where that of all plates holds.
+    """
 
     name: str
     group: str
     height: float
     space: float
+    ridge_share: float = 0.0
 
 
 _VARIATIONS = ((1.0, 1.0), (2.0, 1.0), (1.0, 2.0), (0.5, 1.0), (1.0, 0.5))
@@ -43,11 +47,17 @@ CATALOGUE: dict[str, Texture] = {"A": Texture("A", "smooth", 0.0, 1.0)} | {
 }
 
 
-def texture(name: str) -> Texture:
-    """One plate of the catalogue. Raises WrongUse for a name that is not ``A``–``P``."""
+def texture(name: str, parameters: WorldParameters) -> Texture:
+    """One plate, the lab's own where it has one. Raises WrongUse for a name not ``A``–``P``."""
     if name not in CATALOGUE:
         raise WrongUse(f"no plate {name!r}: the catalogue has A to P")
-    return CATALOGUE[name]
+    own = next((plate for plate in parameters.plates if plate.name == name), None)
+    if own is None:
+        return CATALOGUE[name]
+    height = own.height_mm / parameters.base_height_mm if own.group != "smooth" else 0.0
+    return Texture(
+        name, own.group, height, own.space_mm / parameters.base_space_mm, own.ridge_share
+    )
 
 
 def profile(
@@ -56,7 +66,8 @@ def profile(
     """Printed height over the plate's ground, mm, at places from the plate's start."""
     height_mm = parameters.base_height_mm * plate.height
     phase = along_mm / (parameters.base_space_mm * plate.space) % 1.0
-    across = 2.0 * phase / parameters.ridge_share - 1.0  # -1 … 1 over a ridge
+    share = plate.ridge_share or parameters.ridge_share
+    across = 2.0 * phase / share - 1.0  # -1 … 1 over a ridge
     on_ridge = np.abs(across) <= 1.0
     if plate.group == "circular ridges":
         return height_mm * np.sqrt(np.where(on_ridge, 1.0 - across**2, 0.0))

@@ -1,30 +1,32 @@
-"""The virtual rig: the bench with two boards that are Python objects."""
+"""The virtual rig: the bench with both boards' firmware, compiled for this computer."""
 
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
-from rigctl.wire.drum_map import Signal
-from rigctl.world.bench import Bench
+from rigctl.world.bench import LOG_EVERY_MS, Bench
+from rigctl.world.drum_bench import DrumBench
 from rigctl.world.parameters import WorldParameters
-from rigctl.world.press_kernel import DONE, SETTLED_NOW, STOPPED, TOUCHED
 from rigctl.world.simulation import DRUM, TAXELS, FaultPanel, SimulatedLink
-from rigctl.world.stretch import Stretch
 from rigctl.world.truth import Truth
 from rigctl.world.virtual_drum import VirtualDrum
-from rigctl.world.virtual_taxels import VirtualTaxels
+from rigctl.world.virtual_taxels import FLUSH_US, VirtualTaxels
 
 SLICE_US = 20_000
 WARM_US = 300_000
 """By then the boards have booted, the load cell speaks and frames were sent."""
 
 
-def open_virtual(parameters: WorldParameters | None = None, seed: int = 0) -> VirtualRig:
-    """A virtual rig at power-up, the same for a seed.
+def open_virtual(
+    parameters: WorldParameters | None = None, seed: int = 0, drum_library: Path | None = None
+) -> VirtualRig:
+    """A virtual rig at power-up, the same for a seed; the drum's board may be another's.
 
-    Raises WrongUse when a parameter lies outside its plausible range.
+    Raises WrongUse when a parameter lies outside its plausible range, RigFault where a board's
+    library cannot be used.
     """
-    return VirtualRig(Bench(parameters or WorldParameters(), seed))
+    return VirtualRig(Bench(parameters or WorldParameters(), seed), drum_library)
 
 
 @cache
@@ -39,22 +41,22 @@ def warm() -> None:
 
 
 class VirtualRig:
-    """A :class:`~rigctl.world.simulation.Simulation` that goes from event to event.
+    """A :class:`~rigctl.world.simulation.Simulation` whose boards run in this process."""
 
-    ``taxels``: another taxel board than the one on this rig's cable.
-    """
-
-    def __init__(self, bench: Bench, taxels: VirtualTaxels | None = None) -> None:
+    def __init__(self, bench: Bench, drum_library: Path | None = None) -> None:
         self.time_us = 0
+        self._closed = False
         self._bench = bench
         self.drum = SimulatedLink(DRUM, 2 * bench.seed)
         self.taxels = SimulatedLink(TAXELS, 2 * bench.seed + 1)
-        self._drum = VirtualDrum(bench, self.drum)
-        self._taxels = taxels or VirtualTaxels(bench, self.taxels)
-        self._stretch = self._new_stretch()
+        self.drum_bench = DrumBench(bench, drum_library)
+        self._drum = VirtualDrum(self.drum_bench, self.drum)
+        self._taxels = VirtualTaxels(bench)
+        self.taxels.attach(self._taxels.board.receive)
+        self.drum_bench.on_mark = self._taxels.mark_edge
         bench.on_sync = self._taxels.sync_edge
         links = {DRUM: self.drum, TAXELS: self.taxels}
-        self.faults = FaultPanel(links, bench.disturbances, self._disturb, self._reset)
+        self.faults = FaultPanel(links, bench.disturbances, self.drum_bench.disturb, self._reset)
 
     @property
     def truth(self) -> Truth:
@@ -64,109 +66,44 @@ class VirtualRig:
     @property
     def slice_us(self) -> int:
         """Longest useful advance from now, µs."""
-        return max(1, int(min(SLICE_US, self._drum.next_wire_us - self.time_us)))
+        return max(1, int(min(SLICE_US, self._drum.next_us - self.time_us)))
 
     def advance(self, until_us: int) -> None:
-        """Run world and boards up to a world time."""
-        while self._go_on(until_us):
-            pass
+        """Run every whole millisecond up to a world time.
+
+        Once closed, only the time goes on: a loop may have timers left.
+        """
+        while not self._closed and (self.drum_bench.time_ms + 1) * 1000 <= until_us:
+            self._run(until_us // 1000)
+        self.time_us = until_us
+        if not self._closed:
+            self._drum.pass_time(until_us)
 
     def set_plate(self, texture: str) -> None:
         """Snap in the plate of texture ``"A"``–``"P"``. Raises WrongUse for another name."""
         self._bench.set_plate(texture)
 
     def close(self) -> None:
-        """Close both cables."""
+        """Close both cables and free the boards."""
+        self._closed = True
         self.drum.close()
         self.taxels.close()
+        self.drum_bench.board.close()
+        self._taxels.board.close()
 
-    def _new_stretch(self) -> Stretch:
-        """Compiled time for this boot of the drum board."""
-        return Stretch(self._bench, self._drum.controller, self._drum.registers)
-
-    def _go_on(self, until_us: int) -> bool:
-        """Up to the next event; False where there is none until then and the time has come."""
-        return (self._pass_quietly if self._stretch.possible else self._pass_event)(until_us)
-
-    def _pass_quietly(self, until_us: int) -> bool:
-        """As :meth:`_pass_event` with all load-cell conversions on the way compiled."""
-        drum_us, taxels_us = self._drum.next_but_silence_us, self._taxels.next_us
-        event_us = min(drum_us, taxels_us)
-        at_us = max(self.time_us, int(min(event_us, until_us)))
-        if self._bench.loadcell.next_us <= at_us:
-            news = self._pass(at_us)
-            if news != DONE:
-                return True if news & (STOPPED | TOUCHED | SETTLED_NOW) else self._pass_event(at_us)
-        elif at_us // 1000 > self._bench.plant.time_ms and self._mechanics(at_us // 1000):
-            return True
-        self.time_us = self._drum.now_us = at_us
-        if at_us >= drum_us:
-            self._drum.pass_time(at_us)
-        if at_us >= taxels_us:
-            self._taxels.pass_time(at_us)
-        return event_us <= at_us
-
-    def _pass(self, until_us: int) -> int:
-        """Run compiled through load-cell conversions and nothing else; why it ended."""
-        marks, cell = self._bench.plant.index_rises, self._drum.controller.cell
-        taken = cell.sequence
-        news = self._stretch.run(until_us)
-        if cell.sequence > taken:
-            self.time_us = self._drum.now_us = self._drum.controller.now_us
-        if news == STOPPED:
-            self._stopped(marks)
-        return news
-
-    def _pass_event(self, until_us: int) -> bool:
-        """As :meth:`_go_on`, and a load-cell conversion is an event of its own."""
-        cell_us, drum_us = self._bench.loadcell.next_us, self._drum.next_us
-        taxels_us = self._taxels.next_us
-        due_us = min(drum_us, cell_us, taxels_us)
-        at_us = max(self.time_us, int(min(due_us, until_us)))
-        if at_us // 1000 > self._bench.plant.time_ms and self._mechanics(at_us // 1000):
-            return True
-        self.time_us = self._drum.now_us = at_us
-        if due_us > at_us:
-            return False
-        if at_us >= cell_us:
-            self._convert(at_us)
-        if at_us >= drum_us:
-            self._drum.pass_time(at_us)
-        if at_us >= taxels_us:
-            self._taxels.pass_time(at_us)
-        return True
-
-    def _mechanics(self, until_ms: int) -> bool:
-        """Run the plant; True when it stopped early and the boards were told why."""
-        plant = self._bench.plant
-        marks = plant.index_rises
-        low, high = self._drum.limits_mm
-        stopped = self._bench.advance(until_ms, self._drum.duty, self._drum.motion, low, high)
-        if stopped:
-            self._stopped(marks)
-        return stopped
-
-    def _stopped(self, marks: int) -> None:
-        """Tell the boards why the plant stopped; there were so many index marks before."""
-        plant, (low, high) = self._bench.plant, self._drum.limits_mm
-        if plant.index_rises > marks and Signal.INDEX not in self._bench.disturbances.absent:
-            self._taxels.index_mark(plant.index_rise_us)
-            self._drum.controller.index_mark(plant.index_rise_us)
-        if plant.rod_mm <= low or plant.rod_mm >= high:
-            self._drum.controller.limit_reached(plant.time_ms * 1000)
-
-    def _convert(self, at_us: int) -> None:
-        raw = self._bench.loadcell.convert()
-        if raw is not None:
-            self._drum.controller.conversion(at_us, raw)
-
-    def _disturb(self) -> None:
-        self._bench.disturb()
-        self._drum.controller.estop_changed(self.time_us)
+    def _run(self, until_ms: int) -> None:
+        """Up to the next flush of the taxels' cable, or as far as is wanted."""
+        done_ms, flush_ms = self.drum_bench.time_ms, FLUSH_US // 1000
+        flush_at_ms = (done_ms // flush_ms + 1) * flush_ms
+        self.drum_bench.run(min(until_ms, flush_at_ms, done_ms + LOG_EVERY_MS))
+        if self.drum_bench.time_ms == flush_at_ms:
+            data = self._taxels.send(flush_at_ms * 1000)
+            if data:
+                self.taxels.deliver(data, flush_at_ms * 1e-3)
 
     def _reset(self, board: str) -> None:
         if board == DRUM:
-            self._drum.reset(self.time_us)
-            self._stretch = self._new_stretch()
+            self.drum_bench.reset()
+            self._drum.reset()
         else:
             self._taxels.reset(self.time_us)

@@ -62,7 +62,11 @@ def test_every_key_shows_its_meaning_in_the_written_file() -> None:
         ("[drum]\nplate_length_mm = 395", ["line 2", "behind the turn"]),
         ("[limits]\nover_force_g = 1250", ["line 2", "10 % above force_max_g"]),
         ("[limits]\nforce_min_g = 1300", ["line 2", "above force_max_g"]),
-        ("[loadcell]\nscale_ug_per_count = 0", ["line 2", "must not be 0"]),
+        ("[loadcell]\nscale_ug_per_count = 0", ["line 2: loadcell.scale", "too little"]),
+        ("[loadcell]\n\nscale_ug_per_count = 199", ["line 3", "200 to 20000", "calibrate it"]),
+        ("[loadcell]\nscale_ug_per_count = -1", ["line 2", "too little"]),
+        ("[loadcell]\nscale_ug_per_count = 1000000", ["line 2", "-20000 to 20000"]),
+        ("[loadcell]\nscale_ug_per_count = -20001", ["line 2", "-20000 to 20000"]),
         ("[about]\nname = ", ["not TOML"]),
     ],
 )
@@ -71,6 +75,12 @@ def test_a_mistake_names_file_line_and_key(text: str, words: list[str]) -> None:
         parse_config(text, "lab.toml")
     for word in ["lab.toml", *words]:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("scale", [200, 2400, 20000, -200, -2400])
+def test_a_scale_that_a_load_cell_can_have_is_taken(scale: int) -> None:
+    text = f"[loadcell]\nscale_ug_per_count = {scale}"
+    assert parse_config(text).loadcell.scale_ug_per_count == scale
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rigctl.errors import LinkLost, RigFault
 from rigctl.rig import Rig
 from rigctl.values import Block, DrumState
-from rigctl.wire.drum_map import Command, CommandResult
+from rigctl.wire.drum_map import Command, CommandResult, Status
 from rigctl.wire.drum_states import Fault, State
 from rigctl.world.parameters import WorldParameters
 
@@ -62,6 +62,10 @@ class Operator:
         """Latched fault of the newest poll."""
         return Fault(self.states[-1].fault)
 
+    def shows(self, status: Status) -> bool:
+        """A status bit of the newest poll."""
+        return bool(self.states[-1].status_bits >> status & 1)
+
     def forget(self) -> None:
         """Begin a new record."""
         self.states.clear()
@@ -104,6 +108,8 @@ class Operator:
         if goal is State.IDLE and self.state is not State.IDLE:
             await self.do(Command.DISARM)
         while self.state is not goal:
+            if self.state is State.ARMED and not self.shows(Status.TARED):
+                await self.do(Command.TARE)
             command = WAY[self.state]
             await self.drum.command(command)
             await self.until(lambda s, c=command: s.state == goal or _done(s))

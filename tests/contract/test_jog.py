@@ -74,12 +74,15 @@ def test_it_keeps_to_one_turn_and_to_what_the_board_takes(at_rig: Operator) -> N
 def test_it_is_refused_in_words_unless_armed(at_rig: Operator) -> None:
     async def work(motion: Motion) -> None:
         for command, state, words in (
+            (Command.TARE, State.ARMED, ""),
             (Command.APPROACH, State.HOLD, "in contact"),
             (Command.RETRACT, State.ARMED, ""),
             (Command.DISARM, State.IDLE, "the drum is 'off'"),
         ):
             await motion.command(command)
-            await motion.watch.until(lambda now, goal=state: now.state == goal, 15, "the way")
+            await motion.watch.until(
+                lambda now, goal=state: now.state == goal and motion.ended(now), 15, "the way"
+            )
             if words:
                 with pytest.raises(CommandRefused, match=f"{words}.*armed and lifted only"):
                     await motion.jog(1.0)

@@ -38,18 +38,29 @@ def sound_bench(at_rig: Operator) -> None:
 async def rewired(
     at_rig: Operator, absent: Iterable[Signal] = (), inverted: Iterable[Signal] = ()
 ) -> None:
-    """The bench wired so and the board told; lifted off and switched off before."""
+    """The bench wired so and the board told; lifted off and switched off before.
+
+    The emergency stop comes last: a board that sees it open takes no such setting.
+    """
     absent, inverted = tuple(absent), tuple(inverted)
     await at_rig.drum.poll()
     if at_rig.state not in (State.IDLE, State.FAULT_OFF):
         await at_rig.reach(State.IDLE)
-    at_rig.faults.rewire(absent, inverted)
+    told = await at_rig.drum.get("optional_signals", "signal_polarity")
+    others = [signal for signal in Signal if signal is not Signal.ESTOP]
+    missing = [] if int(told["optional_signals"]) & 1 else [Signal.ESTOP]
+    turned = [Signal.ESTOP] if int(told["signal_polarity"]) & 1 else []
+    at_rig.faults.rewire(
+        missing + [signal for signal in others if signal in absent],
+        turned + [signal for signal in others if signal in inverted],
+    )
     await at_rig.drum.set(
         **QUICK,
         optional_signals=ALL - sum(1 << signal for signal in absent),
         signal_polarity=sum(1 << signal for signal in inverted),
         clock_trim_ppm=at_rig.clocks_ppm["drum"],
     )
+    at_rig.faults.rewire(absent, inverted)
     await at_rig.watch(0.1)
     if at_rig.fault is not Fault.NONE:
         await at_rig.do(Command.CLEAR)
@@ -220,7 +231,15 @@ def test_an_inverted_emergency_stop_that_nobody_told_of_is_a_fault(at_rig: Opera
         await at_rig.watch(0.1)
         assert at_rig.fault is Fault.ESTOP
         await refused(at_rig, Command.CLEAR)
+        with pytest.raises(CommandRefused, match="signal_polarity not set: lift the drum"):
+            await at_rig.drum.set(signal_polarity=1)
+        at_rig.faults.press_estop()  # it closes: the board may be told what it is
+        await at_rig.watch(0.1)
+        await at_rig.do(Command.CLEAR)
         await at_rig.drum.set(signal_polarity=1)
+        await at_rig.watch(0.1)
+        await refused(at_rig, Command.CLEAR)
+        at_rig.faults.release_estop()
         await at_rig.watch(0.1)
         await at_rig.do(Command.CLEAR)
 

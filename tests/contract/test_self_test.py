@@ -9,6 +9,7 @@ import pytest
 from rigctl.config import RigConfig, TaxelArray
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from rigctl.world.parameters import WorldParameters
+from rigctl.world.world_file import World
 
 WIRING = tuple(range(17, -1, -1))
 
@@ -21,7 +22,7 @@ def test_dead_taxels_are_named_by_their_place(kind: str, request: pytest.Fixture
         kind,
         paced=False,
         config=RigConfig(taxels=TaxelArray(wiring=WIRING)),
-        parameters=WorldParameters(dead_taxels=(2, 9)),
+        world=World(WorldParameters(dead_taxels=(2, 9))),
     )
     asyncio.set_event_loop(rig.loop)
     try:

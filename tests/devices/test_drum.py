@@ -48,14 +48,14 @@ def test_connect_says_who_is_there_and_reads_the_settings() -> None:
 def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
     async def main(loop: JumpingLoop) -> None:
         link = MemoryLink(loop)
-        identity = "5247 0002 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12"
+        identity = "5247 0003 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12 07d0 01ef"
         settings = "0000 0000 0009" + 46 * " 0000"
         script = Script(
             link,
             [
                 (
-                    rtu(bytes.fromhex("03 0000 000c")),
-                    rtu(bytes.fromhex("0318" + identity)),
+                    rtu(bytes.fromhex("03 0000 000e")),
+                    rtu(bytes.fromhex("031c" + identity)),
                 ),
                 (
                     rtu(bytes.fromhex("03 0040 0031")),
@@ -101,7 +101,7 @@ def test_a_board_that_boots_slowly_is_waited_for() -> None:
     [
         ("magic", 0, "no drum board"),
         ("board_id", 2, "no drum board"),
-        ("map_version", 9, "firmware 1.3 speaks register map 9, this program map 2: make firmware"),
+        ("map_version", 9, "firmware 1.3 speaks register map 9, this program map 3: make firmware"),
     ],
 )
 def test_somebody_else_is_named(register: str, value: int, sentence: str) -> None:

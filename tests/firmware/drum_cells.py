@@ -51,8 +51,8 @@ def to_idle(drum: DrumChip) -> None:
     drum.x.loadcell_mode = NORMAL
     drum.pin(Input.ESTOP, 0)
     drum.poll_for(60)
-    if drum.state is State.FAULT_LIFT:
-        drum.poll_for(800)
+    while drum.state is State.FAULT_LIFT:
+        drum.poll_for(100)
     if drum.state is State.FAULT_OFF:
         assert drum.command(Command.CLEAR) == 0
     elif drum.state is not State.IDLE:

@@ -18,6 +18,7 @@ ENTRY_CYCLES = 5
 """Interrupt entry of the 2560, which the simulator does not count."""
 CONTACT_MM = 20.0
 STIFFNESS_G_MM = 600.0
+ACTUATOR_MM_S = 10.0
 OFFSET_COUNTS = 80_000
 G_PER_COUNT = 2400e-6
 
@@ -51,6 +52,7 @@ class DrumChip:
         self._wire_up()
         self.beating = True
         self.rod_mm, self.force_g = 5.0, 0.0
+        self.actuator_mm_s = ACTUATOR_MM_S
         self.forces: list[float] = []
         self._velocity = 0.0
         self._felt = [0.0] * 10
@@ -98,7 +100,7 @@ class DrumChip:
     def _press(self, duty: float) -> None:
         target = 0.0
         if abs(duty) > 0.08:
-            target = np.sign(duty) * (abs(duty) - 0.08) / 0.92 * 10.0
+            target = np.sign(duty) * (abs(duty) - 0.08) / 0.92 * self.actuator_mm_s
         self._velocity += (target - self._velocity) / 30.5
         self.rod_mm = min(max(self.rod_mm + self._velocity * 1e-3, 0.0), 50.0)
         depth = self.rod_mm - CONTACT_MM

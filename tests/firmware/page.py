@@ -18,6 +18,7 @@ from typing import Any
 from rigctl.resources import checkout
 from rigctl.wire.drum_states import Event, State
 from tests.bench._force_map import FORCES_G, GRID, MARKS, PLACES_MM, PLANTS, SPEEDS_MM_S
+from tests.firmware.drum_attacks import ATTACK_CONTROLS
 from tests.firmware.drum_cells import COMMANDS, unreachable
 from tests.firmware.drum_checks import CONTROLS
 from tests.firmware.taxel_checks import CONTROLS as TAXEL_CONTROLS
@@ -171,12 +172,13 @@ def force_map(rows: Iterable[Row]) -> str:
 def controls() -> str:
     """Which broken image fails which check."""
     head = (
-        "Each check of `tests/firmware/drum_checks.py` and `taxel_checks.py` passes on the\n"
-        "image, and must fail on the image that is broken in its point; `arduino/Makefile` builds\n"
-        "them.\n\n"
+        "Each check of `drum_checks.py`, `drum_attacks.py` and `taxel_checks.py` in\n"
+        "`tests/firmware` passes on the image, and must fail on the image that is broken in its\n"
+        "point; `arduino/Makefile` builds them.\n\n"
         "| broken image | what is broken | the check that fails on it |\n|---|---|---|\n"
     )
-    found = [(f"drum-{name}", what, check.__name__) for name, what, check in CONTROLS]
+    drum = (*CONTROLS, *ATTACK_CONTROLS)
+    found = [(f"drum-{name}", what, check.__name__) for name, what, check in drum]
     found += [(f"taxels-{name}", what, check.__name__) for name, what, check in TAXEL_CONTROLS]
     return head + "".join(f"| `{n}` | {w} | {c.replace('_', ' ')} |\n" for n, w, c in found)
 

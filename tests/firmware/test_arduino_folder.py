@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.config import TaxelArray
 from rigctl.resources import checkout
+from rigctl.values import DRAWN_WIRING
 from rigctl.wire.taxel_test import INPUT_PINS, LINE_PINS
 from tests.firmware.building import built
 
@@ -89,7 +91,8 @@ def test_the_drums_pin_table_is_its_header() -> None:
     declared = {name: (pin, port) for name, port, pin in re.findall(pattern, header)}
     listed = {row[0]: (row[1], row[2]) for row in table("### Mega 2560")}
     assert listed == declared
-    assert len(declared) == header.count("constexpr uint8_t")
+    pins = header[header.index("namespace pins") : header.index("}  // namespace pins")]
+    assert len(declared) == pins.count("constexpr uint8_t")
     assert all(MEGA[port] == pin for pin, port in declared.values())
 
 
@@ -112,6 +115,38 @@ def test_the_taxel_boards_pin_table_is_its_header() -> None:
     # The host names them in its sentences.
     assert tuple(f"D{bit}" for bit in lines) == LINE_PINS
     assert tuple(f"A{n}" for n in inputs) == INPUT_PINS
+
+
+def test_the_default_order_of_taxels_is_that_of_the_table_and_of_the_drawing() -> None:
+    rows = [(row[0], row[-1]) for row in table("### Uno")]
+    drawn = (FOLDER / "wiring.svg").read_text(encoding="utf-8")
+    terminals = re.findall(r">((?:common|top|bottom)[^<]*: (?:row|column) \d)<", drawn)
+    assert order_of(rows) == DRAWN_WIRING
+    assert order_of(list(zip(SIGNALS, terminals, strict=True))) == DRAWN_WIRING
+    assert TaxelArray().order == DRAWN_WIRING
+    printed = re.findall(r"^    ([\d ]+\d)  +(?:top|bottom) layer", README, re.MULTILINE)
+    assert tuple(int(n) for part in printed for n in part.split()) == DRAWN_WIRING
+
+
+SIGNALS = [*(f"line {i}" for i in (1, 2, 3)), *(f"input {i}" for i in range(1, 7))]
+"""Of the taxel board, in the order in which the drawing has them."""
+
+
+def order_of(wires: list[tuple[str, str]]) -> tuple[int, ...]:
+    """The reading at each place, from what is said of each signal's other end."""
+    lines, inputs = {}, {}
+    for signal, end in wires:
+        kind, _, number = signal.partition(" ")
+        if kind == "line":
+            (row,) = re.findall(r"row (\d)", end)
+            lines[int(row)] = int(number) - 1
+        elif kind == "input":
+            (column,) = re.findall(r"column (\d)", end)
+            inputs["top" in end, int(column)] = int(number) - 1
+    places = [
+        (top, row, column) for top in (True, False) for row in (1, 2, 3) for column in (1, 2, 3)
+    ]
+    return tuple(6 * lines[row] + inputs[top, column] for top, row, column in places)
 
 
 def test_the_drawing_is_as_the_headers_say() -> None:

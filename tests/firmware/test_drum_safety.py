@@ -11,7 +11,7 @@ from rigctl.wire.drum_map import BY_NAME, MAGIC, Command
 from rigctl.wire.drum_states import Fault, State
 from rigctl.world.chip_shim import Input, Output, ResetBy
 from tests.firmware.drum_checks import ESTOP_LIMIT, HANGS, MOVING_STATES, bring, hang, trip
-from tests.firmware.drum_chip import DrumChip, crc16
+from tests.firmware.drum_chip import MS, DrumChip, crc16
 
 
 @pytest.mark.parametrize("state", MOVING_STATES)
@@ -65,9 +65,11 @@ def test_the_emergency_stop_works_with_a_hung_main_loop() -> None:
 def test_over_force_lifts_within_a_millisecond_of_its_sample() -> None:
     with DrumChip() as drum:
         bring(drum, State.HOLD)
-        drum.set("over_force", 4000)  # the 500 g held are too much from now on
-        drum.run(2)
-        assert drum.x.drive < -0.9
+        drum.rod_mm += 2.0
+        while drum.x.drive > -0.9:
+            drum.run(1)
+        shown = drum.x.loadcell_ready - (drum.x.loadcell_period_q16 >> 16)
+        assert 0 < drum.x.cycle - shown <= 2 * MS  # looked at once a millisecond
         assert drum.state is State.FAULT_LIFT
         assert drum.get("fault") == Fault.OVER_FORCE
 

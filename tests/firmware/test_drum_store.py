@@ -22,6 +22,12 @@ def read(drum: DrumChip) -> tuple[int, int]:
     return drum.get("force_set"), drum.get("tare_place_15")
 
 
+def lifted(drum: DrumChip) -> None:
+    """At its upper end, where the board takes a tare."""
+    drum.rod_mm = 0.0
+    drum.run(50)
+
+
 def power_cycle(drum: DrumChip) -> None:
     drum.chip.reset(ResetBy.POWER)
     drum.run(120)
@@ -34,7 +40,7 @@ def saved(drum: DrumChip, values: tuple[int, int]) -> None:
 
 def test_a_save_takes_a_byte_a_tick_at_most() -> None:
     with DrumChip() as drum:
-        drum.run(50)
+        lifted(drum)
         begun = drum.x.cycle // MS
         saved(drum, OLD)
         assert drum.x.cycle // MS - begun >= SLOT_BYTES
@@ -45,7 +51,7 @@ def test_a_save_takes_a_byte_a_tick_at_most() -> None:
 
 def test_a_power_loss_at_every_byte_leaves_old_or_new_settings_whole() -> None:
     with DrumChip() as drum:
-        drum.run(50)
+        lifted(drum)
         saved(drum, (1000, 10))
         saved(drum, OLD)
         kept = drum.chip.read_eeprom(SLOTS, 2 * STRIDE)
@@ -65,7 +71,7 @@ def test_a_power_loss_at_every_byte_leaves_old_or_new_settings_whole() -> None:
 @pytest.mark.parametrize("byte", [0, 1, 2, 50, SLOT_BYTES - 3, SLOT_BYTES - 2, SLOT_BYTES - 1])
 def test_a_damaged_slot_gives_the_other_and_two_the_defaults(byte: int) -> None:
     with DrumChip() as drum:
-        drum.run(50)
+        lifted(drum)
         saved(drum, OLD)
         saved(drum, NEW)
         for start, expected in ((SLOTS + STRIDE, OLD), (SLOTS, (5000, 0))):

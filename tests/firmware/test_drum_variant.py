@@ -88,6 +88,15 @@ def test_its_lower_end_is_where_the_header_says(tuned: OtherDrum) -> None:
     tuned.ready()
 
 
+def test_its_own_limit_of_force_is_what_its_header_says(tuned: OtherDrum) -> None:
+    assert tuned.get("most_force") == 1500
+    before = tuned.get("over_force")
+    assert tuned.set("over_force", 30_000) == 0
+    assert tuned.set("force_set", 14_000) == 0
+    assert tuned.command(Command.APPROACH) == 4  # a tenth more would be above the limit
+    assert tuned.set("over_force", before) == 0
+
+
 def test_until_armed_its_driver_is_off() -> None:
     with OtherDrum() as drum:
         drum.clear_edges()

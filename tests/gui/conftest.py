@@ -13,8 +13,17 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
+from rigctl.run.runtime import FOLDER_VARIABLE
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Bench, Shown, wait_until
+
+
+@pytest.fixture(autouse=True, scope="session")
+def own_engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A STOP in a test reaches no engine of whoever runs the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER_VARIABLE, str(tmp_path_factory.mktemp("runtime")))
+        yield
 
 
 @pytest.fixture(scope="session")

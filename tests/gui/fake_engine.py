@@ -11,6 +11,7 @@ import numpy as np
 
 from rigctl.errors import RigctlError
 from rigctl.run.live import LiveView, LiveWriter
+from rigctl.run.runtime import Announcement
 from rigctl.wire.drum_states import State
 
 STATUS: dict[str, Any] = {
@@ -97,6 +98,7 @@ class FakeEngine:
     """Stands where an EngineClient stands."""
 
     def __init__(self, folder: Path, seed: int = 0) -> None:
+        self.announcement = Announcement("fake", 1, 9, "", "virtual", "")
         self.asked: list[tuple[str, dict[str, Any]]] = []
         self.status = deepcopy(STATUS)
         self.refusals: dict[str, str] = {}

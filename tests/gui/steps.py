@@ -25,7 +25,7 @@ class Shown:
         self.engine: FakeEngine | None = None
         self.window = Window(self._open, ThemeChoice.LIGHT)
 
-    def _open(self, rig: str) -> Client:
+    def _open(self, rig: str, world: str) -> Client:
         assert self.engine is not None
         return self.engine
 

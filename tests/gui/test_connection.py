@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.connection import Client
+from gui.connection import JOIN, Client
 from gui.lamp import Level
 from gui.window import Window
 from rigctl.errors import LinkLost, WrongUse
@@ -17,26 +17,85 @@ from tests.gui.steps import Bench, click, wait_until
 
 
 def test_the_chosen_rig_is_connected(app: QApplication, tmp_path: Path) -> None:
-    asked: list[str] = []
+    asked: list[tuple[str, str]] = []
 
-    def open_client(rig: str) -> Client:
-        asked.append(rig)
+    def open_client(rig: str, world: str) -> Client:
+        asked.append((rig, world))
         return FakeEngine(tmp_path)
 
     window = Window(open_client)
     window.show()
-    window.toolbar.choose_rig("firmware")
+    window.toolbar.rig.choose("firmware")
     click(window.toolbar.connect_button)
     assert not window.toolbar.connect_button.isEnabled()
     wait_until(lambda: window.connection.is_open)
-    assert asked == ["firmware"]
+    assert asked == [("firmware", "")]
     assert window.toolbar.connect_button.text() == "Disconnect"
     window.close()
     delete(window)
 
 
+def test_a_simulated_rig_is_connected_in_the_world_of_a_file(
+    app: QApplication, tmp_path: Path
+) -> None:
+    asked: list[tuple[str, str]] = []
+
+    def open_client(rig: str, world: str) -> Client:
+        asked.append((rig, world))
+        raise WrongUse("lab.toml, line 1: top_gain: 9 is outside 0.5 to 1.5 1/mm")
+
+    window = Window(open_client)
+    window.show()
+    toolbar = window.toolbar
+    toolbar.world.setCurrentIndex(toolbar.world.count() - 1)
+    toolbar.world.activated.emit(toolbar.world.count() - 1)
+    assert window.browser.dialog is not None
+    window.browser.dialog.fileSelected.emit("/home/lab/lab.toml")
+    assert toolbar.world.currentText() == "lab.toml"
+    click(toolbar.connect_button)
+    wait_until(lambda: "line 1" in toolbar.words.text())
+    assert asked == [("virtual", "/home/lab/lab.toml")]
+    assert toolbar.world.isEnabled()
+    window.close()
+    delete(window)
+
+
+def test_an_engine_that_is_joined_keeps_its_own_world(app: QApplication, tmp_path: Path) -> None:
+    asked: list[tuple[str, str]] = []
+
+    def open_client(rig: str, world: str) -> Client:
+        asked.append((rig, world))
+        return FakeEngine(tmp_path)
+
+    window = Window(open_client)
+    window.show()
+    window.toolbar.world.choose("/home/lab/lab.toml")
+    window.toolbar.rig.choose(JOIN)
+    assert not window.toolbar.world.isVisible()
+    click(window.toolbar.connect_button)
+    wait_until(lambda: window.connection.is_open)
+    assert asked == [(JOIN, "")]
+    window.close()
+    delete(window)
+
+
+def test_a_bench_without_a_wiring_is_told_once_what_that_means(
+    app: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    rig = tmp_path / "rig.toml"
+    rig.write_text("[about]\nname = 'mine'\n")
+    for times in (1, 0):
+        window = Window(lambda rig, world: FakeEngine(tmp_path))
+        window.connect_rig(str(rig))
+        wait_until(lambda: window.connection.is_open)  # noqa: B023
+        assert window.log.toPlainText().count("[taxels] wiring is empty") == times
+        window.close()
+        delete(window)
+
+
 def test_a_rig_that_does_not_open_says_why(app: QApplication) -> None:
-    def open_client(rig: str) -> Client:
+    def open_client(rig: str, world: str) -> Client:
         raise WrongUse("port /dev/ttyACM0 is in use: close the other program")
 
     window = Window(open_client)
@@ -50,7 +109,7 @@ def test_a_rig_that_does_not_open_says_why(app: QApplication) -> None:
 
 def test_closing_while_connecting_leaves_no_engine(app: QApplication, tmp_path: Path) -> None:
     engine = FakeEngine(tmp_path)
-    window = Window(lambda rig: engine)
+    window = Window(lambda rig, world: engine)
     window.connect_rig("virtual")
     window.close()
     delete(window)
@@ -107,7 +166,7 @@ def test_a_run_goes_on_without_the_window(app: QApplication, tmp_path: Path) -> 
             return super().shut_down(limit_s)
 
     engine = Watched(tmp_path)
-    window = Window(lambda rig: engine)
+    window = Window(lambda rig, world: engine)
     window.connect_rig("virtual")
     wait_until(lambda: window.connection.is_open)
     Bench(window, engine).see(run={"state": "running"})

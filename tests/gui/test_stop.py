@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
 from PySide6.QtCore import QPoint
-from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu
 
+from rigctl.run import stopping
+from rigctl.run.client import EngineClient
+from rigctl.run.runtime import FOLDER_VARIABLE, Announcement, announce, runtime_folder
+from rigctl.run.server import listen
 from rigctl.wire.drum_states import State
 from tests.gui.steps import Bench, click, press_escape, wait_until
+
+LONG = """
+name = "long"
+textures = ["A"]
+speeds_mm_s = [40]
+forces_g = [500]
+repeats = 500
+"""
 
 
 def test_the_button_stops(bench: Bench) -> None:
@@ -84,9 +101,75 @@ def test_an_engine_that_does_not_answer_stop_is_reported(bench: Bench) -> None:
     wait_until(lambda: "press the emergency stop" in bench.window.sentence.text())
 
 
-def test_stop_without_a_rig_says_so(bench: Bench) -> None:
+def test_stop_where_nothing_runs_says_so(bench: Bench) -> None:
     click(bench.window.toolbar.connect_button)
     click(bench.window.toolbar.stop)
-    assert "no rig is connected" in bench.window.sentence.text()
-    QTest.qWait(1)
+    wait_until(lambda: "no engine is running" in bench.window.sentence.text())
+    assert "emergency stop if it moves" in bench.window.sentence.text()
     assert bench.engine.commands == []
+
+
+def test_a_window_that_joined_none_stops_a_protocol_that_runs(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
+    click(bench.window.toolbar.connect_button)
+    engine = protocol_running(tmp_path)
+    try:
+        press_escape(bench.window)
+        said = f"STOP reached virtual (process {engine.announcement.pid})"
+        wait_until(lambda: bench.window.sentence.text() == said)
+        assert ended(engine)["state"] == "aborted"
+    finally:
+        engine.shut_down()
+    assert bench.engine.commands == []
+
+
+def test_a_window_with_a_rig_stops_it_first_and_every_other_engine_too(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
+    announce(runtime_folder(), replace(bench.engine.announcement, pid=os.getpid()))
+    engine = protocol_running(tmp_path)
+    try:
+        click(bench.window.toolbar.stop)
+        assert bench.engine.commands == ["stop"]
+        wait_until(lambda: "STOP reached virtual" in bench.window.log.toPlainText())
+        assert ended(engine)["state"] == "aborted"
+    finally:
+        engine.shut_down()
+    assert bench.engine.commands == ["stop"]
+    assert "did not reach" not in bench.window.log.toPlainText()
+
+
+def test_an_engine_that_hangs_is_told_of_and_the_window_goes_on(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
+    monkeypatch.setattr(stopping, "ANSWER_S", 0.2)
+    with listen() as mute:
+        port = mute.getsockname()[1]
+        engine = Announcement("mute", os.getpid(), port, "", "bench.toml", "")
+        announce(runtime_folder(), engine)
+        click(bench.window.toolbar.stop)
+        assert bench.engine.commands == ["stop"]
+        wait_until(lambda: "STOP did not reach bench.toml" in bench.window.sentence.text())
+        assert "press its emergency stop" in bench.window.sentence.text()
+
+
+def protocol_running(folder: Path) -> EngineClient:
+    """An engine of somebody else that is in the middle of a protocol."""
+    protocol = folder / "long.toml"
+    protocol.write_text(LONG)
+    words = ["--protocol", str(protocol), "--out", str(folder / "session"), "--yes"]
+    engine = EngineClient.start("virtual", paced=True, run=words)
+    while engine.request("status")["run"]["state"] != "running":
+        pass
+    return engine
+
+
+def ended(engine: EngineClient) -> dict[str, Any]:
+    """The run as it ended."""
+    while (run := engine.request("status")["run"])["state"] not in ("done", "aborted", "failed"):
+        pass
+    return dict(run)

@@ -42,6 +42,7 @@ def test_a_bridge_wired_the_other_way_gives_a_negative_scale() -> None:
         ([Point(0, 0, 5), Point(200, 100_000, 5), Point(400, 150_000, 5)], "on a line"),
         ([Point(0, 80_000, 5), Point(500, 8_388_607, 0)], "end of its range"),
         ([Point(0, 0, 1), Point(5000, 1000, 1)], "cannot be"),
+        ([Point(0, 0, 50), Point(50, 500_000, 50)], "100 µg a count cannot be, 200 to 20000 can"),
     ],
 )
 def test_nonsense_is_refused_in_a_sentence(points: list[Point], sentence: str) -> None:

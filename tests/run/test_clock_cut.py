@@ -37,7 +37,7 @@ def first_reading_ms(rig: Rig) -> Callable[[int], float]:
     simulation = rig.simulation
     if isinstance(simulation, VirtualRig):
         taxels = simulation._taxels
-        return lambda counter: (taxels._origin_us + counter * taxels._frame_us) / 1000
+        return lambda counter: (taxels._origin_us + counter * taxels.frame_us) / 1000
     assert isinstance(simulation, ChipSimulation)
     clock = simulation.taxels_board.clock
     with TaxelChip() as alone:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from rigctl.errors import CommandRefused, WrongUse
 from rigctl.run.control import Control
 from rigctl.run.desk import Desk
 from rigctl.run.status import idle_run
+from rigctl.wire import drum_map
 from rigctl.wire.drum_states import State
 
 
@@ -79,7 +81,10 @@ def test_refusals_are_sentences(floor: Floor) -> None:
             ("jog", {"mm": 500}, WrongUse, "more than a turn"),
             ("jog", {"mm": "far"}, WrongUse, "must be a number"),
             ("set", {"speed_mm_s": "fast"}, WrongUse, "must be a number"),
-            ("set", {"speed_mm_s": 5000}, WrongUse, "the drum takes"),
+            ("set", {"travel_mm": math.nan}, WrongUse, "must be a number"),
+            ("set", {"speed_mm_s": 180}, WrongUse, "limits, 20 to 150: .*rig.toml"),
+            ("set", {"force_g": 1300}, WrongUse, "limits, 50 to 1200"),
+            ("set", {"travel_mm": 5000}, WrongUse, "the drum takes"),
             ("approach", {}, CommandRefused, "refused APPROACH in state IDLE"),
             ("pause", {}, WrongUse, "no run is going"),
             ("start", {}, WrongUse, "give a protocol"),
@@ -89,6 +94,23 @@ def test_refusals_are_sentences(floor: Floor) -> None:
         ):
             with pytest.raises(error, match=words):
                 await ask(command, args)
+
+    floor.play(person)
+
+
+def test_only_what_an_operator_may_set_is_set(floor: Floor) -> None:
+    async def person(floor: Floor) -> None:
+        ask = asked(floor)
+        await ask("arm", {})
+        names = [entry.name for entry in drum_map.SETTINGS]
+        before = await floor.rig.drum.get(*names)
+        for entry in drum_map.SETTINGS:
+            values = {"speed_mm_s": 100, entry.name: entry.low * entry.scale}
+            with pytest.raises(WrongUse, match=f"{entry.name} is not for an operator to set"):
+                await ask("set", values)
+        after = await floor.rig.drum.get(*names)
+        moved = {name for name in names if after[name] != before[name]}
+        assert moved <= {"heartbeat"}  # not even the speed that came along
 
     floor.play(person)
 

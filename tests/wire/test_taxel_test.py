@@ -57,7 +57,7 @@ def test_nothing_found_is_nothing_said() -> None:
             ["input A0, input A2 and input A4 are connected to each other: part them"],
         ),
         ({"inputs_open": 0b1000}, ["input A3 has no divider to ground: solder its resistor"]),
-        ({"silent": 1 << 7}, ["taxel 8 (line D5, input A1) does not conduct: it is open or torn"]),
+        ({"silent": 1 << 7}, ["taxel 5 (line D5, input A1) does not conduct: it is open or torn"]),
         (
             {"silent": 0b111111 << 6 | 1},
             [

@@ -11,13 +11,22 @@ from rigctl.wire.drum_states import Fault, State
 from rigctl.wire.registers import BlockLayout, words_of
 from rigctl.wire.taxel_test import SelfTest
 from rigctl.wire.taxels import FrameDecoder, TaxelIdentity, TaxelStatus
-from rigctl.world.modbus_slave import crc
 from rigctl.world.simulation import Simulation
 
 ANSWER_US = 60_000
 POLL_US = 20_000
 BOOT_US = 100_000
 POLL_LAYOUT = BlockLayout(*POLL_BLOCK)
+
+
+def crc(data: bytes) -> int:
+    """CRC-16 of Modbus over serial line, 6.2.2; 0 over a frame with its own CRC."""
+    value = 0xFFFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return value
 
 
 def framed(body: bytes) -> bytes:

@@ -13,6 +13,7 @@ using Bytes = std::vector<uint8_t>;
 struct FakeOwner : Owner {
     void refresh() override { ++refreshed; }
     uint16_t ring_word(uint16_t address) override { return address; }
+    bool may_change(Guard guard) const override { return guard == Guard::None || !pressed; }
     bool command(Command command, uint16_t sequence) override {
         last = command;
         last_sequence = sequence;
@@ -22,7 +23,7 @@ struct FakeOwner : Owner {
     Command last = Command::None;
     uint16_t last_sequence = 0;
     int refreshed = 0, writes = 0;
-    bool refuse = false;
+    bool refuse = false, pressed = false;
 };
 
 struct Slave {

@@ -186,7 +186,7 @@ TEST(with_neither_position_nor_end_switches_a_lift_goes_by_time) {
     CHECK(bench.command(Command::Arm) == Answer::Ok);
     bench.run(5900);
     CHECK(bench.state() == State::Retract);
-    CHECK(bench.finish(200));
+    CHECK(bench.finish(600));
 }
 
 TEST(inverted_end_switches_and_potentiometer_are_put_right) {
@@ -199,6 +199,8 @@ TEST(inverted_end_switches_and_potentiometer_are_put_right) {
     CHECK(bench.arm_and_tare());
     CHECK(bench.hold(500));
     CHECK_NEAR(bench.read(reg::last_contact_um), 20000, 200);
+    CHECK(bench.command(Command::Retract) == Answer::Ok);
+    CHECK(bench.finish(6000));
     CHECK(bench.write(reg::optional_signals, {without(Signal::Position)}) == Answer::Ok);
     CHECK(bench.command(Command::Retract) == Answer::Ok);
     CHECK(bench.finish(6000));

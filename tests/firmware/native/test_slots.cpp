@@ -44,6 +44,8 @@ Slots::Found load(Words &words) { return slots().load(words.data()); }
 namespace ports {
 
 uint8_t stored_byte(uint16_t address) { return memory.at(address); }
+bool store_ready() { return true; }
+void store_byte(uint16_t address, uint8_t byte) { memory.at(address) = byte; }
 
 }  // namespace ports
 

@@ -35,6 +35,10 @@ constexpr uint16_t ACTUATOR_TRAVEL_UM = 40000;
 constexpr uint16_t ACTUATOR_END_UM = 500;
 constexpr uint32_t LOADCELL_PERIOD_US = 100000;
 constexpr float LOADCELL_DELAY_S = 0.050f;
+constexpr uint16_t MOST_FORCE_G = 1500;
+constexpr uint16_t UG_PER_COUNT = 2400;
+constexpr uint8_t SIGNALS_FITTED = 0x1f;
+constexpr uint8_t SIGNALS_INVERTED = 0;
 
 }  // namespace board
 

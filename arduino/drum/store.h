@@ -1,0 +1,35 @@
+// What outlives the power: the boot count and the saved settings, each in slots of their own.
+//
+// At most one byte is written a tick, because a byte takes the chip 3.4 ms; nobody waits for it.
+#ifndef STORE_H
+#define STORE_H
+
+#include <stdint.h>
+
+#include "slots.h"  // two slots with a checksum each
+
+class Store {
+  public:
+    // Counts this boot.
+    void begin();
+    // Once a millisecond: writes the next byte, if there is one, by ports::store_byte().
+    void tick();
+    uint16_t boot_count() const { return boots_; }
+
+    // The saved settings; words are left alone where nothing whole was saved.
+    SettingsFrom load(uint16_t *words) const;
+    void save(const uint16_t *words) { settings_.begin_save(words); }
+    // A byte of the boot count on its way would make a save wait for the EEPROM.
+    bool saving() const { return boot_.saving() || settings_.saving(); }
+
+  private:
+    static constexpr uint16_t BOOT_START = 0, BOOT_STRIDE = 16;
+    static constexpr uint16_t SETTINGS_START_BYTE = 64, SETTINGS_STRIDE = 128;
+    static_assert(Slots::MAX_BYTES <= SETTINGS_STRIDE, "a slot would reach into the next");
+
+    Slots boot_ = Slots(BOOT_START, BOOT_STRIDE, 1);
+    Slots settings_ = Slots(SETTINGS_START_BYTE, SETTINGS_STRIDE, SETTINGS_WORDS);
+    uint16_t boots_ = 0;
+};
+
+#endif  // STORE_H

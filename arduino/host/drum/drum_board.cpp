@@ -1,0 +1,360 @@
+#include "drum_board.h"
+
+#include <algorithm>
+
+namespace {
+
+constexpr uint64_t NEVER = UINT64_MAX;
+constexpr uint16_t BEAT_EVERY_MS = 20;
+constexpr uint64_t REPLY_CYCLES = 8000;  // a chip needs about 0.5 ms to work a reply out
+// What a chip has of them and a PC does not: nothing is late, no stack is short.
+constexpr uint16_t FREE_STACK_BYTES = 4096, ALL_IDLE_PERMILLE = 1000;
+
+bool has(uint8_t bits, Signal signal) { return bits >> static_cast<uint8_t>(signal) & 1; }
+
+// The board whose brain runs in this thread; ports.h has no other way to say which.
+thread_local DrumBoard *running = nullptr;
+
+class Running {
+  public:
+    explicit Running(DrumBoard *board) : before_(running) { running = board; }
+    ~Running() { running = before_; }
+
+  private:
+    DrumBoard *before_;
+};
+
+}  // namespace
+
+DrumBoard::DrumBoard() { eeprom_.fill(0xff); }
+
+void DrumBoard::boot(uint8_t reset_cause) {
+    const Running here(this);
+    cut();
+    to_board_.clear();
+    to_host_.clear();
+    reset_cause_ = reset_cause;
+    booted_ = cycle_;
+    next_tick_ = cycle_ + CYCLES_PER_TICK;
+    milliseconds_ = 0;
+    engine_ = StepEngine();
+    potentiometer_ = Potentiometer();
+    store_ = Store();
+    sync_ = {0, 0, 0, false};
+    mark_ = {0, 0};
+    estop_latched_ = estop_told_ = false;
+    store_.begin();
+    drum_.reset(new Drum());
+    drum_->boot(false);
+    report();
+}
+
+// --- time ---------------------------------------------------------------------------------------
+
+uint64_t DrumBoard::next_event() const {
+    uint64_t next = next_tick_;
+    if (engine_.moving()) next = std::min(next, next_step_q8_ >> 8);
+    if (exchange.conversion_due)
+        next = std::min(next, static_cast<uint64_t>(exchange.conversion_cycle));
+    if (!to_board_.empty()) next = std::min(next, to_board_.first().cycle);
+    return std::max(next, cycle_);
+}
+
+void DrumBoard::run(uint64_t until_cycle) {
+    const Running here(this);
+    const uint64_t begun = duty_since_ = cycle_;
+    duty_sum_ = 0;
+    for (uint64_t next = next_event(); next <= until_cycle; next = next_event()) {
+        cycle_ = next;
+        happen();
+    }
+    cycle_ = until_cycle;
+    count_duty();
+    const bool passed = until_cycle > begun;
+    exchange.drive = passed ? duty_sum_ / static_cast<double>(until_cycle - begun) : 0;
+    exchange.place = place_now();
+    report();
+}
+
+// One thing, the most urgent first, as interrupts come before the loop.
+void DrumBoard::happen() {
+    if (engine_.moving() && next_step_q8_ >> 8 <= cycle_) return step();
+    if (next_tick_ <= cycle_) return tick();
+    if (exchange.conversion_due && static_cast<uint64_t>(exchange.conversion_cycle) <= cycle_)
+        return convert();
+    take_byte();
+}
+
+void DrumBoard::tick() {
+    next_tick_ += CYCLES_PER_TICK;
+    ++milliseconds_;
+    look_at_estop();
+    store_.tick();
+    Inputs inputs;
+    inputs.now_ms = milliseconds_;
+    inputs.position_um = potentiometer_.position_um();
+    inputs.estop_open = estop_latched_ || estop_open();
+    estop_latched_ = estop_fitted_ && estop_open();
+    inputs.end_up = exchange.end_up;
+    inputs.end_down = exchange.end_down;
+    inputs.index_high = index_pin_;
+    potentiometer_.take(static_cast<uint16_t>(exchange.potentiometer));
+    if (exchange.attended && milliseconds_ % BEAT_EVERY_MS == 0) beat();
+    drum_->modbus().tick();
+    drum_->tick(inputs);
+}
+
+void DrumBoard::convert() {
+    exchange.conversion_due = 0;
+    drum_->sample({static_cast<int32_t>(exchange.conversion_counts), now_us(), true});
+    if (drum_->thought_due()) drum_->think();
+}
+
+// A reply that does not fit behind those still going out is dropped whole.
+void DrumBoard::take_byte() {
+    const uint8_t byte = to_board_.first().byte;
+    to_board_.drop_first();
+    const uint16_t length = drum_->modbus().take(byte);
+    if (!length || to_host_.waiting(cycle_) + length >= SEND_SIZE) return;
+    const uint8_t *reply = drum_->modbus().reply();
+    for (uint16_t i = 0; i < length; ++i) to_host_.put(reply[i], cycle_ + REPLY_CYCLES);
+    send_out();
+}
+
+// --- stepper ------------------------------------------------------------------------------------
+
+void DrumBoard::step() {
+    const Mark mark = engine_.count_step();
+    turn(engine_.backwards());
+    move_sync(mark);
+    next_step_q8_ += engine_.next_interval();
+}
+
+// Between two steps the drum glides on to where the last one wants it, as long as a step lasts.
+double DrumBoard::place_now() const {
+    const uint64_t since = cycle_ - stepped_;
+    if (since >= step_length_) return static_cast<double>(steps_);
+    const double left = static_cast<double>(steps_) - from_;
+    return from_ + left * static_cast<double>(since) / static_cast<double>(step_length_);
+}
+
+void DrumBoard::turn(bool backwards) {
+    if (!stepper_on_ || exchange.motor_jammed) return;
+    from_ = place_now();
+    step_length_ = std::min(cycle_ - stepped_, LONGEST_STEP);
+    stepped_ = cycle_;
+    steps_ += backwards ? -1 : 1;
+    show_mark();
+}
+
+void DrumBoard::place(int64_t steps) {
+    steps_ = steps;
+    from_ = exchange.place = static_cast<double>(steps);
+    show_mark();
+}
+
+// The mark's edges; the leading one when going forwards is the trailing one backwards.
+void DrumBoard::show_mark() {
+    const int64_t at = steps_ % board::STEPS_PER_TURN;
+    const bool level = (at < 0 ? at + board::STEPS_PER_TURN : at) < exchange.mark_length_steps;
+    const bool pin = level != static_cast<bool>(exchange.mark_inverted);
+    if (pin != index_pin_ && (pin != index_inverted_) != engine_.backwards())
+        mark_ = {engine_.position(), static_cast<uint16_t>(mark_.count + 1)};
+    index_pin_ = pin;
+    if (level == mark_level_) return;
+    mark_level_ = level;
+    report_edge(EdgeOf::Index, level);
+}
+
+void DrumBoard::show_sync(bool on) {
+    const bool level = (on && sync_fitted_) != sync_inverted_;
+    if (level == sync_level_) return;
+    sync_level_ = level;
+    report_edge(EdgeOf::Sync, level);
+}
+
+void DrumBoard::move_sync(Mark mark) {
+    if (mark == Mark::None) return;
+    sync_.high = mark == Mark::SyncOn;
+    show_sync(sync_.high);
+    if (sync_.high) {
+        sync_.rise_us = now_us();
+        ++sync_.count;
+    } else {
+        sync_.fall_us = now_us();
+    }
+}
+
+void DrumBoard::enable_stepper(bool on) { stepper_on_ = on && !estop_latched_; }
+
+void DrumBoard::start(const Motion &motion) {
+    engine_.begin(motion);
+    const uint32_t first = engine_.next_interval();
+    if (!first || estop_latched_) return engine_.abandon();
+    next_step_q8_ = (cycle_ << 8) + first;
+}
+
+void DrumBoard::stop_gently() {
+    engine_.stop();
+    if (sync_.high) move_sync(Mark::SyncOff);
+}
+
+void DrumBoard::stop_at_once() {
+    engine_.abandon();
+    if (sync_.high) move_sync(Mark::SyncOff);
+}
+
+// --- actuator, emergency stop -------------------------------------------------------------------
+
+// Adds up what the duty was until now.
+void DrumBoard::count_duty() {
+    const double duty = bridge_on_ ? permille_ * 1e-3 : 0;
+    duty_sum_ += duty * static_cast<double>(cycle_ - duty_since_);
+    duty_since_ = cycle_;
+}
+
+void DrumBoard::enable_bridge(bool on) {
+    count_duty();
+    bridge_on_ = on && !estop_latched_;
+    if (!bridge_on_) permille_ = 0;
+}
+
+void DrumBoard::drive(int16_t permille) {
+    count_duty();
+    permille_ = estop_latched_ ? 0 : permille;
+}
+
+void DrumBoard::cut() {
+    count_duty();
+    engine_.abandon();
+    stepper_on_ = bridge_on_ = false;
+    permille_ = 0;
+    show_sync(false);
+    sync_.high = false;
+}
+
+bool DrumBoard::estop_open() const { return estop_level_ != estop_inverted_; }
+
+void DrumBoard::look_at_estop() {
+    if (!estop_fitted_ || !estop_open() || estop_latched_) return;
+    estop_latched_ = true;
+    cut();
+}
+
+void DrumBoard::set_estop(bool level) {
+    const Running here(this);
+    estop_level_ = level;
+    look_at_estop();
+}
+
+// What was seen before anybody told how it is wired means nothing; an opening after that is kept
+// until the brain has seen it, or a change of wires could make it unseen.
+void DrumBoard::wire_signals(uint8_t fitted, uint8_t inverted) {
+    estop_fitted_ = has(fitted, Signal::Estop);
+    estop_inverted_ = has(inverted, Signal::Estop);
+    estop_latched_ = (estop_told_ && estop_latched_) || (estop_fitted_ && estop_open());
+    estop_told_ = true;
+    index_inverted_ = has(inverted, Signal::Index);
+    sync_fitted_ = has(fitted, Signal::Sync);
+    sync_inverted_ = has(inverted, Signal::Sync);
+    show_sync(sync_.high);
+}
+
+// --- cables and reports -------------------------------------------------------------------------
+
+void DrumBoard::receive(const uint8_t *bytes, int32_t count, uint64_t from_cycle) {
+    for (int32_t i = 0; i < count; ++i) to_board_.put(bytes[i], from_cycle);
+    exchange.received_at = static_cast<int64_t>(to_board_.free_at());
+}
+
+void DrumBoard::send_out() {
+    for (; !to_host_.empty(); to_host_.drop_first()) {
+        if (exchange.tx_count == MOST_BYTES) {
+            ++exchange.overflows;
+            continue;
+        }
+        exchange.tx_cycle[exchange.tx_count] = static_cast<int64_t>(to_host_.first().cycle);
+        exchange.tx[exchange.tx_count++] = to_host_.first().byte;
+    }
+    exchange.sent_at = static_cast<int64_t>(to_host_.free_at());
+}
+
+void DrumBoard::report_edge(EdgeOf signal, bool level) {
+    if (exchange.edge_count == MOST_EDGES) {
+        ++exchange.overflows;
+        return;
+    }
+    exchange.edge_cycle[exchange.edge_count] = static_cast<int64_t>(cycle_);
+    exchange.edge_signal[exchange.edge_count] = static_cast<int64_t>(signal);
+    exchange.edge_level[exchange.edge_count++] = level;
+}
+
+void DrumBoard::report() {
+    const int64_t state = static_cast<int64_t>(drum_->machine().state());
+    const int64_t fault = static_cast<int64_t>(drum_->machine().fault());
+    const int64_t result = static_cast<int64_t>(drum_->result());
+    if (state != exchange.state || fault != exchange.fault || result != exchange.result)
+        ++exchange.changes;
+    exchange.state = state;
+    exchange.fault = fault;
+    exchange.result = result;
+    exchange.sequence = drum_->loadcell().sequence();
+    exchange.booted = static_cast<int64_t>(booted_);
+}
+
+int32_t DrumBoard::write(uint16_t address, uint16_t count, const uint8_t *bytes) {
+    const Running here(this);
+    const Answer answer = drum_->bank().write(address, count, bytes);
+    report();
+    return static_cast<int32_t>(answer);
+}
+
+void DrumBoard::read(uint16_t address, uint16_t count, uint16_t *words) {
+    const Running here(this);
+    drum_->bank().refresh();
+    for (uint16_t i = 0; i < count; ++i) words[i] = drum_->bank().read(address + i);
+}
+
+void DrumBoard::poll() {
+    read(static_cast<uint16_t>(exchange.poll_address), static_cast<uint16_t>(exchange.poll_count),
+         exchange.poll_words);
+}
+
+void DrumBoard::beat() {
+    ++beat_;
+    const uint8_t bytes[2] = {static_cast<uint8_t>(beat_ >> 8), static_cast<uint8_t>(beat_)};
+    drum_->bank().write(reg::heartbeat, 1, bytes);
+}
+
+ports::Health DrumBoard::health() const {
+    return {0, 0, FREE_STACK_BYTES, ALL_IDLE_PERMILLE, store_.boot_count(), reset_cause_};
+}
+
+// --- ports.h ------------------------------------------------------------------------------------
+
+namespace ports {
+
+uint32_t now_us() { return running->now_us(); }
+Health health() { return running->health(); }
+void enable_stepper(bool on) { running->enable_stepper(on); }
+void start(const Motion &motion) { running->start(motion); }
+void stop_gently() { running->stop_gently(); }
+void stop_at_once() { running->stop_at_once(); }
+bool moving() { return running->moving(); }
+bool at_speed() { return running->engine().at_speed(); }
+uint32_t step_interval() { return running->engine().interval(); }
+int32_t position() { return running->engine().position(); }
+void shift_position(int32_t by) { running->shift_position(by); }
+SyncLine sync_line() { return running->sync_line(); }
+IndexMark index_mark() { return running->index_mark(); }
+void wire_signals(uint8_t fitted, uint8_t inverted) { running->wire_signals(fitted, inverted); }
+void enable_bridge(bool on) { running->enable_bridge(on); }
+void drive(int16_t permille) { running->drive(permille); }
+SettingsFrom load(uint16_t *words) { return running->store().load(words); }
+void save(const uint16_t *words) { running->store().save(words); }
+bool saving() { return running->store().saving(); }
+uint8_t stored_byte(uint16_t address) { return running->stored(address); }
+bool store_ready() { return true; }
+void store_byte(uint16_t address, uint8_t byte) { running->stored(address) = byte; }
+
+}  // namespace ports

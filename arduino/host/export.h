@@ -1,0 +1,11 @@
+// What makes a function of a virtual board visible to the program that loads its library.
+#ifndef HOST_EXPORT_H
+#define HOST_EXPORT_H
+
+#ifdef _WIN32
+#define EXPORT extern "C" __declspec(dllexport)
+#else
+#define EXPORT extern "C" __attribute__((visibility("default")))
+#endif
+
+#endif  // HOST_EXPORT_H

@@ -1,0 +1,30 @@
+// The taxels' virtual board as a library of plain functions; rigctl/world/host_taxels.py calls them.
+#include "../export.h"
+#include "taxel_board.h"
+
+#ifndef SOURCES
+#error "say what the library is made of: -DSOURCES='\"…\"'"
+#endif
+
+EXPORT const char *taxels_sources() { return SOURCES; }
+EXPORT uint64_t taxels_exchange_size() { return sizeof(Exchange); }
+EXPORT TaxelBoard *taxels_open() { return new TaxelBoard(); }
+EXPORT void taxels_close(TaxelBoard *board) { delete board; }
+EXPORT Exchange *taxels_exchange(TaxelBoard *board) { return &board->exchange; }
+EXPORT void taxels_run(TaxelBoard *board, int32_t frames) { board->run(frames); }
+EXPORT void taxels_close_frames(TaxelBoard *board, int32_t frames) { board->close(frames); }
+
+EXPORT void taxels_boot(TaxelBoard *board, int32_t cause)
+{
+    board->boot(static_cast<uint8_t>(cause));
+}
+
+EXPORT void taxels_edge(TaxelBoard *board, int32_t signal, int32_t level, int64_t cycle)
+{
+    board->edge(static_cast<EdgeOf>(signal), level != 0, cycle > 0 ? uint64_t(cycle) : 0);
+}
+
+EXPORT void taxels_receive(TaxelBoard *board, const uint8_t *bytes, int32_t count)
+{
+    board->receive(bytes, count);
+}

@@ -1,0 +1,148 @@
+#include "taxel_board.h"
+
+#include <string.h>
+
+namespace {
+
+// What a chip has of it and a PC does not: no interrupt is late, no stack is short.
+const uint16_t FREE_STACK_BYTES = 1024, ALL_IDLE_PERMILLE = 1000;
+const uint16_t SUPPLY_MV = 5000;
+
+// An ideal divider and pull-up: what the self-test reads where the wiring is sound.
+const uint32_t PULL_OHM = 35000;
+const uint16_t PULLED_UP = uint16_t(1023UL * DIVIDER_OHM / (DIVIDER_OHM + PULL_OHM));
+const uint16_t BANDGAP_READING = uint16_t(uint32_t(BANDGAP_MV) * 1024 / SUPPLY_MV);
+
+// The board whose brain runs in this thread; ports.h has no other way to say which.
+thread_local TaxelBoard *running = nullptr;
+
+class Running {
+public:
+    explicit Running(TaxelBoard *board) : before_(running) { running = board; }
+    ~Running() { running = before_; }
+
+private:
+    TaxelBoard *before_;
+};
+
+}  // namespace
+
+void TaxelBoard::boot(uint8_t reset_cause)
+{
+    const Running here(this);
+    reset_cause_ = reset_cause;
+    line_ = SerialLine(BYTE_CYCLES);
+    edges_.clear();
+    requests_.clear();
+    exchange.tx_count = 0;
+    samples_ = 0;
+    cycle_ = 0;
+    sync_rises_ = marks_ = 0;
+    ask_bandgap();
+    talk_.reset(new Talk());
+    talk_->begin(++boots_);
+}
+
+void TaxelBoard::edge(EdgeOf signal, bool level, uint64_t cycle)
+{
+    edges_.push_back({signal, level, cycle});
+}
+
+// An edge counts into the frame in which it falls, as the chip's interrupt has it.
+void TaxelBoard::count(const Edge &edge, Frame &frame)
+{
+    if (edge.signal == EdgeOf::Sync) {
+        sync_rises_ = uint16_t(sync_rises_ + (edge.level && !sync_level_));
+        sync_level_ = edge.level;
+    } else if (edge.level) {
+        ++marks_;
+        frame.flags |= FLAG_INDEX;
+    }
+}
+
+Frame TaxelBoard::close_frame(int32_t row)
+{
+    Frame frame = Frame();
+    memcpy(frame.reading, exchange.readings[row], sizeof frame.reading);
+    cycle_ += FRAME_CYCLES;
+    for (; !edges_.empty() && edges_.front().cycle < cycle_; edges_.pop_front())
+        count(edges_.front(), frame);
+    frame.counter = samples_++;
+    frame.flags |= sync_level_ ? FLAG_SYNC : 0;
+    frame.edges = uint8_t((sync_rises_ & 3) | (marks_ & 3) << 2);
+    exchange.flags[row] = frame.flags;
+    exchange.edges[row] = frame.edges;
+    return frame;
+}
+
+void TaxelBoard::run(int32_t frames)
+{
+    const Running here(this);
+    for (int32_t row = 0; row < frames; ++row) talk_->take(close_frame(row));
+}
+
+void TaxelBoard::close(int32_t frames)
+{
+    for (int32_t row = 0; row < frames; ++row) close_frame(row);
+}
+
+void TaxelBoard::receive(const uint8_t *bytes, int32_t count)
+{
+    requests_.insert(requests_.end(), bytes, bytes + count);
+}
+
+bool TaxelBoard::send(const uint8_t *bytes, uint8_t size, uint8_t kept_free)
+{
+    if (line_.waiting(cycle_) + size + kept_free > SEND_SIZE) return false;
+    if (exchange.tx_count + size > MOST_BYTES) {
+        ++exchange.overflows;
+        return false;
+    }
+    memcpy(exchange.tx + exchange.tx_count, bytes, size);
+    exchange.tx_count += size;
+    line_.pass(size, cycle_);
+    exchange.sent_at = int64_t(line_.free_at());
+    return true;
+}
+
+bool TaxelBoard::take(uint8_t &byte)
+{
+    if (requests_.empty()) return false;
+    byte = requests_.front();
+    requests_.pop_front();
+    return true;
+}
+
+void TaxelBoard::report(Status &status) const
+{
+    status.samples = samples_;
+    status.late_slots = 0;
+    status.longest_isr_cycles = 0;
+    status.sync_rises = sync_rises_;
+}
+
+// --- ports.h ---
+
+bool serial_send(const uint8_t *bytes, uint8_t size, uint8_t kept_free)
+{
+    return running->send(bytes, size, kept_free);
+}
+
+bool serial_receive(uint8_t &byte) { return running->take(byte); }
+uint16_t missed_frames() { return 0; }
+void report_sampling(Status &status) { running->report(status); }
+void ask_bandgap() { running->ask_spare(BANDGAP_READING); }
+void ask_input(uint8_t, uint8_t pulled_inputs) { running->ask_spare(pulled_inputs ? PULLED_UP : 0); }
+
+bool spare_answered(uint16_t &reading)
+{
+    reading = running->spare();
+    return true;
+}
+
+void ask_line(uint8_t) {}
+bool line_answered() { return true; }
+LineTest take_line_tests() { return LineTest(); }
+uint8_t reset_cause() { return running->reset_cause(); }
+uint16_t free_stack_bytes() { return FREE_STACK_BYTES; }
+uint16_t idle_permille() { return ALL_IDLE_PERMILLE; }

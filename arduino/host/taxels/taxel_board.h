@@ -1,0 +1,64 @@
+// The taxels' board on the PC: the brain that the chip runs, and a body that lives in frames.
+//
+// The bench hands over the readings of whole frames; edges of sync and index come before the
+// frames in which they fall. Times are cycles of the board since its first frame began.
+#ifndef HOST_TAXEL_BOARD_H
+#define HOST_TAXEL_BOARD_H
+
+#include <stdint.h>
+
+#include <deque>
+#include <memory>
+
+#include "../serial_line.h"
+#include "exchange.h"  // what bench and board tell each other
+#include "ports.h"     // what the brain asks for
+#include "talk.h"      // the brain
+
+class TaxelBoard {
+public:
+    // Falls off and starts anew, with the cause of reset of the chip's MCUSR.
+    void boot(uint8_t reset_cause);
+    // An edge of sync or index at a cycle, in rising order.
+    void edge(EdgeOf signal, bool level, uint64_t cycle);
+    // Closes so many frames with the exchange's readings and sends them.
+    void run(int32_t frames);
+    // Closes so many frames without sending anything; their flags and edges are in the exchange.
+    void close(int32_t frames);
+    void receive(const uint8_t *bytes, int32_t count);
+
+    Exchange exchange = {};
+
+    // What ports.h asks of the board that runs.
+    bool send(const uint8_t *bytes, uint8_t size, uint8_t kept_free);
+    bool take(uint8_t &byte);
+    void report(Status &status) const;
+    uint8_t reset_cause() const { return reset_cause_; }
+    void ask_spare(uint16_t answer) { spare_ = answer; }
+    uint16_t spare() const { return spare_; }
+
+private:
+    struct Edge {
+        EdgeOf signal;
+        bool level;
+        uint64_t cycle;
+    };
+    static constexpr uint64_t FRAME_CYCLES = uint64_t(SLOTS) * SLOT_CYCLES;
+    static constexpr double BYTE_CYCLES = 10 * 8.0 * (UBRR_VALUE + 1);
+    static constexpr uint64_t SEND_SIZE = 127;  // room in the ring of the chip's transmitter
+
+    Frame close_frame(int32_t row);
+    void count(const Edge &edge, Frame &frame);
+
+    std::unique_ptr<Talk> talk_;
+    SerialLine line_{BYTE_CYCLES};
+    std::deque<Edge> edges_;
+    std::deque<uint8_t> requests_;
+    uint32_t samples_ = 0;
+    uint64_t cycle_ = 0;
+    uint16_t sync_rises_ = 0, marks_ = 0, spare_ = 0, boots_ = 0;
+    uint8_t reset_cause_ = 0;
+    bool sync_level_ = false;
+};
+
+#endif  // HOST_TAXEL_BOARD_H

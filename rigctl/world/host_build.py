@@ -1,0 +1,139 @@
+"""Compiles both boards' firmware for this computer: the libraries that virtual boards run.
+
+``python -m rigctl.world.host_build`` compiles what is not up to date; ``make firmware`` and
+``pip install`` do it too. It knows nothing of the rest of the program, because the hook of the
+installation loads it by its path.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+BOARDS = ("drum", "taxels")
+CURE = "install a C++ compiler (g++ or clang++) or `pip install ziglang`, then run "
+COMMAND = "python -m rigctl.world.host_build"
+_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+_WARNINGS = ("-Wall", "-Wextra", "-Werror")
+# A product and a sum in one rounding would make other numbers than those of another compiler.
+_FLAGS = ("-std=gnu++17", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared")
+
+
+class BuildFailed(Exception):
+    """There is no compiler, or it refused the sources; says in one sentence what to do."""
+
+
+def library_name(board: str) -> str:
+    """Return the file name of a board's library on this system."""
+    return f"virtual-{board}{_SUFFIX}"
+
+
+def library_path(board: str, root: Path = ROOT) -> Path:
+    """Return where a board's library lies in a checkout."""
+    return root / "build" / "host" / library_name(board)
+
+
+def sources(board: str, root: Path = ROOT) -> list[Path]:
+    """Return what a board's library is made of: its portable core and its host body."""
+    core, body = root / "arduino" / board, root / "arduino" / "host"
+    texts = [*core.glob("*.cpp"), *core.glob("*.h"), *body.glob("*.h"), *(body / board).iterdir()]
+    return sorted(path for path in texts if not path.name.startswith("chip"))
+
+
+def digest(board: str, root: Path = ROOT) -> str:
+    """Return the SHA-256 of a board's sources with their names, hexadecimal."""
+    found = hashlib.sha256()
+    for path in sources(board, root):
+        found.update(path.name.encode() + b"\0" + path.read_bytes().replace(b"\r\n", b"\n"))
+    return found.hexdigest()
+
+
+def image_hash(board: str, root: Path = ROOT) -> str:
+    """Return the identity of the chip's image from the same sources, as its Makefile has it."""
+    folder = root / "arduino" / board
+    texts = [*folder.glob("*.cpp"), *folder.glob("*.h"), *folder.glob("*.ino")]
+    whole = b"".join(path.read_bytes() for path in sorted(texts, key=lambda path: path.name))
+    return hashlib.sha256(whole).hexdigest()[:8]
+
+
+def compiler() -> list[str]:
+    """Return the command of a C++ compiler: CXX, the system's own, or Zig's from PyPI.
+
+    Raises BuildFailed where there is none.
+    """
+    named = os.environ.get("CXX", "").split()
+    if named:
+        return named
+    for name in ("c++", "g++", "clang++"):
+        found = shutil.which(name)
+        if found:
+            return [found]
+    if importlib.util.find_spec("ziglang") is not None:
+        return [sys.executable, "-m", "ziglang", "c++"]
+    raise BuildFailed(f"no C++ compiler for the virtual boards: {CURE}{COMMAND}")
+
+
+def build(
+    board: str, output: Path | None = None, defines: Sequence[str] = (), root: Path = ROOT
+) -> Path:
+    """Compile a board's library and return its path; ``defines`` change it as ``-D`` options.
+
+    Raises BuildFailed.
+    """
+    target = output or library_path(board, root)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(f"{target.name}.{os.getpid()}.part")
+    command = [
+        *compiler(),
+        *_FLAGS,
+        *_WARNINGS,
+        *([] if sys.platform == "win32" else ["-fPIC"]),
+        f"-DBUILD_HASH=0x{image_hash(board, root)}UL",
+        f'-DSOURCES="{digest(board, root)}"',
+        *(f"-D{define}" for define in defines),
+        *(f"-I{root / 'arduino' / folder}" for folder in (board, f"host/{board}")),
+        *(str(path) for path in sources(board, root) if path.suffix == ".cpp"),
+        *("-o", str(partial)),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise BuildFailed(f"{command[0]} could not compile the {board} board:\n{done.stderr}")
+    # Somebody may have the one before loaded.
+    partial.replace(target)
+    return target
+
+
+def build_stale(root: Path = ROOT) -> list[Path]:
+    """Compile the libraries that are missing or not of these sources; returns those compiled.
+
+    Raises BuildFailed.
+    """
+    stale = [board for board in BOARDS if not _is_fresh(board, root)]
+    return [build(board, root=root) for board in stale]
+
+
+def _is_fresh(board: str, root: Path) -> bool:
+    path = library_path(board, root)
+    return path.is_file() and digest(board, root).encode() in path.read_bytes()
+
+
+def main() -> int:
+    """Compile what is stale; returns an exit code."""
+    try:
+        for path in build_stale():
+            print(path)
+    except BuildFailed as failed:
+        print(failed, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+"""Taxels of two orders are never mixed: not in a set, with a model, with C, nor with ranges."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import pytest
+
+from rigctl.cli import main
+from rigctl.values import DRAWN_WIRING
+from tests.analysis.recordings import record
+
+Refused = Callable[..., str]
+
+
+def rewired(session: Path, folder: Path, wiring: list[int]) -> Path:
+    """The same recording as a bench of that wiring would have stored it."""
+    shutil.copytree(session, folder)
+    for part in folder.glob("part-*.h5"):
+        with h5py.File(part, "r+") as file:
+            file.attrs["wiring"] = json.dumps(wiring)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of before: it does not tell its wiring, which was then in the order of the wire."""
+    folder = tmp_path_factory.mktemp("wiring") / "old"
+    return record(folder, "AB", repeats=2, travel_mm=12.0, speeds=(40,))
+
+
+@pytest.fixture(scope="module")
+def drawn(old: Path) -> Path:
+    return rewired(old, old.with_name("drawn"), list(DRAWN_WIRING))
+
+
+@pytest.fixture(scope="module")
+def learnt(drawn: Path) -> dict[str, Path]:
+    """A file of spikes with C, and a model, of the session that is wired as drawn."""
+    folder = drawn.parent
+    assert main(["encode", str(drawn), "--no-cache", "--out", str(folder / "spikes")]) == 0
+    words = ["analyse", str(drawn), "--no-cache", "--iterations", "1", "--k-max", "2"]
+    words += ["--task", "textures", "--out", str(folder / "report")]
+    assert main([*words, "--save-model", str(folder / "m.h5"), "--components", "2"]) == 0
+    return {"spikes": folder / "spikes" / "spikes.h5", "model": folder / "m.h5"}
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Refused:
+    def run(command: str, *words: object) -> str:
+        """The one sentence with which it ended before it wrote anything."""
+        out = [] if command == "classify" else ["--out", str(tmp_path / "out"), "--no-cache"]
+        capsys.readouterr()
+        assert main([command, *map(str, words), *out]) == 2
+        assert not list(tmp_path.glob("out*"))
+        said = capsys.readouterr()
+        assert said.out == ""
+        return said.err.splitlines()[-1]
+
+    return run
+
+
+@pytest.mark.parametrize("command", ["analyse", "encode"])
+def test_sessions_of_two_wirings_are_not_joined(
+    command: str, old: Path, drawn: Path, refused: Refused
+) -> None:
+    sentence = refused(command, drawn, old)
+    assert f"{old} has its taxels in another order than {drawn}" in sentence
+    assert f"wiring = {list(range(18))}, not {list(DRAWN_WIRING)}" in sentence
+
+
+def test_a_model_is_not_asked_for_another_wiring(
+    learnt: dict[str, Path], old: Path, drawn: Path, refused: Refused
+) -> None:
+    assert main(["classify", str(learnt["model"]), str(drawn)]) == 0
+    assert f"{old} has its taxels in another order" in refused("classify", learnt["model"], old)
+
+
+@pytest.mark.parametrize("kind", ["spikes", "model"])
+def test_ranges_are_not_taken_from_another_wiring(
+    kind: str, learnt: dict[str, Path], old: Path, refused: Refused
+) -> None:
+    sentence = refused("encode", old, "--ranges", learnt[kind])
+    assert f"than the sessions of {learnt[kind]}" in sentence
+
+
+def test_c_is_not_taken_from_another_wiring(
+    learnt: dict[str, Path], old: Path, refused: Refused
+) -> None:
+    sentence = refused("analyse", old, "--c", learnt["spikes"])
+    assert f"than the sessions of {learnt['spikes']}" in sentence
+
+
+def test_sessions_of_one_wiring_are_joined(drawn: Path, tmp_path: Path) -> None:
+    other = rewired(drawn, tmp_path / "other", list(DRAWN_WIRING))
+    words = ["encode", str(drawn), str(other), "--no-cache", "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    with h5py.File(tmp_path / "out" / "spikes.h5") as file:
+        inputs = json.loads(file["inputs"][()])
+    assert [source["wiring"] for source in inputs] == [list(DRAWN_WIRING)] * 2

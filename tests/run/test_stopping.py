@@ -1,0 +1,105 @@
+"""STOP goes to all engines at once, and says of each whether it was reached."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rigctl.cli import main
+from rigctl.run import stopping
+from rigctl.run.messages import decode_message, encode_message
+from rigctl.run.runtime import FOLDER_VARIABLE, Announcement, announce, runtime_folder
+from rigctl.run.server import listen
+from rigctl.run.stopping import Stopped, stop_engines
+
+
+@pytest.fixture(autouse=True)
+def nothing_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
+
+
+def announced(name: str, listener: socket.socket) -> None:
+    port = listener.getsockname()[1]
+    announce(runtime_folder(), Announcement(name, os.getpid(), port, "", name, ""))
+
+
+class Answering:
+    """An engine's door: whoever comes is answered, and what was asked is remembered."""
+
+    def __init__(self, name: str) -> None:
+        self.asked: list[str] = []
+        self._listener = listen()
+        self._listener.setblocking(True)
+        announced(name, self._listener)
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._thread.join()
+        self._listener.close()
+
+    def _serve(self) -> None:
+        connection, _ = self._listener.accept()
+        with connection, connection.makefile("rb") as lines:
+            next(lines)  # the token
+            request = decode_message(next(lines))
+            self.asked.append(request["command"])
+            answer = {"reply": request["id"], "ok": True, "result": {}}
+            connection.sendall(encode_message(answer))
+
+
+@pytest.fixture
+def engines() -> Iterator[list[Answering]]:
+    made = [Answering("one"), Answering("two")]
+    yield made
+    for engine in made:
+        engine.close()
+
+
+def test_every_engine_is_stopped(engines: list[Answering]) -> None:
+    told: list[Stopped] = []
+    assert stop_engines(told.append) == 2
+    assert {(each.rig, each.failure) for each in told} == {("one", ""), ("two", "")}
+    assert [engine.asked for engine in engines] == [["stop"], ["stop"]]
+
+
+def test_one_that_hangs_holds_none_of_the_others_up(
+    engines: list[Answering], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stopping, "ANSWER_S", 0.5)
+    told: list[Stopped] = []
+    with listen() as mute:
+        announced("mute", mute)  # the newest, so the first to be asked
+        stop_engines(told.append)
+    assert told[-1].rig == "mute"
+    assert [bool(each.failure) for each in told] == [False, False, True]
+
+
+def test_the_command_says_which_were_reached_and_which_were_not(
+    engines: list[Answering], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(stopping, "ANSWER_S", 0.5)
+    with listen() as mute:
+        announced("mute", mute)
+        assert main(["stop"]) == 3
+    said = capsys.readouterr()
+    pid = os.getpid()
+    assert set(said.out.splitlines()) == {f"stopped: {n} (process {pid})" for n in ("one", "two")}
+    assert said.err.startswith(f"rigctl: mute (process {pid}): no answer to 'stop'")
+
+
+def test_those_that_are_stopped_already_are_left_out(engines: list[Answering]) -> None:
+    told: list[Stopped] = []
+    assert stop_engines(told.append, but=("one",)) == 1
+    assert [each.rig for each in told] == ["two"]
+    assert stop_engines(told.append, but=("two",)) == 1  # so that its thread ends
+
+
+def test_where_nothing_runs_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stop"]) == 1
+    assert "no engine is running" in capsys.readouterr().err

@@ -1,0 +1,88 @@
+"""A session knows which reading stands at each place, and is never continued with another order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rigctl.config import RigConfig, TaxelArray
+from rigctl.errors import SessionError
+from rigctl.session.header import IMPORTED, SessionHeader
+from rigctl.session.reader import Session
+from rigctl.session.recorder import Recorder
+from rigctl.session.verify import verify
+from rigctl.session.wiring import wiring_of, wiring_of_source
+from rigctl.values import DRAWN_WIRING
+from tests.session.building import PROTOCOL, RIG, Bench, header, plan
+
+AS_WIRED = tuple(range(18))
+BACKWARDS = tuple(reversed(range(18)))
+
+
+def told(wiring: tuple[int, ...]) -> SessionHeader:
+    return replace(header(), wiring=wiring)
+
+
+def record(folder: Path, head: SessionHeader, rig: str = RIG, *, resume: bool = False) -> None:
+    with Recorder(folder, head, PROTOCOL, rig, resume=resume) as recorder:
+        recorder.begin_part("resume" if resume else "start", "A")
+        Bench(recorder).trial(plan().trials[0])
+
+
+def test_what_was_recorded_says_its_order(tmp_path: Path) -> None:
+    record(tmp_path / "s", told(DRAWN_WIRING))
+    with Session.open(tmp_path / "s") as session:
+        assert session.wiring == session.header.wiring == DRAWN_WIRING
+
+
+def test_a_description_that_is_stored_names_the_order_whatever_the_default_will_be() -> None:
+    assert RigConfig().with_order().taxels.wiring == DRAWN_WIRING
+    assert f"wiring = {list(DRAWN_WIRING)}" in RigConfig().with_order().to_toml()
+    own = RigConfig(taxels=TaxelArray(wiring=BACKWARDS))
+    assert own.with_order() == own
+    assert TaxelArray(count=4).order == (0, 1, 2, 3)
+
+
+def test_an_older_part_holds_the_order_of_the_wire_unless_its_rig_says_another() -> None:
+    assert wiring_of(header(), RIG) == AS_WIRED
+    assert wiring_of(header(), f"[taxels]\nwiring = {list(BACKWARDS)}\n") == BACKWARDS
+    assert wiring_of(replace(header(), rig=IMPORTED), RIG) == ()
+    with pytest.raises(SessionError, match="damaged"):
+        wiring_of(header(), "[taxels")
+
+
+def test_a_model_of_before_counts_as_in_the_order_of_the_wire() -> None:
+    assert wiring_of_source({"rig": "bench", "n_taxels": 18}) == AS_WIRED
+    assert wiring_of_source({"rig": IMPORTED, "n_taxels": 18}) == ()
+    assert wiring_of_source({"wiring": list(DRAWN_WIRING), "n_taxels": 18}) == DRAWN_WIRING
+
+
+@pytest.mark.parametrize("begun", [(), DRAWN_WIRING])
+def test_a_session_is_not_continued_with_another_order(
+    tmp_path: Path, begun: tuple[int, ...]
+) -> None:
+    record(tmp_path / "s", told(begun))
+    before = {path.name: path.read_bytes() for path in (tmp_path / "s").iterdir()}
+    with pytest.raises(SessionError, match="taxels in another order") as caught:
+        record(tmp_path / "s", told(BACKWARDS), resume=True)
+    assert f"wiring = {list(begun or AS_WIRED)}, not {list(BACKWARDS)}" in str(caught.value)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "s").iterdir()} == before
+
+
+def test_an_older_session_is_continued_by_a_rig_that_names_its_order(tmp_path: Path) -> None:
+    record(tmp_path / "s", told(()))
+    record(tmp_path / "s", told(AS_WIRED), f"[taxels]\nwiring = {list(AS_WIRED)}\n", resume=True)
+    with Session.open(tmp_path / "s") as session:
+        assert session.wiring == AS_WIRED
+    assert not [line for line in verify(tmp_path / "s").problems if "order" in line]
+
+
+def test_verify_sees_a_part_of_another_order(tmp_path: Path) -> None:
+    record(tmp_path / "s", told(DRAWN_WIRING))
+    record(tmp_path / "other", told(BACKWARDS))
+    record(tmp_path / "other", told(BACKWARDS), resume=True)
+    (tmp_path / "other" / "part-0002.h5").rename(tmp_path / "s" / "part-0002.h5")
+    found = verify(tmp_path / "s").problems
+    assert "part-0002.h5: has its taxels in another order than the first" in found
