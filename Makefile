@@ -15,11 +15,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gui test check pytest firmware bench orders scale shots soak fuzz docs lock clean
+.PHONY: help setup demo gui test check pytest firmware bench orders identify scale shots soak fuzz docs lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, orders, scale, shots, soak, fuzz, docs, lock, clean'
+	@echo 'also: make gui, check, firmware, bench, orders, identify, scale, shots, soak, fuzz, docs, lock, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml
 	$(SAY) "Python environment in $(VENV) (locked versions, wheels only)"
@@ -96,6 +96,10 @@ orders: $(VENV)/.ready
 	@rm -rf $(ORDERS)/page
 	@$(BIN)/rigctl orders $(SEEDS:%=$(ORDERS)/$(REPEATS)-seed-%) --out $(ORDERS)/page
 
+identify: $(VENV)/.ready
+	$(SAY) "the bench's unknowns, searched for by the paper's Original column alone (half an hour)"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rigctl.identification $(IDENTIFY_ARGS)
+
 shots: $(VENV)/.ready
 	@sh .ci/debian-packages $(DEBIAN_RUN)
 	$(SAY) "the window's pictures from a live virtual rig"
@@ -112,6 +116,7 @@ fuzz: firmware
 docs: $(VENV)/.ready
 	$(SAY) "reference pages that are rendered from the code"
 	@$(BIN)/python -m rigctl.wire.generate
+	@$(BIN)/python -m rigctl.world.reference
 
 lock:
 	@$(BIN)/pip install --quiet uv

@@ -8,13 +8,12 @@ from concurrent.futures import Executor
 import numpy as np
 
 from rigctl.wire.drum_map import Signal
+from rigctl.world.contact import contact_tables, footprint, mounted
 from rigctl.world.loadcell import Loadcell
-from rigctl.world.noise import Stream, generator
 from rigctl.world.parameters import WorldParameters, checked
 from rigctl.world.plant import DRUM_MM, FORCE_G, RING_MS, Motion, Plant
 from rigctl.world.simulation import Disturbances
 from rigctl.world.skin import Skin
-from rigctl.world.textures import height_tables, texture
 from rigctl.world.truth import Truth
 
 LOG_EVERY_MS = 1000
@@ -53,14 +52,12 @@ class Bench:
         return self._truth
 
     def set_plate(self, name: str) -> None:
-        """Snap in a plate; it never sits quite where the last one did. Raises WrongUse."""
-        random = generator(self.seed, Stream.SEATING, self._plates)
-        spread_mm = self.parameters.plate_seating_mm
-        seating_mm = spread_mm * random.uniform(-1.0, 1.0)
-        tables = height_tables(texture(name, self.parameters), self.parameters, seating_mm)
+        """Snap in a plate; it never sits quite as the last one did. Raises WrongUse."""
+        tables = contact_tables(name, self.parameters)
+        mounting = mounted(self.parameters, self.seed, self._plates)
         self._plates += 1
-        self.skin.set_heights(tables)
-        self.plant.set_footprint(tables.footprint)
+        self.skin.set_plate(tables, mounting)
+        self.plant.set_footprint(footprint(tables, self.parameters, mounting))
 
     def disturb(self) -> None:
         """Bring changed disturbances to the mechanics."""

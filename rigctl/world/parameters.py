@@ -1,8 +1,9 @@
-"""The nominal bench in numbers, each with unit, plausible range and meaning.
+"""The nominal bench in numbers, each with unit, plausible range, meaning and source.
 
 This table is the single place of every constant of the simulated world;
-``docs/reference/world.md`` is rendered from it. Values are chosen from plausibility alone and
-were fixed before any classification was looked at.
+``docs/reference/world.md`` is rendered from it. What is known of the rig and its sensor is taken
+as published; what real recordings show, as measured; unknowns of plate and skin are identified
+from the paper's Original column alone (decision 0018); the rest is plausible.
 """
 
 from __future__ import annotations
@@ -23,11 +24,21 @@ class ParameterInfo(NamedTuple):
     low: float
     high: float
     doc: str
+    source: str
 
 
-def _p(value: float, unit: str, low: float, high: float, doc: str) -> Any:
+PLAUSIBLE = "plausible"
+PAPER = "published: the paper"
+RIG = "published: Chaudhry et al., NER 2023"
+SENSOR = "published: Nguyen et al., BioCAS 2018"
+RECORDINGS = "measured: recordings of other labs"
+IDENTIFIED = "identified"
+
+
+def _p(value: float, unit: str, low: float, high: float, doc: str, source: str = PLAUSIBLE) -> Any:
     return dataclasses.field(
-        default=value, metadata={"unit": unit, "low": low, "high": high, "doc": doc}
+        default=value,
+        metadata={"unit": unit, "low": low, "high": high, "doc": doc, "source": source},
     )
 
 
@@ -71,9 +82,15 @@ class WorldParameters:
 
     # Contact
     contact_mm: float = _p(20.0, "mm", 10, 30, "actuator travel at which the drum touches")
-    stiffness_g_mm: float = _p(600.0, "g/mm", 300, 900, "of skin and frame at first touch")
-    stiffening_per_mm: float = _p(0.1, "1/mm", 0, 0.3, "relative growth of stiffness with depth")
-    ripple_share: float = _p(0.3, "", 0, 1, "share of the footprint's mean height felt as depth")
+    stiffness_g_mm: float = _p(
+        600.0, "g/mm", 300, 900, "of skin and frame under a smooth plate at 500 g"
+    )
+    frame_share: float = _p(
+        0.5, "", 0.3, 0.8, "share of that give which is the frame's", IDENTIFIED
+    )
+    pressure_power: float = _p(
+        1.67, "", 1.5, 2.2, "pressure is this power of the depth", IDENTIFIED
+    )
 
     # Load cell
     loadcell_rate_hz: float = _p(80.0, "Hz", 80, 80, "conversions a second by its own clock")
@@ -94,30 +111,69 @@ class WorldParameters:
     taxel_clock_ppm: float = _p(-900.0, "ppm", -5000, 5000, "Uno's resonator fast by so much")
 
     # Textures
-    base_height_mm: float = _p(1.0, "mm", 0.5, 2, "height of the base ridges and waves")
-    base_space_mm: float = _p(6.0, "mm", 4, 8, "spacing of the base ridges and waves")
-    ridge_share: float = _p(0.5, "", 0.3, 0.7, "share of the spacing that a ridge takes")
+    base_height_mm: float = _p(2.0, "mm", 0.5, 2, "height of the base ridges", IDENTIFIED)
+    base_space_mm: float = _p(8.0, "mm", 4, 8, "spacing of the base ridges", IDENTIFIED)
+    ridge_share: float = _p(0.444, "", 0.3, 0.7, "share of the spacing on a ridge", IDENTIFIED)
     print_roughness_mm: float = _p(0.02, "mm", 0, 0.05, "height noise of the print, rms")
 
     # Skin
-    taxel_pitch_mm: float = _p(5.0, "mm", 5, 5, "distance of taxel centres")
-    taxel_size_mm: float = _p(3.0, "mm", 3, 3, "width of a taxel; sensitive most in its middle")
+    taxel_pitch_mm: float = _p(5.0, "mm", 5, 5, "distance of taxel centres", PAPER)
+    taxel_size_mm: float = _p(3.0, "mm", 3, 3, "width of a taxel, most sensitive inside", SENSOR)
     sensor_skew_deg: float = _p(3.0, "°", -5, 5, "turn of the sensor against the travel")
-    top_blur_mm: float = _p(0.5, "mm", 0.3, 1, "spread of pressure above the top layer, sigma")
-    bottom_blur_mm: float = _p(1.5, "mm", 1, 3, "spread of pressure above the bottom layer, sigma")
-    top_gain: float = _p(0.9, "1/mm", 0.5, 1.5, "conductance of a top taxel per mm of indentation")
-    bottom_gain: float = _p(0.5, "1/mm", 0.2, 1, "conductance of a bottom taxel per mm")
-    curvature_share: float = _p(0.7, "", 0, 1, "share of the drum's curve that outer rows miss")
-    soft_touch_mm: float = _p(0.15, "mm", 0.05, 0.5, "depth at which half of the texture is felt")
+    edge_drop_mm: float = _p(
+        0.5,
+        "mm",
+        0.1,
+        0.8,
+        "depth that outer rows miss: the drum's curve and the sensor's",
+        IDENTIFIED,
+    )
+    bridging_mm: float = _p(
+        0.565, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED
+    )
+    top_blur_mm: float = _p(
+        0.814, "mm", 0.3, 1.5, "spread of pressure above the top layer, sigma", IDENTIFIED
+    )
+    bottom_blur_mm: float = _p(
+        1.975, "mm", 1, 4, "spread of pressure above the bottom layer, sigma", IDENTIFIED
+    )
+    top_gain: float = _p(
+        0.0544, "", 0.03, 1, "conductance of a top taxel at the mean pressure of 250 g", IDENTIFIED
+    )
+    bottom_gain: float = _p(0.04, "", 0.03, 0.8, "the same of a bottom taxel", IDENTIFIED)
+    conductance_power: float = _p(
+        1.2, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
+    )
+    saturation_g: float = _p(
+        8750.0, "g", 500, 12500, "force whose mean pressure halves the conductance", IDENTIFIED
+    )
     rest_conductance: float = _p(0.02, "", 0, 0.1, "conductance without load")
-    gain_spread: float = _p(0.12, "", 0, 0.3, "spread of gain from taxel to taxel, rms")
+    gain_spread: float = _p(0.148, "", 0, 0.4, "spread of gain over the taxels, rms", IDENTIFIED)
     session_spread: float = _p(0.04, "", 0, 0.15, "change of each gain from session to session")
-    contact_spread: float = _p(0.01, "", 0, 0.05, "change of each gain from contact to contact")
-    contact_shift_mm: float = _p(0.15, "mm", 0, 0.5, "shift of the skin from contact to contact")
-    viscous_lag_ms: float = _p(6.0, "ms", 2, 20, "lag of the skin's pressure")
-    relaxation: float = _p(0.1, "", 0, 0.3, "share of the pressure that settles slowly")
+    plate_tilt_mm: float = _p(
+        0.0474, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
+    )
+    mounting_spread: float = _p(
+        0.0018, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
+    )
+    contact_shift_mm: float = _p(
+        0.183, "mm", 0, 1, "shift of the skin from contact to contact, rms", IDENTIFIED
+    )
+    contact_spread: float = _p(
+        0.0276, "", 0, 0.05, "change of each gain from contact to contact, rms", IDENTIFIED
+    )
+    contact_load_spread: float = _p(
+        0.01, "", 0, 0.03, "change of all gains from contact to contact, rms", RECORDINGS
+    )
+    contact_texture_spread: float = _p(
+        0.04, "", 0, 0.08, "change of the texture felt from contact to contact, rms", RECORDINGS
+    )
+    viscous_lag_ms: float = _p(2.0, "ms", 2, 20, "lag of the skin's pressure", IDENTIFIED)
+    relaxation: float = _p(
+        0.0959, "", 0, 0.3, "share of the pressure that settles slowly", IDENTIFIED
+    )
     relaxation_s: float = _p(1.5, "s", 0.5, 10, "time constant of that share")
-    friction_noise_mm: float = _p(0.01, "mm", 0, 0.05, "jitter of indentation while it slides")
+    friction_noise: float = _p(0.01, "", 0, 0.05, "jitter of pressure while it slides, rms")
     crosstalk: float = _p(0.02, "", 0, 0.1, "share of the other lines' signal in a reading")
     adc_noise_counts: float = _p(0.7, "counts", 0, 3, "noise of one conversion, rms")
     dead_taxels: tuple[int, ...] = ()
@@ -141,6 +197,7 @@ def table(parameters: WorldParameters | None = None) -> list[ParameterInfo]:
             float(field.metadata["low"]),
             float(field.metadata["high"]),
             str(field.metadata["doc"]),
+            str(field.metadata["source"]),
         )
         for field in dataclasses.fields(WorldParameters)
         if field.metadata

@@ -8,12 +8,13 @@ ring from which load cell, skin and truth read.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.world.compiled import compiled, inlined
+from rigctl.world.contact import Footprint
 from rigctl.world.parameters import WorldParameters
 from rigctl.world.textures import GRID_MM
 
@@ -57,9 +58,8 @@ _CONSTANTS = (
     "drum_weight_g",
     "actuator_travel_mm",
     "contact_mm",
-    "stiffness_g_mm",
-    "stiffening_per_mm",
-    "ripple_share",
+    "travel_cells_per_mm",
+    "give_mm_g",
     "imbalance_g",
     "moved_mass_g",
 )
@@ -78,14 +78,15 @@ _CONSTANTS = (
     _C_WEIGHT,
     _C_TRAVEL,
     _C_CONTACT,
-    _C_STIFFNESS,
-    _C_STIFFENING,
-    _C_RIPPLE,
+    _C_TRAVEL_CELLS,
+    _C_GIVE,
     _C_IMBALANCE,
     _C_MASS,
 ) = range(len(_CONSTANTS))
 
 _Floats = NDArray[np.float64]
+_Table = NDArray[np.floating[Any]]
+CELLS_PER_MM = 1.0 / GRID_MM
 
 
 class Motion(NamedTuple):
@@ -119,20 +120,18 @@ def _around(place_mm: float, turn_mm: float) -> float:
 
 
 @inlined
-def _height(table: NDArray[np.float64], place_mm: float, circumference_mm: float) -> float:
-    cell = _around(place_mm, circumference_mm) / GRID_MM
-    low = int(cell)
-    share = cell - low
-    low = low - table.size if low >= table.size else low
-    behind = low + 1 if low + 1 < table.size else 0
-    return float(table[low] * (1.0 - share) + table[behind] * share)
-
-
-@inlined
-def _force(depth_mm: float, c: _Floats) -> float:
-    if depth_mm <= 0.0:
+def _force(
+    footprint: _Table, low: int, behind: int, share: float, travel_mm: float, c: _Floats
+) -> float:
+    """Contact force between two places of the footprint; beyond its rows it goes on as a line."""
+    cell = travel_mm * c[_C_TRAVEL_CELLS]
+    if cell <= 0.0:
         return 0.0
-    return float(c[_C_STIFFNESS] * depth_mm * (1.0 + c[_C_STIFFENING] * depth_mm))
+    row = min(int(cell), footprint.shape[0] - 2)
+    more = cell - row
+    above = footprint[row, low] * (1.0 - share) + footprint[row, behind] * share
+    below = footprint[row + 1, low] * (1.0 - share) + footprint[row + 1, behind] * share
+    return float(above * (1.0 - more) + below * more)
 
 
 @inlined
@@ -154,19 +153,29 @@ def _move_actuator(s: _Floats, c: _Floats, drive: float) -> float:
 
 
 @inlined
-def _touch(s: _Floats, c: _Floats, surface_mm: float) -> None:
+def _touch(s: _Floats, c: _Floats, footprint: _Table, surface_mm: float) -> None:
     """Depth and force for a drum surface that stands so far from the skin at rod 0.
 
     The drum's weight holds the screw's play on its lower flank; a contact force above the
     weight pushes it to the upper one.
     """
-    low = s[ROD] + 0.5 * c[_C_BACKLASH] - surface_mm
-    high = low - c[_C_BACKLASH]
-    s[_DEPTH] = low
-    s[FORCE] = _force(low, c)
-    if s[FORCE] > c[_C_WEIGHT]:
-        s[_DEPTH] = high
-        s[FORCE] = max(c[_C_WEIGHT], _force(high, c))
+    travel = s[ROD] + 0.5 * c[_C_BACKLASH] - surface_mm
+    s[_DEPTH] = travel
+    s[FORCE] = 0.0
+    if travel <= 0.0:
+        return
+    cell = _around(s[_PLACE], c[_C_TURN]) * CELLS_PER_MM
+    low = int(cell)
+    share = cell - low
+    size = footprint.shape[1]
+    low = low - size if low >= size else low
+    behind = low + 1 if low + 1 < size else 0
+    force = _force(footprint, low, behind, share, travel, c)
+    if force > c[_C_WEIGHT]:
+        travel -= c[_C_BACKLASH]
+        force = max(c[_C_WEIGHT], _force(footprint, low, behind, share, travel, c))
+    s[FORCE] = force
+    s[_DEPTH] = travel - force * c[_C_GIVE]
 
 
 @inlined
@@ -183,13 +192,12 @@ def _roll(s: _Floats, c: _Floats, motion: Motion) -> None:
 
 
 @inlined
-def _press(s: _Floats, c: _Floats, footprint: _Floats, drive: float) -> float:
+def _press(s: _Floats, c: _Floats, footprint: _Table, drive: float) -> float:
     """Move the actuator, find the contact force; returns what the load cell feels."""
     angle = 2.0 * math.pi * s[_PLACE] / c[_C_TURN]
     change = _move_actuator(s, c, drive)
     wobble = c[_C_RUN_OUT] * math.sin(angle + c[_C_PHASE])
-    ripple = c[_C_RIPPLE] * _height(footprint, s[_PLACE], c[_C_TURN])
-    _touch(s, c, c[_C_CONTACT] - wobble - ripple)
+    _touch(s, c, footprint, c[_C_CONTACT] - wobble)
     touching = s[FORCE] > 0.0
     if touching and not s[_TOUCHING]:
         s[_CONTACTS] += 1
@@ -217,7 +225,7 @@ def _watch_index(s: _Floats, c: _Floats, before: float) -> bool:
 
 @inlined
 def pass_millisecond(
-    s: _Floats, c: _Floats, log: _Floats, footprint: _Floats, motion: Motion, drive: float
+    s: _Floats, c: _Floats, log: _Floats, footprint: _Table, motion: Motion, drive: float
 ) -> bool:
     """One millisecond of everything; True when an index mark began in it."""
     before = s[_PLACE]
@@ -238,7 +246,7 @@ def _advance(
     s: _Floats,
     c: _Floats,
     log: _Floats,
-    footprint: _Floats,
+    footprint: _Table,
     motion: Motion,
     drive: float,
     until_ms: int,
@@ -256,8 +264,8 @@ def _advance(
 class Plant:
     """The mechanics of one bench.
 
-    ``advance`` moves it, and compiled code that is handed ``state``, ``constants``, ``log`` and
-    ``footprint`` for :func:`pass_millisecond`; nothing else does.
+    ``advance`` and ``put_rod`` move it, and compiled code that is handed ``state``, ``constants``,
+    ``log`` and ``footprint`` for :func:`pass_millisecond`; nothing else does.
     """
 
     def __init__(self, parameters: WorldParameters) -> None:
@@ -265,7 +273,8 @@ class Plant:
         self.state = np.zeros(_STATE_SIZE)
         self.constants = _constants(parameters)
         self.counts_per_mm = parameters.potentiometer_counts / parameters.actuator_travel_mm
-        self.footprint = np.zeros(round(parameters.circumference_mm / GRID_MM))
+        cells = round(parameters.circumference_mm / GRID_MM)
+        self.footprint = np.zeros((2, cells), np.float32)
         self.state[ROD] = parameters.actuator_start_mm
         self.state[_PLACE] = parameters.start_mm
         angle_mm = parameters.start_mm % parameters.circumference_mm
@@ -300,9 +309,16 @@ class Plant:
             )
         )
 
-    def set_footprint(self, heights_mm: NDArray[np.float64]) -> None:
-        """Mean texture height under the sensor around the drum, on the texture grid."""
-        self.footprint = np.ascontiguousarray(heights_mm)
+    def put_rod(self, rod_mm: float) -> None:
+        """Stand the actuator at a travel from its upper end at once, as no motor could."""
+        self.state[ROD] = rod_mm
+        self.state[_VELOCITY] = 0.0
+
+    def set_footprint(self, footprint: Footprint) -> None:
+        """Contact force over travel from first touch and place, from now on."""
+        self.footprint = footprint.force_g
+        self.constants[_C_TRAVEL_CELLS] = 1.0 / footprint.cell_mm
+        self.constants[_C_GIVE] = footprint.give_mm_g
 
     def disturb(self, jammed: bool, push_g: float) -> None:
         """Hold the drum, press on the load cell."""
@@ -363,6 +379,8 @@ def _constants(p: WorldParameters) -> _Floats:
     derived = {
         "travel_factor": 1.0 + p.radius_error_ppm * 1e-6,
         "run_out_phase": math.radians(p.run_out_phase_deg),
+        "travel_cells_per_mm": 0.0,
+        "give_mm_g": 0.0,
         "actuator_gain": 1.0 - math.exp(-1.0 / p.actuator_lag_ms),
     }
     return np.array([derived[n] if n in derived else getattr(p, n) for n in _CONSTANTS])

@@ -30,9 +30,11 @@ This page is written by `python -m rigctl.world.reference` from `rigctl/world/pa
 test fails when the two differ.
 
 The world is stepped in world time, a millisecond at a time, and is the same for a seed. Virtual
-boards and simulated chips are wired to the same world. Nothing here is measured on a real rig:
-what is not published is chosen from plausibility, within the ranges below, and was fixed before
-any classification was looked at. The ranges are what tests sweep; a value outside is refused.
+boards and simulated chips are wired to the same world. Nobody has measured this rig. Each number
+below says where it is from: **published** of the rig or its sensor; **measured** on recordings of
+other labs; **identified**, which means searched for until the paper's Original column comes out,
+and that column alone ([decision 0018](../decisions/0018-the-world-is-identified.md)); or
+**plausible**, chosen within the range. The ranges are what tests sweep; a value outside is refused.
 A file can give any of them another value: [Rehearse on your own bench](../how-to/rehearse.md).
 
 ## How it works
@@ -43,18 +45,27 @@ A file can give any of them another value: [Rehearse on your own bench](../how-t
 - **Actuator.** Duty beyond the dead band is speed, reached with a first-order lag. From rest it
   needs a little more duty. The screw holds by itself. Its play is held on one flank by the drum's
   weight and opens only under a contact force above it. A potentiometer tells the travel.
-- **Contact.** Depth is travel beyond touch, plus the drum's run-out once a turn, plus a share of
-  the mean texture height under the sensor. Force is stiffness times depth, growing a little.
+- **Contact.** The skin touches ridges first and bridges the grooves between them. Its pressure is
+  a power of how deep it is pressed, and the force is the sum over the nine patches of the sensor,
+  tilted as the plate sits. The frame gives way in proportion. Heights count from a plate's highest
+  ridge, so every plate touches at the same travel. The drum's run-out comes once a turn. The clamp
+  is as high as carries like the plate at 500 g. Tables reach to 2,500 g; behind them force goes on
+  in proportion.
 - **Load cell.** It feels contact force, imbalance once a turn, the inertia of the moved mass and
   what pushes on it. A conversion is the mean of the last milliseconds, with noise, drift, creep
   and an offset that carries the drum's weight. It converts by its own clock and settles for four
   conversions after power-up. Inertia looks like a force of several grams while the actuator
   gathers speed: tell it from touch.
-- **Skin.** Each taxel feels the depth, less what the drum's curve takes from the outer rows, plus
-  the texture under it, blurred by its own width and by the layer above it. Pressure lags and
-  relaxes, conductance rises with it, and a divider makes it saturate. Readings of one analog
-  input pull at each other a little. Gains differ from taxel to taxel for good, from session to
-  session, and from contact to contact; at each contact the skin also lies a little shifted.
+- **Skin.** Each taxel feels the pressure around it, weighted by its own width and spread by the
+  layers above it, less where the drum's curve or the plate's tilt takes depth from it. Conductance
+  is a power of the pressure that bends where the fabric saturates; it lags and relaxes. Of the
+  divider's own bend the converter sees little. Gains differ from taxel to taxel for good, and
+  from session to session. **Each mounting of a plate** has a tilt, a shift and small gains of its
+  own, which stay until the next one. At each contact skin and fabric are a little changed: the
+  skin's place, all gains together, each taxel's gain, and how much of the texture gets through.
+- **Wiring.** The sensor is soldered as [arduino/README.md](../../arduino/README.md) draws it:
+  reading 6 · line + input, a line is a row along the travel, inputs 0–2 read the top layer.
+  Readings of one analog input pull at each other a little.
 - **Converter.** Reading *i* is taken 50 µs × *i* after the start of its frame by the board's
   clock, with noise, 10 bit.
 - **Truth.** Each millisecond the world logs the true speed, the true contact force and the level
@@ -76,6 +87,11 @@ def heading(name: str) -> str:
     return _GROUPS.get(name, "")
 
 
+OURS = {"growth": 2.6, "mean_growth": 2.96, "mean_scatter": 0.02, "amplitude_scatter": 0.04}
+SHARES = {"mean_shares": (0.03, 0.0, 0.96), "amplitude_shares": (0.55, 0.0, 0.27)}
+"""The nominal skin's figures, as ``tests/world/test_skin_statistics.py`` measures them."""
+
+
 def render() -> str:
     """The whole page."""
     parts = [_HEAD]
@@ -83,18 +99,18 @@ def render() -> str:
         if row.name in _GROUPS:
             parts.append(
                 f"\n### {_GROUPS[row.name]}\n\n| parameter | nominal | range | unit |"
-                " meaning |\n|---|---|---|---|---|\n"
+                " meaning | source |\n|---|---|---|---|---|---|\n"
             )
         parts.append(_line(row))
     parts.append(
         "\n`dead_taxels` and `stuck_taxels` name readings that are broken; nominally none.\n"
     )
-    return "".join(parts) + _plates()
+    return "".join(parts) + _plates() + _recordings()
 
 
 def _line(row: ParameterInfo) -> str:
     span = f"{row.low:.6g} … {row.high:.6g}"
-    return f"| `{row.name}` | {row.value:.6g} | {span} | {row.unit} | {row.doc} |\n"
+    return f"| `{row.name}` | {row.value:.6g} | {span} | {row.unit} | {row.doc} | {row.source} |\n"
 
 
 def _plates() -> str:
@@ -105,7 +121,36 @@ def _plates() -> str:
         f"{p.base_space_mm * plate.space:g} |\n"
         for plate in CATALOGUE.values()
     ]
-    return head + "".join(lines).replace("| A | smooth | 0 | 6 |", "| A | smooth | 0 | – |")
+    return head + "".join(lines).replace(
+        f"| A | smooth | 0 | {p.base_space_mm:g} |", "| A | smooth | 0 | – |"
+    )
+
+
+def _recordings() -> str:
+    mean, amplitude = (" / ".join(f"{share:.2f}" for share in some) for some in SHARES.values())
+    growth, mean_growth = (f"× {OURS[name]:.1f}" for name in ("growth", "mean_growth"))
+    scatter = f"{OURS['mean_scatter']:.1%} / {OURS['amplitude_scatter']:.1%}"
+    return f"""
+## Beside real skins
+
+Two sets of recordings of other labs: 21 printed textures on 9 piezoresistive taxels, pressed to 4
+depths within 1.5 mm, one trial a condition; and fabrics on 16 capacitive taxels at 2 pressures, 3
+trials a condition. Amplitude is what a mean over 0.25 s leaves of a reading.
+
+| | printed textures | fabrics | ours |
+|---|---|---|---|
+| variance of a taxel's mean by texture / speed / force or depth | 0.87 / 0.01 / 0.05 | – | {mean} |
+| the same of its amplitude | 0.67 / 0.17 / 0.01 | – | {amplitude} |
+| amplitude from least to most pressed | × 1.2–1.3 | × 2 for twice the mean | {growth} |
+| mean from least to most pressed | × 1.13–1.2 | × 1.9 | {mean_growth} |
+| trial to trial, mean / amplitude | – | 0.8% / 4.5% | {scatter} |
+
+Held to are the growth of the amplitude (× 1.2 to 2.5) and both scatters (0.8 to 3% and 3 to 7%).
+The rest differs because theirs are pressed by depth and ours by force, over a range of four. At a
+set depth the mean is high where a plate is full and low where it is hollow: texture explains it. At
+a set force all plates are pressed alike in the mean, and force explains it. Of the amplitude force
+explains more with us for the same reason: a quarter of a kilogram to one is more than 1.5 mm were.
+"""
 
 
 def main(arguments: list[str]) -> int:

@@ -1,8 +1,9 @@
-"""The sensor: 18 taxels in two layers under a skin that blurs, lags and saturates.
+"""The sensor: 18 taxels in two layers under a skin that blurs, lags and relaxes.
 
 Levels are shares of the supply as the converter sees them, once a millisecond; a reading is
-taken between two of them at its own instant. Reading *i* is row ``i % 9 // 3`` along the
-travel, column ``i % 3`` across it, top layer for *i* < 9.
+taken between two of them at its own instant. Taxels count row by row along the travel, the top
+layer first; they are read as ``arduino/README.md`` draws the wiring, and levels, counts, dead and
+stuck taxels are in the order of the readings.
 """
 
 from __future__ import annotations
@@ -13,24 +14,46 @@ from concurrent.futures import Executor
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.values import N_TAXELS
+from rigctl.values import DRAWN_WIRING, N_TAXELS
 from rigctl.world.compiled import compiled, inlined
+from rigctl.world.contact import (
+    DEPTH_CELLS,
+    N_PLACES,
+    N_TOP,
+    ContactTables,
+    Mounting,
+    missed,
+    places_along,
+)
 from rigctl.world.noise import NoiseRows, Stream, generator
 from rigctl.world.parameters import WorldParameters
-from rigctl.world.plant import CONTACTS, DEPTH_MM, DRUM_MM, RING_MS, Plant
-from rigctl.world.textures import GRID_MM, HeightTables
+from rigctl.world.plant import CELLS_PER_MM, CONTACTS, DEPTH_MM, DRUM_MM, FORCE_G, RING_MS, Plant
+from rigctl.world.textures import GRID_MM
 
 FULL_COUNTS = 1023
 SLOT_US = 50
-N_TOP = 9
 STUCK_LEVEL = 0.6
 SENSOR_SERIAL = 1
 """Which sensor this is: its gains are its own, whatever the seed of the session."""
 
 _LINES, _INPUTS = 3, 6
-_TURN_MM, _FAST, _SLOW, _RELAX, _REST, _FRICTION, _SOFT, _CROSSTALK, _SHIFT = range(9)
+(
+    _TURN_MM,
+    _FAST,
+    _SLOW,
+    _RELAX,
+    _REST,
+    _FRICTION,
+    _CROSSTALK,
+    _DEPTH_CELLS,
+    _SHIFT,
+    _TEXTURE,
+) = range(10)
+_ALONG, _MISSED, _GAIN = range(3)
+_READING = np.array(DRAWN_WIRING)
 _Floats = NDArray[np.float64]
-NO_JITTER: NDArray[np.float32] = np.zeros((0, N_TAXELS), np.float32)
+_Table = NDArray[np.float32]
+NO_JITTER: NDArray[np.float32] = np.zeros((0, N_PLACES), np.float32)
 
 
 @inlined
@@ -43,17 +66,30 @@ def _around(place_mm: float, turn_mm: float) -> float:
 
 
 @inlined
-def _touch(felt: _Floats, heights: _Floats, along: _Floats, drum_mm: float, c: _Floats) -> None:
-    """Heights under the taxels; the layers lie over each other."""
-    size = heights.shape[1]
-    for i in range(N_TOP):
-        cell = _around(drum_mm + along[i] + c[_SHIFT], c[_TURN_MM]) / GRID_MM
+def _touch(
+    felt: _Floats, table: _Table, mean: _Table, taxels: _Floats, row: _Floats, c: _Floats
+) -> None:
+    """What the taxels feel; the layers lie over each other."""
+    depths, size = table.shape[0], table.shape[1]
+    for i in range(N_PLACES):
+        cell = (row[DEPTH_MM] - taxels[_MISSED, i]) * c[_DEPTH_CELLS]
+        if cell <= 0.0:
+            felt[i] = felt[N_TOP + i] = 0.0
+            continue
+        deep = min(int(cell), depths - 2)
+        more = cell - deep
+        cell = _around(row[DRUM_MM] + taxels[_ALONG, i] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
         low = int(cell)
         share = cell - low
         low = low - size if low >= size else low
         behind = low + 1 if low + 1 < size else 0
-        felt[i] = heights[0, low] * (1.0 - share) + heights[0, behind] * share
-        felt[N_TOP + i] = heights[1, low] * (1.0 - share) + heights[1, behind] * share
+        less, deeper = table[deep], table[deep + 1]
+        for layer in range(2):
+            above = less[low, layer] * (1.0 - share) + less[behind, layer] * share
+            below = deeper[low, layer] * (1.0 - share) + deeper[behind, layer] * share
+            level = mean[deep, layer] * (1.0 - more) + mean[deep + 1, layer] * more
+            texture = above * (1.0 - more) + below * more - level
+            felt[N_TOP * layer + i] = max(0.0, level + c[_TEXTURE] * texture)
 
 
 @inlined
@@ -73,7 +109,7 @@ def _rubbed(log: _Floats, first_ms: int, count: int) -> bool:
     """Something slides under pressure in one of these milliseconds."""
     for ms in range(first_ms, first_ms + count):
         row, before = log[ms % RING_MS], log[(ms - 1) % RING_MS]
-        if row[DEPTH_MM] > 0.0 and abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4:
+        if row[FORCE_G] > 0.0 and abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4:
             return True
     return False
 
@@ -83,37 +119,42 @@ def _feel(
     levels: _Floats,
     pressure: _Floats,
     log: _Floats,
-    heights: _Floats,
+    table: _Table,
+    mean: _Table,
     taxels: _Floats,
     c: _Floats,
+    reading: NDArray[np.int64],
     jitter: NDArray[np.float32],
     first_ms: int,
     count: int,
 ) -> None:
-    """Levels of ``count`` milliseconds from ``first_ms`` on.
+    """Levels of ``count`` milliseconds from ``first_ms`` on, in the order of the readings.
 
-    ``pressure`` (2, n): fast and slow part now; ``heights`` (2, cells): top and bottom;
-    ``taxels`` (3, n): place along the travel, depth missed by the curve, gain; ``jitter``
-    (count, n), or none at all where nothing slides under pressure.
+    ``pressure`` (2, n): fast and slow part now; ``table`` (depths, places, 2) and ``mean``
+    (depths, 2): as :class:`ContactTables` has them; ``taxels`` (3, n): place along the travel,
+    depth missed, gain; ``reading`` (n,): which reading shows each taxel; ``jitter`` (count, 9),
+    or none at all where nothing slides under pressure.
     """
     felt = np.zeros(N_TAXELS)
     for k in range(count):
         row = log[(first_ms + k) % RING_MS]
         before = log[(first_ms + k - 1) % RING_MS]
         out = levels[(first_ms + k) % RING_MS]
-        if row[DEPTH_MM] > 0.0:
-            _touch(felt, heights, taxels[0], row[DRUM_MM], c)
+        if row[FORCE_G] > 0.0:
+            _touch(felt, table, mean, taxels, row, c)
             if abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4:
-                for i in range(N_TAXELS):
-                    felt[i] += c[_FRICTION] * jitter[k, i]
+                for i in range(N_PLACES):
+                    rubbing = 1.0 + c[_FRICTION] * jitter[k, i]
+                    felt[i] *= rubbing
+                    felt[N_TOP + i] *= rubbing
+        else:
+            felt[:] = 0.0
         for i in range(N_TAXELS):
-            depth = max(0.0, row[DEPTH_MM] - taxels[1, i])
-            indentation = max(0.0, depth + felt[i] * depth / (depth + c[_SOFT]))
-            pressure[0, i] += (indentation - pressure[0, i]) * c[_FAST]
+            pressure[0, i] += (felt[i] - pressure[0, i]) * c[_FAST]
             pressure[1, i] += (pressure[0, i] - pressure[1, i]) * c[_SLOW]
-            lasting = pressure[0, i] - c[_RELAX] * pressure[1, i]
-            conductance = c[_REST] + taxels[2, i] * lasting
-            out[i] = conductance / (1.0 + conductance)
+            lasting = max(0.0, pressure[0, i] - c[_RELAX] * pressure[1, i])
+            conductance = c[_REST] + taxels[_GAIN, i] * lasting
+            out[reading[i]] = conductance / (1.0 + conductance)
         _crosstalk(out, c[_CROSSTALK])
 
 
@@ -138,7 +179,7 @@ class Skin:
     """The sensor of one session, lying still under the drum.
 
     ``levels``: float64 (RING_MS, 18), row ``ms % RING_MS`` is the share of the supply that
-    each taxel's divider gives at that world millisecond, without the converter's noise.
+    each reading's divider gives at that world millisecond, without the converter's noise.
     """
 
     def __init__(
@@ -151,22 +192,30 @@ class Skin:
         self._p = parameters
         self._seed = seed
         self._plant = plant
-        self._friction = NoiseRows(seed, Stream.FRICTION, N_TAXELS, helper)
+        self._friction = NoiseRows(seed, Stream.FRICTION, N_PLACES, helper)
         self._adc = NoiseRows(seed, Stream.ADC, N_TAXELS, helper)
         self._constants = _constants(parameters)
         self._own_gains = _gains(parameters, seed)
-        self._taxels = np.stack([*_places(parameters), self._own_gains])
+        self._taxels = np.zeros((3, N_TAXELS))
         self._pressure = np.zeros((2, N_TAXELS))
-        self._heights = np.zeros((2, round(parameters.circumference_mm / GRID_MM)))
+        cells = round(parameters.circumference_mm / GRID_MM)
+        self._table = np.zeros((DEPTH_CELLS, cells, 2), np.float32)
+        self._mean = np.zeros((DEPTH_CELLS, 2), np.float32)
+        self._contact_gains = self._seat_gains = np.ones(N_TAXELS)
         self._contact = 0
         self.time_ms = 0
         rest = parameters.rest_conductance / (1.0 + parameters.rest_conductance)
         self.levels = np.full((RING_MS, N_TAXELS), rest)
 
-    def set_heights(self, tables: HeightTables) -> None:
+    def set_plate(self, tables: ContactTables, mounting: Mounting) -> None:
         """Put another plate under the drum from the plant's present time on."""
         self.advance()
-        self._heights = np.stack([tables.top, tables.bottom])
+        self._table, self._mean = tables.felt, tables.mean
+        self._constants[_DEPTH_CELLS] = 1.0 / tables.cell_mm
+        self._taxels[_ALONG] = np.tile(places_along(self._p, mounting), 2)
+        self._taxels[_MISSED] = np.tile(missed(self._p, mounting), 2)
+        self._seat_gains = mounting.gains
+        self._set_gains()
 
     def advance(self) -> None:
         """Follow the plant up to its present time; at most RING_MS / 2 at once."""
@@ -199,9 +248,11 @@ class Skin:
             self.levels,
             self._pressure,
             self._plant.log,
-            self._heights,
+            self._table,
+            self._mean,
             self._taxels,
             self._constants,
+            _READING,
             jitter,
             self.time_ms + 1,
             count,
@@ -212,18 +263,24 @@ class Skin:
 
     def _break_taxels(self, count: int) -> None:
         rows = np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS
-        for taxel in self._p.dead_taxels:
-            self.levels[rows, taxel] = 0.0
-        for taxel in self._p.stuck_taxels:
-            self.levels[rows, taxel] = STUCK_LEVEL
+        for reading in self._p.dead_taxels:
+            self.levels[rows, reading] = 0.0
+        for reading in self._p.stuck_taxels:
+            self.levels[rows, reading] = STUCK_LEVEL
 
     def _settle_anew(self, contact: int) -> None:
-        """Every contact finds the skin a little shifted and its gains a little changed."""
-        random = generator(self._seed, Stream.CONTACT, contact)
+        """Every contact finds skin and fabric a little changed."""
+        p, random = self._p, generator(self._seed, Stream.CONTACT, contact)
         self._contact = contact
-        self._constants[_SHIFT] = self._p.contact_shift_mm * random.standard_normal()
-        change = np.exp(self._p.contact_spread * random.standard_normal(N_TAXELS))
-        self._taxels[2] = self._own_gains * change
+        shift, texture, gain = random.standard_normal(3)
+        self._constants[_SHIFT] = p.contact_shift_mm * shift
+        self._constants[_TEXTURE] = math.exp(p.contact_texture_spread * texture)
+        each = p.contact_spread * random.standard_normal(N_TAXELS)
+        self._contact_gains = np.exp(p.contact_load_spread * gain + each)
+        self._set_gains()
+
+    def _set_gains(self) -> None:
+        self._taxels[_GAIN] = self._own_gains * self._seat_gains * self._contact_gains
 
 
 def _constants(p: WorldParameters) -> _Floats:
@@ -234,10 +291,11 @@ def _constants(p: WorldParameters) -> _Floats:
             1.0 - math.exp(-1e-3 / p.relaxation_s),
             p.relaxation,
             p.rest_conductance,
-            p.friction_noise_mm,
-            p.soft_touch_mm,
+            p.friction_noise,
             p.crosstalk,
             0.0,
+            0.0,
+            1.0,
         ]
     )
 
@@ -249,14 +307,3 @@ def _gains(p: WorldParameters, seed: int) -> _Floats:
     session = generator(seed, Stream.SESSION).standard_normal(N_TAXELS)
     gains: _Floats = layer * np.exp(p.gain_spread * own + p.session_spread * session)
     return gains
-
-
-def _places(p: WorldParameters) -> tuple[_Floats, _Floats]:
-    """Place along the travel and depth missed because the drum is round, mm."""
-    reading = np.arange(N_TAXELS, dtype=np.float64)
-    row = reading % N_TOP // 3 - 1.0
-    column = reading % 3 - 1.0
-    along = p.taxel_pitch_mm * (row + column * math.tan(math.radians(p.sensor_skew_deg)))
-    radius_mm = p.circumference_mm / (2.0 * math.pi)
-    missed: _Floats = p.curvature_share * (p.taxel_pitch_mm * row) ** 2 / (2.0 * radius_mm)
-    return along, missed

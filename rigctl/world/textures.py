@@ -7,7 +7,7 @@ they are parameters of the world.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,10 @@ from rigctl.world.parameters import WorldParameters
 GRID_MM = 0.05
 """Spacing of the height tables."""
 
-FOOTPRINT_TAXELS = 3
+OVERHANG_MM = 10.0
+"""The print reaches so far beyond the places where trials begin and end."""
+
+Values = TypeVar("Values", NDArray[np.float32], NDArray[np.float64])
 
 
 class Texture(NamedTuple):
@@ -42,17 +45,6 @@ CATALOGUE: dict[str, Texture] = {"A": Texture("A", "smooth", 0.0, 1.0)} | {
     for group, letters in _GROUPS
     for letter, (height, space) in zip(letters, _VARIATIONS, strict=True)
 }
-
-
-class HeightTables(NamedTuple):
-    """Heights along one turn at :data:`GRID_MM`, mm over the plate's mean; each float64 (n,).
-
-    ``top``, ``bottom``: as felt by a taxel of that layer; ``footprint``: mean under the sensor.
-    """
-
-    top: NDArray[np.float64]
-    bottom: NDArray[np.float64]
-    footprint: NDArray[np.float64]
 
 
 def texture(name: str, parameters: WorldParameters) -> Texture:
@@ -84,50 +76,50 @@ def profile(
     return height_mm * 0.5 * (1.0 - np.cos(2.0 * np.pi * phase))
 
 
-def height_tables(plate: Texture, parameters: WorldParameters, seating_mm: float) -> HeightTables:
-    """What skin and contact feel of a plate around the whole drum, snapped in so far forward."""
-    heights = _around(plate, parameters, seating_mm)
-    taxel = _window_hann(parameters.taxel_size_mm)
-    sensor = np.ones(_cells(FOOTPRINT_TAXELS * parameters.taxel_pitch_mm))
-    felt = _blurred(heights, taxel)
-    return HeightTables(
-        _blurred(felt, _window_gauss(parameters.top_blur_mm)),
-        _blurred(felt, _window_gauss(parameters.bottom_blur_mm)),
-        _blurred(heights, sensor),
-    )
+def plate_profile(
+    plate: Texture, parameters: WorldParameters
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Printed heights around the whole drum at :data:`GRID_MM`, mm, and where the plate is.
 
-
-def _around(plate: Texture, parameters: WorldParameters, seating_mm: float) -> NDArray[np.float64]:
+    The print reaches beyond both ends of the plate's travel, so that the sensor lies on it with
+    its whole length at either end.
+    """
     cells = round(parameters.circumference_mm / GRID_MM)
     along_mm = np.arange(cells, dtype=np.float64) * GRID_MM - parameters.plate_start_mm
-    on_plate = (along_mm >= 0.0) & (along_mm < parameters.plate_length_mm)
-    heights = profile(plate, along_mm + seating_mm, parameters)
+    turn_mm = parameters.circumference_mm
+    within_mm = (along_mm + OVERHANG_MM) % turn_mm
+    on_plate = within_mm < parameters.plate_length_mm + 2.0 * OVERHANG_MM
+    heights = profile(plate, within_mm - OVERHANG_MM, parameters)
     # A plate is printed once: its roughness is its own, whatever the seed of the session.
     print_noise = np.random.Generator(np.random.Philox(ord(plate.name)))
     heights += parameters.print_roughness_mm * print_noise.standard_normal(cells)
-    # Heights count from the plate's mean, so that every plate touches at the same travel.
-    return np.where(on_plate, heights - heights[on_plate].mean(), 0.0)
+    return heights, on_plate
 
 
-def _cells(width_mm: float) -> int:
+def cells_of(width_mm: float) -> int:
+    """An odd number of cells, as wide as comes nearest."""
     return 2 * round(width_mm / GRID_MM / 2) + 1
 
 
-def _window_hann(width_mm: float) -> NDArray[np.float64]:
-    return np.hanning(_cells(width_mm) + 2)[1:-1]
+def hann(width_mm: float) -> NDArray[np.float64]:
+    """A window that is highest in its middle."""
+    return np.hanning(cells_of(width_mm) + 2)[1:-1]
 
 
-def _window_gauss(sigma_mm: float) -> NDArray[np.float64]:
-    half = _cells(8.0 * sigma_mm) // 2
+def gauss(sigma_mm: float) -> NDArray[np.float64]:
+    """A bell-shaped window, four sigma to each side."""
+    half = cells_of(8.0 * sigma_mm) // 2
     along_mm: NDArray[np.float64] = np.arange(-half, half + 1, dtype=np.float64) * GRID_MM
     return np.exp(-0.5 * (along_mm / sigma_mm) ** 2)
 
 
-def _blurred(heights: NDArray[np.float64], window: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Circular convolution with a centred window of unit sum."""
-    kernel = np.zeros_like(heights)
-    kernel[: window.size] = window / window.sum()
-    kernel = np.roll(kernel, -(window.size // 2))
-    spectrum = np.fft.rfft(heights) * np.fft.rfft(kernel)
-    blurred: NDArray[np.float64] = np.fft.irfft(spectrum, heights.size)
-    return blurred
+def blurred(values: Values, *windows: NDArray[np.float64]) -> Values:
+    """Circular convolution along the last axis with centred windows of unit sum each."""
+    size = values.shape[-1]
+    spectrum: NDArray[Any] = np.fft.rfft(values)
+    for window in windows:
+        kernel = np.zeros(size)
+        kernel[: window.size] = window / window.sum()
+        kernel = np.roll(kernel, -(window.size // 2))
+        spectrum *= np.fft.rfft(kernel).astype(spectrum.dtype)
+    return np.fft.irfft(spectrum, size).astype(values.dtype)

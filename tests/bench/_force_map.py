@@ -30,13 +30,12 @@ PLACES_MM = (10.0, 12.0, 14.0)
 """Where trials begin: at the plate's start, as the host lets them, and elsewhere on a ridge."""
 SCENE = f"{len(GRID)} trials, 40–120 mm/s × 250–1000 g"
 EVERYWHERE = f"{len(GRID) * len(PLACES_MM)} trials, 40–120 mm/s × 250–1000 g × 3 places of a ridge"
-HARD = WorldParameters(
-    actuator_lag_ms=50, dead_band=0.2, run_out_mm=0.1, backlash_mm=0.1, ripple_share=1.0
-)
+HARD = WorldParameters(actuator_lag_ms=50, dead_band=0.2, run_out_mm=0.1, backlash_mm=0.1)
 PLANTS: dict[str, tuple[WorldParameters, str]] = {
     "stiffness 900 g/mm": (WorldParameters(stiffness_g_mm=900), "A"),
     "stiffness 300 g/mm": (WorldParameters(stiffness_g_mm=300), "A"),
-    "stiffening 0.3/mm": (WorldParameters(stiffening_per_mm=0.3), "A"),
+    "frame stiff": (WorldParameters(frame_share=0.3), "A"),
+    "pressure to the 2.2": (WorldParameters(pressure_power=2.2), "A"),
     "lag 15 ms": (WorldParameters(actuator_lag_ms=15), "A"),
     "lag 50 ms": (WorldParameters(actuator_lag_ms=50), "A"),
     "dead band 2 %": (WorldParameters(dead_band=0.02), "A"),
@@ -47,10 +46,11 @@ PLANTS: dict[str, tuple[WorldParameters, str]] = {
     "run-out 0.1 mm": (WorldParameters(run_out_mm=0.1), "A"),
     "backlash 0.1 mm": (WorldParameters(backlash_mm=0.1), "A"),
     "light drum, backlash": (WorldParameters(backlash_mm=0.1, drum_weight_g=800), "A"),
-    "ripple 1, plate C": (WorldParameters(ripple_share=1.0), "C"),
+    "plate C": (WorldParameters(), "C"),
+    "plate D": (WorldParameters(), "D"),
     "cell noise 1 g, 12 ms": (WorldParameters(loadcell_noise_g=1, loadcell_average_ms=12), "A"),
-    "all hard, stiff, plate C": (replace(HARD, stiffness_g_mm=900, stiffening_per_mm=0.3), "C"),
-    "all hard, soft, plate C": (replace(HARD, stiffness_g_mm=300, stiffening_per_mm=0.0), "C"),
+    "all hard, stiff, plate D": (replace(HARD, stiffness_g_mm=900, pressure_power=2.2), "D"),
+    "all hard, soft, plate D": (replace(HARD, stiffness_g_mm=300, pressure_power=1.5), "D"),
 }
 """The ends of the ranges that matter to the loop, one at a time and together."""
 

@@ -14,7 +14,7 @@ from rigctl.wire.drum_states import Fault, State
 from rigctl.world.chip_shim import Input, ResetBy
 from tests.firmware.drum_checks import IMAGE, SET_FORCE_G, Check
 from tests.firmware.drum_chip import STIFFNESS_G_MM, DrumChip
-from tests.firmware.overshoot import overshoot_g
+from tests.firmware.overshoot import linear, overshoot_g
 
 OUT_OF_RANGE, REFUSED = 3, 4
 LIFT_LIMIT_MS = 9000
@@ -29,7 +29,7 @@ def shows(drum: DrumChip, status: Status) -> bool:
 def limit_g(drum: DrumChip) -> float:
     """True force that the board may let come about on this bench, whatever is written."""
     most = float(drum.get("most_force"))
-    return most + overshoot_g(drum.get("overrun_um"), most, STIFFNESS_G_MM)
+    return most + overshoot_g(drum.get("overrun_um"), most, linear(STIFFNESS_G_MM))
 
 
 @contextmanager

@@ -8,25 +8,27 @@ actuator is than the board believes.
 
 from __future__ import annotations
 
-import math
+import numpy as np
 
-
-def tangent_g_mm(force_g: float, stiffness_g_mm: float, stiffening_per_mm: float) -> float:
-    """Slope of force = stiffness · depth · (1 + stiffening · depth) where it weighs ``force_g``."""
-    return math.sqrt(stiffness_g_mm**2 + 4 * stiffness_g_mm * stiffening_per_mm * force_g)
+from rigctl.world.contact import Footprint
 
 
 def overshoot_g(
-    overrun_um: float,
-    most_force_g: float,
-    stiffness_g_mm: float,
-    stiffening_per_mm: float = 0.0,
-    actuator_share: float = 1.0,
+    overrun_um: float, most_force_g: float, pressed: Footprint, actuator_share: float = 1.0
 ) -> float:
-    """Grams beyond ``most_force_g`` at most.
+    """Grams beyond ``most_force_g`` at most, wherever on the plate the sensor stands.
 
     ``actuator_share`` is the actuator's true speed over the one that the board is built for.
     """
     travel_mm = overrun_um * 1e-3 * actuator_share
-    slope = tangent_g_mm(most_force_g, stiffness_g_mm, stiffening_per_mm)
-    return travel_mm * slope + stiffness_g_mm * stiffening_per_mm * travel_mm**2
+    slope = np.diff(pressed.force_g, axis=0) / pressed.cell_mm
+    reached = np.count_nonzero(pressed.force_g < most_force_g, axis=0)
+    rows = np.arange(len(slope))[:, None]
+    covered = (rows >= reached - 1) & (rows <= reached + travel_mm / pressed.cell_mm)
+    covered[-1] = True  # beyond its last row the table goes on as a line
+    return travel_mm * float(slope.max(where=covered, initial=0.0))
+
+
+def linear(stiffness_g_mm: float) -> Footprint:
+    """A contact whose force is in proportion to the travel."""
+    return Footprint(np.array([[0.0], [stiffness_g_mm]], np.float32), 1.0, 0.0)

@@ -105,8 +105,9 @@ def page(rows: list[Row]) -> str:
 
 
 MAP_HEAD = """Each plant is the nominal one with this one number at the end of its range; the hard
-ones have them all: lag 50 ms, dead band 20 %, run-out and backlash 0.1 mm, full ripple of a plate
-with ridges of 2 mm. The board has the settings that it boots with. {trials} trials on each plant:
+ones have them all: lag 50 ms, dead band 20 %, run-out and backlash 0.1 mm, and plate D, whose wide
+ridges no mean over the sensor levels out. The board has the settings that it boots with.
+{trials} trials on each plant:
 forces from the lowest and at each the speeds from the slowest, {speeds} mm/s, one behind the other
 on the same drum; and this anew from {places} mm behind the mark, since a drum that rests on a ridge
 has another height below the sensor once it turns. A mark for each speed: `·` kept all that is asked

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import State
 from rigctl.world.chip_shim import Output
+from rigctl.world.contact import contact_tables, footprint, mounted
 from rigctl.world.loadcell import Loadcell
 from rigctl.world.parameters import WorldParameters, checked
 from rigctl.world.plant import Motion, Plant
 from rigctl.world.simulation import Disturbances
-from rigctl.world.textures import height_tables, texture
 from tests.firmware.drum_chip import MS, DrumChip
 
 CYCLES_PER_US = 16
@@ -55,8 +55,9 @@ class PlantDrum(DrumChip):
         self._begin_mm = begin_mm
         self.parameters = checked(parameters or WorldParameters())
         self.plant = Plant(self.parameters)
-        tables = height_tables(texture(plate, self.parameters), self.parameters, 0.0)
-        self.plant.set_footprint(tables.footprint)
+        tables = contact_tables(plate, self.parameters)
+        seat = mounted(self.parameters, seed, 0)
+        self.plant.set_footprint(footprint(tables, self.parameters, seat))
         self._cell = Loadcell(self.parameters, seed, self.plant, Disturbances())
         super().__init__(image)
 

@@ -12,10 +12,14 @@ from tests.firmware.plant_drum import PlantDrum
     ("plant", "force_g"),
     [
         (WorldParameters(), 500),
-        (WorldParameters(stiffness_g_mm=900, stiffening_per_mm=0.3), 250),
-        (WorldParameters(stiffness_g_mm=300, dead_band=0.2, actuator_lag_ms=50), 1000),
+        (WorldParameters(stiffness_g_mm=900, pressure_power=1.5, frame_share=0.8), 250),
+        (WorldParameters(stiffness_g_mm=900, pressure_power=2.2), 1000),
+        (
+            WorldParameters(stiffness_g_mm=300, frame_share=0.8, dead_band=0.2, actuator_lag_ms=50),
+            1000,
+        ),
     ],
-    ids=["nominal", "stiff", "soft and sluggish"],
+    ids=["nominal", "stiff", "stiff and stiffening", "soft and sluggish"],
 )
 def test_a_trial_keeps_its_force(plant: WorldParameters, force_g: int) -> None:
     with PlantDrum(plant) as drum:
@@ -28,7 +32,8 @@ def test_a_trial_keeps_its_force(plant: WorldParameters, force_g: int) -> None:
 
 def test_ridges_that_pass_in_a_ramp_are_not_taken_for_run_out() -> None:
     """What a trial's slow start and end told of the surface, the next one believed."""
-    with PlantDrum(WorldParameters(ripple_share=1.0), "C") as drum:
+    rippled = WorldParameters(base_space_mm=6.0, bottom_blur_mm=1.0, edge_drop_mm=0.2)
+    with PlantDrum(rippled, "C") as drum:
         drum.ready()
         first, second = drum.trial(40, 250), drum.trial(60, 250)
     assert abs(first.mean_error) < 0.005

@@ -30,7 +30,7 @@ forces_g = [500]
 repeats = 7
 """
 SEED = 3
-SPACES_MM = {"L": 6.0, "D": 12.0}
+SPACES_MM = {"L": 8.0, "D": 16.0}
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,14 @@ from rigctl.world import reference
 from rigctl.world.parameters import WorldParameters, table
 from rigctl.world.virtual import open_virtual
 
+KINDS = ("published", "measured", "identified", "plausible")
 
-def test_every_nominal_value_lies_in_its_range_and_has_a_meaning() -> None:
+
+def test_every_nominal_value_lies_in_its_range_and_has_a_meaning_and_a_source() -> None:
     for row in table():
         assert row.low <= row.value <= row.high, row.name
         assert row.doc
+        assert row.source.split(":")[0] in KINDS, row.name
 
 
 def test_a_value_out_of_range_is_refused_by_name() -> None:

@@ -1,0 +1,89 @@
+"""The search for the bench's unknowns: by the Original column alone, the same for a seed."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rigctl.analysis import paper
+from rigctl.identification import original, search
+from rigctl.identification.__main__ import main
+from rigctl.identification.slides import Slider, slide
+from rigctl.world.parameters import IDENTIFIED, WorldParameters, table
+
+
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One session of two repeats a set of parameters."""
+    monkeypatch.setattr(search, "SEEDS", (1,))
+    monkeypatch.setattr(search, "REPEATS", 2)
+
+
+def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = {key: {"original": cells["original"]} for key, cells in paper.TABLE_1.items()}
+    before = dict(original.PAPER)
+    with monkeypatch.context() as patch:
+        patch.setattr(paper, "TABLE_1", alone)
+        assert before == importlib.reload(original).PAPER
+    assert list(before.values()) == [91.78, 81.83, 37.44, 57.35, 36.81, 99.93]
+
+
+def test_every_unknown_has_a_start_and_nothing_else_is_searched() -> None:
+    names = [row.name for row in search.unknowns(WorldParameters())]
+    assert names == list(search.START)
+    assert names == [row.name for row in table() if row.source == IDENTIFIED]
+
+
+def test_a_session_is_the_same_for_a_seed_whatever_is_made_beside_it() -> None:
+    (alone,) = slide(WorldParameters(), 1, [2])
+    beside = slide(WorldParameters(), 1, [1, 2])[1]
+    assert all(map(np.array_equal, alone.samples, beside.samples))
+    assert len(alone.samples) == 16 * 15
+
+
+def test_a_plate_is_pressed_with_the_force_that_is_asked_for() -> None:
+    slider = Slider(WorldParameters(), 1)
+    slider.mount("C")
+    means = [slider.trial(120.0, force).mean() for force in (250.0, 500.0, 1000.0)]
+    assert means == sorted(means)
+    assert len(slider.trial(120.0, 250.0)) == 2000
+
+
+def test_a_step_is_kept_only_where_it_is_better_and_a_seed_repeats_it(brief: None) -> None:
+    start = search.candidate(replace(WorldParameters(), **search.START))
+    tried = []
+    for _ in range(2):
+        found = search.Search(start, 5)
+        tried.append(found.step())
+        assert found.best is min((start, tried[-1]), key=lambda one: one.error)
+    assert tried[0] == tried[1]
+    assert tried[0].parameters != start.parameters
+
+
+def test_the_command_prints_a_world_file(brief: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--steps", "0", "--set", "plate_tilt_mm=0.02"]) == 0
+    said = capsys.readouterr().out
+    assert "plate_tilt_mm = 0.02  # mm" in said
+    assert "# untrained-speed: " in said
+    assert "# from trial to trial: mean " in said
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ("plate_tilt_mm=9", "plate_tilt_mm is 9 mm: choose 0 to 0.1"),
+        ("plate_tilt=1", "no parameter 'plate_tilt'"),
+        ("plate_tilt_mm=much", "write plate_tilt_mm=NUMBER"),
+    ],
+)
+def test_a_wrong_start_is_refused_in_a_sentence(
+    wrong: str, why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        assert main(["--steps", "0", "--set", wrong]) == 2
+    except SystemExit as end:
+        assert end.code == 2
+    assert why in capsys.readouterr().err
