@@ -35,7 +35,7 @@ setup: $(VENV)/.ready
 
 # The firmware's sources may have changed since the installation compiled them.
 boards: $(VENV)/.ready
-	@$(BIN)/python -m rigctl.world.host_build
+	@$(BIN)/python -m rigctl.host_build
 
 demo: boards
 	@sh .ci/debian-packages $(DEBIAN_RUN)

@@ -41,7 +41,7 @@ class VirtualBoards(BuildHookInterface[Any]):
 def _host_build(root: Path) -> ModuleType:
     """The module that knows how; it is loaded by its path, because the package is not there yet."""
     name = "rigctl_host_build"
-    spec = importlib.util.spec_from_file_location(name, root / "rigctl/world/host_build.py")
+    spec = importlib.util.spec_from_file_location(name, root / "rigctl/host_build.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from rigctl import host_build
 from rigctl.errors import RigFault
 from rigctl.resources import checkout
 from rigctl.wire.drum_map import BY_NAME, Command
 from rigctl.wire.drum_states import State
-from rigctl.world import host_build
 from rigctl.world.bench import Bench
 from rigctl.world.drum_bench import DrumBench
 from rigctl.world.host_drum import HostDrum
