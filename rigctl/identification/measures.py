@@ -16,7 +16,7 @@ RANGES = {
     "growth": (1.2, 2.5),
     "mean_scatter": (0.008, 0.03),
     "amplitude_scatter": (0.03, 0.07),
-    "swing": (0.0, 0.1),
+    "swing": (0.0, 0.09),
 }
 """Within these a skin is like a skin; see docs/reference/world.md."""
 

@@ -1,4 +1,6 @@
-"""A blind search: a step is kept where it brings the world nearer to what is known."""
+"""A blind search: sets of parameters are drawn around the best, and where a line through all that
+was found so far points to; the nearest to what is known is the best.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.identification.measures import measure
 from rigctl.identification.original import PAPER, accuracies
@@ -22,17 +25,17 @@ CHANGED = 0.4
 
 START = {
     "frame_share": 0.5,
-    "pressure_power": 1.8,
+    "pressure_power": 2.1,
     "base_height_mm": 1.5,
     "base_space_mm": 8.0,
     "ridge_share": 0.55,
-    "edge_drop_mm": 0.18,
+    "edge_drop_mm": 0.15,
     "bridging_mm": 0.25,
-    "top_blur_mm": 1.5,
+    "top_blur_mm": 1.1,
     "bottom_blur_mm": 1.8,
-    "top_gain": 0.051,
+    "top_gain": 0.06,
     "bottom_gain": 0.082,
-    "conductance_power": 1.24,
+    "conductance_power": 1.23,
     "saturation_g": 4150.0,
     "gain_spread": 0.14,
     "plate_tilt_mm": 0.0125,
@@ -42,13 +45,27 @@ START = {
     "viscous_lag_ms": 2.9,
     "relaxation": 0.1,
 }
-"""Where a search begins: where a first one had come from what a smaller model needed."""
+"""Where a search begins: where earlier ones, and single changes by hand, had come to from what a
+smaller model needed. They too knew of no other column."""
 
-FIRST_SPREAD, MORE, LESS = 0.25, 1.4, 0.95
-"""Relative size of a change; it grows with each step that is kept and shrinks with others."""
+SPREAD = 0.25
+"""Relative size of a change that is drawn."""
+
+DRAWN_FIRST = 24
+"""So many sets are drawn before the first one is foretold; then every other one is."""
+
+SLOPE_POINTS, NOISE_POINTS, LONGEST = 20.0, 2.0, 0.5
+"""Of a figure over the logarithm of a parameter, as expected; of a figure; of a foretold change."""
 
 EXCESS_POINTS = 20.0
 """What a figure of the skin's at twice the bound of its range weighs."""
+
+
+_Floats = NDArray[np.float64]
+
+
+LEAST = 1e-6
+"""Stands for a parameter that is 0, and stays so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,26 +99,52 @@ class Search:
 
     def __init__(self, start: Candidate, seed: int) -> None:
         self.best = start
+        self._tried = [start]
         self._random = np.random.default_rng(seed)
-        self._spread = FIRST_SPREAD
 
     def step(self) -> Candidate:
         """Try one more set of parameters; returns it."""
-        tried = candidate(self._changed())
-        if tried.error < self.best.error:
-            self.best = tried
-            self._spread *= MORE
-        else:
-            self._spread *= LESS
+        foretold = len(self._tried) > DRAWN_FIRST and len(self._tried) % 2
+        change = self._foretold() if foretold else self._drawn()
+        tried = candidate(_changed(self.best.parameters, change))
+        self._tried.append(tried)
+        self.best = min(self.best, tried, key=lambda one: one.error)
         return tried
 
-    def _changed(self) -> WorldParameters:
-        values: dict[str, Any] = {}
-        for row in unknowns(self.best.parameters):
-            if self._random.random() < CHANGED:
-                factor = math.exp(self._spread * self._random.standard_normal())
-                values[row.name] = min(max(row.value * factor, row.low), row.high)
-        return replace(self.best.parameters, **values)
+    def _drawn(self) -> _Floats:
+        size = len(unknowns(self.best.parameters))
+        chosen = self._random.random(size) < CHANGED
+        drawn: _Floats = SPREAD * self._random.standard_normal(size) * chosen
+        return drawn
+
+    def _foretold(self) -> _Floats:
+        """Change of the logarithms that a linear model of all that was tried calls best."""
+        steps = np.array([_logarithms(one) for one in self._tried]) - _logarithms(self.best)
+        rises = np.array([_figures(one) for one in self._tried]) - _figures(self.best)
+        noise = NOISE_POINTS**2
+        inner = steps.T @ steps + noise / SLOPE_POINTS**2 * np.eye(steps.shape[1])
+        slopes = np.linalg.solve(inner, steps.T @ rises)
+        missing = np.array([*PAPER.values(), 0.0]) - _figures(self.best)
+        curve = slopes @ slopes.T + noise / SPREAD**2 * np.eye(len(slopes))
+        change: _Floats = np.clip(np.linalg.solve(curve, slopes @ missing), -LONGEST, LONGEST)
+        return change
+
+
+def _logarithms(one: Candidate) -> _Floats:
+    return np.log([max(row.value, LEAST) for row in unknowns(one.parameters)])
+
+
+def _figures(one: Candidate) -> _Floats:
+    return np.array([*(one.original[key] for key in PAPER), EXCESS_POINTS * one.excess])
+
+
+def _changed(parameters: WorldParameters, change: _Floats) -> WorldParameters:
+    """The unknowns times the exponentials of a change, within their ranges."""
+    values: dict[str, Any] = {
+        row.name: min(max(row.value * math.exp(by), row.low), row.high)
+        for row, by in zip(unknowns(parameters), change, strict=True)
+    }
+    return replace(parameters, **values)
 
 
 def unknowns(parameters: WorldParameters) -> list[ParameterInfo]:

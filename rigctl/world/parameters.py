@@ -88,9 +88,7 @@ class WorldParameters:
     frame_share: float = _p(
         0.5, "", 0.3, 0.8, "share of that give which is the frame's", IDENTIFIED
     )
-    pressure_power: float = _p(
-        1.67, "", 1.5, 2.2, "pressure is this power of the depth", IDENTIFIED
-    )
+    pressure_power: float = _p(2.1, "", 1.5, 2.2, "pressure is this power of the depth", IDENTIFIED)
 
     # Load cell
     loadcell_rate_hz: float = _p(80.0, "Hz", 80, 80, "conversions a second by its own clock")
@@ -111,9 +109,9 @@ class WorldParameters:
     taxel_clock_ppm: float = _p(-900.0, "ppm", -5000, 5000, "Uno's resonator fast by so much")
 
     # Textures
-    base_height_mm: float = _p(2.0, "mm", 0.5, 2, "height of the base ridges", IDENTIFIED)
+    base_height_mm: float = _p(1.5, "mm", 0.5, 2, "height of the base ridges", IDENTIFIED)
     base_space_mm: float = _p(8.0, "mm", 4, 8, "spacing of the base ridges", IDENTIFIED)
-    ridge_share: float = _p(0.444, "", 0.3, 0.7, "share of the spacing on a ridge", IDENTIFIED)
+    ridge_share: float = _p(0.55, "", 0.3, 0.7, "share of the spacing on a ridge", IDENTIFIED)
     print_roughness_mm: float = _p(0.02, "mm", 0, 0.05, "height noise of the print, rms")
 
     # Skin
@@ -121,41 +119,41 @@ class WorldParameters:
     taxel_size_mm: float = _p(3.0, "mm", 3, 3, "width of a taxel, most sensitive inside", SENSOR)
     sensor_skew_deg: float = _p(3.0, "°", -5, 5, "turn of the sensor against the travel")
     edge_drop_mm: float = _p(
-        0.18, "mm", 0.05, 0.2, "depth that the drum's curve takes from the outer rows", IDENTIFIED
+        0.15, "mm", 0.05, 0.2, "depth that the drum's curve takes from the outer rows", IDENTIFIED
     )
     bridging_mm: float = _p(
-        0.565, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED
+        0.25, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED
     )
     top_blur_mm: float = _p(
-        0.814, "mm", 0.3, 1.5, "spread of pressure above the top layer, sigma", IDENTIFIED
+        1.1, "mm", 0.3, 1.5, "spread of pressure above the top layer, sigma", IDENTIFIED
     )
     bottom_blur_mm: float = _p(
-        1.975, "mm", 1, 4, "spread of pressure above the bottom layer, sigma", IDENTIFIED
+        1.8, "mm", 1, 4, "spread of pressure above the bottom layer, sigma", IDENTIFIED
     )
     top_gain: float = _p(
-        0.0544, "", 0.03, 1, "conductance of a top taxel at the mean pressure of 250 g", IDENTIFIED
+        0.06, "", 0.03, 1, "conductance of a top taxel at the mean pressure of 250 g", IDENTIFIED
     )
-    bottom_gain: float = _p(0.04, "", 0.03, 0.8, "the same of a bottom taxel", IDENTIFIED)
+    bottom_gain: float = _p(0.082, "", 0.03, 0.8, "the same of a bottom taxel", IDENTIFIED)
     conductance_power: float = _p(
-        1.2, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
+        1.23, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
     )
     saturation_g: float = _p(
-        8750.0, "g", 500, 12500, "force whose mean pressure halves the conductance", IDENTIFIED
+        4150.0, "g", 500, 12500, "force whose mean pressure halves the conductance", IDENTIFIED
     )
     rest_conductance: float = _p(0.02, "", 0, 0.1, "conductance without load")
-    gain_spread: float = _p(0.148, "", 0, 0.4, "spread of gain over the taxels, rms", IDENTIFIED)
+    gain_spread: float = _p(0.14, "", 0, 0.4, "spread of gain over the taxels, rms", IDENTIFIED)
     session_spread: float = _p(0.04, "", 0, 0.15, "change of each gain from session to session")
     plate_tilt_mm: float = _p(
-        0.0474, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
+        0.0125, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
     )
     mounting_spread: float = _p(
-        0.0018, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
+        0.002, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
     )
     contact_shift_mm: float = _p(
-        0.183, "mm", 0, 1, "shift of the skin from contact to contact, rms", IDENTIFIED
+        0.087, "mm", 0, 1, "shift of the skin from contact to contact, rms", IDENTIFIED
     )
     contact_spread: float = _p(
-        0.0276, "", 0, 0.05, "change of each gain from contact to contact, rms", IDENTIFIED
+        0.02, "", 0, 0.05, "change of each gain from contact to contact, rms", IDENTIFIED
     )
     contact_load_spread: float = _p(
         0.01, "", 0, 0.03, "change of all gains from contact to contact, rms", RECORDINGS
@@ -163,10 +161,8 @@ class WorldParameters:
     contact_texture_spread: float = _p(
         0.04, "", 0, 0.08, "change of the texture felt from contact to contact, rms", RECORDINGS
     )
-    viscous_lag_ms: float = _p(2.0, "ms", 2, 20, "lag of the skin's pressure", IDENTIFIED)
-    relaxation: float = _p(
-        0.0959, "", 0, 0.3, "share of the pressure that settles slowly", IDENTIFIED
-    )
+    viscous_lag_ms: float = _p(2.9, "ms", 2, 20, "lag of the skin's pressure", IDENTIFIED)
+    relaxation: float = _p(0.1, "", 0, 0.3, "share of the pressure that settles slowly", IDENTIFIED)
     relaxation_s: float = _p(1.5, "s", 0.5, 10, "time constant of that share")
     friction_noise: float = _p(0.01, "", 0, 0.05, "jitter of pressure while it slides, rms")
     crosstalk: float = _p(0.02, "", 0, 0.1, "share of the other lines' signal in a reading")
