@@ -15,15 +15,15 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gui test check pytest firmware bench orders identify scale shots soak fuzz attack docs lock clean
+.PHONY: help setup boards demo gui test check pytest firmware bench orders identify scale shots soak fuzz attack docs lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
 	@echo 'also: make gui, check, firmware, bench, orders, identify, scale, shots, soak, fuzz, attack, docs, lock, clean'
 
-$(VENV)/.ready: requirements.lock pyproject.toml
+$(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, wheels only)"
-	@sh .ci/debian-packages python3-venv
+	@sh .ci/debian-packages python3-venv g++
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "rigctl needs Python 3.11 or newer; run: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -33,12 +33,16 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 
 setup: $(VENV)/.ready
 
-demo: $(VENV)/.ready
+# The firmware's sources may have changed since the installation compiled them.
+boards: $(VENV)/.ready
+	@$(BIN)/python -m rigctl.host_build
+
+demo: boards
 	@sh .ci/debian-packages $(DEBIAN_RUN)
 	$(SAY) "acquire, verify, encode and classify on the virtual rig"
 	@$(BIN)/rigctl demo $(DEMO_ARGS)
 
-gui: $(VENV)/.ready
+gui: boards
 	@sh .ci/debian-packages $(DEBIAN_RUN)
 	@$(BIN)/rigctl gui
 
@@ -74,7 +78,7 @@ bench: firmware $(PEERS)/.ready
 	@QT_QPA_PLATFORM=offscreen RIGCTL_PEERS_PYTHON=$(abspath $(PEERS)/bin/python) \
 	  $(BIN)/python -m tests.bench $(BENCH_ARGS)
 
-scale: $(VENV)/.ready
+scale: boards
 	$(SAY) "what 10⁶ and 10⁸ trials would cost, from rates measured now: docs/explanation/scale.md"
 	@$(BIN)/python -m tests.bench.scale docs/explanation/scale.md
 
@@ -83,7 +87,7 @@ ORDERS := build/orders
 SEEDS ?= 1 2 3
 REPEATS ?= 10
 
-orders: $(VENV)/.ready
+orders: boards
 	$(SAY) "virtual sets of seeds $(SEEDS), $(REPEATS) repeats, and whether the orders of Table 1 stand in each"
 	@mkdir -p $(ORDERS)
 	@for seed in $(SEEDS); do \
@@ -100,7 +104,7 @@ identify: $(VENV)/.ready
 	$(SAY) "the bench's unknowns, searched for by the paper's Original column alone (half an hour)"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rigctl.identification $(IDENTIFY_ARGS)
 
-shots: $(VENV)/.ready
+shots: boards
 	@sh .ci/debian-packages $(DEBIAN_RUN)
 	$(SAY) "the window's pictures from a live virtual rig"
 	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m gui.shots docs/images

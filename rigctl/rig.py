@@ -149,6 +149,7 @@ def _simulated_rig(
     world = world or NOMINAL
     config = _fitting(config or world.description())
     warm()
+    _check_stop(config)
     simulation = _open_simulation(kind, seed, world)
     _wire_as_described(simulation, config)
     loop = WorldLoop(simulation, 1.0 if paced else None)
@@ -164,9 +165,25 @@ def _simulated_rig(
     )
 
 
+def _check_stop(config: RigConfig) -> None:
+    """Raise ConfigError for an emergency stop that closes when it is pressed.
+
+    No board in its default state takes such a stop for one at rest.
+    """
+    if config.inverted.estop:
+        raise ConfigError(
+            f"{config.about.name}: a simulated rig's emergency stop opens when it is pressed: "
+            "leave [inverted] estop out"
+        )
+
+
 def _wire_as_described(simulation: Simulation, config: RigConfig) -> None:
-    """The simulated bench has the wires that the description says, the way round that it says."""
-    absent = [signal for signal in Signal if not getattr(config.signals, signal.name.lower())]
+    """The simulated bench has the wires that the description says, the way round that it says.
+
+    A rig without an emergency stop has its wire jumpered to ground, as arduino/README.md says.
+    """
+    fitted = [signal for signal in Signal if getattr(config.signals, signal.name.lower())]
+    absent = set(Signal) - {Signal.ESTOP, *fitted}
     inverted = [signal for signal in Signal if getattr(config.inverted, signal.name.lower())]
     if absent or inverted:
         simulation.faults.rewire(absent, inverted)

@@ -6,7 +6,9 @@
 #include "variant.h"     // clock and step size
 
 // interval() runs inside the step interrupt, also where the IDE builds for size.
+#ifdef __AVR__
 #pragma GCC optimize("O2")
+#endif
 
 namespace {
 

@@ -1,7 +1,9 @@
 #include "step_engine.h"
 
 // Runs inside the step interrupt, also where the IDE builds for size.
+#ifdef __AVR__
 #pragma GCC optimize("O2")
+#endif
 
 void StepEngine::begin(const Motion &motion) {
     profile_ = motion.profile;

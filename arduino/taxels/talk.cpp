@@ -4,7 +4,7 @@
 
 namespace {
 
-const uint8_t FOR_DATA = 16;    // with what leaves the ring meanwhile, room for the next frame
+const uint8_t FOR_DATA = WIRE_MAX;  // the next frame finds room however soon it comes
 
 }  // namespace
 

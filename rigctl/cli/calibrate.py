@@ -41,6 +41,10 @@ def add_parser(subparsers: Any) -> None:
     force = parts.add_parser("force", help="gains of the force loop, from a step at a held force")
     force.add_argument("--force", type=float, default=500.0, metavar="G")
     parts.add_parser("imbalance", help="what the drum's angle adds to the load cell")
+    tare = parts.add_parser("tare", help="the load cell's reading of the lifted drum as 0 g")
+    tare.add_argument(
+        "--anyway", action="store_true", help="also far from the zero before: another drum"
+    )
     parts.add_parser("wiring", help="which reading is which taxel, by unplugging and pressing")
 
 
@@ -55,7 +59,12 @@ def run(args: argparse.Namespace) -> int:
         print(f"rigctl: {notice}", file=sys.stderr, flush=True)
     with closing(open_rig(args.rig, seed=args.seed, paced=False, world=world)) as rig:
         session = _Sitting(args, rig)
-        part = {"loadcell": session.loadcell, "force": session.force, "imbalance": session.turn}
+        part = {
+            "loadcell": session.loadcell,
+            "force": session.force,
+            "imbalance": session.turn,
+            "tare": session.tare,
+        }
         rig.loop.run_until_complete(session.calibrator.during(part[args.part]))
     session.report()
     return 0
@@ -88,6 +97,13 @@ class _Sitting:
             {"scale_ug_per_count": scale.ug_per_count, "calibrated": f"{today} with {masses}"},
             scale_ug_per_count=scale.ug_per_count,
         )
+
+    async def tare(self) -> None:
+        """The reading of the lifted drum; it is kept until the board is switched off."""
+        self._ask("Take everything off the drum, let it come to rest.")
+        counts = await self.calibrator.tare(self._args.anyway)
+        self.said["tare_counts"] = counts
+        self._words.append(f"{counts} counts are 0 g")
 
     async def force(self) -> None:
         """A press and a small step; the gains go to the board and into the description."""

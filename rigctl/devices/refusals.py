@@ -32,7 +32,10 @@ def _why(command: Command, state: State, fault: Fault, status_bits: int) -> str:
         tared = status_bits >> Status.TARED & 1
         return "the force is too near a limit" if tared else "the load cell is not tared: tare it"
     if command is Command.TARE:
-        return "the reading is far from the last zero: look what weighs on the drum"
+        return (
+            "the reading is far from the last zero: look what weighs on the drum; "
+            "another drum is tared by rigctl calibrate tare --anyway"
+        )
     return ""
 
 

@@ -12,7 +12,12 @@ from rigctl.identification.slides import Slides
 MEAN_MS = 250
 """What a mean over so long leaves of a reading is its texture-made amplitude."""
 
-RANGES = {"growth": (1.2, 2.5), "mean_scatter": (0.008, 0.03), "amplitude_scatter": (0.03, 0.07)}
+RANGES = {
+    "growth": (1.2, 2.5),
+    "mean_scatter": (0.008, 0.03),
+    "amplitude_scatter": (0.03, 0.07),
+    "swing": (0.0, 0.1),
+}
 """Within these a skin is like a skin; see docs/reference/world.md."""
 
 _Floats = NDArray[np.float64]
@@ -23,13 +28,15 @@ class Measures(NamedTuple):
 
     ``growth``: amplitude from the least to the greatest force; ``mean_growth``: of the mean;
     ``…_scatter``: from trial to trial of one condition, rms over the mean; ``…_shares``: of the
-    variance that texture, speed and force explain.
+    variance that texture, speed and force explain. ``swing``: of the force at a set travel, rms,
+    on the plate where it is worst; the rig's builders publish a force within 4.2 % rms over all.
     """
 
     growth: float
     mean_growth: float
     mean_scatter: float
     amplitude_scatter: float
+    swing: float
     mean_shares: tuple[float, float, float]
     amplitude_shares: tuple[float, float, float]
 
@@ -44,6 +51,7 @@ class Measures(NamedTuple):
             f"mean × {self.mean_growth:.2f}",
             f"from trial to trial: mean {self.mean_scatter:.1%}, "
             f"amplitude {self.amplitude_scatter:.1%}",
+            f"force at a set travel, on the worst plate: {self.swing:.1%} rms",
             f"variance of the mean by texture / speed / force: {shares[0]}",
             f"variance of the amplitude by texture / speed / force: {shares[1]}",
         ]
@@ -79,6 +87,7 @@ def measure(slides: Slides) -> Measures:
         _growth(means, design.force_g),
         _scatter(means, conditions),
         _scatter(amplitudes, conditions),
+        slides.swing,
         _shares(means, factors),
         _shares(amplitudes, factors),
     )

@@ -21,30 +21,30 @@ CHANGED = 0.4
 """Share of the unknowns that a step changes."""
 
 START = {
-    "frame_share": 0.4,
-    "pressure_power": 1.67,
-    "base_height_mm": 2.0,
+    "frame_share": 0.5,
+    "pressure_power": 1.8,
+    "base_height_mm": 1.5,
     "base_space_mm": 8.0,
-    "ridge_share": 0.444,
-    "edge_drop_mm": 0.5,
-    "bridging_mm": 0.565,
-    "top_blur_mm": 0.814,
-    "bottom_blur_mm": 1.98,
-    "top_gain": 0.054,
-    "bottom_gain": 0.04,
-    "conductance_power": 1.2,
-    "saturation_g": 8750.0,
-    "gain_spread": 0.148,
-    "plate_tilt_mm": 0.03,
-    "mounting_spread": 0.0018,
-    "contact_shift_mm": 0.183,
-    "contact_spread": 0.0276,
-    "viscous_lag_ms": 6.0,
-    "relaxation": 0.096,
+    "ridge_share": 0.55,
+    "edge_drop_mm": 0.18,
+    "bridging_mm": 0.25,
+    "top_blur_mm": 1.5,
+    "bottom_blur_mm": 1.8,
+    "top_gain": 0.051,
+    "bottom_gain": 0.082,
+    "conductance_power": 1.24,
+    "saturation_g": 4150.0,
+    "gain_spread": 0.14,
+    "plate_tilt_mm": 0.0125,
+    "mounting_spread": 0.002,
+    "contact_shift_mm": 0.087,
+    "contact_spread": 0.02,
+    "viscous_lag_ms": 2.9,
+    "relaxation": 0.1,
 }
-"""Where a search begins: what a smaller model, without frame and force loop, was found to need."""
+"""Where a search begins: where a first one had come from what a smaller model needed."""
 
-FIRST_SPREAD, MORE, LESS = 0.35, 1.4, 0.95
+FIRST_SPREAD, MORE, LESS = 0.25, 1.4, 0.95
 """Relative size of a change; it grows with each step that is kept and shrinks with others."""
 
 EXCESS_POINTS = 20.0

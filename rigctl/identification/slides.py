@@ -18,22 +18,29 @@ from rigctl.world.contact import contact_tables, footprint, mounted
 from rigctl.world.parameters import WorldParameters
 from rigctl.world.plant import Motion, Plant
 from rigctl.world.skin import SLOT_US, Skin
-from rigctl.world.textures import CATALOGUE
+from rigctl.world.textures import CATALOGUE, GRID_MM
 
 SPEEDS_MM_S = (40.0, 60.0, 80.0, 100.0, 120.0)
 FORCES_G = (250.0, 500.0, 1000.0)
 TRAVEL_MM = 240.0
 LIFTED_MS, RESTING_MS, RUN_IN_MM = 600, 300, 30.0
+WINDOW_MM = 100.0
+"""From the plate's start to where a rig begins to record."""
+
 STRETCH_MS = 1000
 
 Samples = NDArray[np.uint16]
 
 
 class Slides(NamedTuple):
-    """Trials of one session: counts uint16 (n, 18) each, in the order of the readings."""
+    """Trials of one session: counts uint16 (n, 18) each, in the order of the readings.
+
+    ``swing``: rms of the force over the plate that swings most, as a share, under the least force.
+    """
 
     samples: list[Samples]
     design: Design
+    swing: float
 
 
 class Slider:
@@ -45,7 +52,10 @@ class Slider:
         self._seed = seed
         self._plant = Plant(self._p)
         self._skin = Skin(self._p, seed, self._plant)
-        self._mountings = self._frames = 0
+        self._frames = 0
+        # A bench begins with a plate; so these sit as those of a virtual set of the same seed do.
+        self._mountings = 1
+        self.swing = 0.0
 
     def mount(self, plate: str) -> None:
         """Snap in a plate; it sits as no other mounting does."""
@@ -55,10 +65,14 @@ class Slider:
         self._footprint = footprint(tables, self._p, seat)
         self._skin.set_plate(tables, seat)
         self._plant.set_footprint(self._footprint)
+        row = round(self._footprint.travel_mm(min(FORCES_G)) / self._footprint.cell_mm)
+        begin, end = self._p.plate_start_mm, self._p.plate_start_mm + self._p.plate_length_mm
+        force = self._footprint.force_g[row, round(begin / GRID_MM) : round(end / GRID_MM)]
+        self.swing = max(self.swing, float(force.std() / force.mean()))
 
     def trial(self, speed_mm_s: float, force_g: float) -> Samples:
         """A new contact, and what is read over the paper's travel at a speed."""
-        start_mm = self._p.plate_start_mm - self._p.start_mm
+        start_mm = self._p.plate_start_mm + WINDOW_MM - RUN_IN_MM - self._p.start_mm
         standing = Motion(0.0, start_mm, 0.0, 0.0)
         self._plant.put_rod(0.0)
         self._pass(LIFTED_MS, standing)
@@ -100,4 +114,4 @@ def slide(parameters: WorldParameters, repeats: int, seeds: Sequence[int]) -> li
             kept += [slider.trial(v, f) for _, v, f in asked]
     texture, speed, force = np.array(conditions).T
     design = Design(tuple(CATALOGUE), texture.astype(np.int64), speed, force)
-    return [Slides(kept, design) for kept in samples]
+    return [Slides(kept, design, s.swing) for s, kept in zip(sliders, samples, strict=True)]

@@ -165,6 +165,12 @@ class Calibrator:
         )
         return Gains(*(round(value, 2) for value in found.values()))
 
+    async def tare(self, anyway: bool) -> int:
+        """Tare the lifted drum; counts. ``anyway`` takes a reading far from the zero before."""
+        await self.motion.arm()
+        await self.motion.tare(anyway)
+        return round((await self._watch.drum.get("tare_counts"))["tare_counts"])
+
     async def imbalance(self) -> list[float]:
         """Tare over a turn; the table in grams. Raises RigFault where it failed."""
         await self.motion.arm()

@@ -134,9 +134,12 @@ class Motion:
             self.homed = False  # a hand may turn the drum now
             await self._do(Command.DISARM, State.IDLE, LIFT_LIMIT_S, "disarming")
 
-    async def tare(self) -> None:
-        """Take the load cell's reading, lifted and still, as no load."""
-        await self.command(Command.TARE)
+    async def tare(self, anyway: bool = False) -> None:
+        """Take the load cell's reading, lifted and still, as no load.
+
+        The board refuses one far from the zero before, but where it is asked for ``anyway``.
+        """
+        await self.command(Command.TARE_ANYWAY if anyway else Command.TARE)
         await self.watch.until(self.ended, TARE_LIMIT_S, "the tare", self.check)
 
     async def home(self) -> None:

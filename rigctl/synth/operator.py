@@ -16,10 +16,10 @@ from rigctl.run.drum_orders import (
     start_steps,
     trial_settings,
 )
-from rigctl.values import PlannedTrial
+from rigctl.values import DrumState, PlannedTrial
 from rigctl.wire.drum_map import Command, CommandResult
 from rigctl.wire.drum_states import Fault, State
-from rigctl.world.direct import POLL_MS, DirectRig, Poll
+from rigctl.world.direct import POLL_MS, DirectRig
 
 TURN_US = 700_000
 """The longest time between two looks at the polls; the board's ring of conversions holds 0.8 s."""
@@ -28,7 +28,7 @@ QUIET_US = 10_000_000
 """The same where nobody looks at polls."""
 
 LIMIT_US = 300_000_000
-OnPolls = Callable[[list[Poll]], None]
+OnPolls = Callable[[list[DrumState]], None]
 
 
 class Operator:

@@ -7,14 +7,14 @@ clock and the world's own log all leave out the same whole number of frames.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rigctl.session.truth import TruthLog
 from rigctl.values import Block, DrumState, LoadcellSample
-from rigctl.world.direct import DirectRig, Poll
+from rigctl.world.direct import DirectRig
 
 LEAD_US = 110_000
 """Recorded before the rise of sync; longer than a step, so that a poll lies in it."""
@@ -41,8 +41,7 @@ class Tape:
         self._clock = 1.0 + rig.parameters.drum_clock_ppm * 1e-6
         self._next_frame = 0
         self._skipped_frames = 0
-        self._polls: list[Poll] = []
-        self._later = rig.samples()
+        self._polls: list[DrumState] = []
         self._conversions = 0
         self._edges_us = [0, 0]
         self._start_us = 0.0
@@ -53,7 +52,7 @@ class Tape:
         """Session time up to which there are samples."""
         return self._recorded_us(self._taxels.start_us(self._next_frame)) * 1e-6
 
-    def listen(self, poll: Poll) -> None:
+    def listen(self, poll: DrumState) -> None:
         """While no stretch is recorded: keep the newest polls, one may begin the next."""
         self._polls = [*self._polls[1 - POLLS_KEPT :], poll]
 
@@ -66,13 +65,13 @@ class Tape:
         polls, self._polls = self._polls, []
         self._tell(polls)
 
-    def follow(self, polls: Sequence[Poll]) -> None:
+    def follow(self, polls: Sequence[DrumState]) -> None:
         """Record these polls, and samples up to the last of them."""
-        behind = self._taxels.complete(polls[-1].at_us)
+        behind = self._taxels.complete(polls[-1].at_s * 1e6)
         samples, flags, edges = self._taxels.take(self._next_frame, behind)
         numbers = np.arange(self._next_frame, behind, dtype=np.int64) - self._skipped_frames
         self._next_frame = behind
-        at_s = self._recorded_us(polls[-1].at_us) * 1e-6
+        at_s = self._recorded_us(polls[-1].at_s * 1e6) * 1e-6
         self._on_block(Block(numbers, samples, flags, edges, (), at_s))
         self._tell(polls)
 
@@ -95,63 +94,37 @@ class Tape:
     def _skipped_board_us(self) -> float:
         return self._skipped_frames * self._taxels.frame_us * self._clock
 
-    def _tell(self, polls: Sequence[Poll]) -> None:
-        """Show the polls of this stretch, each with the conversions since the one before."""
-        polls = [poll for poll in polls if poll.at_us >= self._start_us + SEAM_US]
-        if not polls:
-            return
-        numbers, samples = self._weighed(polls[-1].sequence)
-        first = 0
+    def _tell(self, polls: Sequence[DrumState]) -> None:
+        """Show the polls of this stretch, with the load-cell samples that lie in it."""
         for poll in polls:
-            behind = bisect_right(numbers, poll.sequence)
-            self._on_drum(self._shown(poll, tuple(samples[first:behind])))
-            first = behind
+            if poll.at_s * 1e6 >= self._start_us + SEAM_US:
+                self._on_drum(self._shown(poll))
 
-    def _shown(self, poll: Poll, loadcell: tuple[LoadcellSample, ...]) -> DrumState:
+    def _shown(self, poll: DrumState) -> DrumState:
         rise_us, fall_us = self._edges(poll)
-        return DrumState(
-            at_s=self._recorded_us(poll.at_us) * 1e-6,
+        return replace(
+            poll,
+            at_s=self._recorded_us(poll.at_s * 1e6) * 1e-6,
             board_time_us=self._recorded_board_us(poll.board_time_us),
-            state=poll.state,
-            fault=poll.fault,
-            fault_bits=poll.fault_bits,
-            steps=poll.steps,
-            angle_deg=poll.angle_deg,
-            speed_mm_s=poll.speed_mm_s,
-            force_g=poll.force_g,
-            actuator_position_um=poll.actuator_position_um,
-            actuator_drive_permille=poll.actuator_drive_permille,
-            sync_count=poll.sync_count,
             sync_rise_us=rise_us,
             sync_fall_us=fall_us,
-            index_count=poll.index_count,
-            status_bits=poll.status_bits,
-            loadcell=loadcell,
+            loadcell=tuple(self._weighed(poll.loadcell)),
             loadcell_lost=0,
             values={},
         )
 
-    def _edges(self, poll: Poll) -> list[int]:
+    def _edges(self, poll: DrumState) -> list[int]:
         """Session times of the last edges; those before this stretch stay where they were."""
         for place, at_us in enumerate((poll.sync_rise_us, poll.sync_fall_us)):
             if at_us >= self._start_us * self._clock:
                 self._edges_us[place] = self._recorded_board_us(at_us)
         return self._edges_us
 
-    def _weighed(self, newest: int) -> tuple[list[int], list[LoadcellSample]]:
-        """Conversions of this stretch up to this one, not yet told: the board's numbers of them,
-        and they with numbers and times of the session."""
-        known = self._later.and_then(self._rig.samples())
-        early = known.board_us < (self._start_us + SEAM_US) * self._clock
-        late = known.sequence > newest
-        self._later, told = known.where(late), known.where(~early & ~late)
-        first = self._conversions + 1
-        self._conversions += told.sequence.size
-        samples = map(
-            LoadcellSample,
-            range(first, first + told.sequence.size),
-            np.floor(told.board_us - self._skipped_board_us).astype(np.int64).tolist(),
-            told.raw_counts.tolist(),
-            told.force_g.tolist(),
-        )
-        return told.sequence.tolist(), list(samples)
+    def _weighed(self, samples: Sequence[LoadcellSample]) -> Iterator[LoadcellSample]:
+        """Those of this stretch, with numbers and times of the session."""
+        first_us = (self._start_us + SEAM_US) * self._clock
+        for sample in samples:
+            if sample.board_time_us >= first_us:
+                self._conversions += 1
+                at_us = self._recorded_board_us(sample.board_time_us)
+                yield sample._replace(sequence=self._conversions, board_time_us=at_us)

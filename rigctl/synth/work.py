@@ -28,7 +28,8 @@ from rigctl.synth.operator import Operator
 from rigctl.synth.sink import Sink
 from rigctl.synth.tape import Tape
 from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
-from rigctl.world.direct import DirectRig, Poll
+from rigctl.wire.drum_map import Status
+from rigctl.world.direct import DirectRig
 from rigctl.world.parameters import WorldParameters
 
 QUEUE_SAMPLES = 100_000
@@ -161,19 +162,19 @@ class Work:
         """Turn; record from before the rise of sync until behind its fall. Returns the start."""
         rises, recording, started_s = self._rig.sync_count, False, self._tape.now_s
 
-        def look(polls: list[Poll]) -> None:
+        def look(polls: list[DrumState]) -> None:
             nonlocal recording
-            inside: list[Poll] = []
+            inside: list[DrumState] = []
             for poll in polls:
-                if poll.sync_count == rises:
+                if poll.sync_count % 65536 == rises:
                     self._tape.listen(poll)
                     continue
-                if not recording and not inside and poll.sync_high:
+                if not recording and not inside and _is_open(poll):
                     self._tape.begin(self._rig.world_us(poll.sync_rise_us))
                     recording = True
                 if recording:
                     inside.append(poll)
-                    recording = poll.sync_high
+                    recording = _is_open(poll)
             if inside:
                 self._tape.follow(inside)
 
@@ -264,3 +265,8 @@ class Work:
         write_truth(self._folder, (self._truth[0][0], columns[0], columns[1], columns[2]))
         self._truth.clear()
         self._truth_rows = 0
+
+
+def _is_open(poll: DrumState) -> bool:
+    """The trial window is open."""
+    return bool(poll.status_bits >> Status.SYNC_HIGH & 1)

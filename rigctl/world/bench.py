@@ -75,18 +75,11 @@ class Bench:
         if self.on_sync is not None:
             self.on_sync(level, at_us)
 
-    def advance(
-        self,
-        until_ms: int,
-        drive: float,
-        motion: Motion,
-        stop_low_mm: float = -1.0,
-        stop_high_mm: float = 1e9,
-    ) -> bool:
+    def advance(self, until_ms: int, drive: float, motion: Motion) -> None:
         """As :meth:`Plant.advance`, at most 1 s a call; skin and truth follow behind."""
         if until_ms - self.logged_ms > LOG_EVERY_MS:
             self.log_truth()
-        return self.plant.advance(until_ms, drive, motion, stop_low_mm, stop_high_mm)
+        self.plant.advance(until_ms, drive, motion)
 
     def log_truth(self) -> None:
         """Write down what the plant did since the last time."""

@@ -111,7 +111,7 @@ def _kernel(digest: str) -> Callable[..., Any]:
         calls: _Integers,
         conversions: _Integers,
         polls: NDArray[np.uint16],
-        poll_rows: _Integers,
+        polled_ms: _Integers,
         until_ms: int,
     ) -> None:
         used, taken, polled = 0, 0, 0
@@ -137,8 +137,7 @@ def _kernel(digest: str) -> Callable[..., Any]:
             if end_ms >= calls[POLL_AT_MS]:
                 call_board(calls[_POLL], calls[_HANDLE], 0)
                 polls[polled] = poll_words
-                poll_rows[polled, 0] = int(end_ms)
-                poll_rows[polled, 1] = taken
+                polled_ms[polled] = int(end_ms)
                 polled += 1
                 calls[POLL_AT_MS] += calls[POLL_EVERY_MS]
             if calls[STOP_ON_CHANGE] and words[_CHANGES] != changes:

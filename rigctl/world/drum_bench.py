@@ -28,13 +28,11 @@ class Conversions(NamedTuple):
 class Polls(NamedTuple):
     """Polls at the ends of some milliseconds.
 
-    ``words``: uint16 (n, 40), the poll block; ``at_ms``: int64 (n,), world time; ``taken``: int64
-    (n,), load-cell samples that the board had taken since the run began.
+    ``words``: uint16 (n, 40), the poll block; ``at_ms``: int64 (n,), world time.
     """
 
     words: NDArray[np.uint16]
     at_ms: NDArray[np.int64]
-    taken: NDArray[np.int64]
 
 
 class DrumBench:
@@ -58,7 +56,7 @@ class DrumBench:
         self._calls = kernel.new_calls(self.board.handle, self.board.addresses)
         self._conversions = np.zeros((MOST_CONVERSIONS, 2), np.int64)
         self._poll_words = np.zeros((MOST_POLLS, self.board.poll_words.size), np.uint16)
-        self._poll_rows = np.zeros((MOST_POLLS, 2), np.int64)
+        self._polled_ms = np.zeros(MOST_POLLS, np.int64)
         self.disturb()
         self.board.place(start_steps)
         self.board.boot(1 << ResetCause.POWER_ON)
@@ -112,7 +110,7 @@ class DrumBench:
             self._calls,
             self._conversions,
             self._poll_words,
-            self._poll_rows,
+            self._polled_ms,
             until_ms,
         )
         if board.exchange.edge_count:
@@ -126,8 +124,7 @@ class DrumBench:
     def polls(self) -> Polls:
         """Polls of the last :meth:`run`."""
         count = int(self._calls[kernel.POLLS])
-        rows = self._poll_rows[:count].copy()
-        return Polls(self._poll_words[:count].copy(), rows[:, 0], rows[:, 1])
+        return Polls(self._poll_words[:count].copy(), self._polled_ms[:count].copy())
 
     def disturb(self) -> None:
         """Bring changed disturbances to the board's pins and to the mechanics."""

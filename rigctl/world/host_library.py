@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.errors import RigFault
+from rigctl.host_build import COMMAND, CURE, digest, library_name, library_path
 from rigctl.resources import checkout, installed_library
-from rigctl.world.host_build import COMMAND, CURE, digest, library_name, library_path
 
 # Calls are short: letting go of the interpreter for each would cost more than it gives.
 Signatures = Mapping[str, tuple[Any, list[Any]]]

@@ -121,12 +121,7 @@ class WorldParameters:
     taxel_size_mm: float = _p(3.0, "mm", 3, 3, "width of a taxel, most sensitive inside", SENSOR)
     sensor_skew_deg: float = _p(3.0, "°", -5, 5, "turn of the sensor against the travel")
     edge_drop_mm: float = _p(
-        0.5,
-        "mm",
-        0.1,
-        0.8,
-        "depth that outer rows miss: the drum's curve and the sensor's",
-        IDENTIFIED,
+        0.18, "mm", 0.05, 0.2, "depth that the drum's curve takes from the outer rows", IDENTIFIED
     )
     bridging_mm: float = _p(
         0.565, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED

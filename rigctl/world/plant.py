@@ -36,18 +36,14 @@ millisecond, what the load cell feels, and how many contacts there were since po
     FORCE,
     _CONTACTS,
     _TOUCHING,
-    INDEX_HIGH,
-    _INDEX_RISES,
-    _INDEX_RISE_US,
     _JAMMED,
     _PUSH,
     _STATE_SIZE,
-) = range(15)
+) = range(12)
 _CONSTANTS = (
     "circumference_mm",
     "travel_factor",
     "start_mm",
-    "index_length_mm",
     "run_out_mm",
     "run_out_phase",
     "actuator_speed_mm_s",
@@ -67,7 +63,6 @@ _CONSTANTS = (
     _C_TURN,
     _C_FACTOR,
     _C_START,
-    _C_INDEX,
     _C_RUN_OUT,
     _C_PHASE,
     _C_SPEED,
@@ -100,11 +95,6 @@ class Motion(NamedTuple):
     travel_mm: float
     speed_mm_s: float
     acceleration_mm_s2: float
-
-    def travel_at(self, time_us: float) -> float:
-        """Nominal travel, mm."""
-        t = (time_us - self.from_us) * 1e-6
-        return self.travel_mm + t * (self.speed_mm_s + 0.5 * self.acceleration_mm_s2 * t)
 
 
 STANDING = Motion(0.0, 0.0, 0.0, 0.0)
@@ -208,27 +198,10 @@ def _press(s: _Floats, c: _Floats, footprint: _Table, drive: float) -> float:
 
 
 @inlined
-def _watch_index(s: _Floats, c: _Floats, before: float) -> bool:
-    """True when the index mark began in this millisecond."""
-    angle = _around(s[_PLACE], c[_C_TURN])
-    high = angle < c[_C_INDEX]
-    began = high and not s[INDEX_HIGH]
-    s[INDEX_HIGH] = high
-    if began:
-        step = s[_PLACE] - before
-        inside = angle if step > 0.0 else c[_C_INDEX] - angle
-        s[_INDEX_RISES] += 1
-        into_us = min(1000.0, 1000.0 * inside / max(abs(step), 1e-9))
-        s[_INDEX_RISE_US] = s[TIME_MS] * 1000 - int(into_us)
-    return began
-
-
-@inlined
 def pass_millisecond(
     s: _Floats, c: _Floats, log: _Floats, footprint: _Table, motion: Motion, drive: float
-) -> bool:
-    """One millisecond of everything; True when an index mark began in it."""
-    before = s[_PLACE]
+) -> None:
+    """One millisecond of everything."""
     s[TIME_MS] += 1
     _roll(s, c, motion)
     felt = _press(s, c, footprint, drive)
@@ -238,7 +211,6 @@ def pass_millisecond(
     row[FORCE_G] = s[FORCE]
     row[FELT_G] = felt
     row[CONTACTS] = s[_CONTACTS]
-    return bool(_watch_index(s, c, before))
 
 
 @compiled
@@ -250,15 +222,9 @@ def _advance(
     motion: Motion,
     drive: float,
     until_ms: int,
-    stop_low_mm: float,
-    stop_high_mm: float,
-) -> bool:
-    """Run to ``until_ms``; True when it stopped earlier for an index mark or a rod limit."""
+) -> None:
     while s[TIME_MS] < until_ms:
-        marked = pass_millisecond(s, c, log, footprint, motion, drive)
-        if marked or s[ROD] <= stop_low_mm or s[ROD] >= stop_high_mm:
-            return True
-    return False
+        pass_millisecond(s, c, log, footprint, motion, drive)
 
 
 class Plant:
@@ -272,42 +238,17 @@ class Plant:
         self.log = np.zeros((RING_MS, 5))
         self.state = np.zeros(_STATE_SIZE)
         self.constants = _constants(parameters)
-        self.counts_per_mm = parameters.potentiometer_counts / parameters.actuator_travel_mm
         cells = round(parameters.circumference_mm / GRID_MM)
         self.footprint = np.zeros((2, cells), np.float32)
         self.state[ROD] = parameters.actuator_start_mm
         self.state[_PLACE] = parameters.start_mm
-        angle_mm = parameters.start_mm % parameters.circumference_mm
-        self.state[INDEX_HIGH] = angle_mm < parameters.index_length_mm
         self.log[:, DRUM_MM] = parameters.start_mm
         self.log[:, DEPTH_MM] = parameters.actuator_start_mm - parameters.contact_mm
 
-    def advance(
-        self,
-        until_ms: int,
-        drive: float,
-        motion: Motion,
-        stop_low_mm: float = -1.0,
-        stop_high_mm: float = 1e9,
-    ) -> bool:
-        """Run with one drive (duty −1 … 1, positive presses) and one motion of the drum.
-
-        Returns True when it stopped before ``until_ms`` because an index mark began or the
-        actuator reached one of the two limits.
-        """
-        return bool(
-            _advance(
-                self.state,
-                self.constants,
-                self.log,
-                self.footprint,
-                motion,
-                drive,
-                until_ms,
-                stop_low_mm,
-                stop_high_mm,
-            )
-        )
+    def advance(self, until_ms: int, drive: float, motion: Motion) -> None:
+        """Run with one drive (duty −1 … 1, positive presses) and one motion of the drum."""
+        s, c, log = self.state, self.constants, self.log
+        _advance(s, c, log, self.footprint, motion, drive, until_ms)
 
     def put_rod(self, rod_mm: float) -> None:
         """Stand the actuator at a travel from its upper end at once, as no motor could."""
@@ -349,30 +290,6 @@ class Plant:
     def rod_mm(self) -> float:
         """True actuator travel from its upper end."""
         return float(self.state[ROD])
-
-    @property
-    def potentiometer(self) -> int:
-        """Reading of the position potentiometer, counts."""
-        return self.potentiometer_at(self.rod_mm)
-
-    def potentiometer_at(self, rod_mm: float) -> int:
-        """Reading for another travel of the actuator."""
-        return int(rod_mm * self.counts_per_mm + 0.5)
-
-    @property
-    def index_high(self) -> bool:
-        """Whether the index mark stands under its sensor."""
-        return bool(self.state[INDEX_HIGH])
-
-    @property
-    def index_rises(self) -> int:
-        """Index marks that began since power-up."""
-        return int(self.state[_INDEX_RISES])
-
-    @property
-    def index_rise_us(self) -> int:
-        """World time at which the last index mark began."""
-        return int(self.state[_INDEX_RISE_US])
 
 
 def _constants(p: WorldParameters) -> _Floats:

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.host_build import build
 from rigctl.wire.drum_states import State
-from rigctl.world.host_build import build
 from tests.attack.attacker import attacked
 from tests.attack.benches import VirtualBench
 from tests.attack.chips import ChipBench

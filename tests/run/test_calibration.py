@@ -105,3 +105,11 @@ def test_wrong_use_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["calibrate", "--rig", "virtual", "--yes", "force", "--force", "9000"]
     assert main(words) == 2
     assert "this rig presses with" in capsys.readouterr().err
+
+
+def test_the_command_tares_and_takes_another_drum_only_when_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    counts = calibrated(capsys, "tare")["tare_counts"]
+    assert counts == pytest.approx(80_000, abs=500)
+    assert calibrated(capsys, "tare", "--anyway")["tare_counts"] == pytest.approx(counts, abs=500)

@@ -19,13 +19,20 @@ BOOT_US = 100_000
 POLL_LAYOUT = BlockLayout(*POLL_BLOCK)
 
 
+def _crc_of(byte: int) -> int:
+    for _ in range(8):
+        byte = byte >> 1 ^ (0xA001 if byte & 1 else 0)
+    return byte
+
+
+_CRC_OF_BYTE = [_crc_of(byte) for byte in range(256)]
+
+
 def crc(data: bytes) -> int:
     """CRC-16 of Modbus over serial line, 6.2.2; 0 over a frame with its own CRC."""
     value = 0xFFFF
     for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+        value = value >> 8 ^ _CRC_OF_BYTE[(value ^ byte) & 0xFF]
     return value
 
 

@@ -125,7 +125,6 @@ def test_the_actuator_reaches_its_speed_with_its_lag_and_ends_at_its_ends() -> N
     assert early_mm == pytest.approx(10.0 * 0.030 * math.exp(-1), rel=0.06)
     bench.advance(900, -1.0, STANDING)
     assert bench.plant.rod_mm == 0.0
-    assert bench.plant.potentiometer == 0
 
 
 def test_play_opens_only_under_a_force_above_the_drums_weight() -> None:

@@ -4,7 +4,6 @@
 
 namespace {
 
-constexpr uint64_t NEVER = UINT64_MAX;
 constexpr uint16_t BEAT_EVERY_MS = 20;
 constexpr uint64_t REPLY_CYCLES = 8000;  // a chip needs about 0.5 ms to work a reply out
 // What a chip has of them and a PC does not: nothing is late, no stack is short.

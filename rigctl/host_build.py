@@ -1,6 +1,6 @@
 """Compiles both boards' firmware for this computer: the libraries that virtual boards run.
 
-``python -m rigctl.world.host_build`` compiles what is not up to date; ``make firmware`` and
+``python -m rigctl.host_build`` compiles what is not up to date; ``make firmware`` and
 ``pip install`` do it too. It knows nothing of the rest of the program, because the hook of the
 installation loads it by its path.
 """
@@ -16,10 +16,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 BOARDS = ("drum", "taxels")
 CURE = "install a C++ compiler (g++ or clang++) or `pip install ziglang`, then run "
-COMMAND = "python -m rigctl.world.host_build"
+COMMAND = "python -m rigctl.host_build"
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 _WARNINGS = ("-Wall", "-Wextra", "-Werror")
 # A product and a sum in one rounding would make other numbers than those of another compiler.

@@ -1,0 +1,49 @@
+"""Compiles the virtual boards' firmware while the package is installed or packed.
+
+Where there is no compiler the installation goes on without: whoever opens a virtual rig is told
+how to get one.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+
+class VirtualBoards(BuildHookInterface[Any]):
+    """Builds both libraries; a wheel carries them, an editable install finds them in build/."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile what is stale before anything is packed."""
+        root = Path(self.root)
+        build = _host_build(root)
+        try:
+            build.build_stale(root)
+        except build.BuildFailed as failed:
+            self.app.display_warning(str(failed))
+            return
+        if version != "editable":
+            self._pack(build, root, build_data)
+
+    def _pack(self, build: ModuleType, root: Path, build_data: dict[str, Any]) -> None:
+        build_data["pure_python"] = False
+        build_data["infer_tag"] = True
+        for board in build.BOARDS:
+            place = f"rigctl/_data/boards/{build.library_name(board)}"
+            build_data["force_include"][str(build.library_path(board, root))] = place
+
+
+def _host_build(root: Path) -> ModuleType:
+    """The module that knows how; it is loaded by its path, because the package is not there yet."""
+    name = "rigctl_host_build"
+    spec = importlib.util.spec_from_file_location(name, root / "rigctl/host_build.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module

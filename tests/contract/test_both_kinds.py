@@ -1,0 +1,164 @@
+"""The same trials on virtual boards and on chips: one firmware, so one course and one outcome."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
+from rigctl.wire.drum_map import SETTINGS, Command
+from rigctl.wire.drum_states import State
+from rigctl.wire.taxels import Flag
+from tests.contract.operator import NOMINAL, Operator
+from tests.firmware.plant_drum import judged
+
+SEED = 5
+PLATES = ("A", "L")
+TRIALS = ((80.0, 500.0), (120.0, 250.0), (120.0, 1000.0))
+REST_S = 0.3
+TRAVEL_MM = 80.0
+MEAN_FORCE = 0.003
+SETTLING_S = 0.020
+AT_REST = (
+    "magic",
+    "map_version",
+    "board_id",
+    "firmware_version",
+    "build_hash",
+    "boot_count",
+    "reset_cause",
+    "steps_per_turn",
+    "nm_per_step",
+    "state",
+    "fault",
+    "fault_bits",
+    "steps",
+    "angle",
+    "speed",
+    "actuator_drive",
+    "command_result",
+    "sync_count",
+    "index_count",
+    "index_error_steps",
+    "status_bits",
+    "settings_from",
+)
+NOISY = {"tare_counts", "stiffness_g_per_mm", "heartbeat", "command_sequence"}
+"""What the load cell's noise or the number of polls decides."""
+STIFFNESS = 0.03
+
+
+@dataclass
+class Course:
+    """What one kind of rig did."""
+
+    states: list[State] = field(default_factory=list)
+    registers: dict[str, float] = field(default_factory=dict)
+    forces_g: list[NDArray[np.float64]] = field(default_factory=list)
+    settled_s: list[float] = field(default_factory=list)
+    windows: list[NDArray[np.uint16]] = field(default_factory=list)
+
+
+async def do_trial(at: Operator, course: Course, speed_mm_s: float, force_g: float) -> None:
+    """One contact; the truth of it, and the samples of its window."""
+    await at.drum.set(speed_set=speed_mm_s, force_set=force_g, travel_set=TRAVEL_MM)
+    await at.drum.set(move_target=1280.0)
+    await at.do(Command.MOVE, 20.0)
+    at.forget()
+    at.simulation.truth.take()
+    await at.do(Command.APPROACH, 20.0)
+    await at.watch(REST_S)
+    rest_ms = len(at.simulation.truth.arrays().sync)
+    await at.do(Command.RUN, 20.0)
+    await at.do(Command.RETRACT, 10.0)
+    truth = at.simulation.truth.take()
+    forces = truth.force_g.astype(np.float64)
+    inside = np.flatnonzero(truth.sync)
+    done = judged(forces, rest_ms, slice(inside[0], inside[-1] + 1), force_g)
+    course.forces_g.append(done.window)
+    course.settled_s.append(done.settle_s)
+    course.windows.append(at.samples[(at.flags & np.uint8(Flag.SYNC)) > 0])
+    course.states += [State(s.state) for s in at.states]
+
+
+async def play(at: Operator, course: Course) -> None:
+    """Connect, arm, tare, home, and all trials on each plate."""
+    await at.connect()
+    await at.drum.set(clock_trim_ppm=at.clocks_ppm["drum"], run_in_set=60.0)
+    await at.reach(State.ARMED)
+    await at.do(Command.TARE)
+    await at.do(Command.HOME, 20.0)
+    for plate in PLATES:
+        at.simulation.set_plate(plate)
+        for speed_mm_s, force_g in TRIALS:
+            await do_trial(at, course, speed_mm_s, force_g)
+    await at.watch(0.5)
+    course.registers = await at.drum.get(*AT_REST, *(entry.name for entry in SETTINGS))
+
+
+def course_of(kind: str) -> Course:
+    rig = open_rig(kind, seed=SEED, paced=False)
+    asyncio.set_event_loop(rig.loop)
+    course = Course()
+    try:
+        at = Operator(rig)
+        at.run(play(at, course))
+    finally:
+        asyncio.set_event_loop(None)
+        rig.close()
+    return course
+
+
+@pytest.fixture(scope="module")
+def courses(images: object) -> Iterator[tuple[Course, Course]]:
+    yield course_of(VIRTUAL), course_of(FIRMWARE)
+
+
+def changes(states: list[State]) -> list[State]:
+    """Each state once for as long as it lasts."""
+    return [s for i, s in enumerate(states) if i == 0 or states[i - 1] is not s]
+
+
+def test_both_go_through_the_same_states(courses: tuple[Course, Course]) -> None:
+    virtual, chips = courses
+    assert changes(virtual.states) == changes(chips.states)
+    assert State.RUN in virtual.states
+
+
+def test_both_show_the_same_registers_at_rest(courses: tuple[Course, Course]) -> None:
+    virtual, chips = (course.registers for course in courses)
+    different = {name for name in virtual if virtual[name] != chips[name]}
+    assert different <= NOISY
+    noise_counts = 1e6 * NOMINAL.loadcell_noise_g / NOMINAL.loadcell_ug_per_count
+    assert abs(virtual["tare_counts"] - chips["tare_counts"]) < noise_counts
+    stiffness = virtual["stiffness_g_per_mm"], chips["stiffness_g_per_mm"]
+    assert stiffness[0] == pytest.approx(stiffness[1], rel=STIFFNESS)
+
+
+def test_true_forces_are_the_same(courses: tuple[Course, Course]) -> None:
+    virtual, chips = courses
+    for one, other in zip(virtual.forces_g, chips.forces_g, strict=True):
+        print(f"true mean force {one.mean():.2f} g virtual, {other.mean():.2f} g on chips")
+        assert one.mean() == pytest.approx(other.mean(), rel=MEAN_FORCE)
+
+
+def test_forces_settle_in_the_same_time(courses: tuple[Course, Course]) -> None:
+    virtual, chips = courses
+    print("settled, s:", virtual.settled_s, "virtual,", chips.settled_s, "on chips")
+    np.testing.assert_allclose(virtual.settled_s, chips.settled_s, rtol=0, atol=SETTLING_S)
+
+
+def test_samples_differ_by_no_more_than_the_converters_noise(
+    courses: tuple[Course, Course],
+) -> None:
+    virtual, chips = courses
+    for one, other in zip(virtual.windows, chips.windows, strict=True):
+        assert abs(len(one) - len(other)) <= 1
+        apart = one.mean(axis=0) - other.mean(axis=0)
+        print("largest difference of a taxel's mean, counts:", round(float(np.abs(apart).max()), 3))
+        assert np.abs(apart).max() < NOMINAL.adc_noise_counts

@@ -1,0 +1,121 @@
+"""The boards' firmware compiled for this computer: what is loaded, and what boards share."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rigctl import host_build
+from rigctl.errors import RigFault
+from rigctl.resources import checkout
+from rigctl.wire.drum_map import BY_NAME, Command
+from rigctl.wire.drum_states import State
+from rigctl.world.bench import Bench
+from rigctl.world.drum_bench import DrumBench
+from rigctl.world.host_drum import HostDrum
+from rigctl.world.host_taxels import HostTaxels
+from rigctl.world.parameters import WorldParameters
+from rigctl.world.virtual import open_virtual
+
+ROOT = checkout()
+assert ROOT is not None
+BOTH_WAYS = (
+    r"install a C\+\+ compiler \(g\+\+ or clang\+\+\) or `pip install ziglang`, then run python"
+)
+
+
+def one_sentence(error: pytest.ExceptionInfo[BaseException]) -> bool:
+    return "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("board", [HostDrum, HostTaxels])
+def test_a_missing_library_names_both_ways_to_a_compiler(
+    tmp_path: Path, board: type[HostDrum | HostTaxels]
+) -> None:
+    with pytest.raises(RigFault, match=rf"none\.so: .*is not compiled: {BOTH_WAYS}") as error:
+        board(tmp_path / "none.so")
+    assert one_sentence(error)
+
+
+def test_a_library_for_another_system_is_refused_by_name(tmp_path: Path) -> None:
+    foreign = tmp_path / "virtual-drum.so"
+    foreign.write_bytes(b"\x7fELF of another machine")
+    with pytest.raises(RigFault, match=r"virtual-drum\.so: .*not made for this system") as error:
+        HostDrum(foreign)
+    assert one_sentence(error)
+    other = host_build.library_path("taxels")
+    with pytest.raises(RigFault, match=r"virtual-taxels.*not made for this system"):
+        HostDrum(other)
+
+
+def test_a_stale_library_is_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stale = tmp_path / "virtual-drum.so"
+    made_of = host_build.digest("drum")
+    content = host_build.library_path("drum").read_bytes()
+    stale.write_bytes(content.replace(made_of.encode(), b"0" * len(made_of)))
+    with pytest.raises(
+        RigFault, match=r"virtual-drum\.so: .*other sources than arduino/ holds"
+    ) as error:
+        HostDrum(stale)
+    assert one_sentence(error)
+
+
+def test_without_a_compiler_the_build_names_both_ways(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CXX", raising=False)
+    monkeypatch.setattr(host_build.shutil, "which", lambda name: None)
+    monkeypatch.setattr(host_build.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(host_build.BuildFailed, match=f"no C\\+\\+ compiler.*{BOTH_WAYS}"):
+        host_build.compiler()
+    monkeypatch.setattr(host_build.importlib.util, "find_spec", lambda name: object())
+    assert host_build.compiler() == [sys.executable, "-m", "ziglang", "c++"]
+
+
+def test_what_does_not_compile_is_told_with_the_compilers_words(tmp_path: Path) -> None:
+    with pytest.raises(host_build.BuildFailed, match="could not compile the drum board"):
+        host_build.build("drum", tmp_path / "broken.so", ["UNIT_TEST_OF=(", "State=42"])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("board", ["drum", "taxels"])
+def test_virtual_boards_and_chips_are_the_same_firmware(board: str) -> None:
+    """Both tell the hash of the same sources, as the Makefile of the images reckons it."""
+    said = subprocess.run(
+        ["make", "-s", "-n", "-W", f"{board}/board.h", "-C", ROOT / "arduino", board],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert f"-DBUILD_HASH=0x{host_build.image_hash(board)}UL" in said
+
+
+def test_several_boards_in_one_process_share_nothing() -> None:
+    rigs = [DrumBench(Bench(WorldParameters(), seed)) for seed in (1, 2)]
+    for drum in rigs:
+        drum.board.exchange.attended = 1
+        drum.run(400)
+    command = BY_NAME["command"].address
+    assert rigs[0].board.write(command, [Command.ARM, 1]) == 0
+    for drum in rigs:
+        drum.run(1000)
+    states = [State(drum.board.exchange.state) for drum in rigs]
+    assert states == [State.RETRACT, State.IDLE]
+    alone = DrumBench(Bench(WorldParameters(), 2))
+    alone.board.exchange.attended = 1
+    for until_ms in (400, 1000):
+        alone.run(until_ms)
+    assert alone.board.read(16, 40) == rigs[1].board.read(16, 40)
+    for drum in (*rigs, alone):
+        drum.board.close()
+
+
+def test_a_closed_rig_is_closed_twice_without_harm() -> None:
+    rig = open_virtual()
+    rig.close()
+    rig.close()
+    rig.advance(1_000_000)
+    assert rig.time_us == 1_000_000
