@@ -15,11 +15,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware bench orders identify scale shots soak fuzz docs lock clean
+.PHONY: help setup boards demo gui test check pytest firmware bench orders identify scale shots soak fuzz attack docs lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, orders, identify, scale, shots, soak, fuzz, docs, lock, clean'
+	@echo 'also: make gui, check, firmware, bench, orders, identify, scale, shots, soak, fuzz, attack, docs, lock, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, wheels only)"
@@ -116,6 +116,16 @@ soak: firmware
 fuzz: firmware
 	$(SAY) "both wires under a million corrupted bytes"
 	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_wires.py
+
+# Another seed each time, printed at the end: ATTACK_SEED=… has the same attacks again.
+ATTACK_SEED ?= $(shell date +%s)
+ATTACKS ?= 100000
+CHIP_ATTACKS ?= 2000
+
+attack: firmware
+	$(SAY) "$(ATTACKS) attacks on the drum's virtual board, the worst of them and others on its chip"
+	@RIGCTL_ATTACK_SEED=$(ATTACK_SEED) RIGCTL_ATTACKS=$(ATTACKS) RIGCTL_CHIP_ATTACKS=$(CHIP_ATTACKS) \
+	  $(BIN)/python -m pytest -q tests/attack
 
 docs: $(VENV)/.ready
 	$(SAY) "reference pages that are rendered from the code"

@@ -320,7 +320,7 @@ void Drum::approach() {
 bool Drum::lifted_clear() const {
     const uint32_t since_start = inputs_.now_ms - entered_ms_;
     const uint32_t clearance = word(reg::lift_clearance_um);
-    if (end_up()) return true;
+    if (at_upper_end()) return true;
     if (!fitted(Signal::Position))
         return !fitted(Signal::EndSwitches) && since_start > ACTUATOR_FULL_LIFT_MS &&
                !reads_contact();
@@ -363,7 +363,7 @@ bool Drum::reads_contact() const {
 
 // By the upper end, by the reading, or by the way above the last contact.
 bool Drum::contact_gone() const {
-    if (end_up() || free_run_ >= FREE_READINGS) return true;
+    if (at_upper_end() || free_run_ >= FREE_READINGS) return true;
     if (!fitted(Signal::Position)) return false;
     if (inputs_.position_um <= TOP_UM) return true;
     return contact_known_ && inputs_.position_um + GONE_UM <= contact_um_ && !reads_contact();
@@ -480,7 +480,8 @@ void Drum::end_tare() {
     const int32_t tare = loadcell_.tare_mean() - loadcell_.place_tare();
     const bool lifted = contact_ == Contact::Gone;
     if (!tare_anyway_ && !(lifted && near_zero(tare))) return finish(CommandResult::Failed);
-    if (lifted) zero_.take(tare);
+    // Raw, as the limit is judged: tares of places are settings.
+    if (lifted) zero_.take(loadcell_.tare_mean());
     bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(tare));
     apply_settings();
     tared_ = true;

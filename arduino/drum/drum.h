@@ -99,6 +99,13 @@ class Drum final : public Owner {
     bool estop_open() const { return fitted(Signal::Estop) && inputs_.estop_open; }
     bool end_up() const { return fitted(Signal::EndSwitches) && inputs_.end_up; }
     bool end_down() const { return fitted(Signal::EndSwitches) && inputs_.end_down; }
+    // Both ends at once are wires that are broken or told the wrong way: no drum is lifted by that.
+    bool at_upper_end() const {
+#ifdef BOTH_ENDS_BELIEVED  // a broken image that the tests must catch
+        return end_up();
+#endif
+        return end_up() && !end_down();
+    }
     ForceMode force_mode() const { return static_cast<ForceMode>(word(reg::force_mode)); }
     uint16_t place_in_turn() const;
     float depth_missing_mm() const;

@@ -169,6 +169,15 @@ def force_map(rows: Iterable[Row]) -> str:
     return head + "".join(lines)
 
 
+ATTACK = """
+Whatever a computer writes, in whatever state, is tried by `tests/attack`: every writable register
+and word with 0, 1, 0x7FFF, 0x8000 and 0xFFFF in every state, and writes, commands, resets, lost
+heartbeats and presses of the emergency stop drawn from a seed; on virtual boards, and the worst of
+them on the chip. The judge is the bench's own log. `make attack` does it for longer, with another
+seed each time. A firmware without a rule is compiled for this computer, and must be caught.
+"""
+
+
 def controls() -> str:
     """Which broken image fails which check."""
     head = (
@@ -180,7 +189,8 @@ def controls() -> str:
     drum = (*CONTROLS, *ATTACK_CONTROLS)
     found = [(f"drum-{name}", what, check.__name__) for name, what, check in drum]
     found += [(f"taxels-{name}", what, check.__name__) for name, what, check in TAXEL_CONTROLS]
-    return head + "".join(f"| `{n}` | {w} | {c.replace('_', ' ')} |\n" for n, w, c in found)
+    rows = "".join(f"| `{n}` | {w} | {c.replace('_', ' ')} |\n" for n, w, c in found)
+    return head + rows + ATTACK
 
 
 CELLS_HEAD = """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from rigctl.wire.drum_map import Command
 from rigctl.wire.drum_states import State
 from rigctl.world.chip_shim import Output
-from rigctl.world.contact import contact_tables, footprint, mounted
+from rigctl.world.contact import Footprint, contact_tables, footprint, mounted
 from rigctl.world.loadcell import Loadcell
 from rigctl.world.parameters import WorldParameters, checked
 from rigctl.world.plant import Motion, Plant
@@ -41,6 +42,13 @@ class Trial:
     window: NDArray[np.float64]
 
 
+@lru_cache(maxsize=4)
+def pressed(plate: str, parameters: WorldParameters, seed: int) -> Footprint:
+    """What a bench's first mounting of a plate does to the skin."""
+    seat = mounted(parameters, seed, 0)
+    return footprint(contact_tables(plate, parameters), parameters, seat)
+
+
 class PlantDrum(DrumChip):
     """The image on its chip, actuator, contact and load cell as the world has them."""
 
@@ -55,9 +63,7 @@ class PlantDrum(DrumChip):
         self._begin_mm = begin_mm
         self.parameters = checked(parameters or WorldParameters())
         self.plant = Plant(self.parameters)
-        tables = contact_tables(plate, self.parameters)
-        seat = mounted(self.parameters, seed, 0)
-        self.plant.set_footprint(footprint(tables, self.parameters, seat))
+        self.plant.set_footprint(pressed(plate, self.parameters, seed))
         self._cell = Loadcell(self.parameters, seed, self.plant, Disturbances())
         super().__init__(image)
 
