@@ -26,9 +26,10 @@ from rigctl.synth.work import Work
 from rigctl.world.world_file import NOMINAL, World
 
 METHOD = "direct"
-GENERATOR = 3
+GENERATOR = 4
 """Goes up when one seed no longer gives the same session. 2: polls and blocks in batches; the
-samples are still those of 1. 3: the taxels stand in their places."""
+samples are still those of 1. 3: the taxels stand in their places. 4: the
+boards' own firmware, under another skin."""
 
 BYTES_PER_SECOND = 62_000
 """Samples, polls, load cell, truth; measured, rounded up."""
