@@ -73,12 +73,12 @@ class Slider:
     def trial(self, speed_mm_s: float, force_g: float) -> Samples:
         """A new contact, and what is read over the paper's travel at a speed."""
         start_mm = self._p.plate_start_mm + WINDOW_MM - RUN_IN_MM - self._p.start_mm
-        standing = Motion(0.0, start_mm, 0.0, 0.0)
+        standing = Motion(0.0, start_mm, 0.0)
         self._plant.put_rod(0.0)
         self._pass(LIFTED_MS, standing)
         self._plant.put_rod(self._p.contact_mm + self._footprint.travel_mm(force_g))
         self._pass(RESTING_MS, standing)
-        moving = Motion(1000.0 * self._plant.time_ms, start_mm, speed_mm_s, 0.0)
+        moving = Motion(1000.0 * self._plant.time_ms, start_mm, speed_mm_s)
         self._pass(round(1000 * RUN_IN_MM / speed_mm_s), moving)
         left, parts = round(1000 * TRAVEL_MM / speed_mm_s), []
         while left:

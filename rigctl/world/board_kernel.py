@@ -132,7 +132,7 @@ def _kernel(digest: str) -> Callable[..., Any]:
                 conversions[taken, 1] = words[_DUE_COUNTS]
                 taken += 1
             travel_mm = (reals[_PLACE] - clock[START_STEPS]) * clock[MM_PER_STEP]
-            motion = Motion(end_ms * 1000.0, travel_mm, 0.0, 0.0)
+            motion = Motion(end_ms * 1000.0, travel_mm, 0.0)
             pass_millisecond(s, c, log, footprint, motion, reals[_DRIVE])
             if end_ms >= calls[POLL_AT_MS]:
                 call_board(calls[_POLL], calls[_HANDLE], 0)

@@ -1,13 +1,15 @@
 """The compiled shim around simavr (``arduino/sim``) as Python sees it: one exchange per slice.
 
-Structures mirror ``arduino/sim/sim.h``; the size of the exchange is compared when the library
-is loaded. Calls release the interpreter's lock. A chip belongs to one thread at a time.
+The exchange's layout is read from ``arduino/sim/sim.h``; its size is compared when the library is
+loaded. Calls release the interpreter's lock. A chip belongs to one thread at a time.
 """
 
 from __future__ import annotations
 
 import ctypes
+import re
 from enum import IntEnum
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import RigFault, WrongUse
+from rigctl.resources import checkout
 
 CHANNELS = 18
 MAX_BYTES = 4096
-MAX_EDGES = 8192
 MAX_INPUTS = 1024
-VECTORS = 64
 MAX_ROWS = 33
 
 
@@ -61,70 +62,36 @@ class ResetBy(IntEnum):
     PIN = 2
 
 
-_I32, _I64, _U64, _U8 = ctypes.c_int32, ctypes.c_int64, ctypes.c_uint64, ctypes.c_uint8
+_U64, _U8 = ctypes.c_uint64, ctypes.c_uint8
+_TYPES: dict[str, Any] = {
+    "double": ctypes.c_double,
+    "int32_t": ctypes.c_int32,
+    "int64_t": ctypes.c_int64,
+    "uint64_t": _U64,
+    "uint8_t": _U8,
+}
 
 
-class Exchange(ctypes.Structure):
-    """``sim_exchange`` of ``sim.h``; the meanings stand there."""
+@cache
+def exchange_type() -> type[ctypes.Structure]:
+    """``sim_exchange`` as ``arduino/sim/sim.h`` declares it; the meanings stand there.
 
-    _fields_ = (
-        ("analog", ctypes.c_double * CHANNELS * MAX_ROWS),
-        ("analog_noise", ctypes.c_double * CHANNELS * MAX_ROWS),
-        ("loadcell_period_q16", _I64),
-        ("host_byte_q16", _I64),
-        ("loadcell_counts", _I32),
-        ("loadcell_mode", _I32),
-        ("motor_jammed", _I32),
-        ("mark_length_steps", _I32),
-        ("mark_inverted", _I32),
-        ("enable_high", _I32),
-        ("port_a_first", _I32),
-        ("steps_per_turn", _I32),
-        ("report_samples", _I32),
-        ("report_steps", _I32),
-        ("analog_rows", _I32),
-        ("watch_interrupts", _I32),
-        ("lines_low", _I32),
-        ("lines_high", _I32),
-        ("lines_together", _I32),
-        ("inputs_low", _I32),
-        ("inputs_high", _I32),
-        ("inputs_together", _I32),
-        ("inputs_open", _I32),
-        ("driven_low", _I32),
-        ("rx_count", _I32),
-        ("input_count", _I32),
-        ("rx_start", _U64),
-        ("input_cycle", _U64 * MAX_INPUTS),
-        ("input_signal", _U8 * MAX_INPUTS),
-        ("input_level", _U8 * MAX_INPUTS),
-        ("rx", _U8 * MAX_BYTES),
-        ("tx_cycle", _U64 * MAX_BYTES),
-        ("tx", _U8 * MAX_BYTES),
-        ("edge_cycle", _U64 * MAX_EDGES),
-        ("edge_signal", _U8 * MAX_EDGES),
-        ("edge_level", _U8 * MAX_EDGES),
-        ("tx_count", _I32),
-        ("edge_count", _I32),
-        ("cycle", _U64),
-        ("drive", ctypes.c_double),
-        ("drum_steps", _I64),
-        ("drum_place", ctypes.c_double),
-        ("loadcell_ready", _U64),
-        ("resets", _U64),
-        ("rx_overruns", _U64),
-        ("rx_latency", _U64),
-        ("overflows", _U64),
-        ("slept_cycles", _U64),
-        ("isr_cycles", _U64),
-        ("isr_count", _U64),
-        ("longest_isr", _U64 * VECTORS),
-        ("loadcell_conversions", _U64),
-        ("loadcell_reads", _U64),
-        ("longest_read", _U64),
-        ("loadcell_latency", _U64),
-        ("longest_off", _U64),
-    )
+    Raises RigFault outside of a checkout.
+    """
+    root = checkout()
+    if root is None:
+        raise RigFault("simulated chips need a checkout: use --rig virtual")
+    text = re.sub(r"/\*.*?\*/", "", (root / "arduino/sim/sim.h").read_text(), flags=re.DOTALL)
+    sizes = {name: int(size) for name, size in re.findall(r"#define (\w+) (\d+)", text)}
+    body = text.split("typedef struct sim_exchange {")[1].split("} sim_exchange;")[0]
+    fields = []
+    for kind, names in re.findall(r"(\w+) ([^;]+);", body):
+        for name, bounds in re.findall(r"(\w+)((?:\[\w+\])*)", names):
+            type_: Any = _TYPES[kind]
+            for bound in reversed(re.findall(r"\w+", bounds)):
+                type_ = type_ * sizes[bound]
+            fields.append((name, type_))
+    return type("Exchange", (ctypes.Structure,), {"_fields_": fields})
 
 
 _POINTER, _SIZE = ctypes.c_void_p, ctypes.c_uint32
@@ -135,10 +102,9 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "sim_exchange_size": (ctypes.c_ulong, []),
     "sim_run": (ctypes.c_int, [_POINTER, _U64]),
     "sim_reset": (None, [_POINTER, ctypes.c_int]),
-    "sim_place_drum": (None, [_POINTER, _I64]),
+    "sim_place_drum": (None, [_POINTER, ctypes.c_int64]),
     "sim_eeprom_read": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
     "sim_eeprom_write": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
-    "sim_peek": (_U8, [_POINTER, _SIZE]),
 }
 
 
@@ -153,7 +119,7 @@ def load_library(path: Path) -> ctypes.CDLL:
     for name, (result, arguments) in _SIGNATURES.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
-    if library.sim_exchange_size() != ctypes.sizeof(Exchange):
+    if library.sim_exchange_size() != ctypes.sizeof(exchange_type()):
         raise RigFault(f"{path}: the chip simulator is of another version: run `make firmware`")
     return library
 
@@ -172,7 +138,7 @@ class Chip:
         self._handle = library.sim_open(str(image).encode(), int(kind)) if image.is_file() else None
         if not self._handle:
             raise RigFault(f"{image}: no firmware image to run: run `make firmware`")
-        self.exchange = Exchange.from_address(library.sim_exchange_of(self._handle))
+        self.exchange: Any = exchange_type().from_address(library.sim_exchange_of(self._handle))
         self._map_exchange()
 
     def _map_exchange(self) -> None:
@@ -233,14 +199,10 @@ class Chip:
         if self._library.sim_eeprom_write(self._handle, offset, data, len(data)):
             raise WrongUse(f"EEPROM has no bytes {offset} … {offset + len(data) - 1}")
 
-    def peek(self, address: int) -> int:
-        """One byte of data memory: registers, I/O, SRAM."""
-        return int(self._library.sim_peek(self._handle, address))
-
     def close(self) -> None:
         """Free the simulator's memory; harmless when closed already. Counters can still be read."""
         if self._handle:
-            self.exchange = Exchange.from_buffer_copy(self.exchange)
+            self.exchange = exchange_type().from_buffer_copy(self.exchange)
             self._map_exchange()
             self._library.sim_close(self._handle)
             self._handle = None

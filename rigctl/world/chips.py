@@ -27,7 +27,6 @@ from rigctl.world.simulation import (
     DRUM,
     TAXELS,
     FaultPanel,
-    LoadcellFault,
     SimulatedLink,
     Simulation,
 )
@@ -44,12 +43,6 @@ END_MM = 0.05
 """Actuator travel left at which an end switch opens."""
 
 _WIRES = {int(Output.SYNC): Input.SYNC, int(Output.INDEX): Input.INDEX}
-_LOADCELL_MODE = {
-    LoadcellFault.NONE: 0,
-    LoadcellFault.SILENT: 1,
-    LoadcellFault.FROZEN: 2,
-    LoadcellFault.SATURATED: 3,
-}
 
 
 class ChipSimulation:
@@ -144,7 +137,7 @@ class ChipSimulation:
         if x.edge_count:
             self._note_edges()
         travel_mm = (x.drum_place - self._start_steps) * self._bench.parameters.mm_per_step
-        self._bench.advance(end_ms, x.drive, Motion(end_ms * 1000.0, travel_mm, 0.0, 0.0))
+        self._bench.advance(end_ms, x.drive, Motion(end_ms * 1000.0, travel_mm, 0.0))
         self._done_ms = end_ms
 
     def _run_drum(self, end_ms: int) -> None:
@@ -207,7 +200,7 @@ class ChipSimulation:
         bench = self._bench.disturbances
         x = self.drum_board.chip.exchange
         self._wire_mark()
-        x.loadcell_mode = _LOADCELL_MODE[bench.loadcell]
+        x.loadcell_mode = int(bench.loadcell)
         x.motor_jammed = int(bench.motor_jammed)
         estop = bench.wire(Signal.ESTOP, bench.estop_pressed)
         self._switch(Input.ESTOP, int(estop), self._done_ms + 1)

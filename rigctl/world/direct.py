@@ -145,16 +145,16 @@ class DirectRig:
 
     def _note(self) -> None:
         """Keep what came of a run: the board's newest conversions, and polls."""
-        conversions, polls = self._drum.conversions(), self._drum.polls()
-        times_us = self._drum.board_us(conversions.cycles).tolist()
-        for counts, at_us in zip(conversions.counts.tolist(), times_us, strict=True):
+        cycles, counts = self._drum.conversions()
+        times_us = self._drum.board_us(cycles).tolist()
+        for sample in zip(counts.tolist(), times_us, strict=True):
             self._taken += 1
-            self._ring[self._taken] = counts, at_us
-        if polls.at_ms.size:
+            self._ring[self._taken] = sample
+        words, at_ms = self._drum.polls()
+        if at_ms.size:
             self._decoder.tare_counts = round(self.get("tare_counts"))
             self._decoder.scale_ug_per_count = round(self.get("scale_ug_per_count"))
-        for words, at_ms in zip(polls.words.tolist(), polls.at_ms.tolist(), strict=True):
-            self._polls.append(self._decode(words, at_ms))
+        self._polls += map(self._decode, words.tolist(), at_ms.tolist())
         for number in list(self._ring)[:-RING_DEPTH]:
             del self._ring[number]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,23 +15,7 @@ from rigctl.world.host_drum import SYNC, HostDrum
 NOMINAL_HZ = 16_000_000
 MOST_CONVERSIONS = LOG_EVERY_MS
 MOST_POLLS = 64
-
-
-class Conversions(NamedTuple):
-    """Load-cell samples that the board took, oldest first: cycles and counts, int64 (n,) each."""
-
-    cycles: NDArray[np.int64]
-    counts: NDArray[np.int64]
-
-
-class Polls(NamedTuple):
-    """Polls at the ends of some milliseconds.
-
-    ``words``: uint16 (n, 40), the poll block; ``at_ms``: int64 (n,), world time.
-    """
-
-    words: NDArray[np.uint16]
-    at_ms: NDArray[np.int64]
+_Integers = NDArray[np.int64]
 
 
 class DrumBench:
@@ -75,7 +58,7 @@ class DrumBench:
         """World time of a cycle of the board."""
         return cycle * 1e3 / self._cycles_per_ms
 
-    def board_us(self, cycles: NDArray[np.int64]) -> NDArray[np.int64]:
+    def board_us(self, cycles: _Integers) -> _Integers:
         """The board's own time at its cycles, not wrapped."""
         return (cycles - int(self.board.exchange.booted)) // (NOMINAL_HZ // 1_000_000)
 
@@ -116,15 +99,15 @@ class DrumBench:
         if board.exchange.edge_count:
             self._pass_edges()
 
-    def conversions(self) -> Conversions:
-        """Load-cell samples of the last :meth:`run`."""
+    def conversions(self) -> tuple[_Integers, _Integers]:
+        """Cycles and counts of the load-cell samples that the board took in the last run."""
         rows = self._conversions[: self._calls[kernel.CONVERSIONS]]
-        return Conversions(rows[:, 0].copy(), rows[:, 1].copy())
+        return rows[:, 0].copy(), rows[:, 1].copy()
 
-    def polls(self) -> Polls:
-        """Polls of the last :meth:`run`."""
+    def polls(self) -> tuple[NDArray[np.uint16], _Integers]:
+        """Poll blocks of the last run, uint16 (n, 40), and the world's millisecond of each."""
         count = int(self._calls[kernel.POLLS])
-        return Polls(self._poll_words[:count].copy(), self._polled_ms[:count].copy())
+        return self._poll_words[:count].copy(), self._polled_ms[:count].copy()
 
     def disturb(self) -> None:
         """Bring changed disturbances to the board's pins and to the mechanics."""

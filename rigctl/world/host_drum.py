@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.wire.drum_map import POLL_BLOCK
-from rigctl.world.host_library import I32, I64, POINTER, load
+from rigctl.world.host_library import I32, I64, POINTER, HostBoard
 
 MOST_BYTES, MOST_EDGES, MOST_POLL_WORDS = 8192, 4096, 64
 SYNC, INDEX = 0, 1
@@ -66,10 +66,6 @@ class Exchange(ctypes.Structure):
 
 
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
-    "open": (POINTER, []),
-    "close": (None, [POINTER]),
-    "exchange": (POINTER, [POINTER]),
-    "boot": (None, [POINTER, I32]),
     "run": (None, [POINTER, I64]),
     "poll": (None, [POINTER, I64]),
     "place": (None, [POINTER, I64]),
@@ -80,8 +76,8 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 }
 
 
-class HostDrum:
-    """One drum board. Close it; nothing else frees its memory.
+class HostDrum(HostBoard):
+    """One drum board.
 
     ``words`` int64 (23,) and ``reals`` float64 (2,) are the exchange as compiled code sees it,
     named by :data:`WORDS` and :data:`REALS`; ``poll_words`` uint16 is the newest poll. Raises
@@ -89,9 +85,7 @@ class HostDrum:
     """
 
     def __init__(self, library: Path | None = None) -> None:
-        self._library = load("drum", Exchange, _SIGNATURES, library)
-        self.handle: int = self._library.drum_open()
-        self.exchange = Exchange.from_address(self._library.drum_exchange(self.handle))
+        super().__init__("drum", Exchange, _SIGNATURES, library)
         self.exchange.poll_address, self.exchange.poll_count = POLL_BLOCK
         self.words: NDArray[np.int64] = self._view(0, len(WORDS), I64)
         reals_at = Exchange.drive.offset
@@ -102,25 +96,21 @@ class HostDrum:
     @property
     def addresses(self) -> tuple[int, int]:
         """Addresses of the functions ``run`` and ``poll``, for compiled code."""
-        functions = (self._library.drum_run, self._library.drum_poll)
+        functions = (self.function(name) for name in ("run", "poll"))
         run, poll = (ctypes.cast(function, POINTER).value or 0 for function in functions)
         return run, poll
 
-    def boot(self, reset_cause: int) -> None:
-        """Start anew after a reset, with the bits of the chip's MCUSR; EEPROM is kept."""
-        self._library.drum_boot(self.handle, reset_cause)
-
     def place(self, steps: int) -> None:
         """Turn the drum to ``steps`` behind the start of its index mark."""
-        self._library.drum_place(self.handle, steps)
+        self.call("place", steps)
 
     def set_estop(self, level: int) -> None:
         """Give the emergency stop's wire a level; high is open. The board acts at once."""
-        self._library.drum_set_estop(self.handle, level)
+        self.call("set_estop", level)
 
     def receive(self, data: bytes, cycle: int) -> None:
         """Put bytes of the host on the cable at a cycle."""
-        self._library.drum_receive(self.handle, data, len(data), cycle)
+        self.call("receive", data, len(data), cycle)
 
     def take_sent(self) -> tuple[bytes, list[int]]:
         """Return the bytes sent since the last call, and the cycle at which each has left."""
@@ -137,20 +127,14 @@ class HostDrum:
     def write(self, address: int, words: Sequence[int]) -> int:
         """Write registers as a Modbus master would; returns DONE or a Modbus exception code."""
         data = b"".join(int(word).to_bytes(2, "big") for word in words)
-        return int(self._library.drum_write(self.handle, address, len(words), data))
+        return int(self.call("write", address, len(words), data))
 
     def read(self, address: int, count: int) -> list[int]:
         """Read registers as a Modbus master would."""
         words = np.zeros(count, np.uint16)
-        self._library.drum_read(self.handle, address, count, words.ctypes.data)
+        self.call("read", address, count, words.ctypes.data)
         found: list[int] = words.tolist()
         return found
-
-    def close(self) -> None:
-        """Free the board; harmless when done already."""
-        handle, self.handle = self.handle, 0
-        if handle:
-            self._library.drum_close(handle)
 
     def _view(self, offset: int, count: int, kind: type[ctypes._SimpleCData[Any]]) -> NDArray[Any]:
         memory = (kind * count).from_address(ctypes.addressof(self.exchange) + offset)

@@ -17,7 +17,53 @@ POINTER = ctypes.c_void_p
 I32, I64, U64 = ctypes.c_int32, ctypes.c_int64, ctypes.c_uint64
 
 
-def load(
+_COMMON: Signatures = {
+    "open": (POINTER, []),
+    "close": (None, [POINTER]),
+    "exchange": (POINTER, [POINTER]),
+    "boot": (None, [POINTER, I32]),
+}
+
+
+class HostBoard:
+    """One board in this process. Close it; nothing else frees its memory.
+
+    ``name`` is ``drum`` or ``taxels``; ``exchange`` is what bench and board tell each other.
+    Raises RigFault where its library, at ``path`` or where it is built, cannot be used.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        exchange: type[ctypes.Structure],
+        signatures: Signatures,
+        path: Path | None = None,
+    ) -> None:
+        self._name = name
+        self.library = _load(name, exchange, {**_COMMON, **signatures}, path)
+        self.handle: int = self.function("open")()
+        self.exchange: Any = exchange.from_address(self.call("exchange"))
+
+    def function(self, name: str) -> Any:
+        """The library's function of that name."""
+        return getattr(self.library, f"{self._name}_{name}")
+
+    def call(self, name: str, *arguments: Any) -> Any:
+        """Have the board do what a function of its library says."""
+        return self.function(name)(self.handle, *arguments)
+
+    def boot(self, reset_cause: int) -> None:
+        """Start anew after a reset, with the bits of the chip's MCUSR; EEPROM is kept."""
+        self.call("boot", reset_cause)
+
+    def close(self) -> None:
+        """Free the board; harmless when done already."""
+        if self.handle:
+            self.call("close")
+        self.handle = 0
+
+
+def _load(
     board: str, exchange: type[ctypes.Structure], signatures: Signatures, path: Path | None = None
 ) -> ctypes.PyDLL:
     """Return the library of ``drum`` or ``taxels``, at ``path`` or where it is built.

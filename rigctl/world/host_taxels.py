@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.values import N_TAXELS
-from rigctl.world.host_library import I32, I64, POINTER, load
+from rigctl.world.host_library import I32, I64, POINTER, HostBoard
 
 MOST_FRAMES, MOST_BYTES = 4096, 65536
 SYNC, INDEX = 0, 1
@@ -34,10 +34,6 @@ class Exchange(ctypes.Structure):
 
 
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
-    "open": (POINTER, []),
-    "close": (None, [POINTER]),
-    "exchange": (POINTER, [POINTER]),
-    "boot": (None, [POINTER, I32]),
     "run": (None, [POINTER, I32]),
     "close_frames": (None, [POINTER, I32]),
     "edge": (None, [POINTER, I32, I32, I64]),
@@ -45,44 +41,38 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 }
 
 
-class HostTaxels:
-    """One taxel board. Close it; nothing else frees its memory.
+class HostTaxels(HostBoard):
+    """One taxel board.
 
     Cycles count from the start of its first frame. Raises RigFault where its library cannot be
     used.
     """
 
     def __init__(self, library: Path | None = None) -> None:
-        self._library = load("taxels", Exchange, _SIGNATURES, library)
-        self.handle: int = self._library.taxels_open()
-        self.exchange = Exchange.from_address(self._library.taxels_exchange(self.handle))
+        super().__init__("taxels", Exchange, _SIGNATURES, library)
         self._readings = np.ctypeslib.as_array(self.exchange.readings)
         self._flags = np.ctypeslib.as_array(self.exchange.flags)
         self._edges = np.ctypeslib.as_array(self.exchange.edges)
 
-    def boot(self, reset_cause: int) -> None:
-        """Start anew after a reset, with the bits of the chip's MCUSR; its first words are out."""
-        self._library.taxels_boot(self.handle, reset_cause)
-
     def edge(self, signal: int, level: int, cycle: int) -> None:
         """Tell of an edge of SYNC or INDEX, before the frame in which it falls is closed."""
-        self._library.taxels_edge(self.handle, signal, level, cycle)
+        self.call("edge", signal, level, cycle)
 
     def receive(self, data: bytes) -> None:
         """Hand over bytes of the host; the board looks at them with its next frame."""
-        self._library.taxels_receive(self.handle, data, len(data))
+        self.call("receive", data, len(data))
 
     def run(self, readings: NDArray[np.uint16]) -> None:
         """Close and send frames with these readings, uint16 (n, 18), n ≤ MOST_FRAMES."""
         self._readings[: len(readings)] = readings
-        self._library.taxels_run(self.handle, len(readings))
+        self.call("run", len(readings))
 
     def pass_frames(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Close frames that are not sent; returns their flags and edges, uint8 (count,) each."""
         flags, edges = [], []
         for first in range(0, count, MOST_FRAMES):
             part = min(MOST_FRAMES, count - first)
-            self._library.taxels_close_frames(self.handle, part)
+            self.call("close_frames", part)
             flags.append(self._flags[:part].copy())
             edges.append(self._edges[:part].copy())
         nothing = [np.zeros(0, np.uint8)]
@@ -93,9 +83,3 @@ class HostTaxels:
         count = self.exchange.tx_count
         self.exchange.tx_count = 0
         return ctypes.string_at(ctypes.addressof(self.exchange.tx), count)
-
-    def close(self) -> None:
-        """Free the board; harmless when done already."""
-        handle, self.handle = self.handle, 0
-        if handle:
-            self._library.taxels_close(handle)

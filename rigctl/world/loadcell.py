@@ -21,7 +21,6 @@ NEXT_US, NUMBER, CREPT_G, LAST_COUNTS, _STATE_SIZE = range(5)
 supply came on, creep, and the value before."""
 
 (
-    _ORIGIN_US,
     PERIOD_US,
     _AVERAGE_MS,
     _CREEP_GAIN,
@@ -33,14 +32,10 @@ supply came on, creep, and the value before."""
     _UG,
     _FAULT,
     _GIVEN_SIZE,
-) = range(12)
-_NONE, _SILENT, _FROZEN, _SATURATED = range(4)
-_FAULTS = {
-    LoadcellFault.NONE: _NONE,
-    LoadcellFault.SILENT: _SILENT,
-    LoadcellFault.FROZEN: _FROZEN,
-    LoadcellFault.SATURATED: _SATURATED,
-}
+) = range(11)
+_SILENT, _FROZEN, _SATURATED = (
+    int(fault) for fault in (LoadcellFault.SILENT, LoadcellFault.FROZEN, LoadcellFault.SATURATED)
+)
 _Floats = NDArray[np.float64]
 
 
@@ -70,9 +65,7 @@ def convert(state: _Floats, given: _Floats, log: _Floats, force_g: float, noise:
     """Make the conversion that is due into ``LAST_COUNTS``; False where nothing is offered."""
     counts = weigh(state, given, log, force_g, noise, state[NEXT_US])
     state[NUMBER] += 1.0
-    state[NEXT_US] = math.floor(
-        given[_ORIGIN_US] + (state[NUMBER] + SETTLING_CONVERSIONS) * given[PERIOD_US]
-    )
+    state[NEXT_US] = math.floor((state[NUMBER] + 1.0) * given[PERIOD_US])
     if given[_FAULT] == _SATURATED:
         state[LAST_COUNTS] = FULL_SCALE
     elif given[_FAULT] != _FROZEN:
@@ -112,7 +105,6 @@ class Loadcell:
         self.state = np.zeros(_STATE_SIZE)
         self.given = np.array(
             [
-                0.0,
                 self.period_us,
                 round(parameters.loadcell_average_ms),
                 1.0 - math.exp(-1.0 / (rate_hz * parameters.loadcell_creep_s)),
@@ -122,9 +114,11 @@ class Loadcell:
                 parameters.loadcell_noise_g,
                 parameters.loadcell_offset_counts,
                 parameters.loadcell_ug_per_count,
-                _NONE,
+                0.0,
             ]
         )
+        # Those of the settling are made, and offered to nobody.
+        self.state[NUMBER] = SETTLING_CONVERSIONS - 1
         self.state[NEXT_US] = math.floor(SETTLING_CONVERSIONS * self.period_us)
 
     @property
@@ -135,7 +129,7 @@ class Loadcell:
     def noise(self, until_us: int) -> NDArray[np.float32]:
         """Standard normal noise, float32 (n,), of all conversions up to a world time."""
         count = 2 + int(max(0.0, until_us - self.state[NEXT_US]) / self.period_us)
-        self.given[_FAULT] = _FAULTS[self._bench.loadcell]
+        self.given[_FAULT] = self._bench.loadcell
         return self._noise.rows(int(self.state[NUMBER]), count).reshape(-1)
 
     def convert(self) -> int | None:

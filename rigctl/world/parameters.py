@@ -78,7 +78,6 @@ class WorldParameters:
     drum_weight_g: float = _p(1500.0, "g", 800, 4000, "holds the play on one flank below it")
     actuator_travel_mm: float = _p(50.0, "mm", 40, 60, "from upper to lower end")
     actuator_start_mm: float = _p(5.0, "mm", 0, 30, "position at power-up")
-    potentiometer_counts: float = _p(1023.0, "counts", 255, 4095, "position over the full travel")
 
     # Contact
     contact_mm: float = _p(20.0, "mm", 10, 30, "actuator travel at which the drum touches")

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.world.compiled import compiled, inlined
+from rigctl.world.compiled import around, compiled, inlined
 from rigctl.world.contact import Footprint
 from rigctl.world.parameters import WorldParameters
 from rigctl.world.textures import GRID_MM
@@ -85,28 +85,17 @@ CELLS_PER_MM = 1.0 / GRID_MM
 
 
 class Motion(NamedTuple):
-    """Where the drum was commanded to be: nominal travel as a parabola of world time.
+    """Where the drum was commanded to be: ``travel_mm + speed_mm_s·t``, t from ``from_us`` on.
 
-    ``travel_mm + speed_mm_s·t + acceleration_mm_s2·t²/2`` with t counted from ``from_us``. All
-    are floats: for another type the kernels would be compiled once more, in mid-run.
+    All are floats: for another type the kernels would be compiled once more, in mid-run.
     """
 
     from_us: float
     travel_mm: float
     speed_mm_s: float
-    acceleration_mm_s2: float
 
 
-STANDING = Motion(0.0, 0.0, 0.0, 0.0)
-
-
-@inlined
-def _around(place_mm: float, turn_mm: float) -> float:
-    """``place_mm % turn_mm`` to the bit; a turn of whole millimetres needs no long division."""
-    if turn_mm != math.floor(turn_mm):
-        return place_mm % turn_mm
-    within = place_mm - math.floor(place_mm / turn_mm) * turn_mm
-    return within + turn_mm if within < 0.0 else within
+STANDING = Motion(0.0, 0.0, 0.0)
 
 
 @inlined
@@ -154,7 +143,7 @@ def _touch(s: _Floats, c: _Floats, footprint: _Table, surface_mm: float) -> None
     s[FORCE] = 0.0
     if travel <= 0.0:
         return
-    cell = _around(s[_PLACE], c[_C_TURN]) * CELLS_PER_MM
+    cell = around(s[_PLACE], c[_C_TURN]) * CELLS_PER_MM
     low = int(cell)
     share = cell - low
     size = footprint.shape[1]
@@ -171,9 +160,8 @@ def _touch(s: _Floats, c: _Floats, footprint: _Table, surface_mm: float) -> None
 @inlined
 def _roll(s: _Floats, c: _Floats, motion: Motion) -> None:
     """Turn the drum to where the steps want it, unless something holds it."""
-    start_us, travel, speed, acceleration = motion
-    t = (s[TIME_MS] * 1000.0 - start_us) * 1e-6
-    nominal = travel + t * (speed + 0.5 * acceleration * t)
+    start_us, travel, speed = motion
+    nominal = travel + speed * (s[TIME_MS] * 1000.0 - start_us) * 1e-6
     place = c[_C_START] + nominal * c[_C_FACTOR] - s[_SLIP]
     if s[_JAMMED]:
         s[_SLIP] += place - s[_PLACE]

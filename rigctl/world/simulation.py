@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from enum import Enum
+from enum import IntEnum
 from typing import Protocol
 
 import numpy as np
@@ -23,13 +23,13 @@ TO_HOST = "to_host"
 TO_BOARD = "to_board"
 
 
-class LoadcellFault(Enum):
-    """How the load-cell amplifier can fail."""
+class LoadcellFault(IntEnum):
+    """How the load-cell amplifier can fail; numbered as ``enum sim_loadcell_mode`` is."""
 
-    NONE = "none"
-    SILENT = "silent"
-    FROZEN = "frozen"
-    SATURATED = "saturated"
+    NONE = 0
+    SILENT = 1
+    FROZEN = 2
+    SATURATED = 3
 
 
 @dataclass(slots=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.values import DRAWN_WIRING, N_TAXELS
-from rigctl.world.compiled import compiled, inlined
+from rigctl.world.compiled import around, compiled, inlined
 from rigctl.world.contact import (
     DEPTH_CELLS,
     N_PLACES,
@@ -57,15 +57,6 @@ NO_JITTER: NDArray[np.float32] = np.zeros((0, N_PLACES), np.float32)
 
 
 @inlined
-def _around(place_mm: float, turn_mm: float) -> float:
-    """``place_mm % turn_mm`` to the bit; a turn of whole millimetres needs no long division."""
-    if turn_mm != math.floor(turn_mm):
-        return place_mm % turn_mm
-    within = place_mm - math.floor(place_mm / turn_mm) * turn_mm
-    return within + turn_mm if within < 0.0 else within
-
-
-@inlined
 def _touch(
     felt: _Floats, table: _Table, mean: _Table, taxels: _Floats, row: _Floats, c: _Floats
 ) -> None:
@@ -78,7 +69,7 @@ def _touch(
             continue
         deep = min(int(cell), depths - 2)
         more = cell - deep
-        cell = _around(row[DRUM_MM] + taxels[_ALONG, i] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
+        cell = around(row[DRUM_MM] + taxels[_ALONG, i] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
         low = int(cell)
         share = cell - low
         low = low - size if low >= size else low
@@ -220,8 +211,6 @@ class Skin:
     def advance(self) -> None:
         """Follow the plant up to its present time; at most RING_MS / 2 at once."""
         until_ms = self._plant.time_ms
-        if self._plant.contacts == self._contact and until_ms > self.time_ms:
-            self._run(until_ms - self.time_ms)
         while self.time_ms < until_ms:
             rows = np.arange(self.time_ms + 1, until_ms + 1) % RING_MS
             contacts = self._plant.log[rows, CONTACTS]
@@ -257,16 +246,11 @@ class Skin:
             self.time_ms + 1,
             count,
         )
-        if self._p.dead_taxels or self._p.stuck_taxels:
-            self._break_taxels(count)
+        for readings, level in ((self._p.dead_taxels, 0.0), (self._p.stuck_taxels, STUCK_LEVEL)):
+            rows = np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS
+            for reading in readings:
+                self.levels[rows, reading] = level
         self.time_ms += count
-
-    def _break_taxels(self, count: int) -> None:
-        rows = np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS
-        for reading in self._p.dead_taxels:
-            self.levels[rows, reading] = 0.0
-        for reading in self._p.stuck_taxels:
-            self.levels[rows, reading] = STUCK_LEVEL
 
     def _settle_anew(self, contact: int) -> None:
         """Every contact finds skin and fabric a little changed."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -64,11 +65,19 @@ class Course:
     windows: list[NDArray[np.uint16]] = field(default_factory=list)
 
 
+async def whole_second(at: Operator) -> None:
+    """Wait for the world's next whole second: a command then meets the same conversion on both."""
+    end_s = math.ceil(at.now_s + 0.2)
+    await at.watch(end_s - at.now_s - 0.15)
+    await asyncio.sleep(end_s - at.now_s)
+
+
 async def do_trial(at: Operator, course: Course, speed_mm_s: float, force_g: float) -> None:
     """One contact; the truth of it, and the samples of its window."""
     await at.drum.set(speed_set=speed_mm_s, force_set=force_g, travel_set=TRAVEL_MM)
     await at.drum.set(move_target=1280.0)
     await at.do(Command.MOVE, 20.0)
+    await whole_second(at)
     at.forget()
     at.simulation.truth.take()
     await at.do(Command.APPROACH, 20.0)

@@ -78,7 +78,7 @@ class PlantDrum(DrumChip):
     def _press(self, duty: float) -> None:
         end_ms = int(self.x.cycle) // MS
         travel_mm = (self.x.drum_place - self._start_steps) * self.parameters.mm_per_step
-        self.plant.advance(end_ms, duty, Motion(end_ms * 1000.0, travel_mm, 0.0, 0.0))
+        self.plant.advance(end_ms, duty, Motion(end_ms * 1000.0, travel_mm, 0.0))
         self.rod_mm, self.force_g = self.plant.rod_mm, self.plant.force_g
         self.forces.append(self.force_g)
         if self.x.loadcell_ready <= (end_ms + 1) * MS:
