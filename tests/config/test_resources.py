@@ -22,6 +22,11 @@ try:
     resources.firmware_image("drum")
 except Exception as error:
     print(error)
+from rigctl.world.host_drum import HostDrum
+from rigctl.world.host_taxels import HostTaxels
+for board in (HostDrum(), HostTaxels()):
+    print(board.library._name)
+    board.close()
 """
 
 
@@ -69,7 +74,7 @@ def test_the_commit_is_read_from_the_checkout(
     assert resources.source_commit() == ""
 
 
-def test_a_wheel_carries_the_protocols(tmp_path: Path) -> None:
+def test_a_wheel_carries_the_protocols_and_the_virtual_boards(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     wheel = next(tmp_path.glob("*.whl"))
@@ -78,7 +83,10 @@ def test_a_wheel_carries_the_protocols(tmp_path: Path) -> None:
         file.extractall(installed)
     ask = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(installed)!r})\n{ASK}"]
     out = subprocess.run(ask, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
-    where, trials, image = out.splitlines()
+    where, trials, image, *libraries = out.splitlines()
     assert where.startswith(str(installed))
     assert trials == "24000"
     assert "need a source checkout" in image
+    assert len(libraries) == 2
+    assert all(library.startswith(str(installed)) for library in libraries)
+    assert "none-any" not in wheel.name
