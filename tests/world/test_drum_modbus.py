@@ -1,4 +1,4 @@
-"""The slave's wire: exceptions as the standard says, silence for what is not ours, no debris."""
+"""The drum's wire: exceptions as the standard says, silence for what is not ours, no debris."""
 
 from __future__ import annotations
 
