@@ -122,9 +122,8 @@ class Tape:
 
     def _weighed(self, samples: Sequence[LoadcellSample]) -> Iterator[LoadcellSample]:
         """Those of this stretch, with numbers and times of the session."""
-        first_us = (self._start_us + SEAM_US) * self._clock
-        for sample in samples:
-            if sample.board_time_us >= first_us:
+        first_us, out_us = (self._start_us + SEAM_US) * self._clock, self._skipped_board_us
+        for _, at_us, counts, force_g in samples:
+            if at_us >= first_us:
                 self._conversions += 1
-                at_us = self._recorded_board_us(sample.board_time_us)
-                yield sample._replace(sequence=self._conversions, board_time_us=at_us)
+                yield LoadcellSample(self._conversions, math.floor(at_us - out_us), counts, force_g)

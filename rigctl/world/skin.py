@@ -211,6 +211,8 @@ class Skin:
     def advance(self) -> None:
         """Follow the plant up to its present time; at most RING_MS / 2 at once."""
         until_ms = self._plant.time_ms
+        if self._plant.contacts == self._contact and until_ms > self.time_ms:
+            self._run(until_ms - self.time_ms)
         while self.time_ms < until_ms:
             rows = np.arange(self.time_ms + 1, until_ms + 1) % RING_MS
             contacts = self._plant.log[rows, CONTACTS]
@@ -247,8 +249,8 @@ class Skin:
             count,
         )
         for readings, level in ((self._p.dead_taxels, 0.0), (self._p.stuck_taxels, STUCK_LEVEL)):
-            rows = np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS
             for reading in readings:
+                rows = np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS
                 self.levels[rows, reading] = level
         self.time_ms += count
 
