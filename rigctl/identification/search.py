@@ -38,7 +38,7 @@ START = {
     "conductance_power": 1.23,
     "saturation_g": 4150.0,
     "gain_spread": 0.14,
-    "plate_tilt_mm": 0.009,
+    "plate_tilt_mm": 0.0125,
     "mounting_spread": 0.002,
     "contact_shift_mm": 0.087,
     "contact_spread": 0.02,

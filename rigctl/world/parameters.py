@@ -143,7 +143,7 @@ class WorldParameters:
     gain_spread: float = _p(0.14, "", 0, 0.4, "spread of gain over the taxels, rms", IDENTIFIED)
     session_spread: float = _p(0.04, "", 0, 0.15, "change of each gain from session to session")
     plate_tilt_mm: float = _p(
-        0.009, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
+        0.0125, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
     )
     mounting_spread: float = _p(
         0.002, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
