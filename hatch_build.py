@@ -34,8 +34,8 @@ class VirtualBoards(BuildHookInterface[Any]):
         build_data["pure_python"] = False
         build_data["infer_tag"] = True
         for board in build.BOARDS:
-            place = f"rigctl/_data/boards/{build.library_name(board)}"
-            build_data["force_include"][str(build.library_path(board, root))] = place
+            place = f"rigctl/_data/boards/{build.dynamic_library_name(board)}"
+            build_data["force_include"][str(build.dynamic_library_path(board, root))] = place
 
 
 def _host_build(root: Path) -> ModuleType:

@@ -30,14 +30,14 @@ class BuildFailed(Exception):
     """There is no compiler, or it refused the sources; says in one sentence what to do."""
 
 
-def library_name(board: str) -> str:
+def dynamic_library_name(board: str) -> str:
     """Return the file name of a board's library on this system."""
     return f"virtual-{board}{_SUFFIX}"
 
 
-def library_path(board: str, root: Path = ROOT) -> Path:
+def dynamic_library_path(board: str, root: Path = ROOT) -> Path:
     """Return where a board's library lies in a checkout."""
-    return root / "build" / "host" / library_name(board)
+    return root / "build" / "host" / dynamic_library_name(board)
 
 
 def sources(board: str, root: Path = ROOT) -> list[Path]:
@@ -87,7 +87,7 @@ def build(
 
     Raises BuildFailed.
     """
-    target = output or library_path(board, root)
+    target = output or dynamic_library_path(board, root)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")
     command = [
@@ -120,7 +120,7 @@ def build_stale(root: Path = ROOT) -> list[Path]:
 
 
 def _is_fresh(board: str, root: Path) -> bool:
-    path = library_path(board, root)
+    path = dynamic_library_path(board, root)
     return path.is_file() and digest(board, root).encode() in path.read_bytes()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.errors import RigFault
-from rigctl.host_build import COMMAND, CURE, digest, library_name, library_path
+from rigctl.host_build import COMMAND, CURE, digest, dynamic_library_name, dynamic_library_path
 from rigctl.resources import checkout, installed_library
 
 # Calls are short: letting go of the interpreter for each would cost more than it gives.
@@ -40,13 +40,13 @@ class HostBoard:
         path: Path | None = None,
     ) -> None:
         self._name = name
-        self.library = _load(name, exchange, {**_COMMON, **signatures}, path)
+        self._dll = _load(name, exchange, {**_COMMON, **signatures}, path)
         self.handle: int = self.function("open")()
         self.exchange: Any = exchange.from_address(self.call("exchange"))
 
     def function(self, name: str) -> Any:
         """The library's function of that name."""
-        return getattr(self.library, f"{self._name}_{name}")
+        return getattr(self._dll, f"{self._name}_{name}")
 
     def call(self, name: str, *arguments: Any) -> Any:
         """Have the board do what a function of its library says."""
@@ -71,7 +71,9 @@ def _load(
     Raises RigFault where it is missing, stale, or made for another system.
     """
     root = checkout()
-    place = path or (library_path(board) if root else installed_library(library_name(board)))
+    place = path or (
+        dynamic_library_path(board) if root else installed_library(dynamic_library_name(board))
+    )
     if not place.is_file():
         raise RigFault(f"{place}: the virtual {board} board is not compiled: {CURE}{COMMAND}")
     try:

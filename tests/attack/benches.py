@@ -148,7 +148,7 @@ class VirtualBench:
 
     def __init__(self, library: Path | None = None) -> None:
         self._mechanics = _Mechanics()
-        self._drum = DrumBench(self._mechanics, library)  # type: ignore[arg-type]
+        self._drum = DrumBench(self._mechanics, library)
         self._board = self._drum.board
         self._silent_since_ms = 0
         self.beats(True)

@@ -25,7 +25,7 @@ except Exception as error:
 from rigctl.world.host_drum import HostDrum
 from rigctl.world.host_taxels import HostTaxels
 for board in (HostDrum(), HostTaxels()):
-    print(board.library._name)
+    print(board._dll._name)
     board.close()
 """
 

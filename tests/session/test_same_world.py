@@ -24,7 +24,7 @@ def test_the_same_world_from_another_file_is_the_same() -> None:
         ({"start_mm": 100.0, "dead_taxels": []}, "start_mm is 251.0 there and 100.0 here"),
         ({"start_mm": 251.0, "dead_taxels": []}, r"dead_taxels is \[2\] there and \[\] here"),
         ({"start_mm": 251.0}, r"dead_taxels is \[2\] there and absent here"),
-        ({**BEGUN["world"], "warp": 9}, "warp is absent there and 9 here"),  # type: ignore[dict-item]
+        ({**BEGUN["world"], "warp": 9}, "warp is absent there and 9 here"),
     ],
 )
 def test_the_first_parameter_that_differs_is_named(world: dict[str, object], words: str) -> None:

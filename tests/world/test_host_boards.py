@@ -46,7 +46,7 @@ def test_a_library_for_another_system_is_refused_by_name(tmp_path: Path) -> None
     with pytest.raises(RigFault, match=r"virtual-drum\.so: .*not made for this system") as error:
         HostDrum(foreign)
     assert one_sentence(error)
-    other = host_build.library_path("taxels")
+    other = host_build.dynamic_library_path("taxels")
     with pytest.raises(RigFault, match=r"virtual-taxels.*not made for this system"):
         HostDrum(other)
 
@@ -56,7 +56,7 @@ def test_a_stale_library_is_refused_by_name(
 ) -> None:
     stale = tmp_path / "virtual-drum.so"
     made_of = host_build.digest("drum")
-    content = host_build.library_path("drum").read_bytes()
+    content = host_build.dynamic_library_path("drum").read_bytes()
     stale.write_bytes(content.replace(made_of.encode(), b"0" * len(made_of)))
     with pytest.raises(
         RigFault, match=r"virtual-drum\.so: .*other sources than arduino/ holds"
