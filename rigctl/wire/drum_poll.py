@@ -124,8 +124,11 @@ class PollDecoder:
         """Times between those of the newest samples of this and of the last poll."""
         span_us, count = newest_us - self._sample_us, max(newest - known, 1)
         times = {n: newest_us - round(span_us * (newest - n) / count) for n in sorted(found)}
+        by_place = self._homed and bool(self.tare_table)
         return tuple(
-            LoadcellSample(n, at_us, found[n], self._force_g(found[n], turn(at_us)))
+            LoadcellSample(
+                n, at_us, found[n], self._force_g(found[n], turn(at_us) if by_place else 0)
+            )
             for n, at_us in times.items()
         )
 
