@@ -30,10 +30,13 @@ static void on_log(avr_t *avr, const int level, const char *format, va_list argu
     (void)avr, (void)level, (void)format, (void)arguments;
 }
 
+/* Its presence alone ends simavr's burst at a slice's end, and it stays there: simavr calls what is
+ * due before it asks how long to sleep. A chip that fell asleep in a slice's last cycle slept on to
+ * its own next timer: of 15,000 slices three ended 400 to 1,250 cycles late, the drum farther on. */
 static avr_cycle_count_t on_stop(avr_t *avr, avr_cycle_count_t when, void *param)
 {
-    (void)avr, (void)when, (void)param;
-    return 0; /* its presence alone ends simavr's burst at this cycle */
+    (void)when, (void)param;
+    return avr->cycle + 1;
 }
 
 static uint64_t earliest(const sim_board *board)
