@@ -26,10 +26,10 @@ from rigctl.synth.work import Work
 from rigctl.world.world_file import NOMINAL, World
 
 METHOD = "direct"
-GENERATOR = 4
+GENERATOR = 5
 """Goes up when one seed no longer gives the same session. 2: polls and blocks in batches; the
-samples are still those of 1. 3: the taxels stand in their places. 4: the
-boards' own firmware, under another skin."""
+samples are still those of 1. 3: the taxels stand in their places. 4: the boards'
+own firmware, under another skin. 5: noise of another generator."""
 
 BYTES_PER_SECOND = 62_000
 """Samples, polls, load cell, truth; measured, rounded up."""

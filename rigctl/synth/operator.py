@@ -89,6 +89,9 @@ class Operator:
     def turn(self, on_polls: OnPolls) -> None:
         """Run-in, window, ramp down; ``on_polls`` gets the polls since the last call, in time."""
         self._give(Command.RUN)
+        # At its speed a drum needs so long for the run-in, or longer: until then nothing is polled.
+        run_in_us = self.rig.get("run_in_set") / self.rig.get("speed_set") * 1e6
+        self._pass_time(self.now_us + round(run_in_us) - TURN_US, stop_on_change=False)
         self.rig.watch()
         self._wait_for(self._ended(State.HOLD), "the travel", lambda: on_polls(self.rig.polls()))
         # The last poll shows the window closed, however short the ramp down was.
@@ -131,8 +134,8 @@ class Operator:
             if on_step is not None:
                 on_step()
 
-    def _pass_time(self, until_us: int) -> None:
+    def _pass_time(self, until_us: int, stop_on_change: bool = True) -> None:
         """Let time pass until then, or until a move ends."""
-        self.rig.pass_time(until_us)
+        self.rig.pass_time(until_us, stop_on_change)
         if self.rig.fault is not Fault.NONE:
             raise BoardFault(f"the simulated drum stopped with {self.rig.fault.name}")

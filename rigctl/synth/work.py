@@ -160,7 +160,8 @@ class Work:
 
     def _record_window(self) -> float:
         """Turn; record from before the rise of sync until behind its fall. Returns the start."""
-        rises, recording, started_s = self._rig.sync_count, False, self._tape.now_s
+        self._set_points = self._rig.get("force_set"), self._rig.get("speed_set")
+        rises, recording, started_s = self._rig.get("sync_count"), False, self._tape.now_s
 
         def look(polls: list[DrumState]) -> None:
             nonlocal recording
@@ -182,11 +183,8 @@ class Work:
         self._keep(self._tape.end())
         return started_s
 
-    def _note_set_points(self) -> None:
-        self._set_points = self._rig.get("force_set"), self._rig.get("speed_set")
-
     def _record_still(self, seconds: float, what: str) -> None:
-        self._note_set_points()
+        self._set_points = self._rig.get("force_set"), self._rig.get("speed_set")
         self._tape.begin(self._operator.now_us)
         self._event("still", f"{seconds:g} s {what} begin")
         self._operator.wait(seconds, self._tape.follow)

@@ -94,9 +94,9 @@ class PollDecoder:
         else:
             known = self._sequence
         newest = later(known, wire, _U16)
-        recent = raw["loadcell_recent"]
-        found = {newest - i: recent[i] for i in range(min(LOADCELL_RECENT, newest - known))}
-        found |= {n: counts for n, (counts, at) in ring.items() if self._plausible(at, newest_us)}
+        held, recent = min(LOADCELL_RECENT, newest - known), raw["loadcell_recent"]
+        found = {n: counts for n, (counts, at) in ring.items() if self._plausible(at, newest_us)}
+        found |= zip(range(newest - held + 1, newest + 1), recent[:held][::-1], strict=True)
         self.loadcell_lost += newest - known - len(found)
         samples = self._timed(found, known, newest, newest_us, self._turn(raw, now_us))
         self._sequence, self._sample_us = newest, newest_us
@@ -123,18 +123,15 @@ class PollDecoder:
     ) -> tuple[LoadcellSample, ...]:
         """Times between those of the newest samples of this and of the last poll."""
         span_us, count = newest_us - self._sample_us, max(newest - known, 1)
-        times = {n: newest_us - round(span_us * (newest - n) / count) for n in sorted(found)}
         by_place = self._homed and bool(self.tare_table)
-        return tuple(
-            LoadcellSample(
-                n, at_us, found[n], self._force_g(found[n], turn(at_us) if by_place else 0)
-            )
-            for n, at_us in times.items()
-        )
-
-    def _force_g(self, raw: int, turn: float) -> float:
-        tare = self.tare_counts + (counts_at(self.tare_table, turn) if self._homed else 0.0)
-        return (raw - tare) * self.scale_ug_per_count * 1e-6
+        tare, samples = float(self.tare_counts), []
+        for n in sorted(found):
+            at_us = newest_us - round(span_us * (newest - n) / count)
+            if by_place:
+                tare = self.tare_counts + counts_at(self.tare_table, turn(at_us))
+            force_g = (found[n] - tare) * self.scale_ug_per_count * 1e-6
+            samples.append(LoadcellSample(n, at_us, found[n], force_g))
+        return tuple(samples)
 
     def _state(
         self,

@@ -11,7 +11,7 @@ from rigctl.wire.drum_map import Signal
 from rigctl.world.contact import contact_tables, footprint, mounted
 from rigctl.world.loadcell import Loadcell
 from rigctl.world.parameters import WorldParameters, checked
-from rigctl.world.plant import DRUM_MM, FORCE_G, RING_MS, Motion, Plant
+from rigctl.world.plant import DRUM_MM, FORCE_G, Motion, Plant
 from rigctl.world.simulation import Disturbances
 from rigctl.world.skin import Skin
 from rigctl.world.truth import Truth
@@ -84,15 +84,14 @@ class Bench:
     def log_truth(self) -> None:
         """Write down what the plant did since the last time."""
         self.skin.advance()
-        times_ms = np.arange(self.logged_ms + 1, self.plant.time_ms + 1)
-        if times_ms.size == 0:
+        times_ms = np.arange(self.logged_ms, self.plant.time_ms + 1)
+        if times_ms.size == 1:
             return
-        places = self.plant.log[np.append(times_ms[0] - 1, times_ms) % RING_MS, DRUM_MM]
-        force = self.plant.log[times_ms % RING_MS, FORCE_G]
-        sync = np.full(times_ms.size, self._logged_level, np.uint8)
+        did = self.plant.log.take(times_ms, axis=0, mode="wrap")
+        sync = np.full(times_ms.size - 1, self._logged_level, np.uint8)
         for at_us, level in self._sync_edges:
-            sync[times_ms * 1000 >= at_us] = level
+            sync[times_ms[1:] * 1000 >= at_us] = level
         self._logged_level = self.sync_level
         self._sync_edges.clear()
-        self._truth.append(np.diff(places) * 1e3, force, sync)
+        self._truth.append(np.diff(did[:, DRUM_MM]) * 1e3, did[1:, FORCE_G], sync)
         self.logged_ms = self.plant.time_ms

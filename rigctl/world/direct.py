@@ -78,11 +78,6 @@ class DirectRig:
         """What became of the last command."""
         return CommandResult(self._board.exchange.result)
 
-    @property
-    def sync_count(self) -> int:
-        """Trial windows since the drum's boot, modulo 65536."""
-        return int(self.get("sync_count"))
-
     def world_us(self, board_us: int) -> float:
         """World time of a time of the drum's board."""
         exchange = self._board.exchange
@@ -146,10 +141,9 @@ class DirectRig:
     def _note(self) -> None:
         """Keep what came of a run: the board's newest conversions, and polls."""
         cycles, counts = self._drum.conversions()
-        times_us = self._drum.board_us(cycles).tolist()
-        for sample in zip(counts.tolist(), times_us, strict=True):
-            self._taken += 1
-            self._ring[self._taken] = sample
+        samples = zip(counts.tolist(), self._drum.board_us(cycles).tolist(), strict=True)
+        first, self._taken = self._taken + 1, self._taken + len(counts)
+        self._ring |= zip(range(first, self._taken + 1), samples, strict=True)
         words, at_ms = self._drum.polls()
         if at_ms.size:
             self._decoder.tare_counts = round(self.get("tare_counts"))

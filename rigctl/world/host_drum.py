@@ -131,10 +131,9 @@ class HostDrum(HostBoard):
 
     def read(self, address: int, count: int) -> list[int]:
         """Read registers as a Modbus master would."""
-        words = np.zeros(count, np.uint16)
-        self.call("read", address, count, words.ctypes.data)
-        found: list[int] = words.tolist()
-        return found
+        words = (ctypes.c_uint16 * count)()
+        self.call("read", address, count, words)
+        return list(words)
 
     def _view(self, offset: int, count: int, kind: type[ctypes._SimpleCData[Any]]) -> NDArray[Any]:
         memory = (kind * count).from_address(ctypes.addressof(self.exchange) + offset)

@@ -62,6 +62,7 @@ def _touch(
 ) -> None:
     """What the taxels feel; the layers lie over each other."""
     depths, size = table.shape[0], table.shape[1]
+    first = around(row[DRUM_MM] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
     for i in range(N_PLACES):
         cell = (row[DEPTH_MM] - taxels[_MISSED, i]) * c[_DEPTH_CELLS]
         if cell <= 0.0:
@@ -69,17 +70,18 @@ def _touch(
             continue
         deep = min(int(cell), depths - 2)
         more = cell - deep
-        cell = around(row[DRUM_MM] + taxels[_ALONG, i] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
+        cell = first + taxels[_ALONG, i] * CELLS_PER_MM
+        cell += size if cell < 0.0 else 0.0
         low = int(cell)
         share = cell - low
         low = low - size if low >= size else low
         behind = low + 1 if low + 1 < size else 0
         less, deeper = table[deep], table[deep + 1]
         for layer in range(2):
-            above = less[low, layer] * (1.0 - share) + less[behind, layer] * share
-            below = deeper[low, layer] * (1.0 - share) + deeper[behind, layer] * share
-            level = mean[deep, layer] * (1.0 - more) + mean[deep + 1, layer] * more
-            texture = above * (1.0 - more) + below * more - level
+            above = less[low, layer] + (less[behind, layer] - less[low, layer]) * share
+            below = deeper[low, layer] + (deeper[behind, layer] - deeper[low, layer]) * share
+            level = mean[deep, layer] + (mean[deep + 1, layer] - mean[deep, layer]) * more
+            texture = above + (below - above) * more - level
             felt[N_TOP * layer + i] = max(0.0, level + c[_TEXTURE] * texture)
 
 

@@ -109,6 +109,9 @@ def test_each_trial_has_its_load_cell_polls_and_truth(made: Path) -> None:
             inside = (drum.loadcell_s >= 0) & (drum.loadcell_s <= window_s)
             assert abs(inside.sum() - 80 * window_s) < 5
             assert len(drum.polls) > 9 * window_s
+            polls = drum.polls[drum.polls_s >= 0]
+            assert set(polls["force_set_g"]) == {row["force_g"]}
+            assert set(polls["speed_set_mm_s"]) == {row["speed_mm_s"]}
             assert drum.loadcell["force_g"][inside].mean() == pytest.approx(500, rel=0.02)
             window = session.window(int(index))
             assert window.complete
