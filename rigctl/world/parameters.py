@@ -118,7 +118,7 @@ class WorldParameters:
     taxel_size_mm: float = _p(3.0, "mm", 3, 3, "width of a taxel, most sensitive inside", SENSOR)
     sensor_skew_deg: float = _p(3.0, "°", -5, 5, "turn of the sensor against the travel")
     edge_drop_mm: float = _p(
-        0.15, "mm", 0.05, 0.2, "depth that the drum's curve takes from the outer rows", IDENTIFIED
+        0.125, "mm", 0.05, 0.2, "depth that the drum's curve takes from the outer rows", IDENTIFIED
     )
     bridging_mm: float = _p(
         0.25, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED
@@ -130,29 +130,29 @@ class WorldParameters:
         1.8, "mm", 1, 4, "spread of pressure above the bottom layer, sigma", IDENTIFIED
     )
     top_gain: float = _p(
-        0.06, "", 0.03, 1, "conductance of a top taxel at the mean pressure of 250 g", IDENTIFIED
+        0.051, "", 0.03, 1, "conductance of a top taxel at the mean pressure of 250 g", IDENTIFIED
     )
-    bottom_gain: float = _p(0.082, "", 0.03, 0.8, "the same of a bottom taxel", IDENTIFIED)
+    bottom_gain: float = _p(0.07, "", 0.03, 0.8, "the same of a bottom taxel", IDENTIFIED)
     conductance_power: float = _p(
-        1.23, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
+        1.3, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
     )
     saturation_g: float = _p(
-        4150.0, "g", 500, 12500, "force whose mean pressure halves the conductance", IDENTIFIED
+        2900.0, "g", 500, 12500, "force whose mean pressure halves the conductance", IDENTIFIED
     )
     rest_conductance: float = _p(0.02, "", 0, 0.1, "conductance without load")
     gain_spread: float = _p(0.14, "", 0, 0.4, "spread of gain over the taxels, rms", IDENTIFIED)
     session_spread: float = _p(0.04, "", 0, 0.15, "change of each gain from session to session")
     plate_tilt_mm: float = _p(
-        0.0125, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
+        0.002, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
     )
     mounting_spread: float = _p(
-        0.002, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
+        0.0185, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
     )
     contact_shift_mm: float = _p(
         0.087, "mm", 0, 1, "shift of the skin from contact to contact, rms", IDENTIFIED
     )
     contact_spread: float = _p(
-        0.02, "", 0, 0.05, "change of each gain from contact to contact, rms", IDENTIFIED
+        0.028, "", 0, 0.05, "change of each gain from contact to contact, rms", IDENTIFIED
     )
     contact_load_spread: float = _p(
         0.01, "", 0, 0.03, "change of all gains from contact to contact, rms", RECORDINGS
