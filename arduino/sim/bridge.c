@@ -20,7 +20,8 @@ static double half_duty(const uint8_t *data, int com_shift, int ocr, int bit)
     if (!BIT(data[DDRH], bit)) return 0;
     if (BIT(data[TCCR4A], com_shift + 1) == 0) return BIT(data[PORTH], bit);
     unsigned top = timer4_top(data), on = data[ocr] | data[ocr + 1] << 8;
-    return top ? (on > top ? 1.0 : (double)on / top) : 0;
+    /* Fast PWM: high for a count more than the register says, of a count more than the top. */
+    return top ? (on > top ? 1.0 : (on + 1.0) / (top + 1.0)) : 0;
 }
 
 static double bridge_duty(const sim_board *board)

@@ -25,6 +25,8 @@ REST_S = 0.3
 TRAVEL_MM = 80.0
 MEAN_FORCE = 0.003
 SETTLING_S = 0.020
+BEHIND_S = 0.005
+PERIOD_S = 1 / (NOMINAL.loadcell_rate_hz * (1 + NOMINAL.loadcell_clock_ppm * 1e-6))
 AT_REST = (
     "magic",
     "map_version",
@@ -65,19 +67,22 @@ class Course:
     windows: list[NDArray[np.uint16]] = field(default_factory=list)
 
 
-async def whole_second(at: Operator) -> None:
-    """Wait for the world's next whole second: a command then meets the same conversion on both."""
-    end_s = math.ceil(at.now_s + 0.2)
-    await at.watch(end_s - at.now_s - 0.15)
-    await asyncio.sleep(end_s - at.now_s)
+async def just_after_a_conversion(at: Operator) -> None:
+    """Wait until :data:`BEHIND_S` after one: the amplifier's clock began when its board booted."""
+    await at.watch(0.1)
+    poll = at.states[-1]
+    converted_s = poll.at_s - 1e-6 * (poll.board_time_us - poll.loadcell[-1].board_time_us)
+    periods = math.ceil((at.now_s - converted_s - BEHIND_S) / PERIOD_S) + 1
+    await asyncio.sleep(converted_s + BEHIND_S + periods * PERIOD_S - at.now_s)
 
 
 async def do_trial(at: Operator, course: Course, speed_mm_s: float, force_g: float) -> None:
     """One contact; the truth of it, and the samples of its window."""
     await at.drum.set(speed_set=speed_mm_s, force_set=force_g, travel_set=TRAVEL_MM)
+    await at.do(Command.HOME, 20.0)  # all the way up: the way down is as long on both
     await at.drum.set(move_target=1280.0)
     await at.do(Command.MOVE, 20.0)
-    await whole_second(at)
+    await just_after_a_conversion(at)
     at.forget()
     at.simulation.truth.take()
     await at.do(Command.APPROACH, 20.0)
@@ -101,7 +106,6 @@ async def play(at: Operator, course: Course) -> None:
     await at.drum.set(clock_trim_ppm=at.clocks_ppm["drum"], run_in_set=60.0)
     await at.reach(State.ARMED)
     await at.do(Command.TARE)
-    await at.do(Command.HOME, 20.0)
     for plate in PLATES:
         at.simulation.set_plate(plate)
         for speed_mm_s, force_g in TRIALS:
