@@ -160,7 +160,7 @@ class Work:
 
     def _record_window(self) -> float:
         """Turn; record from before the rise of sync until behind its fall. Returns the start."""
-        self._set_points = self._rig.get("force_set"), self._rig.get("speed_set")
+        self._note_set_points()
         rises, recording, started_s = self._rig.get("sync_count"), False, self._tape.now_s
 
         def look(polls: list[DrumState]) -> None:
@@ -183,8 +183,11 @@ class Work:
         self._keep(self._tape.end())
         return started_s
 
-    def _record_still(self, seconds: float, what: str) -> None:
+    def _note_set_points(self) -> None:
         self._set_points = self._rig.get("force_set"), self._rig.get("speed_set")
+
+    def _record_still(self, seconds: float, what: str) -> None:
+        self._note_set_points()
         self._tape.begin(self._operator.now_us)
         self._event("still", f"{seconds:g} s {what} begin")
         self._operator.wait(seconds, self._tape.follow)
