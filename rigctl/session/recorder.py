@@ -155,8 +155,12 @@ class Recorder:
 
         ``part`` and ``first_sample`` of ``row`` are filled in from its ``first_counter``.
         """
-        self._put(partial(self._writer.commit_trial, row))
+        self.add_trial(row)
         self._wake.set()
+
+    def add_trial(self, row: TrialRow) -> None:
+        """As :meth:`commit_trial`, but written with the next flush: others go on meanwhile."""
+        self._put(partial(self._writer.commit_trial, row))
 
     def wait_written(self) -> None:
         """Wait until all that was added is on the medium. Raises DiskFault if it cannot be."""

@@ -53,7 +53,7 @@ class Sink:
     def commit_trial(self, row: TrialRow) -> None:
         """How an attempt ended; behind the last known one the session goes on in a new part."""
         if not self._to_come:
-            self._recorder.commit_trial(row)
+            self._recorder.add_trial(row)
             return
         self._to_come -= 1
         if not self._to_come:

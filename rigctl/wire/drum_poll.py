@@ -106,8 +106,13 @@ class PollDecoder:
         """False for a place of the ring that a newer sample has overwritten meanwhile."""
         return self._sample_us < newest_us - (newest_us - ring_us) % _U32
 
-    def _turn(self, raw: Raw, now_us: int) -> Callable[[int], float]:
-        """The drum's turns behind its mark at a board time, in line since the last poll."""
+    def _turn(self, raw: Raw, now_us: int) -> Callable[[int], float] | None:
+        """The drum's turns behind its mark at a board time, in line since the last poll.
+
+        None where the tare is the same all around, or nobody knows where the mark is.
+        """
+        if not self.tare_table or not self._homed:
+            return None
         steps, last = raw["steps"][0], self._last
         span_us = now_us - last.board_time_us if last is not None else 0
         rate = (steps - last.steps) / span_us if last is not None and span_us else 0.0
@@ -119,18 +124,17 @@ class PollDecoder:
         known: int,
         newest: int,
         newest_us: int,
-        turn: Callable[[int], float],
+        turn: Callable[[int], float] | None,
     ) -> tuple[LoadcellSample, ...]:
         """Times between those of the newest samples of this and of the last poll."""
         span_us, count = newest_us - self._sample_us, max(newest - known, 1)
-        by_place = self._homed and bool(self.tare_table)
-        tare, samples = float(self.tare_counts), []
+        tare, scale = float(self.tare_counts), self.scale_ug_per_count
+        samples = []
         for n in sorted(found):
-            at_us = newest_us - round(span_us * (newest - n) / count)
-            if by_place:
+            at_us, counts = newest_us - round(span_us * (newest - n) / count), found[n]
+            if turn is not None:
                 tare = self.tare_counts + counts_at(self.tare_table, turn(at_us))
-            force_g = (found[n] - tare) * self.scale_ug_per_count * 1e-6
-            samples.append(LoadcellSample(n, at_us, found[n], force_g))
+            samples.append(LoadcellSample(n, at_us, counts, (counts - tare) * scale * 1e-6))
         return tuple(samples)
 
     def _state(

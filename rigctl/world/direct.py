@@ -121,7 +121,9 @@ class DirectRig:
                 return
 
     def watch(self) -> None:
-        """Poll every :data:`POLL_MS` from now on, for :meth:`polls`."""
+        """Poll every :data:`POLL_MS` from now on, for :meth:`polls`, with the tare of now."""
+        self._decoder.tare_counts = round(self.get("tare_counts"))
+        self._decoder.scale_ug_per_count = round(self.get("scale_ug_per_count"))
         self._drum.poll_every(POLL_MS, self._drum.time_ms + POLL_MS)
 
     def unwatch(self) -> None:
@@ -145,9 +147,6 @@ class DirectRig:
         first, self._taken = self._taken + 1, self._taken + len(counts)
         self._ring |= zip(range(first, self._taken + 1), samples, strict=True)
         words, at_ms = self._drum.polls()
-        if at_ms.size:
-            self._decoder.tare_counts = round(self.get("tare_counts"))
-            self._decoder.scale_ug_per_count = round(self.get("scale_ug_per_count"))
         self._polls += map(self._decode, words.tolist(), at_ms.tolist())
         for number in list(self._ring)[:-RING_DEPTH]:
             del self._ring[number]

@@ -128,7 +128,7 @@ def _feel(
     depth missed, gain; ``reading`` (n,): which reading shows each taxel; ``jitter`` (count, 9),
     or none at all where nothing slides under pressure.
     """
-    felt = np.zeros(N_TAXELS)
+    felt, level = np.zeros(N_TAXELS), np.zeros(N_TAXELS)
     for k in range(count):
         row = log[(first_ms + k) % RING_MS]
         before = log[(first_ms + k - 1) % RING_MS]
@@ -147,7 +147,9 @@ def _feel(
             pressure[1, i] += (pressure[0, i] - pressure[1, i]) * c[_SLOW]
             lasting = max(0.0, pressure[0, i] - c[_RELAX] * pressure[1, i])
             conductance = c[_REST] + taxels[_GAIN, i] * lasting
-            out[reading[i]] = conductance / (1.0 + conductance)
+            level[i] = conductance / (1.0 + conductance)
+        for i in range(N_TAXELS):
+            out[reading[i]] = level[i]
         _crosstalk(out, c[_CROSSTALK])
 
 
