@@ -54,7 +54,7 @@ check: $(VENV)/.ready
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
-	@$(BIN)/python -m rigctl.wire.generate --check
+	@$(BIN)/python -m rigctl.wire.codegen --check
 
 firmware: $(VENV)/.ready
 	@sh .ci/debian-packages $(DEBIAN_FIRMWARE)
@@ -107,7 +107,7 @@ identify: $(VENV)/.ready
 shots: boards
 	@sh .ci/debian-packages $(DEBIAN_RUN)
 	$(SAY) "the window's pictures from a live virtual rig"
-	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m gui.shots docs/images
+	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m gui.screenshots docs/images
 
 soak: firmware
 	$(SAY) "an hour of world time on virtual boards, ten minutes on the chips"
@@ -129,8 +129,8 @@ attack: firmware
 
 docs: $(VENV)/.ready
 	$(SAY) "reference pages that are rendered from the code"
-	@$(BIN)/python -m rigctl.wire.generate
-	@$(BIN)/python -m rigctl.world.reference
+	@$(BIN)/python -m rigctl.wire.codegen
+	@$(BIN)/python -m rigctl.simulation.bench.parameter_tables
 
 lock:
 	@$(BIN)/pip install --quiet uv

@@ -51,8 +51,8 @@ def check_display() -> None:
 
 def check_world(rig: str | None, world: Path | None) -> None:
     """Raise WrongUse for a world file that no rig could have, before a window opens."""
-    from gui.connection import JOIN
-    from rigctl.world.world_file import load_world
+    from gui.engine_link import JOIN
+    from rigctl.simulation.bench.world_file import load_world
 
     if world is None:
         return
@@ -81,8 +81,8 @@ def show(rig: str | None, world: Path | None, theme: str) -> int:
     check_world(rig, world)
     import pyqtgraph as pg
 
-    from gui.theme import ThemeChoice
-    from gui.window import Window
+    from gui.main_window import Window
+    from gui.widgets.theme import ThemeChoice
 
     app = pg.mkQApp("rigctl")
     window = Window(choice=ThemeChoice[theme.upper()])

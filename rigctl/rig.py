@@ -12,18 +12,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rigctl.config import RigConfig, load_config
+from rigctl.config.resources import firmware_image
+from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.devices.drum import Drum
-from rigctl.devices.ports import DRUM, TAXELS, ask, find_boards, open_link
+from rigctl.devices.port_discovery import DRUM, TAXELS, ask, find_boards, open_link
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import ConfigError, LinkLost, RigFault, WrongUse
-from rigctl.resources import firmware_image
 from rigctl.values import N_TAXELS, BoardIdentity
-from rigctl.wire.drum_map import Signal
+from rigctl.wire.drum.register_table import Signal
 
 if TYPE_CHECKING:
-    from rigctl.world.simulation import FaultPanel, Simulation
-    from rigctl.world.world_file import World
+    from rigctl.simulation.bench.world_file import World
+    from rigctl.simulation.simulated_rig import FaultPanel, Simulation
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
 OTHER = {DRUM: TAXELS, TAXELS: DRUM}
@@ -83,7 +83,7 @@ class Rig:
     def save_truth(self, folder: Path) -> None:
         """Add to a session what the simulated world logged since the last call; nothing else."""
         if self.simulation is not None:
-            from rigctl.session.truth import write_truth
+            from rigctl.session.files.ground_truth import write_truth
 
             write_truth(folder, self.simulation.truth.take())
 
@@ -142,9 +142,9 @@ def _fitting(config: RigConfig) -> RigConfig:
 def _simulated_rig(
     kind: str, seed: int, paced: bool, config: RigConfig | None, world: World | None
 ) -> Rig:
-    from rigctl.world.loop import WorldLoop
-    from rigctl.world.virtual import warm
-    from rigctl.world.world_file import NOMINAL
+    from rigctl.simulation.bench.world_file import NOMINAL
+    from rigctl.simulation.clock import WorldLoop
+    from rigctl.simulation.virtual_rig import warm
 
     world = world or NOMINAL
     config = _fitting(config or world.description())
@@ -191,11 +191,11 @@ def _wire_as_described(simulation: Simulation, config: RigConfig) -> None:
 
 def _open_simulation(kind: str, seed: int, world: World) -> Simulation:
     if kind == VIRTUAL:
-        from rigctl.world.virtual import open_virtual
+        from rigctl.simulation.virtual_rig import open_virtual
 
         return open_virtual(world.parameters, seed)
     images = firmware_image(DRUM), firmware_image(TAXELS)
-    from rigctl.world.chips import open_chips
+    from rigctl.simulation.chips.rig import open_chips
 
     return open_chips(world.parameters, seed, *images)
 

@@ -11,12 +11,29 @@ from typing import Any
 from rigctl import __version__
 from rigctl.errors import RigctlError
 
-COMMANDS = (
-    *("demo", "run", "synth", "import", "encode", "analyse", "orders", "classify", "stop"),
-    *("check", "serve", "world", "info", "verify", "accept", "calibrate", "ports", "gui", "engine"),
-)
-MODULES = {"import": "import_"}
-"""Modules of commands whose name Python keeps for itself."""
+MODULES = {
+    "demo": "analysis.demo",
+    "run": "rig.run",
+    "synth": "data.synth",
+    "import": "data.import_",
+    "encode": "analysis.encode",
+    "analyse": "analysis.analyse",
+    "orders": "analysis.orders",
+    "classify": "analysis.classify",
+    "stop": "rig.stop",
+    "check": "rig.check",
+    "serve": "rig.serve",
+    "world": "data.world",
+    "info": "data.info",
+    "verify": "data.verify",
+    "accept": "rig.accept",
+    "calibrate": "rig.calibrate",
+    "ports": "rig.ports",
+    "gui": "rig.gui",
+    "engine": "rig.engine",
+}
+"""The module of each command, in the order of the help."""
+COMMANDS = tuple(MODULES)
 
 INTERRUPTED = 130
 
@@ -50,4 +67,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _module(command: str) -> Any:
-    return import_module(f"rigctl.cli.{MODULES.get(command, command)}")
+    return import_module(f"rigctl.cli.{MODULES[command]}")

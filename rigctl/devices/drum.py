@@ -9,19 +9,19 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from rigctl.devices.drum_refusals import refused_command, refused_settings
 from rigctl.devices.identity import WhosThere, drum_identity, explain
-from rigctl.devices.link import BoardRebooted, ByteLink
+from rigctl.devices.links.byte_link import BoardRebooted, ByteLink
 from rigctl.devices.loadcell_ring import read_ring
-from rigctl.devices.modbus import DRAIN_S, SILENCE_S, ModbusLine, Refused
-from rigctl.devices.refusals import refused_command, refused_settings
+from rigctl.devices.modbus_client import DRAIN_S, SILENCE_S, ModbusLine, Refused
 from rigctl.errors import BoardFault, CommandRefused, LinkLost, RigFault, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
-from rigctl.wire import drum_map as table
-from rigctl.wire.drum_map import Command, CommandResult
-from rigctl.wire.drum_poll import PollDecoder, Raw
-from rigctl.wire.drum_states import FAULT_WORDS, Fault, State
-from rigctl.wire.drum_tare import PLACE_NAMES, place_table
-from rigctl.wire.registers import BlockLayout, Write, plan_writes, reads_for
+from rigctl.wire.drum import register_table
+from rigctl.wire.drum.poll import PollDecoder, Raw
+from rigctl.wire.drum.register_table import Command, CommandResult
+from rigctl.wire.drum.registers import BlockLayout, Write, plan_writes, reads_for
+from rigctl.wire.drum.states import FAULT_WORDS, Fault, State
+from rigctl.wire.drum.tare_table import PLACE_NAMES, place_table
 
 ANSWER_S = 4.0
 """A board that was reset by opening its port answers within this time, bootloader included."""
@@ -29,10 +29,10 @@ BOARD_TIME_JUMP_US, BOARD_TIME_SHARE = 1_000_000, 0.01
 """A board clock that runs further away from ours, in sum, has started anew."""
 WAIT_POLL_S = 0.02
 
-_IDENTITY = BlockLayout(*table.IDENTITY_BLOCK, entries=table.IDENTITY)
-_SETTINGS = BlockLayout(*table.SETTINGS_BLOCK, entries=table.SETTINGS)
-_HEARTBEAT = table.BY_NAME["heartbeat"].address
-_COMMAND = table.BY_NAME["command"].address
+_IDENTITY = BlockLayout(*register_table.IDENTITY_BLOCK, entries=register_table.IDENTITY)
+_SETTINGS = BlockLayout(*register_table.SETTINGS_BLOCK, entries=register_table.SETTINGS)
+_HEARTBEAT = register_table.BY_NAME["heartbeat"].address
+_COMMAND = register_table.BY_NAME["command"].address
 
 OnState = Callable[[DrumState], None]
 
@@ -113,7 +113,9 @@ class Drum:
         Raises BoardRebooted where the board's clock shows that it started anew.
         """
         async with self._polling:
-            words = await (self._poll_beating() if beat else self.line.read(*table.POLL_BLOCK))
+            words = await (
+                self._poll_beating() if beat else self.line.read(*register_table.POLL_BLOCK)
+            )
             raw, at_s = self._decoder.read(words), self.line.received_at_s
             self._check_clock(raw, at_s)
             ring = await read_ring(self.line, self._decoder.missing(raw))
@@ -172,7 +174,7 @@ class Drum:
         deadline_s = self._loop.time() + ANSWER_S
         while True:
             try:
-                return _IDENTITY.raw(await self.line.read(*table.IDENTITY_BLOCK))
+                return _IDENTITY.raw(await self.line.read(*register_table.IDENTITY_BLOCK))
             except Refused as refused:
                 raise WrongBoard(
                     f"{self.link.name}: a Modbus device answered that is no rigctl board: "
@@ -197,7 +199,7 @@ class Drum:
         )
 
     async def _take_settings(self, steps_per_turn: int) -> None:
-        raw = _SETTINGS.raw(await self.line.read(*table.SETTINGS_BLOCK))
+        raw = _SETTINGS.raw(await self.line.read(*register_table.SETTINGS_BLOCK))
         self._sequence = raw["command_sequence"][0]
         self._beat = raw["heartbeat"][0]
         self._tare_sequence = None
@@ -211,7 +213,7 @@ class Drum:
         give_up_s = self._loop.time() + SILENCE_S
         while True:
             words = await self.line.read_write(
-                *table.POLL_BLOCK, _HEARTBEAT, (self._beat,), hurried=True
+                *register_table.POLL_BLOCK, _HEARTBEAT, (self._beat,), hurried=True
             )
             if words[_SEEN] == self._beat:
                 return words
@@ -280,7 +282,7 @@ class Drum:
         return _result(state) is CommandResult.DONE
 
 
-_SEEN = table.BY_NAME["heartbeat_seen"].address - table.POLL_BLOCK[0]
+_SEEN = register_table.BY_NAME["heartbeat_seen"].address - register_table.POLL_BLOCK[0]
 
 
 def _acknowledged(state: DrumState) -> int:

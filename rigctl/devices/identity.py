@@ -6,9 +6,9 @@ from collections.abc import Awaitable, Callable
 
 from rigctl.errors import LinkLost, WrongBoard
 from rigctl.values import N_TAXELS, BoardIdentity
-from rigctl.wire import drum_map as table
-from rigctl.wire.drum_map import BOARD_TAXELS, MAGIC
-from rigctl.wire.taxels import WIRE_VERSION, TaxelIdentity
+from rigctl.wire.drum import register_table
+from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
+from rigctl.wire.taxels.frames import WIRE_VERSION, TaxelIdentity
 
 WhosThere = Callable[[], Awaitable[str]]
 """Asks a port that did not answer as expected; a sentence, or nothing where nobody answers."""
@@ -24,16 +24,16 @@ async def explain(failure: BaseException, whos_there: WhosThere | None) -> None:
 
 def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
     """What the identity block says. Raises WrongBoard where it is not our drum."""
-    if raw["magic"][0] != MAGIC or raw["board_id"][0] != table.BOARD_DRUM:
+    if raw["magic"][0] != MAGIC or raw["board_id"][0] != register_table.BOARD_DRUM:
         raise WrongBoard(
             f"{name}: a Modbus device answered that is no drum board: "
             "rigctl ports shows what hangs where"
         )
     version = raw["firmware_version"][0]
-    if raw["map_version"][0] != table.MAP_VERSION:
+    if raw["map_version"][0] != register_table.MAP_VERSION:
         raise WrongBoard(
             f"{name}: the drum board's firmware {version >> 8}.{version & 255} speaks register "
-            f"map {raw['map_version'][0]}, this program map {table.MAP_VERSION}: "
+            f"map {raw['map_version'][0]}, this program map {register_table.MAP_VERSION}: "
             "make firmware, then flash it"
         )
     return BoardIdentity(

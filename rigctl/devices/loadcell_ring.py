@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from rigctl.devices.modbus import ModbusLine
-from rigctl.wire.drum_map import BY_NAME, RING_DEPTH, Register
-from rigctl.wire.drum_poll import RawSample
-from rigctl.wire.registers import BlockLayout
+from rigctl.devices.modbus_client import ModbusLine
+from rigctl.wire.drum.poll import RawSample
+from rigctl.wire.drum.register_table import BY_NAME, RING_DEPTH, Register
+from rigctl.wire.drum.registers import BlockLayout
 
 LONGEST_READ = 20
 """Samples read in one exchange: 40 registers."""

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigctl.config import ADC_MAX, TaxelArray
+from rigctl.config.rig_config import ADC_MAX, TaxelArray
 from rigctl.devices.identity import WhosThere, explain, taxel_identity
-from rigctl.devices.link import BoardRebooted, ByteLink
+from rigctl.devices.links.byte_link import BoardRebooted, ByteLink
 from rigctl.errors import LinkLost, RigFault, WrongBoard
 from rigctl.values import Block, BoardIdentity
-from rigctl.wire.taxel_test import SelfTest, findings
-from rigctl.wire.taxels import (
+from rigctl.wire.taxels.frames import (
     IDENTIFY,
     SELF_TEST,
     Decoded,
@@ -23,6 +22,7 @@ from rigctl.wire.taxels import (
     TaxelStatus,
     encode_request,
 )
+from rigctl.wire.taxels.self_test import SelfTest, findings
 
 ANSWER_S = 4.0
 """A board that was reset by opening its port answers within this time, bootloader included."""

@@ -1,7 +1,7 @@
 """Samples to spikes: a streaming encoder for live use, and the same kernel over whole trials.
 
 Spike trains of many trials come from :func:`encode_trials`. Where counts in stretches of time are
-enough, :func:`rigctl.encoding.bulk.stretch_counts` is the fast way: it keeps no spikes, and leaves
+enough, :func:`rigctl.encoding.batch.stretch_counts` is the fast way: it keeps no spikes, and leaves
 the RA channel out where only SA is asked for.
 """
 
@@ -13,13 +13,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding import kernel, raster
-from rigctl.encoding.blocks import Blocks, Counts, Samples
-from rigctl.encoding.compiled import LANES
-from rigctl.encoding.gather import Rows
+from rigctl.encoding.kernel import constants, raster
+from rigctl.encoding.kernel.machine_code import LANES
+from rigctl.encoding.kernel.neuron_blocks import Blocks, Counts, Samples
+from rigctl.encoding.kernel.prefetch import Rows
+from rigctl.encoding.kernel.spike_trains import Trains
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.presets import DEFAULT, EncoderParameters
-from rigctl.encoding.trains import Trains
+from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 
@@ -116,7 +116,7 @@ def encode_trials(
     for samples in trials:
         _check(samples, normalisation)
     spikes: dict[int, Spikes] = {}
-    trains = Trains(kernel.most_in_a_sample(parameters))
+    trains = Trains(constants.most_in_a_sample(parameters))
     for chosen in tiles([len(samples) for samples in trials], normalisation.n_taxels):
         scale = None if sa_scale is None else sa_scale[chosen]
         blocks = Blocks.of_trials(len(chosen), normalisation, parameters, scale)

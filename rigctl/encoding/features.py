@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.presets import DEFAULT, EncoderParameters
-from rigctl.encoding.speed import REFERENCE_SPEED_MM_S, WINDOW_MS, window_begins, windows_of_samples
+from rigctl.encoding.parameters import DEFAULT, EncoderParameters
+from rigctl.encoding.speed_scaling import (
+    REFERENCE_SPEED_MM_S,
+    WINDOW_MS,
+    window_begins,
+    windows_of_samples,
+)
 from rigctl.errors import WrongUse
 from rigctl.values import SAMPLE_RATE_HZ, Spikes
 

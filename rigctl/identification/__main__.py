@@ -12,8 +12,8 @@ from typing import Any
 from rigctl.errors import RigctlError
 from rigctl.identification.measures import measure
 from rigctl.identification.search import START, Candidate, Search, candidate
-from rigctl.identification.slides import slide
-from rigctl.world.parameters import WorldParameters, table
+from rigctl.identification.sliding import slide
+from rigctl.simulation.bench.parameters import WorldParameters, table
 
 SHOWN_REPEATS = 8
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.identification.slides import Slides
+from rigctl.identification.sliding import Slides
 
 MEAN_MS = 250
 """What a mean over so long leaves of a reading is its texture-made amplitude."""

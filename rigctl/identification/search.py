@@ -12,9 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.identification.measures import measure
-from rigctl.identification.original import PAPER, accuracies
-from rigctl.identification.slides import slide
-from rigctl.world.parameters import IDENTIFIED, ParameterInfo, WorldParameters, checked, table
+from rigctl.identification.original_column import PAPER, accuracies
+from rigctl.identification.sliding import slide
+from rigctl.simulation.bench.parameters import (
+    IDENTIFIED,
+    ParameterInfo,
+    WorldParameters,
+    checked,
+    table,
+)
 
 SEEDS = (1, 2, 3)
 """Sessions that each set of parameters is judged by: seats alone move a figure by ten points."""

@@ -1,6 +1,6 @@
 """Trial protocols: ``protocols/*.toml`` to a plan of steps with count, order, time and size."""
 
-from rigctl.protocol.load import load_protocol, parse_protocol
+from rigctl.protocol.loader import load_protocol, parse_protocol
 from rigctl.protocol.plan import FreeStep, Plan, Protocol, Quality, Settle
 from rigctl.protocol.steps import (
     ApproachOnly,

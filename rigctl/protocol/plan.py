@@ -9,7 +9,7 @@ from functools import cached_property
 from itertools import product
 from random import Random
 
-from rigctl.config import RigConfig
+from rigctl.config.rig_config import RigConfig
 from rigctl.protocol.steps import PLATE_CHANGE_S, ChangePlate, RunTrial, Step, rig_seconds
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
 

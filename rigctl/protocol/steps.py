@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import singledispatch
 from math import sqrt
 
-from rigctl.config import RigConfig
+from rigctl.config.rig_config import RigConfig
 from rigctl.values import PlannedTrial
 
 FIND_CONTACT_S = 1.2

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rigctl.config import RigConfig
-from rigctl.errors import BoardFault
-from rigctl.protocol import Settle
-from rigctl.run.drum_orders import (
+from rigctl.acquisition.drum.settings import (
     FARTHEST_STEPS,
     nearest,
     press_settings,
@@ -16,10 +13,13 @@ from rigctl.run.drum_orders import (
     start_steps,
     trial_settings,
 )
+from rigctl.config.rig_config import RigConfig
+from rigctl.errors import BoardFault
+from rigctl.protocol import Settle
+from rigctl.simulation.direct_rig import POLL_MS, DirectRig
 from rigctl.values import DrumState, PlannedTrial
-from rigctl.wire.drum_map import Command, CommandResult
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.direct import POLL_MS, DirectRig
+from rigctl.wire.drum.register_table import Command, CommandResult
+from rigctl.wire.drum.states import Fault, State
 
 TURN_US = 700_000
 """The longest time between two looks at the polls; the board's ring of conversions holds 0.8 s."""

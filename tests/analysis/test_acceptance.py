@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.acceptance import Acceptance, measure, settle_s
-from rigctl.analysis.acceptance_report import accepted, judge
+from rigctl.analysis.acceptance.measurements import Acceptance, measure, settle_s
+from rigctl.analysis.acceptance.report import accepted, judge
 from rigctl.cli import main
+from rigctl.config.resources import find_protocol
 from rigctl.errors import SessionError
 from rigctl.protocol import RunTrial, Turn, load_protocol
-from rigctl.resources import find_protocol
 from tests.run.floor import open_floor
 
 SHORT = """

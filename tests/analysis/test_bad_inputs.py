@@ -18,14 +18,14 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.representations import RepresentationSet, represent
-from rigctl.analysis.tables import as_plain
-from rigctl.analysis.tasks import Settings, run_tasks
-from rigctl.analysis.trial_set import TrialSet, join_sessions, opened
+from rigctl.analysis.data.trial_set import TrialSet, join_sessions, opened
+from rigctl.analysis.features.representations import RepresentationSet, represent
+from rigctl.analysis.paper.result_tables import as_plain
+from rigctl.analysis.paper.tasks import Settings, run_tasks
 from rigctl.cli import main
-from rigctl.encoding.presets import DEFAULT
+from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError
-from rigctl.session.folder import part_paths
+from rigctl.session.read.folder import part_paths
 from tests.analysis.recordings import record
 from tests.session.building import Bench, plan, recorder
 

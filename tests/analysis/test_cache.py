@@ -9,12 +9,12 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.cache import Cache, cache_folder, key_of
-from rigctl.analysis.fingerprint import hash_of, look_at
-from rigctl.analysis.jobs import processes
-from rigctl.analysis.representations import RepresentationSet, represent
-from rigctl.analysis.trial_set import join_sessions
-from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
+from rigctl.analysis.data.cache import Cache, cache_folder, key_of
+from rigctl.analysis.data.fingerprint import hash_of, look_at
+from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.execution.executor import processes
+from rigctl.analysis.features.representations import RepresentationSet, represent
+from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from tests.analysis.recordings import record
 
 TEXTURES, SPEEDS = "AB", (40, 80, 120)

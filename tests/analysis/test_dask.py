@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from rigctl.analysis import dask_crew as crews
-from rigctl.analysis.representations import represent
-from rigctl.analysis.tasks import Settings, TaskResult, run_tasks
-from rigctl.analysis.trial_set import join_sessions
+from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.execution import dask_executor
+from rigctl.analysis.features.representations import represent
+from rigctl.analysis.paper.tasks import Settings, TaskResult, run_tasks
 from rigctl.cli import main
-from rigctl.cli.stages import StageLine
-from rigctl.encoding.presets import DEFAULT
+from rigctl.cli.options.stages import StageLine
+from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import CrewLost, WrongUse
 from tests.analysis.recordings import record
 
@@ -80,7 +80,7 @@ def test_results_are_equal_although_a_worker_is_killed(
             os.kill(cluster.pids[0], signal.SIGKILL)
         steps.append((stage, done))
 
-    with crews.dask_crew(cluster.two) as crew:
+    with dask_executor.dask_crew(cluster.two) as crew:
         assert crew.shares_disk and crew.remarks == ()
         crew.must_see([session, tmp_path])
         together = represent(trials, DEFAULT, folders[1], crew=crew, progress=progress)
@@ -96,27 +96,27 @@ def test_who_does_not_fit_is_refused_by_name(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nowhere = tmp_path / "nowhere"
-    with crews.dask_crew(cluster.two) as crew:
+    with dask_executor.dask_crew(cluster.two) as crew:
         with pytest.raises(WrongUse, match=f"worker tcp://.* does not see {nowhere}"):
             crew.must_see([tmp_path, nowhere])
-        monkeypatch.setattr(crews, "_listing", lambda folder: (("part-0001.h5", 7),))
+        monkeypatch.setattr(dask_executor, "_listing", lambda folder: (("part-0001.h5", 7),))
         with pytest.raises(WrongUse, match=f"sees other files in {tmp_path}"):
             crew.must_see([tmp_path])
-        monkeypatch.setattr(crews, "__version__", "9.9.9")
-        crews._build.cache_clear()
+        monkeypatch.setattr(dask_executor, "__version__", "9.9.9")
+        dask_executor._build.cache_clear()
         with pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl .*, this machine 9\.9\.9"):
             list(crew.map(abs, [-1]))
     with (
         pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl"),
-        crews.dask_crew(cluster.two),
+        dask_executor.dask_crew(cluster.two),
     ):
         pass
-    crews._build.cache_clear()
+    dask_executor._build.cache_clear()
 
 
 def test_a_jobs_own_failure_is_told_as_it_is(cluster: Cluster) -> None:
     with (
-        crews.dask_crew(cluster.two) as crew,
+        dask_executor.dask_crew(cluster.two) as crew,
         pytest.raises(FileNotFoundError, match="no-such-folder"),
     ):
         list(crew.map(os.listdir, ["/no-such-folder"]))
@@ -130,7 +130,7 @@ def test_interrupted_it_leaves_nothing_to_do(cluster: Cluster, session: Path) ->
             raise KeyboardInterrupt
 
     trials = join_sessions([session])
-    with pytest.raises(KeyboardInterrupt), crews.dask_crew(cluster.two) as crew:
+    with pytest.raises(KeyboardInterrupt), dask_executor.dask_crew(cluster.two) as crew:
         represent(trials, DEFAULT, session.parent, crew=crew, progress=interrupt)
     with Client(cluster.two, set_as_default=False) as client:
         assert not any(client.who_has().values())
@@ -140,7 +140,7 @@ def test_interrupted_it_leaves_nothing_to_do(cluster: Cluster, session: Path) ->
 def test_an_address_without_workers_is_told(
     cluster: Cluster, session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr(crews, "CONNECT_S", 2.0)
+    monkeypatch.setattr(dask_executor, "CONNECT_S", 2.0)
     command = ["analyse", str(session), "--out", str(session.parent / "r"), "--dask"]
     for address, said in (
         ("nowhere", "no address of a Dask scheduler"),
@@ -159,9 +159,9 @@ def test_workers_that_stay_away_end_the_wait(
 ) -> None:
     from distributed import Client
 
-    monkeypatch.setattr(crews, "LOOK_EVERY_S", 0.05)
+    monkeypatch.setattr(dask_executor, "LOOK_EVERY_S", 0.05)
     with Client(cluster.none, set_as_default=False) as client:
-        crew = crews.DaskCrew(client, {})
+        crew = dask_executor.DaskCrew(client, {})
         with pytest.raises(CrewLost, match="has had no worker"):
             list(crew.map(abs, [-1]))
 

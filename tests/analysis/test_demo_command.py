@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from rigctl.cli import demo, main
-from rigctl.session.verify import Report
+from rigctl.cli import main
+from rigctl.cli.analysis import demo
+from rigctl.session.verify.session import Report
 from tests.analysis.recordings import record
 
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis import paper
-from rigctl.analysis.evidence import Evidence, Half, _halves, _Look
-from rigctl.analysis.orders import sentences
-from rigctl.analysis.representations import REPRESENTATIONS
-from rigctl.analysis.splits import Design
-from rigctl.analysis.tasks import Curve, TaskResult
-from rigctl.analysis.verdicts import Order, Verdict, order
-from rigctl.analysis.why import why
+from rigctl.analysis.classification.splits import Design
+from rigctl.analysis.features.representations import REPRESENTATIONS
+from rigctl.analysis.paper import published
+from rigctl.analysis.paper.ablations import Evidence, Half, _halves, _Look
+from rigctl.analysis.paper.comparisons import Order, Verdict, order
+from rigctl.analysis.paper.explanations import why
+from rigctl.analysis.paper.several_reports import sentences
+from rigctl.analysis.paper.tasks import Curve, TaskResult
 
 BY_KEY = {r.key: r for r in REPRESENTATIONS}
 
@@ -48,7 +48,7 @@ def curve(key: str, at_three: float, before: float, spread: float) -> Curve:
 
 def judged(task: str, *curves: Curve) -> tuple[Order, TaskResult]:
     classes = tuple("ABCDEFGHIJKLMNOP")
-    result = TaskResult(paper.TASK_OF[task], classes, 3, 7200, 1 / 16, curves)
+    result = TaskResult(published.TASK_OF[task], classes, 3, 7200, 1 / 16, curves)
     found = order(result, simulated=True)
     assert found is not None
     return found, result

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.analysis.feature_file import FeatureFile
+from rigctl.analysis.data.feature_file import FeatureFile
 
 
 def test_rows_are_read_where_they_were_written_and_others_are_zero(tmp_path: Path) -> None:

@@ -8,14 +8,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rigctl.analysis.demo import analyse_session, answer_sentence
-from rigctl.analysis.held_out import (
+from rigctl.analysis.classification.held_out import (
     HeldOut,
     LabelledTrials,
     classify_held_out,
     stratified_folds,
     wilson_interval,
 )
+from rigctl.analysis.report.demo import analyse_session, answer_sentence
 from rigctl.errors import SessionError, WrongUse
 from tests.analysis.recordings import record
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from threadpoolctl import threadpool_info
 
-from rigctl.analysis.jobs import HERE, processes
+from rigctl.analysis.execution.executor import HERE, processes
 
 
 def blas_threads(_job: int) -> list[int]:

@@ -12,17 +12,17 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.answering import log_posteriors
-from rigctl.analysis.carried_c import c_of
-from rigctl.analysis.classifying import classify
-from rigctl.analysis.representations import REPRESENTATIONS, RepresentationSet, represent
-from rigctl.analysis.splits import Design
-from rigctl.analysis.training import ModelRequest, train
-from rigctl.analysis.trial_set import join_sessions
+from rigctl.analysis.classification.classify_sessions import classify
+from rigctl.analysis.classification.posteriors import log_posteriors
+from rigctl.analysis.classification.splits import Design
+from rigctl.analysis.classification.training import ModelRequest, train
+from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.features.representations import REPRESENTATIONS, RepresentationSet, represent
+from rigctl.analysis.features.transferred_c import c_of
 from rigctl.cli import main
-from rigctl.encoding.presets import EncoderParameters
+from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.model_file import LAYOUT_VERSION, load_model, save_model
+from rigctl.session.files.model_file import LAYOUT_VERSION, load_model, save_model
 from tests.analysis.recordings import record
 
 UTC = "2026-11-21T12:00:00Z"
@@ -74,7 +74,7 @@ def test_answers_are_those_of_exact_scikit_learn(made: RepresentationSet, tmp_pa
     from sklearn.decomposition import PCA
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
-    from rigctl.analysis.engines import _pooled_over_n_less_classes
+    from rigctl.analysis.classification.sweep_engines import _pooled_over_n_less_classes
 
     labels = Design.of(made.trials).texture
     for representation in REPRESENTATIONS[:4]:

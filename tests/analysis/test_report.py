@@ -13,12 +13,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rigctl.analysis import paper, report
-from rigctl.analysis.representations import REPRESENTATIONS
-from rigctl.analysis.tasks import Curve, TaskResult
-from rigctl.analysis.verdicts import components_needed, order
+from rigctl.analysis.features.representations import REPRESENTATIONS
+from rigctl.analysis.paper import published
+from rigctl.analysis.paper.comparisons import components_needed, order
+from rigctl.analysis.paper.tasks import Curve, TaskResult
+from rigctl.analysis.report import report_folder
 from rigctl.cli import main
-from rigctl.cli.stages import StageLine
+from rigctl.cli.options.stages import StageLine
 from tests.analysis.recordings import record
 
 FILES = {
@@ -58,7 +59,7 @@ def test_numbers_agree_between_the_files(made: Path) -> None:
     plain = json.loads((made / "results.json").read_text(), parse_constant=refuse)
     assert plain["simulated"] is True and plain["trials"]["used"] == 107
     assert plain["inputs"][0]["plan_hash"] and plain["settings"]["encoder"]["sa_gain"] == 100.0
-    assert list(plain["tasks"]) == [task.key for task in paper.TASKS[:6]]
+    assert list(plain["tasks"]) == [task.key for task in published.TASKS[:6]]
     with (made / "table1.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 6 * 6
@@ -164,7 +165,7 @@ def test_interrupted_it_leaves_no_half_report(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(report, "run_tasks", interrupt)
+    monkeypatch.setattr(report_folder, "run_tasks", interrupt)
     assert main(["analyse", str(session), "--out", str(tmp_path / "r")]) == 130
     assert list(tmp_path.iterdir()) == []
 
@@ -178,7 +179,7 @@ def test_a_full_disk_is_told_in_words(
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(report, "represent", full)
+    monkeypatch.setattr(report_folder, "represent", full)
     assert main(["analyse", str(session), "--out", str(tmp_path / "r")]) == 3
     assert "free some space" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
@@ -192,7 +193,7 @@ def result(**shares: list[float]) -> TaskResult:
               np.eye(16, dtype=np.int64), 800, 0, 0)
         for key, means in shares.items()
     )  # fmt: skip
-    task = paper.TASK_OF["untrained-both"]
+    task = published.TASK_OF["untrained-both"]
     return TaskResult(task, tuple("ABCDEFGHIJKLMNOP"), 2, 7200, 1 / 16, curves)
 
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.counting import c_of_trials
-from rigctl.analysis.jobs import processes
-from rigctl.analysis.representations import force_sentence, represent, status_counts
-from rigctl.analysis.trial_set import join_sessions, opened
+from rigctl.analysis.data.trial_set import join_sessions, opened
+from rigctl.analysis.execution.executor import processes
+from rigctl.analysis.features.representations import force_sentence, represent, status_counts
+from rigctl.analysis.features.spike_counts import c_of_trials
 from rigctl.encoding.features import feature_matrices
-from rigctl.encoding.presets import DEFAULT
+from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError
-from rigctl.session.recorder import Recorder
+from rigctl.session.write.recorder import Recorder
 from rigctl.values import Verdict
 from tests.analysis.recordings import record
 from tests.session.building import PROTOCOL, RIG, Bench, header, plan

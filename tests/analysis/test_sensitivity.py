@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis import report
-from rigctl.analysis.representations import REPRESENTATIONS, represent
-from rigctl.analysis.sensitivity import ORDER, STAGE, mean_rates_hz
-from rigctl.analysis.tasks import Settings, run_tasks
-from rigctl.analysis.trial_set import join_sessions
+from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.features.representations import REPRESENTATIONS, represent
+from rigctl.analysis.paper.sensitivity import ORDER, STAGE, mean_rates_hz
+from rigctl.analysis.paper.tasks import Settings, run_tasks
+from rigctl.analysis.report import report_folder
 from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.presets import PRESETS
-from rigctl.session.reader import Session
+from rigctl.encoding.parameters import PRESETS
+from rigctl.session.read.session import Session
 from tests.analysis.recordings import record
 
 
@@ -48,8 +48,8 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
             told.append((done, all_))
 
     settings = Settings(iterations=2, k_max=12, seed=5, tasks=("textures",))
-    request = report.Request((session,), tmp_path / "r", settings, sensitivity=True)
-    report.make_report(request, "2026-11-21T12:00:00Z", progress=listen)
+    request = report_folder.Request((session,), tmp_path / "r", settings, sensitivity=True)
+    report_folder.make_report(request, "2026-11-21T12:00:00Z", progress=listen)
     plain = json.loads((tmp_path / "r" / "results.json").read_text())
     rows = plain["sensitivity"]["rows"]
     assert list(dict.fromkeys(row["preset"] for row in rows)) == list(ORDER)

@@ -10,19 +10,19 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.cache import Cache
-from rigctl.analysis.counting import Means, c_of_trials
-from rigctl.analysis.spiking import EncodeRequest, ScaledBy, encode_sessions
-from rigctl.analysis.trial_set import join_sessions, opened
+from rigctl.analysis.data.cache import Cache
+from rigctl.analysis.data.trial_set import join_sessions, opened
+from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
+from rigctl.analysis.features.spike_counts import Means, c_of_trials
 from rigctl.cli import main
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED, trial_features
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.presets import DEFAULT, EncoderParameters, changed, preset
+from rigctl.encoding.parameters import DEFAULT, EncoderParameters, changed, preset
 from rigctl.errors import WrongUse
-from rigctl.session.encoder_file import read_ranges
-from rigctl.session.force_file import take_force
-from rigctl.session.spike_file import train_names
+from rigctl.session.files.encoder_group import read_ranges
+from rigctl.session.files.force_matrix_file import take_force
+from rigctl.session.files.spike_file import train_names
 from tests.analysis.recordings import record
 
 WHEN = "2026-11-21T12:00:00Z"

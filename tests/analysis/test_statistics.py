@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.analysis.statistics import (
+from rigctl.analysis.paper.statistics import (
     FIGURE_4,
     FIGURE_S5,
     AsteriskRule,

@@ -13,7 +13,7 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.model_selection import StratifiedKFold
 
-from rigctl.analysis.sweep import (
+from rigctl.analysis.classification.component_sweep import (
     Divisor,
     Fold,
     fit_nested_lda,

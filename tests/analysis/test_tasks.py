@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.engines import Engine, answer
-from rigctl.analysis.jobs import processes
-from rigctl.analysis.representations import RepresentationSet, represent
-from rigctl.analysis.splits import Design, Split, splits
-from rigctl.analysis.tasks import Settings, TaskResult, run_tasks
-from rigctl.analysis.trial_set import join_sessions
-from rigctl.encoding.presets import DEFAULT
+from rigctl.analysis.classification.splits import Design, Split, splits
+from rigctl.analysis.classification.sweep_engines import Engine, answer
+from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.execution.executor import processes
+from rigctl.analysis.features.representations import RepresentationSet, represent
+from rigctl.analysis.paper.tasks import Settings, TaskResult, run_tasks
+from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import WrongUse
 from tests.analysis.recordings import record
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from rigctl.wire.drum_map import BY_NAME, SETTINGS_BLOCK, Command, Register
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum.register_table import BY_NAME, SETTINGS_BLOCK, Command, Register
+from rigctl.wire.drum.states import State
 from tests.attack.benches import AttackBench, Log, limit_g, weaken
 from tests.attack.judge import Judge, States, covered, value_of
 from tests.attack.steps import Act, Attack, Step, What, Write, give, whole, write

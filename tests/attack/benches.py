@@ -13,14 +13,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.wire.drum_map import BY_NAME
-from rigctl.wire.drum_states import State
-from rigctl.world.drum_bench import DrumBench
-from rigctl.world.loadcell import Loadcell
-from rigctl.world.parameters import WorldParameters, checked
-from rigctl.world.plant import _CONSTANTS as CONSTANTS
-from rigctl.world.plant import DRUM_MM, FORCE_G, RING_MS, Plant
-from rigctl.world.simulation import Disturbances
+from rigctl.simulation.bench.load_cell import Loadcell
+from rigctl.simulation.bench.mechanics import _CONSTANTS as CONSTANTS
+from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, Plant
+from rigctl.simulation.bench.parameters import WorldParameters, checked
+from rigctl.simulation.boards.drum_stepper import DrumBench
+from rigctl.simulation.simulated_rig import Disturbances
+from rigctl.wire.drum.register_table import BY_NAME
+from rigctl.wire.drum.states import State
 from tests.firmware.overshoot import overshoot_g
 from tests.firmware.plant_drum import pressed
 

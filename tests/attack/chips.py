@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import struct
 
-from rigctl.wire.drum_map import BY_NAME
-from rigctl.wire.drum_states import State
-from rigctl.world.chip_shim import Input, ResetBy
-from rigctl.world.plant import Plant
+from rigctl.simulation.bench.mechanics import Plant
+from rigctl.simulation.chips.simavr import Input, ResetBy
+from rigctl.wire.drum.register_table import BY_NAME
+from rigctl.wire.drum.states import State
 from tests.attack.benches import NEAR, PLATE, SEED
 from tests.firmware.plant_drum import PlantDrum
 

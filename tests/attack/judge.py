@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.wire.drum_map import BY_NAME, SETTINGS, Command, Guard, Register
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Command, Guard, Register
+from rigctl.wire.drum.states import State
 from tests.attack.benches import Span
 
 TOUCH_G = 25.0

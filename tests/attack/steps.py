@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigctl.wire.drum_map import BY_NAME, SETTINGS, Command, Guard, Register
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Command, Guard, Register
+from rigctl.wire.drum.states import State
 
 VALUES = (0, 1, 0x7FFF, 0x8000, 0xFFFF)
 STATES = tuple(State)

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.host_build import build
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum.states import State
 from tests.attack.attacker import attacked
 from tests.attack.benches import VirtualBench
 from tests.attack.chips import ChipBench

@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.wire.drum_map import BY_NAME, TARE_PLACES, Command, CommandResult, ForceMode, Signal
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum.register_table import (
+    BY_NAME,
+    TARE_PLACES,
+    Command,
+    CommandResult,
+    ForceMode,
+    Signal,
+)
+from rigctl.wire.drum.states import State
 from tests.attack.attacker import ARM, Attacker
 from tests.attack.benches import VirtualBench
 from tests.attack.steps import Act, What, Write, give, write

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.wire.drum_map import Command, ResetCause
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.chip_shim import Output
+from rigctl.simulation.chips.simavr import Output
+from rigctl.wire.drum.register_table import Command, ResetCause
+from rigctl.wire.drum.states import Fault, State
 from tests.bench._firmware_rows import US, figure
 from tests.firmware.drum_cells import SILENT, enter
 from tests.firmware.drum_checks import HANGS, MOVING_STATES, bring, hang, trip

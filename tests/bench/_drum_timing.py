@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.wire.drum_map import Command
-from rigctl.wire.drum_states import State
-from rigctl.world.chip_shim import Output
-from rigctl.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.chips.simavr import Output
+from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.states import State
 from tests.bench._firmware_rows import FAST_ACCEL, GRBL, PREDECESSOR, US, figure
 from tests.firmware.drum_chip import ENTRY_CYCLES, DrumChip
 from tests.firmware.plant_drum import PlantDrum

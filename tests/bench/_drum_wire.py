@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.wire.drum_map import SETTINGS_BLOCK, Command
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum.register_table import SETTINGS_BLOCK, Command
+from rigctl.wire.drum.states import State
 from tests.bench._firmware_rows import US, figure
 from tests.firmware.drum_chip import MS, DrumChip
 

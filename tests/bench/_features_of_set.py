@@ -14,11 +14,11 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from rigctl.analysis.cache import Cache
-from rigctl.analysis.jobs import processes
-from rigctl.analysis.representations import represent
-from rigctl.analysis.trial_set import TrialSet, join_sessions
-from rigctl.encoding.presets import DEFAULT
+from rigctl.analysis.data.cache import Cache
+from rigctl.analysis.data.trial_set import TrialSet, join_sessions
+from rigctl.analysis.execution.executor import processes
+from rigctl.analysis.features.representations import represent
+from rigctl.encoding.parameters import DEFAULT
 
 WARM_TRIALS = 240
 

@@ -6,8 +6,8 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from rigctl.world.chips import open_chips
-from rigctl.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.chips.rig import open_chips
 from tests.firmware.building import built
 from tests.world.host import BOOT_US, Host
 

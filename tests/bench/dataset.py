@@ -21,10 +21,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rigctl.analysis.trial_set import TrialSet, join_sessions
+from rigctl.analysis.data.trial_set import TrialSet, join_sessions
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED
-from rigctl.encoding.presets import DEFAULT
-from rigctl.session.reader import Session
+from rigctl.encoding.parameters import DEFAULT
+from rigctl.session.read.session import Session
 from tests.bench._peers import row
 from tests.bench.encoder import best_of
 from tests.bench.numpy_encoder import currents, numpy_spikes

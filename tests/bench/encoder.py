@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.lanes import WIDE, add, fma, full, store
+from rigctl.encoding.kernel.simd import WIDE, add, fma, full, store
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
+from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.values import Spikes
 from tests.bench import _peers
 from tests.bench.numpy_encoder import currents, numpy_spikes, numpy_trains

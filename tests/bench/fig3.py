@@ -16,9 +16,9 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis import paper
-from rigctl.analysis.engines import Engine, answer
-from rigctl.analysis.splits import Design, Split, splits
+from rigctl.analysis.classification.splits import Design, Split, splits
+from rigctl.analysis.classification.sweep_engines import Engine, answer
+from rigctl.analysis.paper import published
 from tests.bench._peers import row
 
 REPEATS, HIDDEN, MEASURED_K = 100, 60, 25
@@ -37,8 +37,8 @@ def measure() -> Iterator[dict[str, Any]]:
             features = made_up(whole, width)
             for family in FAMILIES:
                 fits = splits(whole, family, 0, 0)
-                ours_s += paper.ITERATIONS * times * _ours_s(features, whole, fits, family)
-                theirs_s += paper.ITERATIONS * times * _theirs_s(features, whole, fits, family)
+                ours_s += published.ITERATIONS * times * _ours_s(features, whole, fits, family)
+                theirs_s += published.ITERATIONS * times * _theirs_s(features, whole, fits, family)
     note = (
         "24,000 made-up trials, 16 textures, widths 720 and 2160, one BLAS thread each; ours is "
         "one draw of each width x 2 representations x 20 draws; the peer is one fit at k = "
@@ -69,9 +69,9 @@ def made_up(of: Design, width: int) -> NDArray[np.float64]:
 
 
 def _ours_s(features: Any, of: Design, fits: list[Split], family: str) -> float:
-    labels = {task.key: of.labels(task) for task in paper.TASKS if task.family == family}
+    labels = {task.key: of.labels(task) for task in published.TASKS if task.family == family}
     start = time.perf_counter()
-    answer(features, labels, fits, paper.K_MAX, Engine.OWN)
+    answer(features, labels, fits, published.K_MAX, Engine.OWN)
     return time.perf_counter() - start
 
 
@@ -85,4 +85,4 @@ def _theirs_s(features: Any, of: Design, fits: list[Split], family: str) -> floa
     lda.fit(pca.transform(features[train]), of.texture[train])
     lda.predict(pca.transform(features[asked]))
     label_sets = 2 if family == "folds" else 1
-    return paper.K_MAX * len(fits) * label_sets * (time.perf_counter() - start)
+    return published.K_MAX * len(fits) * label_sets * (time.perf_counter() - start)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from tests.bench._firmware_rows import PREDECESSOR, figure
 from tests.bench._force_map import (
     DRIFT_SCENE,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from rigctl.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from tests.bench._firmware_rows import figure
 from tests.bench._force_map import (
     FORCES_G,

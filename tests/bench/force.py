@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.encoding.bracket import Method, Status
-from rigctl.encoding.bulk import mean_level
-from rigctl.encoding.force import REFERENCE_FORCE_G
-from rigctl.encoding.gather import Trials
+from rigctl.encoding.batch import mean_level
+from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
+from rigctl.encoding.force_search import Floats, Search, mean_sa_rates_hz, search
+from rigctl.encoding.kernel.prefetch import Trials
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.search import Floats, Search, mean_sa_rates_hz, search
+from rigctl.encoding.root_bracket import Method, Status
 from tests.bench._peers import row
 
 TEXTURES, SPEEDS_MM_S, FORCES_G = (0, 1), (80.0, 120.0), (250.0, 1000.0)

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigctl.run.runtime import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 
 if TYPE_CHECKING:
-    from gui.window import Window
+    from gui.main_window import Window
 
 SIZE = (1400, 900)
 SAMPLES_A_FRAME = 33
@@ -63,8 +63,8 @@ def ages_ms(seconds: float = SECONDS) -> list[float]:
     from PySide6.QtCore import QTimer
     from PySide6.QtTest import QTest
 
-    from gui.theme import ThemeChoice
-    from gui.window import Window
+    from gui.main_window import Window
+    from gui.widgets.theme import ThemeChoice
 
     pg.mkQApp()
     with tempfile.TemporaryDirectory() as folder:
@@ -117,8 +117,8 @@ def redraw_costs_ms(frames: int = FRAMES) -> list[float]:
     """Wall time of each redraw: pull what is new, prepare it, paint it."""
     import pyqtgraph as pg
 
-    from gui import theme
-    from gui.scene import Scene
+    from gui.live.live_view import Scene
+    from gui.widgets import theme
     from tests.gui.fake_engine import FakeEngine
 
     app = pg.mkQApp()

@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rigctl.run.client import EngineClient
-from rigctl.run.runtime import FOLDER_VARIABLE
-from rigctl.wire.drum_states import State
+from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.wire.drum.states import State
 
 SECONDS = 20.0
 TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")

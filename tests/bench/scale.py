@@ -23,17 +23,17 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis import paper
-from rigctl.analysis.conditions import counted_condition
-from rigctl.analysis.counting import CHUNK, Means, groups_of, prepare
-from rigctl.analysis.engines import Engine, answer
-from rigctl.analysis.jobs import Here, Job, Result
-from rigctl.analysis.representations import REPRESENTATIONS, represent
-from rigctl.analysis.splits import Design, splits
-from rigctl.analysis.trial_set import TrialSet, join_sessions
-from rigctl.encoding.presets import DEFAULT
+from rigctl.analysis.classification.splits import Design, splits
+from rigctl.analysis.classification.sweep_engines import Engine, answer
+from rigctl.analysis.data.condition_tasks import counted_condition
+from rigctl.analysis.data.trial_set import TrialSet, join_sessions
+from rigctl.analysis.execution.executor import Here, Job, Result
+from rigctl.analysis.features.representations import REPRESENTATIONS, represent
+from rigctl.analysis.features.spike_counts import CHUNK, Means, groups_of, prepare
+from rigctl.analysis.paper import published
+from rigctl.encoding.parameters import DEFAULT
 from tests.analysis.recordings import record
-from tests.bench import _scale_page as page
+from tests.bench import _scale_page
 from tests.bench._peers import row
 from tests.bench.fig3 import made_up
 
@@ -50,7 +50,7 @@ def measure() -> Iterator[dict[str, Any]]:
     """One figure a rate."""
     found = rates()
     note = f"{found['trials']} trials, {found['machine']}"
-    for name, unit in page.UNITS.items():
+    for name, unit in _scale_page.UNITS.items():
         yield row(f"scale.{name}", found[name], unit, "", None, note)
 
 
@@ -187,11 +187,11 @@ def _of_draws() -> dict[str, Any]:
 
 
 def _answered_s(features: Any, of: Design, fits: Any, family: str) -> float:
-    labels = {task.key: of.labels(task) for task in paper.TASKS if task.family == family}
+    labels = {task.key: of.labels(task) for task in published.TASKS if task.family == family}
     took = []
     for _ in range(2):
         begun = time.process_time()
-        answer(features, labels, fits, paper.K_MAX, Engine.OWN)
+        answer(features, labels, fits, published.K_MAX, Engine.OWN)
         took.append(time.process_time() - begun)
     return min(took)
 
@@ -211,7 +211,7 @@ def _of_dask() -> dict[str, Any]:
     """
     from distributed import LocalCluster
 
-    from rigctl.analysis.dask_crew import dask_crew
+    from rigctl.analysis.execution.dask_executor import dask_crew
 
     cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
     with cluster, dask_crew(cluster.scheduler_address) as crew:
@@ -227,7 +227,7 @@ def _of_dask() -> dict[str, Any]:
 
 def main(path: Path) -> None:
     """Write the page."""
-    path.write_text(page.render(json.loads(json.dumps(rates()))), encoding="utf-8")
+    path.write_text(_scale_page.render(json.loads(json.dumps(rates()))), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -14,8 +14,8 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.held_out import stratified_folds
-from rigctl.analysis.sweep import Divisor, Fold, predict_folds
+from rigctl.analysis.classification.component_sweep import Divisor, Fold, predict_folds
+from rigctl.analysis.classification.held_out import stratified_folds
 from tests.bench._peers import row
 
 N_TRIALS, N_FEATURES, N_CLASSES, K_MAX, N_FOLDS = 8000, 2160, 16, 50, 4

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.session.reader import Session
-from rigctl.session.truth import trial_truths
-from rigctl.synth.generate import Order, generate, plan_of
+from rigctl.session.files.ground_truth import trial_truths
+from rigctl.session.read.session import Session
+from rigctl.synth.dataset import Order, generate, plan_of
 from tests.run.floor import open_floor
 
 SEED = 1

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from rigctl.resources import find_protocol
+from rigctl.config.resources import find_protocol
 from tests.run.floor import open_floor
 
 SEED = 1

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.run.client import EngineClient, EngineRefusal
-from rigctl.run.runtime import Announcement, running_engines, runtime_folder
-from rigctl.session.reader import Session
-from rigctl.session.verify import verify
+from rigctl.acquisition.rpc.client import EngineClient, EngineRefusal
+from rigctl.acquisition.rpc.engine_files import Announcement, running_engines, runtime_folder
+from rigctl.session.read.session import Session
+from rigctl.session.verify.session import verify
 
 ONE = """
 name = "one"

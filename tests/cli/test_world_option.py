@@ -14,8 +14,8 @@ import serial
 
 from gui.app import main as window
 from rigctl.cli import main
-from rigctl.session.reader import Session
-from rigctl.wire.taxels import FrameDecoder
+from rigctl.session.read.session import Session
+from rigctl.wire.taxels.frames import FrameDecoder
 
 ONE = """
 name = "one"

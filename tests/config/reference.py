@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from rigctl.config import RigConfig
+from rigctl.config.rig_config import RigConfig
 
 
 def section(name: str, kind: type[Any]) -> str:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigctl.config import (
+from rigctl.config.rig_config import (
     About,
     DrumGeometry,
     Limits,

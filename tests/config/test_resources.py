@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl import resources
+from rigctl.config import resources
 from rigctl.errors import ProtocolError, WrongUse
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,8 +22,8 @@ try:
     resources.firmware_image("drum")
 except Exception as error:
     print(error)
-from rigctl.world.host_drum import HostDrum
-from rigctl.world.host_taxels import HostTaxels
+from rigctl.simulation.boards.drum_firmware import HostDrum
+from rigctl.simulation.boards.taxel_firmware import HostTaxels
 for board in (HostDrum(), HostTaxels()):
     print(board._dll._name)
     board.close()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.resources import checkout
+from rigctl.config.resources import checkout
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from tests.contract.operator import Operator
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from rigctl.errors import LinkLost, RigFault
 from rigctl.rig import Rig
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.values import Block, DrumState
-from rigctl.wire.drum_map import Command, CommandResult, Status
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.parameters import WorldParameters
+from rigctl.wire.drum.register_table import Command, CommandResult, Status
+from rigctl.wire.drum.states import Fault, State
 
 Result = TypeVar("Result")
 POLL_S = 0.04

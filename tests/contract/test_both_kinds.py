@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
-from rigctl.wire.drum_map import SETTINGS, Command
-from rigctl.wire.drum_states import State
-from rigctl.wire.taxels import Flag
+from rigctl.wire.drum.register_table import SETTINGS, Command
+from rigctl.wire.drum.states import State
+from rigctl.wire.taxels.frames import Flag
 from tests.contract.operator import NOMINAL, Operator
 from tests.firmware.plant_drum import judged
 

@@ -7,13 +7,13 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from rigctl.config import DrumGeometry, RigConfig
+from rigctl.acquisition.drum.motion import Motion
+from rigctl.acquisition.drum.poller import DrumWatch
+from rigctl.acquisition.drum.settings import jog_target
+from rigctl.config.rig_config import DrumGeometry, RigConfig
 from rigctl.errors import CommandRefused, WrongUse
-from rigctl.run.drum_orders import jog_target
-from rigctl.run.drum_watch import DrumWatch
-from rigctl.run.motion import Motion
-from rigctl.wire.drum_map import BY_NAME, Command
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum.register_table import BY_NAME, Command
+from rigctl.wire.drum.states import State
 from tests.contract.operator import Operator
 
 STEP_MM = 0.03125

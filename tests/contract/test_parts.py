@@ -9,11 +9,18 @@ import numpy as np
 import pytest
 
 from rigctl.errors import CommandRefused
-from rigctl.wire.drum_map import Command, CommandResult, ForceMode, SettingsFrom, Signal, Status
-from rigctl.wire.drum_states import Fault, State
-from rigctl.wire.drum_tare import PLACE_NAMES
-from rigctl.wire.taxels import Flag
-from rigctl.world.simulation import DRUM
+from rigctl.simulation.simulated_rig import DRUM
+from rigctl.wire.drum.register_table import (
+    Command,
+    CommandResult,
+    ForceMode,
+    SettingsFrom,
+    Signal,
+    Status,
+)
+from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum.tare_table import PLACE_NAMES
+from rigctl.wire.taxels.frames import Flag
 from tests.contract.operator import Operator
 
 ALL = sum(1 << signal for signal in Signal)

@@ -7,12 +7,12 @@ import asyncio
 import numpy as np
 import pytest
 
-from rigctl.devices.modbus import Refused
+from rigctl.devices.modbus_client import Refused
 from rigctl.errors import CommandRefused
-from rigctl.wire import drum_map as table
-from rigctl.wire.drum_map import BY_NAME, Command, Status
-from rigctl.wire.drum_states import State
-from rigctl.wire.taxels import WIRE_VERSION
+from rigctl.wire.drum import register_table
+from rigctl.wire.drum.register_table import BY_NAME, Command, Status
+from rigctl.wire.drum.states import State
+from rigctl.wire.taxels.frames import WIRE_VERSION
 from tests.contract.operator import Operator
 
 UNTOUCHED = ("heartbeat", "command", "command_sequence")
@@ -20,7 +20,7 @@ UNTOUCHED = ("heartbeat", "command", "command_sequence")
 
 def test_the_drum_says_who_it_is(at_rig: Operator) -> None:
     identity = at_rig.drum.identity
-    assert (identity.board, identity.wire_version) == ("drum", table.MAP_VERSION)
+    assert (identity.board, identity.wire_version) == ("drum", register_table.MAP_VERSION)
     assert identity.details == {"ring_depth": 64, "steps_per_turn": 12800, "nm_per_step": 31250}
     assert identity.boot_count >= 1
     assert identity.reset_cause & 1
@@ -49,7 +49,7 @@ def test_the_drum_boots_to_idle_with_the_tables_defaults(at_rig: Operator) -> No
     assert settings == pytest.approx(
         {
             e.name: settings[e.name] if e.name in UNTOUCHED else e.default * e.scale
-            for e in table.SETTINGS
+            for e in register_table.SETTINGS
         }
     )
 
@@ -78,7 +78,7 @@ def test_settings_are_read_back_as_they_were_set(at_rig: Operator) -> None:
 def words_out_of_range() -> list[tuple[str, int]]:
     """For every bounded 16-bit setting a word just outside."""
     out = []
-    for entry in table.SETTINGS:
+    for entry in register_table.SETTINGS:
         most = 32767 if entry.kind == "i16" else 65535
         if entry.words == 1 and entry.high < most:
             out.append((entry.name, entry.high + 1))
@@ -90,23 +90,23 @@ def test_one_value_out_of_range_is_refused_and_nothing_changes(
     at_rig: Operator, name: str, word: int
 ) -> None:
     async def main() -> None:
-        before = await at_rig.drum.line.read(*table.SETTINGS_BLOCK)
+        before = await at_rig.drum.line.read(*register_table.SETTINGS_BLOCK)
         with pytest.raises(Refused, match="a value is out of range") as refusal:
             await at_rig.drum.line.write(BY_NAME[name].address, (word,))
         assert refusal.value.code == 3
-        assert await at_rig.drum.line.read(*table.SETTINGS_BLOCK) == before
+        assert await at_rig.drum.line.read(*register_table.SETTINGS_BLOCK) == before
 
     at_rig.run(main())
 
 
 def test_of_several_values_none_is_taken_when_one_is_out_of_range(at_rig: Operator) -> None:
     async def main() -> None:
-        before = await at_rig.drum.line.read(*table.SETTINGS_BLOCK)
+        before = await at_rig.drum.line.read(*register_table.SETTINGS_BLOCK)
         address = BY_NAME["speed_set"].address
         with pytest.raises(Refused) as refusal:
             await at_rig.drum.line.write(address, (6000, 2500, 1))
         assert refusal.value.code == 3
-        assert await at_rig.drum.line.read(*table.SETTINGS_BLOCK) == before
+        assert await at_rig.drum.line.read(*register_table.SETTINGS_BLOCK) == before
 
     at_rig.run(main())
 
@@ -125,8 +125,8 @@ def test_holes_read_as_zero_and_the_end_is_the_end(at_rig: Operator) -> None:
     async def main() -> None:
         assert await at_rig.drum.line.read(14, 2) == [0, 0]
         assert await at_rig.drum.line.read(113, 2) == [0, 0]
-        assert len(await at_rig.drum.line.read(table.END - 2, 2)) == 2
-        for address, count in ((table.END, 1), (table.END - 1, 2)):
+        assert len(await at_rig.drum.line.read(register_table.END - 2, 2)) == 2
+        for address, count in ((register_table.END, 1), (register_table.END - 1, 2)):
             with pytest.raises(Refused) as refusal:
                 await at_rig.drum.line.read(address, count)
             assert refusal.value.code == 2

@@ -6,11 +6,11 @@ import asyncio
 
 import pytest
 
-from rigctl.devices.link import BoardRebooted
+from rigctl.devices.links.byte_link import BoardRebooted
 from rigctl.errors import BoardFault, CommandRefused, LinkLost
-from rigctl.wire.drum_map import Command, Status
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.simulation import DRUM, TAXELS
+from rigctl.simulation.simulated_rig import DRUM, TAXELS
+from rigctl.wire.drum.register_table import Command, Status
+from rigctl.wire.drum.states import Fault, State
 from tests.contract.noise import bear_noise
 from tests.contract.operator import Operator
 

@@ -6,10 +6,10 @@ import asyncio
 
 import pytest
 
-from rigctl.config import RigConfig, TaxelArray
+from rigctl.config.rig_config import RigConfig, TaxelArray
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
-from rigctl.world.parameters import WorldParameters
-from rigctl.world.world_file import World
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world_file import World
 
 WIRING = tuple(range(17, -1, -1))
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world_file import World
 from rigctl.values import DRAWN_WIRING, Block
-from rigctl.world.parameters import WorldParameters
-from rigctl.world.world_file import World
 
 BOTTOM = (3, 4, 5, 9, 10, 11, 15, 16, 17)
 """Readings of inputs A3 to A5, which the drawing leads to the bottom layer."""

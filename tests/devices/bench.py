@@ -9,13 +9,13 @@ from typing import Any, TypeVar
 
 from pymodbus.framer import FramerRTU
 
-from rigctl.devices.link import OnBytes, OnLost
+from rigctl.devices.links.byte_link import OnBytes, OnLost
 from rigctl.errors import LinkLost
-from rigctl.wire import drum_map as table
-from rigctl.wire.registers import words_of
+from rigctl.wire.drum import register_table
+from rigctl.wire.drum.registers import words_of
 
 Result = TypeVar("Result")
-BYTE_S = 10 / table.BAUD
+BYTE_S = 10 / register_table.BAUD
 
 
 class _JumpingSelector(selectors.DefaultSelector):
@@ -95,7 +95,7 @@ class MemoryLink:
             self._on_bytes(data, self._loop.time())
 
 
-def rtu(payload: bytes, unit: int = table.UNIT) -> bytes:
+def rtu(payload: bytes, unit: int = register_table.UNIT) -> bytes:
     """One Modbus RTU frame."""
     body = bytes([unit]) + payload
     return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
@@ -109,7 +109,7 @@ class RegisterBoard:
     """
 
     def __init__(self, loop: JumpingLoop, link: MemoryLink) -> None:
-        self.words = [0] * table.END
+        self.words = [0] * register_table.END
         self.refuse: int | None = None
         self.silent = False
         self.garble = 0
@@ -118,14 +118,14 @@ class RegisterBoard:
         self._loop = loop
         self._link = link
         link.board = self.receive
-        for entry in table.SETTINGS:
+        for entry in register_table.SETTINGS:
             self.put(entry.name, entry.default)
         for name, value in _IDENTITY.items():
             self.put(name, value)
 
     def put(self, name: str, *values: int) -> None:
         """Set a register; the state of a real board would."""
-        entry = table.BY_NAME[name]
+        entry = register_table.BY_NAME[name]
         for i, value in enumerate(values):
             words = words_of(entry, value)
             at = entry.address + i * entry.words
@@ -166,7 +166,7 @@ class RegisterBoard:
         if self.words[_SEQUENCE] != before:
             self.executed.append((self.words[_SEQUENCE - 1], self.words[_SEQUENCE]))
             self.put("command_acknowledged", self.words[_SEQUENCE])
-            self.put("command_result", table.CommandResult.DONE)
+            self.put("command_result", register_table.CommandResult.DONE)
 
 
 class WeighingBoard(RegisterBoard):
@@ -180,7 +180,7 @@ class WeighingBoard(RegisterBoard):
         self.put("loadcell_sequence", n % 65536)
         self.put("loadcell_time_us", n * self.PERIOD_US % 2**32)
         self.put("loadcell_recent", *(10 * (n - i) for i in range(5)))
-        if int.from_bytes(data[:2], "big") >= table.BY_NAME["ring_raw"].address:
+        if int.from_bytes(data[:2], "big") >= register_table.BY_NAME["ring_raw"].address:
             self._fill_ring(n)
         return super()._read(function, data)
 
@@ -205,17 +205,17 @@ class Script:
         self._link.say(answered, 0.002)
 
 
-_SEQUENCE = table.BY_NAME["command_sequence"].address
-_HEARTBEAT = table.BY_NAME["heartbeat"].address
+_SEQUENCE = register_table.BY_NAME["command_sequence"].address
+_HEARTBEAT = register_table.BY_NAME["heartbeat"].address
 _IDENTITY = {
-    "magic": table.MAGIC,
-    "map_version": table.MAP_VERSION,
-    "board_id": table.BOARD_DRUM,
+    "magic": register_table.MAGIC,
+    "map_version": register_table.MAP_VERSION,
+    "board_id": register_table.BOARD_DRUM,
     "firmware_version": 0x0103,
     "build_hash": 0x00C0FFEE,
     "boot_count": 41,
     "reset_cause": 1,
-    "ring_depth": table.RING_DEPTH,
+    "ring_depth": register_table.RING_DEPTH,
     "steps_per_turn": 12800,
     "nm_per_step": 31250,
 }

@@ -8,12 +8,12 @@ import random
 import pytest
 
 from rigctl.devices.drum import Drum
-from rigctl.devices.link import BoardRebooted
-from rigctl.devices.modbus import StoppedMeanwhile
+from rigctl.devices.links.byte_link import BoardRebooted
+from rigctl.devices.modbus_client import StoppedMeanwhile
 from rigctl.errors import BoardFault, CommandRefused, LinkLost, WrongBoard, WrongUse
 from rigctl.values import DrumState
-from rigctl.wire.drum_map import Command, CommandResult
-from rigctl.wire.drum_states import Fault, State
+from rigctl.wire.drum.register_table import Command, CommandResult
+from rigctl.wire.drum.states import Fault, State
 from tests.devices.bench import (
     JumpingLoop,
     MemoryLink,

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.cli import ports as ports_command
+from rigctl.cli.rig import ports as ports_command
 from rigctl.devices import drum as drum_module
 from rigctl.devices import taxels as taxels_module
-from rigctl.devices.ports import find_boards, look_at_all
+from rigctl.devices.port_discovery import find_boards, look_at_all
 from rigctl.errors import ConfigError, LinkLost, WrongBoard, WrongUse
 from rigctl.rig import open_rig
-from rigctl.wire import taxels as wire
+from rigctl.wire.taxels import frames
 from tests.devices.bench import RegisterBoard
 from tests.devices.test_taxels import StreamingBoard
 
@@ -55,8 +55,8 @@ class TerminalLink:
 def warm_kernels() -> None:
     """Compile before the clock runs."""
     empty = np.zeros(0, np.uint8)
-    wire.encode_data(np.zeros(0, np.int64), np.zeros((0, 18), np.uint16), empty, empty)
-    wire.FrameDecoder()
+    frames.encode_data(np.zeros(0, np.int64), np.zeros((0, 18), np.uint16), empty, empty)
+    frames.FrameDecoder()
 
 
 class Terminals:
@@ -167,7 +167,7 @@ def test_boards_without_a_named_port_are_looked_for(
             return self.device < other.device
 
     there = [Info(terminals.taxels.path), Info(terminals.drum.path)]
-    monkeypatch.setattr("rigctl.devices.ports.list_ports.comports", lambda: there)
+    monkeypatch.setattr("rigctl.devices.port_discovery.list_ports.comports", lambda: there)
     assert asyncio.run(found()) == {
         "drum": terminals.drum.path,
         "taxels": terminals.taxels.path,
@@ -177,7 +177,7 @@ def test_boards_without_a_named_port_are_looked_for(
 def test_no_port_and_no_such_rig_are_one_sentence_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rigctl.devices.ports.list_ports.comports", list)
+    monkeypatch.setattr("rigctl.devices.port_discovery.list_ports.comports", list)
     empty = tmp_path / "rig.toml"
     empty.write_text("")
     with pytest.raises(LinkLost, match="no port answered as the drum board: plug it in"):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.devices.serial_link import SerialLink
+from rigctl.devices.links.serial import SerialLink
 from rigctl.errors import LinkLost
 
 

@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.config import TaxelArray
-from rigctl.devices.link import BoardRebooted
+from rigctl.config.rig_config import TaxelArray
+from rigctl.devices.links.byte_link import BoardRebooted
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import LinkLost, RigFault, WrongBoard
 from rigctl.values import Block
-from rigctl.wire import taxels as wire
-from rigctl.wire.taxel_test import SelfTest
+from rigctl.wire.taxels import frames
+from rigctl.wire.taxels.self_test import SelfTest
 from tests.devices.bench import JumpingLoop, MemoryLink, run
 
-IDENTITY = wire.TaxelIdentity(
+IDENTITY = frames.TaxelIdentity(
     firmware_version=0x0102, build_hash=0xDEADBEEF, boot_count=7, reset_cause=2
 )
-STATUS = wire.TaxelStatus(0, 0, 0, 320, 5012, 2, 7, 900, 480, 3, 8)
+STATUS = frames.TaxelStatus(0, 0, 0, 320, 5012, 2, 7, 900, 480, 3, 8)
 EVERY_S = 0.01
 
 
@@ -29,7 +29,7 @@ class StreamingBoard:
 
     def __init__(self, loop: JumpingLoop, link: MemoryLink, counter: int = 0) -> None:
         self.counter = counter
-        self.identity: wire.TaxelIdentity | None = IDENTITY
+        self.identity: frames.TaxelIdentity | None = IDENTITY
         self.silent = False
         self.tested = SelfTest(1, 15, lines_low=0b010)
         self._loop = loop
@@ -38,22 +38,22 @@ class StreamingBoard:
         loop.call_later(EVERY_S, self.tick)
 
     def asked(self, data: bytes) -> None:
-        if data == wire.encode_request(wire.IDENTIFY) and self.identity and not self.silent:
-            self._link.say(wire.encode_identity(self.identity), 0.001)
-            self._link.say(wire.encode_self_test(self.tested), 0.001)
-        elif data == wire.encode_request(wire.SELF_TEST) and not self.silent:
+        if data == frames.encode_request(frames.IDENTIFY) and self.identity and not self.silent:
+            self._link.say(frames.encode_identity(self.identity), 0.001)
+            self._link.say(frames.encode_self_test(self.tested), 0.001)
+        elif data == frames.encode_request(frames.SELF_TEST) and not self.silent:
             self.tested = replace(self.tested, count=self.tested.count + 1)
-            self._link.say(wire.encode_self_test(self.tested), 0.021)
+            self._link.say(frames.encode_self_test(self.tested), 0.021)
 
     def tick(self) -> None:
         counters = np.arange(self.counter, self.counter + 10)
         self.counter += 10
         samples = (counters[:, None] + np.arange(18)).astype(np.uint16) % 1024
         flags = np.zeros(10, np.uint8)
-        data = wire.encode_data(counters, samples, flags, flags)
+        data = frames.encode_data(counters, samples, flags, flags)
         if self.counter % 100 == 0:
             boots = self.identity.boot_count if self.identity else 0
-            data += wire.encode_status(
+            data += frames.encode_status(
                 replace(STATUS, sample_counter=self.counter, boot_count=boots)
             )
         if not self.silent:
@@ -64,7 +64,7 @@ class StreamingBoard:
         assert self.identity is not None
         self.counter = 0
         self.identity = replace(self.identity, boot_count=self.identity.boot_count + 1)
-        self._link.say(wire.encode_identity(self.identity))
+        self._link.say(frames.encode_identity(self.identity))
 
 
 class Listener:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.presets import PRESETS
+from rigctl.encoding.parameters import PRESETS
 from tests.bench import _peers
 from tests.bench.encoder import ask_brian2
 from tests.bench.numpy_encoder import currents

@@ -36,10 +36,10 @@ def turned_about() -> Iterator[None]:
 
 def digest() -> str:
     """Of trains, counts and membranes by schemes that keep to different orders."""
-    from rigctl.encoding.bulk import counts_without_and_with
+    from rigctl.encoding.batch import counts_without_and_with
     from rigctl.encoding.encoder import encode_trials, membrane_mv
     from rigctl.encoding.normalisation import Normalisation
-    from rigctl.encoding.presets import DEFAULT, PRESETS
+    from rigctl.encoding.parameters import DEFAULT, PRESETS
 
     rng, ranges = np.random.default_rng(0), Normalisation.full_scale(5)
     lengths = rng.integers(1, 700, 21)
@@ -62,7 +62,7 @@ if __name__ == "__main__":
         raise SystemExit("set NUMBA_CACHE_DIR to an empty folder: numba takes both layouts for one")
     if sys.argv[1:] == ["other"]:
         with turned_about():
-            from rigctl.encoding import lanes
+            from rigctl.encoding.kernel import simd
     else:
-        from rigctl.encoding import lanes
-    print(lanes.WIDE, digest())
+        from rigctl.encoding.kernel import simd
+    print(simd.WIDE, digest())

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.encoding import encoder
-from rigctl.encoding.bulk import (
+from rigctl.encoding.batch import (
     counts_without_and_with,
     cuts_of,
     features_of,
@@ -19,7 +19,7 @@ from rigctl.encoding.bulk import (
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED, FeatureLayout, trial_features
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.presets import DEFAULT, PRESETS
+from rigctl.encoding.parameters import DEFAULT, PRESETS
 from rigctl.errors import WrongUse
 
 RANGES = Normalisation.full_scale(5)

@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import signal
 
-from rigctl.encoding import compiled, kernel, steps
 from rigctl.encoding.encoder import Encoder, encode_trial, encode_trials, membrane_mv
+from rigctl.encoding.kernel import constants, machine_code
+from rigctl.encoding.kernel import neuron_step as steps
 from rigctl.encoding.normalisation import Normalisation, RunningRange
-from rigctl.encoding.presets import PRESETS, EncoderParameters, Recovery, Rectify, Reset, preset
-from rigctl.encoding.rates import sa_rates_hz, table
+from rigctl.encoding.parameters import PRESETS, EncoderParameters, Recovery, Rectify, Reset, preset
+from rigctl.encoding.rate_table import sa_rates_hz, table
 from rigctl.errors import WrongUse
 
 N_TAXELS = 4
@@ -32,7 +33,7 @@ def textbook_drive(x: list[float], p: EncoderParameters, ra: bool) -> list[float
     """k·input of each sample: the reading, or the change per second of SciPy's low-pass."""
     if not ra:
         return [p.sa_gain * value for value in x]
-    b, a = kernel.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    b, a = constants.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
     z2 = (b[2] - a[2]) * x[0]
     start = [(b[1] - a[1]) * x[0] + z2, z2]
     smooth, _ = signal.lfilter(b, a, x, zi=start)
@@ -105,7 +106,7 @@ def extremes(seed: int) -> NDArray[np.uint16]:
 @pytest.mark.parametrize(("cutoff_hz", "rate_hz"), [(20, 1000), (1, 1000), (499, 1000), (5, 73)])
 def test_the_low_pass_is_scipys_butterworth(cutoff_hz: float, rate_hz: float) -> None:
     expected = signal.butter(2, cutoff_hz, fs=rate_hz)
-    for ours, theirs in zip(kernel.butterworth(cutoff_hz, rate_hz), expected, strict=True):
+    for ours, theirs in zip(constants.butterworth(cutoff_hz, rate_hz), expected, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=3e-14)
 
 
@@ -160,11 +161,11 @@ def exact_fma(x: float, y: float, z: float) -> float:
 
 def reckoned(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], list[float]]:
     """Spikes and membrane of one lane in the kernel's normal form, one operation at a time."""
-    w0, keep, take, threshold, reset_to, jump = kernel.folded(p)[:6].tolist()
-    a1, a2 = kernel.folded(p)[steps.A1 : steps.A2 + 1].tolist()
+    w0, keep, take, threshold, reset_to, jump = constants.folded(p)[:6].tolist()
+    a1, a2 = constants.folded(p)[steps.A1 : steps.A2 + 1].tolist()
     unit = np.array([1 / 1023])
-    drive = float(kernel.drives(p, unit, np.ones(1))[ra][0])
-    m, q = kernel.rest(p, compiled.LANES)[: steps.Q + 1, 0].tolist()
+    drive = float(constants.drives(p, unit, np.ones(1))[ra][0])
+    m, q = constants.rest(p, machine_code.LANES)[: steps.Q + 1, 0].tolist()
     last, z1, z2 = float(x[0]), 0.0, 0.0
     spikes, membrane = [], []
     for reading in map(float, x):
@@ -187,7 +188,7 @@ def reckoned(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], l
 
 def published(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], list[float]]:
     """The same for a scheme that resets at the next sample, in the order of its publication."""
-    (b0, b1, b2), (_, a1, a2) = kernel.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    (b0, b1, b2), (_, a1, a2) = constants.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
     x0 = x[0] * (1 / 1023)
     z2 = (b2 - a2) * x0
     z1 = (b1 - a1) * x0 + z2
@@ -217,12 +218,12 @@ def test_compiled_arithmetic_has_the_bits_of_exact_arithmetic(name: str) -> None
     p, ranges = preset(name), Normalisation.full_scale(N_TAXELS)
     samples = np.concatenate([touch(3, 250)[100:], extremes(3)[:150]])
     counts, voltage = Encoder(ranges, p).encode(samples), membrane_mv(samples, ranges, p)
-    way = published if kernel.is_late(p) else reckoned
+    way = published if constants.is_late(p) else reckoned
     for column in range(2 * N_TAXELS):
         readings = samples[:, column % N_TAXELS].tolist()
         spikes, membrane = way(readings, p, column >= N_TAXELS)
         assert counts[:, column].tolist() == spikes
-        expected = kernel.membrane_mv(p, np.array(membrane))
+        expected = constants.membrane_mv(p, np.array(membrane))
         expected[counts[:, column] > 0] = p.threshold_mv
         assert voltage[:, column].tobytes() == expected.tobytes()
 

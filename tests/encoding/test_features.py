@@ -18,7 +18,7 @@ from rigctl.encoding.features import (
     trial_features,
 )
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.speed import scaled_time_s, windows_of_samples
+from rigctl.encoding.speed_scaling import scaled_time_s, windows_of_samples
 from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 

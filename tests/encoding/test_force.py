@@ -11,11 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.encoding.bracket import HIGHEST_C, Bracket, Method, Status
-from rigctl.encoding.bulk import mean_level
-from rigctl.encoding.force import ForceMatrix, force_matrix
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.search import (
+from rigctl.encoding.batch import mean_level
+from rigctl.encoding.force_matrix import ForceMatrix, force_matrix
+from rigctl.encoding.force_search import (
     FEWEST_IN_PILOT,
     PILOT_EVERY,
     TOLERANCE_HZ,
@@ -24,6 +22,8 @@ from rigctl.encoding.search import (
     search,
     search_to,
 )
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.root_bracket import HIGHEST_C, Bracket, Method, Status
 from rigctl.errors import WrongUse
 
 N_TAXELS = 6

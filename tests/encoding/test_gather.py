@@ -13,13 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.encoding import encoder
-from rigctl.encoding.bits import LINE, WORD, hand_over, keep
-from rigctl.encoding.bulk import stretch_counts, whole_trials
+from rigctl.encoding.batch import stretch_counts, whole_trials
 from rigctl.encoding.encoder import encode_trial, encode_trials
-from rigctl.encoding.gather import Rows
+from rigctl.encoding.kernel.prefetch import Rows
+from rigctl.encoding.kernel.spike_counters import PLACES
+from rigctl.encoding.kernel.transpose_bits import LINE, WORD, hand_over, keep
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.presets import DEFAULT, PRESETS, EncoderParameters
-from rigctl.encoding.tally import PLACES
+from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.errors import WrongUse
 
 HOT = replace(DEFAULT, sa_gain=3000.0, ra_gain=90.0)

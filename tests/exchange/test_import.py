@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 
 from rigctl import __version__
-from rigctl.analysis.trial_set import join_sessions
+from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.cli import main
+from rigctl.config.resources import source_commit
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import ConfigError, SessionError, WrongUse
-from rigctl.exchange.extra import FILE
-from rigctl.exchange.importing import import_files
-from rigctl.exchange.mapping import load_map
-from rigctl.exchange.survey import Survey
-from rigctl.resources import source_commit
-from rigctl.session.reader import Session
-from rigctl.session.verify import verify
+from rigctl.exchange.column_map import load_map
+from rigctl.exchange.extra_channels import FILE
+from rigctl.exchange.importer import import_files
+from rigctl.exchange.inspection import Survey
+from rigctl.session.read.session import Session
+from rigctl.session.verify.session import verify
 
 PATTERN = r"""
 [files]
@@ -141,7 +141,7 @@ def test_empty_cells_leave_their_row_out(tmp_path: Path) -> None:
 
 
 def test_a_gap_at_a_block_edge_is_a_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rigctl.exchange.importing.BLOCK_ROWS", 100)
+    monkeypatch.setattr("rigctl.exchange.importer.BLOCK_ROWS", 100)
     time_ms = np.arange(300.0)
     time_ms[200:] += 40.0
     file = write_csv(tmp_path / "silk_6cm_5N_1.csv", time_ms, ramp(300))

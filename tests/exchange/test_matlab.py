@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 
 from rigctl.errors import WrongUse
-from rigctl.session.reader import Session
+from rigctl.session.read.session import Session
 from tests.exchange.test_import import PATTERN, bring
 
 N = 200

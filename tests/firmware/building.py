@@ -7,7 +7,7 @@ import subprocess
 from functools import cache
 from pathlib import Path
 
-from rigctl.resources import checkout
+from rigctl.config.resources import checkout
 
 
 @cache

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rigctl.wire.drum_map import Command, ForceMode, Status
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.chip_shim import Input, ResetBy
+from rigctl.simulation.chips.simavr import Input, ResetBy
+from rigctl.wire.drum.register_table import Command, ForceMode, Status
+from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum_checks import IMAGE, SET_FORCE_G, Check
 from tests.firmware.drum_chip import STIFFNESS_G_MM, DrumChip
 from tests.firmware.overshoot import linear, overshoot_g

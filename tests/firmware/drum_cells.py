@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from rigctl.wire.drum_map import Command
-from rigctl.wire.drum_states import Event, State
-from rigctl.world.chip_shim import Input
+from rigctl.simulation.chips.simavr import Input
+from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.states import Event, State
 from tests.firmware.drum_checks import bring
 from tests.firmware.drum_chip import DrumChip
 

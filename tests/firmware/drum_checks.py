@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rigctl.wire.drum_map import BY_NAME, Command, ResetCause
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.chip_shim import Input, Output
+from rigctl.simulation.chips.simavr import Input, Output
+from rigctl.wire.drum.register_table import BY_NAME, Command, ResetCause
+from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum_chip import MS, DrumChip
 
 IMAGE = "firmware/drum.elf"

@@ -8,9 +8,9 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.wire.drum_map import BY_NAME, Command, CommandResult, Register
-from rigctl.wire.drum_states import State
-from rigctl.world.chip_shim import Chip, Input, Kind, Output, load_library
+from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
+from rigctl.wire.drum.register_table import BY_NAME, Command, CommandResult, Register
+from rigctl.wire.drum.states import State
 from tests.firmware.building import built
 
 MS = 16_000

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rigctl.wire.drum_map import Command
-from rigctl.world.loadcell import Loadcell
-from rigctl.world.parameters import WorldParameters
-from rigctl.world.simulation import Disturbances
+from rigctl.simulation.bench.load_cell import Loadcell
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.simulated_rig import Disturbances
+from rigctl.wire.drum.register_table import Command
 from tests.firmware.plant_drum import PlantDrum
 
 IMAGE = "firmware/drum-other.elf"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.world.contact import Footprint
+from rigctl.simulation.bench.contact import Footprint
 
 
 def overshoot_g(

@@ -15,8 +15,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from rigctl.resources import checkout
-from rigctl.wire.drum_states import Event, State
+from rigctl.config.resources import checkout
+from rigctl.wire.drum.states import Event, State
 from tests.bench._force_map import FORCES_G, GRID, MARKS, PLACES_MM, PLANTS, SPEEDS_MM_S
 from tests.firmware.drum_attacks import ATTACK_CONTROLS
 from tests.firmware.drum_cells import COMMANDS, unreachable

@@ -8,14 +8,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.wire.drum_map import Command
-from rigctl.wire.drum_states import State
-from rigctl.world.chip_shim import Output
-from rigctl.world.contact import Footprint, contact_tables, footprint, mounted
-from rigctl.world.loadcell import Loadcell
-from rigctl.world.parameters import WorldParameters, checked
-from rigctl.world.plant import Motion, Plant
-from rigctl.world.simulation import Disturbances
+from rigctl.simulation.bench.contact import Footprint, contact_tables, footprint, mounted
+from rigctl.simulation.bench.load_cell import Loadcell
+from rigctl.simulation.bench.mechanics import Motion, Plant
+from rigctl.simulation.bench.parameters import WorldParameters, checked
+from rigctl.simulation.chips.simavr import Output
+from rigctl.simulation.simulated_rig import Disturbances
+from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.states import State
 from tests.firmware.drum_chip import MS, DrumChip
 
 CYCLES_PER_US = 16

@@ -7,10 +7,10 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
 from rigctl.values import Block
-from rigctl.wire.taxel_test import SelfTest
-from rigctl.wire.taxels import FrameDecoder, TaxelIdentity, TaxelStatus
-from rigctl.world.chip_shim import Chip, Input, Kind, Output, load_library
+from rigctl.wire.taxels.frames import FrameDecoder, TaxelIdentity, TaxelStatus
+from rigctl.wire.taxels.self_test import SelfTest
 from tests.firmware.building import built
 
 FRAME_CYCLES = 16_000

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.config import TaxelArray
-from rigctl.resources import checkout
+from rigctl.config.resources import checkout
+from rigctl.config.rig_config import TaxelArray
 from rigctl.values import DRAWN_WIRING
-from rigctl.wire.taxel_test import INPUT_PINS, LINE_PINS
+from rigctl.wire.taxels.self_test import INPUT_PINS, LINE_PINS
 from tests.firmware.building import built
 
 ROOT = checkout()

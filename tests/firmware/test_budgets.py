@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-from rigctl.resources import checkout
+from rigctl.config.resources import checkout
 from tests.firmware.building import built
 from tests.firmware.drum_chip import DrumChip
 from tests.firmware.taxel_chip import TaxelChip

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.wire.drum_map import BY_NAME, Command, Status
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.chip_shim import Input, ResetBy
-from rigctl.world.contact import Footprint, contact_tables, footprint, mounted
-from rigctl.world.parameters import WorldParameters
+from rigctl.simulation.bench.contact import Footprint, contact_tables, footprint, mounted
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.chips.simavr import Input, ResetBy
+from rigctl.wire.drum.register_table import BY_NAME, Command, Status
+from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum_attacks import (
     ATTACK_CHECKS,
     ATTACK_CONTROLS,

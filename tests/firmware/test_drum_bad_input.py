@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.wire.drum_map import (
+from rigctl.simulation.chips.simavr import Output
+from rigctl.wire.drum.register_table import (
     BY_NAME,
     END,
     MAGIC,
@@ -18,9 +19,8 @@ from rigctl.wire.drum_map import (
     Command,
     Register,
 )
-from rigctl.wire.drum_states import Fault, State
-from rigctl.wire.registers import words_of
-from rigctl.world.chip_shim import Output
+from rigctl.wire.drum.registers import words_of
+from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum_checks import bring
 from tests.firmware.drum_chip import DrumChip, crc16
 

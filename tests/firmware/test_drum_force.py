@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from tests.firmware.plant_drum import PlantDrum
 
 

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import subprocess
 
-from rigctl.resources import checkout
-from rigctl.wire import generate
+from rigctl.config.resources import checkout
+from rigctl.wire import codegen
 from tests.firmware.building import built
 
 
 def test_headers_and_page_say_what_the_tables_say() -> None:
-    assert generate.stale() == []
+    assert codegen.stale() == []
 
 
 def test_a_changed_header_is_noticed() -> None:
     root = checkout()
     assert root is not None
-    path = next(iter(generate.rendered()))
-    assert generate.rendered()[path] == (root / path).read_text(encoding="utf-8")
-    assert set(generate.stale(root / "docs")) == set(generate.rendered())
+    path = next(iter(codegen.rendered()))
+    assert codegen.rendered()[path] == (root / path).read_text(encoding="utf-8")
+    assert set(codegen.stale(root / "docs")) == set(codegen.rendered())
 
 
 def test_the_pure_parts_pass_their_tests_under_sanitizers() -> None:

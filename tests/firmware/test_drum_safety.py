@@ -7,9 +7,9 @@ import random
 import numpy as np
 import pytest
 
-from rigctl.wire.drum_map import BY_NAME, MAGIC, Command
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.chip_shim import Input, Output, ResetBy
+from rigctl.simulation.chips.simavr import Input, Output, ResetBy
+from rigctl.wire.drum.register_table import BY_NAME, MAGIC, Command
+from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum_checks import ESTOP_LIMIT, HANGS, MOVING_STATES, bring, hang, trip
 from tests.firmware.drum_chip import MS, DrumChip, crc16
 

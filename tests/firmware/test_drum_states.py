@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.wire.drum_states import OUTPUTS, Event, State, next_state
-from rigctl.world.chip_shim import Input, Output, ResetBy
+from rigctl.simulation.chips.simavr import Input, Output, ResetBy
+from rigctl.wire.drum.states import OUTPUTS, Event, State, next_state
 from tests.firmware.drum_cells import (
     ATTENDED,
     COMMANDS,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.wire.drum_map import Command, SettingsFrom
-from rigctl.world.chip_shim import ResetBy
+from rigctl.simulation.chips.simavr import ResetBy
+from rigctl.wire.drum.register_table import Command, SettingsFrom
 from tests.firmware.drum_chip import MS, DrumChip
 
 SLOTS, STRIDE, SLOT_BYTES = 64, 128, 2 + 2 * 49 + 2

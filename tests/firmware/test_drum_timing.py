@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.wire.drum_map import Command
-from rigctl.wire.drum_states import State
-from rigctl.world.chip_shim import Output
+from rigctl.simulation.chips.simavr import Output
+from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.states import State
 from tests.firmware.drum_chip import ENTRY_CYCLES, DrumChip
 
 STEP_CYCLES_AT_1_MM_S = 16e6 * 0.03125

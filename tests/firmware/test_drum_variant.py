@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.wire.drum_map import Command
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.chip_shim import Input, Output, ResetBy
+from rigctl.simulation.chips.simavr import Input, Output, ResetBy
+from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.states import Fault, State
 from tests.bench._drum_timing import run
 from tests.firmware.drum_checks import trip
 from tests.firmware.other_drum import SELFTEST_MS, STEP_MM, OtherDrum

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.resources import checkout
+from rigctl.config.resources import checkout
 from tests.bench._firmware_rows import GRBL, figure
 from tests.bench._force_map import Cell, marks
 from tests.bench.firmware_drift import drift_rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.world.chip_shim import Chip, Kind, Output, load_library
+from rigctl.simulation.chips.simavr import Chip, Kind, Output, load_library
 from tests.firmware.building import built
 
 ROUND = 65_536

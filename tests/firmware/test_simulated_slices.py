@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.world.chip_shim import Chip, Kind, load_library
+from rigctl.simulation.chips.simavr import Chip, Kind, load_library
 from tests.firmware.building import built
 
 LONGEST_INSTRUCTION = 5

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.wire.taxels import Flag
-from rigctl.world.chip_shim import Input
+from rigctl.simulation.chips.simavr import Input
+from rigctl.wire.taxels.frames import Flag
 from tests.firmware.taxel_chip import FRAME_CYCLES, TaxelChip
 
 UNSURE_CYCLES = 4

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rigctl.wire.taxels import IDENTIFY, SELF_TEST, encode_request
-from rigctl.world.chip_shim import Input
+from rigctl.simulation.chips.simavr import Input
+from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, encode_request
 from tests.firmware.taxel_chip import TaxelChip
 
 FRAMES = 100_000

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.wire.taxel_test import Coverage, SelfTest
-from rigctl.wire.taxels import IDENTIFY, SELF_TEST, SelfTestBit, encode_request
+from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, SelfTestBit, encode_request
+from rigctl.wire.taxels.self_test import Coverage, SelfTest
 from tests.firmware.taxel_chip import FRAME_CYCLES, TaxelChip
 
 TEST_FRAMES = 21

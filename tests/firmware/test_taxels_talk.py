@@ -7,8 +7,8 @@ import subprocess
 import numpy as np
 import pytest
 
-from rigctl.wire.taxels import IDENTIFY, encode_request
-from rigctl.world.chip_shim import ResetBy
+from rigctl.simulation.chips.simavr import ResetBy
+from rigctl.wire.taxels.frames import IDENTIFY, encode_request
 from tests.firmware.building import built
 from tests.firmware.taxel_chip import TaxelChip
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.wire.taxels import IDENTIFY, SELF_TEST, encode_request
+from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, encode_request
 from tests.firmware.taxel_chip import ENTRY_CYCLES, FRAME_CYCLES, SLOT_CYCLES, TaxelChip
 
 FRAMES = 5000

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.wire.taxel_test import Coverage, SelfTest
-from rigctl.world.chip_shim import Input
+from rigctl.simulation.chips.simavr import Input
+from rigctl.wire.taxels.self_test import Coverage, SelfTest
 from tests.firmware.taxel_chip import FRAME_CYCLES, TaxelChip
 
 IMAGE = "firmware/taxels-driven-low.elf"

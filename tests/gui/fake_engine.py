@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.acquisition.live_buffer import LiveView, LiveWriter
+from rigctl.acquisition.rpc.engine_files import Announcement
 from rigctl.errors import RigctlError
-from rigctl.run.live import LiveView, LiveWriter
-from rigctl.run.runtime import Announcement
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum.states import State
 
 STATUS: dict[str, Any] = {
     "at_s": 1.0,

@@ -9,9 +9,9 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from gui.connection import Client
-from gui.theme import ThemeChoice
-from gui.window import Window
+from gui.engine_link import Client
+from gui.main_window import Window
+from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
 
 LIMIT_MS = 20_000

@@ -9,9 +9,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox
 
-from gui.analysis_form import ENGINES, REPRESENTATIONS, TASKS
-from gui.figure_view import FigureView
-from rigctl.analysis import engines, representations, tasks
+from gui.analysis.options_form import ENGINES, REPRESENTATIONS, TASKS
+from gui.widgets.figure_view import FigureView
+from rigctl.analysis.classification import sweep_engines
+from rigctl.analysis.features import representations
+from rigctl.analysis.paper import tasks
 from tests.analysis.recordings import record
 from tests.gui.steps import Bench, click, wait_until
 
@@ -161,4 +163,4 @@ def test_what_cannot_be_analysed_is_said(opened: Bench, tmp_path: Path) -> None:
 def test_the_form_knows_what_the_analysis_knows() -> None:
     assert {r.name: r.key for r in representations.REPRESENTATIONS} == REPRESENTATIONS
     assert tuple(key for key in TASKS.values() if key) == tasks.CHOICES
-    assert set(ENGINES.values()) == set(engines.Engine)
+    assert set(ENGINES.values()) == set(sweep_engines.Engine)

@@ -8,8 +8,8 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
-from gui.operate import ACTIONS
-from rigctl.wire.drum_states import Event, State, next_state
+from gui.operate.operate_panel import ACTIONS
+from rigctl.wire.drum.states import Event, State, next_state
 from tests.gui.steps import Bench, click
 
 OFFERED = {

@@ -8,9 +8,9 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.connection import JOIN, Client
-from gui.lamp import Level
-from gui.window import Window
+from gui.engine_link import JOIN, Client
+from gui.main_window import Window
+from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost, WrongUse
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Bench, click, wait_until

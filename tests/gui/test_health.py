@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from gui.health import board_lines, readings
-from gui.lamp import Level
-from gui.status import read_status
+from gui.live.health import board_lines, readings
+from gui.operate.engine_status import read_status
+from gui.widgets.status_lamp import Level
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Bench
 

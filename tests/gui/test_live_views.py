@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from gui.history import History
-from gui.raster import ROW_ORDER, Raster, row_label
-from gui.rates import RateBars
-from gui.scene import Scene
-from gui.strip import columns_between, rgb
-from gui.theme import DARK, LIGHT
-from gui.traces import Traces
-from rigctl.run.live import LiveView, LiveWriter
+from gui.live.history import History
+from gui.live.live_view import Scene
+from gui.live.raster import ROW_ORDER, Raster, row_label
+from gui.live.scrolling_image import columns_between, rgb
+from gui.live.spike_rates import RateBars
+from gui.live.traces import Traces
+from gui.widgets.theme import DARK, LIGHT
+from rigctl.acquisition.live_buffer import LiveView, LiveWriter
 from tests.gui.fake_engine import FakeEngine
 
 WIDTH, HEIGHT = 500, 180

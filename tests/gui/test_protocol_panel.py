@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gui.protocol_panel import ProtocolPanel
+from gui.protocol.protocol_panel import ProtocolPanel
 from tests.gui.steps import Bench, click, wait_until
 
 RUN = {

@@ -14,11 +14,11 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.lamp import Level
-from gui.window import Window
-from rigctl.run.runtime import FOLDER_VARIABLE
-from rigctl.session.reader import Session
-from rigctl.wire.drum_states import State
+from gui.main_window import Window
+from gui.widgets.status_lamp import Level
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.session.read.session import Session
+from rigctl.wire.drum.states import State
 from tests.gui.steps import click, press_escape, wait_until
 
 LIMIT_MS = 120_000

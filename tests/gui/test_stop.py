@@ -11,11 +11,16 @@ import pytest
 from PySide6.QtCore import QPoint
 from PySide6.QtWidgets import QApplication, QMenu
 
-from rigctl.run import stopping
-from rigctl.run.client import EngineClient
-from rigctl.run.runtime import FOLDER_VARIABLE, Announcement, announce, runtime_folder
-from rigctl.run.server import listen
-from rigctl.wire.drum_states import State
+from rigctl.acquisition.rpc import stop_all
+from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.engine_files import (
+    FOLDER_VARIABLE,
+    Announcement,
+    announce,
+    runtime_folder,
+)
+from rigctl.acquisition.rpc.server import listen
+from rigctl.wire.drum.states import State
 from tests.gui.steps import Bench, click, press_escape, wait_until
 
 LONG = """
@@ -146,7 +151,7 @@ def test_an_engine_that_hangs_is_told_of_and_the_window_goes_on(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
-    monkeypatch.setattr(stopping, "ANSWER_S", 0.2)
+    monkeypatch.setattr(stop_all, "ANSWER_S", 0.2)
     with listen() as mute:
         port = mute.getsockname()[1]
         engine = Announcement("mute", os.getpid(), port, "", "bench.toml", "")

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.analysis import paper
-from rigctl.identification import original, search
+from rigctl.analysis.paper import published
+from rigctl.identification import original_column, search
 from rigctl.identification.__main__ import main
-from rigctl.identification.slides import Slider, slide
-from rigctl.world.parameters import IDENTIFIED, WorldParameters, table
+from rigctl.identification.sliding import Slider, slide
+from rigctl.simulation.bench.parameters import IDENTIFIED, WorldParameters, table
 
 
 @pytest.fixture
@@ -23,11 +23,11 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    alone = {key: {"original": cells["original"]} for key, cells in paper.TABLE_1.items()}
-    before = dict(original.PAPER)
+    alone = {key: {"original": cells["original"]} for key, cells in published.TABLE_1.items()}
+    before = dict(original_column.PAPER)
     with monkeypatch.context() as patch:
-        patch.setattr(paper, "TABLE_1", alone)
-        assert before == importlib.reload(original).PAPER
+        patch.setattr(published, "TABLE_1", alone)
+        assert before == importlib.reload(original_column).PAPER
     assert list(before.values()) == [91.78, 81.83, 37.44, 57.35, 36.81, 99.93]
 
 

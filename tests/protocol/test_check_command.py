@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.cli import check
+from rigctl.cli.rig import check
 from rigctl.errors import NegativeAnswer, ProtocolError
 
 

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.config import RigConfig
+from rigctl.config.resources import protocols
+from rigctl.config.rig_config import RigConfig
 from rigctl.errors import ProtocolError
 from rigctl.protocol import (
     ApproachOnly,
@@ -23,7 +24,6 @@ from rigctl.protocol import (
     load_protocol,
     parse_protocol,
 )
-from rigctl.resources import protocols
 
 GOOD = """\
 textures = ["A", "B"]

@@ -7,7 +7,7 @@ from collections import Counter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.config import RigConfig
+from rigctl.config.rig_config import RigConfig
 from rigctl.protocol import ChangePlate, Protocol, RunTrial
 
 TEXTURES = st.lists(st.sampled_from("ABCDEFGH"), min_size=1, max_size=5, unique=True)

@@ -8,14 +8,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rigctl.config import RigConfig
+from rigctl.acquisition.engine import Doors, Engine
+from rigctl.acquisition.live_buffer import LiveWriter
+from rigctl.acquisition.protocol.run_request import Order
+from rigctl.acquisition.protocol.runner import Run
+from rigctl.acquisition.rpc.server import listen
+from rigctl.config.rig_config import RigConfig
 from rigctl.rig import Rig, open_rig
-from rigctl.run.engine import Doors, Engine
-from rigctl.run.live import LiveWriter
-from rigctl.run.opening import Order
-from rigctl.run.runner import Run
-from rigctl.run.server import listen
-from rigctl.session.reader import Session
+from rigctl.session.read.session import Session
 from rigctl.values import Event
 
 TINY = """

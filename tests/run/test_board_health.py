@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from floor import TINY, Floor, open_floor, read
 
-from rigctl.run.board_health import LateTicks
-from rigctl.run.drum_watch import POLL_PERIOD_S
-from rigctl.session.info import info
-from rigctl.session.reader import Session
-from rigctl.session.verify import verify
-from rigctl.wire.drum_map import BY_NAME
-from rigctl.wire.taxels import Flag
+from rigctl.acquisition.drum.poller import POLL_PERIOD_S
+from rigctl.acquisition.health.boards import LateTicks
+from rigctl.session.read.session import Session
+from rigctl.session.summary import info
+from rigctl.session.verify.session import verify
+from rigctl.wire.drum.register_table import BY_NAME
+from rigctl.wire.taxels.frames import Flag
 
 ONE = TINY.replace('"A", "L"', '"D"').replace("100, 120", "120")
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.acquisition.drum.calibration import Point, check_masses, scale_of
 from rigctl.cli import main
-from rigctl.config import parse_config
+from rigctl.config.rig_config import parse_config
+from rigctl.config.toml_edit import replace_text, with_keys
 from rigctl.errors import WrongUse
-from rigctl.run.calibration import Point, check_masses, scale_of
-from rigctl.toml_edit import replace_text, with_keys
 
 MINE = """\
 # My rig, since March.

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.acquisition.rpc.client import EngineClient, EngineRefusal
+from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
+from rigctl.acquisition.rpc.messages import StatusData
 from rigctl.errors import LinkLost, WrongUse
-from rigctl.run.client import EngineClient, EngineRefusal
-from rigctl.run.messages import StatusData
-from rigctl.run.runtime import running_engines, runtime_folder
 
 
 @pytest.fixture(autouse=True)

@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from floor import TINY, Floor, open_floor, read
 
+from rigctl.acquisition.taxels.clock_fit import ClockFit
+from rigctl.acquisition.taxels.trial_start_by_clock import FRAME_WIRE_S, POLL_WIRE_S, place_of
 from rigctl.cli import main
-from rigctl.cli.run import _rig
-from rigctl.config import Ports, RigConfig, Signals
+from rigctl.cli.rig.run import _rig
+from rigctl.config.rig_config import Ports, RigConfig, Signals
 from rigctl.rig import Rig, open_rig
-from rigctl.run.clock_cut import FRAME_WIRE_S, POLL_WIRE_S, place_of
-from rigctl.run.clock_fit import ClockFit
-from rigctl.session.info import info
-from rigctl.session.reader import Session
-from rigctl.session.truth import load_truth
-from rigctl.session.verify import verify
-from rigctl.wire.drum_map import Signal
-from rigctl.wire.drum_states import State
-from rigctl.world.chips import ChipSimulation
-from rigctl.world.virtual import VirtualRig
+from rigctl.session.files.ground_truth import load_truth
+from rigctl.session.read.session import Session
+from rigctl.session.summary import info
+from rigctl.session.verify.session import verify
+from rigctl.simulation.chips.rig import ChipSimulation
+from rigctl.simulation.virtual_rig import VirtualRig
+from rigctl.wire.drum.register_table import Signal
+from rigctl.wire.drum.states import State
 from tests.firmware.taxel_chip import TaxelChip
 
 NO_WIRE = RigConfig(signals=Signals(sync=False))

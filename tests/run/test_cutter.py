@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigctl.run.cutter import CutTrial, TrialCutter
+from rigctl.acquisition.taxels.trial_cutter import CutTrial, TrialCutter
 from rigctl.values import Block
-from rigctl.wire.taxels import Flag
+from rigctl.wire.taxels.frames import Flag
 
 N = 400
 RISE_IN = 100

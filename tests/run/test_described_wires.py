@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.config import Inverted, RigConfig, Signals
+from rigctl.config.rig_config import Inverted, RigConfig, Signals
 from rigctl.errors import ConfigError
 from rigctl.rig import open_rig
 from tests.run.floor import TINY, open_floor

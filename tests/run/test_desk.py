@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from floor import Floor, until_ended
 
+from rigctl.acquisition.protocol.run_control import Control
+from rigctl.acquisition.rpc.command_handler import Desk
+from rigctl.acquisition.status import idle_run
 from rigctl.errors import CommandRefused, WrongUse
-from rigctl.run.control import Control
-from rigctl.run.desk import Desk
-from rigctl.run.status import idle_run
-from rigctl.wire import drum_map
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum import register_table
+from rigctl.wire.drum.states import State
 
 
 def asked(floor: Floor) -> Any:
@@ -102,9 +102,9 @@ def test_only_what_an_operator_may_set_is_set(floor: Floor) -> None:
     async def person(floor: Floor) -> None:
         ask = asked(floor)
         await ask("arm", {})
-        names = [entry.name for entry in drum_map.SETTINGS]
+        names = [entry.name for entry in register_table.SETTINGS]
         before = await floor.rig.drum.get(*names)
-        for entry in drum_map.SETTINGS:
+        for entry in register_table.SETTINGS:
             values = {"speed_mm_s": 100, entry.name: entry.low * entry.scale}
             with pytest.raises(WrongUse, match=f"{entry.name} is not for an operator to set"):
                 await ask("set", values)

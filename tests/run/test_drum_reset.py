@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from floor import Floor, open_floor, read, until_ended
 
-from rigctl.session.verify import verify
-from rigctl.wire.drum_map import Status
+from rigctl.session.verify.session import verify
+from rigctl.wire.drum.register_table import Status
 
 ONE = """
 name = "one"

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from floor import Floor, open_floor, until_ended
 
-from rigctl.config import Limits, LoadCell, RigConfig
+from rigctl.acquisition.drum.settings import GUARDED
+from rigctl.acquisition.rpc.command_handler import Desk
+from rigctl.config.rig_config import Limits, LoadCell, RigConfig
 from rigctl.errors import CommandRefused, RigFault
 from rigctl.rig import FIRMWARE, VIRTUAL, Rig
-from rigctl.run.desk import Desk
-from rigctl.run.drum_orders import GUARDED
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum.states import State
 
 MINE = RigConfig(limits=Limits(over_force_g=1350), loadcell=LoadCell(scale_ug_per_count=2390))
 REFUSED = "drum: the board refused, because its state does not allow it"

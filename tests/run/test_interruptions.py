@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from floor import Floor, open_floor, read, until_ended
 
+from rigctl.acquisition.protocol.run_request import Order
 from rigctl.errors import SessionError
-from rigctl.run.opening import Order
-from rigctl.session.part import Part
-from rigctl.session.verify import verify
-from rigctl.wire.drum_map import Command
-from rigctl.wire.drum_states import State
+from rigctl.session.verify.session import verify
+from rigctl.session.write.part_writer import Part
+from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.states import State
 
 PAIR = """
 name = "pair"

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.acquisition.live_buffer import LiveView, LiveWriter
 from rigctl.errors import RigFault
-from rigctl.run.live import LiveView, LiveWriter
 
 ROWS = 256
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.acquisition.health.notices import state_folder, wiring_notice
 from rigctl.cli import main
-from rigctl.run.notices import state_folder, wiring_notice
 
 
 @pytest.fixture(autouse=True)

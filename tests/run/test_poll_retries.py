@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rigctl.world.simulation import DRUM, TO_BOARD, TO_HOST
+from rigctl.simulation.simulated_rig import DRUM, TO_BOARD, TO_HOST
 from tests.run.floor import Floor, open_floor, until_ended
 
 ONE = """

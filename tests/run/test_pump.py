@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.acquisition.live_buffer import LiveView, LiveWriter
+from rigctl.acquisition.taxels.pipeline import Pump
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.run.live import LiveView, LiveWriter
-from rigctl.run.pump import Pump
 from rigctl.values import Block, Gap
 
 N = 1200

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from floor import TINY, open_floor, read
 
-from rigctl.session.truth import trial_truths
-from rigctl.session.verify import verify
+from rigctl.session.files.ground_truth import trial_truths
+from rigctl.session.verify.session import verify
 
 
 def test_a_trial_on_both_firmware_images_is_whole_and_true(tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 from floor import TINY, Floor, open_floor, read
 
 from rigctl import __version__
-from rigctl.resources import source_commit
-from rigctl.session.truth import trial_truths
-from rigctl.session.verify import verify
+from rigctl.config.resources import source_commit
+from rigctl.session.files.ground_truth import trial_truths
+from rigctl.session.verify.session import verify
 
 
 def test_every_trial_is_committed_whole_and_true(floor: Floor) -> None:

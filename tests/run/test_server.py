@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from rigctl.acquisition.rpc.messages import decode_message, encode_message
+from rigctl.acquisition.rpc.server import Server, await_client, listen
 from rigctl.errors import BoardFault, WrongUse
-from rigctl.run.messages import decode_message, encode_message
-from rigctl.run.server import Server, await_client, listen
 
 TOKEN = "a secret"
 

@@ -10,12 +10,17 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.acquisition.rpc import stop_all
+from rigctl.acquisition.rpc.engine_files import (
+    FOLDER_VARIABLE,
+    Announcement,
+    announce,
+    runtime_folder,
+)
+from rigctl.acquisition.rpc.messages import decode_message, encode_message
+from rigctl.acquisition.rpc.server import listen
+from rigctl.acquisition.rpc.stop_all import Stopped, stop_engines
 from rigctl.cli import main
-from rigctl.run import stopping
-from rigctl.run.messages import decode_message, encode_message
-from rigctl.run.runtime import FOLDER_VARIABLE, Announcement, announce, runtime_folder
-from rigctl.run.server import listen
-from rigctl.run.stopping import Stopped, stop_engines
 
 
 @pytest.fixture(autouse=True)
@@ -71,7 +76,7 @@ def test_every_engine_is_stopped(engines: list[Answering]) -> None:
 def test_one_that_hangs_holds_none_of_the_others_up(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stopping, "ANSWER_S", 0.5)
+    monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
     told: list[Stopped] = []
     with listen() as mute:
         announced("mute", mute)  # the newest, so the first to be asked
@@ -83,7 +88,7 @@ def test_one_that_hangs_holds_none_of_the_others_up(
 def test_the_command_says_which_were_reached_and_which_were_not(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(stopping, "ANSWER_S", 0.5)
+    monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
     with listen() as mute:
         announced("mute", mute)
         assert main(["stop"]) == 3

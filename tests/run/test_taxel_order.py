@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from rigctl.acquisition.taxels.wiring_identification import PER_LAYER, TaxelOrder
 from rigctl.errors import WrongUse
-from rigctl.run.taxel_order import PER_LAYER, TaxelOrder
 from rigctl.values import DRAWN_WIRING
 from tests.run.pressed_sensor import PressedSensor, wiring_of
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.protocol import Plan, parse_protocol
-from rigctl.session.header import SessionHeader
-from rigctl.session.recorder import Recorder
+from rigctl.session.format.header import SessionHeader
+from rigctl.session.write.recorder import Recorder
 from rigctl.values import (
     Block,
     BoardIdentity,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigctl.session import layout
+from rigctl.session.format import layout
 
 
 def table(of: layout.Table) -> str:

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.session import layout
-from rigctl.session.reader import Session
-from rigctl.session.recorder import Recorder
+from rigctl.session.format import layout
+from rigctl.session.read.session import Session
+from rigctl.session.write.recorder import Recorder
 from tests.session.building import PROTOCOL, RIG, header, value_of
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from rigctl.errors import SessionError
-from rigctl.session.dead_part import CHECKED_BYTES, SUPERBLOCK_BYTES, DeadPart, lookup3
-from rigctl.session.reader import Session
-from rigctl.session.recorder import Recorder
-from rigctl.session.verify import verify
+from rigctl.session.read.session import Session
+from rigctl.session.read.unclosed_part import CHECKED_BYTES, SUPERBLOCK_BYTES, DeadPart, lookup3
+from rigctl.session.verify.session import verify
+from rigctl.session.write.recorder import Recorder
 from tests.session.building import PROTOCOL, RIG, Bench, header, plan, record_plan, recorder
 
 PUBLISHED = (b"Four score and seven years ago", 0x17770551)

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.cli import info as command
+from rigctl.cli.data import info as command
 from rigctl.errors import SessionError
-from rigctl.session.info import info
-from rigctl.session.reader import Session
-from rigctl.session.recorder import Recorder
-from rigctl.session.truth import load_truth, trial_truths, write_truth
-from rigctl.session.verify import verify
+from rigctl.session.files.ground_truth import load_truth, trial_truths, write_truth
+from rigctl.session.read.session import Session
+from rigctl.session.summary import info
+from rigctl.session.verify.session import verify
+from rigctl.session.write.recorder import Recorder
 from tests.session.building import IDLE, PROTOCOL, RIG, header, plan, record_plan
 
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.session import read_ahead
-from rigctl.session.read_ahead import ReadAhead
+from rigctl.session.read import buffered_array
+from rigctl.session.read.buffered_array import ReadAhead
 
 ROWS = np.arange(1000)
 
@@ -26,7 +26,7 @@ def test_windows_are_the_rows_that_were_asked_for(windows: list[tuple[int, int]]
 def test_windows_in_order_are_read_about_once_and_no_more_than_a_stretch_is_held(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(read_ahead, "STRETCH_ROWS", 200)
+    monkeypatch.setattr(buffered_array, "STRETCH_ROWS", 200)
     reads: list[int] = []
 
     def read(start: int, stop: int) -> NDArray[Any]:

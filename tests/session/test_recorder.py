@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from rigctl.errors import DiskFault, SessionError
-from rigctl.session import layout
-from rigctl.session.part import CounterMap
-from rigctl.session.reader import Session
-from rigctl.session.recorder import Recorder
-from rigctl.session.writer import Writer
+from rigctl.session.format import layout
+from rigctl.session.read.session import Session
+from rigctl.session.write.part_writer import CounterMap
+from rigctl.session.write.recorder import Recorder
+from rigctl.session.write.writer import Writer
 from rigctl.values import Event, Gap, Verdict
 from tests.session.building import (
     BLOCK,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.session import layout
-from rigctl.session.header import SessionHeader
+from rigctl.session.format import layout
+from rigctl.session.format.header import SessionHeader
 from tests.session.reference import arrays, table
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "session.md"

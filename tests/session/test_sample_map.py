@@ -8,10 +8,10 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.session.layout import LIBVER
-from rigctl.session.part_reader import PartReader
-from rigctl.session.reader import Session
-from rigctl.session.sample_map import SampleReader
+from rigctl.session.format.layout import LIBVER
+from rigctl.session.read.part import PartReader
+from rigctl.session.read.sample_index import SampleReader
+from rigctl.session.read.session import Session
 from rigctl.values import Gap
 from tests.session.building import Bench, block, plan, record_plan, recorder, trial_row
 

@@ -12,11 +12,11 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.cli import verify as command
+from rigctl.cli.data import verify as command
 from rigctl.errors import SessionError
-from rigctl.session import read_ahead
-from rigctl.session.recorder import Recorder
-from rigctl.session.verify import verify
+from rigctl.session.read import buffered_array
+from rigctl.session.verify.session import verify
+from rigctl.session.write.recorder import Recorder
 from rigctl.values import Gap, Verdict
 from tests.session.building import (
     PROTOCOL,
@@ -149,7 +149,7 @@ def test_findings_do_not_depend_on_how_much_is_read_at_a_time(
         spoil_array("/taxels/edges", slice(0, 90), 0)(file)
         spoil_table("/trials", 1, first_sample=7)(file)
     at_once = verify(session)
-    monkeypatch.setattr(read_ahead, "STRETCH_ROWS", stretch)
+    monkeypatch.setattr(buffered_array, "STRETCH_ROWS", stretch)
     assert verify(session) == at_once
     assert len(at_once.problems) > 3
 

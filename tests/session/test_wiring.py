@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.config import RigConfig, TaxelArray
+from rigctl.config.rig_config import RigConfig, TaxelArray
 from rigctl.errors import SessionError
-from rigctl.session.header import IMPORTED, SessionHeader
-from rigctl.session.reader import Session
-from rigctl.session.recorder import Recorder
-from rigctl.session.verify import verify
-from rigctl.session.wiring import wiring_of, wiring_of_source
+from rigctl.session.format.header import IMPORTED, SessionHeader
+from rigctl.session.format.wiring import wiring_of, wiring_of_source
+from rigctl.session.read.session import Session
+from rigctl.session.verify.session import verify
+from rigctl.session.write.recorder import Recorder
 from rigctl.values import DRAWN_WIRING
 from tests.session.building import PROTOCOL, RIG, Bench, header, plan
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from rigctl import __version__
 from rigctl.cli import main
+from rigctl.config.resources import source_commit
 from rigctl.errors import ProtocolError, SessionError
-from rigctl.resources import source_commit
-from rigctl.session import layout
-from rigctl.session.reader import Session
-from rigctl.session.truth import load_truth, trial_truths
-from rigctl.session.verify import verify
-from rigctl.synth import work as making
-from rigctl.synth.generate import Order, Progress, generate, plan_of
+from rigctl.session.files.ground_truth import load_truth, trial_truths
+from rigctl.session.format import layout
+from rigctl.session.read.session import Session
+from rigctl.session.verify.session import verify
+from rigctl.synth import step_runner
+from rigctl.synth.dataset import Order, Progress, generate, plan_of
 from tests.run.floor import open_floor
 
 TEXT = """
@@ -121,8 +121,8 @@ def test_each_trial_has_its_load_cell_polls_and_truth(made: Path) -> None:
 def test_a_seed_gives_the_same_samples_however_they_are_batched(
     made: Path, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(making, "QUEUE_SAMPLES", 0)
-    monkeypatch.setattr(making, "TRUTH_ROWS", 0)
+    monkeypatch.setattr(step_runner, "QUEUE_SAMPLES", 0)
+    monkeypatch.setattr(step_runner, "TRUTH_ROWS", 0)
     make(protocol, tmp_path / "again", stop_at=2, workers=2)
     make(protocol, tmp_path / "other", seed=SEED + 1, stop_at=1)
     with (

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigctl.wire import cobs
+from rigctl.wire.taxels import cobs
 
 
 @given(st.binary(max_size=1200))

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rigctl.values import DrumState, LoadcellSample
-from rigctl.wire.drum_map import RING_DEPTH
-from rigctl.wire.drum_poll import PollDecoder
+from rigctl.wire.drum.poll import PollDecoder
+from rigctl.wire.drum.register_table import RING_DEPTH
 
 PERIOD_US = 12_500
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rigctl.errors import WrongUse
-from rigctl.wire import registers
-from rigctl.wire.drum_map import BY_NAME, END, REGISTERS, SETTINGS, SETTINGS_BLOCK
+from rigctl.wire.drum import registers
+from rigctl.wire.drum.register_table import BY_NAME, END, REGISTERS, SETTINGS, SETTINGS_BLOCK
 
 WRITABLE = [entry.name for entry in SETTINGS]
 

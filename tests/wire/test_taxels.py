@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from rigctl.values import Block
-from rigctl.wire import taxels
-from rigctl.wire.taxels import Decoded, Flag, FrameDecoder
+from rigctl.wire.taxels import frames as taxels
+from rigctl.wire.taxels.frames import Decoded, Flag, FrameDecoder
 
 IDENTITY = taxels.TaxelIdentity(
     firmware_version=0x0102, build_hash=0xDEADBEEF, boot_count=7, reset_cause=2

@@ -5,13 +5,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
+from rigctl.simulation.simulated_rig import Simulation
 from rigctl.values import Block
-from rigctl.wire.drum_map import BY_NAME, POLL_BLOCK, REGISTERS, UNIT, Command
-from rigctl.wire.drum_states import Fault, State
-from rigctl.wire.registers import BlockLayout, words_of
-from rigctl.wire.taxel_test import SelfTest
-from rigctl.wire.taxels import FrameDecoder, TaxelIdentity, TaxelStatus
-from rigctl.world.simulation import Simulation
+from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, REGISTERS, UNIT, Command
+from rigctl.wire.drum.registers import BlockLayout, words_of
+from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.taxels.frames import FrameDecoder, TaxelIdentity, TaxelStatus
+from rigctl.wire.taxels.self_test import SelfTest
 
 ANSWER_US = 60_000
 POLL_US = 20_000

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigctl.simulation.bench.bench import Bench
+from rigctl.simulation.bench.contact import contact_tables, footprint, mounted
+from rigctl.simulation.bench.load_cell import FULL_SCALE
+from rigctl.simulation.bench.mechanics import DEPTH_MM, FORCE_G, STANDING, Motion
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.textures import CATALOGUE, profile
+from rigctl.simulation.simulated_rig import LoadcellFault
 from rigctl.values import DRAWN_WIRING
-from rigctl.world.bench import Bench
-from rigctl.world.contact import contact_tables, footprint, mounted
-from rigctl.world.loadcell import FULL_SCALE
-from rigctl.world.parameters import WorldParameters
-from rigctl.world.plant import DEPTH_MM, FORCE_G, STANDING, Motion
-from rigctl.world.simulation import LoadcellFault
-from rigctl.world.textures import CATALOGUE, profile
 
 QUIET = WorldParameters(
     run_out_mm=0.0,

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from rigctl.errors import RigFault
-from rigctl.wire.drum_map import Command
-from rigctl.wire.drum_states import Fault, State
-from rigctl.wire.taxels import IDENTIFY, encode_request
-from rigctl.world.chip_board import BoardClock
-from rigctl.world.chips import ChipSimulation, open_chips
-from rigctl.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.chips.board import BoardClock
+from rigctl.simulation.chips.rig import ChipSimulation, open_chips
+from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.taxels.frames import IDENTIFY, encode_request
 from tests.firmware.building import built
 from tests.firmware.taxel_chip import TaxelChip
 from tests.world.host import BOOT_US, Host

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.wire.drum_map import END, Command
-from rigctl.world.virtual import open_virtual
+from rigctl.simulation.virtual_rig import open_virtual
+from rigctl.wire.drum.register_table import END, Command
 from tests.world.host import Host, Refused, crc, framed
 
 

@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 
 from rigctl import host_build
+from rigctl.config.resources import checkout
 from rigctl.errors import RigFault
-from rigctl.resources import checkout
-from rigctl.wire.drum_map import BY_NAME, Command
-from rigctl.wire.drum_states import State
-from rigctl.world.bench import Bench
-from rigctl.world.drum_bench import DrumBench
-from rigctl.world.host_drum import HostDrum
-from rigctl.world.host_taxels import HostTaxels
-from rigctl.world.parameters import WorldParameters
-from rigctl.world.virtual import open_virtual
+from rigctl.simulation.bench.bench import Bench
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.boards.drum_firmware import HostDrum
+from rigctl.simulation.boards.drum_stepper import DrumBench
+from rigctl.simulation.boards.taxel_firmware import HostTaxels
+from rigctl.simulation.virtual_rig import open_virtual
+from rigctl.wire.drum.register_table import BY_NAME, Command
+from rigctl.wire.drum.states import State
 
 ROOT = checkout()
 assert ROOT is not None

@@ -8,15 +8,15 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from rigctl.world.loop import WorldLoop
-from rigctl.world.simulation import (
+from rigctl.simulation.bench.ground_truth import Truth
+from rigctl.simulation.clock import WorldLoop
+from rigctl.simulation.simulated_rig import (
     DRUM,
     TAXELS,
     Disturbances,
     FaultPanel,
     SimulatedLink,
 )
-from rigctl.world.truth import Truth
 
 
 class ClockOnly:

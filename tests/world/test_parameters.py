@@ -7,9 +7,9 @@ import dataclasses
 import pytest
 
 from rigctl.errors import WrongUse
-from rigctl.world import reference
-from rigctl.world.parameters import WorldParameters, table
-from rigctl.world.virtual import open_virtual
+from rigctl.simulation.bench import parameter_tables
+from rigctl.simulation.bench.parameters import WorldParameters, table
+from rigctl.simulation.virtual_rig import open_virtual
 
 KINDS = ("published", "measured", "identified", "plausible")
 
@@ -35,4 +35,6 @@ def test_a_rig_at_either_end_of_every_range_opens_and_runs(end: str) -> None:
 
 
 def test_the_page_shows_the_table() -> None:
-    assert reference.main(["--check"]) == 0, "run python -m rigctl.world.reference"
+    assert parameter_tables.main(["--check"]) == 0, (
+        "run python -m rigctl.simulation.bench.parameter_tables"
+    )

@@ -16,8 +16,8 @@ import serial
 from pymodbus import FramerType
 from pymodbus.client import AsyncModbusTcpClient, ModbusSerialClient
 
-from rigctl.wire.drum_map import MAGIC
-from rigctl.wire.taxels import FrameDecoder
+from rigctl.wire.drum.register_table import MAGIC
+from rigctl.wire.taxels.frames import FrameDecoder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are of POSIX")
 DEADLINE_S = 60

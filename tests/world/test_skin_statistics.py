@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from rigctl.identification.measures import RANGES, Measures, measure
-from rigctl.identification.slides import slide
-from rigctl.world import reference
-from rigctl.world.parameters import WorldParameters
+from rigctl.identification.sliding import slide
+from rigctl.simulation.bench import parameter_tables
+from rigctl.simulation.bench.parameters import WorldParameters
 
 SEED, REPEATS = 1, 8
 
@@ -16,7 +16,7 @@ def test_the_skin_does_what_real_skins_do_and_the_page_says_so() -> None:
     print("\n".join(figures.lines()))
     for name, (low, high) in RANGES.items():
         assert low < getattr(figures, name) < high, name
-    page = reference.PAGE.read_text(encoding="utf-8")
+    page = parameter_tables.PAGE.read_text(encoding="utf-8")
     for line in shown(figures):
         assert line in page, f"{line}: write it into docs/reference/world.md"
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from rigctl.errors import LinkLost, WrongUse
-from rigctl.wire.drum_map import Command
-from rigctl.wire.drum_states import Fault, State
-from rigctl.wire.taxels import IDENTIFY, SELF_TEST, Flag, SelfTestBit, encode_request
-from rigctl.world.parameters import WorldParameters
-from rigctl.world.virtual import VirtualRig, open_virtual
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.virtual_rig import VirtualRig, open_virtual
+from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, Flag, SelfTestBit, encode_request
 from tests.world.host import Host, framed
 
 

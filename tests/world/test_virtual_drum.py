@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.wire.drum_map import MAGIC, Command, CommandResult, Status
-from rigctl.wire.drum_states import Fault, State
-from rigctl.world.virtual import VirtualRig, open_virtual
+from rigctl.simulation.virtual_rig import VirtualRig, open_virtual
+from rigctl.wire.drum.register_table import MAGIC, Command, CommandResult, Status
+from rigctl.wire.drum.states import Fault, State
 from tests.world.host import Host, Refused
 
 STEPS_PER_TURN = 12800

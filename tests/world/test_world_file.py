@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rigctl.config.resources import find_protocol
 from rigctl.errors import ConfigError, SessionError
 from rigctl.protocol import load_protocol
-from rigctl.resources import find_protocol
-from rigctl.world.parameters import ParameterInfo, Plate, WorldParameters, table
-from rigctl.world.textures import CATALOGUE, profile, texture
-from rigctl.world.world_file import (
+from rigctl.simulation.bench.parameters import ParameterInfo, Plate, WorldParameters, table
+from rigctl.simulation.bench.textures import CATALOGUE, profile, texture
+from rigctl.simulation.bench.world_file import (
     NOMINAL,
     World,
     load_world,

@@ -1,6 +1,6 @@
 // What the bench and the drum's virtual board tell each other between two runs.
 //
-// Whole numbers first, then reals, then what comes in rows: rigctl/world/host_drum.py mirrors it,
+// Whole numbers first, then reals, then what comes in rows: rigctl/simulation/boards/drum_firmware.py mirrors it,
 // and compares its size when the library is loaded.
 #ifndef HOST_DRUM_EXCHANGE_H
 #define HOST_DRUM_EXCHANGE_H

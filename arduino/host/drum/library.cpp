@@ -1,4 +1,4 @@
-// The drum's virtual board as a library of plain functions; rigctl/world/host_drum.py calls them.
+// The drum's virtual board as a library of plain functions; rigctl/simulation/boards/drum_firmware.py calls them.
 #include "../export.h"
 #include "drum_board.h"
 

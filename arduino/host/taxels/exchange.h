@@ -1,5 +1,5 @@
 // What the bench and the taxels' virtual board tell each other between two runs;
-// rigctl/world/host_taxels.py mirrors it and compares its size when the library is loaded.
+// rigctl/simulation/boards/taxel_firmware.py mirrors it and compares its size when the library is loaded.
 #ifndef HOST_TAXELS_EXCHANGE_H
 #define HOST_TAXELS_EXCHANGE_H
 

@@ -1,4 +1,4 @@
-// The taxels' virtual board as a library of plain functions; rigctl/world/host_taxels.py calls them.
+// The taxels' virtual board as a library of plain functions; rigctl/simulation/boards/taxel_firmware.py calls them.
 #include "../export.h"
 #include "taxel_board.h"
 

@@ -1,0 +1,124 @@
+"""One recorded trial: eighteen readings and thirty-six spike trains over one time axis."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QLineF, QRectF
+from PySide6.QtGui import QPainter
+from PySide6.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
+
+from gui.analysis.worker_tasks import TrialData
+from gui.live.history import N_ROWS
+from gui.live.raster import GROUPS, PER_GROUP, ROW_ORDER
+from gui.widgets.plot_axes import colour_axes, taxel_ticks, time_plot
+from gui.widgets.theme import Theme
+from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
+
+
+class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+    """Drag to move, wheel to zoom in time; both plots move together."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self.data: TrialData | None = None
+        self.samples_plot = time_plot(self.ci, 0, "Taxels (own range)", last=False)
+        self.spikes_plot = time_plot(self.ci, 1, "Spikes", last=True)
+        self.spikes_plot.setLabel("bottom", "time in the trial (s)")
+        self.spikes_plot.setXLink(self.samples_plot)
+        self.samples_plot.setYRange(-N_TAXELS, 0, padding=0)
+        self.spikes_plot.setYRange(-N_ROWS, 0, padding=0)
+        for plot in (self.samples_plot, self.spikes_plot):
+            plot.setMouseEnabled(x=True, y=False)
+        ticks = [(-place, text) for place, text in taxel_ticks()]
+        self.samples_plot.getAxis("left").setTicks([ticks, []])
+        groups = [(-(i + 0.5) * PER_GROUP, name) for i, name in enumerate(GROUPS)]
+        self.spikes_plot.getAxis("left").setTicks([groups, []])
+        self._title = self.samples_plot.titleLabel
+        self.set_theme(theme)
+        self.show_trial(None)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Draw in other colours."""
+        self._theme = theme
+        self.setBackground(theme.panel)
+        for plot in (self.samples_plot, self.spikes_plot):
+            colour_axes(plot, theme)
+        self.show_trial(self.data)
+
+    def show_trial(self, data: TrialData | None) -> None:
+        """Show another trial, or say that none is chosen."""
+        self.data = data
+        for plot in (self.samples_plot, self.spikes_plot):
+            plot.clear()
+        title = data.title if data is not None else "Open a session at the left, choose a trial"
+        self.samples_plot.setTitle(title, color=self._theme.muted, size="10pt")
+        if data is None or not len(data.samples):
+            return
+        self._draw_samples(data.samples)
+        self._draw_spikes(data)
+        self.samples_plot.setXRange(0, len(data.samples) / SAMPLE_RATE_HZ, padding=0)
+
+    def _draw_samples(self, samples: NDArray[np.uint16]) -> None:
+        low = samples.min(axis=0).astype(float)
+        room = np.maximum(samples.max(axis=0) - low, 1.0)
+        time_s = np.arange(len(samples)) / SAMPLE_RATE_HZ
+        half = N_TAXELS // 2
+        for layer in range(2):
+            taxels = np.arange(layer * half, (layer + 1) * half)
+            share = (samples[:, taxels] - low[taxels]) / room[taxels]
+            curve = pg.PlotCurveItem(
+                pen=pg.mkPen(self._theme.layers[layer], width=1), skipFiniteCheck=True
+            )
+            connect = np.ones((half, len(samples)), np.int32)
+            connect[:, -1] = 0
+            curve.setData(
+                np.tile(time_s, half),
+                (0.85 * share - 0.92 - taxels).T.ravel(),
+                connect=connect.ravel(),
+            )
+            self.samples_plot.addItem(curve)
+
+    def _draw_spikes(self, data: TrialData) -> None:
+        shown_row = np.argsort(ROW_ORDER)[data.spike_row]
+        time_s = data.spike_sample / SAMPLE_RATE_HZ
+        for group, colour in enumerate(self._theme.groups):
+            mine = shown_row // PER_GROUP == group
+            self.spikes_plot.addItem(
+                Ticks(time_s[mine], shown_row[mine], colour, len(data.samples) / SAMPLE_RATE_HZ)
+            )
+
+
+class Ticks(QGraphicsItem):
+    """Spikes as short vertical lines, drawn in one call."""
+
+    def __init__(
+        self,
+        time_s: NDArray[np.float64],
+        row: NDArray[np.int64],
+        colour: str,
+        length_s: float,
+    ) -> None:
+        super().__init__()
+        self._pen = pg.mkPen(colour, width=1)
+        self._length_s = length_s
+        self._lines = [
+            QLineF(t, -r - 0.1, t, -r - 0.9)
+            for t, r in zip(time_s.tolist(), row.tolist(), strict=True)
+        ]
+
+    def boundingRect(self) -> QRectF:
+        """The whole raster."""
+        return QRectF(0.0, -N_ROWS, self._length_s, N_ROWS)
+
+    def paint(
+        self,
+        painter: QPainter,
+        option: QStyleOptionGraphicsItem,
+        widget: QWidget | None = None,
+    ) -> None:
+        """Draw them."""
+        painter.setPen(self._pen)
+        painter.drawLines(self._lines)

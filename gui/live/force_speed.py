@@ -1,0 +1,98 @@
+"""Force and speed of the drum against time, each with its set-point."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QRectF
+from PySide6.QtGui import QPainter, QPen, QPolygonF
+from PySide6.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
+
+from gui.live.history import SPAN_S
+from gui.widgets.theme import Theme
+
+_HEADROOM = 1.1
+_NICE = (50, 100, 150, 200, 300, 400, 600, 800, 1200, 1600, 2000, 3000)
+
+
+class Line(QGraphicsItem):
+    """A line through points. Its place is fixed, so that new points cost their drawing only."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._points = QPolygonF()
+        self._pen = QPen()
+        self._top = 1.0
+
+    def set_pen(self, colour: str) -> None:
+        """Draw in another colour."""
+        self._pen = pg.mkPen(colour, width=1)
+        self.update()
+
+    def set_top(self, top: float) -> None:
+        """Reach from a little below 0 to ``top``."""
+        self.prepareGeometryChange()
+        self._top = top
+
+    def set_points(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+        """Go through other points, (n,) each."""
+        self._points = pg.functions.arrayToQPolygonF(x, y) if len(x) else QPolygonF()
+        self.update()
+
+    def boundingRect(self) -> QRectF:
+        """The whole plot."""
+        return QRectF(-float(SPAN_S), -0.1 * self._top, float(SPAN_S), 1.2 * self._top)
+
+    def paint(
+        self,
+        painter: QPainter,
+        option: QStyleOptionGraphicsItem,
+        widget: QWidget | None = None,
+    ) -> None:
+        """Draw it; a polyline with a thin pen costs a fifth of a path."""
+        painter.setPen(self._pen)
+        painter.drawPolyline(self._points)
+
+
+class SetPointPlot:
+    """A measured quantity over its set-point; the scale moves in round steps only."""
+
+    def __init__(self, plot: pg.PlotItem, colour_of: str, theme: Theme) -> None:
+        self._plot = plot
+        self._colour_of = colour_of
+        self._set_point, self._measured = Line(), Line()
+        for line in (self._set_point, self._measured):
+            plot.addItem(line)
+        self._top = 0.0
+        self._scale(0.0)
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Draw in other colours."""
+        self._set_point.set_pen(theme.set_point)
+        self._measured.set_pen(getattr(theme, self._colour_of))
+
+    def refresh(
+        self,
+        ago_s: NDArray[np.float64],
+        measured: NDArray[np.float64],
+        set_point: NDArray[np.float64],
+    ) -> None:
+        """Show (n,) values at ``ago_s`` (negative, newest last)."""
+        self._measured.set_points(ago_s, measured)
+        self._set_point.set_points(ago_s, set_point)
+        if len(ago_s):
+            self._scale(float(max(measured.max(), set_point.max())))
+
+    def _scale(self, highest: float) -> None:
+        wanted = highest * _HEADROOM
+        top = float(next((nice for nice in _NICE if nice >= wanted), wanted))
+        if top == self._top:
+            return
+        self._top = top
+        self._plot.setYRange(-0.04 * top, 1.04 * top, padding=0)
+        ticks = [(value, f"{value:.0f}") for value in (0.0, top / 2, top)]
+        self._plot.getAxis("left").setTicks([ticks, []])
+        for line in (self._set_point, self._measured):
+            line.set_top(top)

@@ -1,0 +1,92 @@
+"""Both sensor layers as they are pressed now: two 3 × 3 maps with the readings in counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QRectF, Qt
+from PySide6.QtGui import QColor, QFont, QPainter
+from PySide6.QtWidgets import QGraphicsWidget, QStyleOptionGraphicsItem, QWidget
+
+from gui.widgets.theme import Theme
+from rigctl.values import N_TAXELS
+
+TITLES = ("Type I, top layer", "Type II, bottom layer")
+SIDE = 3
+_TITLE_PX = 18
+_MEAN_OF = 32
+
+
+class HeatMap(QGraphicsWidget):
+    """Colour is the place in each taxel's own range, the number the reading in counts."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.theme = theme
+        self._counts = np.zeros(N_TAXELS)
+        self._share = np.zeros(N_TAXELS)
+        self._known = False
+        table = pg.colormap.get("viridis").getLookupTable(nPts=256)
+        self._colours = [QColor(*map(int, entry)) for entry in table]
+        self.setMinimumSize(120, 200)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Draw titles and frames in other colours."""
+        self.theme = theme
+        self.update()
+
+    def refresh(
+        self,
+        samples: NDArray[np.uint16],
+        low: NDArray[np.float64],
+        high: NDArray[np.float64],
+    ) -> None:
+        """Show the mean of the newest samples, (n, 18), against each taxel's range (18,)."""
+        self._known = len(samples) > 0
+        if self._known:
+            counts = samples[-_MEAN_OF:].mean(axis=0)
+            self._share = np.clip((counts - low) / np.maximum(high - low, 1.0), 0.0, 1.0)
+            self._counts = counts
+        self.update()
+
+    def paint(
+        self,
+        painter: QPainter,
+        option: QStyleOptionGraphicsItem,
+        widget: QWidget | None = None,
+    ) -> None:
+        """Draw both layers under each other, as large as the place allows."""
+        area = self.rect()
+        cell = min(area.width() / SIDE, (area.height() / 2 - _TITLE_PX - 4) / SIDE)
+        left = area.left() + (area.width() - SIDE * cell) / 2
+        for layer, title in enumerate(TITLES):
+            top = area.top() + layer * area.height() / 2
+            painter.setFont(self._font(8.5, QFont.Weight.Normal))
+            painter.setPen(QColor(self.theme.muted))
+            place = QRectF(area.left(), top, area.width(), _TITLE_PX)
+            painter.drawText(place, Qt.AlignmentFlag.AlignCenter, title)
+            self._paint_layer(painter, layer, QRectF(left, top + _TITLE_PX, cell, cell))
+
+    def _paint_layer(self, painter: QPainter, layer: int, first: QRectF) -> None:
+        painter.setFont(self._font(9.5, QFont.Weight.DemiBold))
+        for place in range(SIDE * SIDE):
+            row, column = divmod(place, SIDE)
+            cell = first.translated(column * first.width(), row * first.height())
+            self._paint_cell(painter, layer * SIDE * SIDE + place, cell.adjusted(1, 1, -1, -1))
+
+    def _paint_cell(self, painter: QPainter, taxel: int, cell: QRectF) -> None:
+        if not self._known:
+            painter.setPen(QColor(self.theme.line))
+            painter.drawRect(cell)
+            return
+        share = float(self._share[taxel])
+        painter.fillRect(cell, self._colours[int(share * 255)])
+        painter.setPen(QColor("#000000" if share > 0.55 else "#ffffff"))
+        painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, f"{self._counts[taxel]:.0f}")
+
+    def _font(self, points: float, weight: QFont.Weight) -> QFont:
+        font = QFont(self.font())
+        font.setPointSizeF(points)
+        font.setWeight(weight)
+        return font

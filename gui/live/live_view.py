@@ -1,0 +1,141 @@
+"""The live views: force, speed, traces and raster over one time axis; heat map and rates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtGui import QResizeEvent
+
+from gui.live.force_speed import SetPointPlot
+from gui.live.heatmap import HeatMap
+from gui.live.history import N_ROWS, SPAN_S, History
+from gui.live.raster import GROUPS, PER_GROUP, Raster, row_label
+from gui.live.scrolling_image import Strip
+from gui.live.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, RateBars
+from gui.live.traces import Traces
+from gui.widgets.plot_axes import colour_axes, quiet_plot, taxel_ticks, time_plot
+from gui.widgets.theme import Theme
+from rigctl.acquisition.live_buffer import LiveView
+
+DRUM_ROWS = 1200
+_RIGHT_PX = 216
+_ROW_LABEL_PX = 10
+_NUMBERS_EVERY = 3  # frames; figures that change thirty times a second cannot be read
+_STRETCH = {0: 2, 1: 2, 2: 5, 3: 6}
+
+
+class Scene(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+    """Everything that moves. Samples are pulled by :meth:`refresh`, never pushed."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.theme = theme
+        self.history = History()
+        self._span_s = float(SPAN_S)
+        self._frame = -1
+        self._build_time_plots(theme)
+        self._build_right(theme)
+        self.set_span(SPAN_S)
+        self.set_theme(theme)
+
+    def refresh(self, live: LiveView) -> int:
+        """Draw what is new; return the number of new samples."""
+        fresh = self.history.pull(live)
+        low, high = (np.asarray(side, float) for side in live.normalisation)
+        self.traces.set_range(low, high)
+        self._refresh_strip(self._trace_plot, self.traces)
+        self._refresh_strip(self._raster_plot, self.raster)
+        self._refresh_drum(live)
+        self._frame += 1
+        if self._frame % _NUMBERS_EVERY == 0:
+            self.heat_map.refresh(self.history.samples, low, high)
+            self.bars.refresh(self.history.spikes)
+        return fresh
+
+    def forget(self) -> None:
+        """Forget the past, as when another rig is connected."""
+        self.history.clear()
+        self._frame = -1
+
+    def set_span(self, span_s: float) -> None:
+        """Show the last ``span_s`` seconds, at most what the history holds."""
+        self._span_s = min(float(span_s), float(SPAN_S))
+        self._force_plot.setXRange(-self._span_s, 0.0, padding=0)
+        self.traces.set_span(self._span_s)
+        self.raster.set_span(self._span_s)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Draw everything in other colours."""
+        self.theme = theme
+        self.setBackground(theme.panel)
+        for part in (self.traces, self.raster, self.bars, self.heat_map, self.force, self.speed):
+            part.set_theme(theme)
+        for plot in (*self._time_plots, self._rate_plot):
+            colour_axes(plot, theme)
+        self._label_rows()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Name as many raster rows as there is room for."""
+        super().resizeEvent(event)
+        if hasattr(self, "_rate_plot"):
+            self._label_rows()
+
+    def _build_time_plots(self, theme: Theme) -> None:
+        labels = ("Force (g)", "Speed (mm/s)", "Taxels (own range)", "Spikes")
+        self._time_plots = [
+            time_plot(self.ci, row, label, last=row == 3) for row, label in enumerate(labels)
+        ]
+        self._force_plot, self._speed_plot, self._trace_plot, self._raster_plot = self._time_plots
+        for plot in self._time_plots[1:]:
+            plot.setXLink(self._force_plot)
+        self.force = SetPointPlot(self._force_plot, "force", theme)
+        self.speed = SetPointPlot(self._speed_plot, "speed", theme)
+        self.traces, self.raster = Traces(theme), Raster(theme)
+        _hold(self._trace_plot, self.traces)
+        _hold(self._raster_plot, self.raster)
+        self._trace_plot.getAxis("left").setTicks([taxel_ticks(), []])
+        for row, share in _STRETCH.items():
+            self.ci.layout.setRowStretchFactor(row, share)
+            self.ci.layout.setRowMinimumHeight(row, 54)
+
+    def _build_right(self, theme: Theme) -> None:
+        self.heat_map, self.bars = HeatMap(theme), RateBars(theme)
+        self.ci.addItem(self.heat_map, row=0, col=1, rowspan=3)
+        self._rate_plot = quiet_plot(self.ci, 3, 1)
+        self._rate_plot.setLabel("bottom", "rate, last second (Hz)")
+        self._rate_plot.getAxis("bottom").setHeight(self._raster_plot.getAxis("bottom").height())
+        self._rate_plot.getAxis("bottom").setTicks([[(hz, f"{hz}") for hz in RATE_TICKS_HZ], []])
+        self._rate_plot.hideAxis("left")
+        self._rate_plot.setXRange(0, FULL_SCALE_HZ, padding=0)
+        self._rate_plot.invertY(True)
+        self._rate_plot.setYRange(0, N_ROWS, padding=0)
+        self._rate_plot.addItem(self.bars)
+        self.ci.layout.setHorizontalSpacing(16)
+        self.ci.layout.setColumnFixedWidth(1, _RIGHT_PX)
+
+    def _refresh_strip(self, plot: pg.PlotItem, strip: Strip) -> None:
+        place = plot.getViewBox().sceneBoundingRect()
+        width = round(place.right()) - round(place.left())
+        height = round(place.bottom()) - round(place.top())
+        strip.refresh(self.history, width, height, self.devicePixelRatioF())
+
+    def _refresh_drum(self, live: LiveView) -> None:
+        window = live.drum(DRUM_ROWS)
+        newest_s = max(self.history.newest_s, float(window.time_s[-1]) if len(window) else 0.0)
+        shown = window.time_s > newest_s - self._span_s - 0.5
+        ago_s = window.time_s[shown] - newest_s
+        self.force.refresh(ago_s, window.force_g[shown], window.force_set_g[shown])
+        self.speed.refresh(ago_s, window.speed_mm_s[shown], window.speed_set_mm_s[shown])
+
+    def _label_rows(self) -> None:
+        row_px = self._raster_plot.getViewBox().height() / N_ROWS
+        rows = [(row + 0.5, row_label(row)) for row in range(N_ROWS)]
+        groups = [((i + 0.5) * PER_GROUP, name) for i, name in enumerate(GROUPS)]
+        ticks = rows if row_px >= _ROW_LABEL_PX else groups
+        self._raster_plot.getAxis("left").setTicks([ticks, []])
+
+
+def _hold(plot: pg.PlotItem, strip: Strip) -> None:
+    plot.invertY(True)
+    plot.setYRange(0, strip.n_rows, padding=0)
+    plot.addItem(strip)

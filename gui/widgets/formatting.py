@@ -1,0 +1,45 @@
+"""Numbers and states as a person reads them."""
+
+from __future__ import annotations
+
+from rigctl.wire.drum.states import FAULT_WORDS, Fault
+
+
+def fault_sentence(fault: int) -> str:
+    """What the board's fault number means and what to do; empty for no fault."""
+    if not fault:
+        return ""
+    if fault in Fault._value2member_map_:
+        return FAULT_WORDS[Fault(fault)]
+    return f"fault {fault}, which this program does not know: update it or the firmware"
+
+
+def duration(seconds: float | None) -> str:
+    """A stretch of time with its two largest units."""
+    if seconds is None:
+        return "–"
+    whole = max(0, round(seconds))
+    days, hours, minutes = whole // 86400, whole // 3600 % 24, whole // 60 % 60
+    if days:
+        return f"{days} d {hours} h"
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
+
+
+def size(n_bytes: float) -> str:
+    """A number of bytes in decimal units."""
+    for unit in ("B", "kB", "MB"):
+        if n_bytes < 1000:
+            return f"{n_bytes:.0f} {unit}"
+        n_bytes /= 1000
+    if n_bytes < 1000:
+        return f"{n_bytes:.1f} GB" if n_bytes < 100 else f"{n_bytes:.0f} GB"
+    return f"{n_bytes / 1000:.1f} TB"
+
+
+def age(seconds: float | None) -> str:
+    """How long ago, in ms while that is readable."""
+    if seconds is None:
+        return "–"
+    return f"{seconds * 1000:.0f} ms" if seconds < 1 else duration(seconds)

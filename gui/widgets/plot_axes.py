@@ -1,0 +1,55 @@
+"""Plots as this window wants them: fixed ranges, no menus, axes that line up."""
+
+from __future__ import annotations
+
+import pyqtgraph as pg
+from PySide6.QtWidgets import QGraphicsItem
+
+from gui.widgets.theme import Theme
+from rigctl.values import N_TAXELS
+
+LEFT_PX = 62
+_BOTTOM_PX = 34
+
+
+def quiet_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
+    """A plot that nobody can drag by accident and that never rescales itself."""
+    plot = layout.addPlot(row=row, col=column, enableMenu=False)
+    plot.hideButtons()
+    plot.setMouseEnabled(x=False, y=False)
+    plot.disableAutoRange()
+    for side in ("left", "bottom"):
+        # Replaying nine axes a frame costs more than all curves together; a pixmap does not.
+        plot.getAxis(side).setStyle(hideOverlappingLabels=False)
+        plot.getAxis(side).enableAutoSIPrefix(False)
+        plot.getAxis(side).setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
+    return plot
+
+
+def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> pg.PlotItem:
+    """A plot against time whose left axis is as wide as its neighbours'."""
+    plot = quiet_plot(layout, row, 0)
+    plot.setLabel("left", label)
+    plot.getAxis("left").setWidth(LEFT_PX)
+    plot.getAxis("bottom").setStyle(showValues=last)
+    if last:
+        plot.setLabel("bottom", "time before now (s)")
+        plot.getAxis("bottom").setHeight(_BOTTOM_PX)
+    else:
+        plot.getAxis("bottom").setHeight(6)
+    return plot
+
+
+def colour_axes(plot: pg.PlotItem, theme: Theme) -> None:
+    """Give a plot's axes, labels and paper the theme's colours."""
+    plot.getViewBox().setBackgroundColor(theme.plot)
+    for side in ("left", "bottom"):
+        axis = plot.getAxis(side)
+        axis.setPen(pg.mkPen(theme.line, width=1))
+        axis.setTextPen(pg.mkPen(theme.muted))
+        axis.setLabel(axis.labelText, units=None, color=theme.muted)
+
+
+def taxel_ticks() -> list[tuple[float, str]]:
+    """Names of every second taxel at the middle of its band."""
+    return [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(0, N_TAXELS, 2)]

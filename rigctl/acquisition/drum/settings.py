@@ -1,0 +1,101 @@
+"""What a rig's description and a trial ask of the drum, as settings and places in steps."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from rigctl.config.rig_config import DrumGeometry, Inverted, RigConfig, Signals
+from rigctl.protocol import Settle
+from rigctl.values import PlannedTrial
+from rigctl.wire.drum.register_table import BY_NAME, ForceMode, Signal
+
+FARTHEST_STEPS: Final = 1_900_000
+"""Targets of MOVE end at two million steps; before that the drum homes and counts anew."""
+
+_TARGET: Final = BY_NAME["move_target"]
+_FORCE_MODES = {
+    "hold": ForceMode.HOLD,
+    "lock": ForceMode.LOCK,
+    "position": ForceMode.POSITION,
+}
+
+
+def rig_settings(config: RigConfig) -> dict[str, float]:
+    """Settings that stay for a run, in engineering units by name."""
+    actuator, drum = config.actuator, config.drum
+    return {
+        "acceleration_set": drum.acceleration_mm_s2,
+        "run_in_set": drum.run_in_mm,
+        "move_speed_set": drum.rapid_mm_s,
+        "over_force": config.limits.over_force_g,
+        "lift_clearance_um": actuator.lift_clearance_mm * 1000,
+        "approach_limit_um": actuator.approach_limit_mm * 1000,
+        "stiffness_g_per_mm": actuator.stiffness_g_per_mm,
+        "dead_band_permille": actuator.dead_band_permille,
+        "scale_ug_per_count": config.loadcell.scale_ug_per_count,
+        "gain_p": actuator.gain_p_per_s,
+        "gain_i": actuator.gain_i_per_s,
+        "optional_signals": _bits(config.signals),
+        "signal_polarity": _bits(config.inverted),
+    }
+
+
+GUARDED: Final = ("over_force", "scale_ug_per_count", "optional_signals", "signal_polarity")
+"""Settings of a rig that decide what a force means or what stops it: the board takes them while it
+is lifted and at rest, with the emergency stop closed."""
+
+
+def _bits(flags: Signals | Inverted) -> int:
+    """The flags as bits of Signal."""
+    return sum(1 << signal for signal in Signal if getattr(flags, signal.name.lower()))
+
+
+def settle_settings(settle: Settle) -> dict[str, float]:
+    """When the force counts as settled."""
+    return {
+        "settle_band": settle.band_percent * 10,
+        "settle_time_ms": settle.time_s * 1000,
+        "approach_timeout_ms": settle.timeout_s * 1000,
+    }
+
+
+def trial_settings(trial: PlannedTrial, drum: DrumGeometry) -> dict[str, float]:
+    """Set-points of one trial."""
+    backward = (trial.direction == "backward") != drum.backwards
+    mode = _FORCE_MODES[trial.force_mode]
+    deep = mode is ForceMode.POSITION
+    press = {"depth_set_um": trial.depth_mm * 1000} if deep else {"force_set": trial.force_g}
+    return {
+        "speed_set": trial.speed_mm_s,
+        "travel_set": trial.travel_mm + drum.sync_margin_mm,
+        "direction_set": float(backward),
+        "force_mode": float(mode),
+        **press,
+    }
+
+
+def press_settings(force_g: float) -> dict[str, float]:
+    """An approach without travel, whatever the trials ask for."""
+    return {"force_set": force_g, "force_mode": float(ForceMode.HOLD)}
+
+
+def start_steps(trial: PlannedTrial, drum: DrumGeometry, mm_per_step: float) -> int:
+    """Where the trial's run-in begins, steps from the index mark within one turn."""
+    start_mm = drum.plate_start_mm
+    if trial.direction == "backward":
+        start_mm += drum.plate_length_mm
+    sign = -1 if drum.backwards else 1
+    return sign * round(start_mm / mm_per_step)
+
+
+def jog_target(steps_now: int, travel_mm: float, drum: DrumGeometry, mm_per_step: float) -> int:
+    """So much texture from here, forwards where positive, within what the board takes; steps."""
+    sign = -1 if drum.backwards else 1
+    target = steps_now + sign * round(travel_mm / mm_per_step)
+    return round(min(max(target, _TARGET.low), _TARGET.high))
+
+
+def nearest(within_turn: int, steps_now: int, steps_per_turn: int) -> int:
+    """The place within a turn that is the shortest way from here, in steps counted on."""
+    turns = round((steps_now - within_turn) / steps_per_turn)
+    return within_turn + steps_per_turn * turns

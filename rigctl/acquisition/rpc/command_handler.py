@@ -1,0 +1,237 @@
+"""The desk: what clients may ask of the engine, one method a command.
+
+Commands that move the rig are refused while a run is going; stop never is.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any
+
+from rigctl.acquisition.drum.motion import Motion
+from rigctl.acquisition.protocol.run_request import Order
+from rigctl.acquisition.protocol.runner import Run
+from rigctl.config.rig_config import Limits
+from rigctl.errors import WrongUse
+from rigctl.wire.drum.register_table import Command
+
+if TYPE_CHECKING:
+    from rigctl.acquisition.engine import Engine
+
+Result = dict[str, Any]
+TRAVEL_SLACK = 1.5
+TRAVEL_SLACK_S = 10.0
+
+OPERATORS = {
+    "speed_mm_s": "speed_set",
+    "force_g": "force_set",
+    "acceleration_mm_s2": "acceleration_set",
+    "travel_mm": "travel_set",
+    "run_in_mm": "run_in_set",
+}
+"""What an operator may set, and its register. All else decides what a force means, what stops the
+drum or how it is built: that stands in ``rig.toml``, in a protocol, or comes from a calibration."""
+
+
+class Desk:
+    """Answers requests. Every method returns the reply's result or raises RigctlError."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._commands: dict[str, Callable[..., Awaitable[Result]]] = {
+            name.removeprefix("on_"): method
+            for name, method in inspect.getmembers(self, inspect.iscoroutinefunction)
+            if name.startswith("on_")
+        }
+
+    async def handle(self, command: str, args: dict[str, Any]) -> Result:
+        """Answer one request. Raises WrongUse for what is no command or has wrong arguments."""
+        method = self._commands.get(command)
+        if method is None:
+            known = ", ".join(sorted(self._commands))
+            raise WrongUse(f"the engine knows no command {command!r}: it knows {known}")
+        _check_arguments(f"command {command}", method, args)
+        return await method(**args)
+
+    async def on_status(self) -> Result:
+        """How everything stands, as in the event of that name."""
+        return dict(self._engine.status())
+
+    async def on_arm(self) -> Result:
+        """Power up and lift off."""
+        await self._free_motion().arm()
+        return {}
+
+    async def on_disarm(self) -> Result:
+        """Lift off and switch the drivers off."""
+        await self._free_motion().disarm()
+        return {}
+
+    async def on_tare(self) -> Result:
+        """Take the load cell's reading as no load."""
+        await self._free_motion().tare()
+        return {}
+
+    async def on_home(self) -> Result:
+        """Find the index mark."""
+        await self._free_motion().home()
+        return {}
+
+    async def on_jog(self, mm: float) -> Result:
+        """Turn the lifted drum by so many mm of texture, forwards where positive; mm turned."""
+        motion = self._free_motion()
+        return {"moved_mm": await motion.jog(_number("mm", mm))}
+
+    async def on_set(self, **values: float) -> Result:
+        """Write what an operator may set; the values that the board took."""
+        motion = self._free_motion()
+        for name, value in values.items():
+            _check_setting(name, value, motion.config.limits)
+        registers = {OPERATORS[name]: value for name, value in values.items()}
+        taken = await motion.watch.drum.set(**registers)
+        motion.settings.update(taken)
+        return {name: taken[OPERATORS[name]] for name in values}
+
+    async def on_approach(self) -> Result:
+        """Press until the force has settled."""
+        await self._free_motion().approach()
+        return {}
+
+    async def on_run(self) -> Result:
+        """Turn through run-in, window and ramp."""
+        motion = self._free_motion()
+        settings = motion.settings
+        travel_mm = settings["run_in_set"] + settings["travel_set"]
+        await motion.run(TRAVEL_SLACK_S + TRAVEL_SLACK * travel_mm / settings["speed_set"])
+        return {}
+
+    async def on_retract(self) -> Result:
+        """Lift off from wherever the drum is."""
+        await self._free_motion().lift()
+        return {}
+
+    async def on_stop(self) -> Result:
+        """Stop and lift at once; a run ends."""
+        await self._engine.stop("stopped by a client")
+        return {}
+
+    async def on_clear_fault(self) -> Result:
+        """Clear the latched fault, where its cause is gone."""
+        await self._engine.bench.drum.command(Command.CLEAR)
+        return {}
+
+    async def on_start(
+        self,
+        protocol: str | None = None,
+        out: str | None = None,
+        seed: int | None = None,
+        yes: bool = False,
+        resume: str | None = None,
+    ) -> Result:
+        """Run a protocol into ``out``, or go on with the session in ``resume``."""
+        self._free_motion()
+        run = self._engine.start(Order(protocol, out, resume, seed, yes))
+        return {"session": str(run.folder)}
+
+    async def on_pause(self) -> Result:
+        """Lift off and hold the run."""
+        self._running().control.pause()
+        return {}
+
+    async def on_resume(self) -> Result:
+        """Go on; the interrupted trial is taken anew."""
+        self._running().control.resume()
+        return {}
+
+    async def on_abort(self) -> Result:
+        """End the run safely."""
+        self._running().control.abort("aborted by a client")
+        return {}
+
+    async def on_answer(self, prompt_id: int, answer: str) -> Result:
+        """Answer a question: ``ok`` goes on, ``abort`` ends the run."""
+        if not self._running().control.answer(prompt_id, answer):
+            raise WrongUse(f"question {prompt_id} is not the one that is asked")
+        return {}
+
+    async def on_plate(self, texture: str) -> Result:
+        """Say which plate is mounted; a simulated one changes by itself."""
+        self._free_motion()
+        return {"changed": self._engine.set_plate(texture)}
+
+    async def on_calibrate_range(self, seconds: float = 10.0) -> Result:
+        """Take the range that the taxels show in the next seconds for the encoder."""
+        found = await self._engine.boards.calibrate_range(float(seconds))
+        return {"low": found.low.tolist(), "high": found.high.tolist()}
+
+    async def on_test_taxels(self) -> Result:
+        """Have the taxel board test its lines and the sensor; what it found, a sentence each."""
+        self._free_motion()
+        taxels = self._engine.boards.taxels
+        await taxels.test()
+        return {"found": taxels.findings}
+
+    async def on_inject(self, fault: str, **args: Any) -> Result:
+        """Make something go wrong on a simulated bench."""
+        panel = self._engine.bench.faults
+        if panel is None:
+            raise WrongUse("faults can be injected on a simulated rig only")
+        method = getattr(panel, fault, None)
+        if fault.startswith("_") or not callable(method):
+            raise WrongUse(f"the simulated bench knows no fault {fault!r}")
+        _check_arguments(f"fault {fault}", method, args)
+        method(**args)
+        return {}
+
+    async def on_shutdown(self) -> Result:
+        """End the engine; the rig is made safe first."""
+        self._engine.end("the engine was told to end")
+        return {}
+
+    def _free_motion(self) -> Motion:
+        """The drum's moves, for a person; refused while a run has them."""
+        if self._engine.is_running:
+            raise WrongUse("a run is going: pause or abort it first")
+        return self._engine.boards.motion
+
+    def _running(self) -> Run:
+        run = self._engine.run
+        if run is None or run.ended:
+            raise WrongUse("no run is going: start one first")
+        return run
+
+
+def _check_setting(name: str, value: object, limits: Limits) -> None:
+    """Raise WrongUse for what is not an operator's to set, or not within this rig's limits."""
+    if name not in OPERATORS:
+        raise WrongUse(
+            f"{name} is not for an operator to set, who sets {', '.join(OPERATORS)}: change it in "
+            "rig.toml or in the protocol, or calibrate the rig"
+        )
+    number = _number(name, value)
+    bounds = {
+        "speed_mm_s": (limits.speed_min_mm_s, limits.speed_max_mm_s),
+        "force_g": (limits.force_min_g, limits.force_max_g),
+    }
+    low, high = bounds.get(name, (-math.inf, math.inf))
+    if not low <= number <= high:
+        raise WrongUse(
+            f"{name} {number:g} is outside of this rig's limits, {low:g} to {high:g}: choose one "
+            "within them, or change [limits] in rig.toml"
+        )
+
+
+def _number(name: str, value: object) -> float:
+    """The value. Raises WrongUse where it is no number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise WrongUse(f"{name} must be a number, not {value!r}")
+    return value
+
+
+def _check_arguments(what: str, method: Callable[..., object], args: dict[str, Any]) -> None:
+    try:
+        inspect.signature(method).bind(**args)
+    except TypeError as error:
+        raise WrongUse(f"{what}: {error}") from error

@@ -1,0 +1,49 @@
+"""A trial's first sample from the drum's own clock, for a rig without a sync wire.
+
+The drum notes when its window opens. Both boards' clocks are tied through the computer's: what
+arrives is late by the wire, by cables and by chance, and never early, so the earliest arrivals of
+the last seconds lie on a line. The time on the wire is known and taken off.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from rigctl.acquisition.taxels.clock_fit import ClockFit
+from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.wire.drum import register_table
+from rigctl.wire.taxels import frames
+
+CABLE_S = 0.004
+"""What one USB adapter may hold back at least and the other not: no clock shows it."""
+SAMPLE_S = 1.0 / SAMPLE_RATE_HZ
+_BITS_A_BYTE = 10
+_REPLY_BYTES = 2 * register_table.POLL_BLOCK[1] + 5
+POLL_WIRE_S = _REPLY_BYTES * _BITS_A_BYTE / register_table.BAUD
+"""From the drum's look at its clock to the last byte of the reply that holds it."""
+FRAME_WIRE_S = SAMPLE_S + frames.FRAME_BYTES * _BITS_A_BYTE / frames.BAUD
+"""From the start of a taxel frame's first reading to the frame's last byte."""
+
+
+class Place(NamedTuple):
+    """Board counter of the first sample behind the rise, and how far off it may be, ms."""
+
+    first_counter: int
+    uncertainty_ms: float
+
+
+def place_of(rise_us: int, drum: ClockFit, taxel: ClockFit) -> Place | None:
+    """Where in the taxel samples the drum's window opened at ``rise_us`` of its clock.
+
+    ``taxel`` pairs sample counters, in seconds of 1000 samples, with their arrivals. None where
+    either clock is not known yet.
+    """
+    drum_line, taxel_line = drum.earliest, taxel.earliest
+    if drum_line is None or taxel_line is None:
+        return None
+    rise_s = drum_line.loop_s(rise_us * 1e-6) - POLL_WIRE_S
+    counter_s = taxel_line.board_s(rise_s + FRAME_WIRE_S)
+    spread_s = drum_line.spread_s + taxel_line.spread_s
+    uncertainty_ms = 1000 * (SAMPLE_S + CABLE_S + spread_s)
+    return Place(math.ceil(counter_s / SAMPLE_S), round(uncertainty_ms, 2))

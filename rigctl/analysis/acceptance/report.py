@@ -1,0 +1,280 @@
+"""An acceptance session judged: limits, what was found, and a report with its figure."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rigctl.analysis.acceptance.measurements import Acceptance, Condition
+from rigctl.analysis.data.atomic_directory import appearing
+from rigctl.analysis.report.figures import MUTED, finish, save, tidy
+from rigctl.analysis.report.html_parts import STYLE, inline, table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+EARLIER = "Chaudhry et al., NER 2023, on the rig's predecessor"
+COLOURS = ("#00629e", "#c24e00", "#1a8a34", "#7a3e9d", "#c8102e")
+NOT_MEASURED = "not measured"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One line of the answer. ``passed`` is None where the session cannot tell."""
+
+    name: str
+    found: str
+    limit: str
+    earlier: str
+    passed: bool | None
+
+
+def judge(found: Acceptance) -> tuple[Check, ...]:
+    """Every check, in the order in which people read them."""
+    return (
+        _worst(found, "settling time, 95 of 100 presses", _p95_settle, 1.0, "s"),
+        _worst(found, "overshoot, highest of all presses", _overshoot, 5.0),
+        _worst(found, "mean force in the window", _mean_error, 1.0),
+        _worst(found, "drift, last ten less first ten", _drift, 0.5, earlier="3.4 % (SD 4.2 %)"),
+        _worst(found, "speed by the travel window", _window_speed, 0.5, earlier="4.6 % (SD 2.6 %)"),
+        _index_speed(found),
+        _steps(found),
+        _count("lost taxel samples", found.lost_samples),
+        _count("lost load-cell samples", found.loadcell_lost),
+        _count("presses that were rejected or broken off", found.not_committed),
+        _count("faults", len(found.faults)),
+    )
+
+
+def accepted(checks: Sequence[Check]) -> bool:
+    """Whether nothing failed; what could not be measured counts as failed."""
+    return all(check.passed for check in checks)
+
+
+def _p95_settle(condition: Condition) -> float:
+    settled = condition.column("settle_s")
+    # A press that never settled is slower than all others.
+    return float(np.percentile(np.where(np.isnan(settled), np.inf, settled), 95, method="lower"))
+
+
+def _overshoot(condition: Condition) -> float:
+    return 100.0 * float(condition.column("overshoot").max())
+
+
+def _mean_error(condition: Condition) -> float:
+    return 100.0 * float(condition.column("error").mean())
+
+
+def _drift(condition: Condition) -> float:
+    return 100.0 * condition.drift
+
+
+def _window_speed(condition: Condition) -> float:
+    return 100.0 * float(condition.column("speed_error").mean())
+
+
+def _worst(
+    found: Acceptance,
+    name: str,
+    value_of: Callable[[Condition], float],
+    limit: float,
+    unit: str = "%",
+    earlier: str = "",
+) -> Check:
+    """The condition that is furthest off."""
+    values = [(value_of(c), c) for c in found.conditions]
+    allowed = f"{limit:g} {unit}"
+    if any(math.isnan(value) for value, _ in values):
+        return Check(name, NOT_MEASURED, allowed, earlier, None)
+    worst, at = max(values, key=lambda pair: abs(pair[0]))
+    said = f"{worst:.2f} {unit} at {at.speed_mm_s:g} mm/s, {at.force_g:g} g"
+    return Check(name, said, allowed, earlier, abs(worst) <= limit)
+
+
+def _index_speed(found: Acceptance) -> Check:
+    name, limit = "speed by the index mark, lifted", 0.5
+    if not found.turns:
+        return Check(name, NOT_MEASURED, f"{limit:g} %", "", None)
+    worst = max(found.turns, key=lambda turns: float(np.abs(turns.errors).max()))
+    percent = 100.0 * float(worst.errors[np.abs(worst.errors).argmax()])
+    said = f"{percent:.3f} % at {worst.speed_mm_s:g} mm/s"
+    return Check(name, said, f"{limit:g} %", "", abs(percent) <= limit)
+
+
+def _steps(found: Acceptance) -> Check:
+    name, limit = "steps counted from mark to mark", 4
+    if not found.index_errors_steps:
+        return Check(name, NOT_MEASURED, f"{limit} steps", "", None)
+    worst = max(found.index_errors_steps, key=abs)
+    said = f"{worst} steps off, {len(found.index_errors_steps)} looks"
+    return Check(name, said, f"{limit} steps", "", abs(worst) <= limit)
+
+
+def _count(name: str, number: int) -> Check:
+    return Check(name, f"{number}", "0", "", number == 0)
+
+
+def as_plain(found: Acceptance, checks: Sequence[Check]) -> dict[str, Any]:
+    """Everything as JSON-able values; None where nothing was measured."""
+    return {
+        "session": str(found.path),
+        "simulated": found.simulated,
+        "rig": found.rig,
+        "start_utc": found.start_utc,
+        "accepted": accepted(checks),
+        "checks": [
+            {name: getattr(c, name) for name in ("name", "found", "limit", "earlier", "passed")}
+            for c in checks
+        ],
+        "conditions": [_plain_condition(c) for c in found.conditions],
+        "turns": [
+            {"speed_mm_s": t.speed_mm_s, "errors_percent": (100.0 * t.errors).round(4).tolist()}
+            for t in found.turns
+        ],
+        "faults": list(found.faults),
+    }
+
+
+def _plain_condition(condition: Condition) -> dict[str, Any]:
+    errors, speeds = condition.column("error"), condition.column("speed_error")
+    values = {
+        "settle_p95_s": _p95_settle(condition),
+        "overshoot_percent": _overshoot(condition),
+        "mean_error_percent": _mean_error(condition),
+        "press_sd_percent": 100.0 * float(errors.std(ddof=1)) if len(errors) > 1 else math.nan,
+        "drift_percent": _drift(condition),
+        "speed_error_percent": _window_speed(condition),
+        "speed_sd_percent": 100.0 * float(speeds.std(ddof=1)) if len(speeds) > 1 else math.nan,
+    }
+    known = {name: round(v, 4) if math.isfinite(v) else None for name, v in values.items()}
+    return {
+        "speed_mm_s": condition.speed_mm_s,
+        "force_g": condition.force_g,
+        "presses": len(condition.presses),
+        **known,
+    }
+
+
+def write_report(found: Acceptance, checks: Sequence[Check], out: Path) -> Path:
+    """Make the folder ``out``: report.html, acceptance.json, the figure. Returns the page.
+
+    Raises WrongUse where ``out`` is there already, DiskFault where it cannot be written.
+    """
+    with appearing(out) as folder:
+        plain = as_plain(found, checks)
+        text = json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)
+        (folder / "acceptance.json").write_text(text + "\n", encoding="utf-8")
+        figure = _figure(found, folder / "acceptance")
+        (folder / "report.html").write_text(_html(plain, figure), encoding="utf-8")
+    return out / "report.html"
+
+
+def _figure(found: Acceptance, stem: Path) -> Path:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 8.4), layout="constrained")
+    settle, drift, speed = figure.subplots(3, 1, gridspec_kw={"height_ratios": [1.2, 1.2, 0.8]})
+    forces = sorted({c.force_g for c in found.conditions})
+    colours = {force: COLOURS[i % len(COLOURS)] for i, force in enumerate(forces)}
+    for condition in found.conditions:
+        _draw_traces(settle, condition, colours[condition.force_g])
+        _draw_drift(drift, condition, colours[condition.force_g])
+    _label(settle, "time since contact (s)", "force over set-point (%)")
+    settle.set_ylim(0, 120)
+    _label(drift, "press", "mean force error (%)")
+    for force, colour in colours.items():
+        drift.plot([], [], color=colour, label=f"{force:g} g")
+    drift.legend(frameon=False, ncols=len(forces), loc="upper right")
+    _draw_speed(speed, found)
+    bench = "Simulated bench" if found.simulated else "Real bench"
+    presses = sum(len(c.presses) for c in found.conditions)
+    finish(figure, "Acceptance", f"{bench} · session {found.path.name} · {presses:,} presses")
+    return save(figure, stem)
+
+
+def _label(axes: Axes, x: str, y: str) -> None:
+    tidy(axes)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+
+
+def _draw_traces(axes: Axes, condition: Condition, colour: str) -> None:
+    for press in condition.presses[:: max(1, len(condition.presses) // 10)]:
+        percent = 100.0 * press.trace_g / condition.force_g
+        axes.plot(press.trace_s, percent, color=colour, lw=0.6, alpha=0.5)
+    axes.axhspan(98, 102, color=MUTED, alpha=0.12, lw=0)
+
+
+def _draw_drift(axes: Axes, condition: Condition, colour: str) -> None:
+    errors = 100.0 * condition.column("error")
+    axes.plot(np.arange(1, len(errors) + 1), errors, ".", ms=3, color=colour, alpha=0.7)
+    axes.axhspan(-1, 1, color=MUTED, alpha=0.06, lw=0)
+
+
+def _draw_speed(axes: Axes, found: Acceptance) -> None:
+    for condition in found.conditions:
+        errors = 100.0 * condition.column("speed_error")
+        axes.plot(np.full(len(errors), condition.speed_mm_s), errors, ".", ms=3, color=MUTED)
+    for turns in found.turns:
+        errors = 100.0 * turns.errors
+        axes.plot(np.full(len(errors), turns.speed_mm_s), errors, "x", ms=7, color=COLOURS[0])
+    _label(axes, "set speed (mm/s): · travel window, × whole turns by the mark", "speed error (%)")
+
+
+def _html(plain: dict[str, Any], figure: Path) -> str:
+    verdict = "Accepted" if plain["accepted"] else "Not accepted"
+    presses = sum(c["presses"] for c in plain["conditions"])
+    lead = escape(f"{presses:,} presses on {plain['rig']}, session of {plain['start_utc']}.")
+    simulated = (
+        "<p class=simulated><b>Simulated.</b> This is what the simulated bench does, not a rig.</p>"
+        if plain["simulated"]
+        else ""
+    )
+    faults = "".join(f"<li>{escape(fault)}</li>" for fault in plain["faults"])
+    body = (
+        f"<h1>{verdict}</h1><p class=lead>{lead}</p>{simulated}"
+        f"{_checks_table(plain['checks'])}"
+        f"<small>Force by the rig's own load cell. Settled: every mean over 200 ms from there on "
+        f"within 2 % until the drum turns. Earlier: {escape(EARLIER)}.</small>"
+        f"<h2>Every condition</h2>{_conditions_table(plain['conditions'])}"
+        f"<h2>Presses and turns</h2>{inline(figure, 'Force and speed')}"
+        + (f"<h2>Faults</h2><ul>{faults}</ul>" if faults else "")
+    )
+    return (
+        f"<!doctype html><html lang=en><meta charset=utf-8><title>{verdict}</title>"
+        '<meta name=viewport content="width=device-width">'
+        f"<style>{STYLE}</style><body>{body}</body></html>\n"
+    )
+
+
+def _checks_table(checks: Sequence[dict[str, Any]]) -> str:
+    words = {True: "pass", False: "<b>fail</b>", None: "<b>not measured</b>"}
+    rows = [
+        [escape(c["name"]), escape(c["found"]), c["limit"], c["earlier"] or "–", words[c["passed"]]]
+        for c in checks
+    ]
+    return table(["", "worst found", "limit", "earlier", ""], rows)
+
+
+def _conditions_table(conditions: Sequence[dict[str, Any]]) -> str:
+    heads = {
+        "speed_mm_s": "mm/s",
+        "force_g": "g",
+        "presses": "presses",
+        "settle_p95_s": "settles, s",
+        "overshoot_percent": "overshoot, %",
+        "mean_error_percent": "mean error, %",
+        "press_sd_percent": "SD, %",
+        "drift_percent": "drift, %",
+        "speed_error_percent": "speed, %",
+        "speed_sd_percent": "SD, %",
+    }
+    rows = [["–" if c[k] is None else f"{c[k]:.4g}" for k in heads] for c in conditions]
+    return table(list(heads.values()), rows)

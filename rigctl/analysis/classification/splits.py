@@ -1,0 +1,183 @@
+"""Which trials are learnt from and which are asked: the paper's draws, folds and extrapolation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.classification.held_out import stratified_folds
+from rigctl.analysis.data.trial_set import TrialSet
+from rigctl.analysis.paper import published
+from rigctl.errors import WrongUse
+
+Rows = NDArray[np.intp]
+Strings = NDArray[np.str_]
+FAMILIES = ("folds", "extrapolation", "leave-speed-out", "leave-force-out")
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """Labels and conditions of a set's trials, an element a trial.
+
+    ``texture``: int64 index into ``textures``; ``speed_mm_s``, ``force_g``: float64.
+    """
+
+    textures: tuple[str, ...]
+    texture: NDArray[np.int64]
+    speed_mm_s: NDArray[np.float64]
+    force_g: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, trials: TrialSet) -> Design:
+        """The design of a set of trials."""
+        names = trials.textures
+        return cls(
+            names,
+            np.array([names.index(t.texture) for t in trials.trials], np.int64),
+            np.array([t.speed_mm_s for t in trials.trials]),
+            np.array([t.force_g for t in trials.trials]),
+        )
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The paper's texture groups that are there; empty where a texture has none."""
+        if not all(name in published.GROUPS for name in self.textures):
+            return ()
+        return tuple(dict.fromkeys(published.GROUPS[name] for name in self.textures))
+
+    def classes(self, task: published.Task) -> tuple[str, ...]:
+        """Names of what a task tells apart."""
+        return self.groups if task.grouped else self.textures
+
+    def labels(self, task: published.Task) -> NDArray[np.int64]:
+        """Index of each trial's class in :meth:`classes`, int64."""
+        if not task.grouped:
+            return self.texture
+        of = [self.groups.index(published.GROUPS[name]) for name in self.textures]
+        return np.array(of, np.int64)[self.texture]
+
+    def conditions(self) -> list[Rows]:
+        """Rows of each texture × speed × force that is there, in a fixed order."""
+        keys = np.stack([self.texture, self.speed_mm_s, self.force_g], axis=1)
+        _, which = np.unique(keys, axis=0, return_inverse=True)
+        order = np.argsort(which.reshape(-1), kind="stable")
+        ends = np.cumsum(np.bincount(which.reshape(-1)))[:-1]
+        return list(np.split(order, ends))
+
+
+class Split(NamedTuple):
+    """One fit: rows to learn from, and rows to ask for each task's key."""
+
+    train: Rows
+    tests: dict[str, Rows]
+
+
+def splits(design: Design, family: str, seed: int, iteration: int) -> list[Split]:
+    """The fits of one iteration; equal for every representation.
+
+    Raises :class:`WrongUse`, saying why, where the trials do not allow them.
+    """
+    random = np.random.default_rng([seed, iteration, FAMILIES.index(family)])
+    if family == "folds":
+        return _folds(design, random)
+    if family == "extrapolation":
+        return [_extrapolation(design, random)]
+    levels = design.speed_mm_s if family == "leave-speed-out" else design.force_g
+    return _one_left_out(design, random, family, levels)
+
+
+def extrapolation_fits(design: Design) -> bool:
+    """Whether the paper's trained speeds and forces are there, and others to ask."""
+    speeds, forces = set(design.speed_mm_s.tolist()), set(design.force_g.tolist())
+    trained = _trained(design)
+    return (
+        set(published.TRAINED_SPEEDS_MM_S) < speeds
+        and set(published.TRAINED_FORCES_G) < forces
+        and len(np.unique(design.texture[trained])) == len(design.textures)
+    )
+
+
+def _folds(design: Design, random: np.random.Generator) -> list[Split]:
+    """A third of each texture's trials, dealt into four folds."""
+    counts = np.bincount(design.texture, minlength=len(design.textures))
+    n_folds = int(min(published.N_FOLDS, counts.min()))
+    if len(design.textures) < 2 or n_folds < 2:
+        raise WrongUse("it needs two textures or more, with two trials or more of each")
+    drawn = np.concatenate(
+        [
+            random.permutation(np.flatnonzero(design.texture == t))[: _drawn(int(n), n_folds)]
+            for t, n in enumerate(counts)
+        ]
+    )
+    labels = design.texture[drawn]
+    folds = stratified_folds(labels, n_folds, int(random.integers(2**63)))
+    return [
+        Split(drawn[train], {"textures": drawn[test], "groups": drawn[test]})
+        for train, test in folds
+    ]
+
+
+def _drawn(n: int, n_folds: int) -> int:
+    """A third, but never fewer than a fold each can have."""
+    return max(round(n * published.DRAWN_SHARE), n_folds)
+
+
+def _extrapolation(design: Design, random: np.random.Generator) -> Split:
+    if not extrapolation_fits(design):
+        raise WrongUse(
+            "it needs 40, 60, 80 mm/s and 250, 500 g of every texture, and a speed and a force more"
+        )
+    trained = _trained(design)
+    train: list[Rows] = []
+    tests: dict[str, list[Rows]] = {
+        key: [] for key in ("untrained-both", "untrained-force", "untrained-speed", "trained-both")
+    }
+    for rows in design.conditions():
+        mixed, n = random.permutation(rows), len(rows)
+        if trained[rows[0]]:
+            n_train = min(max(1, round(n * published.TRAINED_SHARE)), max(1, n - 1))
+            train.append(mixed[:n_train])
+            tests["trained-both"].append(mixed[n_train:])
+        else:
+            n_test = max(1, round(n * published.TESTED_SHARE))
+            tests[_kind_of_new(design, int(rows[0]))].append(mixed[:n_test])
+    joined = {key: np.concatenate(rows) for key, rows in tests.items() if rows}
+    return Split(np.concatenate(train), {key: rows for key, rows in joined.items() if len(rows)})
+
+
+def _trained(design: Design) -> NDArray[np.bool_]:
+    mask: NDArray[np.bool_] = np.isin(design.speed_mm_s, published.TRAINED_SPEEDS_MM_S) & np.isin(
+        design.force_g, published.TRAINED_FORCES_G
+    )
+    return mask
+
+
+def _kind_of_new(design: Design, row: int) -> str:
+    new_speed = design.speed_mm_s[row] not in published.TRAINED_SPEEDS_MM_S
+    new_force = design.force_g[row] not in published.TRAINED_FORCES_G
+    if new_speed and new_force:
+        return "untrained-both"
+    return "untrained-speed" if new_speed else "untrained-force"
+
+
+def _one_left_out(
+    design: Design, random: np.random.Generator, family: str, levels: NDArray[np.float64]
+) -> list[Split]:
+    """Three quarters of each condition drawn; each level asked in turn of the others' fit."""
+    if len(np.unique(levels)) < 2:
+        raise WrongUse("it needs two levels or more, one to leave out and one to learn from")
+    if len(design.textures) < 2:
+        raise WrongUse("it needs two textures or more")
+    drawn = np.concatenate(
+        [
+            random.permutation(rows)[: max(1, round(len(rows) * published.TRAINED_SHARE))]
+            for rows in design.conditions()
+        ]
+    )
+    return [
+        Split(drawn[levels[drawn] != level], {family: drawn[levels[drawn] == level]})
+        for level in np.unique(levels)
+    ]

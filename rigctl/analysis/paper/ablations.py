@@ -1,0 +1,231 @@
+"""What may explain an order of Table 1, measured on the same trials: variance, and each half alone.
+
+SA rates and RA counts are looked at apart, as C acts on the SA current only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.classification.splits import Design, splits
+from rigctl.analysis.classification.sweep_engines import Engine, answer
+from rigctl.analysis.execution.executor import HERE, Crew, Progress, work_through
+from rigctl.analysis.features.representations import RepresentationSet
+from rigctl.analysis.paper import published
+from rigctl.analysis.paper.tasks import Settings, TaskResult
+
+DRAWS = 3
+HALVES = ("SA", "RA")
+ROWS_AT_ONCE = 512
+
+Floats = NDArray[np.float64]
+
+
+class Half(NamedTuple):
+    """SA rates or RA counts of one representation.
+
+    ``texture``, ``speed``, ``force``: share of the variance between trials, summed over features,
+    that the levels of one factor explain alone; ``within``: share inside conditions.
+    ``first_window``: share of what speed explains that lies in the first window.
+    ``mean_by_force``: mean over trials and features at each force level, ascending.
+    """
+
+    variance: float
+    texture: float
+    speed: float
+    force: float
+    within: float
+    first_window: float
+    mean_by_force: tuple[float, ...]
+
+
+class Evidence(NamedTuple):
+    """``halves``: by representation key, then SA and RA.
+
+    ``alone``: accuracy from one half alone, by task, representation and half, with as many
+    components as the task shows; mean of the first ``draws`` draws.
+    """
+
+    forces_g: tuple[float, ...]
+    halves: dict[str, dict[str, Half]]
+    alone: dict[str, dict[str, dict[str, float]]]
+    draws: int
+
+
+class _Look(NamedTuple):
+    features: Path
+    design: Design
+    n_windows: int
+
+
+class _Ask(NamedTuple):
+    features: Path
+    design: Design
+    half: int
+    family: str
+    tasks: tuple[published.Task, ...]
+    k: int
+    seed: int
+    draw: int
+
+
+def measure(
+    made: RepresentationSet,
+    results: Sequence[TaskResult],
+    settings: Settings,
+    *,
+    crew: Crew = HERE,
+    progress: Progress = lambda stage, done, all_: None,
+) -> Evidence | None:
+    """Evidence for the tasks of Table 1; None where none of them was run.
+
+    The draws are the first of those that the results come from.
+    """
+    asked = [result for result in results if result.task.key in published.TABLE_1]
+    if not asked:
+        return None
+    design = Design.of(made.trials)
+    looks = [
+        _Look(made.files[r.key], design, layout.n_windows)
+        for r in made.present
+        for layout in [made.scaled if r.speed_scaled else made.unscaled]
+    ]
+    found = work_through(
+        _halves, looks, crew=crew, stage="what explains the features", progress=progress
+    )
+    halves = {r.key: both for r, both in zip(made.present, found, strict=True)}
+    draws = min(DRAWS, settings.iterations)
+    alone = _alone(made, design, asked, (settings.seed, draws), crew, progress)
+    return Evidence(made.trials.forces_g, halves, alone, draws)
+
+
+def _halves(look: _Look) -> dict[str, Half]:
+    """Both halves of one representation's features, read a few rows at a time."""
+    features: Floats = np.load(look.features, mmap_mode="r")
+    conditions = look.design.conditions()
+    which = np.empty(len(features), np.intp)
+    for number, rows in enumerate(conditions):
+        which[rows] = number
+    sums = np.zeros((len(conditions), features.shape[1]))
+    squares = np.zeros(features.shape[1])
+    offset = features[0].copy()  # keeps the difference of large sums exact enough
+    for at in range(0, len(features), ROWS_AT_ONCE):
+        rows = features[at : at + ROWS_AT_ONCE] - offset
+        np.add.at(sums, which[at : at + ROWS_AT_ONCE], rows)
+        squares += (rows**2).sum(axis=0)
+    first = np.array([rows[0] for rows in conditions])
+    counts = np.array([len(rows) for rows in conditions], np.float64)
+    width = features.shape[1] // 2
+    return {
+        name: _half(
+            sums[:, at : at + width],
+            squares[at : at + width],
+            counts,
+            [levels[first] for levels in _factors(look.design)],
+            look.n_windows,
+            offset[at : at + width],
+        )
+        for name, at in zip(HALVES, (0, width), strict=True)
+    }
+
+
+def _factors(design: Design) -> tuple[NDArray[np.generic], ...]:
+    return design.texture, design.speed_mm_s, design.force_g
+
+
+def _half(
+    sums: Floats,
+    squares: Floats,
+    counts: Floats,
+    factors: Sequence[NDArray[np.generic]],
+    n_windows: int,
+    offset: Floats,
+) -> Half:
+    """Of condition sums (conditions, features), sums of squares and the levels of conditions."""
+    n = counts.sum()
+    about_mean = sums.sum(axis=0) ** 2 / n
+    total = float((squares - about_mean).sum())
+    if total <= 0.0:
+        return Half(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, tuple(_means(sums, counts, factors[2], offset)))
+
+    def between(levels: NDArray[np.generic]) -> Floats:
+        explained: Floats = -about_mean
+        for level in np.unique(levels):
+            at = levels == level
+            explained += sums[at].sum(axis=0) ** 2 / counts[at].sum()
+        return explained
+
+    texture, speed, force = (between(levels) for levels in factors)
+    within = float((squares - (sums**2 / counts[:, None]).sum(axis=0)).sum())
+    of_speed = max(float(speed.sum()), np.finfo(float).tiny)
+    return Half(
+        total / n,
+        float(texture.sum()) / total,
+        float(speed.sum()) / total,
+        float(force.sum()) / total,
+        max(0.0, within / total),
+        float(speed[::n_windows].sum()) / of_speed,
+        tuple(_means(sums, counts, factors[2], offset)),
+    )
+
+
+def _means(
+    sums: Floats, counts: Floats, levels: NDArray[np.generic], offset: Floats
+) -> list[float]:
+    return [
+        float((sums[levels == level].sum(axis=0) / counts[levels == level].sum() + offset).mean())
+        for level in np.unique(levels)
+    ]
+
+
+def _alone(
+    made: RepresentationSet,
+    design: Design,
+    asked: Sequence[TaskResult],
+    draws: tuple[int, int],
+    crew: Crew,
+    progress: Progress,
+) -> dict[str, dict[str, dict[str, float]]]:
+    """``draws``: seed, and how many."""
+    jobs, names = [], []
+    for family in dict.fromkeys(result.task.family for result in asked):
+        of_family = [result for result in asked if result.task.family == family]
+        tasks, k = tuple(r.task for r in of_family), min(r.shown for r in of_family)
+        for r in made.present:
+            for half, name in enumerate(HALVES):
+                for draw in range(draws[1]):
+                    path = made.files[r.key]
+                    jobs.append(_Ask(path, design, half, family, tasks, k, draws[0], draw))
+                    names.append((r.key, name))
+    shares: dict[tuple[str, str, str], list[float]] = {}
+    stage = "asking SA rates and RA counts alone"
+    scores = work_through(_asked_alone, jobs, crew=crew, stage=stage, progress=progress)
+    for (key, name), score in zip(names, scores, strict=True):
+        for task, share in score.items():
+            shares.setdefault((task, key, name), []).append(share)
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for (task, key, name), several in shares.items():
+        found.setdefault(task, {}).setdefault(key, {})[name] = float(np.mean(several))
+    return found
+
+
+def _asked_alone(ask: _Ask) -> dict[str, float]:
+    """Share of right answers in each task of a family, from one half of the features."""
+    features = np.load(ask.features, mmap_mode="r")
+    width = features.shape[1] // 2
+    half = features[:, ask.half * width : (ask.half + 1) * width]
+    fits = splits(ask.design, ask.family, ask.seed, ask.draw)
+    labels = {task.key: ask.design.labels(task) for task in ask.tasks}
+    answers = answer(half, labels, fits, min(ask.k, width), Engine.OWN)
+    right, asked = dict.fromkeys(labels, 0), dict.fromkeys(labels, 0)
+    for fit, found in zip(fits, answers, strict=True):
+        for key, said in found.predictions.items():
+            truth = labels[key][fit.tests[key]]
+            right[key] += int((said[-1] == truth).sum())
+            asked[key] += len(truth)
+    return {key: right[key] / asked[key] for key in labels if asked[key]}

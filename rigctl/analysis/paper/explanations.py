@@ -1,0 +1,120 @@
+"""Why an order of the paper's Table 1 may not stand here: sentences made of measured numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rigctl.analysis.features.representations import Representation
+from rigctl.analysis.paper.ablations import Evidence, Half
+from rigctl.analysis.paper.comparisons import CEILING, Pair, Verdict
+from rigctl.analysis.paper.tasks import Curve, TaskResult
+
+NEAR_CHANCE = 1.5
+
+
+def why(pair: Pair, result: TaskResult, evidence: Evidence | None) -> tuple[str, ...]:
+    """What was measured beside a pair that does not hold; nothing for one that does."""
+    if pair.verdict is Verdict.HOLDS:
+        return ()
+    said = [_of_the_gap(pair, result), *_of_the_level(pair, result)]
+    if evidence is not None:
+        said += _of_halves(pair, result, evidence)
+        for factor in ("speed", "force"):
+            said += _of_factor(pair, factor, evidence)
+    blind = _blind(pair.better.representation, result)
+    if blind is not None:
+        share = _percent(float(blind.mean[result.shown - 1]))
+        name = pair.better.representation.name
+        said.append(f"with C that knows no texture {name} reaches {share}")
+    return tuple(said)
+
+
+def _of_the_gap(pair: Pair, result: TaskResult) -> str:
+    if pair.spread is None:
+        return "a single draw has no spread to compare with"
+    gap = f"ours differ by {_points(pair.gap)}, two standard deviations are {_points(pair.spread)}"
+    if not pair.holds_at:
+        return f"{gap}; it holds with no number of components up to {result.k_max}"
+    where = f"{_ranges(pair.holds_at)} components"
+    return f"{gap}; it holds with {where}"
+
+
+def _of_the_level(pair: Pair, result: TaskResult) -> list[str]:
+    k = result.shown - 1
+    better, worse = float(pair.better.mean[k]), float(pair.worse.mean[k])
+    if min(better, worse) > CEILING:
+        return [f"both are above {CEILING:.0%}, which leaves no room for a difference"]
+    if max(better, worse) < NEAR_CHANCE * result.chance:
+        return [f"both are near chance ({_percent(result.chance)}), where nothing is told apart"]
+    return []
+
+
+def _of_halves(pair: Pair, result: TaskResult, evidence: Evidence) -> list[str]:
+    """Accuracies from one half alone, and where the order is there in it."""
+    alone = evidence.alone.get(result.task.key, {})
+    better, worse = (alone.get(key) for key in pair.keys)
+    if better is None or worse is None:
+        return []
+    names = [curve.representation.name for curve in (pair.better, pair.worse)]
+    told = [
+        f"from {what} alone {names[0]} reaches {_percent(better[half])}, {names[1]} "
+        f"{_percent(worse[half])}"
+        for half, what in (("SA", "SA rates"), ("RA", "RA counts"))
+    ]
+    return ["; ".join(told)]
+
+
+def _of_factor(pair: Pair, factor: str, evidence: Evidence) -> list[str]:
+    """What speed or force explains, where one of the pair is scaled for it and the other is not."""
+    both = pair.better.representation, pair.worse.representation
+    scaled = [r for r in both if (r.speed_scaled if factor == "speed" else r.force)]
+    if len(scaled) != 1 or any(r.key not in evidence.halves for r in both):
+        return []
+    halves = [evidence.halves[r.key] for r in both]
+    told = " and ".join(
+        f"{_percent(getattr(halves[0][half], factor))} of the variance of {what} in "
+        f"{both[0].name}, {_percent(getattr(halves[1][half], factor))} in {both[1].name}"
+        for half, what in (("SA", "SA rates"), ("RA", "RA counts"))
+    )
+    said = [f"{factor} explains {told}"]
+    of_scaled = evidence.halves[scaled[0].key]
+    if factor == "force":
+        said.append(_of_ra(of_scaled["RA"], evidence.forces_g))
+    else:
+        said.append(
+            f"{_percent(of_scaled['SA'].first_window)} of what speed explains of SA rates in "
+            f"{scaled[0].name} lies in the first window, where each neuron starts from rest"
+        )
+    return said
+
+
+def _of_ra(half: Half, forces_g: Sequence[float]) -> str:
+    low, high = half.mean_by_force[0], half.mean_by_force[-1]
+    ratio = f"{high / low:.2f} times" if low > 0 else "not to be compared with"
+    return (
+        "C acts on the SA current only: the mean RA count at "
+        f"{forces_g[-1]:g} g is {ratio} that at {forces_g[0]:g} g"
+    )
+
+
+def _blind(better: Representation, result: TaskResult) -> Curve | None:
+    return result.curve(f"{better.key}_blind") if better.sees_labels else None
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """As 3–7, 12."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{r[0]}–{r[-1]}" if len(r) > 1 else str(r[0]) for r in runs)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _points(share: float) -> str:
+    return f"{100 * share:.1f} points"

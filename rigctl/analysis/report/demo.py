@@ -1,0 +1,122 @@
+"""A recorded session to two figures and one sentence: encode, tell textures apart, draw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rigctl.analysis.classification.held_out import (
+    HeldOut,
+    LabelledTrials,
+    Progress,
+    classify_held_out,
+    wilson_interval,
+)
+from rigctl.analysis.report.figures import TrialPicture, accuracy_figure, raster_figure
+from rigctl.encoding.encoder import encode_trials
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.errors import SessionError, WrongUse
+from rigctl.session.read.session import Session
+
+
+@dataclass(frozen=True, slots=True)
+class DemoAnswer:
+    """What came out: a sentence for people, the figures, the predictions, and remarks."""
+
+    sentence: str
+    raster: Path
+    accuracy: Path
+    held_out: HeldOut
+    remarks: tuple[str, ...]
+
+
+def analyse_session(
+    path: Path, figures: Path, *, progress: Progress = lambda stage, share: None
+) -> DemoAnswer:
+    """Classify a session's textures and draw; figures go into the folder ``figures``.
+
+    Raises SessionError for what is no session or holds no complete trial, WrongUse where there
+    is nothing to tell apart.
+    """
+    with Session.open(path) as session:
+        progress("reading trials", 0.0)
+        rows, remarks = _complete_trials(session)
+        trials = _labelled(session, rows)
+        held_out = classify_held_out(trials, seed=session.header.seed, progress=progress)
+        origin = origin_of(session)
+        progress("drawing", 1.0)
+        accuracy = accuracy_figure(held_out, origin, figures / "accuracy")
+        picture = _liveliest(session, rows, trials, origin)
+    raster = raster_figure(picture, figures / "raster")
+    return DemoAnswer(answer_sentence(held_out), raster, accuracy, held_out, remarks)
+
+
+def answer_sentence(held_out: HeldOut) -> str:
+    """Accuracy beside chance, with n and its interval."""
+    correct, n = held_out.correct(held_out.shown), held_out.n
+    low, high = wilson_interval(correct, n)
+    return (
+        f"held-out accuracy {correct / n:.1%} ({correct} of n = {n} trials, 95 % interval "
+        f"{low:.0%}–{high:.0%}; chance {held_out.chance:.1%}) with {held_out.shown} principal "
+        f"components in {held_out.n_folds} stratified folds; taxel ranges (min/max), PCA and LDA "
+        "from each fold's training part only"
+    )
+
+
+def origin_of(session: Session) -> str:
+    """Where a session's data come from, for the foot of a figure."""
+    header = session.header
+    bench = "Simulated bench" if header.simulated else "Real bench"
+    seed = f", seed {header.simulation['seed']}" if "seed" in header.simulation else ""
+    return f"{bench} ({header.rig}{seed}) · session {session.path.name} · begun {header.start_utc}"
+
+
+def _complete_trials(session: Session) -> tuple[list[int], tuple[str, ...]]:
+    """Rows of committed trials without a gap, and a remark on those left out."""
+    committed = [int(row) for row in session.committed()]
+    rows = [row for row in committed if len(session.samples(row)) == session.trials[row]["count"]]
+    if not rows:
+        raise SessionError(f"{session.path} holds no complete trial yet: record some first")
+    left_out = [int(session.trials[row]["trial_id"]) for row in committed if row not in rows]
+    if not left_out:
+        return rows, ()
+    named = ", ".join(map(str, left_out[:5])) + (" …" if len(left_out) > 5 else "")
+    return rows, (f"left out for gaps in their samples: trial {named}",)
+
+
+def _labelled(session: Session, rows: list[int]) -> LabelledTrials:
+    table = session.trials[rows]
+    speeds = [float(v) for v in table["speed_mm_s"]]
+    if min(speeds) <= 0:
+        raise WrongUse(f"{session.path} holds trials without motion: textures need a moving drum")
+    return LabelledTrials(
+        [np.ascontiguousarray(session.samples(row)) for row in rows],
+        speeds,
+        [str(name) for name in table["texture"]],
+    )
+
+
+def _liveliest(
+    session: Session, rows: list[int], trials: LabelledTrials, origin: str
+) -> TrialPicture:
+    """The trial with the highest rate of RA spikes, with its force."""
+    ranges = Normalisation.over(trials.samples, "all trials of the session")
+    spikes = encode_trials(trials.samples, ranges)
+    half = spikes[0].n_trains // 2
+    fast = [(s.row_start[-1] - s.row_start[half]) / max(s.n_samples, 1) for s in spikes]
+    best = int(np.argmax(fast))
+    trial = session.trial_row(rows[best]).trial
+    drum = session.drum(rows[best])
+    return TrialPicture(
+        f"Texture {trial.texture} at {trial.speed_mm_s:g} mm/s and {trial.force_g:g} g: "
+        f"spikes of {spikes[best].n_trains} model neurons",
+        f"{origin} · trial {trial.trial_id} · taxel ranges over the session",
+        trials.samples[best],
+        spikes[best],
+        trial.speed_mm_s,
+        trial.force_g,
+        drum.loadcell_s,
+        np.asarray(drum.loadcell["force_g"], np.float64),
+    )

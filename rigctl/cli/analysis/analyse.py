@@ -1,0 +1,136 @@
+"""``rigctl analyse``: recorded sessions to the paper's figures and table, in one report folder."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rigctl.cli.options.encoder import (
+    add_encoder,
+    add_means,
+    cache_of,
+    crew_of,
+    parameters_of,
+    ranges_of,
+)
+from rigctl.cli.options.stages import StageLine
+
+
+def add_parser(subparsers: Any) -> None:
+    """Describe the command line."""
+    parser = subparsers.add_parser(
+        "analyse",
+        help="encode sessions and classify their textures as the paper does",
+        description="Encode sessions in the paper's four representations and two whose force "
+        "scaling knows no texture, tell textures apart over 1 to 50 principal components in many "
+        "draws, and write a report: report.html, results.json, table1.csv and figures.",
+    )
+    parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
+    parser.add_argument("--out", required=True, metavar="REPORT", help="folder to be made")
+    parser.add_argument("--iterations", type=int, default=20, metavar="N", help="draws (20)")
+    parser.add_argument("--k-max", type=int, default=50, metavar="K", help="components (50)")
+    parser.add_argument(
+        "--engine",
+        choices=("own", "sklearn"),
+        default="own",
+        help="own: one decomposition a fold; sklearn: a pipeline for each k (slow, equal)",
+    )
+    parser.add_argument(
+        "--c",
+        type=Path,
+        metavar="FILE",
+        help="take C from a model or a spikes.h5, not from a search; its rate error is measured",
+    )
+    parser.add_argument(
+        "--sensitivity",
+        action="store_true",
+        help="a table over all encoder presets, with 10 components and the same draws",
+    )
+    parser.add_argument(
+        "--task",
+        action="append",
+        default=[],
+        metavar="TASK",
+        help="textures, groups, extrapolation, leave-speed-out or leave-force-out; may be "
+        "repeated (default: all that fit the set)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the draws (0)")
+    parser.add_argument("--trial", type=int, metavar="ID", help="trial of the figure of one taxel")
+    parser.add_argument("--taxel", type=int, metavar="N", help="its taxel, from 1")
+    add_encoder(parser)
+    add_means(parser)
+    _add_model(parser)
+
+
+def _add_model(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("a model to keep, for rigctl classify")
+    group.add_argument("--save-model", type=Path, metavar="FILE", help="learnt from all trials")
+    group.add_argument(
+        "--representation", metavar="NAME", help='such as "Original" (default: "Speed Scaled")'
+    )
+    group.add_argument("--components", type=int, metavar="K", help="principal components (50)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the report; the last lines on standard output say where it is."""
+    from rigctl.analysis.classification.sweep_engines import Engine
+    from rigctl.analysis.paper.tasks import Settings
+    from rigctl.analysis.report.report_folder import Report, Request, make_report
+
+    engine = Engine(args.engine)
+    request = Request(
+        tuple(Path(name) for name in args.sessions),
+        Path(args.out),
+        Settings(args.iterations, args.k_max, args.seed, engine, tuple(args.task)),
+        parameters_of(args),
+        args.reference_force,
+        args.trial,
+        args.taxel,
+        _model_of(args),
+        args.c,
+        args.sensitivity,
+        ranges_of(args),
+    )
+    kept, line = cache_of(args), StageLine(sys.stderr)
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    try:
+        with crew_of(args) as crew:
+            report: Report = make_report(request, now, kept=kept, crew=crew, progress=line.show)
+    finally:
+        line.end()
+        kept.trim()
+    print(summary(report), flush=True)
+    return 0
+
+
+def _model_of(args: argparse.Namespace) -> Any:
+    """The model that is asked for, None for none."""
+    from rigctl.analysis.classification.training import ModelRequest
+    from rigctl.errors import WrongUse
+
+    said = {"representation": args.representation, "components": args.components}
+    given = {name: value for name, value in said.items() if value is not None}
+    if args.save_model is not None:
+        return ModelRequest(args.save_model, **given)
+    if given:
+        raise WrongUse(f"--{next(iter(given))} is of a model to keep: name one with --save-model")
+    return None
+
+
+def summary(report: Any) -> str:
+    """Remarks, one line a task, and where the files are."""
+    lines = [f"note: {remark}" for remark in report.remarks]
+    for result in report.results:
+        shares = (
+            f"{curve.representation.name} {curve.mean[result.shown - 1]:.1%}"
+            for curve in result.curves
+        )
+        lines.append(f"{result.task.title} ({result.shown} components): {', '.join(shares)}")
+    names = {"report": "report.html", "results": "results.json", "table": "table1.csv"}
+    files = {k: report.folder / v for k, v in names.items()}
+    if report.model is not None:
+        files["model"] = report.model
+    return "\n".join([*lines, *(f"{k}: {path}" for k, path in files.items())])

@@ -1,0 +1,70 @@
+"""``rigctl classify MODEL SESSION…``: a trained model asked for every trial of some sessions."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from rigctl.cli.options.stages import StageLine
+
+
+def add_parser(subparsers: Any) -> None:
+    """Describe the command line."""
+    parser = subparsers.add_parser(
+        "classify",
+        help="ask a trained model for the textures of a session",
+        description="Encode the trials of sessions as the model's were and say which texture each "
+        "is of, with its posterior. Models are made by rigctl analyse --save-model.",
+    )
+    parser.add_argument("model", type=Path, metavar="MODEL", help="a model file")
+    parser.add_argument("sessions", nargs="+", type=Path, metavar="SESSION", help="folders")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="write the answers: .json, or CSV for the rest"
+    )
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (1)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print or write the answers; the last line says how many are right."""
+    from rigctl.analysis.classification.classify_sessions import classify
+    from rigctl.analysis.classification.predictions import as_csv, as_lines, as_plain
+    from rigctl.analysis.execution.executor import processes
+    from rigctl.errors import WrongUse
+    from rigctl.session.files.model_file import check_new, load_model
+
+    if args.workers < 1:
+        raise WrongUse("--workers must be at least 1")
+    if args.out is not None:
+        check_new(args.out)
+    model = load_model(args.model)
+    line = StageLine(sys.stderr)
+    try:
+        with processes(args.workers) as crew:
+            found = classify(model, args.sessions, crew=crew, progress=line.show)
+    finally:
+        line.end()
+    plain = json.dumps(as_plain(found), allow_nan=False, ensure_ascii=False)
+    if args.out is not None:
+        _write(args.out, plain + "\n" if args.out.suffix == ".json" else as_csv(found))
+    print(plain if args.json else as_lines(found, every_trial=args.out is None))
+    if args.out is not None and not args.json:
+        print(f"answers: {args.out}")
+    return 0
+
+
+def _write(path: Path, text: str) -> None:
+    """The file appears whole or not at all."""
+    from rigctl.errors import DiskFault
+
+    partial = path.with_name(f"{path.name}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.rename(path)
+    except OSError as error:
+        raise DiskFault(f"{path} cannot be written: {error.strerror or error}") from error
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,43 @@
+"""``rigctl info SESSION``: what a session is and holds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from rigctl.session.summary import info
+
+
+def add_parser(subparsers: Any) -> None:
+    """Describe the command line."""
+    parser = subparsers.add_parser("info", help="show what a session is and holds")
+    parser.add_argument("session", type=Path, help="a session's folder")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print it; raises SessionError for a folder that is no session."""
+    answer = info(args.session)
+    if args.json:
+        print(json.dumps(answer, ensure_ascii=False))
+        return 0
+    width = max(map(len, answer))
+    for name, value in answer.items():
+        print(f"{name.replace('_', ' '):<{width}}  {_say(value)}")
+    return 0
+
+
+def _say(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name.replace('_', ' ')} {_say(item)}" for name, item in value.items())
+    if isinstance(value, list):
+        return " ".join(map(_say, value)) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:g}"
+    if value is None:
+        return "–"
+    return f"{value:,}" if isinstance(value, int) else str(value)

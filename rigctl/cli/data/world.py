@@ -1,0 +1,69 @@
+"""``rigctl world``: a simulated bench as a world file; and ``--world``, which takes one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigctl.errors import SessionError
+
+if TYPE_CHECKING:
+    from rigctl.simulation.bench.world_file import World
+
+
+def add_world(parser: argparse.ArgumentParser) -> None:
+    """Add ``--world FILE`` to a command that makes a simulated rig."""
+    parser.add_argument(
+        "--world",
+        type=Path,
+        metavar="FILE",
+        help="a simulated rig's plates, sensor and mechanics; `rigctl world` prints them",
+    )
+
+
+def chosen_world(path: Path | None) -> World | None:
+    """Return the world of a file, None where none was named. Raises ConfigError."""
+    from rigctl.simulation.bench.world_file import load_world
+
+    return None if path is None else load_world(path)
+
+
+def session_world(folder: Path) -> World | None:
+    """Return the world that a session holds, None where it holds none. Raises SessionError."""
+    from rigctl.session.read.session import Session
+    from rigctl.simulation.bench.world_file import recorded_world
+
+    with Session.open(folder) as session:
+        return recorded_world(session.header.simulation, folder)
+
+
+def add_parser(subparsers: Any) -> None:
+    """Describe the command line."""
+    parser = subparsers.add_parser(
+        "world",
+        help="print a simulated bench as a world file",
+        description="Print every parameter of a simulated bench with its range, unit and meaning, "
+        "as a file that --world takes. Exit code 2: the file or session has no such bench.",
+    )
+    parser.add_argument(
+        "source",
+        type=Path,
+        nargs="?",
+        metavar="FILE|SESSION",
+        help="a world file to complete, or a session; the nominal bench where there is none",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the world."""
+    from rigctl.simulation.bench.world_file import NOMINAL, world_toml
+
+    if args.source is not None and args.source.is_dir():
+        world = session_world(args.source)
+        if world is None:
+            raise SessionError(f"{args.source} holds no simulated bench: it was not made in one")
+    else:
+        world = chosen_world(args.source) or NOMINAL
+    print(world_toml(world.parameters), end="")
+    return 0

@@ -1,0 +1,45 @@
+"""``rigctl accept SESSION``: does a rig do what it should? Exit code 0 yes, 1 no."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+ACCEPTED, NOT_ACCEPTED = 0, 1
+
+
+def add_parser(subparsers: Any) -> None:
+    """Describe the command line."""
+    parser = subparsers.add_parser(
+        "accept",
+        help="judge a rig by the session of its acceptance protocol",
+        description="Judge force, drift, speed, steps and losses of a rig from a session recorded "
+        "with protocols/acceptance.toml. Exit code 0: accepted; 1: not; 2: no such session.",
+    )
+    parser.add_argument("session", type=Path, help="a session's folder")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="also make a report folder")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print a line a check, then the answer; make the report if asked to."""
+    from rigctl.analysis.acceptance.measurements import measure
+    from rigctl.analysis.acceptance.report import accepted, as_plain, judge, write_report
+
+    found = measure(args.session)
+    checks = judge(found)
+    page = write_report(found, checks, args.out) if args.out else None
+    if args.json:
+        print(json.dumps(as_plain(found, checks), ensure_ascii=False, allow_nan=False))
+    else:
+        for check in checks:
+            verdict = {True: "pass", False: "FAIL", None: "????"}[check.passed]
+            earlier = f"; earlier rig {check.earlier}" if check.earlier else ""
+            print(f"{verdict}  {check.name}: {check.found} (limit {check.limit}{earlier})")
+        whose = "the simulated rig" if found.simulated else "the rig"
+        print(f"{whose} is {'accepted' if accepted(checks) else 'not accepted'}")
+        if page is not None:
+            print(f"report: {page}")
+    return ACCEPTED if accepted(checks) else NOT_ACCEPTED

@@ -1,0 +1,130 @@
+"""``rigctl check PROTOCOL``: what a protocol would do, before anything moves."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from rigctl.config.resources import find_protocol
+from rigctl.config.rig_config import RigConfig, load_config
+from rigctl.errors import NegativeAnswer
+from rigctl.protocol import Plan, load_protocol
+
+NOMINAL = ("virtual", "firmware")
+"""Simulated rigs are the nominal one."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Describe the command line."""
+    parser = subparsers.add_parser(
+        "check", help="show trials, plate changes, time and disk need of a protocol"
+    )
+    parser.add_argument("protocol", help="a file, or the name of a protocol that comes with us")
+    parser.add_argument("--seed", type=int, help="order by this seed, not by the written one")
+    parser.add_argument(
+        "--rig", default=NOMINAL[0], metavar="RIG", help="virtual, firmware, or a rig.toml"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="answer no if the disk of DIR has too little room"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the answer; raises ProtocolError for a protocol that cannot be run."""
+    config = RigConfig() if args.rig in NOMINAL else load_config(Path(args.rig))
+    plan = load_protocol(find_protocol(args.protocol), config).plan(args.seed)
+    answer = describe(plan)
+    if args.json:
+        print(json.dumps(answer, ensure_ascii=False))
+    else:
+        print(table(answer))
+    if args.out:
+        _check_room(args.out, plan.bytes_estimate)
+    return 0
+
+
+def describe(plan: Plan) -> dict[str, Any]:
+    """What there is to say about a plan, as plain values."""
+    protocol = plan.protocol
+    return {
+        "protocol": protocol.name,
+        "description": protocol.description,
+        "textures": list(protocol.textures),
+        "speeds_mm_s": list(protocol.speeds_mm_s),
+        "forces_g": list(protocol.forces_g),
+        "depths_mm": list(protocol.depths_mm),
+        "repeats": protocol.repeats,
+        "travel_mm": protocol.travel_mm,
+        "force_mode": protocol.force_mode,
+        "order": protocol.order,
+        "seed": plan.seed,
+        "trials": len(plan.trials),
+        "steps": len(plan.steps),
+        "plate_changes": plan.plate_changes,
+        "trial_seconds": round(sum(t.duration_s for t in plan.trials), 3),
+        "rig_seconds": round(plan.duration_s, 1),
+        "people_seconds": round(plan.people_s, 1),
+        "bytes": plan.bytes_estimate,
+        "hash": plan.hash,
+    }
+
+
+def table(answer: dict[str, Any]) -> str:
+    """The answer for people, two columns."""
+    presses = "forces_g" if answer["forces_g"] else "depths_mm"
+    rows = (
+        ("protocol", f"{answer['protocol']} – {answer['description']}".rstrip(" –")),
+        ("textures", " ".join(answer["textures"]) or "none"),
+        ("speeds", _numbers(answer["speeds_mm_s"], "mm/s")),
+        ("forces" if presses == "forces_g" else "depths", _numbers(answer[presses], presses[-2:])),
+        ("order", _order(answer)),
+        ("trials", f"{answer['trials']:,} of {answer['travel_mm']:g} mm"),
+        ("steps", f"{answer['steps']:,}"),
+        ("plate changes", str(answer["plate_changes"])),
+        ("samples", f"{_time(answer['trial_seconds'])} of trials"),
+        ("rig time", _time(answer["rig_seconds"])),
+        ("with plate changes", _time(answer["rig_seconds"] + answer["people_seconds"])),
+        ("disk", _size(answer["bytes"])),
+        ("plan", answer["hash"]),
+    )
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def _check_room(folder: Path, need: int) -> None:
+    existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    free = shutil.disk_usage(existing).free
+    if need > free:
+        raise NegativeAnswer(
+            f"the disk of {folder} has {_size(free)} free, the protocol needs {_size(need)}: "
+            "make room or choose another disk"
+        )
+
+
+def _numbers(values: list[float], unit: str) -> str:
+    unit = {"_g": "g", "mm": "mm"}.get(unit, unit)
+    return f"{', '.join(f'{value:g}' for value in values)} {unit}" if values else "none"
+
+
+def _order(answer: dict[str, Any]) -> str:
+    return f"shuffled by seed {answer['seed']}" if answer["order"] == "shuffled" else "blocked"
+
+
+def _time(seconds: float) -> str:
+    whole = round(seconds)
+    hours, minutes = whole // 3600, whole // 60 % 60
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
+
+
+def _size(count: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.0f} {unit}"
+        count /= 1000
+    return f"{count:.1f} GB"

@@ -1,0 +1,100 @@
+"""``rigctl engine``: the process that holds a rig; started by other commands and by the window."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import secrets
+import signal
+import sys
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rigctl.acquisition.engine import Doors, Engine
+from rigctl.acquisition.live_buffer import LiveWriter
+from rigctl.acquisition.protocol.run_request import Order
+from rigctl.acquisition.rpc.engine_files import Announcement, announce, new_name, runtime_folder
+from rigctl.acquisition.rpc.server import await_client, listen
+from rigctl.cli.data.world import add_world, chosen_world, session_world
+from rigctl.rig import open_rig
+
+if TYPE_CHECKING:
+    from rigctl.simulation.bench.world_file import World
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """``engine`` is hidden: people start it through run, gui and demo."""
+    parser = subparsers.add_parser("engine")
+    parser.add_argument("--rig", required=True)
+    parser.add_argument("--name", default=None)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--paced", action="store_true")
+    parser.add_argument("--protocol", default=None)
+    parser.add_argument("--out", default=None)
+    parser.add_argument("--resume", default=None)
+    parser.add_argument("--order-seed", type=int, default=None)
+    parser.add_argument("--yes", action="store_true")
+    add_world(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Open the rig, announce the engine, wait for the client that wanted it, serve."""
+    folder, name, token = runtime_folder(), args.name or new_name(), secrets.token_urlsafe(24)
+    order = _order(args)
+    rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
+    with closing(rig), listen() as listener:
+        live = LiveWriter(folder / f"{name}.live")
+        watched = args.paced or not rig.simulated
+        engine = Engine(rig, live, _utc_now, args.seed, watched)
+        port = listener.getsockname()[1]
+        path = announce(
+            folder, Announcement(name, os.getpid(), port, token, args.rig, str(live.path))
+        )
+        try:
+            # Simulated time has not begun yet, so when the client comes changes no sample.
+            doors = Doors(listener, token, await_client(listener, token))
+            _end_on_signals(rig.loop, engine)
+            return rig.loop.run_until_complete(engine.serve(doors, order))
+        finally:
+            live.close()
+            _drop_empty(folder / f"{name}.log")
+            path.unlink(missing_ok=True)
+
+
+def _order(args: argparse.Namespace) -> Order | None:
+    if args.protocol is None and args.resume is None:
+        return None
+    return Order(args.protocol, args.out, args.resume, args.order_seed, args.yes)
+
+
+def _world(args: argparse.Namespace) -> World | None:
+    """The world of the file named, or else that of the session to go on with."""
+    if args.world is None and args.resume is not None:
+        return session_world(Path(args.resume))
+    return chosen_world(args.world)
+
+
+def _end_on_signals(loop: asyncio.AbstractEventLoop, engine: Engine) -> None:
+    """A signal ends the engine like a client would: run aborted, rig safe, session whole."""
+
+    def end() -> None:
+        engine.end("the engine was told to end by a signal")
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if sys.platform == "win32":
+            signal.signal(number, lambda *_: loop.call_soon_threadsafe(end))
+        else:
+            loop.add_signal_handler(number, end)
+
+
+def _drop_empty(log: Path) -> None:
+    """Whoever started us gave us a log; one in which nothing stands is of no use to anybody."""
+    if sys.platform != "win32" and log.is_file() and log.stat().st_size == 0:
+        log.unlink()
+
+
+def _utc_now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,0 +1,88 @@
+"""``rigctl ports``: which serial ports there are, and which board answers on each."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from rigctl.devices.port_discovery import PortReport, look_at_all
+from rigctl.wire.drum.register_table import SettingsFrom
+from rigctl.wire.reset_causes import reset_words
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "ports",
+        help="list serial ports and the board on each",
+        description="Ask every serial port which board is there. Opening a port resets its board.",
+    )
+    parser.add_argument("port", nargs="*", help="ask these ports only")
+    parser.add_argument("--json", action="store_true", help="one JSON list")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask the ports and print what answered."""
+    with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
+        reports = runner.run(_look(args.port))
+    if args.json:
+        print(json.dumps([_as_json(report) for report in reports]))
+    elif not reports:
+        print("no serial port found: plug a board in")
+    for report in reports if not args.json else ():
+        print("\n  ".join([_as_line(report), *_findings(report)]))
+    return 0
+
+
+async def _look(ports: list[str]) -> list[PortReport]:
+    return await look_at_all(asyncio.get_running_loop(), ports)
+
+
+def _as_line(report: PortReport) -> str:
+    board = report.identity
+    if board is None:
+        return f"{report.port}: {report.text}"
+    supply = "" if report.supply_v is None else f", supply {report.supply_v:.2f} V"
+    return (
+        f"{report.port}: {board.board} board, firmware {board.firmware_version}, "
+        f"build {board.build_hash}, boot {board.boot_count} by {reset_words(board.reset_cause)}"
+        f"{supply}"
+    )
+
+
+def _findings(report: PortReport) -> tuple[str, ...]:
+    counted = (_counted(report.counters),) if report.counters else ()
+    if report.self_test is None:
+        return counted
+    return (*counted, *(report.self_test or ("self-test: nothing found",)))
+
+
+def _counted(counters: Mapping[str, int]) -> str:
+    stored = counters.get("settings_from")
+    settings = "" if stored is None else f", settings {SettingsFrom(stored).name.lower()}"
+    return (
+        f"{counters['late_ticks']} late ticks, longest interrupt {counters['longest_isr_us']} µs, "
+        f"{counters['free_stack_bytes']} bytes of stack never used, idle "
+        f"{counters['idle_permille'] / 10:g} %{settings}"
+    )
+
+
+def _as_json(report: PortReport) -> dict[str, object]:
+    board = report.identity
+    return {
+        "port": report.port,
+        "description": report.description,
+        "board": board.board if board else None,
+        "firmware": board.firmware_version if board else None,
+        "build": board.build_hash if board else None,
+        "boot_count": board.boot_count if board else None,
+        "reset": reset_words(board.reset_cause) if board else None,
+        "supply_v": report.supply_v,
+        "self_test": None if report.self_test is None else list(report.self_test),
+        "counters": dict(report.counters),
+        "text": report.text,
+    }

@@ -1,0 +1,218 @@
+"""``rigctl run``: a protocol from start to end, as a client of an engine of its own."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from types import FrameType
+from typing import Any
+
+from rigctl.acquisition.health.notices import wiring_notice
+from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.cli.data.world import add_world
+from rigctl.cli.options.progress import Progress
+from rigctl.errors import WrongUse
+from rigctl.session.format.layout import RIG_FILE
+from rigctl.session.read.session import Session
+
+INTERRUPTED = 130
+LOOK_S = 0.1
+EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
+KEYS = "p pause · r resume · a abort · c clear a fault · each with Enter"
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """``run PROTOCOL`` or ``run --resume DIR``."""
+    parser = subparsers.add_parser(
+        "run",
+        help="run a protocol into a session",
+        description="Run a protocol into a session. Exit code 0: every trial is committed; "
+        "1: the run ended and some could not be; 2: wrong use; 3: the rig or the disk failed; "
+        "130: stopped by somebody. The session is whole in every case.",
+    )
+    parser.add_argument("protocol", nargs="?", metavar="PROTOCOL", help="a file, or a name")
+    parser.add_argument("--rig", metavar="RIG", help="virtual, firmware, or a rig.toml")
+    add_world(parser)
+    parser.add_argument("--out", metavar="DIR", help="the folder that becomes the session")
+    parser.add_argument("--resume", metavar="DIR", help="go on with a session")
+    parser.add_argument("--seed", type=int, help="of the order and of a simulated rig")
+    parser.add_argument("--yes", action="store_true", help="change simulated plates unasked")
+    parser.add_argument("--paced", action="store_true", help="simulated time in step with ours")
+    parser.add_argument("--json", action="store_true", help="one JSON line at the end")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Start an engine on the rig, have it run the protocol, watch it to the end."""
+    if (args.protocol is None) == (args.resume is None):
+        raise WrongUse("give a protocol to run, or --resume with a session, not both")
+    rig = _rig(args)
+    if notice := wiring_notice(rig):
+        print(f"rigctl: {notice}", file=sys.stderr, flush=True)
+    client = EngineClient.start(
+        rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
+    )
+    watcher = Watcher(client, Progress(sys.stderr, quiet=args.json))
+    with watcher.interruptible():
+        try:
+            ended = watcher.watch()
+        finally:
+            client.shut_down()
+    _report(ended, args.json)
+    if ended["state"] == "done":
+        return 0 if ended["trials_committed"] == ended["trials_planned"] else 1
+    return EXIT_CODES[ended["state"]]
+
+
+class Watcher:
+    """Follows a run: shows it, passes on what is typed and what is interrupted."""
+
+    def __init__(self, client: EngineClient, progress: Progress) -> None:
+        self._client = client
+        self._progress = progress
+        self._typed: SimpleQueue[str] = SimpleQueue()
+        self._interrupts = 0
+        self._prompt: dict[str, Any] | None = None
+        self._no_more_answers = False
+
+    def watch(self) -> dict[str, Any]:
+        """Until the run has ended; its part of the last status."""
+        threading.Thread(target=self._read_keys, daemon=True, name="keys").start()
+        told = 0
+        while True:
+            for message in self._client.wait(LOOK_S):
+                ended = self._take(message)
+                if ended is not None:
+                    self._progress.end()
+                    return ended
+            told = self._pass_on_interrupts(told)
+            self._pass_on_keys()
+
+    def interruptible(self) -> _Signals:
+        """While entered, Ctrl-C and a polite kill stop the run safely instead of us."""
+        return _Signals(self._interrupt)
+
+    def _take(self, message: dict[str, Any]) -> dict[str, Any] | None:
+        if message.get("event") == "status":
+            run = message["data"]["run"]
+            self._progress.show(message["data"], time.monotonic())
+            self._note_prompt(run["prompt"])
+            return dict(run) if run["state"] in ("done", "aborted", "failed") else None
+        if message.get("event") in ("fault", "link", "pause", "resume", "message", "stop"):
+            self._progress.say(message["text"])
+        elif message.get("ok") is False:
+            self._progress.say(str(message["error"]))
+        return None
+
+    def _note_prompt(self, prompt: dict[str, Any] | None) -> None:
+        if prompt == self._prompt:
+            return
+        self._prompt = prompt
+        if prompt is None:
+            return
+        self._progress.say(f"{prompt['text']} [Enter, or a to abort]")
+        if self._no_more_answers:
+            self._end_unanswered()
+
+    def _end_unanswered(self) -> None:
+        self._progress.say("nobody is there to answer: the run ends; --yes answers by itself")
+        self._client.send("abort")
+
+    def _pass_on_interrupts(self, told: int) -> int:
+        """The first one ends the run in order, every further one stops at once."""
+        if told < self._interrupts:
+            self._progress.say("stopping safely; the session is kept")
+            self._client.send("abort" if told == 0 else "stop")
+        return self._interrupts
+
+    def _pass_on_keys(self) -> None:
+        try:
+            key = self._typed.get_nowait()
+        except Empty:
+            return
+        if key == "end":
+            self._no_more_answers = True
+            if self._prompt is not None:
+                self._end_unanswered()
+        elif self._prompt is not None and key in ("", "y", "yes", "ok"):
+            self._client.send("answer", prompt_id=self._prompt["id"], answer="ok")
+        elif key in _COMMANDS:
+            self._client.send(_COMMANDS[key])
+        elif key:
+            self._progress.say(KEYS)
+
+    def _read_keys(self) -> None:
+        """A thread of its own: a line typed is waited for without holding anything up."""
+        for line in sys.stdin:
+            self._typed.put(line.strip().lower())
+        self._typed.put("end")
+
+    def _interrupt(self) -> None:
+        self._interrupts += 1
+
+
+_COMMANDS = {"p": "pause", "r": "resume", "a": "abort", "c": "clear_fault", "s": "stop"}
+
+
+class _Signals:
+    """Has SIGINT and SIGTERM call ``action`` while entered."""
+
+    def __init__(self, action: Any) -> None:
+        self._action = action
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._before[number] = signal.signal(number, self._caught)
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _caught(self, number: int, frame: FrameType | None) -> None:
+        self._action()
+
+
+def _rig(args: argparse.Namespace) -> str:
+    """The rig named, or that of the session to go on with, or the virtual one."""
+    if args.rig is not None:
+        return str(args.rig)
+    if args.resume is None:
+        return "virtual"
+    with Session.open(Path(args.resume)) as session:
+        kind, simulate = session.header.rig, session.config.ports.simulate
+    if simulate:
+        return str(Path(args.resume) / RIG_FILE)
+    if kind not in ("virtual", "firmware"):
+        raise WrongUse("this session is of a real rig: name its description with --rig")
+    return kind
+
+
+def _engine_arguments(args: argparse.Namespace) -> list[str]:
+    named = {
+        "--world": args.world,
+        "--protocol": args.protocol,
+        "--out": args.out,
+        "--resume": args.resume,
+        "--order-seed": args.seed,
+    }
+    given = [
+        text for name, value in named.items() if value is not None for text in (name, str(value))
+    ]
+    return [*given, *(["--yes"] if args.yes else [])]
+
+
+def _report(run: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps({"session": run["session"], **run}))
+        return
+    print(
+        f"{run['trials_committed']} of {run['trials_planned']} trials committed, "
+        f"{run['trials_rejected']} attempts rejected: {run['text']}"
+    )
+    print(f"session: {run['session']}")

@@ -1,0 +1,66 @@
+"""``rigctl serve``: the simulated boards for outside programs, in real time."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import signal
+import sys
+from dataclasses import asdict
+from typing import Any
+
+from rigctl.cli.data.world import add_world, chosen_world
+from rigctl.rig import FIRMWARE, VIRTUAL, Rig, open_rig
+
+
+def add_parser(subparsers: Any) -> None:
+    """``rigctl serve [--rig virtual|firmware] [--world FILE] [--plate A] [--seed N] [--json]``."""
+    parser = subparsers.add_parser(
+        "serve",
+        help="offer the simulated boards to other programs",
+        description=(
+            "Offer the simulated boards over loopback TCP and as pseudo-terminals, in real "
+            "time, until Ctrl-C."
+        ),
+    )
+    parser.add_argument("--rig", choices=(VIRTUAL, FIRMWARE), default=VIRTUAL)
+    add_world(parser)
+    parser.add_argument("--plate", default="A", metavar="A–P", help="texture on the drum")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the simulated world")
+    parser.add_argument("--json", action="store_true", help="one JSON line with the addresses")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until Ctrl-C or SIGTERM."""
+    world = chosen_world(args.world)
+    print("getting the simulated bench ready: half a minute after an update", file=sys.stderr)
+    rig = open_rig(args.rig, seed=args.seed, paced=True, world=world)
+    try:
+        rig.set_plate(args.plate)
+        rig.loop.run_until_complete(_serve(rig, args.json))
+    finally:
+        rig.close()
+    return 0
+
+
+async def _serve(rig: Rig, as_json: bool) -> None:
+    from rigctl.simulation.board_server import Addresses, serve
+
+    assert rig.simulation is not None
+    loop = asyncio.get_running_loop()
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    started: asyncio.Future[dict[str, Addresses]] = loop.create_future()
+    started.add_done_callback(lambda done: _say(done.result(), as_json))
+    await serve(rig.simulation, stop, started)
+
+
+def _say(boards: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        lines = [json.dumps({name: asdict(addresses) for name, addresses in boards.items()})]
+    else:
+        lines = [f"{name}: tcp {at.tcp}  port {at.pty}" for name, at in boards.items()]
+        lines.append("Ctrl-C ends it")
+    print("\n".join(lines), flush=True)

@@ -1,0 +1,30 @@
+"""``rigctl stop``: stop every engine that runs here, from any terminal."""
+
+from __future__ import annotations
+
+import argparse
+
+from rigctl.acquisition.rpc.stop_all import Stopped, stop_engines
+from rigctl.errors import NegativeAnswer, RigFault
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """``stop`` takes no arguments: in a hurry there is nothing to choose."""
+    subparsers.add_parser("stop", help="stop the drum and lift off, whatever runs")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Stop each engine; a run ends with its session whole."""
+    failures: list[str] = []
+
+    def tell(stopped: Stopped) -> None:
+        if stopped.failure:
+            failures.append(f"{stopped.name}: {stopped.failure}")
+        else:
+            print(f"stopped: {stopped.name}", flush=True)
+
+    if not stop_engines(tell):
+        raise NegativeAnswer("no engine is running: there is nothing to stop")
+    if failures:
+        raise RigFault("; ".join(failures))
+    return 0

@@ -1,0 +1,308 @@
+"""The rig as its owner describes it: ``rig.toml`` to a frozen :class:`RigConfig` and back.
+
+Every key has a default, which is that of the nominal rig; an empty file is a valid one.
+``docs/reference/rig-toml.md`` lists them from the same fields. A mistake raises ConfigError,
+which names file, line and key.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rigctl.config.toml_reader import Table, Text
+from rigctl.errors import ConfigError
+from rigctl.values import DRAWN_WIRING, N_TAXELS, SCALE_BAND_UG_PER_COUNT
+
+ADC_MAX = 1023
+MAX_TAXELS = 1024
+_SCALES = SCALE_BAND_UG_PER_COUNT
+_Section = TypeVar("_Section")
+
+
+def _number(default: float, unit: str, low: float, high: float, doc: str) -> Any:
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "doc": doc})
+
+
+def _integer(default: int, unit: str, low: int, high: int, doc: str) -> Any:
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "doc": doc})
+
+
+def _integers(unit: str, low: int, high: int, doc: str) -> Any:
+    return field(default=(), metadata={"unit": unit, "low": low, "high": high, "doc": doc})
+
+
+def _text(default: str, doc: str, choices: tuple[str, ...] = ()) -> Any:
+    return field(default=default, metadata={"unit": "", "doc": doc, "choices": choices})
+
+
+def _flag(default: bool, doc: str) -> Any:
+    return field(default=default, metadata={"unit": "", "doc": doc})
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """Who and what; stored with every session."""
+
+    name: str = _text("nominal", "name of this rig")
+    operator: str = _text("", "who records")
+    sensor: str = _text("", "which sensor is mounted")
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Serial ports of the boards, or simulated ones in their place."""
+
+    drum: str = _text("", "port of the drum board; empty: ask each port who it is")
+    taxels: str = _text("", "port of the taxel board; empty: ask each port who it is")
+    simulate: str = _text(
+        "",
+        "virtual or firmware: simulated boards, wired as this file says",
+        ("", "virtual", "firmware"),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class DrumGeometry:
+    """The drum, its plate, and how a trial lies on it."""
+
+    circumference_mm: float = _number(400, "mm", 50, 5000, "texture travel of one turn")
+    plate_start_mm: float = _number(10, "mm", 0, 5000, "from the index mark to the plate's start")
+    plate_length_mm: float = _number(370, "mm", 10, 5000, "texture on the plate")
+    run_in_mm: float = _number(100, "mm", 0, 200, "ramp and settling before the recorded window")
+    sync_margin_mm: float = _number(5, "mm", 0, 50, "sync stays high so much behind the window")
+    acceleration_mm_s2: float = _number(600, "mm/s²", 50, 2000, "of every ramp")
+    rapid_mm_s: float = _number(200, "mm/s", 5, 300, "speed of moves between trials, lifted")
+    backwards: bool = _flag(False, "the drum's forward is the motor's backward")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a protocol may ask of this rig, and when the rig stops itself."""
+
+    speed_min_mm_s: float = _number(20, "mm/s", 5, 200, "least speed in contact")
+    speed_max_mm_s: float = _number(150, "mm/s", 5, 200, "highest speed in contact")
+    force_min_g: float = _number(50, "g", 50, 1500, "least force")
+    force_max_g: float = _number(1200, "g", 50, 1500, "highest force asked for")
+    over_force_g: float = _number(1400, "g", 100, 3000, "the board lifts at once above it")
+
+
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """Pressing down and lifting off."""
+
+    lift_clearance_mm: float = _number(3, "mm", 0.5, 20, "lift above the last contact")
+    approach_limit_mm: float = _number(30, "mm", 0.5, 50, "travel without contact: a fault")
+    approach_timeout_s: float = _number(10, "s", 0.5, 30, "time to settle that is a fault")
+    stiffness_g_per_mm: float = _number(900, "g/mm", 50, 5000, "stiffest contact: the first guess")
+    dead_band_permille: int = _integer(100, "‰", 0, 500, "least duty that moves the actuator")
+    gain_p_per_s: float = _number(6, "1/s", 0.01, 50, "of the force loop: error over stiffness")
+    gain_i_per_s: float = _number(5, "1/s", 0, 50, "of the force loop: how fast it learns")
+
+
+@dataclass(frozen=True, slots=True)
+class LoadCell:
+    """From the amplifier's counts to grams."""
+
+    scale_ug_per_count: int = _integer(
+        2400, "µg/count", -_SCALES[1], _SCALES[1], "sign included; from calibration with masses"
+    )
+    calibrated: str = _text("", "when and with what masses, for people")
+
+
+@dataclass(frozen=True, slots=True)
+class Clocks:
+    """How fast the boards' clocks run, where it was measured."""
+
+    drum_ppm: float = _number(0, "ppm", -10000, 10000, "drum board fast by so much")
+    taxels_ppm: float = _number(0, "ppm", -10000, 10000, "taxel board fast by so much")
+
+
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """Which optional wires are fitted."""
+
+    estop: bool = _flag(True, "emergency stop")
+    index: bool = _flag(True, "index mark of the drum")
+    end_switches: bool = _flag(True, "end switches of the actuator")
+    position: bool = _flag(True, "position potentiometer of the actuator")
+    sync: bool = _flag(True, "sync line to the taxel board; else the drum's clock cuts trials")
+
+
+@dataclass(frozen=True, slots=True)
+class Inverted:
+    """Which optional wires mean the opposite of what the wiring drawing says."""
+
+    estop: bool = _flag(False, "contact that closes when pressed: a broken wire goes unnoticed")
+    index: bool = _flag(False, "mark reads low")
+    end_switches: bool = _flag(False, "switches that close at the end")
+    position: bool = _flag(False, "potentiometer that reads most at the upper end")
+    sync: bool = _flag(False, "line is high outside of the window, an inverter lies in the wire")
+
+
+@dataclass(frozen=True, slots=True)
+class TaxelArray:
+    """The sensor: how many taxels, their order and their calibrated range."""
+
+    count: int = _integer(18, "", 1, MAX_TAXELS, "taxels in a frame")
+    rows: int = _integer(3, "", 1, MAX_TAXELS, "rows of a layer")
+    columns: int = _integer(3, "", 1, MAX_TAXELS, "columns of a layer")
+    wiring: tuple[int, ...] = _integers(
+        "", 0, MAX_TAXELS, "reading that stands at each place, layer by layer; empty: as drawn"
+    )
+    pressure_raises: bool = _flag(True, "a pressed taxel reads higher")
+    low: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "least reading of each taxel")
+    high: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "highest reading of each taxel")
+    range_from: str = _text("", "when and from what the range was taken, for people")
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """The reading that stands at each place: ``wiring``, or that of the boards' drawing."""
+        if self.wiring:
+            return self.wiring
+        return DRAWN_WIRING if self.count == N_TAXELS else tuple(range(self.count))
+
+
+@dataclass(frozen=True, slots=True)
+class Encoder:
+    """How readings become spikes, live."""
+
+    preset: str = _text("default", "name of an encoder preset")
+
+
+@dataclass(frozen=True, slots=True)
+class RigConfig:
+    """One rig. Each field is a table of ``rig.toml``."""
+
+    about: About = About()
+    ports: Ports = Ports()
+    drum: DrumGeometry = DrumGeometry()
+    limits: Limits = Limits()
+    actuator: Actuator = Actuator()
+    loadcell: LoadCell = LoadCell()
+    clocks: Clocks = Clocks()
+    signals: Signals = Signals()
+    inverted: Inverted = Inverted()
+    taxels: TaxelArray = TaxelArray()
+    encoder: Encoder = Encoder()
+
+    def with_range(self, low: tuple[int, ...], high: tuple[int, ...], source: str) -> RigConfig:
+        """The same rig with a newly measured range of each taxel."""
+        return replace(self, taxels=replace(self.taxels, low=low, high=high, range_from=source))
+
+    def with_order(self) -> RigConfig:
+        """The same rig with the order of its taxels written out, whatever an empty one means."""
+        return replace(self, taxels=replace(self.taxels, wiring=self.taxels.order))
+
+    def to_toml(self) -> str:
+        """The whole description as TOML, each key with its unit and meaning."""
+        return "\n".join(_section_toml(f.name, getattr(self, f.name)) for f in fields(self))
+
+
+def load_config(path: Path) -> RigConfig:
+    """Read ``rig.toml``. Raises ConfigError."""
+    return _config(Text.read(path, ConfigError))
+
+
+def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
+    """Read a description that is already in memory. Raises ConfigError with ``name``."""
+    return _config(Text(name, text, ConfigError))
+
+
+def _config(text: Text) -> RigConfig:
+    root = text.root
+    tables = {f.name: root.table(f.name) for f in fields(RigConfig)}
+    root.finish()
+    values: dict[str, Any] = {
+        f.name: _section(tables[f.name], type(f.default)) for f in fields(RigConfig)
+    }
+    config = RigConfig(**values)
+    _check_geometry(config, tables["drum"])
+    _check_limits(config.limits, tables["limits"])
+    _check_taxels(config.taxels, tables["taxels"])
+    _check_scale(config.loadcell, tables["loadcell"])
+    return config
+
+
+def _section(table: Table, kind: type[_Section]) -> _Section:
+    # Every section is a dataclass, which ``type`` cannot say.
+    values = {f.name: _value(table, f) for f in fields(kind)}  # type: ignore[arg-type]
+    table.finish()
+    return kind(**values)
+
+
+def _value(table: Table, item: Any) -> Any:
+    meta, default = item.metadata, item.default
+    if isinstance(default, bool):
+        return table.flag(item.name, default)
+    if isinstance(default, str):
+        if meta["choices"]:
+            return table.choice(item.name, meta["choices"], default)
+        return table.text(item.name, default)
+    if isinstance(default, tuple):
+        return table.integers(item.name, default, low=meta["low"], high=meta["high"])
+    if item.type == "int":
+        return table.integer(item.name, default, low=meta["low"], high=meta["high"])
+    return table.number(item.name, default, unit=meta["unit"], low=meta["low"], high=meta["high"])
+
+
+def _check_geometry(config: RigConfig, table: Table) -> None:
+    drum = config.drum
+    end = drum.plate_start_mm + drum.plate_length_mm
+    if end > drum.circumference_mm:
+        table.fail(
+            "plate_length_mm",
+            f"the plate would end at {end:g} mm, behind the turn of {drum.circumference_mm:g} mm",
+        )
+
+
+def _check_limits(limits: Limits, table: Table) -> None:
+    if limits.speed_min_mm_s > limits.speed_max_mm_s:
+        table.fail("speed_min_mm_s", "is above speed_max_mm_s")
+    if limits.force_min_g > limits.force_max_g:
+        table.fail("force_min_g", "is above force_max_g")
+    if limits.force_max_g * 1.1 > limits.over_force_g:
+        table.fail(
+            "over_force_g", "must leave 10 % above force_max_g, or an overshoot stops the rig"
+        )
+
+
+def _check_taxels(taxels: TaxelArray, table: Table) -> None:
+    for name in ("wiring", "low", "high"):
+        values = getattr(taxels, name)
+        if values and len(values) != taxels.count:
+            table.fail(name, f"has {len(values)} entries for {taxels.count} taxels")
+    if bool(taxels.low) != bool(taxels.high):
+        table.fail("low" if taxels.high else "high", "is missing: a range has both ends")
+    if any(low >= high for low, high in zip(taxels.low, taxels.high, strict=True)):
+        table.fail("low", "each taxel's low must be below its high")
+    if taxels.wiring and sorted(taxels.wiring) != list(range(taxels.count)):
+        table.fail("wiring", f"must hold each of 0 to {taxels.count - 1} once")
+
+
+def _check_scale(loadcell: LoadCell, table: Table) -> None:
+    scale = loadcell.scale_ug_per_count
+    if abs(scale) < _SCALES[0]:
+        table.fail(
+            "scale_ug_per_count",
+            f"{scale} µg a count is too little for a load cell, {_SCALES[0]} to {_SCALES[1]} of "
+            "either sign: the drum would press harder than it reads; calibrate it",
+        )
+
+
+def _section_toml(name: str, section: Any) -> str:
+    lines = [f"# {(type(section).__doc__ or '').strip()}", f"[{name}]"]
+    for item in fields(section):
+        unit = f"{item.metadata['unit']}: " if item.metadata["unit"] else ""
+        value = _toml(getattr(section, item.name))
+        lines.append(f"{item.name} = {value}  # {unit}{item.metadata['doc']}")
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: object) -> str:
+    """A bool, number, text or list; a JSON text is a TOML text, except for DEL."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

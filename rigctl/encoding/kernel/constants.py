@@ -1,0 +1,212 @@
+"""What the compiled kernel is told of a scheme: constants, drives, and the state at rest.
+
+One kernel serves live and offline (:mod:`rigctl.encoding.kernel.machine_code`). It takes integer
+readings, a block of lanes (taxels, of one trial or of several side by side) at a time, walks
+through time once and counts spikes.
+
+The arithmetic is float64 in strict IEEE order: no fast-math, nothing is reordered, and multiply
+and add are fused exactly where the source says so. A fused multiply-add is rounded once, and
+IEEE 754 defines its every bit, so spikes are equal on every machine and for any slicing (a test
+compares bits with exact rational arithmetic).
+
+An Euler step h of dv/dt = αv² + βv + γ − u + I is carried out in a normal form that needs three
+fused operations where the textbook's order needs eleven. With p = (1 + hβ) / 2 and σ = h²ab::
+
+    m = hαv + p                     the membrane: threshold and reset value are mapped alike
+    q = (h²αu + hbp) / σ            the recovery: what it takes of the membrane comes in whole
+    w = drive·x + w0                drive = h²α·gain, w0 = p − p² + h²αγ + hbp
+    m' = m·m + (w − σq)
+    q' = (1 − ah)·q + m'
+
+Where ab = 0 the recovery takes nothing of the membrane, and σ = 1. The low-pass works on the
+change of the reading from sample to sample, which is the change of what it makes of the reading::
+
+    y = Δ + z1,  z1' = 2Δ + z2 − a1·y,  z2' = Δ − a2·y,  w = drive·b0·y + w0
+
+Both are the same maps as the textbook's; only the last bits of the rounding differ, and the
+schemes that reset within the substep forget them, unless the last bit decides whether a neuron that
+hardly fires does so. Those that reset at the next sample amplify them
+(v runs far beyond the threshold, and u with it), so these keep v and u as they are and the order
+in which they were published, the low-pass included, with every operation rounded::
+
+    v' = v + h·((((α·(v·v) + β·v) + γ) − u) + w)        w = gain·x
+    u' = u + step·(a·(b·v' − u))
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.encoding.kernel import machine_code, neuron_step
+from rigctl.encoding.kernel.machine_code import Kernel
+from rigctl.encoding.parameters import EncoderParameters, Recovery, Rectify, Reset
+
+# What a falling signal counts: max(slope, FALL · slope) is the slope, its size, or 0.
+FALLS = {Rectify.SIGNED: 1.0, Rectify.ABSOLUTE: -1.0, Rectify.RISING_ONLY: 0.0}
+
+# A row's tally is a byte.
+HIGHEST_TALLY = 255
+
+
+def is_late(parameters: EncoderParameters) -> bool:
+    """Whether the scheme resets at the next sample, and keeps to the published order."""
+    return parameters.reset is Reset.NEXT_SAMPLE
+
+
+def samples_per_row(parameters: EncoderParameters) -> int:
+    """Most samples whose spikes may be counted together."""
+    return HIGHEST_TALLY // parameters.substeps
+
+
+def most_in_a_sample(parameters: EncoderParameters) -> int:
+    """Most spikes that a neuron may have in one sample."""
+    return 1 if is_late(parameters) else parameters.substeps
+
+
+def _normal_form(p: EncoderParameters) -> tuple[float, float, float, float]:
+    """(scale, shift) of the membrane, m = scale·v + shift, and of the recovery s = σq likewise."""
+    if is_late(p):
+        return 1.0, 0.0, 1.0, 0.0
+    h = p.substep_ms
+    scale, shift = h * p.quadratic, (1.0 + h * p.linear) / 2.0
+    return scale, shift, scale * h, h * p.b * shift
+
+
+def _sigma(p: EncoderParameters) -> float:
+    """The recovery's unit."""
+    product = p.substep_ms * p.substep_ms * p.a * p.b
+    return 1.0 if is_late(p) or product == 0.0 else product
+
+
+def folded(parameters: EncoderParameters) -> NDArray[np.float64]:
+    """The kernel's constants, float64 (20,), in the order of the names in ``steps``."""
+    return np.array(_folded(parameters))
+
+
+@cache
+def _folded(parameters: EncoderParameters) -> tuple[float, ...]:
+    p, h, late = parameters, parameters.substep_ms, is_late(parameters)
+    scale, shift, recovery_scale, recovery_shift = _normal_form(p)
+    b, a = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    w0 = shift - shift * shift + recovery_scale * p.constant + recovery_shift
+    normal = (
+        0.0 if late else w0,
+        1.0 - p.a * h,
+        -_sigma(p),
+        scale * p.threshold_mv + shift,
+        scale * p.c_mv + shift,
+        recovery_scale * p.d / _sigma(p),
+    )
+    feedback = a[1:] if late else [-x for x in a[1:]]
+    ceiling = p.threshold_mv if p.clamp_v else math.inf
+    textbook = (h, p.quadratic, p.linear, p.constant, p.a, p.b, h * p.substeps, ceiling)
+    return (*normal, *b, *feedback, *textbook, FALLS[p.ra_rectify])
+
+
+def drives(
+    parameters: EncoderParameters, scale: NDArray[np.float64], sa_scale: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What one unit of the SA and the RA signal adds to w in each lane, float64 (lanes,) each.
+
+    ``scale``: 1 / (high − low) of each lane; ``sa_scale``: its factor on the SA current. The
+    published schemes normalise the reading first, so that their drives are the bare gains.
+    """
+    p, unit = parameters, np.ones_like(scale) if is_late(parameters) else scale
+    _, _, per_unit, _ = _normal_form(p)
+    b, _ = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    of_slope = per_unit * (p.ra_gain * p.sample_rate_hz) * (1.0 if is_late(p) else b[0])
+    return per_unit * p.sa_gain * sa_scale * unit, of_slope * unit
+
+
+@cache
+def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Numerator and denominator of the second-order low-pass, three coefficients each.
+
+    The bilinear transform with the cut-off prewarped, as SciPy designs it (a test compares; its
+    signal package takes seconds to import). Rounded to 15 decimals, so that another machine's
+    tangent gives the same filter.
+    """
+    c = 1.0 / math.tan(math.pi * cutoff_hz / rate_hz)
+    norm = 1.0 + math.sqrt(2.0) * c + c * c
+    numerator = (1.0 / norm, 2.0 / norm, 1.0 / norm)
+    denominator = (1.0, 2.0 * (1.0 - c * c) / norm, (1.0 - math.sqrt(2.0) * c + c * c) / norm)
+    return tuple(round(x, 15) for x in numerator), tuple(round(x, 15) for x in denominator)
+
+
+def rest(parameters: EncoderParameters, lanes: int) -> NDArray[np.float64]:
+    """State of neurons at rest, float64 (7, lanes); the filter is still to start."""
+    scale, shift, recovery_scale, recovery_shift = _normal_form(parameters)
+    state = np.zeros((neuron_step.STATE_ROWS, lanes))
+    u = (recovery_scale * parameters.start_u + recovery_shift) / _sigma(parameters)
+    state[neuron_step.M] = state[neuron_step.M_RA] = scale * parameters.start_v_mv + shift
+    state[neuron_step.Q] = state[neuron_step.Q_RA] = u
+    return state
+
+
+def start_filter(
+    parameters: EncoderParameters,
+    x: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    state: NDArray[np.float64],
+) -> None:
+    """Put the low-pass into the steady state of the first sample, so that nothing rings.
+
+    ``x``: how far each lane's first reading lies above its low end, float64 (lanes,). ``LAST`` is
+    what the kernel will compute for this sample, so the first difference is 0 exactly.
+    """
+    if not is_late(parameters):
+        state[neuron_step.Z1], state[neuron_step.Z2], state[neuron_step.LAST] = 0.0, 0.0, x
+        return
+    b, a = butterworth(parameters.ra_lowpass_hz, parameters.sample_rate_hz)
+    level = x * scale
+    state[neuron_step.Z2] = (b[2] - a[2]) * level
+    state[neuron_step.Z1] = (b[1] - a[1]) * level + state[neuron_step.Z2]
+    state[neuron_step.LAST] = b[0] * level + state[neuron_step.Z1]
+
+
+def membrane_mv(
+    parameters: EncoderParameters, membrane: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Membrane voltage in mV from the kernel's normal form, same shape."""
+    scale, shift, _, _ = _normal_form(parameters)
+    voltage: NDArray[np.float64] = (membrane - shift) / scale
+    return voltage
+
+
+def kernel_for(
+    parameters: EncoderParameters,
+    *,
+    sa_only: bool = False,
+    traced: bool = False,
+    trains: bool = False,
+) -> Kernel:
+    """The compiled kernel of a scheme; the numbers of the scheme go in through :func:`folded`.
+
+    Called as ``kernel(addresses, lengths, row_bytes, low, width, scale, sa_drive, ra_drive,
+    constants, state, ends, out, trace)``, all contiguous, lanes in blocks of 32 (64 of SA alone).
+    addresses: int64 (lanes,), where the first reading of each lane lies in memory, the next
+    row_bytes further; lengths: int64 (lanes,), how many there are.
+    low, width: uint16 (lanes,); scale, sa_drive, ra_drive: float64 (lanes,). state: as from
+    :func:`rest`, changed in place. ends: int64 (rows,), ascending; spikes before sample ends[0]
+    go to row 0, those from there to ends[1] to row 1 and so on. The longest length in each block
+    must be among them, the longest of all the last, and no row may hold more samples than
+    :func:`samples_per_row`. out: uint8 (blocks, rows, channels, 32 or 64), written up to the end of
+    each block; two channels, SA and RA, or SA alone. If ``trains``, ends are not looked at, and out
+    is what :func:`rigctl.encoding.kernel.transpose_bits.keep` writes, a word for each 64 samples;
+    the kernel then returns the most spikes in one sample of any lane, ended or not. trace: float64
+    of the shape of out, written if ``traced`` with the membrane after each row. Releases the GIL.
+    """
+    return machine_code.kernel(
+        substeps=parameters.substeps,
+        old_v=parameters.recovery is Recovery.OLD_V,
+        coupled=parameters.a * parameters.b != 0.0,
+        late=is_late(parameters),
+        signed=parameters.ra_rectify is Rectify.SIGNED,
+        sa_only=sa_only,
+        traced=traced,
+        trains=trains,
+    )

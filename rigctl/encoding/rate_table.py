@@ -1,0 +1,47 @@
+"""Print the rate over input of each preset's neuron: ``python -m rigctl.encoding.rate_table``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.encoding.encoder import Encoder
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.parameters import PRESETS, EncoderParameters
+
+SETTLE_S = 1
+COUNT_S = 20
+TABLE_INPUTS = (0.02, 0.04, 0.06, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+RESOLUTION = 1000
+
+
+def sa_rates_hz(parameters: EncoderParameters, inputs: Sequence[float]) -> NDArray[np.float64]:
+    """SA rate for constant normalised inputs (0–1, to three decimals), float64, Hz.
+
+    Counted over 20 s after 1 s from rest.
+    """
+    low = np.zeros(len(inputs), np.uint16)
+    ranges = Normalisation(low, low + np.uint16(RESOLUTION), "inputs in thousandths")
+    encoder = Encoder(ranges, parameters)
+    readings = np.round(np.asarray(inputs) * RESOLUTION).astype(np.uint16)
+    rate = round(parameters.sample_rate_hz)
+    encoder.encode(np.tile(readings, (SETTLE_S * rate, 1)))
+    counts = encoder.encode(np.tile(readings, (COUNT_S * rate, 1)))
+    spikes: NDArray[np.float64] = counts[:, : len(inputs)].sum(axis=0) / float(COUNT_S)
+    return spikes
+
+
+def table() -> str:
+    """SA rates in Hz as a Markdown table, one row an input, one column a preset."""
+    columns = {name: sa_rates_hz(p, TABLE_INPUTS) for name, p in PRESETS.items()}
+    lines = ["| x | " + " | ".join(columns) + " |", "|---:|" + "---:|" * len(columns)]
+    for row, x in enumerate(TABLE_INPUTS):
+        cells = " | ".join(f"{rates[row]:.1f}" for rates in columns.values())
+        lines.append(f"| {x:g} | {cells} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(table())

@@ -1,0 +1,138 @@
+"""``MAP.toml``: which column of a foreign recording is what, and what a file's name says."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from rigctl.config.toml_reader import Table, Text
+from rigctl.errors import ConfigError
+
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+MM_PER_S = {"mm/s": 1.0, "cm/s": 10.0, "m/s": 1000.0}
+GRAMS = {"g": 1.0, "kg": 1000.0, "N": 101.971621, "mN": 0.101971621, "level": 1.0}
+LABELS = ("texture", "speed", "force", "repeat")
+FASTEST_HZ = 1e7
+LARGEST = 1e300
+LOW_PASS_HZ, LOW_PASS_MAX_HZ = 400.0, 499.0
+
+
+@dataclass(frozen=True, slots=True)
+class ImportMap:
+    """One map, checked. Columns are named, counted from 1, or ranges ``first..last`` of these.
+
+    ``time_column`` is empty where ``rate_hz`` is given. Factors turn what stands in the file
+    into s, mm/s and g. ``texture``, ``speed_mm_s``, ``force_g`` hold where the pattern has no
+    such group. ``max_gap_s`` is 0 for three times the usual distance of rows.
+    ``taxel_low``, ``taxel_high``: values that are stored as 0 and 65535; equal for each taxel's
+    own lowest and highest. ``low_pass_hz`` is 0 for no filter before rows faster than 1 kHz are
+    thinned out.
+    """
+
+    name: str
+    text: str
+    sensor: str
+    pattern: re.Pattern[str]
+    variable: str
+    delimiter: str
+    transpose: bool
+    taxels: tuple[str, ...]
+    unit: str
+    taxel_low: float
+    taxel_high: float
+    time_column: str
+    time_s: float
+    rate_hz: float
+    texture: str
+    speed_mm_s: float
+    speed_factor: float
+    force_g: float
+    force_factor: float
+    force_unit: str
+    loadcell: str
+    loadcell_factor: float
+    extra: tuple[str, ...]
+    max_gap_s: float
+    outlier_sigma: float
+    finest_mm: float
+    low_pass_hz: float
+
+
+def load_map(path: Path) -> ImportMap:
+    """Read a map. Raises ConfigError naming file, line and key."""
+    text = Text.read(path, ConfigError)
+    root = text.root
+    name, sensor = root.text("name", path.stem), root.text("sensor", "")
+    files, time, taxels = root.table("files"), root.table("time"), root.table("taxels")
+    labels, loadcell, quality = root.table("labels"), root.table("loadcell"), root.table("quality")
+    root.allow("extra")
+    extra = root.table("extra").texts("columns") if "extra" in root else ()
+    root.finish()
+    time_column, time_s, rate_hz = _time(time)
+    found = ImportMap(
+        name=name,
+        text=text.source,
+        sensor=sensor,
+        pattern=_pattern(files),
+        variable=files.text("variable", ""),
+        delimiter=files.text("delimiter", ""),
+        transpose=files.flag("transpose", False),
+        taxels=taxels.texts("columns"),
+        unit=taxels.text("unit", ""),
+        taxel_low=taxels.number("low", 0.0, low=-LARGEST, high=LARGEST),
+        taxel_high=taxels.number("high", 0.0, low=-LARGEST, high=LARGEST),
+        time_column=time_column,
+        time_s=time_s,
+        rate_hz=rate_hz,
+        texture=labels.text("texture", ""),
+        speed_mm_s=labels.number("speed_mm_s", 0.0, unit="mm/s", low=0, high=1e5),
+        speed_factor=MM_PER_S[labels.choice("speed_unit", MM_PER_S, "mm/s")],
+        force_g=labels.number("force_g", 0.0, unit="g", low=0, high=1e6),
+        force_factor=GRAMS[labels.choice("force_unit", GRAMS, "g")],
+        force_unit=labels.text("force_unit", "g"),
+        loadcell=loadcell.text("column", ""),
+        loadcell_factor=GRAMS[loadcell.choice("unit", GRAMS, "g")],
+        extra=extra,
+        max_gap_s=quality.number("max_gap_s", 0.0, unit="s", low=0, high=1e6),
+        outlier_sigma=quality.number("outlier_sigma", 12.0, low=3, high=1e6),
+        finest_mm=quality.number("finest_mm", 1.0, unit="mm", low=1e-3, high=1e4),
+        low_pass_hz=quality.number(
+            "low_pass_hz", LOW_PASS_HZ, unit="Hz", low=0, high=LOW_PASS_MAX_HZ
+        ),
+    )
+    for table in (files, time, taxels, labels, loadcell, quality):
+        table.finish()
+    _check_labels(found, files)
+    if found.taxel_low > found.taxel_high:
+        taxels.fail("high", "lies below low")
+    return found
+
+
+def _time(table: Table) -> tuple[str, float, float]:
+    """Column, seconds of its unit, rate."""
+    column = table.text("column", "")
+    rate_hz = table.number("rate_hz", 0.0, unit="Hz", low=0, high=FASTEST_HZ)
+    if bool(column) == bool(rate_hz):
+        table.fail("column", "give either a time column, or rate_hz of rows that are all there")
+    return column, SECONDS[table.choice("unit", SECONDS, "s")], rate_hz
+
+
+def _pattern(table: Table) -> re.Pattern[str]:
+    source = table.text("pattern", "")
+    try:
+        pattern = re.compile(source)
+    except re.error as error:
+        table.fail("pattern", f"is no regular expression: {error}")
+    for group in pattern.groupindex:
+        if group not in LABELS:
+            table.fail("pattern", f"has a group {group!r}: known are {', '.join(LABELS)}")
+    return pattern
+
+
+def _check_labels(found: ImportMap, files: Table) -> None:
+    groups = found.pattern.groupindex
+    if "texture" not in groups and not found.texture:
+        files.fail("pattern", "has no group texture, and [labels] names none for all files")
+    if "speed" not in groups and not found.speed_mm_s:
+        files.fail("pattern", "has no group speed, and [labels] has no speed_mm_s for all files")

@@ -1,0 +1,264 @@
+"""Foreign recordings become a session: a file is a trial, a texture a part."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigctl import __version__
+from rigctl.config.resources import source_commit
+from rigctl.config.rig_config import MAX_TAXELS, RigConfig
+from rigctl.errors import DiskFault, WrongUse
+from rigctl.exchange.column_map import ImportMap
+from rigctl.exchange.extra_channels import ExtraChannels
+from rigctl.exchange.file_readers import read_columns
+from rigctl.exchange.inspection import COUNTS, Scaling, Survey, Surveyed, survey, track_of
+from rigctl.exchange.resampling import Floats, Resampled, Track, resample
+from rigctl.session.format.header import IMPORTED, SessionHeader
+from rigctl.session.write.recorder import Recorder
+from rigctl.values import (
+    SAMPLE_RATE_HZ,
+    Block,
+    DrumState,
+    Event,
+    Gap,
+    LoadcellSample,
+    PlannedTrial,
+    TrialRow,
+    Verdict,
+)
+
+MAP_FILE = "import.toml"
+BLOCK_ROWS = 50_000
+POLL_S = 0.1
+GAP_REASON = "missing in the file"
+
+
+def import_files(
+    paths: Sequence[Path],
+    mapping: ImportMap,
+    folder: Path,
+    start_utc: str,
+    on_file: Callable[[str, int], None] = lambda what, done: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> tuple[Survey, bool]:
+    """Look at all files, then write them; the survey, and False when ``stop`` ended it.
+
+    Raises WrongUse before anything is written, SessionError and DiskFault.
+    """
+    if not paths:
+        raise WrongUse("there is no file to import: name some")
+    surveyed = survey(paths, mapping, lambda done: on_file("looking at", done))
+    n_taxels = len(surveyed.scaling.names)
+    if n_taxels > MAX_TAXELS:
+        raise WrongUse(f"{n_taxels} taxels are mapped, a session holds up to {MAX_TAXELS}")
+    trials = [file.label.trial(number, file.count) for number, file in enumerate(surveyed.files, 1)]
+    header = _header(mapping, surveyed.scaling, trials, start_utc)
+    config = _config(mapping, n_taxels)
+    with Recorder(folder, header, "", config.to_toml()) as recorder:
+        (folder / MAP_FILE).write_text(mapping.text, encoding="utf-8")
+        with ExtraChannels(folder, mapping.extra) as extra:
+            book = _Book(recorder, mapping, surveyed, extra)
+            for done, (file, trial) in enumerate(zip(surveyed.files, trials, strict=True)):
+                on_file("writing", done)
+                if stop():
+                    return surveyed, False
+                book.write(file, trial)
+            book.check()
+    return surveyed, True
+
+
+def _header(
+    mapping: ImportMap, scaling: Scaling, trials: Sequence[PlannedTrial], start_utc: str
+) -> SessionHeader:
+    text = "\n".join(map(repr, trials))
+    return SessionHeader(
+        plan_hash=hashlib.sha256(text.encode()).hexdigest()[:32],
+        seed=0,
+        trials_planned=len(trials),
+        rig=IMPORTED,
+        simulated=False,
+        start_utc=start_utc,
+        protocol=mapping.name,
+        sensor=mapping.sensor,
+        software_version=__version__,
+        software_commit=source_commit(),
+        n_taxels=len(scaling.names),
+        sample_unit=scaling.unit(mapping.unit),
+        highest_reading=COUNTS,
+    )
+
+
+def _config(mapping: ImportMap, n_taxels: int) -> RigConfig:
+    config = RigConfig()
+    return replace(
+        config,
+        about=replace(config.about, name=mapping.name, sensor=mapping.sensor),
+        taxels=replace(config.taxels, count=n_taxels, rows=1, columns=n_taxels),
+    )
+
+
+class _Book:
+    """Writes trial after trial; the session's time is that of its samples."""
+
+    def __init__(
+        self, recorder: Recorder, mapping: ImportMap, surveyed: Survey, extra: ExtraChannels
+    ) -> None:
+        self._recorder = recorder
+        self._mapping = mapping
+        self._survey = surveyed
+        self._extra = extra
+        self._counter = 0
+        self._texture: str | None = None
+        self._conversions = 0
+
+    def write(self, file: Surveyed, trial: PlannedTrial) -> None:
+        """One file's samples, load cell, row and origin."""
+        if file.label.texture != self._texture:
+            self._begin_part(file.label.texture)
+        track, _ = track_of(read_columns(file.path, self._mapping), self._mapping)
+        grid, _ = resample(track, self._mapping.max_gap_s, self._mapping.low_pass_hz)
+        first = self._counter
+        for block in self._blocks(grid):
+            self._recorder.add_block(block)
+            self.check()
+        self._counter += grid.count
+        self._extra.append(grid.values[:, self._n_taxels + bool(self._mapping.loadcell) :])
+        force_g = self._write_loadcell(track, trial, first, grid.count)
+        self._recorder.commit_trial(_row(trial, first, grid.count, force_g))
+        self._tell(
+            "trial",
+            f"trial {trial.trial_id} is {file.path.name}",
+            rows=file.rows,
+            rate_hz=round(file.rate_hz, 4),
+            sha256=file.sha256,
+        )
+
+    def check(self) -> None:
+        """Let the disk catch up. Raises DiskFault."""
+        if self._recorder.status.queue_samples > BLOCK_ROWS:
+            self._recorder.wait_written()
+        failure = self._recorder.status.failure
+        if failure is not None:
+            raise DiskFault(failure)
+
+    @property
+    def _n_taxels(self) -> int:
+        return len(self._survey.scaling.names)
+
+    @property
+    def _now_s(self) -> float:
+        return self._counter / SAMPLE_RATE_HZ
+
+    def _begin_part(self, texture: str) -> None:
+        self._recorder.begin_part("import", texture)
+        if self._texture is None:
+            self._tell_all()
+        self._texture = texture
+
+    def _tell_all(self) -> None:
+        """The scaling and every line of the report, as events."""
+        scaling, unit = self._survey.scaling, self._mapping.unit
+        for place, name in enumerate(scaling.names):
+            offset, scale = float(scaling.offset[place]), float(scaling.scale[place])
+            text = f"{name} = {offset:.9g} + {scale:.9g} × stored {unit}".strip()
+            self._tell("scaling", text, taxel=place, name=name, offset=offset, scale=scale)
+        for line in self._survey.lines:
+            self._tell("import", line)
+
+    def _tell(self, kind: str, text: str, **data: Any) -> None:
+        self._recorder.add_event(Event(self._now_s, kind, text, data))
+
+    def _blocks(self, grid: Resampled) -> Iterator[Block]:
+        counts = self._survey.scaling.counts(grid.values[:, : self._n_taxels])
+        expected = 0
+        for start in range(0, len(counts), BLOCK_ROWS):
+            rows = slice(start, start + BLOCK_ROWS)
+            index = grid.index[rows]
+            before = np.concatenate([[expected - 1], index])
+            gaps = tuple(
+                Gap(
+                    self._counter + int(before[k]) + 1,
+                    int(before[k + 1] - before[k]) - 1,
+                    GAP_REASON,
+                )
+                for k in np.flatnonzero(np.diff(before) > 1)
+            )
+            expected = int(index[-1]) + 1
+            zeros = np.zeros(len(index), np.uint8)
+            end_s = (self._counter + expected) / SAMPLE_RATE_HZ
+            yield Block(self._counter + index, counts[rows], zeros, zeros, gaps, end_s)
+
+    def _write_loadcell(self, track: Track, trial: PlannedTrial, first: int, count: int) -> float:
+        """The load cell at its own rows, handed out in polls; its mean, NaN without one."""
+        if not self._mapping.loadcell:
+            return float("nan")
+        force_g = track.values[:, self._n_taxels] * self._mapping.loadcell_factor
+        there = np.isfinite(force_g)
+        time_us = np.rint((track.time_s + first / SAMPLE_RATE_HZ) * 1e6).astype(np.int64)
+        time_us, force_g = time_us[there], force_g[there]
+        polls_s = np.append(np.arange(0, (count - 1) / SAMPLE_RATE_HZ, POLL_S), (count - 1) / 1e3)
+        start_us = first * 1000
+        shares = np.searchsorted(time_us, start_us + np.rint(polls_s * 1e6), "right")
+        for poll_s, start, stop in zip(polls_s, np.append(0, shares), shares, strict=False):
+            samples = self._samples(time_us[start:stop], force_g[start:stop])
+            at_s = first / SAMPLE_RATE_HZ + float(poll_s)
+            state = _poll(at_s, trial, start_us, samples)
+            self._recorder.add_drum(state, trial.force_g, trial.speed_mm_s)
+        return float(force_g.mean()) if len(force_g) else float("nan")
+
+    def _samples(self, time_us: Any, force_g: Floats) -> tuple[LoadcellSample, ...]:
+        first = self._conversions + 1
+        self._conversions += len(force_g)
+        return tuple(
+            LoadcellSample(number, int(at_us), 0, float(force))
+            for number, (at_us, force) in enumerate(zip(time_us, force_g, strict=True), first)
+        )
+
+
+def _row(trial: PlannedTrial, first: int, count: int, force_g: float) -> TrialRow:
+    return TrialRow(
+        trial=trial,
+        attempt=1,
+        part=0,
+        first_counter=first,
+        first_sample=-1,
+        count=count,
+        verdict=Verdict.COMMITTED,
+        reasons=(),
+        started_s=first / SAMPLE_RATE_HZ,
+        ended_s=(first + count - 1) / SAMPLE_RATE_HZ,
+        mean_speed_mm_s=float("nan"),
+        mean_force_g=force_g,
+    )
+
+
+def _poll(
+    at_s: float, trial: PlannedTrial, start_us: int, samples: tuple[LoadcellSample, ...]
+) -> DrumState:
+    return DrumState(
+        at_s=at_s,
+        board_time_us=round(at_s * 1e6),
+        state=0,
+        fault=0,
+        fault_bits=0,
+        steps=0,
+        angle_deg=0.0,
+        speed_mm_s=trial.speed_mm_s,
+        force_g=samples[-1].force_g if samples else float("nan"),
+        actuator_position_um=0,
+        actuator_drive_permille=0,
+        sync_count=trial.trial_id,
+        sync_rise_us=start_us,
+        sync_fall_us=start_us,
+        index_count=0,
+        status_bits=0,
+        loadcell=samples,
+        loadcell_lost=0,
+        values={},
+    )

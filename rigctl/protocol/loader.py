@@ -1,0 +1,237 @@
+"""``protocols/*.toml`` to a checked :class:`Protocol`; each mistake names file, line and key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from rigctl.config.rig_config import RigConfig
+from rigctl.config.toml_reader import Table, Text
+from rigctl.errors import ProtocolError
+from rigctl.protocol.plan import FreeStep, Protocol, Quality, Settle
+from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
+from rigctl.wire.drum.register_table import BY_NAME
+
+PLACES = ("start", "plate_start", "between_plates", "plate_end", "end", "every")
+DIRECTIONS = ("forward", "backward", "alternate")
+FORCE_MODES = ("hold", "lock", "position")
+ORDERS = ("blocked", "shuffled")
+MAX_TRIALS = 1_000_000
+MAX_SEED = 2**63 - 1
+MAX_SECONDS = 86_400.0
+MAX_TURNS = 100
+TEXTURE_BYTES = 16
+"""What a session's trial row holds of a texture's name."""
+
+
+def load_protocol(path: Path, config: RigConfig | None = None) -> Protocol:
+    """Read a protocol and check it against a rig (the nominal one by default).
+
+    Raises ProtocolError.
+    """
+    return _protocol(Text.read(path, ProtocolError), path.stem, config or RigConfig())
+
+
+def parse_protocol(text: str, name: str, config: RigConfig | None = None) -> Protocol:
+    """The same from a text that is already in memory; ``name`` stands in messages."""
+    return _protocol(Text(name, text, ProtocolError), Path(name).stem, config or RigConfig())
+
+
+def _protocol(text: Text, stem: str, config: RigConfig) -> Protocol:
+    root = text.root
+    root.allow("textures", "speeds_mm_s", "forces_g", "depths_mm")
+    order, trial, plates = root.table("order"), root.table("trial"), root.table("plates")
+    force_mode = trial.choice("force_mode", FORCE_MODES, "hold")
+    kind = order.choice("kind", ORDERS, "blocked")
+    protocol = Protocol(
+        name=root.text("name", stem),
+        text=text.source,
+        config=config,
+        description=root.text("description", ""),
+        textures=_textures(root),
+        speeds_mm_s=_speeds(root, config),
+        forces_g=_forces(root, config, force_mode),
+        depths_mm=_depths(root, force_mode),
+        repeats=_repeats(root),
+        order=kind,
+        order_seed=_seed(order, kind),
+        across_plates=_across_plates(order, kind),
+        travel_mm=trial.number("travel_mm", 240, unit="mm", **_bounds("travel_set")),
+        force_mode=force_mode,
+        direction=trial.choice("direction", DIRECTIONS, "forward"),
+        plate_prompt=plates.text("prompt", "Mount plate {texture}, then confirm."),
+        settle=_settle(root.table("settle")),
+        quality=_quality(root.table("quality")),
+        steps=tuple(_free_step(table, config) for table in root.tables("steps")),
+    )
+    for table in (order, trial, plates, root):
+        table.finish()
+    _check_whole(protocol, root)
+    _check_travel(protocol, root, trial)
+    return protocol
+
+
+def _bounds(register: str, unit: float = 1.0) -> dict[str, float]:
+    """What the drum's register takes, in its engineering unit times ``unit``."""
+    entry = BY_NAME[register]
+    return {"low": entry.low * entry.scale * unit, "high": entry.high * entry.scale * unit}
+
+
+def _textures(root: Table) -> tuple[str, ...]:
+    textures = root.texts("textures") if "textures" in root else ()
+    for texture in textures:
+        if len(texture.encode()) > TEXTURE_BYTES:
+            root.fail("textures", f"{texture!r} is longer than {TEXTURE_BYTES} bytes")
+    return textures
+
+
+def _speeds(root: Table, config: RigConfig) -> tuple[float, ...]:
+    if "speeds_mm_s" not in root:
+        return ()
+    limits = config.limits
+    return root.numbers(
+        "speeds_mm_s", unit="mm/s", low=limits.speed_min_mm_s, high=limits.speed_max_mm_s
+    )
+
+
+def _forces(root: Table, config: RigConfig, force_mode: str) -> tuple[float, ...]:
+    if "forces_g" not in root:
+        return ()
+    if force_mode == "position":
+        root.fail("forces_g", "force mode position presses to a depth: give depths_mm instead")
+    limits = config.limits
+    return root.numbers("forces_g", unit="g", low=limits.force_min_g, high=limits.force_max_g)
+
+
+def _depths(root: Table, force_mode: str) -> tuple[float, ...]:
+    if "depths_mm" not in root:
+        return ()
+    if force_mode != "position":
+        root.fail("depths_mm", 'needs trial.force_mode = "position"')
+    return root.numbers("depths_mm", unit="mm", **_bounds("depth_set_um", 1e-3))
+
+
+def _repeats(root: Table) -> int:
+    return root.integer("repeats", 1, low=1, high=MAX_TRIALS)
+
+
+def _seed(order: Table, kind: str) -> int:
+    if kind == "shuffled" and "seed" not in order:
+        order.fail("seed", "is missing: a shuffled order needs a written seed, such as seed = 1")
+    return order.integer("seed", 0, low=0, high=MAX_SEED)
+
+
+def _across_plates(order: Table, kind: str) -> bool:
+    across = order.flag("across_plates", False)
+    if across and kind != "shuffled":
+        order.fail("across_plates", 'needs order.kind = "shuffled"')
+    return across
+
+
+def _settle(table: Table) -> Settle:
+    default = Settle()
+    settle = Settle(
+        band_percent=table.number(
+            "band_percent", default.band_percent, unit="%", **_bounds("settle_band", 0.1)
+        ),
+        time_s=table.number("time_s", default.time_s, unit="s", **_bounds("settle_time_ms", 1e-3)),
+        timeout_s=table.number(
+            "timeout_s", default.timeout_s, unit="s", **_bounds("approach_timeout_ms", 1e-3)
+        ),
+    )
+    table.finish()
+    if settle.timeout_s <= settle.time_s:
+        table.fail("timeout_s", f"must be longer than time_s, which is {settle.time_s:g} s")
+    return settle
+
+
+def _quality(table: Table) -> Quality:
+    default = Quality()
+    quality = Quality(
+        max_lost_samples=table.integer(
+            "max_lost_samples", default.max_lost_samples, low=0, high=1000
+        ),
+        force_tolerance_percent=table.number(
+            "force_tolerance_percent", default.force_tolerance_percent, unit="%", low=0.1, high=100
+        ),
+        speed_tolerance_percent=table.number(
+            "speed_tolerance_percent", default.speed_tolerance_percent, unit="%", low=0.01, high=100
+        ),
+        attempts=table.integer("attempts", default.attempts, low=1, high=100),
+    )
+    table.finish()
+    return quality
+
+
+def _free_step(table: Table, config: RigConfig) -> FreeStep:
+    place = table.choice("at", PLACES)
+    every = table.integer("trials", low=1, high=MAX_TRIALS) if place == "every" else 0
+    step = _KINDS[table.choice("kind", _KINDS)](table, config)
+    table.finish()
+    return FreeStep(place, step, every)
+
+
+def _seconds(table: Table) -> float:
+    return table.number("seconds", unit="s", low=0.01, high=MAX_SECONDS)
+
+
+def _approach_only(table: Table, config: RigConfig) -> Step:
+    limits = config.limits
+    force = table.number("force_g", unit="g", low=limits.force_min_g, high=limits.force_max_g)
+    return ApproachOnly(force, _seconds(table))
+
+
+def _turn(table: Table, config: RigConfig) -> Step:
+    limits = config.limits
+    speed = table.number(
+        "speed_mm_s", unit="mm/s", low=limits.speed_min_mm_s, high=limits.speed_max_mm_s
+    )
+    return Turn(speed, table.integer("turns", low=1, high=MAX_TURNS))
+
+
+_KINDS: dict[str, Callable[[Table, RigConfig], Step]] = {
+    "tare": lambda table, config: Tare(),
+    "rest": lambda table, config: Rest(_seconds(table)),
+    "approach_only": _approach_only,
+    "baseline": lambda table, config: Baseline(_seconds(table)),
+    "turn": _turn,
+    "message": lambda table, config: Message(table.text("text"), table.flag("wait", False)),
+}
+
+
+def _check_whole(protocol: Protocol, root: Table) -> None:
+    """All of what makes a trial, or nothing of it."""
+    presses = "depths_mm" if protocol.force_mode == "position" else "forces_g"
+    needed = {"textures", "speeds_mm_s", presses}
+    given = {key for key in (*needed, "repeats") if key in root}
+    if given and not needed <= given:
+        missing = sorted(needed - given)[0]
+        root.fail(missing, f"is missing: trials need {', '.join(sorted(needed))}")
+    if not given and not protocol.steps:
+        root.fail("", "there is nothing to do: give textures, speeds_mm_s and forces_g, or steps")
+    conditions = len(protocol.textures) * len(protocol.speeds_mm_s)
+    trials = conditions * len(protocol.forces_g or protocol.depths_mm) * protocol.repeats
+    if trials > MAX_TRIALS:
+        root.fail("repeats", f"make {trials:,} trials; a session holds up to {MAX_TRIALS:,}")
+
+
+def _check_travel(protocol: Protocol, root: Table, trial: Table) -> None:
+    """The ramp must fit into the run-in, and the whole trial onto the plate."""
+    drum = protocol.config.drum
+    if not protocol.speeds_mm_s:
+        return
+    fastest = max(protocol.speeds_mm_s)
+    ramp = ramp_mm(fastest, protocol.config)
+    if ramp > drum.run_in_mm:
+        root.fail(
+            "speeds_mm_s",
+            f"the ramp to {fastest:g} mm/s takes {ramp:.0f} mm, the rig's run-in is "
+            f"{drum.run_in_mm:g} mm: lower the speed or lengthen drum.run_in_mm in rig.toml",
+        )
+    room = drum.plate_length_mm - drum.run_in_mm - drum.sync_margin_mm - ramp
+    if protocol.travel_mm > room:
+        trial.fail(
+            "travel_mm",
+            f"{protocol.travel_mm:g} mm do not fit on the plate of {drum.plate_length_mm:g} mm: "
+            f"with run-in and ramps there is room for {room:.0f} mm at {fastest:g} mm/s",
+        )

@@ -1,0 +1,68 @@
+"""Encoder parameters and taxel ranges in an HDF5 group, every number by its name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.parameters import EncoderParameters
+from rigctl.errors import SessionError, WrongUse
+from rigctl.session.format.annotated_arrays import put_array, put_text, take_array, take_text
+
+ENCODER_UNITS = {
+    "a": "1/ms", "b": "1/ms", "c_mv": "mV", "d": "mV/ms", "quadratic": "1/(mV ms)",
+    "linear": "1/ms", "constant": "mV/ms", "threshold_mv": "mV", "start_v_mv": "mV",
+    "start_u": "mV/ms", "substep_ms": "ms", "sa_gain": "mV/ms", "ra_gain": "mV",
+    "ra_lowpass_hz": "Hz", "sample_rate_hz": "Hz",
+}  # fmt: skip
+
+
+def put_encoder(group: Any, parameters: EncoderParameters, ranges: Normalisation) -> None:
+    """Store every parameter, and the ranges."""
+    for name, value in parameters.as_dict().items():
+        doc = f"EncoderParameters.{name}"
+        if isinstance(value, str):
+            put_text(group, name, value, doc)
+        else:
+            put_array(group, name, value, ENCODER_UNITS.get(name, ""), doc)
+    unit = "stored counts"
+    put_array(group, "taxel_low", ranges.low, unit, "reading that becomes 0", "taxel")
+    put_array(group, "taxel_high", ranges.high, unit, "reading that becomes 1", "taxel")
+    put_text(group, "taxel_range_source", ranges.source, "what the ranges are from")
+
+
+def take_parameters(group: Any) -> EncoderParameters:
+    """The parameters. Raises KeyError or WrongUse where they are not as they should be."""
+    names = EncoderParameters().as_dict()
+    return EncoderParameters.from_dict({name: _value(group[name]) for name in names})
+
+
+def take_ranges(group: Any) -> Normalisation:
+    """The ranges. Raises KeyError or WrongUse where they are not as they should be."""
+    low, high = (take_array(group, f"taxel_{end}", np.uint16) for end in ("low", "high"))
+    return Normalisation(low, high, take_text(group, "taxel_range_source"))
+
+
+def read_ranges(path: Path) -> Normalisation:
+    """Taxel ranges of a file of spikes or a model. Raises SessionError for another file."""
+    try:
+        with h5py.File(path, "r") as file:
+            ranges = take_ranges(file["encoder"])
+    except FileNotFoundError:
+        raise SessionError(
+            f"there is no file {path}: --ranges takes all, training or one"
+        ) from None
+    except (OSError, KeyError, WrongUse) as error:
+        raise SessionError(
+            f"{path} holds no taxel ranges ({error}): give a spikes.h5 or a model file"
+        ) from error
+    return Normalisation(ranges.low, ranges.high, f"those of {path}: {ranges.source}")
+
+
+def _value(dataset: Any) -> Any:
+    value = dataset[()]
+    return value.decode() if isinstance(value, bytes) else value.item()

@@ -1,0 +1,77 @@
+"""A trained classifier as a value: everything between a trial's readings and its answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.encoding.features import FeatureLayout
+from rigctl.encoding.force_matrix import ForceMatrix
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.parameters import EncoderParameters
+from rigctl.values import SAMPLE_RATE_HZ
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """What a model was made from and by whom.
+
+    ``inputs``: a plain mapping for each session, its ``content`` among it, a digest of what was
+    recorded. ``seed`` is that of the analysis that made the model: training draws nothing.
+    """
+
+    made_utc: str
+    software_version: str
+    software_commit: str
+    seed: int
+    simulated: bool
+    trials: int
+    speeds_mm_s: tuple[float, ...]
+    forces_g: tuple[float, ...]
+    inputs: tuple[dict[str, Any], ...] = field(default=())
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """Encoder, windows, principal components and discriminants of one representation.
+
+    ``force``: how C scales the SA current, by the trial's own ``texture``, ``blind`` to it, or
+    empty for not at all; ``c`` is there where it does.
+    ``mean`` float64 (p,), ``axes`` (p, k), ``variance`` (k,), divisor n − 1: principal components.
+    ``factor`` (k, k), lower Cholesky factor of the pooled within-class covariance of the scores
+    (divisor n − classes); ``whitened_means`` (k, classes); ``log_priors`` (classes,); ``dropped``
+    int64, components from 0 that take no part. All arrays are in C order.
+    """
+
+    representation: str
+    key: str
+    force: str
+    classes: tuple[str, ...]
+    parameters: EncoderParameters
+    normalisation: Normalisation
+    features: FeatureLayout
+    mean: Floats
+    axes: Floats
+    variance: Floats
+    factor: Floats
+    whitened_means: Floats
+    log_priors: Floats
+    dropped: NDArray[np.int64]
+    c: ForceMatrix | None
+    training: Training
+    sample_rate_hz: int = SAMPLE_RATE_HZ
+
+    @property
+    def n_taxels(self) -> int:
+        """Taxels of a sample."""
+        return self.normalisation.n_taxels
+
+    @property
+    def components(self) -> int:
+        """Principal components that an answer is made from."""
+        return int(self.axes.shape[1])

@@ -1,0 +1,118 @@
+"""One writer a session: a lock file that the operating system lets go when its owner dies."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from rigctl.errors import DiskFault, SessionError
+from rigctl.session.format.layout import LOCK_FILE
+
+if sys.platform == "win32":
+    import msvcrt
+
+    _BYTE_BEHIND_THE_TEXT = 4096
+
+    def _try_lock(descriptor: int) -> None:
+        os.lseek(descriptor, _BYTE_BEHIND_THE_TEXT, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+else:
+    import fcntl
+
+    def _try_lock(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+class WriterLock:
+    """Holds ``writer.lock`` in a session's folder from construction to :meth:`release`.
+
+    The file names the owner's process; ``left_by`` is the process that died without
+    releasing it, or None. Raises SessionError while another writer lives, DiskFault where
+    the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / LOCK_FILE
+        self._descriptor = self._acquire()
+        self.left_by = _owner(self._descriptor)
+        os.ftruncate(self._descriptor, 0)
+        os.lseek(self._descriptor, 0, os.SEEK_SET)
+        os.write(self._descriptor, f"{os.getpid()}\n".encode())
+
+    def release(self) -> None:
+        """Remove the lock file and let the lock go."""
+        if self._descriptor < 0:
+            return
+        if sys.platform != "win32":  # unlink while locked, or two could hold it
+            self._path.unlink(missing_ok=True)
+        os.close(self._descriptor)
+        self._descriptor = -1
+        if sys.platform == "win32":
+            self._path.unlink(missing_ok=True)
+
+    def _acquire(self) -> int:
+        while True:
+            descriptor = self._open()
+            try:
+                _try_lock(descriptor)
+            except OSError as error:
+                owner = _owner(descriptor)
+                os.close(descriptor)
+                raise SessionError(_refusal(self._path.parent, owner)) from error
+            if self._still_there(descriptor):
+                return descriptor
+            os.close(descriptor)
+
+    def _open(self) -> int:
+        try:
+            return os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise DiskFault(
+                f"cannot write into {self._path.parent}: {error.strerror}; "
+                "choose a folder that you may write to"
+            ) from error
+
+    def _still_there(self, descriptor: int) -> bool:
+        """False when the owner released, and so removed, the file between open and lock."""
+        try:
+            return os.path.samestat(os.fstat(descriptor), self._path.stat())
+        except FileNotFoundError:
+            return False
+
+
+def lock_owner(folder: Path) -> int | None:
+    """Process that wrote, or writes, the session; None where there is no lock file."""
+    try:
+        text = (folder / LOCK_FILE).read_text()
+    except OSError:
+        return None
+    return int(text) if text.strip().isdigit() else None
+
+
+def is_being_written(folder: Path) -> bool:
+    """Whether a living process writes the session."""
+    try:
+        writable = os.O_RDWR if sys.platform == "win32" else os.O_RDONLY
+        descriptor = os.open(folder / LOCK_FILE, writable)
+    except OSError:
+        return False
+    try:
+        _try_lock(descriptor)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def _owner(descriptor: int) -> int | None:
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    text = os.read(descriptor, 32).decode("ascii", "replace").strip()
+    return int(text) if text.isdigit() else None
+
+
+def _refusal(folder: Path, owner: int | None) -> str:
+    who = f"process {owner}" if owner is not None else "another process"
+    return f"{folder} is being written by {who}: stop that run first, or choose another folder"

@@ -1,0 +1,137 @@
+"""What must hold for the trials of one part: each window inside the data, in sync, and whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.session.format.header import CUT_BY_CLOCK
+from rigctl.session.read.buffered_array import ReadAhead
+from rigctl.session.read.part import PartReader
+from rigctl.values import TrialRow, Verdict
+from rigctl.wire.taxels.frames import Flag
+
+RISES = 0b11
+SLICE_ROWS = 500_000
+
+
+def check_trials(part: PartReader, rows: list[TrialRow]) -> tuple[list[str], list[str]]:
+    """Problems and notes about the rows of one part, a line each."""
+    samples = _Samples(part)
+    flagged = part.header.cut_by != CUT_BY_CLOCK and _has_sync(samples, rows)
+    problems = []
+    for row in rows:
+        name = f"trial {row.trial.trial_id}, attempt {row.attempt}"
+        lines = (*_check_row(row), *_check_window(samples, row, flagged))
+        problems += [f"{name}: {line}" for line in lines]
+    problems += _check_overlap(rows)
+    return problems, list(_notes(part, rows, flagged))
+
+
+class _Samples:
+    """The small columns of a part's samples, read about once for trials in their order."""
+
+    def __init__(self, part: PartReader) -> None:
+        self.n_samples = part.n_samples
+        self._columns = {
+            path: ReadAhead(partial(part.read, path), part.n_samples)
+            for path in ("/taxels/counter", "/taxels/flags", "/taxels/edges")
+        }
+
+    def read(self, path: str, start: int, stop: int) -> NDArray[Any]:
+        """Rows [start, stop) of a column."""
+        return self._columns[path].window(start, stop)
+
+
+def _notes(part: PartReader, rows: list[TrialRow], flagged: bool) -> Iterator[str]:
+    windows = sum(row.first_counter >= 0 for row in rows)
+    spare = _rises(part) - windows
+    if part.header.cut_by == CUT_BY_CLOCK:
+        yield "no sync wire is fitted: trials were cut by the drum's clock"
+    elif windows and not flagged:
+        yield "the sync line was never high, so trials were not cut by it"
+    elif spare > 0:
+        yield f"rises of the sync line that belong to no trial: {spare}"
+
+
+def _rises(part: PartReader) -> int:
+    """Rises of the sync line that the part's samples counted."""
+    total, last = 0, None
+    for start in range(0, part.n_samples, SLICE_ROWS):
+        counts = part.read("/taxels/edges", start, start + SLICE_ROWS) & RISES
+        before = counts[0] if last is None else last
+        total += int(np.sum(np.diff(counts, prepend=before) & RISES))
+        last = counts[-1]
+    return total
+
+
+def _check_row(row: TrialRow) -> Iterator[str]:
+    committed = row.verdict is Verdict.COMMITTED
+    if row.ended_s < row.started_s:
+        yield "ended before it began"
+    if committed and row.count != row.trial.n_samples:
+        yield f"has {row.count} samples, {row.trial.n_samples} were planned"
+    if committed and row.first_counter < 0:
+        yield "is committed without a window"
+
+
+def _check_window(samples: _Samples, row: TrialRow, flagged: bool) -> Iterator[str]:
+    first, behind = row.first_counter, row.first_counter + row.count
+    if first < 0 or row.verdict is not Verdict.COMMITTED:
+        return
+    start = row.first_sample
+    stop = min(start + row.count, samples.n_samples)
+    if not 0 <= start < stop:
+        yield f"its first sample, row {start}, is not among the {samples.n_samples} of the part"
+        return
+    counters = samples.read("/taxels/counter", max(0, start - 1), stop)
+    before, own = (counters[0], counters[1:]) if start else (first - 1, counters)
+    if own[0] < first or before >= first:
+        yield f"row {start} is not the first sample from counter {first}"
+    if own[-1] < behind - 1 and stop == samples.n_samples:
+        yield f"ends at counter {behind - 1}, the part's samples end at {own[-1]}"
+    if flagged:
+        inside = int(np.searchsorted(own, behind))
+        yield from _check_sync(samples, start, start + inside)
+
+
+def _check_sync(samples: _Samples, start: int, stop: int) -> Iterator[str]:
+    """Sync high in the whole window; its rise counted by the frame before the first."""
+    flags = samples.read("/taxels/flags", start, stop)
+    low = np.count_nonzero((flags & Flag.SYNC) == 0)
+    if low:
+        yield f"the sync line was low in {low} samples of its window"
+    if start < 2:
+        return
+    counters = samples.read("/taxels/counter", start - 2, start + 1)
+    rises = samples.read("/taxels/edges", start - 2, start + 1) & RISES
+    if np.array_equal(np.diff(counters), [1, 1]) and rises[0] == rises[1]:
+        yield "it does not begin at a rise of the sync line"
+    if rises[1] != rises[2]:
+        yield "the sync line rose again in its first sample"
+
+
+def _check_overlap(rows: list[TrialRow]) -> Iterator[str]:
+    windows = sorted(
+        (row.first_counter, row.first_counter + row.count, row.trial.trial_id)
+        for row in rows
+        if row.verdict is Verdict.COMMITTED and row.first_counter >= 0
+    )
+    for (_, behind, one), (first, _, other) in pairwise(windows):
+        if first < behind:
+            yield f"trials {one} and {other} overlap"
+
+
+def _has_sync(samples: _Samples, rows: list[TrialRow]) -> bool:
+    """Whether the sync wire is fitted: it is high in some window."""
+    for row in rows:
+        if row.first_sample >= 0:
+            flags = samples.read("/taxels/flags", row.first_sample, row.first_sample + row.count)
+            if np.any(flags & Flag.SYNC):
+                return True
+    return False

@@ -1,0 +1,194 @@
+"""The writer's side of the recorder: parts, commits and the truth about the disk.
+
+Everything here runs in the recorder's thread, the only one that touches HDF5 while a session
+is written.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import shutil
+import threading
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rigctl.errors import DiskFault
+from rigctl.session.format import layout
+from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.table_rows import drum_row, event_row, loadcell_row, trial_row
+from rigctl.session.write.part_writer import Part
+from rigctl.values import Block, DrumState, Event, Gap, TrialRow
+
+_ERRNO = re.compile(r"errno = (\d+)")
+_CURES = {
+    errno.ENOSPC: "the disk is full: make room, then resume the session",
+    errno.EDQUOT: "your disk quota is used up: make room, then resume the session",
+    errno.EROFS: "the disk is read-only: check or replace it, then resume the session",
+    errno.EACCES: "the folder is not writable: check its permissions, then resume the session",
+    errno.EFBIG: "the file may not grow further (file size limit): lift it, then resume",
+    errno.EIO: "the disk reports an error: check or replace it, then resume the session",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class DiskStatus:
+    """What stands on disk, flushed; counts are over this writer's parts."""
+
+    part: int = 0
+    samples: int = 0
+    trials: int = 0
+    bytes: int = 0
+    free_bytes: int = 0
+
+
+class Writer:
+    """Acts on the files. ``disk`` is replaced as a whole at each flush."""
+
+    def __init__(
+        self, folder: Path, header: SessionHeader, texts: tuple[str, str], last_part: int
+    ) -> None:
+        self.disk = DiskStatus(part=last_part, free_bytes=shutil.disk_usage(folder).free)
+        self._folder = folder
+        self._header = header
+        self._texts = texts
+        self._number = last_part
+        self._part: Part | None = None
+        self._texture = ""
+        self._last_at_s = header.start_loop_s
+        self._trials = 0
+        self._closed = DiskStatus()
+        self._sync_due = False
+        self._waiting: list[threading.Event] = []
+
+    def begin_part(self, reason: str, texture: str) -> None:
+        """Close the open part in order and create the next."""
+        self.close_part()
+        self._number += 1
+        self._texture = texture
+        attributes: dict[str, str | int | float] = {
+            "layout": layout.LAYOUT,
+            "layout_version": layout.LAYOUT_VERSION,
+            "part": self._number,
+            "reason": reason,
+            "texture": texture,
+        }
+        attributes.update(self._header.attributes())
+        path = self._folder / layout.part_name(self._number)
+        self._part = Part(path, attributes, self._header.n_taxels, self._texts)
+        self.flush()
+
+    def add_block(self, block: Block) -> None:
+        """Samples; a counter that went back means that the board restarted: a new part."""
+        part = self._open_part()
+        self._last_at_s = max(self._last_at_s, block.arrived_s)
+        behind = part.counters.next_counter
+        if len(block) and behind is not None and block.counters[0] < behind:
+            self.begin_part("the taxel board restarted", self._texture)
+            part = self._open_part()
+        part.add_block(block)
+
+    def add_gap(self, gap: Gap) -> None:
+        """Samples that the recorder itself had to drop."""
+        self._open_part().add_gap(gap)
+
+    def add_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
+        """One poll and the load-cell samples that came with it."""
+        part = self._open_part()
+        self._last_at_s = max(self._last_at_s, state.at_s)
+        part.add_rows(layout.DRUM, [drum_row(state, force_set_g, speed_set_mm_s)])
+        part.add_rows(layout.LOADCELL, [loadcell_row(sample) for sample in state.loadcell])
+
+    def add_event(self, event: Event) -> None:
+        """One event."""
+        self._last_at_s = max(self._last_at_s, event.at_s)
+        self._open_part().add_rows(layout.EVENTS, [event_row(event)])
+
+    def commit_trial(self, row: TrialRow) -> None:
+        """One attempt's row; the next flush is followed by an fsync."""
+        part = self._open_part()
+        self._last_at_s = max(self._last_at_s, row.ended_s)
+        first_sample = part.counters.row_of(row.first_counter)
+        part.add_rows(layout.TRIALS, [trial_row(row, self._number, first_sample)])
+        self._trials += 1
+        self._sync_due = True
+
+    def notify_when_written(self, done: threading.Event) -> None:
+        """Set ``done`` after the next flush and fsync."""
+        self._waiting.append(done)
+        self._sync_due = True
+
+    def flush(self) -> None:
+        """Bring all that was added to the file and publish it in ``disk``."""
+        part = self._part
+        if part is not None:
+            part.write()
+            if self._sync_due:
+                part.sync()
+            self._publish(part.samples_written, part.size_bytes())
+        self._sync_due = False
+        self._release_waiting()
+
+    def close_part(self) -> None:
+        """Finish the open part: its last row says so, then nothing writes to it again."""
+        if self._part is None:
+            return
+        self.add_event(Event(self._last_at_s, layout.END_KIND, "The part was closed in order."))
+        self._sync_due = True
+        self.flush()
+        part, self._part = self._part, None
+        part.close()
+        size = part.path.stat().st_size
+        self._closed = replace(
+            self._closed,
+            samples=self._closed.samples + part.samples_written,
+            bytes=self._closed.bytes + size,
+        )
+        self._publish(0, 0)
+
+    def look_at_disk(self) -> None:
+        """Learn how much room there is, also while nothing is written."""
+        self.disk = replace(self.disk, free_bytes=shutil.disk_usage(self._folder).free)
+
+    def abandon(self) -> None:
+        """Let the file go after a failure; what was flushed stays readable."""
+        part, self._part = self._part, None
+        try:
+            if part is not None:
+                part.abandon()
+        except (OSError, RuntimeError):
+            return  # HDF5 cannot write its last bytes either; the failure is already told
+        finally:
+            self._release_waiting()
+
+    def _release_waiting(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for done in waiting:
+            done.set()
+
+    def _open_part(self) -> Part:
+        if self._part is None:
+            raise DiskFault("nothing can be recorded before the first part was begun")
+        return self._part
+
+    def _publish(self, samples: int, size: int) -> None:
+        self.disk = DiskStatus(
+            part=self._number,
+            samples=self._closed.samples + samples,
+            trials=self._trials,
+            bytes=self._closed.bytes + size,
+            free_bytes=shutil.disk_usage(self._folder).free,
+        )
+
+
+def failure_sentence(error: BaseException, folder: Path) -> str:
+    """One sentence with the cure for what stopped the writer."""
+    code = error.errno if isinstance(error, OSError) else None
+    found = _ERRNO.search(str(error))
+    if found:
+        code = int(found.group(1))
+    if code in _CURES:
+        return f"Recording into {folder} stopped, {_CURES[code]}."
+    detail = os.strerror(code) if code else f"{type(error).__name__}: {error}"
+    return f"Recording into {folder} stopped: {detail}. What was committed is kept."

@@ -1,0 +1,208 @@
+"""The compiled shim around simavr (``arduino/sim``) as Python sees it: one exchange per slice.
+
+The exchange's layout is read from ``arduino/sim/sim.h``; its size is compared when the library is
+loaded. Calls release the interpreter's lock. A chip belongs to one thread at a time.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from enum import IntEnum
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.config.resources import checkout
+from rigctl.errors import RigFault, WrongUse
+
+CHANNELS = 18
+MAX_BYTES = 4096
+MAX_INPUTS = 1024
+MAX_ROWS = 33
+
+
+class Kind(IntEnum):
+    """Which board, and so which chip and which wiring."""
+
+    DRUM = 0
+    TAXELS = 1
+
+
+class Output(IntEnum):
+    """Signals whose edges are reported; of STEP only rises."""
+
+    STEP = 0
+    DIR = 1
+    ENABLE = 2
+    SYNC = 3
+    BRIDGE = 4
+    SCK = 5
+    INDEX = 6
+    SAMPLE = 7
+
+
+class Input(IntEnum):
+    """Pins that a caller may set at a cycle."""
+
+    ESTOP = 0
+    END_UP = 1
+    END_DOWN = 2
+    INDEX = 3
+    SYNC = 4
+
+
+class ResetBy(IntEnum):
+    """What resets a chip; SRAM is lost only with the power."""
+
+    POWER = 1
+    PIN = 2
+
+
+_U64, _U8 = ctypes.c_uint64, ctypes.c_uint8
+_TYPES: dict[str, Any] = {
+    "double": ctypes.c_double,
+    "int32_t": ctypes.c_int32,
+    "int64_t": ctypes.c_int64,
+    "uint64_t": _U64,
+    "uint8_t": _U8,
+}
+
+
+@cache
+def exchange_type() -> type[ctypes.Structure]:
+    """``sim_exchange`` as ``arduino/sim/sim.h`` declares it; the meanings stand there.
+
+    Raises RigFault outside of a checkout.
+    """
+    root = checkout()
+    if root is None:
+        raise RigFault("simulated chips need a checkout: use --rig virtual")
+    text = re.sub(r"/\*.*?\*/", "", (root / "arduino/sim/sim.h").read_text(), flags=re.DOTALL)
+    sizes = {name: int(size) for name, size in re.findall(r"#define (\w+) (\d+)", text)}
+    body = text.split("typedef struct sim_exchange {")[1].split("} sim_exchange;")[0]
+    fields = []
+    for kind, names in re.findall(r"(\w+) ([^;]+);", body):
+        for name, bounds in re.findall(r"(\w+)((?:\[\w+\])*)", names):
+            type_: Any = _TYPES[kind]
+            for bound in reversed(re.findall(r"\w+", bounds)):
+                type_ = type_ * sizes[bound]
+            fields.append((name, type_))
+    return type("Exchange", (ctypes.Structure,), {"_fields_": fields})
+
+
+_POINTER, _SIZE = ctypes.c_void_p, ctypes.c_uint32
+_SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
+    "sim_open": (_POINTER, [ctypes.c_char_p, ctypes.c_int]),
+    "sim_close": (None, [_POINTER]),
+    "sim_exchange_of": (_POINTER, [_POINTER]),
+    "sim_exchange_size": (ctypes.c_ulong, []),
+    "sim_run": (ctypes.c_int, [_POINTER, _U64]),
+    "sim_reset": (None, [_POINTER, ctypes.c_int]),
+    "sim_place_drum": (None, [_POINTER, ctypes.c_int64]),
+    "sim_eeprom_read": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
+    "sim_eeprom_write": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
+}
+
+
+def load_library(path: Path) -> ctypes.CDLL:
+    """Load the shim. Raises RigFault when it is missing or of another version than this file."""
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise RigFault(
+            f"{path}: the chip simulator cannot be loaded ({error}): run `make firmware`"
+        ) from error
+    for name, (result, arguments) in _SIGNATURES.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    if library.sim_exchange_size() != ctypes.sizeof(exchange_type()):
+        raise RigFault(f"{path}: the chip simulator is of another version: run `make firmware`")
+    return library
+
+
+class Chip:
+    """One simulated AVR with its image. Close it; nothing else frees the simulator's memory.
+
+    Arrays are views of the exchange: ``tx``, ``tx_cycle``, ``edge_cycle``, ``edge_signal``,
+    ``edge_level`` (valid up to the counts, until the next :meth:`run`); ``analog`` float64
+    (33, 18), shares of the reference at the start of the run, …, at its end; ``noise`` the same
+    in codes.
+    """
+
+    def __init__(self, library: ctypes.CDLL, image: Path, kind: Kind) -> None:
+        self._library = library
+        self._handle = library.sim_open(str(image).encode(), int(kind)) if image.is_file() else None
+        if not self._handle:
+            raise RigFault(f"{image}: no firmware image to run: run `make firmware`")
+        self.exchange: Any = exchange_type().from_address(library.sim_exchange_of(self._handle))
+        self._map_exchange()
+
+    def _map_exchange(self) -> None:
+        self.tx = self._view("tx", np.uint8)
+        self.tx_cycle = self._view("tx_cycle", np.uint64)
+        self.edge_cycle = self._view("edge_cycle", np.uint64)
+        self.edge_signal = self._view("edge_signal", np.uint8)
+        self.edge_level = self._view("edge_level", np.uint8)
+        self.analog = self._view("analog", np.float64).reshape(MAX_ROWS, CHANNELS)
+        self.noise = self._view("analog_noise", np.float64).reshape(MAX_ROWS, CHANNELS)
+        self._rx = self._view("rx", np.uint8)
+
+    def _view(self, field: str, dtype: type[np.generic]) -> NDArray[Any]:
+        return np.frombuffer(getattr(self.exchange, field), dtype)
+
+    def send(self, data: bytes, from_cycle: int = 0) -> int:
+        """Hand bytes of the host over for the next run; returns how many fit."""
+        taken = min(len(data), MAX_BYTES)
+        self.exchange.rx_start = from_cycle
+        self._rx[:taken] = np.frombuffer(data[:taken], np.uint8)
+        self.exchange.rx_count = taken
+        return taken
+
+    def set_input(self, signal: Input, cycle: int, level: int) -> None:
+        """Have a pin change at a cycle of the next run; cycles must ascend."""
+        x = self.exchange
+        if x.input_count >= MAX_INPUTS:
+            raise WrongUse("too many pin changes in one slice: run shorter slices")
+        x.input_cycle[x.input_count] = cycle
+        x.input_signal[x.input_count] = int(signal)
+        x.input_level[x.input_count] = level
+        x.input_count += 1
+
+    def run(self, until_cycle: int) -> None:
+        """Run to a cycle. Raises RigFault when closed, or when the chip did the impossible."""
+        if not self._handle:
+            raise RigFault("the simulated chip is closed")
+        if self._library.sim_run(self._handle, until_cycle):
+            raise RigFault(f"the simulated chip stopped at cycle {self.exchange.cycle}")
+
+    def reset(self, by: ResetBy = ResetBy.PIN) -> None:
+        """Reset the chip; EEPROM is kept."""
+        self._library.sim_reset(self._handle, int(by))
+
+    def place_drum(self, steps: int) -> None:
+        """Turn the drum to ``steps`` behind the start of its index mark."""
+        self._library.sim_place_drum(self._handle, steps)
+
+    def read_eeprom(self, offset: int, size: int) -> bytes:
+        """Bytes of the EEPROM. Raises WrongUse outside of it."""
+        buffer = ctypes.create_string_buffer(size)
+        if self._library.sim_eeprom_read(self._handle, offset, buffer, size):
+            raise WrongUse(f"EEPROM has no bytes {offset} … {offset + size - 1}")
+        return buffer.raw
+
+    def write_eeprom(self, offset: int, data: bytes) -> None:
+        """Change bytes of the EEPROM. Raises WrongUse outside of it."""
+        if self._library.sim_eeprom_write(self._handle, offset, data, len(data)):
+            raise WrongUse(f"EEPROM has no bytes {offset} … {offset + len(data) - 1}")
+
+    def close(self) -> None:
+        """Free the simulator's memory; harmless when closed already. Counters can still be read."""
+        if self._handle:
+            self.exchange = exchange_type().from_buffer_copy(self.exchange)
+            self._map_exchange()
+            self._library.sim_close(self._handle)
+            self._handle = None

@@ -1,0 +1,253 @@
+"""What every simulated bench offers to the host: two cables, a clock, faults on demand, truth.
+
+Virtual boards and simulated chips both stand behind :class:`Simulation`. Everything runs in
+the caller's thread: nothing moves except inside :meth:`Simulation.advance`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+
+from rigctl.errors import LinkLost
+from rigctl.simulation.bench.ground_truth import Truth
+from rigctl.wire.drum.register_table import Signal
+
+DRUM = "drum"
+TAXELS = "taxels"
+TO_HOST = "to_host"
+TO_BOARD = "to_board"
+
+
+class LoadcellFault(IntEnum):
+    """How the load-cell amplifier can fail; numbered as ``enum sim_loadcell_mode`` is."""
+
+    NONE = 0
+    SILENT = 1
+    FROZEN = 2
+    SATURATED = 3
+
+
+@dataclass(slots=True)
+class Disturbances:
+    """What goes wrong on the bench at this moment; world and boards look here."""
+
+    estop_pressed: bool = False
+    motor_jammed: bool = False
+    push_g: float = 0.0
+    loadcell: LoadcellFault = LoadcellFault.NONE
+    absent: frozenset[Signal] = frozenset()
+    inverted: frozenset[Signal] = frozenset()
+
+    def wire(self, signal: Signal, level: bool) -> bool:
+        """What the board's end of an optional wire shows; a missing one is pulled up."""
+        return signal in self.absent or level != (signal in self.inverted)
+
+
+class LineNoise:
+    """Bytes dropped and bits flipped at given rates, the same for the same seed and bytes."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = np.random.Generator(np.random.Philox(seed))
+        self.drop_rate = 0.0
+        self.corrupt_rate = 0.0
+
+    def apply(self, data: bytes) -> bytes:
+        """The bytes that come out at the other end."""
+        if self.drop_rate == 0.0 and self.corrupt_rate == 0.0:
+            return data
+        values = np.frombuffer(data, np.uint8).copy()
+        hit = self._random.random(values.size) < self.corrupt_rate
+        values[hit] ^= np.uint8(1) << self._random.integers(0, 8, values.size, np.uint8)[hit]
+        return values[self._random.random(values.size) >= self.drop_rate].tobytes()
+
+
+class SimulatedLink:
+    """One board's cable. The host opens, writes and closes; the simulation delivers.
+
+    The same shape as a byte link of the devices. All calls belong to the loop's thread.
+    """
+
+    def __init__(self, name: str, seed: int = 0) -> None:
+        self.name = name
+        self.is_open = False
+        self.plugged = True
+        self.stalled = False
+        self.noise = {TO_HOST: LineNoise(2 * seed), TO_BOARD: LineNoise(2 * seed + 1)}
+        self._on_bytes: Callable[[bytes, float], None] | None = None
+        self._on_lost: Callable[[str], None] | None = None
+        self._board: Callable[[bytes], None] | None = None
+
+    def open(
+        self, on_bytes: Callable[[bytes, float], None], on_lost: Callable[[str], None]
+    ) -> None:
+        """Listen: ``on_bytes(data, at_s)`` with world seconds, ``on_lost(reason)`` at most once.
+
+        Raises LinkLost when the cable is unplugged or already open.
+        """
+        if not self.plugged:
+            raise LinkLost(f"{self.name}: no such port: plug the board in")
+        if self.is_open:
+            raise LinkLost(f"{self.name}: the port is in use: close the other program")
+        self._on_bytes, self._on_lost, self.is_open = on_bytes, on_lost, True
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the board from now on. Raises LinkLost when the link is not open."""
+        if not self.is_open:
+            raise LinkLost(f"{self.name}: the port is closed: connect the board again")
+        arrived = self.noise[TO_BOARD].apply(bytes(data))
+        if self._board is not None and arrived and not self.stalled:
+            self._board(arrived)
+
+    def close(self) -> None:
+        """Stop listening; harmless when closed already."""
+        self._on_bytes = self._on_lost = None
+        self.is_open = False
+
+    def attach(self, board: Callable[[bytes], None]) -> None:
+        """Board side: ``board(data)`` gets what the host writes, at the moment it is written."""
+        self._board = board
+
+    def deliver(self, data: bytes, at_s: float) -> None:
+        """Board side: bytes whose last one arrives at ``at_s``; lost when nobody listens."""
+        if self.stalled:
+            return
+        arrived = self.noise[TO_HOST].apply(data)
+        if self._on_bytes is not None and arrived:
+            self._on_bytes(arrived, at_s)
+
+    def unplug(self) -> None:
+        """Pull the cable: the host is told once and the link closes."""
+        on_lost = self._on_lost
+        self.plugged = False
+        self.close()
+        if on_lost is not None:
+            on_lost(f"{self.name}: the port vanished: plug the board in again")
+
+    def replug(self) -> None:
+        """Put the cable back; the host must open the link again."""
+        self.plugged = True
+
+
+class FaultPanel:
+    """Everything that can be made to go wrong, the same for virtual boards and chips.
+
+    ``board`` is ``"drum"`` or ``"taxels"``. ``on_change`` is called after the disturbances of
+    the bench changed, ``reset`` with the name of the board whose reset button is pressed.
+    """
+
+    def __init__(
+        self,
+        links: Mapping[str, SimulatedLink],
+        disturbances: Disturbances,
+        on_change: Callable[[], None],
+        reset: Callable[[str], None],
+    ) -> None:
+        self._links = links
+        self._bench = disturbances
+        self._on_change = on_change
+        self._reset = reset
+
+    def unplug(self, board: str) -> None:
+        """Pull a board's cable; the board itself keeps running."""
+        self._links[board].unplug()
+
+    def replug(self, board: str) -> None:
+        """Put the cable back."""
+        self._links[board].replug()
+
+    def stall(self, board: str, on: bool = True) -> None:
+        """Silence a cable in both directions without closing the port."""
+        self._links[board].stalled = on
+
+    def drop_bytes(self, board: str, direction: str, rate: float) -> None:
+        """Lose this share of bytes; ``direction`` is ``"to_host"`` or ``"to_board"``."""
+        self._links[board].noise[direction].drop_rate = rate
+
+    def corrupt_bytes(self, board: str, direction: str, rate: float) -> None:
+        """Flip one bit in this share of bytes."""
+        self._links[board].noise[direction].corrupt_rate = rate
+
+    def reset(self, board: str) -> None:
+        """Press a board's reset button."""
+        self._reset(board)
+
+    def press_estop(self) -> None:
+        """Open the emergency-stop contact."""
+        self._bench.estop_pressed = True
+        self._on_change()
+
+    def release_estop(self) -> None:
+        """Close the emergency-stop contact."""
+        self._bench.estop_pressed = False
+        self._on_change()
+
+    def loadcell_silent(self, on: bool = True) -> None:
+        """The amplifier stops converting."""
+        self._set_loadcell(LoadcellFault.SILENT, on)
+
+    def loadcell_frozen(self, on: bool = True) -> None:
+        """The amplifier repeats its last value."""
+        self._set_loadcell(LoadcellFault.FROZEN, on)
+
+    def loadcell_saturated(self, on: bool = True) -> None:
+        """The amplifier stands at the end of its range."""
+        self._set_loadcell(LoadcellFault.SATURATED, on)
+
+    def jam_motor(self, on: bool = True) -> None:
+        """Hold the drum: steps are lost and the surface stands still."""
+        self._bench.motor_jammed = on
+        self._on_change()
+
+    def push(self, force_g: float) -> None:
+        """Press on the load cell with an extra force; 0 lets go."""
+        self._bench.push_g = force_g
+        self._on_change()
+
+    def rewire(self, absent: Iterable[Signal] = (), inverted: Iterable[Signal] = ()) -> None:
+        """Fit all optional wires of the drum board but ``absent``, some the other way round."""
+        self._bench.absent, self._bench.inverted = frozenset(absent), frozenset(inverted)
+        self._on_change()
+
+    def _set_loadcell(self, fault: LoadcellFault, on: bool) -> None:
+        self._bench.loadcell = fault if on else LoadcellFault.NONE
+        self._on_change()
+
+
+class Simulation(Protocol):
+    """A simulated bench: world, two boards and their cables.
+
+    ``time_us`` is world time. ``slice_us`` is the longest advance after which the host should
+    look at its own work again; it shrinks when an answer is about to arrive.
+    """
+
+    time_us: int
+    drum: SimulatedLink
+    taxels: SimulatedLink
+    faults: FaultPanel
+
+    @property
+    def truth(self) -> Truth:
+        """What really happened, up to now."""
+        ...
+
+    @property
+    def slice_us(self) -> int:
+        """Longest useful advance from now, microseconds, at least 1."""
+        ...
+
+    def advance(self, until_us: int) -> None:
+        """Run world and boards up to a world time; deterministic for a seed."""
+        ...
+
+    def set_plate(self, texture: str) -> None:
+        """Snap in the plate of texture ``"A"``–``"P"``. Raises WrongUse for another name."""
+        ...
+
+    def close(self) -> None:
+        """Free what the boards hold; the links close."""
+        ...

@@ -1,0 +1,273 @@
+"""The steps of a plan on the direct rig, each trial recorded, cut and judged as in a run."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import singledispatchmethod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigctl.acquisition.protocol.trial_quality import Limits, Measured, Window, judge, measure
+from rigctl.acquisition.taxels.trial_cutter import TrialCutter
+from rigctl.errors import DiskFault
+from rigctl.protocol import (
+    ApproachOnly,
+    Baseline,
+    ChangePlate,
+    Message,
+    Protocol,
+    Rest,
+    RunTrial,
+    Tare,
+    Turn,
+)
+from rigctl.session.files.ground_truth import TruthLog, write_truth
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.direct_rig import DirectRig
+from rigctl.synth.operator import Operator
+from rigctl.synth.resumed_recorder import Sink
+from rigctl.synth.trial_recording import Tape
+from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
+from rigctl.wire.drum.register_table import Status
+
+QUEUE_SAMPLES = 100_000
+"""So many samples may wait for the disk before the world does."""
+
+TRUTH_ROWS = 1_000_000
+
+
+class Work:
+    """Takes the steps of a plan and records what belongs to the session.
+
+    With several ``workers`` one thread makes noise ahead; the samples are the same.
+    """
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        parameters: WorldParameters,
+        seed: int,
+        folder: Path,
+        recorder: Sink,
+        workers: int,
+    ) -> None:
+        self._folder = folder
+        self._recorder = recorder
+        self._helper = ThreadPoolExecutor(1, "noise") if workers > 1 else None
+        self._rig = DirectRig(parameters, seed, self._helper)
+        self._operator = Operator(self._rig, protocol.config, protocol.settle)
+        self._tape = Tape(self._rig, self._take_block, self._take_drum)
+        self._quality = protocol.quality
+        self._cutter = TrialCutter()
+        self._loadcell: list[LoadcellSample] = []
+        self._last: DrumState | None = None
+        self._set_points = (0.0, 0.0)
+        self._texture = ""
+        self._reason = "start"
+        self._tared = False
+        self._truth: list[TruthLog] = []
+        self._truth_rows = 0
+        self.committed = 0
+
+    def finish(self) -> None:
+        """Bring all that is known to disk."""
+        if self._reason == "start":  # nothing was recorded
+            self._recorder.begin_part(self._reason, self._texture)
+        self._write_truth()
+        self._rig.close()
+        if self._helper is not None:
+            self._helper.shutdown(cancel_futures=True)
+
+    @singledispatchmethod
+    def perform(self, step: Any) -> None:
+        """Take one step of the plan. Raises BoardFault and DiskFault."""
+        raise TypeError(f"no step of a plan: {step!r}")
+
+    @perform.register
+    def _(self, step: ChangePlate) -> None:
+        self._rig.set_plate(step.texture)
+        self._texture = step.texture
+        self._tared = False
+        self._reason = self._reason or "plate"
+
+    @perform.register
+    def _(self, step: RunTrial) -> None:
+        self._ready()
+        for number in range(1, self._quality.attempts + 1):
+            if self._attempt(step.trial, number):
+                self.committed += 1
+                return
+
+    @perform.register
+    def _(self, step: Tare) -> None:
+        self._ready()
+        self._operator.tare()
+
+    @perform.register
+    def _(self, step: Rest) -> None:
+        self._ready()
+        self._operator.wait(step.seconds)
+
+    @perform.register
+    def _(self, step: Baseline) -> None:
+        self._ready()
+        self._record_still(step.seconds, "without contact")
+
+    @perform.register
+    def _(self, step: Turn) -> None:
+        self._ready()
+        self._event("turn", f"{step.turns} turns at {step.speed_mm_s:g} mm/s left out")
+
+    @perform.register
+    def _(self, step: ApproachOnly) -> None:
+        self._ready()
+        self._operator.press(step.force_g)
+        self._record_still(step.seconds, f"pressed with {step.force_g:g} g, no travel")
+        self._operator.lift()
+
+    @perform.register
+    def _(self, step: Message) -> None:
+        self._ready()
+        self._event("message", step.text)
+
+    def _ready(self) -> None:
+        if self._reason:
+            self._recorder.begin_part(self._reason, self._texture)
+            self._event("synth", "A virtual data set: between trials the session's time stands.")
+            self._reason = ""
+        if not self._tared:
+            self._operator.tare()
+            self._tared = True
+
+    def _attempt(self, trial: PlannedTrial, number: int) -> bool:
+        self._operator.prepare(trial)
+        self._operator.approach()
+        self._cutter.expect(trial.n_samples)
+        self._loadcell.clear()
+        started_s = self._record_window()
+        self._operator.lift()
+        measured = self._measure(trial)
+        reasons = judge(trial, self._cutter.trial, measured, Limits.of(self._quality))
+        verdict = Verdict.REJECTED if reasons else Verdict.COMMITTED
+        row = self._row(trial, number, verdict, reasons, started_s, measured)
+        self._recorder.commit_trial(row)
+        why = f": {'; '.join(reasons)}" if reasons else ""
+        self._event("trial", f"trial {trial.trial_id} {verdict}{why}", trial_id=trial.trial_id)
+        self._hold_back()
+        return not reasons
+
+    def _record_window(self) -> float:
+        """Turn; record from before the rise of sync until behind its fall. Returns the start."""
+        self._note_set_points()
+        rises, recording, started_s = self._rig.get("sync_count"), False, self._tape.now_s
+
+        def look(polls: list[DrumState]) -> None:
+            nonlocal recording
+            inside: list[DrumState] = []
+            for poll in polls:
+                if poll.sync_count % 65536 == rises:
+                    self._tape.listen(poll)
+                    continue
+                if not recording and not inside and _is_open(poll):
+                    self._tape.begin(self._rig.world_us(poll.sync_rise_us))
+                    recording = True
+                if recording:
+                    inside.append(poll)
+                    recording = _is_open(poll)
+            if inside:
+                self._tape.follow(inside)
+
+        self._operator.turn(look)
+        self._keep(self._tape.end())
+        return started_s
+
+    def _note_set_points(self) -> None:
+        self._set_points = self._rig.get("force_set"), self._rig.get("speed_set")
+
+    def _record_still(self, seconds: float, what: str) -> None:
+        self._note_set_points()
+        self._tape.begin(self._operator.now_us)
+        self._event("still", f"{seconds:g} s {what} begin")
+        self._operator.wait(seconds, self._tape.follow)
+        self._keep(self._tape.end())
+        self._event("still", f"{seconds:g} s {what} end")
+        self._hold_back()
+
+    def _measure(self, trial: PlannedTrial) -> Measured:
+        last = self._last
+        if last is None:
+            return Measured()
+        travel_mm = self._rig.get("travel_set")
+        ppm = self._rig.parameters.drum_clock_ppm
+        window = Window(travel_mm, last.sync_rise_us, last.sync_fall_us, ppm, self._loadcell)
+        return measure(trial, window)
+
+    def _row(
+        self,
+        trial: PlannedTrial,
+        number: int,
+        verdict: Verdict,
+        reasons: tuple[str, ...],
+        started_s: float,
+        measured: Measured,
+    ) -> TrialRow:
+        cut = self._cutter.trial
+        return TrialRow(
+            trial=trial,
+            attempt=number,
+            part=0,
+            first_counter=cut.first_counter if cut else -1,
+            first_sample=-1,
+            count=cut.n_samples if cut else 0,
+            verdict=verdict,
+            reasons=reasons,
+            started_s=started_s,
+            ended_s=self._now_s(),
+            mean_speed_mm_s=measured.mean_speed_mm_s,
+            mean_force_g=measured.mean_force_g,
+        )
+
+    def _now_s(self) -> float:
+        return max(self._tape.now_s, self._last.at_s if self._last else 0.0)
+
+    def _take_block(self, block: Block) -> None:
+        self._cutter.feed(block)
+        self._recorder.add_block(block)
+
+    def _take_drum(self, state: DrumState) -> None:
+        self._last = state
+        self._loadcell.extend(state.loadcell)
+        self._recorder.add_drum(state, *self._set_points)
+
+    def _event(self, kind: str, text: str, **data: Any) -> None:
+        self._recorder.add_event(Event(self._now_s(), kind, text, data))
+
+    def _hold_back(self) -> None:
+        """Let the disk catch up; a full queue would lose samples."""
+        status = self._recorder.status
+        if status.failure is not None:
+            raise DiskFault(status.failure)
+        if status.queue_samples > QUEUE_SAMPLES:
+            self._recorder.wait_written()
+        if self._truth_rows > TRUTH_ROWS:
+            self._write_truth()
+
+    def _keep(self, log: TruthLog) -> None:
+        self._truth.append(log)
+        self._truth_rows += len(log[3])
+
+    def _write_truth(self) -> None:
+        if not self._truth:
+            return
+        self._recorder.wait_written()
+        columns = [np.concatenate(column) for column in list(zip(*self._truth, strict=True))[1:]]
+        write_truth(self._folder, (self._truth[0][0], columns[0], columns[1], columns[2]))
+        self._truth.clear()
+        self._truth_rows = 0
+
+
+def _is_open(poll: DrumState) -> bool:
+    """The trial window is open."""
+    return bool(poll.status_bits >> Status.SYNC_HIGH & 1)
