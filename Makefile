@@ -66,21 +66,21 @@ pytest: firmware
 	$(SAY) "test suite, two workers"
 	@QT_QPA_PLATFORM=offscreen OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
-$(PEERS)/.ready: tests/bench/peers.txt
+$(PEERS)/.ready: tests/benchmarks/encoder/peers.txt
 	$(SAY) "peers to measure against, in an environment of their own"
 	@test -x $(PEERS)/bin/python || $(PYTHON) -m venv $(PEERS)
-	@$(PEERS)/bin/pip install --quiet --disable-pip-version-check -r tests/bench/peers.txt
+	@$(PEERS)/bin/pip install --quiet --disable-pip-version-check -r tests/benchmarks/encoder/peers.txt
 	@touch $@
 
 bench: firmware $(PEERS)/.ready
 	@sh .ci/debian-packages $(DEBIAN_TEST)
 	$(SAY) "every figure with its peer in the same run; also in build/bench.jsonl"
 	@QT_QPA_PLATFORM=offscreen RIGCTL_PEERS_PYTHON=$(abspath $(PEERS)/bin/python) \
-	  $(BIN)/python -m tests.bench $(BENCH_ARGS)
+	  $(BIN)/python -m tests.benchmarks $(BENCH_ARGS)
 
 scale: boards
 	$(SAY) "what 10⁶ and 10⁸ trials would cost, from rates measured now: docs/explanation/scale.md"
-	@$(BIN)/python -m tests.bench.scale docs/explanation/scale.md
+	@$(BIN)/python -m tests.benchmarks.encoder.scale docs/explanation/scale.md
 
 # Independent virtual sets; what is there already is used again.
 ORDERS := build/orders

@@ -21,8 +21,8 @@ from rigctl.simulation.boards.drum_stepper import DrumBench
 from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
-from tests.firmware.overshoot import overshoot_g
-from tests.firmware.plant_drum import pressed
+from tests.firmware.drum.support.overshoot import overshoot_g
+from tests.firmware.drum.support.plant_drum import pressed
 
 PLATE = "A"
 NEAR = checked(WorldParameters(contact_mm=10.0, actuator_start_mm=0.0))

@@ -9,7 +9,7 @@ from rigctl.simulation.chips.simavr import Input, ResetBy
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
 from tests.attack.benches import NEAR, PLATE, SEED
-from tests.firmware.plant_drum import PlantDrum
+from tests.firmware.drum.support.plant_drum import PlantDrum
 
 BEAT_EVERY_MS = 80
 NO_ANSWER = -1

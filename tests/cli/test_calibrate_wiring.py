@@ -14,8 +14,8 @@ from rigctl.cli.rig import calibrate_wiring
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import DRAWN_WIRING, Block
+from tests.acquisition.taxels.pressed_sensor import PER_LAYER, PressedSensor, wiring_of
 from tests.devices.bench import JumpingLoop
-from tests.run.pressed_sensor import PER_LAYER, PressedSensor, wiring_of
 
 SOLDERED = wiring_of([2, 0, 1], [4, 1, 0, 5, 3, 2], False)
 RIG = """\

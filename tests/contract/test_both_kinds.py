@@ -16,7 +16,7 @@ from rigctl.wire.drum.register_table import SETTINGS, Command
 from rigctl.wire.drum.states import State
 from rigctl.wire.taxels.frames import Flag
 from tests.contract.operator import NOMINAL, Operator
-from tests.firmware.plant_drum import judged
+from tests.firmware.drum.support.plant_drum import judged
 
 SEED = 5
 PLATES = ("A", "L")

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding.parameters import PRESETS
-from tests.bench import _peers
-from tests.bench.encoder import ask_brian2
-from tests.bench.numpy_encoder import currents
+from tests.benchmarks.encoder import _peers
+from tests.benchmarks.encoder.encoder import ask_brian2
+from tests.benchmarks.encoder.numpy_encoder import currents
 
 FILE = Path(__file__).with_name("brian2_explicit.npz")
 N_TRIALS, N_SAMPLES, N_TAXELS = 4, 2000, 6

@@ -1,7 +1,7 @@
 """Writes ``docs/reference/firmware.md`` from what the bench printed: ``build/bench.jsonl``.
 
-python -m tests.bench firmware firmware_drift firmware_force firmware_map taxels taxels_million &&
-python -m tests.firmware.page
+GROUPS='firmware firmware_drift firmware_force firmware_map taxels taxels_million'
+python -m tests.benchmarks $GROUPS && python -m tests.firmware.page
 
 Other files that a bench wrote may be named instead.
 """
@@ -17,11 +17,18 @@ from typing import Any
 
 from rigctl.config.resources import checkout
 from rigctl.wire.drum.states import Event, State
-from tests.bench._force_map import FORCES_G, GRID, MARKS, PLACES_MM, PLANTS, SPEEDS_MM_S
-from tests.firmware.drum_attacks import ATTACK_CONTROLS
-from tests.firmware.drum_cells import COMMANDS, unreachable
-from tests.firmware.drum_checks import CONTROLS
-from tests.firmware.taxel_checks import CONTROLS as TAXEL_CONTROLS
+from tests.benchmarks.firmware._force_map import (
+    FORCES_G,
+    GRID,
+    MARKS,
+    PLACES_MM,
+    PLANTS,
+    SPEEDS_MM_S,
+)
+from tests.firmware.drum.support.attacks import ATTACK_CONTROLS
+from tests.firmware.drum.support.cells import COMMANDS, unreachable
+from tests.firmware.drum.support.checks import CONTROLS
+from tests.firmware.taxels.checks import CONTROLS as TAXEL_CONTROLS
 
 Row = dict[str, Any]
 DRUM, TAXELS = "firmware.drum.", "firmware.taxels."
@@ -80,7 +87,7 @@ HEAD = """# The firmware in numbers
 
 Both images run on simulated chips (simavr), and everything here is counted in their cycles:
 {run} Run
-`python -m tests.bench firmware firmware_drift firmware_force firmware_map taxels taxels_million`
+`make bench BENCH_ARGS="firmware firmware_drift firmware_force firmware_map taxels taxels_million"`
 and then `python -m tests.firmware.page` to have them anew (an hour at most); the figures are the
 same on any machine. The simulator's own floor of an edge is ± 5 cycles; silicon has none. Peers'
 figures are those that they publish, with the source named in the bench's `peer`; nothing of theirs
@@ -95,7 +102,9 @@ def page(rows: list[Row]) -> str:
     """The whole page. Raises ValueError where the rows hold no figure of the drum."""
     drum = [r for r in rows if r["name"].startswith(DRUM) and "cells" not in r]
     if not drum:
-        raise ValueError("no firmware.drum figures: run `python -m tests.bench firmware` first")
+        raise ValueError(
+            "no firmware.drum figures: run `python -m tests.benchmarks firmware` first"
+        )
     taxels = [r for r in rows if r["name"].startswith(TAXELS)]
     parts = [HEAD.format(run=said_of_run(drum)), "\n## Drum controller\n\n", table(drum, DRUM)]
     parts += ["\n## Force over the plant's ranges\n\n", MAP_HEAD, force_map(rows)]

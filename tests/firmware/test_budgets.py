@@ -12,8 +12,8 @@ import pytest
 
 from rigctl.config.resources import checkout
 from tests.firmware.building import built
-from tests.firmware.drum_chip import DrumChip
-from tests.firmware.taxel_chip import TaxelChip
+from tests.firmware.drum.support.chip import DrumChip
+from tests.firmware.taxels.chip import TaxelChip
 
 root = checkout()
 assert root is not None

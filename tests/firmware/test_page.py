@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from rigctl.config.resources import checkout
-from tests.bench._firmware_rows import GRBL, figure
-from tests.bench._force_map import Cell, marks
-from tests.bench.firmware_drift import drift_rows
+from tests.benchmarks.firmware._firmware_rows import GRBL, figure
+from tests.benchmarks.firmware._force_map import Cell, marks
+from tests.benchmarks.firmware.firmware_drift import drift_rows
 from tests.firmware import page
-from tests.firmware.drum_checks import CONTROLS
+from tests.firmware.drum.support.checks import CONTROLS
 
 ROWS = [
     figure("idle_share", 0.6174, "", "asleep"),
@@ -53,7 +53,7 @@ def test_plants_whose_force_wanders_are_named() -> None:
 
 
 def test_without_figures_there_is_no_page() -> None:
-    with pytest.raises(ValueError, match="bench firmware"):
+    with pytest.raises(ValueError, match="benchmarks firmware"):
         page.page([])
 
 

@@ -20,7 +20,7 @@ from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 from rigctl.synth import step_runner
 from rigctl.synth.dataset import Order, Progress, generate, plan_of
-from tests.run.floor import open_floor
+from tests.acquisition.floor import open_floor
 
 TEXT = """
 name = "tiny"

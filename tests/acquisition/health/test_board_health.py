@@ -1,0 +1,96 @@
+"""What both boards count of themselves: late ticks, longest interrupt, stack; where it stands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.acquisition.drum.poller import POLL_PERIOD_S
+from rigctl.acquisition.health.boards import LateTicks
+from rigctl.session.read.session import Session
+from rigctl.session.summary import info
+from rigctl.session.verify.session import verify
+from rigctl.wire.drum.register_table import BY_NAME
+from rigctl.wire.taxels.frames import Flag
+from tests.acquisition.floor import TINY, Floor, open_floor, read
+
+ONE = TINY.replace('"A", "L"', '"D"').replace("100, 120", "120")
+
+
+def test_late_ticks_are_counted_over_wraps_and_restarts() -> None:
+    late = LateTicks()
+    for boot, counted in ((1, 65530), (1, 65535), (1, 4), (2, 3), (2, 3)):
+        late.note(boot, counted)
+    assert late.total == 5 + 5 + 3
+
+
+def test_a_counter_is_taken_up_where_it_stands() -> None:
+    late = LateTicks()
+    late.note(7, 40)
+    assert late.total == 0
+
+
+UNDISTURBED, DISTURBED = 1, 3
+"""Seeds: an edge's interrupt meets the end of a conversion on the chip of the second's taxels."""
+
+
+def late_and_edged(session: Session) -> tuple[set[int], set[int]]:
+    """Samples with a late slot, and those in which the sync line or the index mark changed."""
+    (part,) = session.parts
+    flags = part.read("/taxels/flags", 0, part.n_samples)
+    edges = part.read("/taxels/edges", 0, part.n_samples)
+    edged = np.flatnonzero(np.diff(edges, prepend=edges[:1]) | (flags & Flag.INDEX))
+    return set(np.flatnonzero(flags & Flag.LATE).tolist()), set(edged.tolist())
+
+
+@pytest.mark.parametrize("kind", ["virtual", "firmware"])
+def test_a_session_tells_both_boards_at_its_start_and_end(tmp_path: Path, kind: str) -> None:
+    with open_floor(tmp_path, UNDISTURBED, kind) as floor:
+        assert floor.record(ONE).complete
+        boards = floor.engine.status()["boards"]
+    assert verify(floor.session).whole
+    with read(floor.session) as session:
+        told = [(e.data["board"], e.data["when"]) for e in session.events_of("board")]
+    assert told == [("drum", "start"), ("taxels", "start"), ("drum", "end"), ("taxels", "end")]
+    summary = info(floor.session)["boards"]
+    for name in ("drum", "taxels"):
+        assert boards[name]["late_ticks"] == summary[name]["late_ticks"] == 0
+        assert boards[name]["longest_isr_us"] == summary[name]["longest_isr_us"]
+        assert summary[name]["boot_count"] == 1 and summary[name]["reset"] == "power-up"
+        free = boards[name]["stack_free_percent"]
+        assert free is not None and 25 <= free < 100
+        if kind == "firmware":
+            longest_us = boards[name]["longest_isr_us"]
+            assert longest_us is not None and 5 < longest_us <= 25
+
+
+def test_a_slot_that_an_edge_held_up_is_counted_and_its_frame_flagged(tmp_path: Path) -> None:
+    with open_floor(tmp_path, DISTURBED, "firmware") as floor:
+        assert floor.record(ONE).complete
+        counted = floor.engine.status()["boards"]["taxels"]["late_ticks"]
+    with read(floor.session) as session:
+        late, edged = late_and_edged(session)
+    assert counted == len(late) == 1
+    assert late <= edged
+
+
+def test_the_look_at_the_counters_leaves_the_polls_their_pace(floor: Floor) -> None:
+    asked_for: list[int] = []
+    read_registers = floor.rig.drum.line.read
+
+    async def noted(address: int, count: int) -> list[int]:
+        if address == BY_NAME["longest_isr_us"].address:
+            asked_for.append(count)
+        return await read_registers(address, count)
+
+    async def person(floor: Floor) -> None:
+        floor.rig.drum.line.read = noted  # type: ignore[method-assign]  # a spy on a live line
+        polls: list[float] = []
+        floor.engine.boards.watch.watch(lambda state: polls.append(state.at_s))
+        await floor.passes(10)
+        assert np.abs(np.diff(polls) - POLL_PERIOD_S).max() < 0.2 * POLL_PERIOD_S
+
+    floor.play(person)
+    assert 9 <= len(asked_for) <= 11, "once a second"

@@ -1,0 +1,151 @@
+"""Trials without a sync wire: cut by the drum's clock, as true as its uncertainty says."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.acquisition.taxels.clock_fit import ClockFit
+from rigctl.acquisition.taxels.trial_start_by_clock import FRAME_WIRE_S, POLL_WIRE_S, place_of
+from rigctl.cli import main
+from rigctl.cli.rig.run import _rig
+from rigctl.config.rig_config import Ports, RigConfig, Signals
+from rigctl.rig import Rig, open_rig
+from rigctl.session.files.ground_truth import load_truth
+from rigctl.session.read.session import Session
+from rigctl.session.summary import info
+from rigctl.session.verify.session import verify
+from rigctl.simulation.chips.rig import ChipSimulation
+from rigctl.simulation.virtual_rig import VirtualRig
+from rigctl.wire.drum.register_table import Signal
+from rigctl.wire.drum.states import State
+from tests.acquisition.floor import TINY, Floor, open_floor, read
+from tests.firmware.taxels.chip import TaxelChip
+
+NO_WIRE = RigConfig(signals=Signals(sync=False))
+EARLIEST_MS, LATEST_MS = -1.0, 2.0
+"""Of the first sample behind the window's true start; the sync line gives 0 to 1."""
+
+
+def first_reading_ms(rig: Rig) -> Callable[[int], float]:
+    """World time at which the taxel board began the frame of that counter."""
+    simulation = rig.simulation
+    if isinstance(simulation, VirtualRig):
+        taxels = simulation._taxels
+        return lambda counter: (taxels._origin_us + counter * taxels.frame_us) / 1000
+    assert isinstance(simulation, ChipSimulation)
+    clock = simulation.taxels_board.clock
+    with TaxelChip() as alone:
+        alone.run(2)
+        zero = int(alone.sampled(0)[0])
+    return lambda counter: clock.us(counter * 16_000 + zero) / 1000
+
+
+def true_start_ms(session: Session, index: int) -> float:
+    """World time at which the run-in was over, from the world's own log of the travel."""
+    (truth,) = load_truth(session.path)
+    polls = session.drum(index).polls
+    last_still = int(np.flatnonzero(polls["state"] == State.RUN)[0]) - 1
+    first = int(polls["at_s"][last_still] * 1000) - truth.first_ms
+    travel_mm = np.cumsum(np.abs(truth.speed_mm_s[first:].astype(np.float64))) * 1e-3
+    run_in_mm = session.config.drum.run_in_mm
+    behind = int(np.argmax(travel_mm >= run_in_mm - 1e-3))
+    before_mm = travel_mm[behind - 1]
+    share = (run_in_mm - before_mm) / (travel_mm[behind] - before_mm)
+    return truth.first_ms + first + behind + float(share)
+
+
+@pytest.mark.parametrize("kind", ["virtual", "firmware"])
+def test_the_first_sample_is_as_true_as_is_said(tmp_path: Path, kind: str) -> None:
+    protocol = TINY.replace('"A", "L"', '"D"').replace("100, 120", "75, 120")
+    with open_floor(tmp_path, rig_kind=kind, config=NO_WIRE) as floor:
+        run = floor.record(protocol)
+        assert (run.ending, run.complete) == ("done", True)
+        reading_ms = first_reading_ms(floor.rig)
+        with read(floor.session) as session:
+            told = [event.data for event in session.events_of("trial")]
+            late_ms = [
+                reading_ms(int(session.trials["first_counter"][index]))
+                - true_start_ms(session, int(index))
+                for index in session.committed()
+            ]
+            assert all(session.window(int(i)).complete for i in session.committed())
+    assert len(told) == len(late_ms) == 2
+    for late, data in zip(late_ms, told, strict=True):
+        assert data["cut_by"] == "drum clock"
+        assert EARLIEST_MS <= late <= LATEST_MS
+        assert abs(late) < data["cut_uncertainty_ms"] < 8
+
+
+def test_such_a_session_is_whole_and_of_use(tmp_path: Path) -> None:
+    with open_floor(tmp_path, config=replace(NO_WIRE, ports=Ports(simulate="virtual"))) as floor:
+        assert floor.record().complete
+        assert any("drum's clock cuts" in text for text in floor.texts("log"))
+    report = verify(floor.session)
+    assert report.whole, report.problems
+    assert any("cut by the drum's clock" in note for note in report.notes)
+    told = info(floor.session)
+    assert told["cut_by"] == "drum clock"
+    assert told["world"]["trials"] == 4
+    assert told["world"]["max_speed_error_permille"] < 1
+    assert main(["encode", str(floor.session), "--out", str(tmp_path / "spikes.h5")]) == 0
+    resumed = _rig(Namespace(rig=None, resume=str(floor.session)))
+    assert Path(resumed) == floor.session / "rig.toml", "with the wires that it was begun with"
+    with read(floor.session) as session:
+        assert not np.any(session.window(0).flags & 1), "the board drives no wire that is absent"
+
+
+def test_a_wire_that_is_fitted_and_broken_is_still_asked_for(floor: Floor) -> None:
+    assert floor.rig.faults is not None
+    floor.rig.faults.rewire(absent=[Signal.SYNC])
+    run = floor.record(TINY.replace('"A", "L"', '"A"').replace("100, 120", "120"))
+    assert not run.complete
+    with read(floor.session) as session:
+        assert session.header.cut_by == "sync line"
+        assert set(session.trials["verdict"].tolist()) == {"rejected"}
+        assert "never rose" in session.trials["reasons"][0]
+
+
+def test_a_description_may_ask_for_simulated_boards_wired_so(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text('[ports]\nsimulate = "virtual"\n[signals]\nsync = false\n')
+    rig = open_rig(str(path), paced=False)
+    try:
+        assert (rig.kind, rig.simulated) == ("virtual", True)
+        assert isinstance(rig.simulation, VirtualRig)
+        assert rig.simulation._bench.disturbances.absent == {Signal.SYNC}
+        assert rig.config.ports == Ports(simulate="virtual")
+    finally:
+        rig.close()
+
+
+def clock(ppm: float, wire_s: float, late_s: np.ndarray, step_s: float) -> ClockFit:
+    """A clock read every ``step_s`` for 20 s; what it says arrives late."""
+    fit = ClockFit()
+    for n, late in enumerate(late_s):
+        true_s = 100 + n * step_s
+        fit.add((true_s - 90) * (1 + ppm * 1e-6), true_s + wire_s + float(late))
+    return fit
+
+
+@pytest.mark.parametrize("ppm", [-5000.0, 0.0, 5000.0])
+def test_arrivals_that_scatter_place_it_within_what_they_say(ppm: float) -> None:
+    random = np.random.default_rng(7)
+    drum = clock(1200, POLL_WIRE_S, random.exponential(0.002, 400), 0.05)
+    taxels = clock(ppm, FRAME_WIRE_S, random.exponential(0.004, 400), 0.05)
+    rise_s = 119.9
+    place = place_of(round((rise_s - 90) * (1 + 1200e-6) * 1e6), drum, taxels)
+    assert place is not None
+    right = (rise_s - 90) * (1 + ppm * 1e-6) * 1000
+    assert abs(place.first_counter - right) < 2 < place.uncertainty_ms < 15
+
+
+def test_an_unknown_clock_places_nothing() -> None:
+    known = clock(0, 0.0, np.zeros(400), 0.05)
+    assert place_of(1, known, ClockFit()) is None
+    assert place_of(1, ClockFit(), known) is None

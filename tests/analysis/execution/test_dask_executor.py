@@ -1,0 +1,185 @@
+"""The analysis on a real Dask cluster of two processes: equal results whatever happens to it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.execution import dask_executor
+from rigctl.analysis.features.representations import represent
+from rigctl.analysis.paper.tasks import Settings, TaskResult, run_tasks
+from rigctl.cli import main
+from rigctl.cli.options.stages import StageLine
+from rigctl.encoding.parameters import DEFAULT
+from rigctl.errors import CrewLost, WrongUse
+from tests.analysis.recordings import record
+
+pytest.importorskip("distributed")
+SETTINGS = Settings(iterations=3, k_max=3, tasks=("textures", "extrapolation"))
+
+
+class Cluster(NamedTuple):
+    process: subprocess.Popen[str]
+    two: str
+    none: str
+    pids: list[int]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    yield record(
+        tmp_path_factory.mktemp("dask") / "session", "AB", repeats=2, travel_mm=12.0,
+        speeds=(40, 60, 80, 120), forces=(250, 500, 1000),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Cluster]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.analysis.execution.local_cluster"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    with process:
+        assert process.stdout is not None
+        yield Cluster(process, **json.loads(process.stdout.readline()))
+        process.kill()
+
+
+def answers(results: list[TaskResult]) -> list[tuple[str, str, bytes, bytes]]:
+    return [
+        (r.task.key, c.representation.key, c.accuracy.tobytes(), c.confusion.tobytes())
+        for r in results
+        for c in r.curves
+    ]
+
+
+def test_results_are_equal_although_a_worker_is_killed(
+    cluster: Cluster, session: Path, tmp_path: Path
+) -> None:
+    folders = tmp_path / "alone", tmp_path / "together"
+    for folder in folders:
+        folder.mkdir()
+    trials = join_sessions([session])
+    alone = represent(trials, DEFAULT, folders[0])
+    steps: list[tuple[str, int]] = []
+
+    def progress(stage: str, done: int, all_: int) -> None:
+        if stage == "classifying" and done == all_ // 4:
+            os.kill(cluster.pids[0], signal.SIGKILL)
+        steps.append((stage, done))
+
+    with dask_executor.dask_crew(cluster.two) as crew:
+        assert crew.shares_disk and crew.remarks == ()
+        crew.must_see([session, tmp_path])
+        together = represent(trials, DEFAULT, folders[1], crew=crew, progress=progress)
+        results, _ = run_tasks(together, SETTINGS, crew=crew, progress=progress)
+    assert {key: path.read_bytes() for key, path in alone.files.items()} == {
+        key: path.read_bytes() for key, path in together.files.items()
+    }
+    assert answers(results) == answers(run_tasks(alone, SETTINGS)[0])
+    assert [n for stage, n in steps if stage == "classifying"] == list(range(2 * 6 * 3 + 1))
+
+
+def test_who_does_not_fit_is_refused_by_name(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nowhere = tmp_path / "nowhere"
+    with dask_executor.dask_crew(cluster.two) as crew:
+        with pytest.raises(WrongUse, match=f"worker tcp://.* does not see {nowhere}"):
+            crew.must_see([tmp_path, nowhere])
+        monkeypatch.setattr(dask_executor, "_listing", lambda folder: (("part-0001.h5", 7),))
+        with pytest.raises(WrongUse, match=f"sees other files in {tmp_path}"):
+            crew.must_see([tmp_path])
+        monkeypatch.setattr(dask_executor, "__version__", "9.9.9")
+        dask_executor._build.cache_clear()
+        with pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl .*, this machine 9\.9\.9"):
+            list(crew.map(abs, [-1]))
+    with (
+        pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl"),
+        dask_executor.dask_crew(cluster.two),
+    ):
+        pass
+    dask_executor._build.cache_clear()
+
+
+def test_a_jobs_own_failure_is_told_as_it_is(cluster: Cluster) -> None:
+    with (
+        dask_executor.dask_crew(cluster.two) as crew,
+        pytest.raises(FileNotFoundError, match="no-such-folder"),
+    ):
+        list(crew.map(os.listdir, ["/no-such-folder"]))
+
+
+def test_interrupted_it_leaves_nothing_to_do(cluster: Cluster, session: Path) -> None:
+    from distributed import Client
+
+    def interrupt(stage: str, done: int, all_: int) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    trials = join_sessions([session])
+    with pytest.raises(KeyboardInterrupt), dask_executor.dask_crew(cluster.two) as crew:
+        represent(trials, DEFAULT, session.parent, crew=crew, progress=interrupt)
+    with Client(cluster.two, set_as_default=False) as client:
+        assert not any(client.who_has().values())
+        assert client.submit(abs, -1).result() == 1
+
+
+def test_an_address_without_workers_is_told(
+    cluster: Cluster, session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(dask_executor, "CONNECT_S", 2.0)
+    command = ["analyse", str(session), "--out", str(session.parent / "r"), "--dask"]
+    for address, said in (
+        ("nowhere", "no address of a Dask scheduler"),
+        ("tcp://127.0.0.1:1", "nobody answers at tcp://127.0.0.1:1"),
+        (cluster.none, "has no workers: start some"),
+    ):
+        assert main([*command, address]) == 2
+        assert said in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main([*command, cluster.two]) == 2
+    assert "pip install 'rigctl[dask]'" in capsys.readouterr().err
+
+
+def test_workers_that_stay_away_end_the_wait(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from distributed import Client
+
+    monkeypatch.setattr(dask_executor, "LOOK_EVERY_S", 0.05)
+    with Client(cluster.none, set_as_default=False) as client:
+        crew = dask_executor.DaskCrew(client, {})
+        with pytest.raises(CrewLost, match="has had no worker"):
+            list(crew.map(abs, [-1]))
+
+
+def test_a_lost_scheduler_is_one_sentence(
+    cluster: Cluster, session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
+) -> None:
+    """The last test of this file: nothing of the cluster is left."""
+    out = session.parent / "lost"
+    shown = StageLine.show
+
+    def show(line: StageLine, stage: str, done: int, all_: int) -> None:
+        shown(line, stage, done, all_)
+        if stage.startswith("searching") and done == 1:
+            cluster.process.kill()
+
+    monkeypatch.setattr(StageLine, "show", show)
+    assert main(["analyse", str(session), "--out", str(out), "--dask", cluster.two]) == 3
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith(f"rigctl: the Dask scheduler {cluster.two} is gone: start it again")
+    assert sorted(p.name for p in session.parent.iterdir() if "lost" in p.name) == []

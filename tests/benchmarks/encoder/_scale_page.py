@@ -1,0 +1,243 @@
+"""The page on very many trials, rendered from measured rates, which stand in it as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+SETS = (24_000, 10**6, 10**8)
+WORKERS = (1, 100)
+DRAWS, CONDITIONS = 20, 80
+TALL_TRIALS = 2160 / 0.225
+"""Trials from which on every fit of a draw has more rows than features."""
+MARK = "```json\n"
+
+UNITS = {
+    "session_bytes": "B a trial", "join_s": "s a trial", "table_bytes": "B a trial",
+    "encode_s": "s a trial", "write_s": "s a trial", "counts_bytes": "B a trial",
+    "feature_bytes": "B a trial", "condition_bytes": "B a trial",
+    "condition_job_bytes": "B a trial", "draw_job_bytes": "B a trial",
+    "draw_s": "s a trial", "draw_fixed_s": "s",
+    "draw_bytes": "B a trial", "task_s": "s", "travel_bytes_s": "B/s", "synced_bytes_s": "B/s",
+}  # fmt: skip
+
+HEAD = """\
+# What very many trials would cost
+
+`make scale` writes this page (`python -m tests.benchmarks.encoder.scale PAGE`)
+from rates measured in that run; a test renders it anew from the rates at its end and fails where a
+number differs. It is linear reckoning from {trials} trials, not an experiment. Times are processor
+time of one core; only the disk is timed by the clock. The measured set lies in the page cache, so
+reading a large one from the disk is reckoned apart.
+
+Measured on {made}, on {machine}.
+
+## A trial's share
+
+"""
+BREAKS = """
+## Where it breaks first
+
+What grows with the trials, and the number of trials at which it alone fills what the measuring
+machine has ({memory} of memory, {disk} free on its disk). The first line is the first to break.
+
+"""
+
+
+ALIKE = """
+The covariance of features does not grow with the trials: 2160² × 8 bytes are {covariance} for any
+number, so a draw can be summed from pieces of its rows. Nor does `results.json` grow: it holds
+draws × components of each task and representation.
+
+## Rates of this run
+
+"""
+
+
+BOUND = """\
+Below {tall:,.0f} trials a fit has fewer rows than features, which takes a whole singular value
+decomposition; above, a covariance and its leading vectors, which cost less. So times of draws are
+upper bounds here.
+"""
+
+
+class Break(NamedTuple):
+    """What grows, how many bytes a trial it takes, of which store, and how it would be mended."""
+
+    what: str
+    bytes_a_trial: float
+    store: str
+    mend: str
+
+
+def render(rates: Mapping[str, Any]) -> str:
+    """The whole page."""
+    memory, disk = (_bytes(rates[key]) for key in ("memory_bytes", "disk_free_bytes"))
+    return (
+        HEAD.format(trials=rates["trials"], machine=rates["machine"], made=rates["made"])
+        + _shares(rates)
+        + _of_line(rates)
+        + "\n## Sets of 24,000, 10⁶ and 10⁸ trials\n\n"
+        + _sets(rates)
+        + BREAKS.format(memory=memory, disk=disk)
+        + _broken(rates)
+        + ALIKE.format(covariance=_bytes(2160**2 * 8))
+        + MARK
+        + json.dumps(dict(rates), indent=1)
+        + "\n```\n"
+    )
+
+
+def rates_of(text: str) -> dict[str, Any]:
+    """The rates that a page was rendered from."""
+    found: dict[str, Any] = json.loads(text.partition(MARK)[2].partition("```")[0])
+    return found
+
+
+def _shares(rates: Mapping[str, Any]) -> str:
+    whole = f"{_time(rates['draw_s'])}, and {_time(rates['draw_fixed_s'])} for each draw"
+    return _table(
+        ("what", "measured"),
+        [
+            ("session on disk, as recorded", _bytes(rates["session_bytes"])),
+            ("its row in the table of trials, in memory", _bytes(rates["table_bytes"])),
+            ("opening the session, for each of its trials", _time(rates["join_s"])),
+            ("reading, encoding, search of C: work that is shared out", _time(rates["encode_s"])),
+            ("the first process beside it: features into files", _time(rates["write_s"])),
+            ("counts of its spikes, kept until C is known", _bytes(rates["counts_bytes"])),
+            ("its features in all six representations, on disk", _bytes(rates["feature_bytes"])),
+            ("a draw of all tasks and representations, for each trial of the set", whole),
+            ("a draw's rows in memory, for each trial of the set", _bytes(rates["draw_bytes"])),
+            ("handing out one piece of work through Dask", _time(rates["task_s"])),
+            ("results from Dask workers", f"{_bytes(rates['travel_bytes_s'])}/s"),
+            ("this disk, written and synced", f"{_bytes(rates['synced_bytes_s'])}/s"),
+        ],
+    )
+
+
+def _sets(rates: Mapping[str, Any]) -> str:
+    rows: list[tuple[str, ...]] = []
+
+    def add(what: str, of: Any) -> None:
+        rows.append((what, *(of(n) for n in SETS)))
+
+    for what, key in (
+        ("sessions on disk", "session_bytes"),
+        ("features on disk", "feature_bytes"),
+        ("table of trials, memory", "table_bytes"),
+        ("counts in the first process, memory", "counts_bytes"),
+        ("one draw of 2160 features, memory", "draw_bytes"),
+        ("the conditions sent with one draw's job", "draw_job_bytes"),
+    ):
+        add(what, lambda n, key=key: _bytes(n * rates[key]))
+    one = rates["condition_bytes"] / CONDITIONS
+    add(f"one condition of {CONDITIONS}, memory", lambda n: _bytes(n * one))
+    add("sessions once through this disk, as it writes", lambda n: _time(_read_s(n, rates)))
+    bound = ", at most" if _is_bound(rates) else ""
+    for workers in WORKERS:
+        name = "one process" if workers == 1 else f"{workers} Dask workers"
+        add(f"encoding and C, {name}", lambda n, w=workers: _time(_encoded_s(n, w, rates)))
+        add(f"{DRAWS} draws, {name}{bound}", lambda n, w=workers: _time(_drawn_s(n, w, rates)))
+    return _table(("", *(f"{n:,}" for n in SETS)), rows)
+
+
+def _of_line(rates: Mapping[str, Any]) -> str:
+    """How the cost of a draw was measured, and what that is worth."""
+    low, high = (f"{n:,}" for n in rates["sweep_trials"])
+    told = f"The cost of a draw is a line through {low} and {high} made-up trials."
+    if not _is_bound(rates):
+        return f"\n{told}\n"
+    return f"\n{told}\n{BOUND.format(tall=TALL_TRIALS)}"
+
+
+def _is_bound(rates: Mapping[str, Any]) -> bool:
+    return bool(min(rates["sweep_trials"]) < TALL_TRIALS)
+
+
+def _read_s(n: int, rates: Mapping[str, Any]) -> float:
+    return float(n * rates["session_bytes"] / rates["synced_bytes_s"])
+
+
+def _encoded_s(n: int, workers: int, rates: Mapping[str, Any]) -> float:
+    """Work over the workers; what the first process does; for more than it, tasks and travel."""
+    beside = n * (rates["join_s"] + rates["write_s"])
+    work = n * rates["encode_s"] / min(workers, CONDITIONS)
+    if workers == 1:
+        return float(work + beside)
+    tasks = (n / rates["chunk_trials"] + 2 * CONDITIONS) * rates["task_s"]
+    return float(work + beside + tasks + n * rates["counts_bytes"] / rates["travel_bytes_s"])
+
+
+def _drawn_s(n: int, workers: int, rates: Mapping[str, Any]) -> float:
+    """Draws, families and representations are pieces of their own: 240 of them."""
+    pieces = 12 * DRAWS
+    work = DRAWS * (n * rates["draw_s"] + rates["draw_fixed_s"]) / min(workers, pieces)
+    sent = pieces * (rates["task_s"] + n * rates["draw_job_bytes"] / rates["travel_bytes_s"])
+    return float(work + (sent if workers > 1 else 0.0))
+
+
+def breaks(rates: Mapping[str, Any]) -> list[tuple[float, Break]]:
+    """Trials at which each store is full, fewest first."""
+    found = [
+        Break("the rows of one draw", rates["draw_bytes"], "memory",
+              "sum means and covariances over pieces of the rows; workers sum their own pieces"),
+        Break("counts kept until C is known", rates["counts_bytes"], "memory",
+              "write the plain rows at once and read the counts back from the cache"),
+        Break("the table of trials", rates["table_bytes"], "memory",
+              "columns of numbers (25 bytes a trial) instead of an object a trial"),
+        Break(f"one of {CONDITIONS} conditions", rates["condition_bytes"] / CONDITIONS, "memory",
+              "search C on a sample of a condition's trials, and encode the others in pieces"),
+        Break("the features", rates["feature_bytes"], "disk",
+              "counts as they are (bytes, not float64), or one representation at a time"),
+        Break("the sessions", rates["session_bytes"], "disk",
+              "sessions on several disks or an object store; they are read where they lie"),
+    ]  # fmt: skip
+    store = {"memory": rates["memory_bytes"], "disk": rates["disk_free_bytes"]}
+    return sorted((store[b.store] / b.bytes_a_trial, b) for b in found)
+
+
+def _broken(rates: Mapping[str, Any]) -> str:
+    rows = [
+        (b.what, f"{_bytes(b.bytes_a_trial)} of {b.store}", _round(n), b.mend)
+        for n, b in breaks(rates)
+    ]
+    text = _table(("what", "a trial", "full at, trials", "how it would be mended"), rows)
+    at = 10**8
+    tasks = at / rates["chunk_trials"] * rates["task_s"]
+    return (
+        f"{text}\nIn time, at 10⁸ trials:\n\n"
+        f"- Dask's scheduler and client take {_time(tasks)} to hand out the reading in chunks of "
+        f"{rates['chunk_trials']} trials. Larger chunks mend it.\n"
+        f"- The first process writes features for {_time(at * rates['write_s'])}, whoever encodes. "
+        "Workers that write into files of their own mend it.\n"
+        f"- More than {CONDITIONS} workers do not speed the search of C up, as a condition is one "
+        "piece. Pieces of a condition mend it.\n"
+    )
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = ["| " + " | ".join(cells) + " |" for cells in [head, tuple("---" for _ in head), *rows]]
+    return "\n".join(lines) + "\n"
+
+
+def _bytes(value: float) -> str:
+    for unit in ("B", "kB", "MB", "GB", "TB"):
+        if value < 1000:
+            return f"{_round(value)} {unit}"
+        value /= 1000
+    return f"{_round(value)} PB"
+
+
+def _time(seconds: float) -> str:
+    for unit, size in (("µs", 1e-6), ("ms", 1e-3), ("s", 1.0), ("min", 60.0), ("h", 3600.0)):
+        limit = {"µs": 1e-3, "ms": 1.0, "s": 120.0, "min": 7200.0, "h": 2 * 86400.0}[unit]
+        if seconds < limit:
+            return f"{_round(seconds / size)} {unit}"
+    return f"{_round(seconds / 86400.0)} d"
+
+
+def _round(value: float) -> str:
+    """Two digits that count."""
+    rounded = float(f"{value:.2g}")
+    return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:g}"

@@ -1,0 +1,177 @@
+"""The paper's 24,000 trials from sessions to features: time, memory, and whether both are a line.
+
+The set is made by ``rigctl synth`` once and kept in ``build/bench-set`` (``RIGCTL_BENCH_SET`` names
+another that is there already). Each size is measured in a process of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from rigctl.analysis.data.trial_set import TrialSet, join_sessions
+from rigctl.encoding.features import SPEED_SCALED, UNSCALED
+from rigctl.encoding.parameters import DEFAULT
+from rigctl.session.read.session import Session
+from tests.benchmarks.encoder._peers import row
+from tests.benchmarks.encoder.encoder import best_of
+from tests.benchmarks.encoder.numpy_encoder import currents, numpy_spikes
+
+SIZES = (3_000, 6_000, 12_000, 24_000)
+WORKERS = 2
+REPEATS = 4
+PEER_TRIALS = 3
+SET = Path(os.environ.get("RIGCTL_BENCH_SET", "build/bench-set"))
+
+
+def measure() -> Iterator[dict[str, Any]]:
+    """Yield the factor, the memory, a line a size, the second run, and opening the session."""
+    made_here()
+    print(f"# {machine()}", file=sys.stderr)
+    sizes = shortest([[ask(n) for n in SIZES] for _ in range(REPEATS)])
+    largest = sizes[-1]
+    factor = largest["trial_s"] / largest["four_s"]
+    trials = join_sessions([SET])
+    peer = peer_factor(trials)
+    note = (
+        f"{largest['trials']} trials, {largest['trial_s']:.0f} s; join, ranges, search of C, both "
+        f"encodings, features of the paper's four representations; {WORKERS} threads; files in "
+        f"memory, kernels loaded; all six with the texture-blind two: {largest['six_s']:.2f} s; "
+        f"best of {REPEATS} in turns with smaller sets; CPU {largest['cpu_s']:.1f} s; {machine()}, "
+        f"load {largest['load']:.1f}; "
+        f"the peer encodes {PEER_TRIALS} trials with and without C, no search, extrapolated"
+    )
+    name = "h5py and NumPy, trial by trial"
+    answer = row("dataset.realtime_factor", factor, "x trial time", name, peer, note)
+    yield answer | {"ratio": factor / peer}
+    memory = "resident at most, all processes, feature files that are mapped included"
+    yield row("dataset.peak_memory_mib", largest["peak_mib"], "MiB", "", None, memory)
+    yield from table(sizes)
+    yield second_run()
+    yield opening(trials)
+
+
+def made_here() -> None:
+    """Make the set unless it is there."""
+    if "RIGCTL_BENCH_SET" in os.environ or (SET / "whole").exists():
+        return
+    words = ("synth", "--plan", "paper", "--seed", "1", "--resume", "--out", str(SET))
+    subprocess.run([sys.executable, "-m", "rigctl", *words], check=True)
+    (SET / "whole").touch()
+
+
+def machine() -> str:
+    """What it was measured on."""
+    cpu = platform.processor() or platform.machine()
+    lines = Path("/proc/cpuinfo")
+    if lines.exists():
+        found = [text for text in lines.read_text().splitlines() if text.startswith("model name")]
+        cpu = found[0].partition(":")[2].strip() if found else cpu
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "h5py"))
+    return f"{os.cpu_count()} x {cpu}, Python {platform.python_version()}, {libraries}"
+
+
+def ask(n: int, kept: str = "") -> dict[str, Any]:
+    """Features of ``n`` trials in a fresh process."""
+    words = [str(SET), str(n), str(WORKERS), kept]
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.benchmarks.encoder._features_of_set", *words],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return answer
+
+
+def shortest(turns: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """The shortest measurement of each size: whatever else runs only makes them longer.
+
+    Sizes take turns, so that a slow minute does not fall on all measurements of one.
+    """
+    sizes = zip(*turns, strict=True)
+    return [min(answers, key=lambda answer: float(answer["four_s"])) for answers in sizes]
+
+
+def table(sizes: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Time and memory by size, and how far they are from a line."""
+    n = np.array([answer["trials"] for answer in sizes], np.float64)
+    for key, unit in (("four_s", "s"), ("cpu_s", "s"), ("peak_mib", "MiB")):
+        values = np.array([answer[key] for answer in sizes])
+        slope, start = np.polyfit(n, values, 1)
+        worst = float(np.abs(values - (start + slope * n)).max() / values[-1])
+        told = ", ".join(f"{int(m):,}: {value:.2f}" for m, value in zip(n, values, strict=True))
+        note = f"{told} {unit}; line: {start:.2f} + {1000 * slope:.3f} per 1,000 trials"
+        yield row(f"dataset.off_the_line.{key}", worst, "of the largest", "", None, note)
+
+
+def second_run() -> dict[str, Any]:
+    """The same set with a cache: the first run fills it, the second takes all from it."""
+    with tempfile.TemporaryDirectory(dir=SET.parent) as kept:
+        first, second = ask(SIZES[-1], kept), ask(SIZES[-1], kept)
+        size = sum(path.stat().st_size for path in Path(kept).glob("??/*")) / 2**20
+    note = (
+        f"{SIZES[-1]} trials, six representations; {second['missed']} of "
+        f"{second['missed'] + second['found']} pieces worked out; the cache holds {size:.0f} MiB"
+    )
+    peer = "the first run, which fills it"
+    return row("dataset.second_run_s", second["six_s"], "s", peer, first["six_s"], note)
+
+
+def peer_factor(trials: TrialSet) -> float:
+    """Trial time over time for plain code: an h5py slice, NumPy's loop, windows by bincount."""
+    some = trials.trials[:PEER_TRIALS]
+    start, samples_in_all = time.perf_counter(), 0
+    for trial in some:
+        file = trials.files[trial.place.file]
+        with h5py.File(file.path) as part:
+            samples = part["taxels/samples"][trial.place.start : trial.place.stop]
+        samples_in_all += len(samples)
+        for factor in (1.0, 1.1):
+            drive = currents(samples, DEFAULT)
+            drive[:, : trials.n_taxels] *= factor
+            counts = numpy_spikes(drive)
+            for layout in (UNSCALED, SPEED_SCALED):
+                windows = layout.windows(len(samples), trial.speed_mm_s)
+                for train in counts.T:
+                    np.bincount(windows, train, minlength=layout.n_windows)
+    return samples_in_all / 1000 / (time.perf_counter() - start)
+
+
+def opening(trials: TrialSet) -> dict[str, Any]:
+    """Until all trials of the session are known and can be read."""
+
+    def ours() -> None:
+        with Session.open(SET) as session:
+            session.sample_files()
+            session.places(session.committed().tolist())
+
+    def theirs() -> None:
+        for path in sorted(SET.glob("part-*.h5")):
+            with h5py.File(path) as part:
+                rows = part["trials"][:]
+                counters = part["taxels/counter"]
+                for trial in rows:
+                    last = int(trial["first_sample"]) + int(trial["count"]) - 1
+                    _ = counters[last]
+
+    note = (
+        f"{len(trials.trials)} trials in {len(trials.files)} parts, files in memory: tables, "
+        "texts, and of each trial whether it is complete and where it lies; best of 3"
+    )
+    peer = "h5py: tables, and the last counter of each trial"
+    ours_s, theirs_s = best_of(3, ours), best_of(1, theirs)
+    return row("open_session.24000_trials_s", ours_s, "s", peer, theirs_s, note)

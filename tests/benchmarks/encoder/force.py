@@ -1,0 +1,79 @@
+"""The force search beside bisection, both with the same kernel, on waves at two forces."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from rigctl.encoding.batch import mean_level
+from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
+from rigctl.encoding.force_search import Floats, Search, mean_sa_rates_hz, search
+from rigctl.encoding.kernel.prefetch import Trials
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.root_bracket import Method, Status
+from tests.benchmarks.encoder._peers import row
+
+TEXTURES, SPEEDS_MM_S, FORCES_G = (0, 1), (80.0, 120.0), (250.0, 1000.0)
+N_TRIALS, TRAVEL_MM, N_TAXELS = 100, 240.0, 18
+Condition = tuple[Trials, Floats, Floats]
+RANGES = Normalisation.full_scale(N_TAXELS)
+SCENE = (
+    "2 textures x 2 speeds x 2 forces x 18 taxels, 100 trials each, tolerance 0.1 Hz, one thread"
+)
+
+
+def measure() -> Iterator[dict[str, Any]]:
+    """Time of both searches, and what they found."""
+    conditions = [
+        (recorded(texture, speed, force), *target(texture, speed))
+        for texture in TEXTURES
+        for speed in SPEEDS_MM_S
+        for force in FORCES_G
+    ]
+    searched(conditions[:1], Method.REGULA_FALSI)  # compiles
+    ours, ours_s = searched(conditions, Method.REGULA_FALSI)
+    theirs, theirs_s = searched(conditions, Method.BISECTION)
+    note = f"{SCENE}; ours {told(ours)}; bisection {told(theirs)}"
+    yield row("force_search.vs_bisection", ours_s, "s", "bisection of [0, 5]", theirs_s, note)
+
+
+def target(texture: int, speed_mm_s: float) -> tuple[Floats, Floats]:
+    """Rates and levels at 500 g, which both searches are given."""
+    trials = recorded(texture, speed_mm_s, REFERENCE_FORCE_G)
+    return mean_sa_rates_hz(trials, RANGES), mean_level(trials, RANGES)
+
+
+def recorded(texture: int, speed_mm_s: float, force_g: float) -> Trials:
+    """Trials uint16 (n, 18): a steady level that saturates with force, and a wave on it."""
+    rng = np.random.default_rng([texture, round(speed_mm_s), round(force_g)])
+    n = round(1000 * TRAVEL_MM / speed_mm_s)
+    travel = speed_mm_s * np.arange(n)[:, None] / 1000
+    level = np.random.default_rng(texture).uniform(0.25, 0.45, N_TAXELS)
+    level = level * (force_g / 500) ** 0.55
+    wave = 0.3 * np.sin(2 * np.pi * travel / (4 + 2 * texture) + np.arange(N_TAXELS))
+    return [
+        np.round(
+            1023 * np.clip(level * (1 + wave) + rng.normal(0, 0.01, (n, N_TAXELS)), 0, 1)
+        ).astype(np.uint16)
+        for _ in range(N_TRIALS)
+    ]
+
+
+def searched(conditions: list[Condition], method: Method) -> tuple[list[Search], float]:
+    """C of every condition, and how long it took, s; the start is part of the search."""
+    begun = time.perf_counter()
+    found = []
+    for trials, target_hz, goal in conditions:
+        start = goal / mean_level(trials, RANGES)
+        found.append(search(trials, target_hz, start, RANGES, method=method))
+    return found, time.perf_counter() - begun
+
+
+def told(found: list[Search]) -> str:
+    """Mean encodings an entry, those of some trials by their share, and what did not converge."""
+    evaluations = np.concatenate([one.evaluations for one in found])
+    ill = sum(int((one.status != Status.CONVERGED).sum()) for one in found)
+    return f"{evaluations.mean():.2f} encodings an entry, {ill} not converged"

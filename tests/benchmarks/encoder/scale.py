@@ -1,0 +1,235 @@
+"""What a trial costs on its way through the analysis, and so what very many trials would.
+
+Times are processor time, so that a busy machine changes them little; only the disk is timed by the
+clock. ``python -m tests.benchmarks scale`` prints the rates;
+``python -m tests.benchmarks.encoder.scale PAGE`` writes the page of docs/explanation from the
+rates of that same run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import shutil
+import sys
+import tempfile
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from rigctl.analysis.classification.splits import Design, splits
+from rigctl.analysis.classification.sweep_engines import Engine, answer
+from rigctl.analysis.data.condition_tasks import counted_condition
+from rigctl.analysis.data.trial_set import TrialSet, join_sessions
+from rigctl.analysis.execution.executor import Here, Job, Result
+from rigctl.analysis.features.representations import REPRESENTATIONS, represent
+from rigctl.analysis.features.spike_counts import CHUNK, Means, groups_of, prepare
+from rigctl.analysis.paper import published
+from rigctl.encoding.parameters import DEFAULT
+from tests.analysis.recordings import record
+from tests.benchmarks.encoder import _scale_page
+from tests.benchmarks.encoder._peers import row
+from tests.benchmarks.encoder.fig3 import made_up
+
+SPEEDS, FORCES = (40, 60, 80, 100, 120), (250, 500, 1000)
+REPEATS = 8
+SWEEPS = (9_600, 19_200)
+"""Trials of two sets that make a draw's cost a line: every fit has more than 2160 rows."""
+WIDTHS = (720, 2160)
+TASKS = 300
+SYNCED_BYTES = 2**28
+
+
+def measure() -> Iterator[dict[str, Any]]:
+    """One figure a rate."""
+    found = rates()
+    note = f"{found['trials']} trials, {found['machine']}"
+    for name, unit in _scale_page.UNITS.items():
+        yield row(f"scale.{name}", found[name], unit, "", None, note)
+
+
+def rates() -> dict[str, Any]:
+    """Everything that the page is reckoned from."""
+    with tempfile.TemporaryDirectory() as name, threadpool_limits(1, "blas"):
+        folder = Path(name)
+        session = record(
+            folder / "session", "AB", repeats=REPEATS, travel_mm=240.0, speeds=SPEEDS, forces=FORCES
+        )
+        found = {"made": time.strftime("%Y-%m-%d", time.gmtime()), "machine": _machine()}
+        found |= _of_session(session) | _of_encoding(join_sessions([session]), folder)
+        found |= {"synced_bytes_s": _synced(folder), "disk_free_bytes": _free(folder)}
+    return found | _of_draws() | _of_dask()
+
+
+def _machine() -> str:
+    model = next(
+        (
+            line.split(":", 1)[1].strip()
+            for line in Path("/proc/cpuinfo").read_text().splitlines()
+            if line.startswith("model name")
+        ),
+        "processor",
+    )
+    return f"{os.cpu_count()} processors ({model}), load {os.getloadavg()[0]:.1f} when it began"
+
+
+def _of_session(session: Path) -> dict[str, Any]:
+    """Bytes on disk, and the table of trials: how long it takes and how much memory it keeps."""
+    begun = time.process_time()
+    joined = join_sessions([session])
+    took = time.process_time() - begun
+    tracemalloc.start()
+    again = join_sessions([session])
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    n = len(joined.trials)
+    return {
+        "trials": n,
+        "session_bytes": sum(f.stat().st_size for f in session.iterdir()) / n,
+        "join_s": took / n,
+        "table_bytes": kept / len(again.trials),
+        "draw_job_bytes": len(pickle.dumps(Design.of(joined))) / n,
+        "memory_bytes": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
+        "chunk_trials": CHUNK,
+    }
+
+
+class _Timed(Here):
+    """One process that counts the time spent in pieces of work."""
+
+    work_s = 0.0
+
+    def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """As :class:`Here`, by the clock."""
+        return super().map(partial(self._done, work), jobs)
+
+    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """As :class:`Here`, by the clock."""
+        return super().map_unlocked(partial(self._done, work), jobs)
+
+    def _done(self, work: Callable[[Job], Result], job: Job) -> Result:
+        begun = time.process_time()
+        result = work(job)
+        self.work_s += time.process_time() - begun
+        return result
+
+
+def _of_encoding(trials: TrialSet, folder: Path) -> dict[str, Any]:
+    """Pieces of work and what the first process does beside them; bytes that they make."""
+    ground = prepare(trials, Means())
+    group = groups_of(ground, DEFAULT, 500.0, with_c=True)[0]
+    counts = counted_condition(group.condition)  # compiles what was not
+    took: dict[str, float] = {}
+    for way in ("first", "second"):
+        out, crew = folder / way, _Timed()
+        out.mkdir()
+        begun = time.process_time()
+        made = represent(trials, DEFAULT, out, crew=crew)
+        whole = time.process_time() - begun
+        if not took or crew.work_s < took["work"]:
+            took = {"work": crew.work_s, "beside": whole - crew.work_s}
+    n, of_group = len(trials.trials), len(group.rows)
+    samples = sum(group.condition.lengths) * trials.n_taxels * 2
+    return {
+        "encode_s": took["work"] / n,
+        "write_s": took["beside"] / n,
+        "counts_bytes": sum(a.nbytes for a in counts.values()) / of_group,
+        "feature_bytes": sum(f.stat().st_size for f in made.files.values()) / n,
+        "condition_bytes": samples / of_group + sum(a.nbytes for a in counts.values()) / of_group,
+        "condition_job_bytes": len(pickle.dumps(group.condition)) / of_group,
+    }
+
+
+def _synced(folder: Path) -> float:
+    """Bytes a second that the disk really takes."""
+    data = os.urandom(2**20)
+    begun = time.perf_counter()
+    with (folder / "synced").open("wb") as file:
+        for _ in range(SYNCED_BYTES // len(data)):
+            file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    return SYNCED_BYTES / (time.perf_counter() - begun)
+
+
+def _free(folder: Path) -> int:
+    return shutil.disk_usage(folder).free
+
+
+def _of_draws() -> dict[str, Any]:
+    """A draw of all tasks in all representations as a line over the size of the set."""
+    took, rows = [], 0.0
+    for n in SWEEPS:
+        whole = _design(n)
+        seconds = 0.0
+        for width in WIDTHS:
+            features = made_up(whole, width)
+            same = sum((2160 if not r.speed_scaled else 720) == width for r in REPRESENTATIONS)
+            for family in ("folds", "extrapolation"):
+                fits = splits(whole, family, 0, 0)
+                drawn = np.unique(np.concatenate([np.r_[f.train, *f.tests.values()] for f in fits]))
+                rows = max(rows, len(drawn) / n)
+                seconds += same * _answered_s(features, whole, fits, family)
+        took.append(seconds)
+    slope = (took[1] - took[0]) / (SWEEPS[1] - SWEEPS[0])
+    return {
+        "draw_s": max(slope, 0.0),
+        "draw_fixed_s": max(took[0] - slope * SWEEPS[0], 0.0),
+        "draw_bytes": rows * WIDTHS[1] * 8,
+        "sweep_trials": list(SWEEPS),
+    }
+
+
+def _answered_s(features: Any, of: Design, fits: Any, family: str) -> float:
+    labels = {task.key: of.labels(task) for task in published.TASKS if task.family == family}
+    took = []
+    for _ in range(2):
+        begun = time.process_time()
+        answer(features, labels, fits, published.K_MAX, Engine.OWN)
+        took.append(time.process_time() - begun)
+    return min(took)
+
+
+def _design(n: int) -> Design:
+    """The paper's crossing of 16 textures, 5 speeds and 3 forces, ``n`` trials."""
+    grid = np.meshgrid(np.arange(16), SPEEDS, FORCES, np.arange(n // 240), indexing="ij")
+    texture, speed, force = (axis.ravel() for axis in grid[:3])
+    names = tuple("ABCDEFGHIJKLMNOP")
+    return Design(names, texture.astype(np.int64), speed.astype(float), force.astype(float))
+
+
+def _of_dask() -> dict[str, Any]:
+    """What a piece and its result cost scheduler and client, with two workers of their own.
+
+    Scheduler and client are threads of this process.
+    """
+    from distributed import LocalCluster
+
+    from rigctl.analysis.execution.dask_executor import dask_crew
+
+    cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with cluster, dask_crew(cluster.scheduler_address) as crew:
+        list(crew.map(abs, range(20)))
+        begun = time.process_time()
+        list(crew.map(abs, range(TASKS)))
+        task_s = (time.process_time() - begun) / TASKS
+        begun = time.process_time()
+        got = sum(a.nbytes for a in crew.map(np.ones, [2**20] * 24))
+        travelled = got / (time.process_time() - begun)
+    return {"task_s": task_s, "travel_bytes_s": travelled}
+
+
+def main(path: Path) -> None:
+    """Write the page."""
+    path.write_text(_scale_page.render(json.loads(json.dumps(rates()))), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,141 @@
+"""How soon the drum controller makes the bench safe, by itself; worst of what was tried."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from rigctl.simulation.chips.simavr import Output
+from rigctl.wire.drum.register_table import Command, ResetCause
+from rigctl.wire.drum.states import Fault, State
+from tests.benchmarks.firmware._firmware_rows import US, figure
+from tests.firmware.drum.support.cells import SILENT, enter
+from tests.firmware.drum.support.checks import HANGS, MOVING_STATES, bring, hang, trip
+from tests.firmware.drum.support.chip import ENTRY_CYCLES, MS, DrumChip
+from tests.firmware.drum.support.plant_drum import PlantDrum
+
+PHASES = (900, 5000, 12_345)
+"""Cycles behind a millisecond's begin at which the emergency stop opens."""
+FINE_CYCLES = 160
+LIFTS = -0.95
+PUSH_G = 1500.0
+
+
+def safety() -> Iterator[dict[str, Any]]:
+    """Yield the figures of the safety functions."""
+    states = ", ".join(s.name for s in MOVING_STATES)
+    what = f"{states}, and ARMED with a hung loop; {len(PHASES)} phases each; entry added"
+    yield figure("estop_us", estop_us(), "µs", what)
+    yield figure("overforce_lift_us", overforce_lift_us(), "µs", "from the conversion's end")
+    yield figure("loadcell_fault_periods", silent_periods(), "periods", "silence to lift, in HOLD")
+    yield from heartbeat()
+    yield from watchdog()
+
+
+def estop_us() -> float:
+    """Edge of the input to the last driver off."""
+    took = []
+    with DrumChip() as drum:
+        for state in (s for s in MOVING_STATES for _ in PHASES):
+            enter(drum, state)
+            took.append(trip(drum, PHASES[len(took) % len(PHASES)]))
+    with DrumChip(HANGS) as drum:
+        drum.arm()
+        hang(drum)
+        took.append(trip(drum, PHASES[0]))
+    return (max(took) + ENTRY_CYCLES) / US
+
+
+def until(drum: DrumChip, condition: Callable[[], bool], limit_cycles: int) -> int:
+    """Run in slices of 10 µs, the mechanics at rest, until it holds; the cycle."""
+    end = int(drum.x.cycle) + limit_cycles
+    while not condition():
+        assert drum.x.cycle < end, "it never came"
+        drum.chip.run(int(drum.x.cycle) + FINE_CYCLES)
+    return int(drum.x.cycle)
+
+
+def overforce_lift_us() -> float:
+    """From the end of the conversion that shows the force to full lift, several times."""
+    took = []
+    with PlantDrum() as drum:
+        for _ in range(5):
+            enter(drum, State.HOLD)
+            ready = int(drum.x.loadcell_ready)
+            while drum.x.cycle + MS <= ready:
+                drum.run(1)
+            drum.plant.disturb(False, PUSH_G)
+            drum.x.loadcell_counts = round(1e6)
+            begun = until(drum, lambda ready=ready: drum.x.cycle >= ready, 2 * MS)
+            took.append(until(drum, lambda: drum.x.drive < LIFTS, 2 * MS) - begun)
+            assert drum.get("fault") == Fault.OVER_FORCE
+            drum.plant.disturb(False, 0.0)
+    return (max(took) + ENTRY_CYCLES) / US
+
+
+def silent_periods() -> float:
+    """From the last conversion to full lift, in conversion periods."""
+    with DrumChip() as drum:
+        bring(drum, State.HOLD)
+        drum.beat()
+        period = drum.x.loadcell_period_q16 / 65536
+        last = int(drum.x.loadcell_ready)
+        while drum.x.cycle < last:
+            drum.run(1)
+        drum.x.loadcell_mode = SILENT
+        at = until(drum, lambda: drum.x.drive < LIFTS, 60 * MS)
+        assert drum.get("fault") == Fault.LOADCELL_SILENT
+        return float(round((at - last) / period, 2))
+
+
+def heartbeat() -> Iterator[dict[str, Any]]:
+    """From the last beat to the ramp, to full lift, and to everything off."""
+    with DrumChip() as drum:
+        bring(drum, State.RUN)
+        drum.beat()
+        begun = drum.last_byte_cycle
+        drum.clear_edges()
+        lifted = until_lifted(drum)
+        drum.run(900)
+        steps = drum.steps()
+        slower = np.flatnonzero(np.diff(steps) > 1.02 * (steps[1] - steps[0]))
+        off = int(drum.edges(Output.BRIDGE)[-1, 0])
+        assert drum.get("fault") == Fault.HEARTBEAT
+        assert drum.x.drive == 0
+    ramp = int(steps[slower[0]])
+    what = "from the last byte of the last beat, RUN at 80 mm/s"
+    yield figure("heartbeat_ramp_ms", round((ramp - begun) / MS, 1), "ms", what)
+    yield figure("heartbeat_lift_ms", round((lifted - begun) / MS, 1), "ms", what)
+    yield figure("heartbeat_off_ms", round((off - begun) / MS, 1), "ms", what)
+
+
+def until_lifted(drum: DrumChip) -> int:
+    """Run until the actuator lifts at full duty; the cycle, to a millisecond."""
+    for _ in range(400):
+        drum.run(1)
+        if drum.x.drive < LIFTS:
+            return int(drum.x.cycle)
+    raise AssertionError("the drum never lifted")
+
+
+def watchdog() -> Iterator[dict[str, Any]]:
+    """From the byte at which the loop hangs to the reset; what the board says afterwards."""
+    with DrumChip(HANGS) as drum:
+        bring(drum, State.ARMED)
+        drum.set("move_target", 30_000)
+        assert drum.command(Command.MOVE) == 0
+        drum.poll_for(300)
+        hang(drum)
+        begun, resets = int(drum.x.cycle), drum.x.resets
+        while drum.x.resets == resets:
+            assert drum.x.cycle < begun + 200 * MS
+            drum.run(1)
+        took = (int(drum.x.cycle) - begun) / MS
+        drum.run(150)
+        assert drum.x.drive == 0
+        cause = ResetCause.WATCHDOG.name if drum.get("reset_cause") >> 3 & 1 else "none"
+        fault = Fault(drum.get("fault")).name
+    what = f"a hang in POSITION; afterwards reset cause {cause}, fault {fault}, all off"
+    yield figure("watchdog_ms", round(took, 1), "ms", what)

@@ -1,0 +1,97 @@
+"""How much faster than real time virtual data sets are made, and how near the whole rig."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigctl.session.files.ground_truth import trial_truths
+from rigctl.session.read.session import Session
+from rigctl.synth.dataset import Order, generate, plan_of
+from tests.acquisition.floor import open_floor
+
+SEED = 1
+START_UTC = "2026-01-02T03:04:05+00:00"
+TEXT = """
+name = "bench"
+textures = ["A", "D", "L"]
+speeds_mm_s = [40, 80, 120]
+forces_g = [250, 500, 1000]
+repeats = 1
+"""
+
+
+def measure() -> Iterator[dict[str, Any]]:
+    """Yield ``synth.realtime_factor`` beside the whole rig's, and how far their samples differ."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        protocol = folder / "bench.toml"
+        protocol.write_text(TEXT)
+        made_s(protocol, folder / "warm")
+        trial_s = sum(trial.duration_s for trial in plan_of(protocol, None, SEED).trials)
+        wall_s, core_s = made_s(protocol, folder / "synth")
+        with open_floor(folder, SEED) as floor:
+            began_s, began_core_s = time.perf_counter(), time.process_time()
+            floor.record(TEXT)
+            rig_s, rig_core_s = time.perf_counter() - began_s, time.process_time() - began_core_s
+            whole = floor.session
+        yield from _factors(trial_s, (wall_s, core_s), (rig_s, rig_core_s))
+        yield from _distances(folder / "synth", whole)
+
+
+def made_s(protocol: Path, folder: Path) -> tuple[float, float]:
+    """Wall and processor seconds to make the bench's protocol."""
+    order = Order(plan_of(protocol, None, SEED), SEED, folder, START_UTC)
+    began_s, began_core_s = time.perf_counter(), time.process_time()
+    generate(order, lambda progress: None, lambda: False)
+    return time.perf_counter() - began_s, time.process_time() - began_core_s
+
+
+def _factors(
+    trial_s: float, synth: tuple[float, float], rig: tuple[float, float]
+) -> Iterator[dict[str, Any]]:
+    wall, core = trial_s / synth[0], trial_s / synth[1]
+    yield {
+        "name": "synth.realtime_factor",
+        "value": round(core, 1),
+        "unit": "× trial time a processor second",
+        "peer": "whole virtual rig, same protocol",
+        "peer_value": round(trial_s / rig[1], 1),
+        "ratio": round(rig[1] / synth[1], 1),
+        "note": f"{trial_s:g} s of trials; by the wall {wall:.0f} × and "
+        f"{trial_s / rig[0]:.1f} ×; approach, lift and moves are in the time, not in the trials",
+    }
+
+
+def _distances(made: Path, recorded: Path) -> Iterator[dict[str, Any]]:
+    """Difference of each reading's mean over a trial, and of the trials' true force and speed."""
+    with Session.open(made) as synth, Session.open(recorded) as rig:
+        pairs = list(zip(synth.committed(), rig.committed(), strict=True))
+        means = [
+            np.abs(synth.samples(int(a)).mean(axis=0) - rig.samples(int(b)).mean(axis=0))
+            for a, b in pairs
+        ]
+        truths = list(zip(trial_truths(synth), trial_truths(rig), strict=True))
+    force = [abs(a.force_g - b.force_g) / b.force_g for a, b in truths]
+    speed = [abs(a.speed_mm_s / b.speed_mm_s - 1) for a, b in truths]
+    yield _row("synth.level_difference", float(np.max(means)), "counts", f"{np.mean(means):.3f}")
+    yield _row("synth.force_difference", 1e6 * max(force), "ppm", f"{1e6 * np.mean(force):.0f}")
+    yield _row("synth.speed_difference", 1e6 * max(speed), "ppm", f"{1e6 * np.mean(speed):.1f}")
+
+
+def _row(name: str, worst: float, unit: str, mean: str) -> dict[str, Any]:
+    return {
+        "name": name,
+        "value": round(worst, 3),
+        "unit": unit,
+        "peer": "whole virtual rig, same seed and protocol",
+        "peer_value": None,
+        "ratio": None,
+        "note": f"largest over trials{' and taxels' if unit == 'counts' else ''} of the means over "
+        f"a trial; mean {mean}",
+    }

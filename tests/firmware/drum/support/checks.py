@@ -1,0 +1,140 @@
+"""What the drum controller's image must do, as checks that take an image.
+
+Each stands in the suite twice: on the image that is flashed it must pass, and on the image that
+is broken in just this point (:data:`CONTROLS`) it must fail, or it would prove nothing.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+import numpy as np
+
+from rigctl.simulation.chips.simavr import Input, Output
+from rigctl.wire.drum.register_table import BY_NAME, Command, ResetCause
+from rigctl.wire.drum.states import Fault, State
+from tests.firmware.drum.support.chip import MS, DrumChip
+
+IMAGE = "firmware/drum.elf"
+HANGS = "firmware/drum-hangs.elf"
+"""The image itself but for one move target at which it stops thinking."""
+ESTOP_LIMIT = 1600
+"""Cycles in 100 µs."""
+MOVING_STATES = (State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN)
+SET_FORCE_G = 500
+
+
+def hang(drum: DrumChip) -> None:
+    """Write the target at which :data:`HANGS` stops thinking."""
+    drum.exchange(struct.pack(">BHHBi", 16, BY_NAME["move_target"].address, 2, 4, -32_000), 2)
+
+
+def bring(drum: DrumChip, state: State) -> None:
+    """From IDLE into a state in which something moves or holds."""
+    drum.arm()
+    if state is State.POSITION:
+        drum.set("move_target", drum.get("steps") + 40_000)
+        assert drum.command(Command.MOVE) == 0
+        drum.poll_for(300)
+    elif state is State.APPROACH:
+        assert drum.command(Command.APPROACH) == 0
+        drum.poll_for(300)
+    elif state in (State.HOLD, State.RUN):
+        drum.hold(SET_FORCE_G)
+        if state is State.RUN:
+            assert drum.command(Command.RUN) == 0
+            drum.poll_for(600)
+    assert drum.state is state
+
+
+def trip(drum: DrumChip, after_cycles: int) -> int:
+    """Open the emergency stop, see everything go off in time; how long it took, cycles."""
+    drum.clear_edges()
+    at = drum.pin(Input.ESTOP, 1, after_cycles)
+    drum.run(3)
+    took = []
+    for signal, off in ((Output.ENABLE, 1), (Output.BRIDGE, 0)):
+        edges = drum.edges(signal)
+        assert edges[0, 1] == off
+        took.append(int(edges[0, 0]) - at)
+    assert min(took) > 0 and max(took) <= ESTOP_LIMIT
+    assert not np.any(drum.steps() > at + ESTOP_LIMIT)
+    assert drum.x.drive == 0
+    return max(took)
+
+
+def the_emergency_stop_acts_within_100_us(image: str) -> None:
+    """Armed, which is where an image that leaves it to the tick is late."""
+    with DrumChip(image) as drum:
+        bring(drum, State.ARMED)
+        trip(drum, 5000)
+
+
+def a_hung_loop_is_reset_within_100_ms(image: str) -> None:
+    """And the board says so afterwards, and starts from FAULT_OFF."""
+    with DrumChip(image) as drum:
+        drum.arm()
+        boots = drum.get("boot_count")
+        hang(drum)
+        hung_at, resets = int(drum.x.cycle), drum.x.resets
+        while drum.x.resets == resets and drum.x.cycle < hung_at + 200 * MS:
+            drum.run(1)
+        assert drum.x.cycle - hung_at <= 100 * MS
+        drum.run(150)
+        assert drum.get("reset_cause") >> ResetCause.WATCHDOG & 1
+        assert drum.get("boot_count") == boots + 1
+        assert drum.get("fault") == Fault.HANG
+        assert drum.state is State.FAULT_OFF
+        assert drum.command(Command.CLEAR) == 0
+
+
+def a_silent_computer_is_noticed(image: str) -> None:
+    """At 250 ms the drum ramps down and lifts; within a second everything is off."""
+    with DrumChip(image) as drum:
+        bring(drum, State.RUN)
+        drum.beat()
+        begun = int(drum.x.cycle) // MS
+        drum.clear_edges()
+        drum.run(240)
+        assert drum.x.drive > -0.9
+        drum.run(20)
+        assert drum.x.drive < -0.9
+        drum.run(840)
+        closed = drum.edges(Output.BRIDGE)
+        assert closed[-1, 1] == 0
+        assert closed[-1, 0] // MS - begun <= 1000
+        assert drum.steps()[-1] // MS - begun <= 700
+        assert drum.force_g == 0
+        assert drum.get("fault") == Fault.HEARTBEAT
+
+
+def the_set_force_is_reached_and_held(image: str) -> None:
+    """Within a second of touch to ±2 %, less than 5 % over, and quiet from then on."""
+    with DrumChip(image) as drum:
+        drum.arm()
+        drum.hold(SET_FORCE_G)
+        drum.poll_for(2000)
+        forces = np.array(drum.forces[int(np.argmax(np.array(drum.forces) > 0)) :])
+        settled = np.convolve(forces, np.ones(200) / 200, "valid")[1000 - 200 :]
+        assert np.abs(settled / SET_FORCE_G - 1).max() <= 0.02
+        assert forces.max() <= 1.05 * SET_FORCE_G
+
+
+Check = Callable[[str], None]
+CHECKS: tuple[tuple[Check, str], ...] = (
+    (the_emergency_stop_acts_within_100_us, IMAGE),
+    (a_hung_loop_is_reset_within_100_ms, HANGS),
+    (a_silent_computer_is_noticed, IMAGE),
+    (the_set_force_is_reached_and_held, IMAGE),
+)
+"""Each check, and the good image that it passes on."""
+
+CONTROLS: tuple[tuple[str, str, Check], ...] = (
+    ("no-estop", "no E-stop interrupt, only the tick", the_emergency_stop_acts_within_100_us),
+    ("unwatched", "hangs, and no watchdog runs", a_hung_loop_is_reset_within_100_ms),
+    ("deaf", "heartbeat ignored", a_silent_computer_is_noticed),
+    ("swapped", "actuator's sign swapped", the_set_force_is_reached_and_held),
+    ("gain-10", "loop gain times ten", the_set_force_is_reached_and_held),
+)
+"""Broken image, what is broken in it, and the check that must fail on it."""

@@ -1,0 +1,58 @@
+"""The drum of ``variants/other_drum.h`` on a bench that is built for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rigctl.simulation.bench.load_cell import Loadcell
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.simulated_rig import Disturbances
+from rigctl.wire.drum.register_table import Command
+from tests.firmware.drum.support.plant_drum import PlantDrum
+
+IMAGE = "firmware/drum-other.elf"
+BENCH = WorldParameters(
+    circumference_mm=360,
+    plate_length_mm=330,
+    steps_per_turn=6400,
+    actuator_speed_mm_s=6,
+    actuator_lag_ms=45,
+    actuator_travel_mm=40,
+)
+STEP_MM = 0.05625
+SELFTEST_MS = 1500
+"""The amplifier settles for four conversions, and the firmware waits for four more."""
+GAINS = 400, 150
+"""Of the force loop, 0.01/s: calm enough to hold a force before better ones are known."""
+
+SETTLE_TIME_MS = 1000
+"""Inside the band, until a force counts as settled: ten samples, where 300 ms have three."""
+
+
+class OtherDrum(PlantDrum):
+    """Booted, in IDLE; ten conversions a second, each the mean of a tenth of a second."""
+
+    def __init__(self) -> None:
+        super().__init__(BENCH, image=IMAGE)
+        self.run(SELFTEST_MS)
+
+    def _wire_up(self) -> None:
+        slow = replace(self.parameters, loadcell_rate_hz=10.0, loadcell_average_ms=100.0)
+        self._cell = Loadcell(slow, 1, self.plant, Disturbances())
+        self.x.enable_high = 1
+        self.x.port_a_first = 3
+        super()._wire_up()
+
+    def tune(self) -> None:
+        """Homed and tared, with the gains that it proposes itself."""
+        self.ready()
+        self.set("settle_time_ms", SETTLE_TIME_MS)
+        self._take_gains(*GAINS)
+        self.hold(500)
+        assert self.command(Command.TUNE, 30_000) == 0
+        self._take_gains(self.get("proposed_gain_p"), self.get("proposed_gain_i"))
+        assert self.command(Command.RETRACT, 5000) == 0
+
+    def _take_gains(self, gain_p: int, gain_i: int) -> None:
+        self.set("gain_p", gain_p)
+        self.set("gain_i", gain_i)

@@ -1,0 +1,135 @@
+"""Nothing that a computer writes makes a press of the drum: on the image, and without each rule."""
+
+from __future__ import annotations
+
+import pytest
+
+from rigctl.simulation.bench.contact import Footprint, contact_tables, footprint, mounted
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.chips.simavr import Input, ResetBy
+from rigctl.wire.drum.register_table import BY_NAME, Command, Status
+from rigctl.wire.drum.states import Fault, State
+from tests.firmware.drum.support.attacks import (
+    ATTACK_CHECKS,
+    ATTACK_CONTROLS,
+    LIFT_LIMIT_MS,
+    REFUSED,
+    held,
+    shows,
+)
+from tests.firmware.drum.support.checks import IMAGE, Check
+from tests.firmware.drum.support.chip import DrumChip
+from tests.firmware.drum.support.overshoot import overshoot_g
+
+STIFFEST = WorldParameters(stiffness_g_mm=900.0, pressure_power=2.2, frame_share=0.3)
+"""Skin and frame at the end of the plausible range."""
+
+
+def _name(value: object) -> str:
+    return getattr(value, "__name__", str(value))
+
+
+@pytest.mark.parametrize(("check", "image"), ATTACK_CHECKS, ids=_name)
+def test_the_image_passes(check: Check, image: str) -> None:
+    check(image)
+
+
+@pytest.mark.parametrize(("broken", "_what", "check"), ATTACK_CONTROLS, ids=_name)
+def test_the_broken_image_fails(broken: str, _what: str, check: Check) -> None:
+    with pytest.raises(AssertionError):
+        check(f"firmware/drum-{broken}.elf")
+
+
+def test_every_check_has_a_control() -> None:
+    assert {check for check, _ in ATTACK_CHECKS} == {check for *_, check in ATTACK_CONTROLS}
+
+
+def plates(bench: WorldParameters) -> list[Footprint]:
+    """The smooth plate and those with the highest and the widest ridges."""
+    seat = mounted(bench, 1, 0)
+    return [footprint(contact_tables(plate, bench), bench, seat) for plate in "ACD"]
+
+
+def test_the_board_says_at_what_force_it_lifts_and_how_far_it_overruns() -> None:
+    with DrumChip() as drum:
+        most, overrun_um = drum.get("most_force"), drum.get("overrun_um")
+    assert most == 2000
+    assert overrun_um == pytest.approx(10 * (12.5 + 6 + 1 + 30), abs=1)  # mm/s × ms
+    nominal, stiffest = (
+        max(overshoot_g(overrun_um, most, pressed) for pressed in plates(bench))
+        for bench in (WorldParameters(), STIFFEST)
+    )
+    print(f"beyond {most} g: {nominal:.0f} g nominal, {stiffest:.0f} g on the stiffest skin")
+    assert nominal < stiffest < 0.5 * most
+
+
+def test_a_lift_that_cannot_ends_and_says_so() -> None:
+    with held(IMAGE) as drum:
+        drum.actuator_mm_s = 0.0
+        drum.run(LIFT_LIMIT_MS)
+        assert drum.state is State.FAULT_OFF
+        assert drum.x.drive == 0
+        assert drum.get("fault") == Fault.HEARTBEAT
+        assert shows(drum, Status.LIFT_FAILED)
+        assert shows(drum, Status.CONTACT_MAY_STAND)
+        drum.actuator_mm_s = 10.0
+        drum.beat()
+        assert drum.command(Command.CLEAR) == 0
+        assert shows(drum, Status.CONTACT_MAY_STAND)
+        assert drum.command(Command.ARM, LIFT_LIMIT_MS) == 0
+        assert drum.force_g == 0
+        assert not shows(drum, Status.LIFT_FAILED)
+
+
+def test_a_board_that_boots_in_contact_lifts_before_it_is_tared() -> None:
+    with held(IMAGE) as drum:
+        drum.chip.reset(ResetBy.PIN)
+        drum.run(200)
+        assert drum.state is State.IDLE
+        assert drum.force_g > 400
+        assert shows(drum, Status.CONTACT_MAY_STAND)
+        assert drum.command(Command.TARE) == REFUSED
+        assert drum.command(Command.TARE_TURN) == REFUSED
+        assert drum.set("tare_counts", 288_000) == REFUSED
+        drum.arm()
+        drum.hold(500)
+        assert max(drum.forces) < 550
+
+
+def test_an_emergency_stop_of_the_other_kind_is_told_to_the_board_that_is_built() -> None:
+    with DrumChip("firmware/drum-normally-open.elf") as drum:
+        drum.pin(Input.ESTOP, 1)
+        drum.run(2)
+        drum.chip.reset(ResetBy.PIN)
+        drum.run(200)
+        assert drum.get("signal_polarity") == 1
+        drum.arm()
+        drum.pin(Input.ESTOP, 0)
+        drum.run(3)
+        assert drum.get("fault") == Fault.ESTOP
+        assert drum.set("signal_polarity", 0) == REFUSED
+
+
+def test_an_emergency_stop_of_the_other_kind_is_told_while_it_is_pressed() -> None:
+    """Pressed, it reads closed; told, it reads open until it is let go."""
+    with DrumChip() as drum:
+        assert drum.set("signal_polarity", 1) == 0
+        drum.run(3)
+        assert drum.get("fault") == Fault.ESTOP
+        drum.pin(Input.ESTOP, 1)
+        drum.run(3)
+        assert drum.command(Command.CLEAR) == 0
+        drum.arm()
+        drum.pin(Input.ESTOP, 0)
+        drum.run(3)
+        assert drum.state is State.FAULT_OFF
+
+
+def test_a_refused_block_changes_none_of_its_settings() -> None:
+    with held(IMAGE) as drum:
+        place = BY_NAME["over_force"].address
+        clearance = drum.get("lift_clearance_um")
+        assert drum.write(place, 20_000, 777) == REFUSED
+        assert drum.get("lift_clearance_um") == clearance
+        assert drum.write(place, 14_000, 777) == 0
+        assert drum.get("lift_clearance_um") == 777

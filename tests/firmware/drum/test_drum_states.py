@@ -1,0 +1,114 @@
+"""Every state × event of the drum's table, on the compiled image."""
+
+from __future__ import annotations
+
+import pytest
+
+from rigctl.simulation.chips.simavr import Input, Output, ResetBy
+from rigctl.wire.drum.states import OUTPUTS, Event, State, next_state
+from tests.firmware.drum.support.cells import (
+    ATTENDED,
+    COMMANDS,
+    COMPLETIONS,
+    FAULTS,
+    SILENT,
+    cause,
+    enter,
+    unreachable,
+)
+from tests.firmware.drum.support.chip import DrumChip
+
+PASSED = {State.RETRACT: State.ARMED}
+"""A lift that has no way to go is over with the next tick."""
+
+
+def check_cell(drum: DrumChip, state: State, event: Event) -> None:
+    """Cause the event; the drum must be where the table says, its drivers with it."""
+    wanted = next_state(state, event)
+    assert wanted is not None
+    cause(drum, event)
+    seen = drum.state
+    assert seen in (wanted, PASSED.get(wanted)), event.name
+    if seen is State.FAULT_OFF:
+        assert drum.x.drive == 0
+
+
+@pytest.mark.parametrize("state", ATTENDED, ids=lambda s: s.name)
+def test_commands_and_faults_lead_where_the_table_says(state: State) -> None:
+    with DrumChip() as drum:
+        enter(drum, state)
+        for event in (e for e in COMMANDS if next_state(state, e) is None):
+            assert drum.command(COMMANDS[event]) == 4, event.name
+            assert drum.state is state, event.name
+        for event in (*COMMANDS, *FAULTS):
+            if next_state(state, event) is None:
+                continue
+            if drum.state is not state:
+                enter(drum, state)
+            check_cell(drum, state, event)
+
+
+@pytest.mark.parametrize(
+    ("state", "limit_ms"),
+    [
+        (State.RETRACT, 3000),
+        (State.POSITION, 8000),
+        (State.APPROACH, 12_000),
+        (State.RUN, 6000),
+        (State.FAULT_LIFT, 800),
+    ],
+    ids=str,
+)
+def test_each_completion_leads_where_the_table_says(state: State, limit_ms: int) -> None:
+    with DrumChip() as drum:
+        enter(drum, state)
+        for _ in range(limit_ms // 20):
+            if drum.state is not state:
+                break
+            drum.poll_for(20)
+        (event,) = COMPLETIONS[state]
+        assert drum.state is next_state(state, event)
+
+
+def test_selftest_refuses_every_command_and_then_passes() -> None:
+    with DrumChip() as drum:
+        for event in COMMANDS:
+            drum.chip.reset(ResetBy.PIN)
+            drum.run(5)
+            assert drum.state is State.SELFTEST
+            assert drum.command(COMMANDS[event]) == 4, event.name
+        drum.run(120)
+        assert drum.state is next_state(State.SELFTEST, Event.SELFTEST_PASSED)
+
+
+def test_selftest_fails_without_a_load_cell_and_on_an_open_emergency_stop() -> None:
+    with DrumChip() as drum:
+        drum.x.loadcell_mode = SILENT
+        drum.chip.reset(ResetBy.PIN)
+        drum.run(600)
+        assert drum.state is next_state(State.SELFTEST, Event.SELFTEST_FAILED)
+        drum.x.loadcell_mode = 0
+        drum.pin(Input.ESTOP, 1)
+        drum.chip.reset(ResetBy.PIN)
+        drum.run(20)
+        assert drum.state is next_state(State.SELFTEST, Event.OFF_FAULT)
+
+
+def test_until_armed_nothing_is_driven() -> None:
+    with DrumChip() as drum:
+        drum.clear_edges()
+        drum.chip.reset(ResetBy.PIN)
+        drum.run(300)
+        assert drum.state is State.IDLE
+        for signal, off in ((Output.ENABLE, 1), (Output.BRIDGE, 0)):
+            assert all(drum.edges(signal)[:, 1] == off)
+        assert drum.steps().size == 0
+
+
+def test_every_cell_is_reached_or_said_to_be_out_of_reach() -> None:
+    reached = {(s, e) for s in ATTENDED for e in (*COMMANDS, *FAULTS)}
+    reached |= {(s, e) for s, events in COMPLETIONS.items() for e in events}
+    reached |= {(State.SELFTEST, e) for e in (*COMMANDS, Event.OFF_FAULT)}
+    for state in OUTPUTS:
+        for event in Event:
+            assert ((state, event) in reached) == (not unreachable(state, event))

@@ -1,0 +1,124 @@
+"""Bad input on the taxel board's wire: it changes nothing, and no sample moves by a cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from rigctl.wire.taxels.frames import BAUD, IDENTIFY, SELF_TEST, encode_request, frame
+from tests.firmware.taxels.chip import BYTE_CYCLES, FRAME_CYCLES, SLOT_CYCLES, TaxelChip
+
+EEPROM_BYTES = 1024
+FLOOR_CYCLES = 1
+
+
+@pytest.fixture
+def streaming() -> Iterator[TaxelChip]:
+    """A board in mid-stream, which must end as undisturbed as it began."""
+    with TaxelChip() as board:
+        board.run(120)
+        eeprom = board.chip.read_eeprom(0, EEPROM_BYTES)
+        told = len(board.identities), len(board.tests)
+        yield board
+        board.run(120)
+        assert (len(board.identities), len(board.tests)) == told
+        assert board.chip.read_eeprom(0, EEPROM_BYTES) == eeprom
+        assert board.x.resets == 0
+        undisturbed(board)
+
+
+def undisturbed(board: TaxelChip) -> None:
+    """Raises AssertionError where a frame is missing, flagged, or a sample was moved."""
+    assert np.all(np.diff(board.counters) == 1)
+    assert not board.flags.any()
+    assert board.rejected == 0
+    status = board.statuses[-1]
+    assert status.frames_dropped == status.late_slots == 0
+    whole = board.sampled(17).size
+    starts = board.sampled(0)[:whole]
+    assert np.abs(np.diff(starts) - FRAME_CYCLES).max() <= FLOOR_CYCLES
+    for taxel in range(18):
+        offsets = board.sampled(taxel)[:whole] - starts - SLOT_CYCLES * taxel
+        assert np.abs(offsets).max() <= FLOOR_CYCLES, taxel
+
+
+def heard(data: bytes, sent_baud: float, read_baud: float = BAUD) -> bytes:
+    """What a receiver at one baud rate makes of 8N1 bytes sent without a pause at another.
+
+    Bits are sampled in their middles from each falling edge on; a stop bit that is low does not
+    keep the chip's receiver from handing the byte over.
+    """
+    bits = np.array([b for byte in data for b in (0, *(byte >> i & 1 for i in range(8)), 1)])
+    line = np.concatenate([[1], bits, np.ones(12, int)])
+    ratio = sent_baud / read_baud
+    got, at = bytearray(), 0.0
+    while at * ratio < bits.size:
+        place = int(at * ratio)
+        if line[place + 1] == 1:
+            at += 1 / 16
+            continue
+        middles = np.minimum(((at + 1.5 + np.arange(8)) * ratio).astype(int) + 1, line.size - 1)
+        got.append(int((line[middles] << np.arange(8)).sum()))
+        at += 9.6
+    return bytes(got)
+
+
+def test_the_model_of_a_receiver_hears_what_is_sent_at_its_own_rate() -> None:
+    data = bytes(range(256))
+    assert heard(data, BAUD) == data
+    assert heard(data, BAUD * 1.02) == data
+    assert heard(data, BAUD / 2) != data
+
+
+def test_garbage_at_full_speed(streaming: TaxelChip) -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        streaming.chip.send(rng.integers(0, 256, 2000, np.uint8).tobytes())
+        streaming.run(41)
+
+
+@pytest.mark.parametrize("baud", [9_600, 57_600, 115_200, 230_400, 250_000, 1_000_000])
+def test_a_host_at_another_baud_rate(streaming: TaxelChip, baud: int) -> None:
+    requests = encode_request(IDENTIFY) + encode_request(SELF_TEST)
+    seen = heard(requests * 12, baud)
+    streaming.x.host_byte_q16 = max(BYTE_CYCLES, BYTE_CYCLES * BAUD // baud) << 16
+    streaming.chip.send(seen)
+    streaming.run(len(requests) * 12 * 10_000 // baud + 20)
+
+
+def test_damaged_truncated_and_unknown_requests(streaming: TaxelChip) -> None:
+    request = encode_request(IDENTIFY)
+    for bit in range(8 * (len(request) - 1)):
+        bad = bytearray(request)
+        bad[bit // 8] ^= 1 << bit % 8
+        streaming.chip.send(bytes(bad) + b"\0")
+        streaming.run(1)
+    for length in range(len(request) - 1):
+        streaming.chip.send(request[:length] + b"\0")
+        streaming.run(1)
+    for kind in (0x00, 0x03, 0x10, 0x11, 0x12, 0x13, 0xFF):
+        streaming.chip.send(frame(bytes([kind])) + frame(bytes([IDENTIFY, kind])))
+        streaming.run(2)
+
+
+def test_a_host_that_dies_in_mid_request_costs_nobody_else_a_request() -> None:
+    with TaxelChip() as board:
+        board.run(30)
+        board.chip.send(encode_request(IDENTIFY)[:3])
+        board.run(50)
+        board.chip.send(b"\0" + encode_request(IDENTIFY))
+        board.run(10)
+        assert len(board.identities) == 2
+
+
+def test_requests_without_end_disturb_no_sample() -> None:
+    with TaxelChip() as board:
+        board.run(120)
+        for _ in range(200):
+            board.chip.send(encode_request(IDENTIFY) * 4)
+            board.run(1)
+        board.run(100)
+        assert len(board.identities) > 60
+        undisturbed(board)

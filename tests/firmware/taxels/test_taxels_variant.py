@@ -1,0 +1,59 @@
+"""Another wiring is another header: driven low, dividers to 5 V, no wires to the drum."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rigctl.simulation.chips.simavr import Input
+from rigctl.wire.taxels.self_test import Coverage, SelfTest
+from tests.firmware.taxels.chip import FRAME_CYCLES, TaxelChip
+
+IMAGE = "firmware/taxels-driven-low.elf"
+LEVELS = np.arange(1, 19) / 25
+
+
+def variant() -> TaxelChip:
+    """The variant on a sensor wired for it."""
+    board = TaxelChip(IMAGE)
+    board.x.driven_low = 1
+    board.chip.analog[0] = LEVELS
+    return board
+
+
+def test_pressure_lowers_the_reading_of_its_line_and_input() -> None:
+    with variant() as board:
+        board.run(60)
+        # Pins are in the opposite order in this header.
+        conductance = (LEVELS / (1 - LEVELS)).reshape(3, 6)[::-1, ::-1]
+        others = conductance.sum(axis=0) - conductance
+        pulls_up = (1 + others) / (1 + others + conductance)
+        assert np.abs(board.samples[-1].reshape(3, 6) - 1023 * pulls_up).max() <= 1
+        assert np.abs(np.diff(board.sampled(0)) - FRAME_CYCLES).max() <= 2
+
+
+def test_its_self_test_knows_what_it_cannot_see() -> None:
+    with variant() as board:
+        board.run(60)
+        assert board.tests == [SelfTest(1, Coverage.LINES | Coverage.TAXELS)]
+
+
+def test_its_self_test_finds_lines_and_inputs() -> None:
+    with variant() as board:
+        board.x.lines_low = 0b001
+        board.x.inputs_low = 0b100000
+        board.run(60)
+        (outcome,) = board.tests
+        # D4 is this header's third line, A5 its first input.
+        assert (outcome.lines_low, outcome.lines_high, outcome.lines_together) == (0b100, 0, 0)
+        assert outcome.inputs_high & 0b1  # away from the divider's side, which is 5 V here
+
+
+def test_wires_that_are_not_there_are_not_heard() -> None:
+    with variant() as board:
+        board.run(60)
+        for signal in (Input.SYNC, Input.INDEX):
+            board.edge(signal, 1, board.x.cycle + 100)
+            board.run(3)
+        board.run(100)
+        assert not board.flags.any() and not board.edges.any()
+        assert board.statuses[-1].sync_rises == 0
