@@ -81,11 +81,11 @@ def show(rig: str | None, world: Path | None, theme: str) -> int:
     check_world(rig, world)
     import pyqtgraph as pg
 
-    from gui.main_window import Window
+    from gui.main_window import MainWindow
     from gui.widgets.theme import ThemeChoice
 
     app = pg.mkQApp("rigctl")
-    window = Window(choice=ThemeChoice[theme.upper()])
+    window = MainWindow(choice=ThemeChoice[theme.upper()])
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: window.close())
     window.show()

@@ -1,7 +1,7 @@
 """The window's line to the engine: opened in a thread of its own, polled by the window's timer.
 
 Nothing here waits for the engine. Requests go out at once, their answers come back through
-:meth:`Connection.poll`, and an engine that says nothing is reported instead of waited for.
+:meth:`EngineLink.poll`, and an engine that says nothing is reported instead of waited for.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import Any, Protocol
 
 from PySide6.QtCore import QElapsedTimer, QObject, Signal
 
-from gui.operate.engine_status import RunStatus, Status, read_status
+from gui.operate.engine_status import EngineStatus, RunView, read_status
 from rigctl.acquisition.live_buffer import LiveView
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import Announcement, running_engines, runtime_folder
+from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines, runtime_folder
 from rigctl.errors import RigctlError
 
 JOIN = "join"
@@ -30,7 +30,7 @@ class Client(Protocol):
     """What the window needs of :class:`rigctl.acquisition.rpc.client.EngineClient`."""
 
     @property
-    def announcement(self) -> Announcement: ...
+    def announcement(self) -> EngineFile: ...
 
     @property
     def live(self) -> LiveView: ...
@@ -71,7 +71,7 @@ class _Asked:
     done: Callable[[dict[str, Any]], None] | None
 
 
-class Connection(QObject):
+class EngineLink(QObject):
     """One engine at a time. All signals come from :meth:`poll`, in the window's thread."""
 
     opened = Signal()
@@ -94,7 +94,7 @@ class Connection(QObject):
         self._clock.start()
         self._heard_ms = 0
         self._opening = False
-        self.status = Status()
+        self.status = EngineStatus()
 
     @property
     def is_open(self) -> bool:
@@ -232,7 +232,7 @@ class Connection(QObject):
 
     def _forget(self) -> None:
         self._asked.clear()
-        self.status = Status(run=RunStatus())
+        self.status = EngineStatus(run=RunView())
         self._heard_ms = self._clock.elapsed()
 
 

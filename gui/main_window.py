@@ -19,20 +19,20 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.analysis.analysis_tab import AnalysisDesk
-from gui.engine_link import Connection, Opener, open_engine
+from gui.analysis.analysis_tab import AnalysisTab
+from gui.engine_link import EngineLink, Opener, open_engine
 from gui.live.health import HealthStrip
-from gui.live.live_view import Scene
-from gui.operate.engine_status import Status
-from gui.operate.event_log import BAD_KINDS, Logbook
+from gui.live.live_plots import LivePlots
+from gui.operate.engine_status import EngineStatus
+from gui.operate.event_log import BAD_KINDS, EventLog
 from gui.operate.operate_panel import OperatePanel
 from gui.operate.prompt import PromptPanel
-from gui.operate.stop_engines import Stopper
+from gui.operate.stop_engines import EngineStopper
 from gui.operate.toolbar import Toolbar
 from gui.protocol.planner import Planner
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.widgets import theme as themes
-from gui.widgets.file_browser import Browser, Pick
+from gui.widgets.file_browser import FileBrowser, Pick
 from gui.widgets.labels import elastic, label, set_property, show_text
 from gui.widgets.stop_key import StopKey
 from gui.widgets.theme import ThemeChoice
@@ -44,7 +44,7 @@ TABS_PX = 316
 SPANS_S = (2, 5, 10)
 
 
-class Window(QMainWindow):
+class MainWindow(QMainWindow):
     """One rig, seen and worked. ``open_client`` starts or joins an engine for a rig."""
 
     def __init__(
@@ -54,7 +54,7 @@ class Window(QMainWindow):
         self.setWindowTitle("rigctl")
         self._choice = choice
         self.theme = self._dress()
-        self.connection, self.stopper = Connection(open_client), Stopper()
+        self.connection, self.stopper = EngineLink(open_client), EngineStopper()
         self._since_trial = QElapsedTimer()
         self._bad_said = QElapsedTimer()
         self._committed = 0
@@ -127,10 +127,10 @@ class Window(QMainWindow):
 
     def _make_parts(self) -> None:
         self.toolbar, self.health = Toolbar(self.theme), HealthStrip(self.theme)
-        self.prompt, self.log = PromptPanel(self.theme), Logbook(self.theme)
+        self.prompt, self.log = PromptPanel(self.theme), EventLog(self.theme)
         self.operate, self.protocol = OperatePanel(), ProtocolPanel()
-        self.analysis, self.browser = AnalysisDesk(self.theme), Browser()
-        self.planner, self.scene = Planner(self.protocol), Scene(self.theme)
+        self.analysis, self.browser = AnalysisTab(self.theme), FileBrowser()
+        self.planner, self.scene = Planner(self.protocol), LivePlots(self.theme)
         self.sentence = elastic(label("Choose a rig and press Connect.", "muted"))
         self.health.show_nothing()
 
@@ -275,7 +275,7 @@ class Window(QMainWindow):
         self.health.show_nothing()
         self.operate.show_nothing()
         self.operate.jog.ended()
-        self.protocol.show_status(Status())
+        self.protocol.show_status(EngineStatus())
         self.prompt.show_prompt(None)
         self.say("rig" if sentence == "not connected" else "lost", sentence)
 
@@ -288,7 +288,7 @@ class Window(QMainWindow):
         if text := str(message.get("text") or ""):
             self.say(str(message.get("event")), text)
 
-    def _status(self, status: Status) -> None:
+    def _status(self, status: EngineStatus) -> None:
         self._silent = False
         if status.run.trials_committed > self._committed:
             self._since_trial.start()

@@ -14,7 +14,7 @@ from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.wire.drum.states import State
 
 if TYPE_CHECKING:
-    from gui.main_window import Window
+    from gui.main_window import MainWindow
 
 SIZES = ((1280, 800), (1920, 1080))
 PROTOCOL = "quick"
@@ -68,11 +68,11 @@ def take_all(folder: Path, work: Path, session: Path) -> None:
     """Run a protocol in a window and take its pictures."""
     import pyqtgraph as pg
 
-    from gui.main_window import Window
+    from gui.main_window import MainWindow
     from gui.widgets.theme import ThemeChoice
 
     pg.mkQApp()
-    window = Window(choice=ThemeChoice.LIGHT)
+    window = MainWindow(choice=ThemeChoice.LIGHT)
     try:
         window.show()
         _begin_run(window, work)
@@ -83,7 +83,7 @@ def take_all(folder: Path, work: Path, session: Path) -> None:
         window.close()
 
 
-def _begin_run(window: Window, work: Path) -> None:
+def _begin_run(window: MainWindow, work: Path) -> None:
     """Connect, start the protocol, answer its questions until trials are on disk."""
     window.connect_rig("virtual")
     status = window.connection
@@ -100,14 +100,14 @@ def _begin_run(window: Window, work: Path) -> None:
     _wait(window, lambda: _go_on(window) and status.status.run.trials_committed >= TRIALS_BEFORE)
 
 
-def _go_on(window: Window) -> bool:
+def _go_on(window: MainWindow) -> bool:
     """Answer a question as soon as it is asked."""
     if window.connection.status.run.prompt is not None and window.prompt.isVisible():
         window.prompt.done.click()
     return True
 
 
-def _take_live(window: Window, folder: Path) -> None:
+def _take_live(window: MainWindow, folder: Path) -> None:
     """The Operate tab in both themes and sizes, the Protocol tab once."""
     from gui.widgets.theme import ThemeChoice
 
@@ -124,13 +124,13 @@ def _take_live(window: Window, folder: Path) -> None:
             _save(window, folder / f"window-{choice.name.lower()}-{width}x{height}.png", ready)
 
 
-def _is_turning(window: Window) -> bool:
+def _is_turning(window: MainWindow) -> bool:
     """The drum turns under force at its set speed."""
     status = window.connection.status
     return status.state is State.RUN and status.speed_mm_s > 0.99 * status.speed_set_mm_s
 
 
-def _take_analysis(window: Window, folder: Path, session: Path) -> None:
+def _take_analysis(window: MainWindow, folder: Path, session: Path) -> None:
     """A trial of the recorded session, and what the classification drew."""
     from gui.widgets.theme import ThemeChoice
 
@@ -154,7 +154,7 @@ def _take_analysis(window: Window, folder: Path, session: Path) -> None:
     _save(window, folder / "analysis.png")
 
 
-def _save(window: Window, path: Path, ready: Callable[[], bool] = lambda: True) -> None:
+def _save(window: MainWindow, path: Path, ready: Callable[[], bool] = lambda: True) -> None:
     from PySide6.QtTest import QTest
 
     QTest.qWait(SETTLING_MS)
@@ -164,7 +164,7 @@ def _save(window: Window, path: Path, ready: Callable[[], bool] = lambda: True) 
     print(path, flush=True)
 
 
-def _wait(window: Window, done: Callable[[], bool]) -> None:
+def _wait(window: MainWindow, done: Callable[[], bool]) -> None:
     from PySide6.QtTest import QTest
 
     end_s = time.monotonic() + LIMIT_S

@@ -50,7 +50,7 @@ class SessionError(WrongUse):
     """A folder that is not a session, is in use, or is damaged."""
 
 
-class CrewLost(RigctlError):
+class WorkersLost(RigctlError):
     """Processes or machines that worked for an analysis are gone; no report was made."""
 
 

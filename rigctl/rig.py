@@ -22,8 +22,8 @@ from rigctl.values import N_TAXELS, BoardIdentity
 from rigctl.wire.drum.register_table import Signal
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import World
-    from rigctl.simulation.simulated_rig import FaultPanel, Simulation
+    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.simulation.simulated_rig import FaultInjection, SimulatedRig
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
 OTHER = {DRUM: TAXELS, TAXELS: DRUM}
@@ -44,7 +44,7 @@ class Rig:
         loop: asyncio.AbstractEventLoop,
         drum: Drum,
         taxels: Taxels,
-        simulation: Simulation | None = None,
+        simulation: SimulatedRig | None = None,
         world: dict[str, Any] | None = None,
     ) -> None:
         self.kind = kind
@@ -62,7 +62,7 @@ class Rig:
         return self.simulation is not None
 
     @property
-    def faults(self) -> FaultPanel | None:
+    def faults(self) -> FaultInjection | None:
         """What can be made to go wrong; None at the bench."""
         return self.simulation.faults if self.simulation else None
 
@@ -103,7 +103,7 @@ def open_rig(
     seed: int = 0,
     paced: bool = True,
     config: RigConfig | None = None,
-    world: World | None = None,
+    world: SimulatedWorld | None = None,
 ) -> Rig:
     """Open ``virtual``, ``firmware``, or the rig that a ``rig.toml`` describes.
 
@@ -140,10 +140,10 @@ def _fitting(config: RigConfig) -> RigConfig:
 
 
 def _simulated_rig(
-    kind: str, seed: int, paced: bool, config: RigConfig | None, world: World | None
+    kind: str, seed: int, paced: bool, config: RigConfig | None, world: SimulatedWorld | None
 ) -> Rig:
     from rigctl.simulation.bench.world_file import NOMINAL
-    from rigctl.simulation.clock import WorldLoop
+    from rigctl.simulation.clock import SimulatedTimeLoop
     from rigctl.simulation.virtual_rig import warm
 
     world = world or NOMINAL
@@ -152,7 +152,7 @@ def _simulated_rig(
     _check_stop(config)
     simulation = _open_simulation(kind, seed, world)
     _wire_as_described(simulation, config)
-    loop = WorldLoop(simulation, 1.0 if paced else None)
+    loop = SimulatedTimeLoop(simulation, 1.0 if paced else None)
     return Rig(
         kind,
         f"simulated bench, {kind} boards, seed {seed}",
@@ -177,7 +177,7 @@ def _check_stop(config: RigConfig) -> None:
         )
 
 
-def _wire_as_described(simulation: Simulation, config: RigConfig) -> None:
+def _wire_as_described(simulation: SimulatedRig, config: RigConfig) -> None:
     """The simulated bench has the wires that the description says, the way round that it says.
 
     A rig without an emergency stop has its wire jumpered to ground, as arduino/README.md says.
@@ -189,7 +189,7 @@ def _wire_as_described(simulation: Simulation, config: RigConfig) -> None:
         simulation.faults.rewire(absent, inverted)
 
 
-def _open_simulation(kind: str, seed: int, world: World) -> Simulation:
+def _open_simulation(kind: str, seed: int, world: SimulatedWorld) -> SimulatedRig:
     if kind == VIRTUAL:
         from rigctl.simulation.virtual_rig import open_virtual
 

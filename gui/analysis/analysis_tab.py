@@ -7,10 +7,10 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QWidget
 
-from gui.analysis.results import Findings
-from gui.analysis.results_view import FindingsView
+from gui.analysis.results import AnalysisResults
+from gui.analysis.results_view import ResultsView
 from gui.analysis.run_box import MODEL, PAPER
-from gui.analysis.session_panel import AnalysisPanel
+from gui.analysis.session_panel import SessionPanel
 from gui.analysis.trial_view import TrialView
 from gui.analysis.worker import Worker
 from gui.analysis.worker_tasks import Classified
@@ -18,7 +18,7 @@ from gui.widgets.figure_view import FigureView
 from gui.widgets.theme import Theme
 
 
-class AnalysisDesk(QObject):
+class AnalysisTab(QObject):
     """``said``: a kind and a sentence for the log. ``page_changed``: show :attr:`page`."""
 
     said = Signal(str, str)
@@ -26,9 +26,9 @@ class AnalysisDesk(QObject):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.panel, self.worker = AnalysisPanel(), Worker()
+        self.panel, self.worker = SessionPanel(), Worker()
         self.trial_view, self.figure = TrialView(theme), FigureView()
-        self.findings = FindingsView()
+        self.findings = ResultsView()
         self.page: QWidget = self.trial_view
         self._results: QWidget = self.figure
         self._making = ""
@@ -76,7 +76,7 @@ class AnalysisDesk(QObject):
         elif isinstance(result, Classified):
             self.figure.show_file(result.figure)
             self._answered(result.sentence, self.figure)
-        elif isinstance(result, Findings):
+        elif isinstance(result, AnalysisResults):
             self._making = ""
             self.findings.show_findings(result)
             self._answered(result.sentence, self.findings)

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.analysis.results import Order, model_path
+from gui.analysis.results import AnalysisRequest, model_path
 from gui.widgets.labels import elastic, label, show_text
 from rigctl.encoding.parameters import PRESETS
 
@@ -41,7 +41,7 @@ REPRESENTATIONS = {
 MAX_SEED = 2**31 - 1
 
 
-class AnalysisForm(QWidget):
+class AnalysisOptionsForm(QWidget):
     """The choices; :meth:`order` says them. The session that is open is always among them."""
 
     session_asked = Signal()
@@ -90,9 +90,9 @@ class AnalysisForm(QWidget):
         """The sessions, the open one first."""
         return (*((self._open,) if self._open else ()), *self._more)
 
-    def order(self) -> Order:
+    def order(self) -> AnalysisRequest:
         """Everything as it is chosen, with a new folder beside the open session."""
-        return Order(
+        return AnalysisRequest(
             sessions=self.chosen,
             folder=str(_new_folder(Path(self._open))),
             task=self.task.currentData(),

@@ -16,7 +16,7 @@ Progress = Callable[[str, float], None]
 FIGURES = (("fig3", "Accuracy"), ("confusion", "Confusion"), ("fig2c", "One taxel"))
 
 
-class Page(NamedTuple):
+class ResultsPage(NamedTuple):
     """One page: a text in HTML, or the path of a figure, never both."""
 
     name: str
@@ -24,15 +24,15 @@ class Page(NamedTuple):
     figure: str = ""
 
 
-class Findings(NamedTuple):
+class AnalysisResults(NamedTuple):
     """An answer in a sentence, its pages, and where everything was written."""
 
     sentence: str
-    pages: tuple[Page, ...]
+    pages: tuple[ResultsPage, ...]
     folder: str = ""
 
 
-class Order(NamedTuple):
+class AnalysisRequest(NamedTuple):
     """What is to be analysed, as the options of ``rigctl analyse``. ``task``: empty for all.
 
     ``representation``: of a model to be kept beside the report, empty for none; ``c``: a model
@@ -53,13 +53,13 @@ class Order(NamedTuple):
     c: str = ""
 
 
-def analyse(order: Order, progress: Progress) -> Findings:
+def analyse(order: AnalysisRequest, progress: Progress) -> AnalysisResults:
     """Make a report as ``rigctl analyse`` does. Raises RigctlError."""
-    from rigctl.analysis.classification.sweep_engines import Engine
+    from rigctl.analysis.classification.sweep_engines import SweepEngine
     from rigctl.analysis.classification.training import ModelRequest
     from rigctl.analysis.data.cache import Cache, cache_folder
-    from rigctl.analysis.paper.tasks import Settings
-    from rigctl.analysis.report.report_folder import Request, make_report
+    from rigctl.analysis.paper.tasks import SweepSettings
+    from rigctl.analysis.report.report_folder import ReportRequest, make_report
     from rigctl.encoding.parameters import preset
 
     out = Path(order.folder)
@@ -67,10 +67,10 @@ def analyse(order: Order, progress: Progress) -> Findings:
     model = None
     if order.representation:
         model = ModelRequest(model_path(out), order.representation, order.components)
-    request = Request(
+    request = ReportRequest(
         tuple(map(Path, order.sessions)),
         out,
-        Settings(order.draws, order.components, order.seed, Engine(order.engine), tasks),
+        SweepSettings(order.draws, order.components, order.seed, SweepEngine(order.engine), tasks),
         preset(order.preset),
         order.reference_g,
         model=model,
@@ -88,7 +88,7 @@ def analyse(order: Order, progress: Progress) -> Findings:
     return _report_findings(report, out)
 
 
-def ask_model(model: str, sessions: tuple[str, ...], progress: Progress) -> Findings:
+def ask_model(model: str, sessions: tuple[str, ...], progress: Progress) -> AnalysisResults:
     """Classify sessions as ``rigctl classify`` does. Raises RigctlError."""
     from rigctl.analysis.classification.classify_sessions import classify
     from rigctl.analysis.classification.predictions import rows, sentence
@@ -111,9 +111,9 @@ def ask_model(model: str, sessions: tuple[str, ...], progress: Progress) -> Find
         for row in rows(found)
     ]  # fmt: skip
     answers = f"<h3>{escape(sentence(found))}</h3>{table(head, cells)}"
-    said = [Page("Answers", answers), Page("Confusion", _confusion(found))]
-    said.append(Page("Remarks", _listed(found.remarks)))
-    return Findings(sentence(found), tuple(said))
+    said = [ResultsPage("Answers", answers), ResultsPage("Confusion", _confusion(found))]
+    said.append(ResultsPage("Remarks", _listed(found.remarks)))
+    return AnalysisResults(sentence(found), tuple(said))
 
 
 def discard(folder: str) -> None:
@@ -138,7 +138,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
     return f'<table cellspacing="0" cellpadding="5"><tr>{top}</tr>{body}</table>'
 
 
-def _report_findings(report: Any, out: Path) -> Findings:
+def _report_findings(report: Any, out: Path) -> AnalysisResults:
     from rigctl.analysis.paper.result_tables import table_rows
     from rigctl.analysis.report.html_parts import ABSENT
 
@@ -155,11 +155,11 @@ def _report_findings(report: Any, out: Path) -> Findings:
         cells.append([said, *(_percent(ours.get(name), ABSENT) for name in names)])
     note = "<p>Ours, mean ± standard deviation in %; below, the paper's.</p>"
     origin = "<p><b>Simulated.</b></p>" if report.made.trials.simulated else ""
-    pages = [Page("Table 1", origin + table(["task", *map(escape, names)], cells) + note)]
-    pages += [Page(title, figure=str(out / f"{stem}.png")) for stem, title in FIGURES]
+    pages = [ResultsPage("Table 1", origin + table(["task", *map(escape, names)], cells) + note)]
+    pages += [ResultsPage(title, figure=str(out / f"{stem}.png")) for stem, title in FIGURES]
     if (out / "sensitivity.csv").exists():
-        pages.append(Page("Presets", _csv_table(out / "sensitivity.csv")))
-    pages.append(Page("Remarks", _listed(report.remarks)))
+        pages.append(ResultsPage("Presets", _csv_table(out / "sensitivity.csv")))
+    pages.append(ResultsPage("Remarks", _listed(report.remarks)))
     best = max(report.results[0].curves, key=lambda c: c.mean[report.results[0].shown - 1])
     sentence = (
         f"{report.results[0].task.title}: {best.representation.name} "
@@ -168,7 +168,7 @@ def _report_findings(report: Any, out: Path) -> Findings:
     )
     if report.model is not None:
         sentence += f"; the model is {report.model}"
-    return Findings(sentence, tuple(pages), str(out))
+    return AnalysisResults(sentence, tuple(pages), str(out))
 
 
 def _percent(row: dict[str, Any] | None, absent: str) -> str:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from PySide6.QtWidgets import QTabWidget, QTextBrowser, QVBoxLayout, QWidget
 
-from gui.analysis.results import Findings, Page
+from gui.analysis.results import AnalysisResults, ResultsPage
 from gui.widgets.figure_view import FigureView
 
 
-class FindingsView(QWidget):
+class ResultsView(QWidget):
     """Shows the pages of one answer at a time."""
 
     def __init__(self) -> None:
@@ -19,7 +19,7 @@ class FindingsView(QWidget):
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(self.tabs)
 
-    def show_findings(self, found: Findings) -> None:
+    def show_findings(self, found: AnalysisResults) -> None:
         """Show another answer, its first page in front."""
         while (old := self.tabs.widget(0)) is not None:
             self.tabs.removeTab(0)
@@ -36,7 +36,7 @@ class FindingsView(QWidget):
         return ""
 
 
-def _widget(page: Page) -> QWidget:
+def _widget(page: ResultsPage) -> QWidget:
     if page.figure:
         figure = FigureView()
         figure.show_file(page.figure)

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.analysis.options_form import AnalysisForm, beside, chooser, small
+from gui.analysis.options_form import AnalysisOptionsForm, beside, chooser, small
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label
 
@@ -27,7 +27,7 @@ HINTS = {
 RUN_WORDS = {QUICK: "Classify", PAPER: "Analyse", MODEL: "Ask"}
 
 
-class AnalysisBox(QGroupBox):
+class AnalysisRunBox(QGroupBox):
     """``run_asked``: with the way that is chosen."""
 
     run_asked = Signal(str)
@@ -38,7 +38,7 @@ class AnalysisBox(QGroupBox):
     def __init__(self) -> None:
         super().__init__("Tell textures apart")
         self.way, self.hint = chooser(WAYS), label("", "muted", wraps=True)
-        self.form = AnalysisForm()
+        self.form = AnalysisOptionsForm()
         self.model = QLineEdit()
         self.model.setPlaceholderText("A model file")
         self.browse_model = small("…", "Choose a model file")

@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.analysis.run_box import AnalysisBox
+from gui.analysis.run_box import AnalysisRunBox
 from gui.analysis.worker_tasks import SessionTable
 from gui.widgets.labels import label, set_property
 
@@ -70,7 +70,7 @@ class TrialModel(QAbstractTableModel):
         return None
 
 
-class AnalysisPanel(QWidget):
+class SessionPanel(QWidget):
     """Emits what is asked for; answers come from the analysis process through the window."""
 
     browse_asked = Signal()
@@ -87,7 +87,7 @@ class AnalysisPanel(QWidget):
         self.about = label("No session is open.", "muted", wraps=True)
         self.model = TrialModel()
         self.table = QTableView()
-        self.box = AnalysisBox()
+        self.box = AnalysisRunBox()
         self._path = ""
         self._set_up()
         self._lay_out()

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.analysis import results
-from gui.analysis.results import Findings, Order
+from gui.analysis.results import AnalysisRequest, AnalysisResults
 from gui.widgets.formatting import duration, size
 from rigctl.errors import RigctlError
 
@@ -145,11 +145,11 @@ class Analyst:
         sentence = ". ".join((answer.sentence, *answer.remarks))
         return Classified(sentence, str(answer.accuracy.with_suffix(".png")))
 
-    def analyse(self, order: Order) -> Findings:
+    def analyse(self, order: AnalysisRequest) -> AnalysisResults:
         """A report of chosen sessions, as ``rigctl analyse`` makes it."""
         return results.analyse(order, self._progress)
 
-    def ask_model(self, model: str, sessions: tuple[str, ...]) -> Findings:
+    def ask_model(self, model: str, sessions: tuple[str, ...]) -> AnalysisResults:
         """What a trained model says of chosen sessions, as ``rigctl classify`` asks it."""
         return results.ask_model(model, sessions, self._progress)
 

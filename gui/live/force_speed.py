@@ -16,7 +16,7 @@ _HEADROOM = 1.1
 _NICE = (50, 100, 150, 200, 300, 400, 600, 800, 1200, 1600, 2000, 3000)
 
 
-class Line(QGraphicsItem):
+class PlotLine(QGraphicsItem):
     """A line through points. Its place is fixed, so that new points cost their drawing only."""
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class SetPointPlot:
     def __init__(self, plot: pg.PlotItem, colour_of: str, theme: Theme) -> None:
         self._plot = plot
         self._colour_of = colour_of
-        self._set_point, self._measured = Line(), Line()
+        self._set_point, self._measured = PlotLine(), PlotLine()
         for line in (self._set_point, self._measured):
             plot.addItem(line)
         self._top = 0.0

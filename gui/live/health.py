@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QWidget
 
-from gui.operate.engine_status import BoardStatus, RecordingStatus, Status
+from gui.operate.engine_status import BoardView, EngineStatus, RecordingView
 from gui.widgets.formatting import age, duration, size
 from gui.widgets.labels import elastic, label, set_property
-from gui.widgets.status_lamp import Lamp, Level
+from gui.widgets.status_lamp import Level, StatusLamp
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -95,7 +95,7 @@ class HealthStrip(QWidget):
         for cell in self.cells.values():
             cell.show_reading(Reading("–", Level.OFF))
 
-    def show_status(self, status: Status, since_trial_s: float | None) -> None:
+    def show_status(self, status: EngineStatus, since_trial_s: float | None) -> None:
         """Judge a fresh status."""
         for key, reading in readings(status, since_trial_s).items():
             self.cells[key].show_reading(reading)
@@ -106,7 +106,7 @@ class HealthStrip(QWidget):
             self.cells[key].show_hint("\n".join([CELLS[key][1], *lines]))
 
 
-def readings(status: Status, since_trial_s: float | None) -> dict[str, Reading]:
+def readings(status: EngineStatus, since_trial_s: float | None) -> dict[str, Reading]:
     """What each cell shows for a status."""
     return {
         "rate": _frame_rate(status),
@@ -127,7 +127,7 @@ def _judge(good: bool) -> Level:
     return Level.OK if good else Level.BAD
 
 
-def _frame_rate(status: Status) -> Reading:
+def _frame_rate(status: EngineStatus) -> Reading:
     off = abs(status.frame_rate_hz - SAMPLE_RATE_HZ) / SAMPLE_RATE_HZ
     level = _judge(off <= RATE_TOLERANCE) if status.taxels_connected else Level.BAD
     return Reading(f"{status.frame_rate_hz:.0f} Hz", level)
@@ -143,13 +143,13 @@ def _age(seconds: float | None, limit_s: float, connected: bool) -> Reading:
     return Reading(age(seconds), _judge(connected and seconds <= limit_s))
 
 
-def _poll(status: Status) -> Reading:
+def _poll(status: EngineStatus) -> Reading:
     """A poll asked again cost nothing: it is told, and judged by the age alone."""
     text, level = _age(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected)
     return Reading(f"{text}, {status.poll_retries}×" if status.poll_retries else text, level)
 
 
-def _disk(recording: RecordingStatus) -> Reading:
+def _disk(recording: RecordingView) -> Reading:
     if not recording.disk_free_bytes:
         return Reading("–", Level.OFF)
     hours = recording.hours_left
@@ -169,7 +169,7 @@ def _clock(ppm: Mapping[str, float | None]) -> Reading:
     return Reading(text, _judge(max(map(abs, known)) <= CLOCK_LIMIT_PPM))
 
 
-def _boards(boards: Mapping[str, BoardStatus]) -> Reading:
+def _boards(boards: Mapping[str, BoardView]) -> Reading:
     """The worst that the boards say of themselves, else the supply."""
     supply_v = boards["taxels"].supply_v if "taxels" in boards else None
     if not boards:
@@ -187,7 +187,7 @@ def _boards(boards: Mapping[str, BoardStatus]) -> Reading:
     return Reading("–", Level.OFF) if supply_v is None else Reading(f"{supply_v:.2f} V", Level.OK)
 
 
-def _ticks(boards: Mapping[str, BoardStatus]) -> Reading:
+def _ticks(boards: Mapping[str, BoardView]) -> Reading:
     """Late ticks of both boards together, and the longest interrupt of either."""
     late = [board.late_ticks for board in boards.values() if board.late_ticks is not None]
     longest = [board.longest_isr_us for board in boards.values() if board.longest_isr_us]
@@ -197,7 +197,7 @@ def _ticks(boards: Mapping[str, BoardStatus]) -> Reading:
     return Reading(f"{sum(late)} late{interrupt}", Level.WARN if sum(late) else Level.OK)
 
 
-def board_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
+def board_lines(boards: Mapping[str, BoardView]) -> list[str]:
     """All that each board says of itself, and what its self-test found, a line each."""
     lines = []
     for name, board in boards.items():
@@ -215,7 +215,7 @@ def board_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
     return lines
 
 
-def tick_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
+def tick_lines(boards: Mapping[str, BoardView]) -> list[str]:
     """How each board keeps time, a line each."""
     return [
         f"{name}: {board.late_ticks} late ticks, longest interrupt {board.longest_isr_us:g} µs, "
@@ -237,7 +237,7 @@ class _Cell(QFrame):
         super().__init__()
         self.setProperty("role", "card")
         self.setToolTip(hint)
-        self.lamp = Lamp(theme, 13)
+        self.lamp = StatusLamp(theme, 13)
         self.verdict = label("", "muted")
         self.value = elastic(label("–", "value"))
         grid = QGridLayout(self)

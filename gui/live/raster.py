@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.live.history import N_ROWS, History
-from gui.live.scrolling_image import Columns, Strip, blend, rgb
+from gui.live.scrolling_image import PixelColumns, ScrollingImage, blend, rgb
 from gui.widgets.theme import Theme
 from rigctl.values import N_TAXELS
 
@@ -24,7 +24,7 @@ def row_label(shown: int) -> str:
     return f"{'SA' if source < N_TAXELS else 'RA'}-{source % N_TAXELS + 1}"
 
 
-class Raster(Strip):
+class Raster(ScrollingImage):
     """One tick a spike; a column in which several fell is as dark as one."""
 
     def __init__(self, theme: Theme) -> None:
@@ -43,7 +43,7 @@ class Raster(Strip):
         if height >= 4 * N_ROWS:
             self._inside[edges[:-1]] = False
 
-    def render_columns(self, history: History, columns: Columns) -> NDArray[np.uint32]:
+    def render_columns(self, history: History, columns: PixelColumns) -> NDArray[np.uint32]:
         """Ink where a spike fell into the column."""
         fired = columns.reduce(history.spikes, np.bitwise_or)
         fired[np.diff(columns.start) == 0] = 0

@@ -24,7 +24,7 @@ _T = TypeVar("_T", np.uint8, np.uint16)
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class PixelColumns:
     """Neighbouring pixel columns, each standing for the samples ``start[i]:start[i + 1]``.
 
     ``number``: int64 (k,), absolute column numbers, ascending by one.
@@ -49,7 +49,7 @@ class Columns:
 
 def columns_between(
     counters: NDArray[np.int64], first: int, width: int, span_samples: int
-) -> Columns:
+) -> PixelColumns:
     """The columns from absolute number ``first`` to the newest sample's.
 
     A column number is ``counter * width // span_samples``, so that it never moves.
@@ -61,10 +61,10 @@ def columns_between(
     after = np.minimum(start[:-1], len(counters) - 1)
     jump = counters[after] - counters[np.maximum(after - 1, 0)]
     missing = (start[1:] == start[:-1]) & (jump > 1)
-    return Columns(number, start, missing)
+    return PixelColumns(number, start, missing)
 
 
-class Strip(QGraphicsItem):
+class ScrollingImage(QGraphicsItem):
     """Rows of history against time, newest at the right; subclasses say what a column shows.
 
     Its rectangle in plot units is ``-span_s … 0`` by ``0 … n_rows``, row 0 at the top (the
@@ -128,7 +128,7 @@ class Strip(QGraphicsItem):
         )
         painter.restore()
 
-    def render_columns(self, history: History, columns: Columns) -> NDArray[np.uint32]:
+    def render_columns(self, history: History, columns: PixelColumns) -> NDArray[np.uint32]:
         """Pixels of some columns, uint32 (height, k); for subclasses to say."""
         # Qt's metaclass and ABCMeta do not combine, so the method cannot be declared abstract.
         raise NotImplementedError
@@ -157,7 +157,7 @@ class Strip(QGraphicsItem):
         self._pixels[:, columns.number % width] = pixels
         self._drawn = self._head
 
-    def _clear_skipped(self, columns: Columns) -> None:
+    def _clear_skipped(self, columns: PixelColumns) -> None:
         """Blank the columns between the last drawn and the oldest still in the history."""
         width = self._pixels.shape[1]
         first = int(columns.number[0])

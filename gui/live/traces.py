@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.live.history import History
-from gui.live.scrolling_image import Columns, Strip, blend, rgb
+from gui.live.scrolling_image import PixelColumns, ScrollingImage, blend, rgb
 from gui.widgets.theme import Theme
 from rigctl.values import N_TAXELS
 
@@ -14,7 +14,7 @@ FULL_SCALE = 1023
 PER_LAYER = N_TAXELS // 2
 
 
-class Traces(Strip):
+class Traces(ScrollingImage):
     """Each taxel in a band of its own, scaled to its range; the layers differ in colour."""
 
     def __init__(self, theme: Theme) -> None:
@@ -47,7 +47,7 @@ class Traces(Strip):
         self._paper = paper[:, None]
         self._row = np.arange(height, dtype=np.int32)[:, None]
 
-    def render_columns(self, history: History, columns: Columns) -> NDArray[np.uint32]:
+    def render_columns(self, history: History, columns: PixelColumns) -> NDArray[np.uint32]:
         """A vertical run of ink in each band from the column's least to its greatest reading."""
         before = max(int(columns.start[0]) - 1, 0)
         joined = _with_last_before(columns, history.samples, before)
@@ -63,7 +63,7 @@ class Traces(Strip):
 
 
 def _with_last_before(
-    columns: Columns, samples: NDArray[np.uint16], before: int
+    columns: PixelColumns, samples: NDArray[np.uint16], before: int
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Least and greatest reading a column, the sample before it included so that lines join."""
     low = columns.reduce(samples, np.minimum)

@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QPushButton
 
-from gui.operate.engine_status import Status
+from gui.operate.engine_status import EngineStatus
 
 TEXTURES = tuple(ascii_uppercase[:16])
 FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -28,7 +28,7 @@ FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
 """What can be made to happen: the words, the engine's name for it and its arguments."""
 
 
-class Bench(QGroupBox):
+class BenchControls(QGroupBox):
     """The plate in use; on a simulated rig also things that go wrong, to rehearse them."""
 
     plate_asked = Signal(str)
@@ -56,7 +56,7 @@ class Bench(QGroupBox):
     def _inject_clicked(self) -> None:
         self.inject_asked.emit(*FAULTS[self.fault.currentText()])
 
-    def show_status(self, status: Status) -> None:
+    def show_status(self, status: EngineStatus) -> None:
         """Show the plate; offer faults where they are only simulated."""
         self.plate.setEnabled(status.drum_connected and not status.run.is_going)
         for widget in (self._simulated_name, self.fault, self.inject):

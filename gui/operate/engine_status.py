@@ -12,7 +12,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
-class RecordingStatus:
+class RecordingView:
     """What has reached the disk; the recording light is derived from ``samples_last_s``."""
 
     active: bool = False
@@ -34,7 +34,7 @@ class Prompt:
 
 
 @dataclass(frozen=True, slots=True)
-class RunStatus:
+class RunView:
     """A protocol happening; ``current`` has texture, speed_mm_s, force_g and repeat."""
 
     state: str = "idle"
@@ -57,7 +57,7 @@ class RunStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class BoardStatus:
+class BoardView:
     """What a board says of itself, None before it is known; see the engine's message."""
 
     firmware: str = ""
@@ -74,7 +74,7 @@ class BoardStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class EngineStatus:
     """The whole rig as the engine told it, ten times a second."""
 
     rig: str = ""
@@ -103,32 +103,32 @@ class Status:
     poll_retries: int = 0
     loadcell_lost: int = 0
     clock_ppm: Mapping[str, float | None] = field(default_factory=dict)
-    boards: Mapping[str, BoardStatus] = field(default_factory=dict)
-    recording: RecordingStatus = RecordingStatus()
-    run: RunStatus = RunStatus()
+    boards: Mapping[str, BoardView] = field(default_factory=dict)
+    recording: RecordingView = RecordingView()
+    run: RunView = RunView()
 
 
-def read_status(data: Mapping[str, Any]) -> Status:
+def read_status(data: Mapping[str, Any]) -> EngineStatus:
     """The status that a message's ``data`` describes; what is missing keeps its default."""
     known = dict(data)
     known["state"] = _state(data.get("state"))
-    known["recording"] = _fill(RecordingStatus, data.get("recording") or {})
+    known["recording"] = _fill(RecordingView, data.get("recording") or {})
     known["boards"] = {name: _board(said) for name, said in (data.get("boards") or {}).items()}
     known["run"] = _run(data.get("run") or {})
-    return _fill(Status, known)
+    return _fill(EngineStatus, known)
 
 
-def _run(data: Mapping[str, Any]) -> RunStatus:
+def _run(data: Mapping[str, Any]) -> RunView:
     known = dict(data)
     known["reasons"] = tuple(data.get("reasons") or ())
     prompt = data.get("prompt")
     known["prompt"] = _fill(Prompt, prompt) if prompt else None
-    return _fill(RunStatus, known)
+    return _fill(RunView, known)
 
 
-def _board(data: Mapping[str, Any]) -> BoardStatus:
+def _board(data: Mapping[str, Any]) -> BoardView:
     found = data.get("self_test")
-    return _fill(BoardStatus, {**data, "self_test": None if found is None else tuple(found)})
+    return _fill(BoardView, {**data, "self_test": None if found is None else tuple(found)})
 
 
 def _state(value: Any) -> State | None:

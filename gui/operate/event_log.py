@@ -15,7 +15,7 @@ BAD_KINDS = frozenset(
 )
 
 
-class Logbook(QPlainTextEdit):
+class EventLog(QPlainTextEdit):
     """Read only; times are those at which the window heard of it."""
 
     def __init__(self, theme: Theme) -> None:

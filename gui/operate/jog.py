@@ -6,7 +6,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
 
-from gui.operate.engine_status import Status
+from gui.operate.engine_status import EngineStatus
 from gui.widgets.labels import label
 from rigctl.wire.drum.states import State
 
@@ -25,7 +25,7 @@ _WHY_NOT = {
 }
 
 
-def why_not(status: Status) -> str:
+def why_not(status: EngineStatus) -> str:
     """Why the drum cannot be jogged now; empty where it can."""
     if not status.drum_connected or status.state is None:
         return "no drum is connected"
@@ -36,7 +36,7 @@ def why_not(status: Status) -> str:
     return _WHY_NOT.get(status.state, "the drum is starting")
 
 
-class Jog(QWidget):
+class JogButtons(QWidget):
     """Emits mm of texture travel; one jog at a time, so that two clicks are never one too many."""
 
     asked = Signal(float)
@@ -56,7 +56,7 @@ class Jog(QWidget):
         row.addWidget(label("mm", "muted"))
         self._show()
 
-    def show_status(self, status: Status) -> None:
+    def show_status(self, status: EngineStatus) -> None:
         """Enable what is possible, else say why it is not."""
         self._why_not = why_not(status)
         self._show()

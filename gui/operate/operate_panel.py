@@ -16,13 +16,13 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.operate.bench_controls import Bench
-from gui.operate.engine_status import Status
-from gui.operate.jog import Jog
+from gui.operate.bench_controls import BenchControls
+from gui.operate.engine_status import EngineStatus
+from gui.operate.jog import JogButtons
 from gui.widgets.formatting import fault_sentence
 from gui.widgets.labels import elastic, label, set_property, show_text
 from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import Event, State, next_state
+from rigctl.wire.drum.states import State, StateEvent, next_state
 
 
 class Action(NamedTuple):
@@ -30,35 +30,37 @@ class Action(NamedTuple):
 
     command: str
     text: str
-    event: Event
+    event: StateEvent
     hint: str
 
 
-ARM = Action("arm", "Arm", Event.ARM, "Lift the drum and switch the motors on")
-DISARM = Action("disarm", "Disarm", Event.DISARM, "Switch the motors off")
-TARE = Action("tare", "Tare", Event.MOVE, "Take the load cell's reading, lifted, as 0 g")
-HOME = Action("home", "Home", Event.MOVE, "Turn, lifted, to the drum's index mark")
+ARM = Action("arm", "Arm", StateEvent.ARM, "Lift the drum and switch the motors on")
+DISARM = Action("disarm", "Disarm", StateEvent.DISARM, "Switch the motors off")
+TARE = Action("tare", "Tare", StateEvent.MOVE, "Take the load cell's reading, lifted, as 0 g")
+HOME = Action("home", "Home", StateEvent.MOVE, "Turn, lifted, to the drum's index mark")
 RANGE = Action(
     "calibrate_range",
     "Taxel range",
-    Event.STOP,
+    StateEvent.STOP,
     "Take what the taxels show in the next 10 s as their range for traces and spikes",
 )
 TEST = Action(
     "test_taxels",
     "Taxel test",
-    Event.STOP,
+    StateEvent.STOP,
     "Look for broken lines and taxels, with nothing on the sensor; the log says what was found",
 )
-APPROACH = Action("approach", "Approach", Event.APPROACH, "Press on until the set force is held")
-RUN = Action("run", "Run", Event.RUN, "Turn the drum once over the plate at the set speed")
-RETRACT = Action("retract", "Retract", Event.RETRACT, "Slow down and lift")
+APPROACH = Action(
+    "approach", "Approach", StateEvent.APPROACH, "Press on until the set force is held"
+)
+RUN = Action("run", "Run", StateEvent.RUN, "Turn the drum once over the plate at the set speed")
+RETRACT = Action("retract", "Retract", StateEvent.RETRACT, "Slow down and lift")
 TARE_FIRST = "Tare first: without a zero no force can be held"
-CLEAR = Action("clear_fault", "Clear fault", Event.CLEAR, "Once the cause is gone")
+CLEAR = Action("clear_fault", "Clear fault", StateEvent.CLEAR, "Once the cause is gone")
 ACTIONS = (ARM, DISARM, HOME, TARE, RANGE, TEST, APPROACH, RUN, RETRACT, CLEAR)
 
 
-def is_possible(action: Action, status: Status) -> bool:
+def is_possible(action: Action, status: EngineStatus) -> bool:
     """Whether the command would change something now, and no protocol has the rig."""
     if action is RANGE:
         return status.taxels_connected
@@ -92,8 +94,8 @@ class OperatePanel(QWidget):
         self.read_back = elastic(label("–", "muted"))
         self.now = {name: elastic(label("–", "heading")) for name in _NOW}
         self.fault = label("no fault", "muted", wraps=True)
-        self.jog = Jog()
-        self.bench = Bench()
+        self.jog = JogButtons()
+        self.bench = BenchControls()
         self.bench.plate_asked.connect(self.plate_asked)
         self.bench.inject_asked.connect(self.inject_asked)
         self._lay_out()
@@ -101,12 +103,12 @@ class OperatePanel(QWidget):
 
     def show_nothing(self) -> None:
         """No rig: nothing can be asked for."""
-        self.show_status(Status())
+        self.show_status(EngineStatus())
         for shown in self.now.values():
             shown.setText("–")
         self.read_back.setText("–")
 
-    def show_status(self, status: Status) -> None:
+    def show_status(self, status: EngineStatus) -> None:
         """Enable what is possible, show what is."""
         for action in ACTIONS:
             self.buttons[action.command].setEnabled(is_possible(action, status))
@@ -121,7 +123,7 @@ class OperatePanel(QWidget):
         if status.drum_connected:
             self._show_numbers(status)
 
-    def _show_numbers(self, status: Status) -> None:
+    def _show_numbers(self, status: EngineStatus) -> None:
         self.now["Force"].setText(f"{status.force_g:.1f} g")
         self.now["Speed"].setText(f"{status.speed_mm_s:.1f} mm/s")
         self.now["Angle"].setText(f"{status.angle_deg:.1f} °")

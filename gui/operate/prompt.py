@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton
 
 from gui.operate.engine_status import Prompt
 from gui.widgets.labels import label
-from gui.widgets.status_lamp import Lamp, Level
+from gui.widgets.status_lamp import Level, StatusLamp
 from gui.widgets.theme import Theme
 
 
@@ -20,7 +20,7 @@ class PromptPanel(QFrame):
         super().__init__()
         self.setProperty("role", "prompt")
         self._prompt_id = 0
-        self.lamp = Lamp(theme, 18)
+        self.lamp = StatusLamp(theme, 18)
         self.lamp.set_level(Level.WARN)
         self.text = label("", "heading", wraps=True)
         self.done = QPushButton("Done, go on")

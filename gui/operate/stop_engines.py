@@ -8,13 +8,13 @@ from queue import Empty, SimpleQueue
 
 from PySide6.QtCore import QObject, Signal
 
-from rigctl.acquisition.rpc.stop_all import Stopped, stop_engines
+from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import RigctlError
 
 NOTHING = "STOP: no engine is running; use the rig's emergency stop if it moves"
 
 
-class Stopper(QObject):
+class EngineStopper(QObject):
     """Stops engines; :meth:`poll`, in the window's thread, says which were reached."""
 
     said = Signal(str, str)
@@ -52,7 +52,7 @@ class Stopper(QObject):
         except RigctlError as error:
             self._said.put(("lost", f"STOP reached no engine: {error}"))
 
-    def _tell(self, stopped: Stopped) -> None:
+    def _tell(self, stopped: StopResult) -> None:
         if stopped.failure:
             text = f"STOP did not reach {stopped.name}, press its emergency stop: {stopped.failure}"
             self._said.put(("lost", text))

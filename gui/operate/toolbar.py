@@ -13,11 +13,11 @@ from PySide6.QtWidgets import (
 )
 
 from gui.engine_link import JOIN
-from gui.operate.engine_status import RecordingStatus, Status
+from gui.operate.engine_status import EngineStatus, RecordingView
 from gui.operate.rig_choice import FileChoice
 from gui.widgets.formatting import fault_sentence
 from gui.widgets.labels import elastic, label, set_property, show_text
-from gui.widgets.status_lamp import Lamp, Level
+from gui.widgets.status_lamp import Level, StatusLamp
 from gui.widgets.theme import Theme
 
 RIGS = (
@@ -47,7 +47,7 @@ class Toolbar(QFrame):
         self.connect_button.setMinimumWidth(104)
         self.connect_button.clicked.connect(self._connect_clicked)
         self.state, self.words = label("–", "state"), elastic(label("not connected", "muted"))
-        self.lamp = Lamp(theme, 18)
+        self.lamp = StatusLamp(theme, 18)
         self.recording, self.samples = label("Not recording", "heading"), label("", "muted")
         self.stop = QPushButton("STOP")
         self.stop.setObjectName("stop")
@@ -96,7 +96,7 @@ class Toolbar(QFrame):
         show_text(self.words, f"the engine has not answered for {seconds:.0f} s")
         self._show_recording(Level.BAD, "Recording: unknown", "the engine does not answer")
 
-    def show_status(self, status: Status) -> None:
+    def show_status(self, status: EngineStatus) -> None:
         """State and recording light of a fresh status."""
         name = status.state.name.replace("_", " ") if status.state is not None else "–"
         self.state.setText(name)
@@ -147,7 +147,7 @@ class Toolbar(QFrame):
         row.addWidget(self.stop)
 
 
-def recording_truth(recording: RecordingStatus, unrecorded: int) -> tuple[Level, str, str]:
+def recording_truth(recording: RecordingView, unrecorded: int) -> tuple[Level, str, str]:
     """Level, title and detail of the light; only samples that reached the disk make it green.
 
     ``unrecorded``: how many statuses in a row told of a running protocol and an idle disk.
@@ -162,7 +162,7 @@ def recording_truth(recording: RecordingStatus, unrecorded: int) -> tuple[Level,
     return Level.OFF, "Not recording", "no trials are being run"
 
 
-def _state_words(status: Status) -> str:
+def _state_words(status: EngineStatus) -> str:
     if status.fault:
         return status.fault_words or fault_sentence(status.fault)
     if not status.drum_connected:

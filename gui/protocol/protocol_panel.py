@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.worker_tasks import Summary
-from gui.operate.engine_status import RunStatus, Status
+from gui.operate.engine_status import EngineStatus, RunView
 from gui.widgets.formatting import duration
 from gui.widgets.labels import elastic, label, set_property, show_text
 from rigctl.config import resources
@@ -60,7 +60,7 @@ class ProtocolPanel(QWidget):
         self._lay_out()
         self._connect()
         self.show_protocols()
-        self.show_status(Status())
+        self.show_status(EngineStatus())
 
     def show_protocols(self) -> None:
         """List the protocols that come with the program; the quick one first."""
@@ -80,7 +80,7 @@ class ProtocolPanel(QWidget):
         """Put sessions into another folder."""
         self.out.setText(folder)
 
-    def show_status(self, status: Status) -> None:
+    def show_status(self, status: EngineStatus) -> None:
         """Buttons by what is possible, progress as the engine counts it."""
         run = status.run
         ready = status.drum_connected and status.taxels_connected and not status.fault
@@ -93,7 +93,7 @@ class ProtocolPanel(QWidget):
             widget.setEnabled(not run.is_going)
         self._show_progress(run)
 
-    def _show_progress(self, run: RunStatus) -> None:
+    def _show_progress(self, run: RunView) -> None:
         show_text(self.state, run_sentence(run))
         set_property(self.state, "role", "bad" if run.state == "failed" else "heading")
         self.bar.setMaximum(max(run.trials_planned, 1))
@@ -200,7 +200,7 @@ _STATES = {
 }
 
 
-def run_sentence(run: RunStatus) -> str:
+def run_sentence(run: RunView) -> str:
     """How the run stands, with the reasons of a pause."""
     if run.text:
         return run.text
@@ -208,7 +208,7 @@ def run_sentence(run: RunStatus) -> str:
     return f"{words} ({', '.join(run.reasons)})" if run.reasons else words
 
 
-def trial_words(run: RunStatus) -> str:
+def trial_words(run: RunView) -> str:
     """The trial that runs now."""
     if not run.current:
         return "–"

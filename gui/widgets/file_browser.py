@@ -22,7 +22,7 @@ class Pick(Enum):
     INTERRUPTED = ("Folder of the session to go on with", QFileDialog.FileMode.Directory)
 
 
-class Browser(QWidget):
+class FileBrowser(QWidget):
     """A page with Qt's own file chooser as a plain widget."""
 
     closed = Signal()

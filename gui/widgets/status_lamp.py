@@ -20,7 +20,7 @@ class Level(StrEnum):
     BAD = "bad"
 
 
-class Lamp(QWidget):
+class StatusLamp(QWidget):
     """Ring: unknown or off. Disc: good. Diamond: look. Triangle: bad."""
 
     def __init__(self, theme: Theme, side_px: int = 14) -> None:

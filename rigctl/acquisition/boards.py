@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.acquisition.drum.motion import Motion
-from rigctl.acquisition.drum.poller import RECONNECT_PERIOD_S, DrumWatch
-from rigctl.acquisition.event_bus import News
+from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.drum.poller import RECONNECT_PERIOD_S, DrumPoller
+from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import DRUM, TAXELS, BoardHealth
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.rig_interface import Bench
+from rigctl.acquisition.rig_interface import RigInterface
 from rigctl.acquisition.status import STATE_WORDS
-from rigctl.acquisition.taxels.pipeline import Pump
+from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.devices.links.byte_link import BoardRebooted
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation, RunningRange
@@ -41,9 +41,9 @@ class Boards:
 
     def __init__(
         self,
-        bench: Bench,
+        bench: RigInterface,
         live: LiveWriter,
-        news: News,
+        news: EventBus,
         may_beat: Callable[[], bool],
         on_taxels: Callable[[bool], None],
         on_failure: Callable[[RigFault], None],
@@ -52,11 +52,11 @@ class Boards:
         self.taxels = bench.taxels
         self.taxels_connected = False
         self.identities: dict[str, BoardIdentity] = {}
-        self.watch = DrumWatch(bench.drum, bench.loop, may_beat, self._drum_lost, self._drum_back)
-        self.motion = Motion(self.watch, bench.config)
+        self.watch = DrumPoller(bench.drum, bench.loop, may_beat, self._drum_lost, self._drum_back)
+        self.motion = DrumMotion(self.watch, bench.config)
         self.health = BoardHealth(self.watch, bench.taxels, self.identities)
         self.encoder = _encoder(bench)
-        self.pump = Pump(self.encoder, live, time_stands=bench.simulated, gather=gather)
+        self.pump = SamplePipeline(self.encoder, live, time_stands=bench.simulated, gather=gather)
         self._bench = bench
         self._live = live
         self._news = news
@@ -223,7 +223,7 @@ class Boards:
         )
 
 
-def _encoder(bench: Bench) -> Encoder:
+def _encoder(bench: RigInterface) -> Encoder:
     """The live encoder, compiled before anything moves."""
     taxels = bench.config.taxels
     if taxels.low:

@@ -14,16 +14,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from rigctl.acquisition.boards import Boards
-from rigctl.acquisition.event_bus import News
-from rigctl.acquisition.health.disk import DiskGuard, no_recording
-from rigctl.acquisition.health.heartbeat import Vitals
+from rigctl.acquisition.event_bus import EventBus
+from rigctl.acquisition.health.disk import DiskMonitor, no_recording
+from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.protocol.run_control import DISK, LINK, Control
-from rigctl.acquisition.protocol.run_request import Bearings, Order, open_run
+from rigctl.acquisition.protocol.run_control import DISK, LINK, RunControl
+from rigctl.acquisition.protocol.run_request import RunContext, RunRequest, open_run
 from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.protocol.step_runner import RunOptions, RunParts
-from rigctl.acquisition.rig_interface import Bench
-from rigctl.acquisition.rpc.command_handler import Desk
+from rigctl.acquisition.rig_interface import RigInterface
+from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, StatusData
 from rigctl.acquisition.rpc.server import Server
 from rigctl.acquisition.status import StatusBuilder, idle_run
@@ -36,7 +36,7 @@ ALONE_LIMIT_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Doors:
+class EngineAddress:
     """How clients reach the engine: a listening socket, its token, and who is there already."""
 
     listener: socket.socket
@@ -52,15 +52,15 @@ class Engine:
 
     def __init__(
         self,
-        bench: Bench,
+        bench: RigInterface,
         live: LiveWriter,
         utc_now: Callable[[], str],
         rig_seed: int = 0,
         watched: bool = True,
     ) -> None:
         self.bench = bench
-        self.news = News(bench.loop.time)
-        self.vitals = Vitals(bench.loop.time)
+        self.news = EventBus(bench.loop.time)
+        self.vitals = HeartbeatGate(bench.loop.time)
         self.boards = Boards(
             bench,
             live,
@@ -77,16 +77,16 @@ class Engine:
         self._rig_seed = rig_seed
         self._texture: str | None = None
         self._status = StatusBuilder(bench.kind, bench.simulated, self.boards)
-        self._guard: DiskGuard | None = None
+        self._guard: DiskMonitor | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._run_task: asyncio.Task[None] | None = None
         self._server: Server | None = None
         self._alone_since_s = self._now_s()
         self._ended = asyncio.Event()
 
-    async def serve(self, doors: Doors, order: Order | None = None) -> int:
+    async def serve(self, doors: EngineAddress, order: RunRequest | None = None) -> int:
         """Connect, do as told, leave the rig safe; the exit code of the process."""
-        self._server = Server(doors.token, Desk(self).handle)
+        self._server = Server(doors.token, CommandHandler(self).handle)
         self.news.listen(self._tell_clients)
         await self._server.open(doors.listener, doors.first)
         try:
@@ -104,11 +104,11 @@ class Engine:
         await self._leave()
         return 0
 
-    def start(self, order: Order) -> Run:
+    def start(self, order: RunRequest) -> Run:
         """Begin a run. Raises what is wrong with the order or the disk."""
         opened = open_run(order, self._bearings())
         recorder, boards = opened.recorder, self.boards
-        control = Control(
+        control = RunControl(
             boards.watch,
             self.news,
             lambda: self.vitals.check_in("runner"),
@@ -119,7 +119,7 @@ class Engine:
         )
         unasked = order.yes and self.bench.simulated
         options = RunOptions(unasked, opened.resumed, opened.done, opened.attempts)
-        self._guard = DiskGuard(recorder)
+        self._guard = DiskMonitor(recorder)
         self.run = Run(parts, opened.plan, options)
         self._run_task = self.spawn(self._execute(self.run))
         self.news.tell("run", f"the run begins: {self.run.folder}", session=str(self.run.folder))
@@ -229,8 +229,8 @@ class Engine:
         if self._server is not None:
             self._server.broadcast(_message(event.kind, event.text, event.data, event.at_s))
 
-    def _bearings(self) -> Bearings:
-        return Bearings(
+    def _bearings(self) -> RunContext:
+        return RunContext(
             config=self.bench.config,
             rig=self.bench.kind,
             simulated=self.bench.simulated,

@@ -10,7 +10,7 @@ from rigctl.values import Event
 Listener = Callable[[Event], None]
 
 
-class News:
+class EventBus:
     """Stamps events with loop time and passes them on, in order, to whoever listens."""
 
     def __init__(self, now_s: Callable[[], float]) -> None:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.ring_buffer import Column, Ring, ring_bytes
+from rigctl.acquisition.ring_buffer import RingBuffer, RingColumn, ring_bytes
 from rigctl.errors import RigFault
 from rigctl.values import N_TAXELS
 
@@ -29,7 +29,7 @@ _NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 _HEADER_WORDS = 8  # magic, taxels, taxel rows, drum rows, version of the range, three spare
 
 
-class Heads(NamedTuple):
+class RowCounts(NamedTuple):
     """Rows written since the engine started; a head that stands still means no news."""
 
     taxels: int
@@ -85,23 +85,23 @@ class DrumWindow:
         return int(self.time_s.shape[0])
 
 
-def _taxel_columns(n_taxels: int) -> tuple[Column, ...]:
+def _taxel_columns(n_taxels: int) -> tuple[RingColumn, ...]:
     return (
-        Column("time_s", np.float64),
-        Column("counters", np.int64),
-        Column("samples", np.uint16, n_taxels),
-        Column("flags", np.uint8),
-        Column("spikes", np.uint8, 2 * n_taxels),
+        RingColumn("time_s", np.float64),
+        RingColumn("counters", np.int64),
+        RingColumn("samples", np.uint16, n_taxels),
+        RingColumn("flags", np.uint8),
+        RingColumn("spikes", np.uint8, 2 * n_taxels),
     )
 
 
 _DRUM_COLUMNS = (
-    Column("time_s", np.float64),
-    Column("force_g", np.float64),
-    Column("force_set_g", np.float64),
-    Column("speed_mm_s", np.float64),
-    Column("speed_set_mm_s", np.float64),
-    Column("state", np.uint8),
+    RingColumn("time_s", np.float64),
+    RingColumn("force_g", np.float64),
+    RingColumn("force_set_g", np.float64),
+    RingColumn("speed_mm_s", np.float64),
+    RingColumn("speed_set_mm_s", np.float64),
+    RingColumn("state", np.uint8),
 )
 
 
@@ -114,9 +114,9 @@ class _Memory:
         self.range = np.frombuffer(
             memory, dtype=np.uint16, count=2 * n_taxels, offset=_RANGE_OFFSET
         ).reshape(2, n_taxels)
-        self.taxels = Ring(memory, _HEADER_BYTES, taxel_rows, _taxel_columns(n_taxels))
+        self.taxels = RingBuffer(memory, _HEADER_BYTES, taxel_rows, _taxel_columns(n_taxels))
         drum_at = _HEADER_BYTES + ring_bytes(taxel_rows, _taxel_columns(n_taxels))
-        self.drum = Ring(memory, drum_at, drum_rows, _DRUM_COLUMNS)
+        self.drum = RingBuffer(memory, drum_at, drum_rows, _DRUM_COLUMNS)
 
     def close(self) -> None:
         self.taxels.release()
@@ -212,9 +212,9 @@ class LiveView:
         self._memory = _Memory(memory, n_taxels, taxel_rows, drum_rows)
 
     @property
-    def heads(self) -> Heads:
+    def heads(self) -> RowCounts:
         """Rows written so far."""
-        return Heads(self._memory.taxels.head, self._memory.drum.head)
+        return RowCounts(self._memory.taxels.head, self._memory.drum.head)
 
     @property
     def normalisation(self) -> LiveRange:

@@ -92,7 +92,7 @@ class TaxelBoard(Protocol):
         ...
 
 
-class Bench(Protocol):
+class RigInterface(Protocol):
     """A rig. ``kind`` is virtual, firmware or bench; ``faults`` is None at a real one."""
 
     @property

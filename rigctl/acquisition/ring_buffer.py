@@ -18,7 +18,7 @@ ALIGNMENT_BYTES = 64
 _COUNTERS_BYTES = 64
 
 
-class Column(NamedTuple):
+class RingColumn(NamedTuple):
     """One column of a ring: its name, element type and elements a row."""
 
     name: str
@@ -26,10 +26,10 @@ class Column(NamedTuple):
     width: int = 1
 
 
-class Ring:
+class RingBuffer:
     """Rows of a few columns inside a buffer that processes share."""
 
-    def __init__(self, buffer: Any, offset: int, rows: int, columns: Sequence[Column]) -> None:
+    def __init__(self, buffer: Any, offset: int, rows: int, columns: Sequence[RingColumn]) -> None:
         self.rows = rows
         self._counters = np.frombuffer(buffer, dtype=np.int64, count=2, offset=offset)
         self._columns = dict(_views(buffer, offset + _COUNTERS_BYTES, rows, columns))
@@ -88,13 +88,13 @@ def _part(value: NDArray[Any] | float, first: int, behind: int) -> NDArray[Any] 
     return value[first:behind] if isinstance(value, np.ndarray) else value
 
 
-def ring_bytes(rows: int, columns: Sequence[Column]) -> int:
+def ring_bytes(rows: int, columns: Sequence[RingColumn]) -> int:
     """Size of a ring in bytes."""
     return _COUNTERS_BYTES + sum(_aligned(_column_bytes(rows, column)) for column in columns)
 
 
 def _views(
-    buffer: Any, offset: int, rows: int, columns: Sequence[Column]
+    buffer: Any, offset: int, rows: int, columns: Sequence[RingColumn]
 ) -> Iterator[tuple[str, NDArray[Any]]]:
     for column in columns:
         count = rows * column.width
@@ -103,7 +103,7 @@ def _views(
         offset += _aligned(_column_bytes(rows, column))
 
 
-def _column_bytes(rows: int, column: Column) -> int:
+def _column_bytes(rows: int, column: RingColumn) -> int:
     return rows * column.width * np.dtype(column.dtype).itemsize
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from rigctl.acquisition.health.boards import Figures
+from rigctl.acquisition.health.boards import BoardFigures
 from rigctl.acquisition.rpc.messages import BoardStatus, RecordingStatus, RunStatus, StatusData
 from rigctl.acquisition.taxels.clock_fit import ClockFit
 from rigctl.wire.drum.register_table import Status
@@ -135,7 +135,7 @@ def _board(identity: BoardIdentity) -> BoardStatus:
     )
 
 
-def _add_figures(told: BoardStatus, figures: Figures) -> None:
+def _add_figures(told: BoardStatus, figures: BoardFigures) -> None:
     told["late_ticks"] = figures.late_ticks
     told["longest_isr_us"] = figures.longest_isr_us
     told["free_stack_bytes"] = figures.free_stack_bytes

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rigctl.config.toml_reader import Table, Text
+from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError
 from rigctl.values import DRAWN_WIRING, N_TAXELS, SCALE_BAND_UG_PER_COUNT
 
@@ -79,7 +79,7 @@ class DrumGeometry:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class RigLimits:
     """What a protocol may ask of this rig, and when the rig stops itself."""
 
     speed_min_mm_s: float = _number(20, "mm/s", 5, 200, "least speed in contact")
@@ -166,7 +166,7 @@ class TaxelArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Encoder:
+class EncoderConfig:
     """How readings become spikes, live."""
 
     preset: str = _text("default", "name of an encoder preset")
@@ -179,14 +179,14 @@ class RigConfig:
     about: About = About()
     ports: Ports = Ports()
     drum: DrumGeometry = DrumGeometry()
-    limits: Limits = Limits()
+    limits: RigLimits = RigLimits()
     actuator: Actuator = Actuator()
     loadcell: LoadCell = LoadCell()
     clocks: Clocks = Clocks()
     signals: Signals = Signals()
     inverted: Inverted = Inverted()
     taxels: TaxelArray = TaxelArray()
-    encoder: Encoder = Encoder()
+    encoder: EncoderConfig = EncoderConfig()
 
     def with_range(self, low: tuple[int, ...], high: tuple[int, ...], source: str) -> RigConfig:
         """The same rig with a newly measured range of each taxel."""
@@ -203,15 +203,15 @@ class RigConfig:
 
 def load_config(path: Path) -> RigConfig:
     """Read ``rig.toml``. Raises ConfigError."""
-    return _config(Text.read(path, ConfigError))
+    return _config(TomlText.read(path, ConfigError))
 
 
 def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
     """Read a description that is already in memory. Raises ConfigError with ``name``."""
-    return _config(Text(name, text, ConfigError))
+    return _config(TomlText(name, text, ConfigError))
 
 
-def _config(text: Text) -> RigConfig:
+def _config(text: TomlText) -> RigConfig:
     root = text.root
     tables = {f.name: root.table(f.name) for f in fields(RigConfig)}
     root.finish()
@@ -226,14 +226,14 @@ def _config(text: Text) -> RigConfig:
     return config
 
 
-def _section(table: Table, kind: type[_Section]) -> _Section:
+def _section(table: TomlTable, kind: type[_Section]) -> _Section:
     # Every section is a dataclass, which ``type`` cannot say.
     values = {f.name: _value(table, f) for f in fields(kind)}  # type: ignore[arg-type]
     table.finish()
     return kind(**values)
 
 
-def _value(table: Table, item: Any) -> Any:
+def _value(table: TomlTable, item: Any) -> Any:
     meta, default = item.metadata, item.default
     if isinstance(default, bool):
         return table.flag(item.name, default)
@@ -248,7 +248,7 @@ def _value(table: Table, item: Any) -> Any:
     return table.number(item.name, default, unit=meta["unit"], low=meta["low"], high=meta["high"])
 
 
-def _check_geometry(config: RigConfig, table: Table) -> None:
+def _check_geometry(config: RigConfig, table: TomlTable) -> None:
     drum = config.drum
     end = drum.plate_start_mm + drum.plate_length_mm
     if end > drum.circumference_mm:
@@ -258,7 +258,7 @@ def _check_geometry(config: RigConfig, table: Table) -> None:
         )
 
 
-def _check_limits(limits: Limits, table: Table) -> None:
+def _check_limits(limits: RigLimits, table: TomlTable) -> None:
     if limits.speed_min_mm_s > limits.speed_max_mm_s:
         table.fail("speed_min_mm_s", "is above speed_max_mm_s")
     if limits.force_min_g > limits.force_max_g:
@@ -269,7 +269,7 @@ def _check_limits(limits: Limits, table: Table) -> None:
         )
 
 
-def _check_taxels(taxels: TaxelArray, table: Table) -> None:
+def _check_taxels(taxels: TaxelArray, table: TomlTable) -> None:
     for name in ("wiring", "low", "high"):
         values = getattr(taxels, name)
         if values and len(values) != taxels.count:
@@ -282,7 +282,7 @@ def _check_taxels(taxels: TaxelArray, table: Table) -> None:
         table.fail("wiring", f"must hold each of 0 to {taxels.count - 1} once")
 
 
-def _check_scale(loadcell: LoadCell, table: Table) -> None:
+def _check_scale(loadcell: LoadCell, table: TomlTable) -> None:
     scale = loadcell.scale_ug_per_count
     if abs(scale) < _SCALES[0]:
         table.fail(

@@ -1,7 +1,7 @@
 """Typed reading of a TOML text, where every mistake is named by file, line and key.
 
-A :class:`Table` hands out values by key, checked for type and range, and :meth:`Table.finish`
-refuses what nobody asked for, with the nearest known key as a suggestion.
+A :class:`TomlTable` hands out values by key, checked for type and range, and
+:meth:`TomlTable.finish` refuses what nobody asked for, with the nearest known key as a suggestion.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rigctl.errors import WrongUse
 _HEADER = re.compile(r"^\s*\[\[?\s*([^\]]+?)\s*\]\]?\s*(#.*)?$")
 
 
-class Text:
+class TomlText:
     """One TOML text: its name for messages, its source, its error type and its root table.
 
     Raises ``error`` with the line for text that is not TOML.
@@ -33,10 +33,10 @@ class Text:
             data = tomllib.loads(text)
         except (ValueError, RecursionError) as problem:  # TOMLDecodeError is a ValueError
             raise error(f"{name}: this is not TOML: {problem}") from problem
-        self.root = Table(self, (), data)
+        self.root = TomlTable(self, (), data)
 
     @classmethod
-    def read(cls, path: Path, error: type[WrongUse]) -> Text:
+    def read(cls, path: Path, error: type[WrongUse]) -> TomlText:
         """The text of a file."""
         try:
             return cls(str(path), path.read_text(encoding="utf-8"), error)
@@ -89,10 +89,10 @@ class Text:
         return None
 
 
-class Table:
+class TomlTable:
     """One table of a text; remembers which keys were asked for."""
 
-    def __init__(self, text: Text, place: tuple[str | int, ...], data: dict[str, Any]) -> None:
+    def __init__(self, text: TomlText, place: tuple[str | int, ...], data: dict[str, Any]) -> None:
         self._text = text
         self._place = place
         self._data = data
@@ -182,20 +182,20 @@ class Table:
             )
         return value
 
-    def table(self, key: str) -> Table:
+    def table(self, key: str) -> TomlTable:
         """A table; an absent one is empty, so that its defaults hold."""
         value = self._take(key, {})
         if not isinstance(value, dict):
             self.fail(key, f"must be a table, written [{_dotted((*self._place, key))}]")
-        return Table(self._text, (*self._place, key), value)
+        return TomlTable(self._text, (*self._place, key), value)
 
-    def tables(self, key: str) -> list[Table]:
+    def tables(self, key: str) -> list[TomlTable]:
         """A list of tables; an absent one is empty."""
         values = self._take(key, [])
         if not isinstance(values, list) or not all(isinstance(v, dict) for v in values):
             self.fail(key, f"must be tables, each written [[{_dotted((*self._place, key))}]]")
         return [
-            Table(self._text, (*self._place, key, place), value)
+            TomlTable(self._text, (*self._place, key, place), value)
             for place, value in enumerate(values)
         ]
 

@@ -13,7 +13,7 @@ from rigctl.devices.drum_refusals import refused_command, refused_settings
 from rigctl.devices.identity import WhosThere, drum_identity, explain
 from rigctl.devices.links.byte_link import BoardRebooted, ByteLink
 from rigctl.devices.loadcell_ring import read_ring
-from rigctl.devices.modbus_client import DRAIN_S, SILENCE_S, ModbusLine, Refused
+from rigctl.devices.modbus_client import DRAIN_S, SILENCE_S, ModbusClient, Refused
 from rigctl.errors import BoardFault, CommandRefused, LinkLost, RigFault, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum import register_table
@@ -53,7 +53,7 @@ class Drum:
         whos_there: WhosThere | None = None,
     ) -> None:
         self.link = link
-        self.line = ModbusLine(link, loop)
+        self.line = ModbusClient(link, loop)
         self.rebooted = False
         self.settings: dict[str, float] = {}
         self._loop = loop

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigctl.devices.modbus_client import ModbusLine
+from rigctl.devices.modbus_client import ModbusClient
 from rigctl.wire.drum.poll import RawSample
 from rigctl.wire.drum.register_table import BY_NAME, RING_DEPTH, Register
 from rigctl.wire.drum.registers import BlockLayout
@@ -11,7 +11,7 @@ LONGEST_READ = 20
 """Samples read in one exchange: 40 registers."""
 
 
-async def read_ring(line: ModbusLine, wanted: range) -> dict[int, RawSample]:
+async def read_ring(line: ModbusClient, wanted: range) -> dict[int, RawSample]:
     """What stands in the places of the samples ``wanted``, by sequence number.
 
     A place may have been overwritten meanwhile; its time tells.
@@ -24,7 +24,7 @@ async def read_ring(line: ModbusLine, wanted: range) -> dict[int, RawSample]:
     return found
 
 
-async def _numbers(line: ModbusLine, name: str, part: range) -> tuple[int, ...]:
+async def _numbers(line: ModbusClient, name: str, part: range) -> tuple[int, ...]:
     ring = BY_NAME[name]
     address = ring.address + ring.words * (part.start % RING_DEPTH)
     some = Register(name, address, ring.kind, "", 1, "", count=len(part))

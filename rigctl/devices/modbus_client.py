@@ -22,7 +22,7 @@ from pymodbus.pdu import ModbusPDU
 from rigctl.devices.links.asyncio_transport import LinkTransport
 from rigctl.devices.links.byte_link import ByteLink
 from rigctl.devices.modbus_framer import ReplyFramer
-from rigctl.devices.reply_timeout import Patience
+from rigctl.devices.reply_timeout import ReplyTimeout
 from rigctl.errors import CommandRefused, LinkLost
 from rigctl.wire import modbus_rtu
 from rigctl.wire.drum.register_table import UNIT
@@ -69,7 +69,7 @@ class _Damaged(ModbusIOException):
     """A reply of the right length, but not as it was sent."""
 
 
-class ModbusLine:
+class ModbusClient:
     """Registers of one board over one link.
 
     ``timeouts`` counts replies that did not come or not whole, ``damaged`` those of them that
@@ -82,7 +82,7 @@ class ModbusLine:
         self.damaged = 0
         self.stale = 0
         self.retries = 0
-        self._patience = Patience(LEAST_REPLY_S, REPLY_S)
+        self._patience = ReplyTimeout(LEAST_REPLY_S, REPLY_S)
         self._loop = loop
         self._client: AsyncModbusSerialClient | None = None
         self._transport: LinkTransport | None = None

@@ -6,7 +6,7 @@ USUAL_REPLIES = 8
 """What is usual changes over so many replies."""
 
 
-class Patience:
+class ReplyTimeout:
     """Twice as long as replies took of late, between two bounds.
 
     ``wait_s`` begins with the longest. A reply that did not come makes it longer: a line that

@@ -20,8 +20,8 @@ from rigctl.encoding.encoder import tiles
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.kernel import constants, raster
 from rigctl.encoding.kernel.machine_code import LANES, LANES_OF_SA
-from rigctl.encoding.kernel.neuron_blocks import Blocks
-from rigctl.encoding.kernel.prefetch import BYTES, Rows, Trials, readings_of
+from rigctl.encoding.kernel.neuron_blocks import NeuronBlocks
+from rigctl.encoding.kernel.prefetch import BYTES, TrialRows, Trials, readings_of
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
@@ -44,7 +44,7 @@ def cuts_of(layouts: Sequence[FeatureLayout], n_samples: int, speed_mm_s: float)
 
 def whole_trials(trials: Trials) -> NDArray[np.int64]:
     """Cuts of one stretch that holds all of each trial."""
-    return np.array([0, Rows.of(trials).lengths.max(initial=0)])
+    return np.array([0, TrialRows.of(trials).lengths.max(initial=0)])
 
 
 def stretch_counts(
@@ -65,7 +65,7 @@ def stretch_counts(
     Raises :class:`WrongUse` for another number of taxels, longer trials, or taxels that there are
     not: the kernel reads memory by address.
     """
-    way = _Way(sa_scale, sa_only)
+    way = _EncodingVariant(sa_scale, sa_only)
     (counts,) = _counts_of_ways(trials, cuts, normalisation, parameters, taxels, [way])
     return counts
 
@@ -78,12 +78,12 @@ def counts_without_and_with(
     sa_scale: NDArray[np.float64],
 ) -> tuple[Counts, Counts]:
     """:func:`stretch_counts` of both channels without C, and of SA alone with it."""
-    ways = [_Way(None, sa_only=False), _Way(sa_scale, sa_only=True)]
+    ways = [_EncodingVariant(None, sa_only=False), _EncodingVariant(sa_scale, sa_only=True)]
     without, with_c = _counts_of_ways(trials, cuts, normalisation, parameters, None, ways)
     return without, with_c
 
 
-class _Way(NamedTuple):
+class _EncodingVariant(NamedTuple):
     """How the same readings are encoded; as :func:`stretch_counts` is told."""
 
     sa_scale: NDArray[np.float64] | None
@@ -106,14 +106,14 @@ def _counts_of_ways(
     normalisation: Normalisation,
     parameters: EncoderParameters,
     taxels: NDArray[np.int64] | None,
-    ways: Sequence[_Way],
+    ways: Sequence[_EncodingVariant],
 ) -> list[Counts]:
     """Counts of each way, uint32 (n_trials, n_trains, n_stretches)."""
     if taxels is None:
         taxels = np.arange(normalisation.n_taxels)
     n, some, between = len(trials), len(taxels), len(cuts) - 1
     outs = [np.empty((n, way.channels * some, between), np.uint32) for way in ways]
-    rows, most = Rows.of(trials), constants.samples_per_row(parameters)
+    rows, most = TrialRows.of(trials), constants.samples_per_row(parameters)
     _check(rows, cuts, normalisation.n_taxels, taxels)
     of_cuts = tuple(cuts.tolist())
     for chosen in tiles(rows.lengths.tolist(), some, max(way.wide for way in ways)):
@@ -125,7 +125,9 @@ def _counts_of_ways(
     return outs
 
 
-def _check(rows: Rows, cuts: NDArray[np.int64], n_taxels: int, taxels: NDArray[np.int64]) -> None:
+def _check(
+    rows: TrialRows, cuts: NDArray[np.int64], n_taxels: int, taxels: NDArray[np.int64]
+) -> None:
     _check_width(rows, n_taxels)
     if rows.lengths.max(initial=0) > cuts[-1]:
         raise WrongUse(f"a trial of {rows.lengths.max()} samples, the last cut at {cuts[-1]}")
@@ -133,7 +135,7 @@ def _check(rows: Rows, cuts: NDArray[np.int64], n_taxels: int, taxels: NDArray[n
         raise WrongUse(f"taxels {taxels.tolist()} of 0 to {n_taxels - 1}")
 
 
-def _check_width(rows: Rows, n_taxels: int) -> None:
+def _check_width(rows: TrialRows, n_taxels: int) -> None:
     if len(rows) and rows.row_bytes != BYTES * n_taxels:
         raise WrongUse(f"samples of {rows.row_bytes // BYTES} taxels, ranges of {n_taxels}")
 
@@ -147,9 +149,9 @@ class _Steps(NamedTuple):
 
 
 def _sums(
-    way: _Way,
+    way: _EncodingVariant,
     chosen: Sequence[int],
-    tile: Rows,
+    tile: TrialRows,
     steps: _Steps,
     between: int,
     normalisation: Normalisation,
@@ -158,7 +160,7 @@ def _sums(
 ) -> Counts:
     """Spikes of some trials between cuts, lane by lane: (blocks, stretches, channels, wide)."""
     scale = None if way.sa_scale is None else way.sa_scale[chosen]
-    blocks = Blocks.of_trials(
+    blocks = NeuronBlocks.of_trials(
         len(chosen), normalisation, parameters, scale, taxels=taxels, sa_only=way.sa_only
     )
     in_lane = blocks.by_lane(np.repeat(tile.lengths, len(taxels)))
@@ -207,7 +209,7 @@ def levels_of(trials: Trials, normalisation: Normalisation) -> NDArray[np.float6
 
     float64 (n_trials, n_taxels). Raises :class:`WrongUse` for another number of taxels.
     """
-    rows = Rows.of(trials)
+    rows = TrialRows.of(trials)
     _check_width(rows, normalisation.n_taxels)
     sums = np.zeros((len(rows), normalisation.n_taxels), np.int64)
     ends = (normalisation.low, normalisation.high)

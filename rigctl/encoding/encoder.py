@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.kernel import constants, raster
 from rigctl.encoding.kernel.machine_code import LANES
-from rigctl.encoding.kernel.neuron_blocks import Blocks, Counts, Samples
-from rigctl.encoding.kernel.prefetch import Rows
-from rigctl.encoding.kernel.spike_trains import Trains
+from rigctl.encoding.kernel.neuron_blocks import Counts, NeuronBlocks, Samples
+from rigctl.encoding.kernel.prefetch import TrialRows
+from rigctl.encoding.kernel.spike_trains import SpikeTrains
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
@@ -77,12 +77,12 @@ class Encoder:
         self._clipped += self._normalisation.clipped(samples)
         return self._counts(self._blocks, samples)
 
-    def _at_rest(self) -> Blocks:
-        return Blocks.of_taxels(self._normalisation, self.parameters)
+    def _at_rest(self) -> NeuronBlocks:
+        return NeuronBlocks.of_taxels(self._normalisation, self.parameters)
 
-    def _counts(self, blocks: Blocks, samples: Samples) -> Counts:
+    def _counts(self, blocks: NeuronBlocks, samples: Samples) -> Counts:
         each = np.arange(1, len(samples) + 1)
-        counts = blocks.advance(Rows.of([samples]), each)
+        counts = blocks.advance(TrialRows.of([samples]), each)
         return raster.by_sample(counts, self._normalisation.n_taxels)
 
 
@@ -116,11 +116,11 @@ def encode_trials(
     for samples in trials:
         _check(samples, normalisation)
     spikes: dict[int, Spikes] = {}
-    trains = Trains(constants.most_in_a_sample(parameters))
+    trains = SpikeTrains(constants.most_in_a_sample(parameters))
     for chosen in tiles([len(samples) for samples in trials], normalisation.n_taxels):
         scale = None if sa_scale is None else sa_scale[chosen]
-        blocks = Blocks.of_trials(len(chosen), normalisation, parameters, scale)
-        rows = Rows.of([trials[i] for i in chosen])
+        blocks = NeuronBlocks.of_trials(len(chosen), normalisation, parameters, scale)
+        rows = TrialRows.of([trials[i] for i in chosen])
         spikes.update(zip(chosen, trains.of(blocks, rows, normalisation.n_taxels), strict=True))
     return [spikes[i] for i in range(len(trials))]
 
@@ -156,7 +156,7 @@ def membrane_mv(
     Started at rest. A sample with a spike shows the threshold, as such curves are drawn.
     """
     _check(samples, normalisation)
-    blocks = Blocks.of_taxels(normalisation, parameters)
-    counts, voltage = blocks.traced_mv(Rows.of([samples]))
+    blocks = NeuronBlocks.of_taxels(normalisation, parameters)
+    counts, voltage = blocks.traced_mv(TrialRows.of([samples]))
     voltage = np.where(counts > 0, parameters.threshold_mv, voltage)
     return raster.by_sample(voltage, normalisation.n_taxels)

@@ -19,7 +19,7 @@ from rigctl.encoding.force_search import TOLERANCE_HZ, mean_sa_rates_hz, search_
 from rigctl.encoding.kernel.prefetch import Trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
-from rigctl.encoding.root_bracket import Method, Status
+from rigctl.encoding.root_bracket import Method, SearchStatus
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
@@ -61,7 +61,7 @@ class ForceMatrix:
     @property
     def unconverged(self) -> int:
         """Entries that were capped or lie at a jump (the paper: 62 of 4,320)."""
-        return int(np.sum(self.status > Status.CONVERGED))
+        return int(np.sum(self.status > SearchStatus.CONVERGED))
 
     def _place(self, speed_mm_s: float, force_g: float) -> tuple[int, int]:
         try:

@@ -17,7 +17,7 @@ from rigctl.encoding.batch import (
     stretch_counts,
     whole_trials,
 )
-from rigctl.encoding.kernel.prefetch import Rows, Trials
+from rigctl.encoding.kernel.prefetch import TrialRows, Trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.encoding.root_bracket import Bracket, Method
@@ -35,7 +35,7 @@ PILOT_TOLERANCE_HZ, MOST_IN_PILOT = 0.2, 6
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class ForceSearch:
     """What the search found for the taxels of one texture, speed and force.
 
     ``c``, ``rate_hz``: float64 (n_taxels,); ``status``: int8; ``evaluations``: float64, encodings
@@ -58,7 +58,7 @@ def mean_sa_rates_hz(
 ) -> Floats:
     """Mean SA rate of each taxel over trials, float64 (n_taxels,); ``c`` scales its current."""
     scale = None if c is None else np.tile(c, (len(trials), 1))
-    rows = Rows.of(trials)
+    rows = TrialRows.of(trials)
     counts = stretch_counts(
         rows, whole_trials(rows), normalisation, parameters, sa_scale=scale, sa_only=True
     )
@@ -76,9 +76,9 @@ def search_to(
     method: Method = Method.REGULA_FALSI,
     cuts: NDArray[np.int64] | None = None,
     first: Encode | None = None,
-) -> Search:
+) -> ForceSearch:
     """:func:`search` that starts where readings are as high as ``goal``, those of the reference."""
-    rows = Rows.of(trials)
+    rows = TrialRows.of(trials)
     levels = levels_of(rows, normalisation)
     start = _ratio(goal, mean_of_levels(levels, normalisation))
     ways = (normalisation, parameters, tolerance_hz, method)
@@ -96,7 +96,7 @@ def search(
     cuts: NDArray[np.int64] | None = None,
     first: Encode | None = None,
     levels: Floats | None = None,
-) -> Search:
+) -> ForceSearch:
     """C of every taxel of one condition; taxels that are found are not encoded again.
 
     Regula falsi asks every eighth trial first, and starts with what these say; what all trials say
@@ -105,7 +105,7 @@ def search(
     with the same readings. ``levels``: as :func:`rigctl.encoding.batch.levels_of` tells them, for
     who knows.
     """
-    rows = Rows.of(trials)
+    rows = TrialRows.of(trials)
     cuts = whole_trials(rows) if cuts is None else cuts
     every = _Encoded(rows, cuts, normalisation, parameters)
     slopes, asked = np.zeros_like(start), np.zeros_like(start)
@@ -120,7 +120,7 @@ def search(
         kept[:, open_ones[best]] = counts[:, best]
     for bracket in brackets:
         bracket.give_up()
-    return Search(
+    return ForceSearch(
         np.array([b.best_c for b in brackets]),
         np.array([b.best_rate for b in brackets]),
         np.array([b.status for b in brackets], np.int8),
@@ -152,7 +152,7 @@ def _pilot(
 class _Encoded(NamedTuple):
     """Trials of one condition, to be encoded with one C after another."""
 
-    trials: Rows
+    trials: TrialRows
     cuts: NDArray[np.int64]
     normalisation: Normalisation
     parameters: EncoderParameters

@@ -11,7 +11,7 @@ STEEPEST = 5.0
 """How far a slope that was seen is believed: so many times the line through zero, or its part."""
 
 
-class Status(IntEnum):
+class SearchStatus(IntEnum):
     """How the search for one C ended."""
 
     REFERENCE = 0  # the reference force itself: C is 1
@@ -39,7 +39,7 @@ class Bracket:
     def __init__(
         self, target: float, start: float, method: Method, slope: float | None = None
     ) -> None:
-        self.status: Status | None = None
+        self.status: SearchStatus | None = None
         self.evaluations = 0
         self.best_c, self.best_rate = 0.0, 0.0
         self.slope = slope or 0.0
@@ -58,9 +58,9 @@ class Bracket:
         distance = rate - self._target
         best = self.evaluations == 1 or abs(distance) < abs(self.best_rate - self._target)
         if abs(distance) < tolerance_hz:
-            self.status = Status.CONVERGED
+            self.status = SearchStatus.CONVERGED
         elif distance < 0 and self.guess >= HIGHEST_C:
-            self.status, best = Status.CAPPED, True
+            self.status, best = SearchStatus.CAPPED, True
         if best:
             self.best_c, self.best_rate = self.guess, rate
         self._narrow(distance)
@@ -69,7 +69,7 @@ class Bracket:
     def give_up(self) -> None:
         """Call a search that is still open a jump over the target."""
         if self.status is None:
-            self.status = Status.DISCONTINUITY
+            self.status = SearchStatus.DISCONTINUITY
 
     @property
     def foreseen(self) -> float:
@@ -93,7 +93,7 @@ class Bracket:
         self.guess = self._next(here)
         low, high = self._ends()
         if self.status is None and high - low < NARROWEST:
-            self.status = Status.DISCONTINUITY
+            self.status = SearchStatus.DISCONTINUITY
 
     def _ends(self) -> tuple[float, float]:
         low = self._low[0] if self._low else 0.0

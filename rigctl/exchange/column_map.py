@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.config.toml_reader import Table, Text
+from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -61,7 +61,7 @@ class ImportMap:
 
 def load_map(path: Path) -> ImportMap:
     """Read a map. Raises ConfigError naming file, line and key."""
-    text = Text.read(path, ConfigError)
+    text = TomlText.read(path, ConfigError)
     root = text.root
     name, sensor = root.text("name", path.stem), root.text("sensor", "")
     files, time, taxels = root.table("files"), root.table("time"), root.table("taxels")
@@ -109,7 +109,7 @@ def load_map(path: Path) -> ImportMap:
     return found
 
 
-def _time(table: Table) -> tuple[str, float, float]:
+def _time(table: TomlTable) -> tuple[str, float, float]:
     """Column, seconds of its unit, rate."""
     column = table.text("column", "")
     rate_hz = table.number("rate_hz", 0.0, unit="Hz", low=0, high=FASTEST_HZ)
@@ -118,7 +118,7 @@ def _time(table: Table) -> tuple[str, float, float]:
     return column, SECONDS[table.choice("unit", SECONDS, "s")], rate_hz
 
 
-def _pattern(table: Table) -> re.Pattern[str]:
+def _pattern(table: TomlTable) -> re.Pattern[str]:
     source = table.text("pattern", "")
     try:
         pattern = re.compile(source)
@@ -130,7 +130,7 @@ def _pattern(table: Table) -> re.Pattern[str]:
     return pattern
 
 
-def _check_labels(found: ImportMap, files: Table) -> None:
+def _check_labels(found: ImportMap, files: TomlTable) -> None:
     groups = found.pattern.groupindex
     if "texture" not in groups and not found.texture:
         files.fail("pattern", "has no group texture, and [labels] names none for all files")

@@ -22,7 +22,7 @@ RANGE = ".."
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class FileColumns:
     """One file: ``values`` float64 (n, m), NaN where a cell is empty; a name for each column.
 
     ``first_row`` is what people call the first row of values; ``cut_short`` tells that the last
@@ -59,7 +59,7 @@ class Columns:
         raise WrongUse(f"{self.path} has no column {name!r}: {hint}")
 
 
-def read_columns(path: Path, mapping: ImportMap) -> Columns:
+def read_columns(path: Path, mapping: ImportMap) -> FileColumns:
     """Read one file by its ending. Raises WrongUse naming file, row and column."""
     ending = path.suffix.lower()
     try:
@@ -75,7 +75,7 @@ def read_columns(path: Path, mapping: ImportMap) -> Columns:
     raise WrongUse(f"{path}: files that can be imported end in {known}")
 
 
-def _read_text(path: Path, delimiter: str) -> Columns:
+def _read_text(path: Path, delimiter: str) -> FileColumns:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [
@@ -95,7 +95,7 @@ def _read_text(path: Path, delimiter: str) -> Columns:
     if not body:
         raise WrongUse(f"{path} has no rows of values")
     values = np.array([_numbers(path, number, row, names) for number, row in body])
-    return Columns(path, names, values, body[0][0], cut_short)
+    return FileColumns(path, names, values, body[0][0], cut_short)
 
 
 def _numbers(path: Path, number: int, row: list[str], names: tuple[str, ...]) -> list[float]:
@@ -129,7 +129,7 @@ def _numpy(path: Path) -> dict[str, Any]:
         ) from error
 
 
-def _from_variables(path: Path, variables: Mapping[str, Any], mapping: ImportMap) -> Columns:
+def _from_variables(path: Path, variables: Mapping[str, Any], mapping: ImportMap) -> FileColumns:
     """One chosen variable or structure, or all that the map names, as columns of one length."""
     chosen = _chosen(path, variables, mapping.variable) if mapping.variable else variables
     names: list[str] = []
@@ -143,7 +143,7 @@ def _from_variables(path: Path, variables: Mapping[str, Any], mapping: ImportMap
             f"{path}: its variables {_lengths(names, columns)} are not columns of one length: "
             "name one with variable = in [files]"
         )
-    return Columns(path, tuple(names), np.stack(columns, axis=1))
+    return FileColumns(path, tuple(names), np.stack(columns, axis=1))
 
 
 def _lengths(names: Sequence[str], columns: Sequence[Floats]) -> str:

@@ -17,7 +17,14 @@ from rigctl.errors import DiskFault, WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.extra_channels import ExtraChannels
 from rigctl.exchange.file_readers import read_columns
-from rigctl.exchange.inspection import COUNTS, Scaling, Survey, Surveyed, survey, track_of
+from rigctl.exchange.inspection import (
+    COUNTS,
+    InspectedFile,
+    Inspection,
+    Scaling,
+    inspect_files,
+    track_of,
+)
 from rigctl.exchange.resampling import Floats, Resampled, Track, resample
 from rigctl.session.format.header import IMPORTED, SessionHeader
 from rigctl.session.write.recorder import Recorder
@@ -46,14 +53,14 @@ def import_files(
     start_utc: str,
     on_file: Callable[[str, int], None] = lambda what, done: None,
     stop: Callable[[], bool] = lambda: False,
-) -> tuple[Survey, bool]:
+) -> tuple[Inspection, bool]:
     """Look at all files, then write them; the survey, and False when ``stop`` ended it.
 
     Raises WrongUse before anything is written, SessionError and DiskFault.
     """
     if not paths:
         raise WrongUse("there is no file to import: name some")
-    surveyed = survey(paths, mapping, lambda done: on_file("looking at", done))
+    surveyed = inspect_files(paths, mapping, lambda done: on_file("looking at", done))
     n_taxels = len(surveyed.scaling.names)
     if n_taxels > MAX_TAXELS:
         raise WrongUse(f"{n_taxels} taxels are mapped, a session holds up to {MAX_TAXELS}")
@@ -63,7 +70,7 @@ def import_files(
     with Recorder(folder, header, "", config.to_toml()) as recorder:
         (folder / MAP_FILE).write_text(mapping.text, encoding="utf-8")
         with ExtraChannels(folder, mapping.extra) as extra:
-            book = _Book(recorder, mapping, surveyed, extra)
+            book = _SessionWriter(recorder, mapping, surveyed, extra)
             for done, (file, trial) in enumerate(zip(surveyed.files, trials, strict=True)):
                 on_file("writing", done)
                 if stop():
@@ -103,11 +110,11 @@ def _config(mapping: ImportMap, n_taxels: int) -> RigConfig:
     )
 
 
-class _Book:
+class _SessionWriter:
     """Writes trial after trial; the session's time is that of its samples."""
 
     def __init__(
-        self, recorder: Recorder, mapping: ImportMap, surveyed: Survey, extra: ExtraChannels
+        self, recorder: Recorder, mapping: ImportMap, surveyed: Inspection, extra: ExtraChannels
     ) -> None:
         self._recorder = recorder
         self._mapping = mapping
@@ -117,7 +124,7 @@ class _Book:
         self._texture: str | None = None
         self._conversions = 0
 
-    def write(self, file: Surveyed, trial: PlannedTrial) -> None:
+    def write(self, file: InspectedFile, trial: PlannedTrial) -> None:
         """One file's samples, load cell, row and origin."""
         if file.label.texture != self._texture:
             self._begin_part(file.label.texture)

@@ -12,7 +12,7 @@ import numpy as np
 
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
-from rigctl.exchange.file_readers import Columns, read_columns
+from rigctl.exchange.file_readers import FileColumns, read_columns
 from rigctl.exchange.filename_labels import Label, label_of, numbered
 from rigctl.exchange.resampling import (
     Floats,
@@ -31,7 +31,7 @@ ON_GRID = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Surveyed:
+class InspectedFile:
     """One file: where its trial belongs and how many samples of 1 ms it makes."""
 
     path: Path
@@ -77,15 +77,15 @@ class Scaling:
 
 
 @dataclass(frozen=True, slots=True)
-class Survey:
+class Inspection:
     """All files in the order in which they become trials, and what is to be said of them."""
 
-    files: tuple[Surveyed, ...]
+    files: tuple[InspectedFile, ...]
     scaling: Scaling
     lines: tuple[str, ...]
 
 
-def track_of(columns: Columns, mapping: ImportMap) -> tuple[Track, list[str]]:
+def track_of(columns: FileColumns, mapping: ImportMap) -> tuple[Track, list[str]]:
     """One file's taxels, load cell and extra channels, in this order, in sound time."""
     taxels = columns.places(mapping.taxels)
     loadcell = columns.places([mapping.loadcell] if mapping.loadcell else [])
@@ -107,9 +107,9 @@ def track_of(columns: Columns, mapping: ImportMap) -> tuple[Track, list[str]]:
     return track, lines
 
 
-def survey(
+def inspect_files(
     paths: Sequence[Path], mapping: ImportMap, on_file: Callable[[int], None] = lambda done: None
-) -> Survey:
+) -> Inspection:
     """Look at every file. Raises WrongUse for the first that cannot be imported."""
     seen = _Seen(mapping)
     for done, path in enumerate(paths):
@@ -117,11 +117,11 @@ def survey(
         seen.look(path)
     labels = numbered([file.label for file in seen.files])
     files = [
-        Surveyed(file.path, label, file.rows, file.rate_hz, file.count, file.sha256)
+        InspectedFile(file.path, label, file.rows, file.rate_hz, file.count, file.sha256)
         for file, label in zip(seen.files, labels, strict=True)
     ]
     files.sort(key=lambda file: _order(file.label))
-    return Survey(tuple(files), seen.scaling(), (*seen.lines, *_rate_lines(files, mapping)))
+    return Inspection(tuple(files), seen.scaling(), (*seen.lines, *_rate_lines(files, mapping)))
 
 
 def _order(label: Label) -> tuple[str, float, float, str, int]:
@@ -132,7 +132,7 @@ class _Seen:
     """What the files seen so far have in common."""
 
     def __init__(self, mapping: ImportMap) -> None:
-        self.files: list[Surveyed] = []
+        self.files: list[InspectedFile] = []
         self.lines: list[str] = []
         self._mapping = mapping
         self._names: tuple[str, ...] = ()
@@ -159,7 +159,7 @@ class _Seen:
         self._note_range(track, grid)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         self.files.append(
-            Surveyed(path, label, len(track.time_s), track.rate_hz, grid.count, digest)
+            InspectedFile(path, label, len(track.time_s), track.rate_hz, grid.count, digest)
         )
 
     def scaling(self) -> Scaling:
@@ -204,7 +204,7 @@ class _Seen:
         self._plain = self._plain and on_grid and bool(np.all(values == np.rint(values)))
 
 
-def _rate_lines(files: Sequence[Surveyed], mapping: ImportMap) -> list[str]:
+def _rate_lines(files: Sequence[InspectedFile], mapping: ImportMap) -> list[str]:
     """Where rows come too seldom for the texture, or oftener than they are stored."""
     slow: dict[float, list[float]] = defaultdict(list)
     lines = []

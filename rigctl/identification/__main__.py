@@ -11,7 +11,7 @@ from typing import Any
 
 from rigctl.errors import RigctlError
 from rigctl.identification.measures import measure
-from rigctl.identification.search import START, Candidate, Search, candidate
+from rigctl.identification.search import START, Candidate, ParameterSearch, candidate
 from rigctl.identification.sliding import slide
 from rigctl.simulation.bench.parameters import WorldParameters, table
 
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _searched(start: WorldParameters, steps: int, seed: int) -> Candidate:
     began_s = time.monotonic()
-    search = Search(candidate(start), seed)
+    search = ParameterSearch(candidate(start), seed)
     for step in range(1, steps + 1):
         search.step()
         passed_s = time.monotonic() - began_s

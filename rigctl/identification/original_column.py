@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.classification.held_out import stratified_folds
 from rigctl.analysis.classification.splits import Design, Split, splits
-from rigctl.analysis.classification.sweep_engines import Engine, answer
+from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
 from rigctl.analysis.paper import published
 from rigctl.encoding.batch import cuts_of, features_of, stretch_counts
 from rigctl.encoding.features import UNSCALED
@@ -33,7 +33,7 @@ def accuracies(slides: Slides, seed: int) -> dict[str, float]:
     right: dict[str, list[NDArray[np.bool_]]] = {task.key: [] for task in TASKS}
     labels = {task.key: design.labels(task) for task in TASKS}
     for some in fits:
-        answers = answer(features, labels, some, published.K_MAX, Engine.OWN)
+        answers = answer(features, labels, some, published.K_MAX, SweepEngine.OWN)
         for fit, found in zip(some, answers, strict=True):
             for key, said in found.predictions.items():
                 right[key].append(said[-1] == labels[key][fit.tests[key]])

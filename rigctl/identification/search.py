@@ -111,7 +111,7 @@ class Candidate:
         )
 
 
-class Search:
+class ParameterSearch:
     """Goes on from the best so far; the same for a seed."""
 
     def __init__(self, start: Candidate, seed: int) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.classification.splits import Design
 from rigctl.simulation.bench.contact import contact_tables, footprint, mounted
-from rigctl.simulation.bench.mechanics import Motion, Plant
+from rigctl.simulation.bench.mechanics import Mechanics, RodMotion
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.skin import SLOT_US, Skin
 from rigctl.simulation.bench.textures import CATALOGUE, GRID_MM
@@ -50,7 +50,7 @@ class Slider:
         # A force loop follows the run-out and knows of no play; here is neither loop nor play.
         self._p = replace(parameters, run_out_mm=0.0, backlash_mm=0.0)
         self._seed = seed
-        self._plant = Plant(self._p)
+        self._plant = Mechanics(self._p)
         self._skin = Skin(self._p, seed, self._plant)
         self._frames = 0
         # A bench begins with a plate; so these sit as those of a virtual set of the same seed do.
@@ -73,12 +73,12 @@ class Slider:
     def trial(self, speed_mm_s: float, force_g: float) -> Samples:
         """A new contact, and what is read over the paper's travel at a speed."""
         start_mm = self._p.plate_start_mm + WINDOW_MM - RUN_IN_MM - self._p.start_mm
-        standing = Motion(0.0, start_mm, 0.0)
+        standing = RodMotion(0.0, start_mm, 0.0)
         self._plant.put_rod(0.0)
         self._pass(LIFTED_MS, standing)
         self._plant.put_rod(self._p.contact_mm + self._footprint.travel_mm(force_g))
         self._pass(RESTING_MS, standing)
-        moving = Motion(1000.0 * self._plant.time_ms, start_mm, speed_mm_s)
+        moving = RodMotion(1000.0 * self._plant.time_ms, start_mm, speed_mm_s)
         self._pass(round(1000 * RUN_IN_MM / speed_mm_s), moving)
         left, parts = round(1000 * TRAVEL_MM / speed_mm_s), []
         while left:
@@ -86,13 +86,13 @@ class Slider:
             left -= len(parts[-1])
         return np.concatenate(parts)
 
-    def _read(self, count: int, motion: Motion) -> Samples:
+    def _read(self, count: int, motion: RodMotion) -> Samples:
         starts = 1000.0 * (self._plant.time_ms + np.arange(count, dtype=np.float64))
         self._pass(count, motion)
         self._frames += count
         return self._skin.read(self._frames - count, starts - 1000.0, float(SLOT_US))
 
-    def _pass(self, count: int, motion: Motion) -> None:
+    def _pass(self, count: int, motion: RodMotion) -> None:
         end_ms = self._plant.time_ms + count
         while self._plant.time_ms < end_ms:
             until_ms = min(end_ms, self._plant.time_ms + STRETCH_MS)

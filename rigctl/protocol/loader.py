@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rigctl.config.rig_config import RigConfig
-from rigctl.config.toml_reader import Table, Text
+from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ProtocolError
 from rigctl.protocol.plan import FreeStep, Protocol, Quality, Settle
 from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
@@ -29,15 +29,15 @@ def load_protocol(path: Path, config: RigConfig | None = None) -> Protocol:
 
     Raises ProtocolError.
     """
-    return _protocol(Text.read(path, ProtocolError), path.stem, config or RigConfig())
+    return _protocol(TomlText.read(path, ProtocolError), path.stem, config or RigConfig())
 
 
 def parse_protocol(text: str, name: str, config: RigConfig | None = None) -> Protocol:
     """The same from a text that is already in memory; ``name`` stands in messages."""
-    return _protocol(Text(name, text, ProtocolError), Path(name).stem, config or RigConfig())
+    return _protocol(TomlText(name, text, ProtocolError), Path(name).stem, config or RigConfig())
 
 
-def _protocol(text: Text, stem: str, config: RigConfig) -> Protocol:
+def _protocol(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     root = text.root
     root.allow("textures", "speeds_mm_s", "forces_g", "depths_mm")
     order, trial, plates = root.table("order"), root.table("trial"), root.table("plates")
@@ -77,7 +77,7 @@ def _bounds(register: str, unit: float = 1.0) -> dict[str, float]:
     return {"low": entry.low * entry.scale * unit, "high": entry.high * entry.scale * unit}
 
 
-def _textures(root: Table) -> tuple[str, ...]:
+def _textures(root: TomlTable) -> tuple[str, ...]:
     textures = root.texts("textures") if "textures" in root else ()
     for texture in textures:
         if len(texture.encode()) > TEXTURE_BYTES:
@@ -85,7 +85,7 @@ def _textures(root: Table) -> tuple[str, ...]:
     return textures
 
 
-def _speeds(root: Table, config: RigConfig) -> tuple[float, ...]:
+def _speeds(root: TomlTable, config: RigConfig) -> tuple[float, ...]:
     if "speeds_mm_s" not in root:
         return ()
     limits = config.limits
@@ -94,7 +94,7 @@ def _speeds(root: Table, config: RigConfig) -> tuple[float, ...]:
     )
 
 
-def _forces(root: Table, config: RigConfig, force_mode: str) -> tuple[float, ...]:
+def _forces(root: TomlTable, config: RigConfig, force_mode: str) -> tuple[float, ...]:
     if "forces_g" not in root:
         return ()
     if force_mode == "position":
@@ -103,7 +103,7 @@ def _forces(root: Table, config: RigConfig, force_mode: str) -> tuple[float, ...
     return root.numbers("forces_g", unit="g", low=limits.force_min_g, high=limits.force_max_g)
 
 
-def _depths(root: Table, force_mode: str) -> tuple[float, ...]:
+def _depths(root: TomlTable, force_mode: str) -> tuple[float, ...]:
     if "depths_mm" not in root:
         return ()
     if force_mode != "position":
@@ -111,24 +111,24 @@ def _depths(root: Table, force_mode: str) -> tuple[float, ...]:
     return root.numbers("depths_mm", unit="mm", **_bounds("depth_set_um", 1e-3))
 
 
-def _repeats(root: Table) -> int:
+def _repeats(root: TomlTable) -> int:
     return root.integer("repeats", 1, low=1, high=MAX_TRIALS)
 
 
-def _seed(order: Table, kind: str) -> int:
+def _seed(order: TomlTable, kind: str) -> int:
     if kind == "shuffled" and "seed" not in order:
         order.fail("seed", "is missing: a shuffled order needs a written seed, such as seed = 1")
     return order.integer("seed", 0, low=0, high=MAX_SEED)
 
 
-def _across_plates(order: Table, kind: str) -> bool:
+def _across_plates(order: TomlTable, kind: str) -> bool:
     across = order.flag("across_plates", False)
     if across and kind != "shuffled":
         order.fail("across_plates", 'needs order.kind = "shuffled"')
     return across
 
 
-def _settle(table: Table) -> Settle:
+def _settle(table: TomlTable) -> Settle:
     default = Settle()
     settle = Settle(
         band_percent=table.number(
@@ -145,7 +145,7 @@ def _settle(table: Table) -> Settle:
     return settle
 
 
-def _quality(table: Table) -> Quality:
+def _quality(table: TomlTable) -> Quality:
     default = Quality()
     quality = Quality(
         max_lost_samples=table.integer(
@@ -163,7 +163,7 @@ def _quality(table: Table) -> Quality:
     return quality
 
 
-def _free_step(table: Table, config: RigConfig) -> FreeStep:
+def _free_step(table: TomlTable, config: RigConfig) -> FreeStep:
     place = table.choice("at", PLACES)
     every = table.integer("trials", low=1, high=MAX_TRIALS) if place == "every" else 0
     step = _KINDS[table.choice("kind", _KINDS)](table, config)
@@ -171,17 +171,17 @@ def _free_step(table: Table, config: RigConfig) -> FreeStep:
     return FreeStep(place, step, every)
 
 
-def _seconds(table: Table) -> float:
+def _seconds(table: TomlTable) -> float:
     return table.number("seconds", unit="s", low=0.01, high=MAX_SECONDS)
 
 
-def _approach_only(table: Table, config: RigConfig) -> Step:
+def _approach_only(table: TomlTable, config: RigConfig) -> Step:
     limits = config.limits
     force = table.number("force_g", unit="g", low=limits.force_min_g, high=limits.force_max_g)
     return ApproachOnly(force, _seconds(table))
 
 
-def _turn(table: Table, config: RigConfig) -> Step:
+def _turn(table: TomlTable, config: RigConfig) -> Step:
     limits = config.limits
     speed = table.number(
         "speed_mm_s", unit="mm/s", low=limits.speed_min_mm_s, high=limits.speed_max_mm_s
@@ -189,7 +189,7 @@ def _turn(table: Table, config: RigConfig) -> Step:
     return Turn(speed, table.integer("turns", low=1, high=MAX_TURNS))
 
 
-_KINDS: dict[str, Callable[[Table, RigConfig], Step]] = {
+_KINDS: dict[str, Callable[[TomlTable, RigConfig], Step]] = {
     "tare": lambda table, config: Tare(),
     "rest": lambda table, config: Rest(_seconds(table)),
     "approach_only": _approach_only,
@@ -199,7 +199,7 @@ _KINDS: dict[str, Callable[[Table, RigConfig], Step]] = {
 }
 
 
-def _check_whole(protocol: Protocol, root: Table) -> None:
+def _check_whole(protocol: Protocol, root: TomlTable) -> None:
     """All of what makes a trial, or nothing of it."""
     presses = "depths_mm" if protocol.force_mode == "position" else "forces_g"
     needed = {"textures", "speeds_mm_s", presses}
@@ -215,7 +215,7 @@ def _check_whole(protocol: Protocol, root: Table) -> None:
         root.fail("repeats", f"make {trials:,} trials; a session holds up to {MAX_TRIALS:,}")
 
 
-def _check_travel(protocol: Protocol, root: Table, trial: Table) -> None:
+def _check_travel(protocol: Protocol, root: TomlTable, trial: TomlTable) -> None:
     """The ramp must fit into the run-in, and the whole trial onto the plate."""
     drum = protocol.config.drum
     if not protocol.speeds_mm_s:

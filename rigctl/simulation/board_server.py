@@ -12,7 +12,7 @@ import os
 import select
 from dataclasses import dataclass
 
-from rigctl.simulation.simulated_rig import SimulatedLink, Simulation
+from rigctl.simulation.simulated_rig import SimulatedLink, SimulatedRig
 
 LOOPBACK = "127.0.0.1"
 LOOK_S = 0.05
@@ -148,7 +148,7 @@ class _Offer:
 
 
 async def serve(
-    simulation: Simulation, stop: asyncio.Event, started: asyncio.Future[dict[str, Addresses]]
+    simulation: SimulatedRig, stop: asyncio.Event, started: asyncio.Future[dict[str, Addresses]]
 ) -> None:
     """Offer both boards until ``stop`` is set; ``started`` gets the addresses by board name."""
     offers = {link.name: _Offer(link) for link in (simulation.drum, simulation.taxels)}

@@ -13,7 +13,7 @@ import selectors
 import time
 from typing import Any
 
-from rigctl.simulation.simulated_rig import Simulation
+from rigctl.simulation.simulated_rig import SimulatedRig
 
 CLOCK_RESOLUTION_S = 1e-6
 LAG_FORGOTTEN_S = 0.5
@@ -29,7 +29,7 @@ _Ready = list[tuple[selectors.SelectorKey, int]]
 class _WorldSelector(selectors.DefaultSelector):
     """Waits for files by letting the world go on."""
 
-    def __init__(self, simulation: Simulation, pace: float | None) -> None:
+    def __init__(self, simulation: SimulatedRig, pace: float | None) -> None:
         super().__init__()
         self._simulation = simulation
         self._pace = pace
@@ -86,14 +86,14 @@ class _WorldSelector(selectors.DefaultSelector):
         return self._world_us + int(elapsed_s * (self._pace or 1.0) * 1e6)
 
 
-class WorldLoop(asyncio.SelectorEventLoop):
+class SimulatedTimeLoop(asyncio.SelectorEventLoop):
     """The loop of a simulated rig: ``time()`` is world time in seconds.
 
     ``pace`` None runs as fast as the processor allows, 1.0 in real time. Closing the loop does
     not close the simulation.
     """
 
-    def __init__(self, simulation: Simulation, pace: float | None = None) -> None:
+    def __init__(self, simulation: SimulatedRig, pace: float | None = None) -> None:
         self.simulation = simulation
         self.pace = pace
         self._world_selector = _WorldSelector(simulation, pace)

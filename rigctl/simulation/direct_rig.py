@@ -11,10 +11,10 @@ from functools import cache
 
 from rigctl.errors import BoardFault
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
-from rigctl.simulation.bench.ground_truth import Truth
+from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.boards.drum_firmware import DONE
-from rigctl.simulation.boards.drum_stepper import NOMINAL_HZ, DrumBench
+from rigctl.simulation.boards.drum_stepper import NOMINAL_HZ, DrumStepper
 from rigctl.simulation.boards.taxels import VirtualTaxels
 from rigctl.values import DrumState
 from rigctl.wire.drum.poll import PollDecoder, RawSample
@@ -41,7 +41,7 @@ class DirectRig:
     ) -> None:
         self.parameters = parameters
         self._bench = Bench(parameters, seed, helper)
-        self._drum = DrumBench(self._bench)
+        self._drum = DrumStepper(self._bench)
         self._board = self._drum.board
         self._board.exchange.attended = 1
         self.taxels = VirtualTaxels(self._bench)
@@ -59,7 +59,7 @@ class DirectRig:
         return self._drum.time_ms * 1000
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> GroundTruth:
         """What really happened, up to now."""
         return self._bench.truth
 

@@ -1,7 +1,7 @@
 """What every simulated bench offers to the host: two cables, a clock, faults on demand, truth.
 
-Virtual boards and simulated chips both stand behind :class:`Simulation`. Everything runs in
-the caller's thread: nothing moves except inside :meth:`Simulation.advance`.
+Virtual boards and simulated chips both stand behind :class:`SimulatedRig`. Everything runs in
+the caller's thread: nothing moves except inside :meth:`SimulatedRig.advance`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from rigctl.errors import LinkLost
-from rigctl.simulation.bench.ground_truth import Truth
+from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.wire.drum.register_table import Signal
 
 DRUM = "drum"
@@ -133,7 +133,7 @@ class SimulatedLink:
         self.plugged = True
 
 
-class FaultPanel:
+class FaultInjection:
     """Everything that can be made to go wrong, the same for virtual boards and chips.
 
     ``board`` is ``"drum"`` or ``"taxels"``. ``on_change`` is called after the disturbances of
@@ -218,7 +218,7 @@ class FaultPanel:
         self._on_change()
 
 
-class Simulation(Protocol):
+class SimulatedRig(Protocol):
     """A simulated bench: world, two boards and their cables.
 
     ``time_us`` is world time. ``slice_us`` is the longest advance after which the host should
@@ -228,10 +228,10 @@ class Simulation(Protocol):
     time_us: int
     drum: SimulatedLink
     taxels: SimulatedLink
-    faults: FaultPanel
+    faults: FaultInjection
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> GroundTruth:
         """What really happened, up to now."""
         ...
 

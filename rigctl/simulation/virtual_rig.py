@@ -6,12 +6,12 @@ from functools import cache
 from pathlib import Path
 
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
-from rigctl.simulation.bench.ground_truth import Truth
+from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.boards.drum import VirtualDrum
-from rigctl.simulation.boards.drum_stepper import DrumBench
+from rigctl.simulation.boards.drum_stepper import DrumStepper
 from rigctl.simulation.boards.taxels import FLUSH_US, VirtualTaxels
-from rigctl.simulation.simulated_rig import DRUM, TAXELS, FaultPanel, SimulatedLink
+from rigctl.simulation.simulated_rig import DRUM, TAXELS, FaultInjection, SimulatedLink
 
 SLICE_US = 20_000
 WARM_US = 300_000
@@ -41,7 +41,7 @@ def warm() -> None:
 
 
 class VirtualRig:
-    """A :class:`~rigctl.simulation.simulated_rig.Simulation` whose boards run in this process."""
+    """A :class:`~rigctl.simulation.simulated_rig.SimulatedRig` whose boards run in this process."""
 
     def __init__(self, bench: Bench, drum_library: Path | None = None) -> None:
         self.time_us = 0
@@ -49,17 +49,19 @@ class VirtualRig:
         self._bench = bench
         self.drum = SimulatedLink(DRUM, 2 * bench.seed)
         self.taxels = SimulatedLink(TAXELS, 2 * bench.seed + 1)
-        self.drum_bench = DrumBench(bench, drum_library)
+        self.drum_bench = DrumStepper(bench, drum_library)
         self._drum = VirtualDrum(self.drum_bench, self.drum)
         self._taxels = VirtualTaxels(bench)
         self.taxels.attach(self._taxels.board.receive)
         self.drum_bench.on_mark = self._taxels.mark_edge
         bench.on_sync = self._taxels.sync_edge
         links = {DRUM: self.drum, TAXELS: self.taxels}
-        self.faults = FaultPanel(links, bench.disturbances, self.drum_bench.disturb, self._reset)
+        self.faults = FaultInjection(
+            links, bench.disturbances, self.drum_bench.disturb, self._reset
+        )
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> GroundTruth:
         """What really happened, up to now."""
         return self._bench.truth
 

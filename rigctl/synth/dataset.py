@@ -20,10 +20,10 @@ from rigctl.protocol import (
 )
 from rigctl.session.format.header import CUT_BY_WIRE, SessionHeader
 from rigctl.session.write.recorder import Recorder
-from rigctl.simulation.bench.world_file import NOMINAL, World
-from rigctl.synth.resumed_recorder import Sink
-from rigctl.synth.step_runner import Work
-from rigctl.synth.unfinished_session import Unfinished, forget_damaged_truth, look
+from rigctl.simulation.bench.world_file import NOMINAL, SimulatedWorld
+from rigctl.synth.resumed_recorder import ResumedRecorder
+from rigctl.synth.step_runner import DatasetStepRunner
+from rigctl.synth.unfinished_session import UnfinishedSession, forget_damaged_truth, look
 
 METHOD = "direct"
 GENERATOR = 5
@@ -38,7 +38,7 @@ _REPEATS = re.compile(r"^repeats\s*=.*$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class DatasetRequest:
     """What data set is wanted. ``seed`` orders the trials, it and ``world`` shape the bench.
 
     With ``resume`` a session that is there is gone on with.
@@ -49,11 +49,11 @@ class Order:
     folder: Path
     start_utc: str
     resume: bool = False
-    world: World = NOMINAL
+    world: SimulatedWorld = NOMINAL
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class DatasetProgress:
     """How far it is: trials that ended, how many are committed, seconds of their windows."""
 
     trials: int
@@ -61,7 +61,7 @@ class Progress:
     trial_s: float
 
 
-def plan_of(path: Path, repeats: int | None, seed: int, world: World = NOMINAL) -> Plan:
+def plan_of(path: Path, repeats: int | None, seed: int, world: SimulatedWorld = NOMINAL) -> Plan:
     """The plan of a protocol file with another number of repeats, if one is given.
 
     The protocol's text says so too, because a session holds it. Raises ProtocolError.
@@ -83,8 +83,8 @@ def _with_repeats(protocol: Protocol, repeats: int, name: str) -> Protocol:
 
 
 def generate(
-    order: Order,
-    on_progress: Callable[[Progress], None],
+    order: DatasetRequest,
+    on_progress: Callable[[DatasetProgress], None],
     stop: Callable[[], bool],
     workers: int = 1,
 ) -> bool:
@@ -95,10 +95,10 @@ def generate(
     BoardFault; what was recorded until then is kept.
     """
     plan, header = order.plan, _header(order)
-    found = look(order.folder, header, plan) if order.resume else Unfinished()
+    found = look(order.folder, header, plan) if order.resume else UnfinishedSession()
     trial_s = sum(trial.duration_s for trial in plan.trials)
     if found.complete:
-        on_progress(Progress(len(plan.trials), found.committed, trial_s))
+        on_progress(DatasetProgress(len(plan.trials), found.committed, trial_s))
         return True
     left = 1 - found.attempts / max(1, len(plan.trials))
     check_room(order.folder, round(1.1 * max(0.0, left) * trial_s * BYTES_PER_SECOND))
@@ -107,9 +107,9 @@ def generate(
     texts = plan.protocol.text, plan.protocol.config.with_order().to_toml()
     with Recorder(order.folder, header, *texts, resume=there) as recorder:
         forget_damaged_truth(order.folder)
-        sink = Sink(recorder, found.attempts, header.wiring)
+        sink = ResumedRecorder(recorder, found.attempts, header.wiring)
         parameters = order.world.parameters
-        work = Work(plan.protocol, parameters, order.seed, order.folder, sink, workers)
+        work = DatasetStepRunner(plan.protocol, parameters, order.seed, order.folder, sink, workers)
         try:
             return _take_steps(work, plan, on_progress, stop)
         finally:
@@ -117,7 +117,10 @@ def generate(
 
 
 def _take_steps(
-    work: Work, plan: Plan, on_progress: Callable[[Progress], None], stop: Callable[[], bool]
+    work: DatasetStepRunner,
+    plan: Plan,
+    on_progress: Callable[[DatasetProgress], None],
+    stop: Callable[[], bool],
 ) -> bool:
     trials, trial_s = 0, 0.0
     for step in plan.steps:
@@ -126,11 +129,11 @@ def _take_steps(
         work.perform(step)
         if isinstance(step, RunTrial):
             trials, trial_s = trials + 1, trial_s + step.trial.duration_s
-            on_progress(Progress(trials, work.committed, trial_s))
+            on_progress(DatasetProgress(trials, work.committed, trial_s))
     return True
 
 
-def _header(order: Order) -> SessionHeader:
+def _header(order: DatasetRequest) -> SessionHeader:
     plan, config = order.plan, order.plan.protocol.config
     return SessionHeader(
         plan_hash=plan.hash,

@@ -11,7 +11,7 @@ from rigctl.session.write.recorder import Recorder, RecorderStatus
 from rigctl.values import Block, DrumState, Event, TrialRow
 
 
-class Sink:
+class ResumedRecorder:
     """A recorder that takes nothing until so many attempts have gone by: they are on disk.
 
     ``wiring``: the reading that stands at each place; blocks come as the wire has them.

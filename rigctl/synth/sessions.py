@@ -12,13 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.errors import RigctlError, RigFault, WrongUse
-from rigctl.synth.dataset import Order, Progress, generate, plan_of
+from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, plan_of
 
 LOOK_EVERY_S = 0.2
 SEEDS_APART = 1000
 
 
-def orders(path: Path, repeats: int | None, order: Order, sessions: int) -> list[Order]:
+def orders(
+    path: Path, repeats: int | None, order: DatasetRequest, sessions: int
+) -> list[DatasetRequest]:
     """The order split: repeats as evenly as they go, each session below the order's folder.
 
     Session ``i``, counted from 1, has the seed ``1000 × seed + i``. Raises WrongUse where there
@@ -38,8 +40,8 @@ def orders(path: Path, repeats: int | None, order: Order, sessions: int) -> list
 
 
 def generate_all(
-    wanted: list[Order],
-    on_progress: Callable[[Progress], None],
+    wanted: list[DatasetRequest],
+    on_progress: Callable[[DatasetProgress], None],
     stop: Callable[[], bool],
     workers: int,
 ) -> bool:
@@ -47,19 +49,21 @@ def generate_all(
 
     Raises what :func:`generate` raises, when the others have ended.
     """
-    return _Crew(wanted, on_progress).work(stop, workers)
+    return _SessionProcesses(wanted, on_progress).work(stop, workers)
 
 
-class _Crew:
+class _SessionProcesses:
     """One process a session."""
 
-    def __init__(self, wanted: list[Order], on_progress: Callable[[Progress], None]) -> None:
+    def __init__(
+        self, wanted: list[DatasetRequest], on_progress: Callable[[DatasetProgress], None]
+    ) -> None:
         self._context = multiprocessing.get_context("spawn")
         self._news: Any = self._context.Queue()
         self._halt = self._context.Event()
         self._waiting = list(enumerate(wanted))
         self._at_work: dict[int, BaseProcess] = {}
-        self._told = {number: Progress(0, 0, 0.0) for number, _ in self._waiting}
+        self._told = {number: DatasetProgress(0, 0, 0.0) for number, _ in self._waiting}
         self._on_progress = on_progress
         self._failure: RigctlError | None = None
         self._whole = True
@@ -75,7 +79,7 @@ class _Crew:
             raise self._failure
         return self._whole and not self._waiting
 
-    def _start(self, number: int, order: Order) -> None:
+    def _start(self, number: int, order: DatasetRequest) -> None:
         process = self._context.Process(target=_make, args=(number, order, self._news, self._halt))
         process.start()
         self._at_work[number] = process
@@ -86,7 +90,7 @@ class _Crew:
         except queue.Empty:
             self._bury()
             return
-        if isinstance(news, Progress):
+        if isinstance(news, DatasetProgress):
             self._told[number] = news
             self._tell()
             return
@@ -98,7 +102,7 @@ class _Crew:
     def _tell(self) -> None:
         told = self._told.values()
         trials, committed = sum(p.trials for p in told), sum(p.committed for p in told)
-        self._on_progress(Progress(trials, committed, sum(p.trial_s for p in told)))
+        self._on_progress(DatasetProgress(trials, committed, sum(p.trial_s for p in told)))
 
     def _bury(self) -> None:
         """A process that died without a word."""
@@ -111,7 +115,7 @@ class _Crew:
                 )
 
 
-def _make(number: int, order: Order, news: Any, halt: Any) -> None:
+def _make(number: int, order: DatasetRequest, news: Any, halt: Any) -> None:
     """One session, in a process of its own that leaves Ctrl-C to the one above it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.acquisition.protocol.trial_quality import Limits, Measured, Window, judge, measure
+from rigctl.acquisition.protocol.trial_quality import (
+    MeasuredTrial,
+    QualityLimits,
+    TrialWindow,
+    judge,
+    measure,
+)
 from rigctl.acquisition.taxels.trial_cutter import TrialCutter
 from rigctl.errors import DiskFault
 from rigctl.protocol import (
@@ -27,8 +33,8 @@ from rigctl.session.files.ground_truth import TruthLog, write_truth
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.direct_rig import DirectRig
 from rigctl.synth.operator import Operator
-from rigctl.synth.resumed_recorder import Sink
-from rigctl.synth.trial_recording import Tape
+from rigctl.synth.resumed_recorder import ResumedRecorder
+from rigctl.synth.trial_recording import TrialRecording
 from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
 from rigctl.wire.drum.register_table import Status
 
@@ -38,7 +44,7 @@ QUEUE_SAMPLES = 100_000
 TRUTH_ROWS = 1_000_000
 
 
-class Work:
+class DatasetStepRunner:
     """Takes the steps of a plan and records what belongs to the session.
 
     With several ``workers`` one thread makes noise ahead; the samples are the same.
@@ -50,7 +56,7 @@ class Work:
         parameters: WorldParameters,
         seed: int,
         folder: Path,
-        recorder: Sink,
+        recorder: ResumedRecorder,
         workers: int,
     ) -> None:
         self._folder = folder
@@ -58,7 +64,7 @@ class Work:
         self._helper = ThreadPoolExecutor(1, "noise") if workers > 1 else None
         self._rig = DirectRig(parameters, seed, self._helper)
         self._operator = Operator(self._rig, protocol.config, protocol.settle)
-        self._tape = Tape(self._rig, self._take_block, self._take_drum)
+        self._tape = TrialRecording(self._rig, self._take_block, self._take_drum)
         self._quality = protocol.quality
         self._cutter = TrialCutter()
         self._loadcell: list[LoadcellSample] = []
@@ -149,7 +155,7 @@ class Work:
         started_s = self._record_window()
         self._operator.lift()
         measured = self._measure(trial)
-        reasons = judge(trial, self._cutter.trial, measured, Limits.of(self._quality))
+        reasons = judge(trial, self._cutter.trial, measured, QualityLimits.of(self._quality))
         verdict = Verdict.REJECTED if reasons else Verdict.COMMITTED
         row = self._row(trial, number, verdict, reasons, started_s, measured)
         self._recorder.commit_trial(row)
@@ -195,13 +201,13 @@ class Work:
         self._event("still", f"{seconds:g} s {what} end")
         self._hold_back()
 
-    def _measure(self, trial: PlannedTrial) -> Measured:
+    def _measure(self, trial: PlannedTrial) -> MeasuredTrial:
         last = self._last
         if last is None:
-            return Measured()
+            return MeasuredTrial()
         travel_mm = self._rig.get("travel_set")
         ppm = self._rig.parameters.drum_clock_ppm
-        window = Window(travel_mm, last.sync_rise_us, last.sync_fall_us, ppm, self._loadcell)
+        window = TrialWindow(travel_mm, last.sync_rise_us, last.sync_fall_us, ppm, self._loadcell)
         return measure(trial, window)
 
     def _row(
@@ -211,7 +217,7 @@ class Work:
         verdict: Verdict,
         reasons: tuple[str, ...],
         started_s: float,
-        measured: Measured,
+        measured: MeasuredTrial,
     ) -> TrialRow:
         cut = self._cutter.trial
         return TrialRow(

@@ -25,7 +25,7 @@ SEAM_US = 2_000
 POLLS_KEPT = 3
 
 
-class Tape:
+class TrialRecording:
     """Records one stretch at a time; ``on_block`` and ``on_drum`` get what is recorded."""
 
     def __init__(

@@ -17,7 +17,7 @@ from rigctl.session.read.session import Session
 
 
 @dataclass(frozen=True, slots=True)
-class Unfinished:
+class UnfinishedSession:
     """``attempts`` at trials are in the session; ``complete`` when none is left to make."""
 
     attempts: int = 0
@@ -26,13 +26,13 @@ class Unfinished:
     committed: int = 0
 
 
-def look(folder: Path, header: SessionHeader, plan: Plan) -> Unfinished:
+def look(folder: Path, header: SessionHeader, plan: Plan) -> UnfinishedSession:
     """What is there; nothing where the folder holds no part yet.
 
     Raises SessionError where it is another session than ``header`` and ``plan`` would make.
     """
     if not list(folder.glob(layout.PART_PATTERN)):
-        return Unfinished()
+        return UnfinishedSession()
     with Session.open(folder) as session:
         found = session.header
         _check(folder, found, header)
@@ -40,7 +40,7 @@ def look(folder: Path, header: SessionHeader, plan: Plan) -> Unfinished:
         committed = set(session.trials["trial_id"][session.committed()].tolist())
     most = plan.protocol.quality.attempts
     complete = all(t.trial_id in committed or tried[t.trial_id] >= most for t in plan.trials)
-    return Unfinished(tried.total(), found.start_utc, complete, len(committed))
+    return UnfinishedSession(tried.total(), found.start_utc, complete, len(committed))
 
 
 def forget_damaged_truth(folder: Path) -> None:

@@ -1,8 +1,6 @@
-"""Renders the drum's tables into the firmware's headers and into the reference page.
+"""Render the drum's tables as the firmware's headers and as the reference page.
 
-``python -m rigctl.wire.codegen`` writes the files, ``--check`` only says which are stale.
-The headers are written twice: ``arduino/common`` is their home, and ``arduino/drum`` holds a
-copy because the Arduino IDE compiles nothing that lies outside the sketch's own folder.
+``python -m rigctl.wire.codegen`` writes the files; ``--check`` only names those that are stale.
 """
 
 from __future__ import annotations
@@ -16,11 +14,10 @@ from pathlib import Path
 from rigctl.values import SCALE_BAND_UG_PER_COUNT
 from rigctl.wire.drum import register_table as table
 from rigctl.wire.drum.register_table import Guard, Register
-from rigctl.wire.drum.states import FAULT_WORDS, LIFT_FAULTS, OUTPUTS, Event, Fault, State
+from rigctl.wire.drum.states import FAULT_WORDS, LIFT_FAULTS, OUTPUTS, Fault, State, StateEvent
 from rigctl.wire.drum.states import next_state as after
 
 CHECKOUT = Path(__file__).resolve().parents[2]
-HEADER_FOLDERS = ("arduino/common", "arduino/drum")
 PAGE = "docs/reference/drum-wire.md"
 REFUSED = 255
 _KINDS = {"u16": "U16", "i16": "I16", "u32": "U32", "i32": "I32"}
@@ -29,12 +26,12 @@ _ACTUATOR = {"off": 0, "hold": 1, "approach": 2, "force_loop": 3, "lift": 4}
 
 
 def rendered() -> dict[str, str]:
-    """Every generated file: path in the checkout → its whole text."""
-    files = {PAGE: _page()}
-    for folder in HEADER_FOLDERS:
-        files[f"{folder}/drum_map.h"] = _map_header()
-        files[f"{folder}/drum_states.h"] = _states_header()
-    return files
+    """Return every generated file: path in the checkout → its whole text."""
+    return {
+        PAGE: _page(),
+        "arduino/drum/drum_map.h": _map_header(),
+        "arduino/drum/drum_states.h": _states_header(),
+    }
 
 
 def stale(checkout: Path = CHECKOUT) -> list[str]:
@@ -53,9 +50,9 @@ def _camel(name: str) -> str:
     return "".join(part.capitalize() for part in name.split("_"))
 
 
-def _enum(enum: type[IntEnum], underlying: str) -> str:
+def _enum(enum: type[IntEnum], underlying: str, name: str = "") -> str:
     body = "\n".join(f"    {_camel(member.name)} = {member.value}," for member in enum)
-    return f"enum class {enum.__name__} : {underlying} {{\n{body}\n}};\n"
+    return f"enum class {name or enum.__name__} : {underlying} {{\n{body}\n}};\n"
 
 
 def _header(guard: str, source: str, body: Iterable[str]) -> str:
@@ -130,11 +127,11 @@ def _map_header() -> str:
         "enum class Kind : uint8_t { U16, I16, U32, I32 };\n",
     ]
     body = ["\n".join(constants) + "\n", *enums, _addresses(), _settings_table()]
-    return _header("DRUM_MAP_H", "drum_map.py", body)
+    return _header("DRUM_MAP_H", "drum/register_table.py", body)
 
 
 def _transition_row(state: State) -> str:
-    targets = [after(state, event) for event in Event]
+    targets = [after(state, event) for event in StateEvent]
     cells = ", ".join(str(REFUSED if t is None else int(t)) for t in targets)
     return f"    {{{cells}}},  // {state.name}"
 
@@ -169,17 +166,17 @@ def _states_header() -> str:
     lift_mask = sum(1 << int(fault) for fault in LIFT_FAULTS)
     body = [
         _enum(State, "uint8_t"),
-        _enum(Event, "uint8_t"),
+        _enum(StateEvent, "uint8_t", "Event"),
         _enum(Fault, "uint8_t"),
         f"constexpr uint8_t STATE_COUNT = {len(State)};\n"
-        f"constexpr uint8_t EVENT_COUNT = {len(Event)};\n"
+        f"constexpr uint8_t EVENT_COUNT = {len(StateEvent)};\n"
         f"constexpr uint8_t FAULT_COUNT = {len(Fault)};\n\n"
         "// Bit n: fault n lifts off before it switches off; all others switch off.\n"
         f"constexpr uint16_t LIFT_FAULTS = 0x{lift_mask:04x};\n",
         _transitions(),
         _outputs(),
     ]
-    return _header("DRUM_STATES_H", "drum_states.py", body)
+    return _header("DRUM_STATES_H", "drum/states.py", body)
 
 
 # --- reference page ------------------------------------------------------------------------
@@ -250,7 +247,7 @@ def _state_rows() -> str:
 
 
 def _arrows(state: State) -> str:
-    pairs = [(event, after(state, event)) for event in Event]
+    pairs = [(event, after(state, event)) for event in StateEvent]
     return ", ".join(f"{e.name} → {t.name}" for e, t in pairs if t is not None)
 
 

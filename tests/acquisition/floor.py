@@ -8,9 +8,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rigctl.acquisition.engine import Doors, Engine
+from rigctl.acquisition.engine import Engine, EngineAddress
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.protocol.run_request import Order
+from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.rpc.server import listen
 from rigctl.config.rig_config import RigConfig
@@ -44,13 +44,13 @@ class Floor:
         """Folder of the session that tests record into."""
         return self.folder / "session"
 
-    def order(self, protocol: str = TINY, yes: bool = True) -> Order:
+    def order(self, protocol: str = TINY, yes: bool = True) -> RunRequest:
         """An order to run this protocol's text."""
         path = self.folder / "protocol.toml"
         path.write_text(protocol)
-        return Order(protocol=str(path), out=str(self.session), yes=yes)
+        return RunRequest(protocol=str(path), out=str(self.session), yes=yes)
 
-    def play(self, scenario: Scenario, order: Order | None = None) -> None:
+    def play(self, scenario: Scenario, order: RunRequest | None = None) -> None:
         """Serve, with ``scenario`` as the person at the rig, until both are through."""
         self.rig.loop.run_until_complete(self._play(scenario, order))
 
@@ -77,10 +77,12 @@ class Floor:
         """What was said of that kind."""
         return [event.text for event in self.said if event.kind == kind]
 
-    async def _play(self, scenario: Scenario, order: Order | None) -> None:
+    async def _play(self, scenario: Scenario, order: RunRequest | None) -> None:
         self.engine.news.listen(self.said.append)
         with listen() as listener:
-            serving = self.rig.loop.create_task(self.engine.serve(Doors(listener, "token"), order))
+            serving = self.rig.loop.create_task(
+                self.engine.serve(EngineAddress(listener, "token"), order)
+            )
             acting = self.rig.loop.create_task(self._act(scenario, order is not None))
             await asyncio.wait((serving, acting), return_when=asyncio.FIRST_COMPLETED)
             if acting.done():

@@ -21,7 +21,7 @@ import pytest
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions, opened
 from rigctl.analysis.features.representations import RepresentationSet, represent
 from rigctl.analysis.paper.result_tables import as_plain
-from rigctl.analysis.paper.tasks import Settings, run_tasks
+from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
 from rigctl.cli import main
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError
@@ -29,7 +29,7 @@ from rigctl.session.read.folder import part_paths
 from tests.analysis.recordings import record
 from tests.session.building import Bench, plan, recorder
 
-FEW = Settings(iterations=2, k_max=8)
+FEW = SweepSettings(iterations=2, k_max=8)
 UTC = "2026-11-21T12:00:00Z"
 NO_NUMBER = re.compile(r"(?<![a-z])-?(nan|inf|infinity)(?![a-z])", re.IGNORECASE)
 

@@ -13,11 +13,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.load_cell import Loadcell
+from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import _CONSTANTS as CONSTANTS
-from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, Plant
+from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, Mechanics
 from rigctl.simulation.bench.parameters import WorldParameters, checked
-from rigctl.simulation.boards.drum_stepper import DrumBench
+from rigctl.simulation.boards.drum_stepper import DrumStepper
 from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
@@ -52,7 +52,7 @@ class AttackBench(Protocol):
     """What an attacker can do with a bench, and what it logs."""
 
     @property
-    def plant(self) -> Plant:
+    def plant(self) -> Mechanics:
         """The mechanics."""
 
     @property
@@ -105,7 +105,7 @@ class Log:
         return Span(start_ms, self._told_ms, force_g, place_mm, rods, self._bench.drive())
 
 
-def weaken(plant: Plant) -> None:
+def weaken(plant: Mechanics) -> None:
     """Make the actuator slow, as a worn or cold one is."""
     plant.constants[CONSTANTS.index("actuator_speed_mm_s")] = WEAK_MM_S
 
@@ -126,9 +126,9 @@ class _Mechanics:
     def __init__(self) -> None:
         self.parameters = NEAR
         self.disturbances = Disturbances()
-        self.plant = Plant(NEAR)
+        self.plant = Mechanics(NEAR)
         self.plant.set_footprint(pressed(PLATE, NEAR, SEED))
-        self.loadcell = Loadcell(NEAR, SEED, self.plant, self.disturbances)
+        self.loadcell = LoadCellAmplifier(NEAR, SEED, self.plant, self.disturbances)
         self.logged_ms = 0
 
     def log_truth(self) -> None:
@@ -148,13 +148,13 @@ class VirtualBench:
 
     def __init__(self, library: Path | None = None) -> None:
         self._mechanics = _Mechanics()
-        self._drum = DrumBench(self._mechanics, library)
+        self._drum = DrumStepper(self._mechanics, library)
         self._board = self._drum.board
         self._silent_since_ms = 0
         self.beats(True)
 
     @property
-    def plant(self) -> Plant:
+    def plant(self) -> Mechanics:
         """The mechanics."""
         return self._mechanics.plant
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from rigctl.simulation.bench.mechanics import Plant
+from rigctl.simulation.bench.mechanics import Mechanics
 from rigctl.simulation.chips.simavr import Input, ResetBy
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
@@ -36,7 +36,7 @@ class ChipBench:
         self._beating, self._beats, self._beat_ms = True, 0, 0
 
     @property
-    def plant(self) -> Plant:
+    def plant(self) -> Mechanics:
         """The mechanics."""
         return self._drum.plant
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.rpc.client import EngineClient, EngineRefusal
-from rigctl.acquisition.rpc.engine_files import Announcement, running_engines, runtime_folder
+from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines, runtime_folder
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 
@@ -63,7 +63,7 @@ def running() -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
-def the_engine() -> Announcement:
+def the_engine() -> EngineFile:
     engines = running_engines(runtime_folder())
     while not engines:
         engines = running_engines(runtime_folder())

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from rigctl.config.rig_config import (
     About,
     DrumGeometry,
-    Limits,
     RigConfig,
+    RigLimits,
     TaxelArray,
     load_config,
     parse_config,
@@ -89,5 +89,5 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_a_limit_of_the_nominal_rig_leaves_room_for_the_papers_forces() -> None:
-    assert Limits().force_max_g >= 1000
-    assert replace(Limits(), force_max_g=1000).over_force_g > 1000
+    assert RigLimits().force_max_g >= 1000
+    assert replace(RigLimits(), force_max_g=1000).over_force_g > 1000

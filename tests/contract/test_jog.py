@@ -7,8 +7,8 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from rigctl.acquisition.drum.motion import Motion
-from rigctl.acquisition.drum.poller import DrumWatch
+from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.drum.settings import jog_target
 from rigctl.config.rig_config import DrumGeometry, RigConfig
 from rigctl.errors import CommandRefused, WrongUse
@@ -19,7 +19,7 @@ from tests.contract.operator import Operator
 STEP_MM = 0.03125
 FORWARDS, BACKWARDS = RigConfig(), RigConfig(drum=DrumGeometry(backwards=True))
 
-Work = Callable[[Motion], Awaitable[None]]
+Work = Callable[[DrumMotion], Awaitable[None]]
 
 
 def turned_mm(at_rig: Operator) -> float:
@@ -32,14 +32,14 @@ def by_hand(at_rig: Operator, work: Work, config: RigConfig = FORWARDS) -> None:
 
     async def main() -> None:
         await at_rig.reach(State.ARMED)
-        watch = DrumWatch(
+        watch = DrumPoller(
             at_rig.drum, at_rig.rig.loop, lambda: True, lambda why: None, lambda who, anew: None
         )
         await watch.connect()
         polling = asyncio.ensure_future(watch.run())
         try:
             await watch.turn()
-            await work(Motion(watch, config))
+            await work(DrumMotion(watch, config))
         finally:
             polling.cancel()
             await asyncio.gather(polling, return_exceptions=True)
@@ -51,7 +51,7 @@ def by_hand(at_rig: Operator, work: Work, config: RigConfig = FORWARDS) -> None:
 def test_the_drum_turns_by_what_was_asked_and_says_so(at_rig: Operator, config: RigConfig) -> None:
     sign = -1 if config.drum.backwards else 1
 
-    async def work(motion: Motion) -> None:
+    async def work(motion: DrumMotion) -> None:
         for mm in (10.0, 1.0, -1.0, -10.0, 123.4):
             before_mm = turned_mm(at_rig)
             assert await motion.jog(mm) == pytest.approx(mm, abs=STEP_MM)
@@ -62,7 +62,7 @@ def test_the_drum_turns_by_what_was_asked_and_says_so(at_rig: Operator, config: 
 
 
 def test_it_keeps_to_one_turn_and_to_what_the_board_takes(at_rig: Operator) -> None:
-    async def work(motion: Motion) -> None:
+    async def work(motion: DrumMotion) -> None:
         for mm in (401.0, -401.0, float("nan")):
             with pytest.raises(WrongUse, match="more than a turn"):
                 await motion.jog(mm)
@@ -72,7 +72,7 @@ def test_it_keeps_to_one_turn_and_to_what_the_board_takes(at_rig: Operator) -> N
 
 
 def test_it_is_refused_in_words_unless_armed(at_rig: Operator) -> None:
-    async def work(motion: Motion) -> None:
+    async def work(motion: DrumMotion) -> None:
         for command, state, words in (
             (Command.TARE, State.ARMED, ""),
             (Command.APPROACH, State.HOLD, "in contact"),
@@ -91,7 +91,7 @@ def test_it_is_refused_in_words_unless_armed(at_rig: Operator) -> None:
 
 
 def test_a_stop_ends_it_on_the_way(at_rig: Operator) -> None:
-    async def work(motion: Motion) -> None:
+    async def work(motion: DrumMotion) -> None:
         before_mm = turned_mm(at_rig)
         jogging = asyncio.ensure_future(motion.jog(300.0))
         await motion.watch.until(lambda now: now.speed_mm_s > 100, 5, "getting going")

@@ -9,7 +9,7 @@ import pytest
 from rigctl.config.rig_config import RigConfig, TaxelArray
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.bench.world_file import World
+from rigctl.simulation.bench.world_file import SimulatedWorld
 
 WIRING = tuple(range(17, -1, -1))
 
@@ -22,7 +22,7 @@ def test_dead_taxels_are_named_by_their_place(kind: str, request: pytest.Fixture
         kind,
         paced=False,
         config=RigConfig(taxels=TaxelArray(wiring=WIRING)),
-        world=World(WorldParameters(dead_taxels=(2, 9))),
+        world=SimulatedWorld(WorldParameters(dead_taxels=(2, 9))),
     )
     asyncio.set_event_loop(rig.loop)
     try:

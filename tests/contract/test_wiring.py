@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.bench.world_file import World
+from rigctl.simulation.bench.world_file import SimulatedWorld
 from rigctl.values import DRAWN_WIRING, Block
 
 BOTTOM = (3, 4, 5, 9, 10, 11, 15, 16, 17)
@@ -29,7 +29,7 @@ def test_dead_readings_are_dead_places(
 ) -> None:
     if kind == FIRMWARE:
         request.getfixturevalue("images")
-    rig = open_rig(kind, paced=False, world=World(WorldParameters(dead_taxels=dead)))
+    rig = open_rig(kind, paced=False, world=SimulatedWorld(WorldParameters(dead_taxels=dead)))
     asyncio.set_event_loop(rig.loop)
     blocks: list[Block] = []
     rig.taxels.on_block(blocks.append)

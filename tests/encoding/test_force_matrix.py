@@ -17,13 +17,13 @@ from rigctl.encoding.force_search import (
     FEWEST_IN_PILOT,
     PILOT_EVERY,
     TOLERANCE_HZ,
-    Search,
+    ForceSearch,
     mean_sa_rates_hz,
     search,
     search_to,
 )
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.root_bracket import HIGHEST_C, Bracket, Method, Status
+from rigctl.encoding.root_bracket import HIGHEST_C, Bracket, Method, SearchStatus
 from rigctl.errors import WrongUse
 
 N_TAXELS = 6
@@ -54,11 +54,11 @@ def matrices() -> dict[Method, ForceMatrix]:
 def test_every_c_brings_the_rate_to_its_target(matrices: dict[Method, ForceMatrix]) -> None:
     for matrix in matrices.values():
         assert matrix.c.shape == (2, N_TAXELS, 2, 3)
-        assert (matrix.status[..., 1] == Status.REFERENCE).all()
+        assert (matrix.status[..., 1] == SearchStatus.REFERENCE).all()
         assert (matrix.c[..., 1] == 1).all()
         found = matrix.status[..., [0, 2]]
-        assert (found == Status.CONVERGED).mean() > 0.9
-        converged = matrix.status == Status.CONVERGED
+        assert (found == SearchStatus.CONVERGED).mean() > 0.9
+        converged = matrix.status == SearchStatus.CONVERGED
         assert (abs(matrix.residual_hz[converged]) < TOLERANCE_HZ).all()
         assert (matrix.c[..., 0] > 1).all() and (matrix.c[..., 2] < 1).all()
     matrix = matrices[Method.REGULA_FALSI]
@@ -70,7 +70,7 @@ def test_every_c_brings_the_rate_to_its_target(matrices: dict[Method, ForceMatri
 
 def test_regula_falsi_needs_far_fewer_encodings(matrices: dict[Method, ForceMatrix]) -> None:
     fast, slow = matrices[Method.REGULA_FALSI], matrices[Method.BISECTION]
-    both = (fast.status == Status.CONVERGED) & (slow.status == Status.CONVERGED)
+    both = (fast.status == SearchStatus.CONVERGED) & (slow.status == SearchStatus.CONVERGED)
     assert fast.evaluations[both].mean() < 4
     assert slow.evaluations[both].mean() > 2.5 * fast.evaluations[both].mean()
     np.testing.assert_allclose(fast.c[both], slow.c[both], rtol=0.05)
@@ -91,7 +91,7 @@ def test_a_taxel_too_weak_for_its_target_is_capped(method: Method) -> None:
     found = search(
         weak, np.array([150.0]), np.array([30.0]), Normalisation.full_scale(1), method=method
     )
-    assert found.status.tolist() == [Status.CAPPED]
+    assert found.status.tolist() == [SearchStatus.CAPPED]
     assert found.c.tolist() == [HIGHEST_C]
     assert found.rate_hz[0] < 150
 
@@ -103,14 +103,14 @@ def test_a_target_between_two_jumps_is_called_that(method: Method) -> None:
     found = search(
         short, np.array([42.0]), np.array([1.0]), Normalisation.full_scale(1), method=method
     )
-    assert found.status.tolist() == [Status.DISCONTINUITY]
+    assert found.status.tolist() == [SearchStatus.DISCONTINUITY]
     assert found.rate_hz.tolist() in ([40.0], [45.0])
 
 
 def test_a_silent_target_and_a_dead_taxel_need_no_search() -> None:
     dead = [np.zeros((500, 2), np.uint16)]
     found = search(dead, np.zeros(2), np.ones(2), Normalisation.full_scale(2))
-    assert (found.status == Status.CONVERGED).all()
+    assert (found.status == SearchStatus.CONVERGED).all()
     assert found.evaluations.tolist() == [1, 1]
 
 
@@ -136,7 +136,9 @@ RESTLESS = PILOT_EVERY * FEWEST_IN_PILOT
 """Trials of a condition that are enough for some to be asked first."""
 
 
-def searched(trials: Trials, reference: Trials, method: Method = Method.REGULA_FALSI) -> Search:
+def searched(
+    trials: Trials, reference: Trials, method: Method = Method.REGULA_FALSI
+) -> ForceSearch:
     ranges = Normalisation.full_scale(trials[0].shape[1])
     target = mean_sa_rates_hz(reference, ranges)
     return search_to(trials, mean_level(reference, ranges), target, ranges, method=method)
@@ -165,8 +167,8 @@ def test_c_is_told_by_all_trials_however_few_are_asked_first(n: int, force: floa
     reached = mean_sa_rates_hz(trials, ranges, c=found.c)
     np.testing.assert_array_equal(reached, found.rate_hz)
     miss = abs(reached - mean_sa_rates_hz(reference, ranges))
-    assert (miss[found.status == Status.CONVERGED] < TOLERANCE_HZ).all()
-    assert n == 1 or (found.status == Status.CONVERGED).all()
+    assert (miss[found.status == SearchStatus.CONVERGED] < TOLERANCE_HZ).all()
+    assert n == 1 or (found.status == SearchStatus.CONVERGED).all()
     lengths = np.array([len(trial) for trial in trials])
     rates = (found.counts.sum(axis=2) / lengths[:, None]).mean(axis=0) * 1000
     np.testing.assert_allclose(rates, reached)
@@ -193,7 +195,7 @@ def test_trials_asked_first_that_are_unlike_the_rest_mislead_nobody(odd: float) 
         trials[i] = np.minimum(trials[i] * bursts, 1023).astype(np.uint16)
     found = searched(trials, reference)
     sure = searched(trials, reference, Method.BISECTION)
-    assert found.status.tolist() == sure.status.tolist() == [Status.CONVERGED] * 3
+    assert found.status.tolist() == sure.status.tolist() == [SearchStatus.CONVERGED] * 3
     np.testing.assert_allclose(found.c, sure.c, rtol=0.02)
 
 
@@ -206,7 +208,7 @@ def test_a_jump_has_the_same_nearer_side_whoever_is_asked_first() -> None:
         for some in (short, short[:1])
         for method in Method
     ]
-    assert {end.status.item() for end in ends} == {Status.DISCONTINUITY}
+    assert {end.status.item() for end in ends} == {SearchStatus.DISCONTINUITY}
     assert {end.rate_hz.item() for end in ends} == {40.0}
 
 
@@ -217,11 +219,11 @@ def test_a_cap_is_told_by_all_trials() -> None:
     asked = range(PILOT_EVERY // 2, RESTLESS, PILOT_EVERY)
     mixed = [weak if i in asked else strong for i in range(RESTLESS)]
     found = search(mixed, target, np.ones(1), ranges)
-    assert found.status.item() == Status.CONVERGED
+    assert found.status.item() == SearchStatus.CONVERGED
     found = search(
         [strong if i in asked else weak for i in range(RESTLESS)], target, target, ranges
     )
-    assert (found.status.item(), found.c.item()) == (Status.CAPPED, HIGHEST_C)
+    assert (found.status.item(), found.c.item()) == (SearchStatus.CAPPED, HIGHEST_C)
 
 
 @given(
@@ -259,9 +261,9 @@ def test_every_search_ends_and_tells_the_truth(
     assert bracket.best_rate == rate(bracket.best_c)
     assert bracket.evaluations == len(guesses) == len(set(guesses))
     miss = abs(bracket.best_rate - target)
-    if bracket.status is Status.CONVERGED:
+    if bracket.status is SearchStatus.CONVERGED:
         assert miss < TOLERANCE_HZ
-    if bracket.status is Status.CAPPED:
+    if bracket.status is SearchStatus.CAPPED:
         assert rate(HIGHEST_C) < target
-    if bracket.status is Status.DISCONTINUITY:
+    if bracket.status is SearchStatus.DISCONTINUITY:
         assert miss <= step

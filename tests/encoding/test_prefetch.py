@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rigctl.encoding import encoder
 from rigctl.encoding.batch import stretch_counts, whole_trials
 from rigctl.encoding.encoder import encode_trial, encode_trials
-from rigctl.encoding.kernel.prefetch import Rows
+from rigctl.encoding.kernel.prefetch import TrialRows
 from rigctl.encoding.kernel.spike_counters import PLACES
 from rigctl.encoding.kernel.transpose_bits import LINE, WORD, hand_over, keep
 from rigctl.encoding.normalisation import Normalisation
@@ -140,11 +140,11 @@ def test_trials_in_one_memory_are_as_in_memories_of_their_own() -> None:
     apart = [memory[b : b + n].copy() for b, n in zip(begins, lengths, strict=True)]
     expected = stretch_counts(apart, whole_trials(apart), ranges)
     for one in (memory, np.asfortranarray(memory), np.repeat(memory, 2, axis=1)[:, ::2]):
-        rows = Rows.within(one, begins, lengths)
+        rows = TrialRows.within(one, begins, lengths)
         np.testing.assert_array_equal(stretch_counts(rows, whole_trials(rows), ranges), expected)
 
 
 @pytest.mark.parametrize(("begin", "n"), [(-1, 5), (0, -1), (6, 5), (11, 0)])
 def test_trials_beyond_their_memory_are_refused(begin: int, n: int) -> None:
     with pytest.raises(WrongUse, match="memory of 10 rows"):
-        Rows.within(np.zeros((10, 3), np.uint16), np.array([begin]), np.array([n]))
+        TrialRows.within(np.zeros((10, 3), np.uint16), np.array([begin]), np.array([n]))

@@ -21,7 +21,7 @@ from rigctl.errors import ConfigError, SessionError, WrongUse
 from rigctl.exchange.column_map import load_map
 from rigctl.exchange.extra_channels import FILE
 from rigctl.exchange.importer import import_files
-from rigctl.exchange.inspection import Survey
+from rigctl.exchange.inspection import Inspection
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 
@@ -39,7 +39,7 @@ RATED = PATTERN + '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["1..3"]\n'
 
 def bring(
     folder: Path, text: str, files: Sequence[Path], out: str = "session"
-) -> tuple[Path, Survey]:
+) -> tuple[Path, Inspection]:
     path = folder / "map.toml"
     path.write_text(text)
     session = folder / out

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.config.resources import checkout
-from rigctl.wire.drum.states import Event, State
+from rigctl.wire.drum.states import State, StateEvent
 from tests.benchmarks.firmware._force_map import (
     FORCES_G,
     GRID,
@@ -217,7 +217,7 @@ def cells() -> str:
     why: dict[str, str] = {}
     head = "".join(f" {s.name} |" for s in State)
     lines = [f"| event |{head}\n|---|{'---|' * len(State)}\n"]
-    for event in sorted(Event, key=lambda e: (e not in COMMANDS, e)):
+    for event in sorted(StateEvent, key=lambda e: (e not in COMMANDS, e)):
         marks = []
         for state in State:
             reason = unreachable(state, event)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.acquisition.live_buffer import LiveView, LiveWriter
-from rigctl.acquisition.rpc.engine_files import Announcement
+from rigctl.acquisition.rpc.engine_files import EngineFile
 from rigctl.errors import RigctlError
 from rigctl.wire.drum.states import State
 
@@ -98,7 +98,7 @@ class FakeEngine:
     """Stands where an EngineClient stands."""
 
     def __init__(self, folder: Path, seed: int = 0) -> None:
-        self.announcement = Announcement("fake", 1, 9, "", "virtual", "")
+        self.announcement = EngineFile("fake", 1, 9, "", "virtual", "")
         self.asked: list[tuple[str, dict[str, Any]]] = []
         self.status = deepcopy(STATUS)
         self.refusals: dict[str, str] = {}

@@ -10,7 +10,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from gui.engine_link import Client
-from gui.main_window import Window
+from gui.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
 
@@ -23,7 +23,7 @@ class Shown:
 
     def __init__(self) -> None:
         self.engine: FakeEngine | None = None
-        self.window = Window(self._open, ThemeChoice.LIGHT)
+        self.window = MainWindow(self._open, ThemeChoice.LIGHT)
 
     def _open(self, rig: str, world: str) -> Client:
         assert self.engine is not None
@@ -33,7 +33,7 @@ class Shown:
 class Bench(NamedTuple):
     """A window and the engine behind it."""
 
-    window: Window
+    window: MainWindow
     engine: FakeEngine
 
     def see(self, **changes: Any) -> None:

@@ -163,4 +163,4 @@ def test_what_cannot_be_analysed_is_said(opened: Bench, tmp_path: Path) -> None:
 def test_the_form_knows_what_the_analysis_knows() -> None:
     assert {r.name: r.key for r in representations.REPRESENTATIONS} == REPRESENTATIONS
     assert tuple(key for key in TASKS.values() if key) == tasks.CHOICES
-    assert set(ENGINES.values()) == set(sweep_engines.Engine)
+    assert set(ENGINES.values()) == set(sweep_engines.SweepEngine)

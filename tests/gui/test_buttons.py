@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from gui.operate.operate_panel import ACTIONS
-from rigctl.wire.drum.states import Event, State, next_state
+from rigctl.wire.drum.states import State, StateEvent, next_state
 from tests.gui.steps import Bench, click
 
 OFFERED = {
@@ -38,7 +38,7 @@ def test_only_what_the_board_would_take_can_be_pressed(bench: Bench, state: Stat
     assert _enabled(bench) == OFFERED[state] | OF_THE_TAXELS
     for action in ACTIONS:
         if action.command in OFFERED[state] and action.command not in ("tare", "home"):
-            assert next_state(state, Event[action.event.name]) is not None
+            assert next_state(state, StateEvent[action.event.name]) is not None
 
 
 @pytest.mark.parametrize("state", OFFERED)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
 from gui.engine_link import JOIN, Client
-from gui.main_window import Window
+from gui.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost, WrongUse
 from tests.gui.fake_engine import FakeEngine
@@ -23,7 +23,7 @@ def test_the_chosen_rig_is_connected(app: QApplication, tmp_path: Path) -> None:
         asked.append((rig, world))
         return FakeEngine(tmp_path)
 
-    window = Window(open_client)
+    window = MainWindow(open_client)
     window.show()
     window.toolbar.rig.choose("firmware")
     click(window.toolbar.connect_button)
@@ -44,7 +44,7 @@ def test_a_simulated_rig_is_connected_in_the_world_of_a_file(
         asked.append((rig, world))
         raise WrongUse("lab.toml, line 1: top_gain: 9 is outside 0.5 to 1.5 1/mm")
 
-    window = Window(open_client)
+    window = MainWindow(open_client)
     window.show()
     toolbar = window.toolbar
     toolbar.world.setCurrentIndex(toolbar.world.count() - 1)
@@ -67,7 +67,7 @@ def test_an_engine_that_is_joined_keeps_its_own_world(app: QApplication, tmp_pat
         asked.append((rig, world))
         return FakeEngine(tmp_path)
 
-    window = Window(open_client)
+    window = MainWindow(open_client)
     window.show()
     window.toolbar.world.choose("/home/lab/lab.toml")
     window.toolbar.rig.choose(JOIN)
@@ -86,7 +86,7 @@ def test_a_bench_without_a_wiring_is_told_once_what_that_means(
     rig = tmp_path / "rig.toml"
     rig.write_text("[about]\nname = 'mine'\n")
     for times in (1, 0):
-        window = Window(lambda rig, world: FakeEngine(tmp_path))
+        window = MainWindow(lambda rig, world: FakeEngine(tmp_path))
         window.connect_rig(str(rig))
         wait_until(lambda: window.connection.is_open)  # noqa: B023
         assert window.log.toPlainText().count("[taxels] wiring is empty") == times
@@ -98,7 +98,7 @@ def test_a_rig_that_does_not_open_says_why(app: QApplication) -> None:
     def open_client(rig: str, world: str) -> Client:
         raise WrongUse("port /dev/ttyACM0 is in use: close the other program")
 
-    window = Window(open_client)
+    window = MainWindow(open_client)
     window.connect_rig("/etc/rig.toml")
     wait_until(lambda: "in use" in window.sentence.text())
     assert window.toolbar.connect_button.isEnabled()
@@ -109,7 +109,7 @@ def test_a_rig_that_does_not_open_says_why(app: QApplication) -> None:
 
 def test_closing_while_connecting_leaves_no_engine(app: QApplication, tmp_path: Path) -> None:
     engine = FakeEngine(tmp_path)
-    window = Window(lambda rig, world: engine)
+    window = MainWindow(lambda rig, world: engine)
     window.connect_rig("virtual")
     window.close()
     delete(window)
@@ -166,7 +166,7 @@ def test_a_run_goes_on_without_the_window(app: QApplication, tmp_path: Path) -> 
             return super().shut_down(limit_s)
 
     engine = Watched(tmp_path)
-    window = Window(lambda rig, world: engine)
+    window = MainWindow(lambda rig, world: engine)
     window.connect_rig("virtual")
     wait_until(lambda: window.connection.is_open)
     Bench(window, engine).see(run={"state": "running"})

@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from gui.live.history import History
-from gui.live.live_view import Scene
+from gui.live.live_plots import LivePlots
 from gui.live.raster import ROW_ORDER, Raster, row_label
 from gui.live.scrolling_image import columns_between, rgb
 from gui.live.spike_rates import RateBars
@@ -160,7 +160,7 @@ def test_rates_are_spikes_a_second(app: QApplication) -> None:
 
 
 def test_the_whole_scene_draws_in_both_themes(app: QApplication, engine: FakeEngine) -> None:
-    scene = Scene(LIGHT)
+    scene = LivePlots(LIGHT)
     scene.resize(900, 600)
     engine.produce(4000)
     for theme in (LIGHT, DARK):

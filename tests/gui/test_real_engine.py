@@ -14,7 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.main_window import Window
+from gui.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.session.read.session import Session
@@ -32,11 +32,11 @@ repeats = 3
 
 
 @pytest.fixture(scope="module")
-def window(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
+def window(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
     """A window with an engine of its own, started by pressing Connect."""
     before = os.environ.get(FOLDER_VARIABLE)
     os.environ[FOLDER_VARIABLE] = str(tmp_path_factory.mktemp("runtime"))
-    window = Window()
+    window = MainWindow()
     window.show()
     click(window.toolbar.connect_button)
     _wait(window, State.IDLE)
@@ -49,18 +49,18 @@ def window(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
         os.environ[FOLDER_VARIABLE] = before
 
 
-def _wait(window: Window, *states: State) -> None:
+def _wait(window: MainWindow, *states: State) -> None:
     wait_until(lambda: window.connection.status.state in states, LIMIT_MS)
 
 
-def _arm(window: Window) -> None:
+def _arm(window: MainWindow) -> None:
     """Armed, whatever the tests before left."""
     if window.connection.status.state is State.IDLE:
         click(window.operate.buttons["arm"])
     _wait(window, State.ARMED)
 
 
-def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: Window) -> None:
+def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: MainWindow) -> None:
     buttons = window.operate.buttons
     _arm(window)
     window.operate.speed.setValue(40.0)
@@ -82,7 +82,7 @@ def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: Window) -> No
     assert window.scene.bars.rates_hz.shape == (36,)
 
 
-def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: Window) -> None:
+def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: MainWindow) -> None:
     jog, link = window.operate.jog, window.connection
     _arm(window)
     turn_steps, step_mm = 12800, 0.03125
@@ -111,13 +111,13 @@ def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: Window) -> Non
     assert 1 < moved(before) < 300 and link.status.speed_mm_s == 0
 
 
-def test_a_refusal_of_the_board_is_a_sentence(window: Window) -> None:
+def test_a_refusal_of_the_board_is_a_sentence(window: MainWindow) -> None:
     window.connection.ask("run")
     wait_until(lambda: window.log.toPlainText().count("refused") > 0)
     assert "Traceback" not in window.log.toPlainText()
 
 
-def test_a_protocol_from_prompt_to_disk_ended_by_escape(window: Window, tmp_path: Path) -> None:
+def test_a_protocol_from_prompt_to_disk_ended_by_escape(window: MainWindow, tmp_path: Path) -> None:
     path = tmp_path / "ridges.toml"
     path.write_text(RIDGES)
     window.tabs.setCurrentIndex(1)
@@ -140,7 +140,7 @@ def test_a_protocol_from_prompt_to_disk_ended_by_escape(window: Window, tmp_path
     _go_on_from(window, Path(status.status.run.session))
 
 
-def _go_on_from(window: Window, session: Path) -> None:
+def _go_on_from(window: MainWindow, session: Path) -> None:
     """Continue the interrupted session through the chooser, see it count on, stop it again."""
     run = window.connection
     wait_until(window.protocol.go_on.isEnabled, LIMIT_MS)
@@ -157,7 +157,7 @@ def _go_on_from(window: Window, session: Path) -> None:
         assert len(reopened.parts) == 2 and len(reopened.committed()) == 2
 
 
-def test_a_pulled_plug_is_seen_and_said(window: Window) -> None:
+def test_a_pulled_plug_is_seen_and_said(window: MainWindow) -> None:
     bench = window.operate.bench
     window.tabs.setCurrentIndex(0)
     bench.fault.setCurrentText("Unplug the taxels")

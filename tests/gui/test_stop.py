@@ -15,7 +15,7 @@ from rigctl.acquisition.rpc import stop_all
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import (
     FOLDER_VARIABLE,
-    Announcement,
+    EngineFile,
     announce,
     runtime_folder,
 )
@@ -154,7 +154,7 @@ def test_an_engine_that_hangs_is_told_of_and_the_window_goes_on(
     monkeypatch.setattr(stop_all, "ANSWER_S", 0.2)
     with listen() as mute:
         port = mute.getsockname()[1]
-        engine = Announcement("mute", os.getpid(), port, "", "bench.toml", "")
+        engine = EngineFile("mute", os.getpid(), port, "", "bench.toml", "")
         announce(runtime_folder(), engine)
         click(bench.window.toolbar.stop)
         assert bench.engine.commands == ["stop"]

@@ -56,7 +56,7 @@ def test_a_step_is_kept_only_where_it_is_better_and_a_seed_repeats_it(brief: Non
     start = search.candidate(replace(WorldParameters(), **search.START))
     tried = []
     for _ in range(2):
-        found = search.Search(start, 5)
+        found = search.ParameterSearch(start, 5)
         tried.append(found.step())
         assert found.best is min((start, tried[-1]), key=lambda one: one.error)
     assert tried[0] == tried[1]

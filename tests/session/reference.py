@@ -5,7 +5,7 @@ from __future__ import annotations
 from rigctl.session.format import layout
 
 
-def table(of: layout.Table) -> str:
+def table(of: layout.TableLayout) -> str:
     lines = [
         f"### `{of.path}`: {of.doc}",
         "",

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from rigctl.session.read import buffered_array
-from rigctl.session.read.buffered_array import ReadAhead
+from rigctl.session.read.buffered_array import BufferedArray
 
 ROWS = np.arange(1000)
 
 
 @given(st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 120)), max_size=30))
 def test_windows_are_the_rows_that_were_asked_for(windows: list[tuple[int, int]]) -> None:
-    ahead = ReadAhead(lambda start, stop: ROWS[start:stop], len(ROWS))
+    ahead = BufferedArray(lambda start, stop: ROWS[start:stop], len(ROWS))
     for start, count in windows:
         assert np.array_equal(ahead.window(start, start + count), ROWS[start : start + count])
 
@@ -33,7 +33,7 @@ def test_windows_in_order_are_read_about_once_and_no_more_than_a_stretch_is_held
         reads.append(stop - start)
         return ROWS[start:stop]
 
-    ahead = ReadAhead(read, len(ROWS))
+    ahead = BufferedArray(read, len(ROWS))
     for start in range(0, 1000, 10):
         ahead.window(start, start + 10)
     assert max(reads) == 200

@@ -15,7 +15,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "session.md"
 
 
 @pytest.mark.parametrize("of", layout.TABLES, ids=lambda of: of.path)
-def test_each_table_is_on_the_page(of: layout.Table) -> None:
+def test_each_table_is_on_the_page(of: layout.TableLayout) -> None:
     assert table(of) in PAGE.read_text(encoding="utf-8"), table(of)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from rigctl.errors import SessionError
 from rigctl.session.read.session import Session
-from rigctl.session.read.unclosed_part import CHECKED_BYTES, SUPERBLOCK_BYTES, DeadPart, lookup3
+from rigctl.session.read.unclosed_part import CHECKED_BYTES, SUPERBLOCK_BYTES, UnclosedPart, lookup3
 from rigctl.session.verify.session import verify
 from rigctl.session.write.recorder import Recorder
 from tests.session.building import PROTOCOL, RIG, Bench, header, plan, record_plan, recorder
@@ -85,7 +85,7 @@ def test_an_empty_file_is_damaged(dead: Path) -> None:
 
 def test_it_reads_like_the_file_but_for_the_superblock(dead: Path) -> None:
     data = (dead / "part-0001.h5").read_bytes()
-    view = DeadPart(dead / "part-0001.h5")
+    view = UnclosedPart(dead / "part-0001.h5")
     assert view.readable()
     assert view.seekable()
     assert view.seek(0, io.SEEK_END) == len(data)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from rigctl.simulation.simulated_rig import Simulation
+from rigctl.simulation.simulated_rig import SimulatedRig
 from rigctl.values import Block
 from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, REGISTERS, UNIT, Command
 from rigctl.wire.drum.registers import BlockLayout, words_of
@@ -52,7 +52,7 @@ class Refused(Exception):
 class Host:
     """Both cables of a simulated rig in one place; every call takes world time."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: SimulatedRig) -> None:
         self.simulation = simulation
         self.drum_bytes = b""
         self.arrivals: list[float] = []

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.contact import contact_tables, footprint, mounted
 from rigctl.simulation.bench.load_cell import FULL_SCALE
-from rigctl.simulation.bench.mechanics import DEPTH_MM, FORCE_G, STANDING, Motion
+from rigctl.simulation.bench.mechanics import DEPTH_MM, FORCE_G, STANDING, RodMotion
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import CATALOGUE, profile
 from rigctl.simulation.simulated_rig import LoadcellFault
@@ -41,7 +41,7 @@ def press(bench: Bench, force_g: float) -> None:
     bench.advance(bench.plant.time_ms + 300, 0.0, STANDING)
 
 
-def run(bench: Bench, until_ms: int, drive: float, motion: Motion) -> None:
+def run(bench: Bench, until_ms: int, drive: float, motion: RodMotion) -> None:
     """Advance, whatever index marks pass by."""
     while bench.plant.time_ms < until_ms:
         bench.advance(until_ms, drive, motion)
@@ -50,7 +50,7 @@ def run(bench: Bench, until_ms: int, drive: float, motion: Motion) -> None:
 def turn(bench: Bench, speed_mm_s: float, milliseconds: int) -> NDArray[np.uint16]:
     """Turn at a speed; counts at 1 kHz meanwhile."""
     start_ms = bench.plant.time_ms
-    motion = Motion(1000.0 * start_ms, bench.plant.drum_mm, speed_mm_s)
+    motion = RodMotion(1000.0 * start_ms, bench.plant.drum_mm, speed_mm_s)
     motion = motion._replace(travel_mm=bench.plant.drum_mm - bench.parameters.start_mm)
     run(bench, start_ms + milliseconds, 0.0, motion)
     bench.skin.advance()
@@ -334,7 +334,7 @@ def test_the_clamp_is_smooth_and_carries_as_the_plate_does() -> None:
 
 def test_truth_is_the_same_taken_whole_or_in_pieces() -> None:
     whole, pieces = Bench(WorldParameters(), 1), Bench(WorldParameters(), 1)
-    motion = Motion(0.0, 0.0, 80.0)
+    motion = RodMotion(0.0, 0.0, 80.0)
     taken = []
     for until in range(100, 3001, 100):
         run(whole, until, 0.3, motion)

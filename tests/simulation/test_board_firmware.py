@@ -13,9 +13,9 @@ from rigctl.config.resources import checkout
 from rigctl.errors import RigFault
 from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.boards.drum_firmware import HostDrum
-from rigctl.simulation.boards.drum_stepper import DrumBench
-from rigctl.simulation.boards.taxel_firmware import HostTaxels
+from rigctl.simulation.boards.drum_firmware import DrumFirmware
+from rigctl.simulation.boards.drum_stepper import DrumStepper
+from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
 from rigctl.simulation.virtual_rig import open_virtual
 from rigctl.wire.drum.register_table import BY_NAME, Command
 from rigctl.wire.drum.states import State
@@ -31,9 +31,9 @@ def one_sentence(error: pytest.ExceptionInfo[BaseException]) -> bool:
     return "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("board", [HostDrum, HostTaxels])
+@pytest.mark.parametrize("board", [DrumFirmware, TaxelFirmware])
 def test_a_missing_library_names_both_ways_to_a_compiler(
-    tmp_path: Path, board: type[HostDrum | HostTaxels]
+    tmp_path: Path, board: type[DrumFirmware | TaxelFirmware]
 ) -> None:
     with pytest.raises(RigFault, match=rf"none\.so: .*is not compiled: {BOTH_WAYS}") as error:
         board(tmp_path / "none.so")
@@ -44,11 +44,11 @@ def test_a_library_for_another_system_is_refused_by_name(tmp_path: Path) -> None
     foreign = tmp_path / "virtual-drum.so"
     foreign.write_bytes(b"\x7fELF of another machine")
     with pytest.raises(RigFault, match=r"virtual-drum\.so: .*not made for this system") as error:
-        HostDrum(foreign)
+        DrumFirmware(foreign)
     assert one_sentence(error)
     other = host_build.dynamic_library_path("taxels")
     with pytest.raises(RigFault, match=r"virtual-taxels.*not made for this system"):
-        HostDrum(other)
+        DrumFirmware(other)
 
 
 def test_a_stale_library_is_refused_by_name(
@@ -61,7 +61,7 @@ def test_a_stale_library_is_refused_by_name(
     with pytest.raises(
         RigFault, match=r"virtual-drum\.so: .*other sources than arduino/ holds"
     ) as error:
-        HostDrum(stale)
+        DrumFirmware(stale)
     assert one_sentence(error)
 
 
@@ -94,7 +94,7 @@ def test_virtual_boards_and_chips_are_the_same_firmware(board: str) -> None:
 
 
 def test_several_boards_in_one_process_share_nothing() -> None:
-    rigs = [DrumBench(Bench(WorldParameters(), seed)) for seed in (1, 2)]
+    rigs = [DrumStepper(Bench(WorldParameters(), seed)) for seed in (1, 2)]
     for drum in rigs:
         drum.board.exchange.attended = 1
         drum.run(400)
@@ -104,7 +104,7 @@ def test_several_boards_in_one_process_share_nothing() -> None:
         drum.run(1000)
     states = [State(drum.board.exchange.state) for drum in rigs]
     assert states == [State.RETRACT, State.IDLE]
-    alone = DrumBench(Bench(WorldParameters(), 2))
+    alone = DrumStepper(Bench(WorldParameters(), 2))
     alone.board.exchange.attended = 1
     for until_ms in (400, 1000):
         alone.run(until_ms)

@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from rigctl.simulation.bench.ground_truth import Truth
-from rigctl.simulation.clock import WorldLoop
+from rigctl.simulation.bench.ground_truth import GroundTruth
+from rigctl.simulation.clock import SimulatedTimeLoop
 from rigctl.simulation.simulated_rig import (
     DRUM,
     TAXELS,
     Disturbances,
-    FaultPanel,
+    FaultInjection,
     SimulatedLink,
 )
 
@@ -27,11 +27,11 @@ class ClockOnly:
         self.slice_us = slice_us
         self.drum = SimulatedLink(DRUM)
         self.taxels = SimulatedLink(TAXELS)
-        self.truth = Truth()
+        self.truth = GroundTruth()
         self.advances: list[int] = []
         self.at: dict[int, Callable[[], None]] = {}
         links = {DRUM: self.drum, TAXELS: self.taxels}
-        self.faults = FaultPanel(links, Disturbances(), lambda: None, lambda board: None)
+        self.faults = FaultInjection(links, Disturbances(), lambda: None, lambda board: None)
 
     def advance(self, until_us: int) -> None:
         assert until_us > self.time_us
@@ -48,14 +48,14 @@ class ClockOnly:
 
 
 @pytest.fixture
-def loop() -> Iterator[WorldLoop]:
-    loop = WorldLoop(ClockOnly())
+def loop() -> Iterator[SimulatedTimeLoop]:
+    loop = SimulatedTimeLoop(ClockOnly())
     yield loop
     loop.close()
 
 
 def test_sleep_of_an_hour_ends_at_the_exact_world_time() -> None:
-    loop = WorldLoop(ClockOnly(slice_us=10_000_000))
+    loop = SimulatedTimeLoop(ClockOnly(slice_us=10_000_000))
 
     async def sleep() -> float:
         await asyncio.sleep(3600)
@@ -65,7 +65,7 @@ def test_sleep_of_an_hour_ends_at_the_exact_world_time() -> None:
     loop.close()
 
 
-def test_the_world_never_passes_the_earliest_timer(loop: WorldLoop) -> None:
+def test_the_world_never_passes_the_earliest_timer(loop: SimulatedTimeLoop) -> None:
     fired: list[float] = []
     for delay_us in (1, 2, 7, 290, 4999, 5000, 5001, 70_000, 123_457):
         loop.call_later(delay_us / 1e6, lambda: fired.append(loop.time()))
@@ -75,7 +75,7 @@ def test_the_world_never_passes_the_earliest_timer(loop: WorldLoop) -> None:
     assert fired == [t / 1e6 for t in (1, 2, 7, 290, 4999, 5000, 5001, 70_000, 123_457)]
 
 
-def test_timeout_is_world_time(loop: WorldLoop) -> None:
+def test_timeout_is_world_time(loop: SimulatedTimeLoop) -> None:
     async def wait_for_nothing() -> float:
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(loop.create_future(), 0.06)
@@ -85,7 +85,7 @@ def test_timeout_is_world_time(loop: WorldLoop) -> None:
 
 
 def test_something_that_happens_in_the_world_wakes_a_task_in_the_same_slice(
-    loop: WorldLoop,
+    loop: SimulatedTimeLoop,
 ) -> None:
     async def wait() -> float:
         future = loop.create_future()
@@ -98,7 +98,7 @@ def test_something_that_happens_in_the_world_wakes_a_task_in_the_same_slice(
     assert loop.run_until_complete(wait()) == 0.010
 
 
-def test_real_sockets_are_served_while_the_world_runs(loop: WorldLoop) -> None:
+def test_real_sockets_are_served_while_the_world_runs(loop: SimulatedTimeLoop) -> None:
     here, there = socket.socketpair()
     here.setblocking(False)
 
@@ -110,7 +110,7 @@ def test_real_sockets_are_served_while_the_world_runs(loop: WorldLoop) -> None:
         assert loop.run_until_complete(echo()) == b"hello"
 
 
-def test_a_call_from_another_thread_is_served(loop: WorldLoop) -> None:
+def test_a_call_from_another_thread_is_served(loop: SimulatedTimeLoop) -> None:
     async def work() -> int:
         return await loop.run_in_executor(None, lambda: 42)
 
@@ -119,7 +119,7 @@ def test_a_call_from_another_thread_is_served(loop: WorldLoop) -> None:
 
 
 def test_a_paced_loop_stops_at_its_timers_too() -> None:
-    loop = WorldLoop(ClockOnly(), pace=50.0)
+    loop = SimulatedTimeLoop(ClockOnly(), pace=50.0)
     try:
 
         async def sleep() -> float:
@@ -133,7 +133,7 @@ def test_a_paced_loop_stops_at_its_timers_too() -> None:
 
 
 def test_a_chatty_client_does_not_stop_a_paced_world() -> None:
-    loop = WorldLoop(ClockOnly(), pace=50.0)
+    loop = SimulatedTimeLoop(ClockOnly(), pace=50.0)
     here, there = socket.socketpair()
     here.setblocking(False)
 

@@ -18,7 +18,7 @@ from rigctl.simulation.bench.parameters import ParameterInfo, Plate, WorldParame
 from rigctl.simulation.bench.textures import CATALOGUE, profile, texture
 from rigctl.simulation.bench.world_file import (
     NOMINAL,
-    World,
+    SimulatedWorld,
     load_world,
     parse_world,
     recorded_world,
@@ -74,7 +74,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text("# ours\nstart_mm = 100\nstuck_taxels = [3, 17]\n", encoding="utf-8")
     wanted = replace(WorldParameters(), start_mm=100.0, stuck_taxels=(3, 17))
-    assert load_world(path) == World(wanted, "lab.toml")
+    assert load_world(path) == SimulatedWorld(wanted, "lab.toml")
     assert parse_world("") == WorldParameters()
 
 
@@ -120,7 +120,7 @@ def test_the_how_to_shows_a_world_file_and_the_sentence_of_a_wrong_one() -> None
     page = Path(__file__).parents[2] / "docs" / "how-to" / "rehearse.md"
     shown = page.read_text(encoding="utf-8")
     example = shown.split("```toml\n")[1].split("```")[0]
-    description = World(parse_world(example)).description()
+    description = SimulatedWorld(parse_world(example)).description()
     for protocol in ("quick", "paper"):  # which the page has run in this world
         load_protocol(find_protocol(protocol), description)
     with pytest.raises(ConfigError) as refused:
@@ -134,7 +134,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_what_a_session_keeps_makes_the_same_world_again() -> None:
-    world = World(replace(WorldParameters(), start_mm=5.0, dead_taxels=(2,)), "lab.toml")
+    world = SimulatedWorld(replace(WorldParameters(), start_mm=5.0, dead_taxels=(2,)), "lab.toml")
     world = world._replace(
         parameters=replace(world.parameters, plates=(Plate("B", "waves", 1.25),))
     )
@@ -164,7 +164,7 @@ def test_a_plate_of_a_labs_own_is_printed_as_high_and_as_wide_as_it_says() -> No
 
 def test_the_description_of_a_rig_without_one_fits_its_world() -> None:
     text = "circumference_mm = 500\nplate_length_mm = 380\nloadcell_ug_per_count = 3000"
-    described = World(parse_world(text)).description()
+    described = SimulatedWorld(parse_world(text)).description()
     assert described.drum.circumference_mm == 500
     assert described.drum.plate_length_mm == 380
     assert described.loadcell.scale_ug_per_count == 3000

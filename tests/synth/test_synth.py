@@ -19,7 +19,7 @@ from rigctl.session.format import layout
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 from rigctl.synth import step_runner
-from rigctl.synth.dataset import Order, Progress, generate, plan_of
+from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, plan_of
 from tests.acquisition.floor import open_floor
 
 TEXT = """
@@ -47,9 +47,11 @@ def make(
     stop_at: int = 1000,
     workers: int = 1,
     resume: bool = False,
-) -> list[Progress]:
-    told: list[Progress] = []
-    order = Order(plan_of(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00", resume)
+) -> list[DatasetProgress]:
+    told: list[DatasetProgress] = []
+    order = DatasetRequest(
+        plan_of(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00", resume
+    )
     generate(order, told.append, lambda: len(told) >= stop_at, workers)
     return told
 

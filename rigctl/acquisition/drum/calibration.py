@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.acquisition.drum.motion import Motion
-from rigctl.acquisition.drum.poller import DrumWatch
-from rigctl.acquisition.rig_interface import Bench
+from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.drum.poller import DrumPoller
+from rigctl.acquisition.rig_interface import RigInterface
 from rigctl.errors import RigFault, WrongUse
 from rigctl.values import SCALE_BAND_UG_PER_COUNT, DrumState
 from rigctl.wire.drum.register_table import BY_NAME, Command
@@ -105,12 +105,12 @@ def check_masses(masses_g: Sequence[float]) -> None:
 class Calibrator:
     """One drum board, connected and watched, while something is calibrated."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: RigInterface) -> None:
         self._bench = bench
-        self._watch = DrumWatch(
+        self._watch = DrumPoller(
             bench.drum, bench.loop, lambda: True, lambda reason: None, lambda who, anew: None
         )
-        self.motion = Motion(self._watch, bench.config)
+        self.motion = DrumMotion(self._watch, bench.config)
 
     async def during(self, work: Callable[[], Awaitable[object]]) -> None:
         """Connect, do the work, and leave the drum lifted and off whatever happens."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
-from rigctl.acquisition.drum.poller import DrumWatch, command_ended
+from rigctl.acquisition.drum.poller import DrumPoller, command_ended
 from rigctl.acquisition.drum.settings import (
     FARTHEST_STEPS,
     GUARDED,
@@ -43,14 +43,14 @@ LIFTED: Final = (State.ARMED, State.IDLE)
 SHOWN_SETTINGS: Final = ("speed_set", "force_set", "acceleration_set", "travel_set", "run_in_set")
 
 
-class Motion:
+class DrumMotion:
     """The drum's moves on this rig. ``check`` may raise to end whatever is being waited for.
 
     ``stops`` counts STOPs: a jog that was asked for before one is not begun after it.
     """
 
     def __init__(
-        self, watch: DrumWatch, config: RigConfig, check: Callable[[], None] = lambda: None
+        self, watch: DrumPoller, config: RigConfig, check: Callable[[], None] = lambda: None
     ) -> None:
         self.watch = watch
         self.config = config

@@ -22,7 +22,7 @@ RECONNECT_PERIOD_S = 0.5
 FAULT_STATES = (State.FAULT_LIFT, State.FAULT_OFF)
 
 
-class DrumWatch:
+class DrumPoller:
     """Polls the drum, keeps its newest state, follows its clock, and reconnects.
 
     ``may_beat`` is asked before each poll. ``on_lost(reason)`` is told of a loss,

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 
-from rigctl.acquisition.drum.poller import DrumWatch
+from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.rig_interface import TaxelBoard
 from rigctl.errors import RigFault
 from rigctl.values import BoardIdentity, DrumState, Event
@@ -30,7 +30,7 @@ _U16 = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class BoardFigures:
     """What one board counted.
 
     ``late_ticks``: ticks or slots that began late, since the engine heard of the board, over
@@ -64,7 +64,7 @@ class BoardHealth:
     """The newest figures of both boards. :meth:`follow` keeps the drum's up to date."""
 
     def __init__(
-        self, watch: DrumWatch, taxels: TaxelBoard, identities: Mapping[str, BoardIdentity]
+        self, watch: DrumPoller, taxels: TaxelBoard, identities: Mapping[str, BoardIdentity]
     ) -> None:
         self._watch = watch
         self._taxels = taxels
@@ -84,7 +84,7 @@ class BoardHealth:
             for _ in range(LOOK_TURNS):
                 await self._watch.turn()
 
-    def figures(self) -> dict[str, Figures]:
+    def figures(self) -> dict[str, BoardFigures]:
         """Figures by board, of those that told theirs."""
         found = {}
         if self._counters:
@@ -98,7 +98,7 @@ class BoardHealth:
             found[TAXELS] = _figures(TAXELS, late.total, *told)
         return found
 
-    def events(self, when: str, before: Mapping[str, Figures]) -> list[Event]:
+    def events(self, when: str, before: Mapping[str, BoardFigures]) -> list[Event]:
         """For a recording's ``when``: a row a board; late ticks are those since ``before``."""
         now_s = self._watch.loop.time()
         return [
@@ -114,8 +114,8 @@ class BoardHealth:
 
 def _figures(
     board: str, late_ticks: int, longest_isr_us: float, free_bytes: float, idle_permille: float
-) -> Figures:
-    return Figures(
+) -> BoardFigures:
+    return BoardFigures(
         late_ticks=late_ticks,
         longest_isr_us=round(longest_isr_us, 2),
         free_stack_bytes=round(free_bytes),
@@ -124,7 +124,9 @@ def _figures(
     )
 
 
-def _event(at_s: float, when: str, board: BoardIdentity, now: Figures, before: Figures) -> Event:
+def _event(
+    at_s: float, when: str, board: BoardIdentity, now: BoardFigures, before: BoardFigures
+) -> Event:
     late = now.late_ticks - before.late_ticks
     reset = reset_words(board.reset_cause)
     text = (

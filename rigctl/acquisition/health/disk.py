@@ -15,7 +15,7 @@ HUNG_SAMPLES = 60_000
 """A recorder with a minute of samples before it does not work any more."""
 
 
-class DiskGuard:
+class DiskMonitor:
     """Follows one recorder. Times are loop time; call :meth:`look` about ten times a second."""
 
     def __init__(self, recorder: Recorder) -> None:

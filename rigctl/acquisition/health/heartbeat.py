@@ -7,7 +7,7 @@ from collections.abc import Callable
 CHECK_IN_LIMIT_S = 1.0
 
 
-class Vitals:
+class HeartbeatGate:
     """Who checked in when, in loop time.
 
     A name counts from its first :meth:`check_in` until :meth:`excuse`. One that stays silent

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from rigctl.values import PlannedTrial
 
 
-class Progress:
+class RunProgress:
     """Counts trials. Times are loop time, s; a resumed run starts with what was done before."""
 
     def __init__(

@@ -1,7 +1,7 @@
 """Who may hold or end a run, and how everything that waits learns of it.
 
 A pause holds reasons; it ends when the last one is gone, and one reason's end does not lift
-another's. Whatever waits for the rig calls :meth:`Control.check` at every turn of the poll loop
+another's. Whatever waits for the rig calls :meth:`RunControl.check` at every turn of the poll loop
 and is thrown out of its wait when there is a reason to hold or to end.
 """
 
@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rigctl.acquisition.drum.poller import DrumWatch
-from rigctl.acquisition.event_bus import News
+from rigctl.acquisition.drum.poller import DrumPoller
+from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.rpc.messages import PromptStatus
 from rigctl.errors import DiskFault, LinkLost, RigFault
 
@@ -18,15 +18,15 @@ OPERATOR, PROMPT, LINK, DISK, FAULT = "operator", "prompt", "link", "disk", "fau
 LINK_PATIENCE_S = 60.0
 
 
-class Paused(Exception):
+class RunPaused(Exception):
     """A reason to hold came up: lift, wait, begin the step anew."""
 
 
-class Stopped(Exception):
+class RunStopped(Exception):
     """Somebody ended the run."""
 
 
-class Control:
+class RunControl:
     """Reasons to hold, questions to people, and reasons to end.
 
     ``check_in`` tells the heartbeat that the run is alive; ``disk_failure`` what is wrong with
@@ -35,8 +35,8 @@ class Control:
 
     def __init__(
         self,
-        watch: DrumWatch,
-        news: News,
+        watch: DrumPoller,
+        news: EventBus,
         check_in: Callable[[], None],
         disk_failure: Callable[[], str | None],
     ) -> None:
@@ -95,7 +95,7 @@ class Control:
         self._check_ends()
         self._watch.healthy()
         if self._reasons:
-            raise Paused(f"paused: {', '.join(self._reasons)}")
+            raise RunPaused(f"paused: {', '.join(self._reasons)}")
 
     async def turn(self) -> None:
         """Wait for the next turn of the poll loop, checking."""
@@ -140,7 +140,7 @@ class Control:
     def _check_ends(self) -> None:
         failure = self._disk_failure()
         if self._stop is not None:
-            raise Stopped(self._stop)
+            raise RunStopped(self._stop)
         if self._failure is not None:
             raise self._failure
         if failure is not None:

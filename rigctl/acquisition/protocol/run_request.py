@@ -22,7 +22,7 @@ from rigctl.values import BoardIdentity
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class RunRequest:
     """What somebody wants run: a protocol into a new folder, or a session gone on with.
 
     ``seed`` takes the place of the protocol's own; ``out`` and ``resume`` are folders.
@@ -40,7 +40,7 @@ class Order:
 
 
 @dataclass(frozen=True, slots=True)
-class Bearings:
+class RunContext:
     """What the engine knows of the rig at the start of a run."""
 
     config: RigConfig
@@ -54,7 +54,7 @@ class Bearings:
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class OpenedRun:
     """A session ready to be recorded into."""
 
     plan: Plan
@@ -64,7 +64,7 @@ class Opened:
     attempts: dict[int, int]
 
 
-def open_run(order: Order, bearings: Bearings) -> Opened:
+def open_run(order: RunRequest, bearings: RunContext) -> OpenedRun:
     """Read the protocol, check the disk, lock the folder.
 
     Raises ProtocolError, SessionError or DiskFault before anything moves.
@@ -76,7 +76,7 @@ def open_run(order: Order, bearings: Bearings) -> Opened:
     folder = Path(order.out) if order.out else default_folder(plan, bearings.start_utc)
     check_room(folder, plan.bytes_estimate)
     recorder = _recorder(folder, plan, bearings, resume=False)
-    return Opened(plan, recorder, False, frozenset(), {})
+    return OpenedRun(plan, recorder, False, frozenset(), {})
 
 
 def default_folder(plan: Plan, start_utc: str) -> Path:
@@ -96,7 +96,7 @@ def check_room(folder: Path, needed_bytes: int) -> None:
         )
 
 
-def _go_on(order: Order, folder: Path, bearings: Bearings) -> Opened:
+def _go_on(order: RunRequest, folder: Path, bearings: RunContext) -> OpenedRun:
     with Session.open(folder) as session:
         seed, tried = session.header.seed, Counter(session.trials["trial_id"].tolist())
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
@@ -113,10 +113,10 @@ def _go_on(order: Order, folder: Path, bearings: Bearings) -> Opened:
     left = 1 - len(done) / max(1, len(plan.trials))
     check_room(folder, round(left * plan.bytes_estimate))
     recorder = _recorder(folder, plan, bearings, resume=True)
-    return Opened(plan, recorder, True, done, dict(tried))
+    return OpenedRun(plan, recorder, True, done, dict(tried))
 
 
-def _recorder(folder: Path, plan: Plan, bearings: Bearings, resume: bool) -> Recorder:
+def _recorder(folder: Path, plan: Plan, bearings: RunContext, resume: bool) -> Recorder:
     config = bearings.config
     header = SessionHeader(
         plan_hash=plan.hash,

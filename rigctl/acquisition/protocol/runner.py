@@ -18,9 +18,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from rigctl.acquisition.health.boards import END
-from rigctl.acquisition.protocol.progress import Progress
-from rigctl.acquisition.protocol.run_control import Paused, Stopped
-from rigctl.acquisition.protocol.step_runner import Performer, RunOptions, RunParts, steps_left
+from rigctl.acquisition.protocol.progress import RunProgress
+from rigctl.acquisition.protocol.run_control import RunPaused, RunStopped
+from rigctl.acquisition.protocol.step_runner import RunOptions, RunParts, StepRunner, steps_left
 from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
 from rigctl.errors import BoardFault, RigFault
 from rigctl.protocol import Plan, Step
@@ -45,8 +45,8 @@ class Run:
         self._options = options
         self._watch = parts.motion.watch
         self._now_s = parts.motion.watch.loop.time
-        self._progress = Progress(plan.trials, options.done, plan.duration_s, self._now_s())
-        self._performer = Performer(parts, plan, options, self._progress)
+        self._progress = RunProgress(plan.trials, options.done, plan.duration_s, self._now_s())
+        self._performer = StepRunner(parts, plan, options, self._progress)
 
     @property
     def ended(self) -> bool:
@@ -117,7 +117,7 @@ class Run:
             await self._parts.motion.set_settle(self._plan.protocol.settle)
             for step in steps_left(self._plan.steps, self._options.done):
                 await self._take(step)
-        except Stopped as stop:
+        except RunStopped as stop:
             return "aborted", str(stop)
         except RigFault as fault:
             if self.control.stopped is not None:  # a stop overtook what the run was asking
@@ -145,7 +145,7 @@ class Run:
             try:
                 self.control.check()
                 return await self._performer.take(step)
-            except Paused:
+            except RunPaused:
                 await self._hold()
 
     async def _hold(self) -> None:

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import singledispatchmethod
 from typing import Any
 
-from rigctl.acquisition.drum.motion import Motion
-from rigctl.acquisition.event_bus import News
-from rigctl.acquisition.health.boards import START, BoardHealth, Figures
-from rigctl.acquisition.protocol.progress import Progress
-from rigctl.acquisition.protocol.run_control import Control, Paused, Stopped
-from rigctl.acquisition.protocol.trial_attempt import Attempt, clock_ppm
-from rigctl.acquisition.protocol.trial_quality import Limits
-from rigctl.acquisition.taxels.pipeline import Pump
+from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.event_bus import EventBus
+from rigctl.acquisition.health.boards import START, BoardFigures, BoardHealth
+from rigctl.acquisition.protocol.progress import RunProgress
+from rigctl.acquisition.protocol.run_control import RunControl, RunPaused, RunStopped
+from rigctl.acquisition.protocol.trial_attempt import TrialAttempt, clock_ppm
+from rigctl.acquisition.protocol.trial_quality import QualityLimits
+from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.errors import RigFault
 from rigctl.protocol import (
     ApproachOnly,
@@ -39,11 +39,11 @@ CLOCK_NEWS_PPM = 20.0
 class RunParts:
     """What a run works with; ``set_plate`` says which plate is mounted from now on."""
 
-    motion: Motion
-    pump: Pump
-    news: News
+    motion: DrumMotion
+    pump: SamplePipeline
+    news: EventBus
     recorder: Recorder
-    control: Control
+    control: RunControl
     health: BoardHealth
     set_plate: Callable[[str], object]
 
@@ -62,11 +62,11 @@ class RunOptions:
     attempts: dict[int, int]
 
 
-class Performer:
+class StepRunner:
     """Takes steps. What it may be called off by is in ``parts.control``."""
 
     def __init__(
-        self, parts: RunParts, plan: Plan, options: RunOptions, progress: Progress
+        self, parts: RunParts, plan: Plan, options: RunOptions, progress: RunProgress
     ) -> None:
         self.current: PlannedTrial | None = None
         self.texture = ""
@@ -75,10 +75,10 @@ class Performer:
         self._progress = progress
         self._attempts = dict(options.attempts)
         self._quality = plan.protocol.quality
-        self._limits = Limits.of(plan.protocol.quality)
+        self._limits = QualityLimits.of(plan.protocol.quality)
         self._part_reason = "resume" if options.resumed else "start"
         self._tared = False
-        self._health_before: dict[str, Figures] | None = None
+        self._health_before: dict[str, BoardFigures] | None = None
         self._clocks_ppm = [float("inf"), float("inf")]
 
     async def take(self, step: Step) -> None:
@@ -200,10 +200,10 @@ class Performer:
         """Take the trial once; True when it is committed. A row is stored whatever happens."""
         number = self._attempts.get(trial.trial_id, 0) + 1
         self._attempts[trial.trial_id] = number
-        attempt = Attempt(self._parts.motion, self._parts.pump, trial, number, self._limits)
+        attempt = TrialAttempt(self._parts.motion, self._parts.pump, trial, number, self._limits)
         try:
             reasons = await attempt.run()
-        except (Paused, Stopped, RigFault) as end:
+        except (RunPaused, RunStopped, RigFault) as end:
             self._store(attempt, Verdict.ABORTED, (str(end),))
             raise
         index = await self._parts.motion.index_error_steps()
@@ -222,7 +222,7 @@ class Performer:
             motion.check = checked
 
     def _store(
-        self, attempt: Attempt, verdict: Verdict, reasons: tuple[str, ...], **more: float | str
+        self, attempt: TrialAttempt, verdict: Verdict, reasons: tuple[str, ...], **more: float | str
     ) -> None:
         row = attempt.row(verdict, reasons)
         self._parts.recorder.commit_trial(row)
@@ -256,7 +256,7 @@ class Performer:
         )
 
 
-def _cut_of(attempt: Attempt) -> dict[str, float | str]:
+def _cut_of(attempt: TrialAttempt) -> dict[str, float | str]:
     """How far off the trial's first sample may be, where the sync line did not show it."""
     if attempt.place is None:
         return {}

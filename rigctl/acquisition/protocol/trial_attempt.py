@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rigctl.acquisition.drum.motion import Motion
-from rigctl.acquisition.protocol.trial_quality import Limits, Measured, Window, judge, measure
+from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.protocol.trial_quality import (
+    MeasuredTrial,
+    QualityLimits,
+    TrialWindow,
+    judge,
+    measure,
+)
 from rigctl.acquisition.taxels.clock_fit import ClockEstimate
-from rigctl.acquisition.taxels.pipeline import Pump
+from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.acquisition.taxels.trial_cutter import CutTrial
-from rigctl.acquisition.taxels.trial_start_by_clock import Place, place_of
+from rigctl.acquisition.taxels.trial_start_by_clock import TrialStart, place_of
 from rigctl.errors import RigFault
 from rigctl.values import DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
@@ -21,11 +27,16 @@ CLOCK_SPAN_S = 5.0
 CLOCK_LIMIT_S = 30.0
 
 
-class Attempt:
+class TrialAttempt:
     """Moves, presses, runs, cuts, judges. Use once; :meth:`row` is valid at any time."""
 
     def __init__(
-        self, motion: Motion, pump: Pump, trial: PlannedTrial, number: int, limits: Limits
+        self,
+        motion: DrumMotion,
+        pump: SamplePipeline,
+        trial: PlannedTrial,
+        number: int,
+        limits: QualityLimits,
     ) -> None:
         self.trial = trial
         self.number = number
@@ -35,11 +46,11 @@ class Attempt:
         self._now_s: Callable[[], float] = motion.watch.loop.time
         self._started_s = self._now_s()
         self._loadcell: list[LoadcellSample] = []
-        self._measured = Measured()
+        self._measured = MeasuredTrial()
         self._cut: CutTrial | None = None
         self._by_wire = motion.config.signals.sync
         self._rises: int | None = None
-        self.place: Place | None = None
+        self.place: TrialStart | None = None
 
     async def run(self) -> tuple[str, ...]:
         """Take the trial; reasons against it, none when it is good. Ends with the lift begun.
@@ -127,10 +138,10 @@ class Attempt:
         cut = self._pump.cutter.trial
         return cut is not None and cut.complete
 
-    def _window(self, state: DrumState) -> Window:
+    def _window(self, state: DrumState) -> TrialWindow:
         travel_mm = self._motion.settings["travel_set"]
         ppm = clock_ppm(self._motion.watch.clock.estimate)
-        return Window(travel_mm, state.sync_rise_us, state.sync_fall_us, ppm, self._loadcell)
+        return TrialWindow(travel_mm, state.sync_rise_us, state.sync_fall_us, ppm, self._loadcell)
 
     def _travel_limit_s(self) -> float:
         travel_mm = self._motion.config.drum.run_in_mm + self.trial.travel_mm

@@ -13,7 +13,7 @@ from rigctl.values import SAMPLE_RATE_HZ, LoadcellSample, PlannedTrial
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class QualityLimits:
     """How far a trial may be off before it is taken again; shares of the set-point.
 
     A force may be off by ``force_least_g`` whatever the share says: no load cell reads better.
@@ -27,14 +27,14 @@ class Limits:
     late_share: float = 0.01
 
     @classmethod
-    def of(cls, quality: Quality) -> Limits:
+    def of(cls, quality: Quality) -> QualityLimits:
         """What a protocol asks for."""
         speed, force = quality.speed_tolerance_percent, quality.force_tolerance_percent
         return cls(speed / 100, force / 100, quality.max_lost_samples)
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class TrialWindow:
     """The trial's window as the drum saw it.
 
     ``travel_mm`` of texture went by between the sync line's rise at ``rise_us`` and its fall at
@@ -50,7 +50,7 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredTrial:
     """What speed and force really were, and how long the window was; NaN where not measured."""
 
     mean_speed_mm_s: float = float("nan")
@@ -59,22 +59,22 @@ class Measured:
     window_s: float = float("nan")
 
 
-def measure(planned: PlannedTrial, window: Window) -> Measured:
+def measure(planned: PlannedTrial, window: TrialWindow) -> MeasuredTrial:
     """Mean speed from the window's travel and time, force from the samples within the trial."""
     board_s = (window.fall_us - window.rise_us) / 1e6
     if board_s <= 0:
-        return Measured()
+        return MeasuredTrial()
     true_s = board_s / (1.0 + window.clock_ppm * 1e-6)
     end_us = window.rise_us + planned.n_samples * 1_000_000 // SAMPLE_RATE_HZ
     inside = [s.force_g for s in window.loadcell if window.rise_us <= s.board_time_us <= end_us]
     if not inside:
-        return Measured(window.travel_mm / true_s, window_s=true_s)
+        return MeasuredTrial(window.travel_mm / true_s, window_s=true_s)
     force_g, spread_g = float(np.mean(inside)), float(np.std(inside))
-    return Measured(window.travel_mm / true_s, force_g, spread_g, true_s)
+    return MeasuredTrial(window.travel_mm / true_s, force_g, spread_g, true_s)
 
 
 def judge(
-    planned: PlannedTrial, cut: CutTrial | None, measured: Measured, limits: Limits
+    planned: PlannedTrial, cut: CutTrial | None, measured: MeasuredTrial, limits: QualityLimits
 ) -> tuple[str, ...]:
     """Reasons to take the trial again; none means that it is good."""
     if cut is None:
@@ -86,7 +86,7 @@ def judge(
     )
 
 
-def _data_reasons(cut: CutTrial, limits: Limits) -> list[str]:
+def _data_reasons(cut: CutTrial, limits: QualityLimits) -> list[str]:
     reasons = []
     if cut.start_lost:
         reasons.append("the samples around the sync line's rise were lost")
@@ -101,7 +101,7 @@ def _data_reasons(cut: CutTrial, limits: Limits) -> list[str]:
     return reasons
 
 
-def _window_reasons(cut: CutTrial, measured: Measured) -> list[str]:
+def _window_reasons(cut: CutTrial, measured: MeasuredTrial) -> list[str]:
     """Without the sync line's level in each sample, the drum's window must be long enough."""
     held = measured.window_s * SAMPLE_RATE_HZ
     if cut.by_wire or held >= cut.n_samples:
@@ -109,7 +109,9 @@ def _window_reasons(cut: CutTrial, measured: Measured) -> list[str]:
     return [f"the drum's window lasted {held:.0f} samples, {cut.n_samples} are needed"]
 
 
-def _motion_reasons(planned: PlannedTrial, measured: Measured, limits: Limits) -> list[str]:
+def _motion_reasons(
+    planned: PlannedTrial, measured: MeasuredTrial, limits: QualityLimits
+) -> list[str]:
     reasons = []
     if not _near(measured.mean_speed_mm_s, planned.speed_mm_s, limits.speed_share, 0.0):
         reasons.append(

@@ -14,7 +14,7 @@ from typing import IO, Any
 
 from rigctl.acquisition.live_buffer import LiveView
 from rigctl.acquisition.rpc.engine_files import (
-    Announcement,
+    EngineFile,
     announcement_path,
     new_name,
     read_announcement,
@@ -47,7 +47,7 @@ class EngineClient:
 
     def __init__(
         self,
-        announcement: Announcement,
+        announcement: EngineFile,
         process: subprocess.Popen[bytes] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -96,7 +96,7 @@ class EngineClient:
         return client
 
     @classmethod
-    def attach(cls, announcement: Announcement | None = None) -> EngineClient:
+    def attach(cls, announcement: EngineFile | None = None) -> EngineClient:
         """Join a running engine, the newest one unless told which; WrongUse where none runs."""
         if announcement is not None:
             return cls(announcement)
@@ -242,7 +242,7 @@ class EngineClient:
         self._lost = f"the engine ended ({why}): start it again; the session it wrote is kept"
 
 
-def _connect(announcement: Announcement) -> socket.socket:
+def _connect(announcement: EngineFile) -> socket.socket:
     try:
         connection = socket.create_connection(("127.0.0.1", announcement.port), timeout=10.0)
     except OSError as error:
@@ -274,7 +274,7 @@ def _spawn(
 
 def _await_announcement(
     folder: Path, name: str, process: subprocess.Popen[bytes], log: IO[bytes]
-) -> Announcement:
+) -> EngineFile:
     """Wait for the engine's file; where it ends instead, say what it said."""
     path = announcement_path(folder, name)
     for _ in range(round(COMPILE_LIMIT_S / _LOOK_S)):

@@ -10,10 +10,10 @@ import math
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
-from rigctl.acquisition.drum.motion import Motion
-from rigctl.acquisition.protocol.run_request import Order
+from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
-from rigctl.config.rig_config import Limits
+from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
 from rigctl.wire.drum.register_table import Command
 
@@ -35,7 +35,7 @@ OPERATORS = {
 drum or how it is built: that stands in ``rig.toml``, in a protocol, or comes from a calibration."""
 
 
-class Desk:
+class CommandHandler:
     """Answers requests. Every method returns the reply's result or raises RigctlError."""
 
     def __init__(self, engine: Engine) -> None:
@@ -132,7 +132,7 @@ class Desk:
     ) -> Result:
         """Run a protocol into ``out``, or go on with the session in ``resume``."""
         self._free_motion()
-        run = self._engine.start(Order(protocol, out, resume, seed, yes))
+        run = self._engine.start(RunRequest(protocol, out, resume, seed, yes))
         return {"session": str(run.folder)}
 
     async def on_pause(self) -> Result:
@@ -190,7 +190,7 @@ class Desk:
         self._engine.end("the engine was told to end")
         return {}
 
-    def _free_motion(self) -> Motion:
+    def _free_motion(self) -> DrumMotion:
         """The drum's moves, for a person; refused while a run has them."""
         if self._engine.is_running:
             raise WrongUse("a run is going: pause or abort it first")
@@ -203,7 +203,7 @@ class Desk:
         return run
 
 
-def _check_setting(name: str, value: object, limits: Limits) -> None:
+def _check_setting(name: str, value: object, limits: RigLimits) -> None:
     """Raise WrongUse for what is not an operator's to set, or not within this rig's limits."""
     if name not in OPERATORS:
         raise WrongUse(

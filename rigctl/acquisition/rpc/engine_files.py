@@ -22,7 +22,7 @@ _SUFFIX = ".engine.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Announcement:
+class EngineFile:
     """How to reach one engine."""
 
     name: str
@@ -64,7 +64,7 @@ def announcement_path(folder: Path, name: str) -> Path:
     return folder / (name + _SUFFIX)
 
 
-def announce(folder: Path, announcement: Announcement) -> Path:
+def announce(folder: Path, announcement: EngineFile) -> Path:
     """Write the file in one step, so that a reader sees all of it or nothing."""
     path = announcement_path(folder, announcement.name)
     draft = path.with_suffix(".draft")
@@ -75,17 +75,17 @@ def announce(folder: Path, announcement: Announcement) -> Path:
     return path
 
 
-def read_announcement(path: Path) -> Announcement | None:
+def read_announcement(path: Path) -> EngineFile | None:
     """The announcement in that file, None where there is none that makes sense."""
     try:
-        return Announcement(**json.loads(path.read_text(encoding="utf-8")))
+        return EngineFile(**json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         return None
 
 
-def running_engines(folder: Path) -> list[Announcement]:
+def running_engines(folder: Path) -> list[EngineFile]:
     """Engines that run now, newest first; what dead ones left behind is removed."""
-    alive: list[tuple[float, Announcement]] = []
+    alive: list[tuple[float, EngineFile]] = []
     for path in folder.glob("*" + _SUFFIX):
         found = read_announcement(path)
         if found is not None and _is_alive(found.pid):
@@ -103,7 +103,7 @@ def _written_s(path: Path) -> float:
         return 0.0
 
 
-def _sweep(path: Path, found: Announcement | None) -> None:
+def _sweep(path: Path, found: EngineFile | None) -> None:
     path.unlink(missing_ok=True)
     if found is not None:
         Path(found.live).unlink(missing_ok=True)

@@ -8,12 +8,12 @@ from queue import SimpleQueue
 from typing import NamedTuple
 
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import Announcement, running_engines, runtime_folder
+from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines, runtime_folder
 
 ANSWER_S = 5.0
 
 
-class Stopped(NamedTuple):
+class StopResult(NamedTuple):
     """An engine that was told to stop; ``failure``: what kept it from that, empty where it did."""
 
     rig: str
@@ -26,14 +26,14 @@ class Stopped(NamedTuple):
         return f"{self.rig} (process {self.pid})"
 
 
-def stop_engines(tell: Callable[[Stopped], None], but: Collection[str] = ()) -> int:
+def stop_engines(tell: Callable[[StopResult], None], but: Collection[str] = ()) -> int:
     """Stop each engine but those named, and tell of each as it answers; how many there were.
 
     Waits for the slowest, at most a few seconds. Raises WrongUse where no folder for engines can
     be had.
     """
     engines = [engine for engine in running_engines(runtime_folder()) if engine.name not in but]
-    answers: SimpleQueue[Stopped] = SimpleQueue()
+    answers: SimpleQueue[StopResult] = SimpleQueue()
     threads = [
         threading.Thread(target=lambda e=engine: answers.put(_stop(e)), name="stop", daemon=True)
         for engine in engines
@@ -47,7 +47,7 @@ def stop_engines(tell: Callable[[Stopped], None], but: Collection[str] = ()) -> 
     return len(engines)
 
 
-def _stop(engine: Announcement) -> Stopped:
+def _stop(engine: EngineFile) -> StopResult:
     try:
         client = EngineClient.attach(engine)
         try:
@@ -55,5 +55,5 @@ def _stop(engine: Announcement) -> Stopped:
         finally:
             client.close()
     except Exception as error:  # noqa: BLE001 - top of a thread: whoever stops must hear of it
-        return Stopped(engine.rig, engine.pid, str(error))
-    return Stopped(engine.rig, engine.pid, "")
+        return StopResult(engine.rig, engine.pid, str(error))
+    return StopResult(engine.rig, engine.pid, "")

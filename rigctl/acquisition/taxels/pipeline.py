@@ -46,7 +46,7 @@ class LiveEncoder(Protocol):
         ...
 
 
-class Pump:
+class SamplePipeline:
     """One consumer of the taxel driver's blocks; all calls are in the loop's thread.
 
     ``time_stands``: the loop's clock stands still while this process works, so waiting for the

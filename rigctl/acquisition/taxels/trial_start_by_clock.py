@@ -26,14 +26,14 @@ FRAME_WIRE_S = SAMPLE_S + frames.FRAME_BYTES * _BITS_A_BYTE / frames.BAUD
 """From the start of a taxel frame's first reading to the frame's last byte."""
 
 
-class Place(NamedTuple):
+class TrialStart(NamedTuple):
     """Board counter of the first sample behind the rise, and how far off it may be, ms."""
 
     first_counter: int
     uncertainty_ms: float
 
 
-def place_of(rise_us: int, drum: ClockFit, taxel: ClockFit) -> Place | None:
+def place_of(rise_us: int, drum: ClockFit, taxel: ClockFit) -> TrialStart | None:
     """Where in the taxel samples the drum's window opened at ``rise_us`` of its clock.
 
     ``taxel`` pairs sample counters, in seconds of 1000 samples, with their arrivals. None where
@@ -46,4 +46,4 @@ def place_of(rise_us: int, drum: ClockFit, taxel: ClockFit) -> Place | None:
     counter_s = taxel_line.board_s(rise_s + FRAME_WIRE_S)
     spread_s = drum_line.spread_s + taxel_line.spread_s
     uncertainty_ms = 1000 * (SAMPLE_S + CABLE_S + spread_s)
-    return Place(math.ceil(counter_s / SAMPLE_S), round(uncertainty_ms, 2))
+    return TrialStart(math.ceil(counter_s / SAMPLE_S), round(uncertainty_ms, 2))

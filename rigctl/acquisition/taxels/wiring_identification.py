@@ -26,7 +26,7 @@ SIDE = 3
 PER_LAYER = SIDE * SIDE
 
 
-class TaxelOrder:
+class WiringIdentification:
     """What was seen so far. ``upper``, ``lower``: inputs of each layer; the readings by place."""
 
     def __init__(self) -> None:

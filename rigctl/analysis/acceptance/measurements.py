@@ -61,7 +61,7 @@ class TimedTurns:
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class PressSeries:
     """All presses at one speed and force, in the order in which they were made.
 
     ``drift``: mean of the last ten less that of the first ten, NaN for fewer than twenty.
@@ -92,7 +92,7 @@ class Acceptance:
     simulated: bool
     rig: str
     start_utc: str
-    conditions: tuple[Condition, ...]
+    conditions: tuple[PressSeries, ...]
     turns: tuple[TimedTurns, ...]
     index_errors_steps: tuple[int, ...]
     lost_samples: int
@@ -127,12 +127,12 @@ def measure(path: Path) -> Acceptance:
         )
 
 
-def _conditions(presses: Iterable[Press]) -> tuple[Condition, ...]:
+def _conditions(presses: Iterable[Press]) -> tuple[PressSeries, ...]:
     groups: dict[tuple[float, float], list[Press]] = defaultdict(list)
     for press in presses:
         groups[press.force_g, press.speed_mm_s].append(press)
     return tuple(
-        Condition(speed, force, tuple(groups[force, speed])) for force, speed in sorted(groups)
+        PressSeries(speed, force, tuple(groups[force, speed])) for force, speed in sorted(groups)
     )
 
 

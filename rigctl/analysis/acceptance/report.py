@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigctl.analysis.acceptance.measurements import Acceptance, Condition
-from rigctl.analysis.data.atomic_directory import appearing
+from rigctl.analysis.acceptance.measurements import Acceptance, PressSeries
+from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.report.figures import MUTED, finish, save, tidy
 from rigctl.analysis.report.html_parts import STYLE, inline, table
 
@@ -26,7 +26,7 @@ NOT_MEASURED = "not measured"
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class AcceptanceCheck:
     """One line of the answer. ``passed`` is None where the session cannot tell."""
 
     name: str
@@ -36,7 +36,7 @@ class Check:
     passed: bool | None
 
 
-def judge(found: Acceptance) -> tuple[Check, ...]:
+def judge(found: Acceptance) -> tuple[AcceptanceCheck, ...]:
     """Every check, in the order in which people read them."""
     return (
         _worst(found, "settling time, 95 of 100 presses", _p95_settle, 1.0, "s"),
@@ -53,75 +53,75 @@ def judge(found: Acceptance) -> tuple[Check, ...]:
     )
 
 
-def accepted(checks: Sequence[Check]) -> bool:
+def accepted(checks: Sequence[AcceptanceCheck]) -> bool:
     """Whether nothing failed; what could not be measured counts as failed."""
     return all(check.passed for check in checks)
 
 
-def _p95_settle(condition: Condition) -> float:
+def _p95_settle(condition: PressSeries) -> float:
     settled = condition.column("settle_s")
     # A press that never settled is slower than all others.
     return float(np.percentile(np.where(np.isnan(settled), np.inf, settled), 95, method="lower"))
 
 
-def _overshoot(condition: Condition) -> float:
+def _overshoot(condition: PressSeries) -> float:
     return 100.0 * float(condition.column("overshoot").max())
 
 
-def _mean_error(condition: Condition) -> float:
+def _mean_error(condition: PressSeries) -> float:
     return 100.0 * float(condition.column("error").mean())
 
 
-def _drift(condition: Condition) -> float:
+def _drift(condition: PressSeries) -> float:
     return 100.0 * condition.drift
 
 
-def _window_speed(condition: Condition) -> float:
+def _window_speed(condition: PressSeries) -> float:
     return 100.0 * float(condition.column("speed_error").mean())
 
 
 def _worst(
     found: Acceptance,
     name: str,
-    value_of: Callable[[Condition], float],
+    value_of: Callable[[PressSeries], float],
     limit: float,
     unit: str = "%",
     earlier: str = "",
-) -> Check:
+) -> AcceptanceCheck:
     """The condition that is furthest off."""
     values = [(value_of(c), c) for c in found.conditions]
     allowed = f"{limit:g} {unit}"
     if any(math.isnan(value) for value, _ in values):
-        return Check(name, NOT_MEASURED, allowed, earlier, None)
+        return AcceptanceCheck(name, NOT_MEASURED, allowed, earlier, None)
     worst, at = max(values, key=lambda pair: abs(pair[0]))
     said = f"{worst:.2f} {unit} at {at.speed_mm_s:g} mm/s, {at.force_g:g} g"
-    return Check(name, said, allowed, earlier, abs(worst) <= limit)
+    return AcceptanceCheck(name, said, allowed, earlier, abs(worst) <= limit)
 
 
-def _index_speed(found: Acceptance) -> Check:
+def _index_speed(found: Acceptance) -> AcceptanceCheck:
     name, limit = "speed by the index mark, lifted", 0.5
     if not found.turns:
-        return Check(name, NOT_MEASURED, f"{limit:g} %", "", None)
+        return AcceptanceCheck(name, NOT_MEASURED, f"{limit:g} %", "", None)
     worst = max(found.turns, key=lambda turns: float(np.abs(turns.errors).max()))
     percent = 100.0 * float(worst.errors[np.abs(worst.errors).argmax()])
     said = f"{percent:.3f} % at {worst.speed_mm_s:g} mm/s"
-    return Check(name, said, f"{limit:g} %", "", abs(percent) <= limit)
+    return AcceptanceCheck(name, said, f"{limit:g} %", "", abs(percent) <= limit)
 
 
-def _steps(found: Acceptance) -> Check:
+def _steps(found: Acceptance) -> AcceptanceCheck:
     name, limit = "steps counted from mark to mark", 4
     if not found.index_errors_steps:
-        return Check(name, NOT_MEASURED, f"{limit} steps", "", None)
+        return AcceptanceCheck(name, NOT_MEASURED, f"{limit} steps", "", None)
     worst = max(found.index_errors_steps, key=abs)
     said = f"{worst} steps off, {len(found.index_errors_steps)} looks"
-    return Check(name, said, f"{limit} steps", "", abs(worst) <= limit)
+    return AcceptanceCheck(name, said, f"{limit} steps", "", abs(worst) <= limit)
 
 
-def _count(name: str, number: int) -> Check:
-    return Check(name, f"{number}", "0", "", number == 0)
+def _count(name: str, number: int) -> AcceptanceCheck:
+    return AcceptanceCheck(name, f"{number}", "0", "", number == 0)
 
 
-def as_plain(found: Acceptance, checks: Sequence[Check]) -> dict[str, Any]:
+def as_plain(found: Acceptance, checks: Sequence[AcceptanceCheck]) -> dict[str, Any]:
     """Everything as JSON-able values; None where nothing was measured."""
     return {
         "session": str(found.path),
@@ -142,7 +142,7 @@ def as_plain(found: Acceptance, checks: Sequence[Check]) -> dict[str, Any]:
     }
 
 
-def _plain_condition(condition: Condition) -> dict[str, Any]:
+def _plain_condition(condition: PressSeries) -> dict[str, Any]:
     errors, speeds = condition.column("error"), condition.column("speed_error")
     values = {
         "settle_p95_s": _p95_settle(condition),
@@ -162,12 +162,12 @@ def _plain_condition(condition: Condition) -> dict[str, Any]:
     }
 
 
-def write_report(found: Acceptance, checks: Sequence[Check], out: Path) -> Path:
+def write_report(found: Acceptance, checks: Sequence[AcceptanceCheck], out: Path) -> Path:
     """Make the folder ``out``: report.html, acceptance.json, the figure. Returns the page.
 
     Raises WrongUse where ``out`` is there already, DiskFault where it cannot be written.
     """
-    with appearing(out) as folder:
+    with atomic_directory(out) as folder:
         plain = as_plain(found, checks)
         text = json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)
         (folder / "acceptance.json").write_text(text + "\n", encoding="utf-8")
@@ -205,14 +205,14 @@ def _label(axes: Axes, x: str, y: str) -> None:
     axes.set_ylabel(y)
 
 
-def _draw_traces(axes: Axes, condition: Condition, colour: str) -> None:
+def _draw_traces(axes: Axes, condition: PressSeries, colour: str) -> None:
     for press in condition.presses[:: max(1, len(condition.presses) // 10)]:
         percent = 100.0 * press.trace_g / condition.force_g
         axes.plot(press.trace_s, percent, color=colour, lw=0.6, alpha=0.5)
     axes.axhspan(98, 102, color=MUTED, alpha=0.12, lw=0)
 
 
-def _draw_drift(axes: Axes, condition: Condition, colour: str) -> None:
+def _draw_drift(axes: Axes, condition: PressSeries, colour: str) -> None:
     errors = 100.0 * condition.column("error")
     axes.plot(np.arange(1, len(errors) + 1), errors, ".", ms=3, color=colour, alpha=0.7)
     axes.axhspan(-1, 1, color=MUTED, alpha=0.06, lw=0)

@@ -14,12 +14,12 @@ from rigctl.analysis.classification.posteriors import log_posteriors
 from rigctl.analysis.classification.prediction_remarks import sentences
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, opened
 from rigctl.analysis.data.wiring_check import check_learnt
-from rigctl.analysis.execution.executor import HERE, Crew, Progress, work_through
+from rigctl.analysis.execution.executor import HERE, Executor, Progress, work_through
 from rigctl.analysis.features.transferred_c import (
-    Miss,
+    RateError,
     check_covers,
     rate_errors,
-    strangers,
+    unseen_sessions,
     warning,
 )
 from rigctl.encoding.features import feature_matrices
@@ -63,7 +63,7 @@ class Classification:
     predictions: tuple[Prediction, ...]
     confusion: NDArray[np.int64]
     clipped: tuple[float, ...]
-    misses: tuple[Miss, ...]
+    misses: tuple[RateError, ...]
     remarks: tuple[str, ...]
 
     @property
@@ -77,7 +77,7 @@ class Classification:
         return int(np.trace(self.confusion))
 
 
-class _Job(NamedTuple):
+class _PredictionJob(NamedTuple):
     files: tuple[SampleFile, ...]
     trials: tuple[TrialRef, ...]
     model: Model
@@ -96,7 +96,7 @@ def classify(
     model: Model,
     paths: Sequence[Path],
     *,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> Classification:
     """Ask a model for every complete trial of some sessions.
@@ -111,7 +111,7 @@ def classify(
     torn = [i for i, trial in enumerate(trials.trials) if not trial.place.complete]
     kept = trials.without(torn, "gaps in their samples")
     chunks = [kept.trials[at : at + CHUNK] for at in range(0, len(kept.trials), CHUNK)]
-    jobs = [_Job(kept.files, chunk, model) for chunk in chunks]
+    jobs = [_PredictionJob(kept.files, chunk, model) for chunk in chunks]
     parts = list(work_through(_answered, jobs, crew=crew, stage=STAGE, progress=progress))
     predictions = _predictions(model, kept, np.concatenate([part.logs for part in parts]))
     clipped = np.sum([p.clipped for p in parts], axis=0) / max(1, sum(p.read for p in parts))
@@ -157,7 +157,7 @@ def _scaling_of(model: Model) -> list[list[float]]:
     return next((source.get("scaling", []) for source in model.training.inputs), [])
 
 
-def _answered(job: _Job) -> _Answered:
+def _answered(job: _PredictionJob) -> _Answered:
     model = job.model
     with opened(job.files) as reader:
         samples = [reader.of(trial) for trial in job.trials]
@@ -217,12 +217,12 @@ def _confusion(model: Model, predictions: Sequence[Prediction]) -> NDArray[np.in
 
 
 def _carried(
-    model: Model, trials: TrialSet, crew: Crew, progress: Progress
-) -> tuple[tuple[Miss, ...], list[str]]:
+    model: Model, trials: TrialSet, crew: Executor, progress: Progress
+) -> tuple[tuple[RateError, ...], list[str]]:
     """The rate error of C and its warning, where a session is none of those learnt from."""
     if model.c is None:
         return (), []
-    foreign = strangers(trials, model.training.inputs, progress)
+    foreign = unseen_sessions(trials, model.training.inputs, progress)
     if not foreign:
         return (), []
     blind = model.force == "blind"

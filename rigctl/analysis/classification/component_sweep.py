@@ -39,7 +39,7 @@ FINE_SHARE = 1e-6
 FOLDS_IN_MEMORY = 8
 
 
-class Divisor(StrEnum):
+class ScatterDivisor(StrEnum):
     """What the pooled within-class scatter is divided by: samples, or samples less classes."""
 
     N = "n"
@@ -47,7 +47,7 @@ class Divisor(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Principal:
+class PrincipalComponents:
     """Principal components of a training set.
 
     ``mean`` float64 (p,); ``axes`` float64 (p, k), columns by falling variance; ``variance``
@@ -92,7 +92,7 @@ class NestedLda:
         return self.classes[winners]
 
 
-def fit_principal(features: Matrix, k_max: int) -> Principal:
+def fit_principal(features: Matrix, k_max: int) -> PrincipalComponents:
     """Exact leading principal components of features float64 (n, p).
 
     Raises :class:`WrongUse` for fewer than two rows or k_max beyond min(n − 1, p).
@@ -107,7 +107,7 @@ def fit_principal(features: Matrix, k_max: int) -> Principal:
 
 
 def fit_nested_lda(
-    scores: Matrix, labels: Labels, divisor: Divisor = Divisor.N_LESS_CLASSES
+    scores: Matrix, labels: Labels, divisor: ScatterDivisor = ScatterDivisor.N_LESS_CLASSES
 ) -> NestedLda:
     """Discriminants for every leading subset of coordinates: scores float64 (n, k_max).
 
@@ -123,7 +123,7 @@ def fit_nested_lda(
     np.add.at(means, index, scores)
     means /= counts[:, None]
     within = scores - means[index]
-    freedom = n if divisor is Divisor.N else n - n_classes
+    freedom = n if divisor is ScatterDivisor.N else n - n_classes
     factor, dropped = _factor(within.T @ within / freedom, scores.var(axis=0))
     whitened = _forward(factor, means.T, dropped)
     return NestedLda(classes, factor, whitened, np.log(counts / n), dropped)
@@ -134,7 +134,7 @@ def predict_folds(
     labels: Labels,
     folds: Sequence[Fold],
     k_max: int,
-    divisor: Divisor = Divisor.N_LESS_CLASSES,
+    divisor: ScatterDivisor = ScatterDivisor.N_LESS_CLASSES,
 ) -> list[Labels]:
     """Predictions of PCA + LDA for k = 1 … k_max, each fold trained and tested in turn.
 
@@ -149,7 +149,9 @@ def predict_folds(
     return results
 
 
-def fold_principals(features: Matrix, folds: Sequence[Fold], k_max: int) -> list[Principal]:
+def fold_principals(
+    features: Matrix, folds: Sequence[Fold], k_max: int
+) -> list[PrincipalComponents]:
     """Principal components of each fold's training rows; see :func:`predict_folds`."""
     if not np.isfinite(features).all():
         row = int(np.flatnonzero(~np.isfinite(features).all(axis=1))[0])
@@ -163,7 +165,7 @@ def fold_principals(features: Matrix, folds: Sequence[Fold], k_max: int) -> list
 
 def _principals_by_difference(
     features: Matrix, folds: Sequence[Fold], k_max: int
-) -> list[Principal]:
+) -> list[PrincipalComponents]:
     """Each fold's components from the total scatter less that of the rows it leaves out."""
     everything = np.arange(len(features))
     offset = features.mean(axis=0)
@@ -199,12 +201,12 @@ def _scatter(centred: Matrix) -> Matrix:
     return product
 
 
-def _from_covariance(mean: Matrix, covariance: Matrix, k_max: int) -> Principal:
+def _from_covariance(mean: Matrix, covariance: Matrix, k_max: int) -> PrincipalComponents:
     variance, axes = _leading(covariance, k_max, np.ones(len(covariance)))
-    return Principal(mean, np.ascontiguousarray(axes), variance)
+    return PrincipalComponents(mean, np.ascontiguousarray(axes), variance)
 
 
-def _from_rows(mean: Matrix, centred: Matrix, k_max: int) -> Principal:
+def _from_rows(mean: Matrix, centred: Matrix, k_max: int) -> PrincipalComponents:
     """Of fewer rows than features: from the products of the rows with one another.
 
     Their eigenvectors are the scores. Squares lose what is too small beside the largest; where
@@ -215,9 +217,9 @@ def _from_rows(mean: Matrix, centred: Matrix, k_max: int) -> Principal:
     start = np.random.default_rng(0).normal(size=n)
     variance, scores = _leading(centred @ centred.T / (n - 1), k_max, start)
     if variance[-1] > FINE_SHARE * variance[0]:
-        return Principal(mean, centred.T @ scores / np.sqrt((n - 1) * variance), variance)
+        return PrincipalComponents(mean, centred.T @ scores / np.sqrt((n - 1) * variance), variance)
     _, s, rows = linalg.svd(centred, full_matrices=False, check_finite=False)
-    return Principal(mean, rows[:k_max].T, s[:k_max] ** 2 / (n - 1))
+    return PrincipalComponents(mean, rows[:k_max].T, s[:k_max] ** 2 / (n - 1))
 
 
 def _leading(symmetric: Matrix, k_max: int, start: Matrix) -> tuple[Matrix, Matrix]:

@@ -9,7 +9,12 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.component_sweep import Divisor, Fold, Labels, predict_folds
+from rigctl.analysis.classification.component_sweep import (
+    Fold,
+    Labels,
+    ScatterDivisor,
+    predict_folds,
+)
 from rigctl.encoding.features import FeatureLayout, feature_matrices
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
@@ -129,9 +134,9 @@ def classify_held_out(
             trials.samples, trials.speeds_mm_s, ranges, [layout], parameters
         )[0]
         fold = [(train, test)]
-        predictions[:, test] = predict_folds(features, labels, fold, k_max, Divisor.N_LESS_CLASSES)[
-            0
-        ]
+        predictions[:, test] = predict_folds(
+            features, labels, fold, k_max, ScatterDivisor.N_LESS_CLASSES
+        )[0]
     progress("classified", 1.0)
     shown = min(SHOWN_COMPONENTS, max(1, k_max // 2))
     return HeldOut(classes, labels, predictions, len(folds), shown)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.classification.component_sweep import (
-    Divisor,
     Labels,
     Matrix,
-    Principal,
+    PrincipalComponents,
+    ScatterDivisor,
     fit_nested_lda,
     fit_principal,
     fold_principals,
@@ -24,14 +24,14 @@ from rigctl.analysis.classification.splits import Rows, Split
 RANK_SHARE = 1e-12
 
 
-class Engine(StrEnum):
+class SweepEngine(StrEnum):
     """Who computes."""
 
     OWN = "own"
     SKLEARN = "sklearn"
 
 
-class Answers(NamedTuple):
+class SweepPredictions(NamedTuple):
     """Predictions int64 (k_max, n_test) of each task, and how many components were set aside.
 
     ``without_variance``: components in which the trials of each class are all equal;
@@ -48,8 +48,8 @@ def answer(
     labels: Mapping[str, Labels],
     fits: Sequence[Split],
     k_max: int,
-    engine: Engine,
-) -> list[Answers]:
+    engine: SweepEngine,
+) -> list[SweepPredictions]:
     """Fit each split and ask its tests. ``labels``: of all rows of ``features``, by task key."""
     rows = np.unique(np.concatenate([_rows_of(fit) for fit in fits]))
     near = np.ascontiguousarray(features[rows])
@@ -70,7 +70,7 @@ def _rows_of(fit: Split) -> Rows:
     return np.concatenate([fit.train, *fit.tests.values()])
 
 
-def _principals(features: Matrix, fits: Sequence[Split], k_max: int) -> list[Principal]:
+def _principals(features: Matrix, fits: Sequence[Split], k_max: int) -> list[PrincipalComponents]:
     if len(fits) == 1:
         return [fit_principal(features[fits[0].train], k_max)]
     return fold_principals(features, [(fit.train, fit.train[:0]) for fit in fits], k_max)
@@ -80,33 +80,33 @@ def _asked(
     features: Matrix,
     labels: Mapping[str, Labels],
     fit: Split,
-    principal: Principal,
-    engine: Engine,
-) -> Answers:
+    principal: PrincipalComponents,
+    engine: SweepEngine,
+) -> SweepPredictions:
     rank = _rank(principal)
     k_max = len(principal.variance)
     tests = {key: test for key, test in fit.tests.items() if key in labels}
-    if engine is Engine.SKLEARN:
+    if engine is SweepEngine.SKLEARN:
         found = {
             key: _by_sklearn(features, labels[key], fit.train, test, rank, k_max)
             for key, test in tests.items()
         }
-        return Answers(found, 0, k_max - rank)
+        return SweepPredictions(found, 0, k_max - rank)
     learnt = _scores(principal, features[fit.train], rank)
     predictions, dropped = {}, 0
     for key, test in tests.items():
-        lda = fit_nested_lda(learnt, labels[key][fit.train], Divisor.N_LESS_CLASSES)
+        lda = fit_nested_lda(learnt, labels[key][fit.train], ScatterDivisor.N_LESS_CLASSES)
         predictions[key] = lda.predictions(_scores(principal, features[test], rank))
         dropped = max(dropped, len(lda.dropped) - (k_max - rank))
-    return Answers(predictions, dropped, k_max - rank)
+    return SweepPredictions(predictions, dropped, k_max - rank)
 
 
-def _rank(principal: Principal) -> int:
+def _rank(principal: PrincipalComponents) -> int:
     real = principal.variance > RANK_SHARE * max(float(principal.variance[0]), 0.0)
     return max(1, int(real.sum()))
 
 
-def _scores(principal: Principal, features: Matrix, rank: int) -> Matrix:
+def _scores(principal: PrincipalComponents, features: Matrix, rank: int) -> Matrix:
     """Scores; components beyond the rank are 0 and so take no part."""
     scores = principal.scores(features)
     scores[:, rank:] = 0.0

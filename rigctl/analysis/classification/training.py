@@ -21,7 +21,7 @@ from rigctl.analysis.paper import published
 from rigctl.config.resources import source_commit
 from rigctl.errors import WrongUse
 from rigctl.session.files.content_digest import content_of
-from rigctl.session.files.model import Model, Training
+from rigctl.session.files.model import Model, TrainingInfo
 
 STAGE = "training the model, noting its sessions by content"
 
@@ -101,14 +101,16 @@ def train(
     return model, _sentence(model, request)
 
 
-def _training(made: RepresentationSet, made_utc: str, seed: int, progress: Progress) -> Training:
+def _training(
+    made: RepresentationSet, made_utc: str, seed: int, progress: Progress
+) -> TrainingInfo:
     trials = made.trials
     inputs = []
     for number, (path, source) in enumerate(zip(trials.paths, trials.provenance, strict=True)):
         progress(STAGE, number, len(trials.paths))
         inputs.append({**source, "content": content_of(path)})
     progress(STAGE, len(trials.paths), len(trials.paths))
-    return Training(
+    return TrainingInfo(
         made_utc,
         __version__,
         source_commit(),

@@ -13,7 +13,7 @@ PARTIAL = "{name}.partial"
 
 
 @contextmanager
-def appearing(out: Path) -> Iterator[Path]:
+def atomic_directory(out: Path) -> Iterator[Path]:
     """A folder beside ``out`` that takes its name at the end; otherwise nothing stays.
 
     Raises WrongUse where ``out`` is there already, DiskFault where it cannot be written.

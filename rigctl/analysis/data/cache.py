@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 import rigctl.encoding
 from rigctl.analysis.data.fingerprint import hash_of
-from rigctl.analysis.execution.executor import HERE, Crew, Progress
+from rigctl.analysis.execution.executor import HERE, Executor, Progress
 
 Arrays = dict[str, NDArray[Any]]
 Job = TypeVar("Job")
@@ -148,7 +148,7 @@ def remembered(
     keys: Sequence[str],
     *,
     kept: Cache,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     stage: str = "",
     progress: Progress = lambda stage, done, all_: None,
 ) -> Iterator[Arrays]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.data.fingerprint import look_at
-from rigctl.analysis.data.trial_set import Samples, Scratch, TrialRef, opened
+from rigctl.analysis.data.trial_set import ScratchMemory, TrialReader, TrialRef, opened
 from rigctl.encoding.batch import (
     Counts,
     counts_without_and_with,
@@ -20,15 +20,15 @@ from rigctl.encoding.batch import (
 )
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.force_search import Search, search_to
-from rigctl.encoding.kernel.prefetch import Rows
+from rigctl.encoding.force_search import ForceSearch, search_to
+from rigctl.encoding.kernel.prefetch import TrialRows
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.session.read.sample_index import Files, SampleFile
 
 
-class Condition(NamedTuple):
+class ConditionTask(NamedTuple):
     """All trials of one texture at one speed; ``given``: C by force instead of a search."""
 
     files: Files
@@ -65,7 +65,7 @@ class Condition(NamedTuple):
 
 
 Arrays = dict[str, NDArray[Any]]
-SCRATCH = Scratch()
+SCRATCH = ScratchMemory()
 AT_A_LOOK = 32
 """Trials that are read before they are looked at: so few are still in the processor's cache."""
 
@@ -82,10 +82,10 @@ def fingerprints_of(job: tuple[dict[int, SampleFile], tuple[TrialRef, ...]]) -> 
     return {"hashes": hashes, "low": low, "high": high}
 
 
-def counted_condition(condition: Condition) -> Arrays:
+def counted_condition(condition: ConditionTask) -> Arrays:
     """Spikes of one texture and speed in stretches of time.
 
-    With a C that is given: ``forced``, SA counts of :attr:`Condition.scaled_rows` alone. Else
+    With a C that is given: ``forced``, SA counts of :attr:`ConditionTask.scaled_rows` alone. Else
     ``plain``, counts of all trials; and where there are forces, ``forced`` with the C found, and
     that C: ``c``, ``status``, ``residual_hz``, ``evaluations``, each (n_taxels, n_forces).
     Counts are (trials, trains, stretches) in the narrowest type that holds them.
@@ -99,14 +99,16 @@ def counted_condition(condition: Condition) -> Arrays:
         return {"plain": _narrow(_counts(condition, _read(condition, samples, every)))}
 
 
-def _read(condition: Condition, samples: Samples, which: Sequence[int]) -> Rows:
+def _read(condition: ConditionTask, samples: TrialReader, which: Sequence[int]) -> TrialRows:
     """Readings of some trials, in memory that the next call in this thread takes back."""
     if not which:
-        return Rows.of([])
-    return Rows.within(*samples.block_of([condition.trials[i] for i in which], SCRATCH))
+        return TrialRows.of([])
+    return TrialRows.within(*samples.block_of([condition.trials[i] for i in which], SCRATCH))
 
 
-def _counts(condition: Condition, rows: Rows, scale: NDArray[np.float64] | None = None) -> Counts:
+def _counts(
+    condition: ConditionTask, rows: TrialRows, scale: NDArray[np.float64] | None = None
+) -> Counts:
     """Counts of both channels, or with a C of SA alone: it changes nothing in RA."""
     return stretch_counts(
         rows,
@@ -118,7 +120,7 @@ def _counts(condition: Condition, rows: Rows, scale: NDArray[np.float64] | None 
     )
 
 
-def _given(condition: Condition, samples: Samples) -> Counts:
+def _given(condition: ConditionTask, samples: TrialReader) -> Counts:
     """SA counts of the trials that a C changes, with the C that is given."""
     by_force = dict(zip(condition.forces_g, condition.given, strict=True))
     which = condition.scaled_rows
@@ -126,7 +128,7 @@ def _given(condition: Condition, samples: Samples) -> Counts:
     return _counts(condition, _read(condition, samples, which), scale)
 
 
-def _searched(condition: Condition, samples: Samples) -> Arrays:
+def _searched(condition: ConditionTask, samples: TrialReader) -> Arrays:
     """Counts without C; C at each force, and the SA counts that it makes.
 
     The trials of one force are read at a time: so many stay in the processor's last cache.
@@ -157,11 +159,11 @@ def _searched(condition: Condition, samples: Samples) -> Arrays:
 
 
 def _search(
-    condition: Condition,
-    rows: Rows,
+    condition: ConditionTask,
+    rows: TrialRows,
     goal: NDArray[np.float64],
     target: NDArray[np.float64],
-) -> tuple[Counts, Search]:
+) -> tuple[Counts, ForceSearch]:
     """Counts without C at one force, and its C: the first of them is tried along with none."""
     plain: list[Counts] = []
     cuts, ways = condition.cuts, (condition.normalisation, condition.parameters)
@@ -189,7 +191,7 @@ def with_force(plain: NDArray[Any], forced: NDArray[Any], rows: Sequence[int]) -
     return counts
 
 
-def piece_of(condition: Condition, found: Arrays) -> ForceMatrix:
+def piece_of(condition: ConditionTask, found: Arrays) -> ForceMatrix:
     """The C of one texture and speed."""
     texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
     names = ("c", "status", "residual_hz", "evaluations")

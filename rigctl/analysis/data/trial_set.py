@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.data.wiring_check import check_alike
 from rigctl.errors import SessionError
-from rigctl.session.read.sample_index import Files, Place, SampleFile, SampleReader
+from rigctl.session.read.sample_index import Files, SampleFile, SampleRange, SampleReader
 from rigctl.session.read.session import Session
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
@@ -35,7 +35,7 @@ class TrialRef(NamedTuple):
     speed_mm_s: float
     force_g: float
     n_planned: int
-    place: Place
+    place: SampleRange
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ class TrialSet:
         return replace(self, trials=kept, remarks=tuple(remarks))
 
 
-class Scratch(threading.local):
+class ScratchMemory(threading.local):
     """Memory of each thread that is used again: fresh memory costs as much as to read into it."""
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class Scratch(threading.local):
         return self._memory[: n * n_taxels].reshape(n, n_taxels)
 
 
-class Block(NamedTuple):
+class TrialBlock(NamedTuple):
     """Readings of several trials in one ``memory``, uint16 (n, n_taxels).
 
     Each has ``lengths`` rows from ``begins`` on, int64 (n_trials,).
@@ -119,7 +119,7 @@ class Block(NamedTuple):
         return [self.memory[begin : begin + n] for begin, n in pairs]
 
 
-class Samples:
+class TrialReader:
     """Reads the samples of trials, in one thread, while it is open."""
 
     def __init__(self, reader: SampleReader, files: Files) -> None:
@@ -140,12 +140,14 @@ class Samples:
             ) from error
 
     def all_of(
-        self, trials: Sequence[TrialRef], scratch: Scratch | None = None
+        self, trials: Sequence[TrialRef], scratch: ScratchMemory | None = None
     ) -> list[NDArray[np.uint16]]:
         """Readings of several trials, in one memory, ``scratch`` if given."""
         return self.block_of(trials, scratch).arrays if trials else []
 
-    def block_of(self, trials: Sequence[TrialRef], scratch: Scratch | None = None) -> Block:
+    def block_of(
+        self, trials: Sequence[TrialRef], scratch: ScratchMemory | None = None
+    ) -> TrialBlock:
         """Readings of at least one trial, in one memory, ``scratch`` if given.
 
         Raises SessionError naming the trial that cannot be read.
@@ -154,7 +156,9 @@ class Samples:
         lengths = np.array([place.stop - place.start for place in places])
         begins = np.cumsum(lengths) - lengths
         n_taxels = self._files[places[0].file].n_taxels
-        block = Block((scratch or Scratch()).room(int(lengths.sum()), n_taxels), begins, lengths)
+        block = TrialBlock(
+            (scratch or ScratchMemory()).room(int(lengths.sum()), n_taxels), begins, lengths
+        )
         try:
             self._reader.read_all(places, block.memory, begins.tolist())
         except (OSError, SessionError):
@@ -164,10 +168,10 @@ class Samples:
 
 
 @contextmanager
-def opened(files: Files) -> Iterator[Samples]:
+def opened(files: Files) -> Iterator[TrialReader]:
     """The files of a set (:attr:`TrialSet.files`) for reading."""
     with SampleReader(files) as reader:
-        yield Samples(reader, files)
+        yield TrialReader(reader, files)
 
 
 def join_sessions(paths: Sequence[Path]) -> TrialSet:

@@ -18,9 +18,9 @@ from urllib.parse import urlsplit
 from threadpoolctl import threadpool_info
 
 from rigctl import __version__
-from rigctl.analysis.execution.executor import Crew, Job, Result, one_blas_thread
+from rigctl.analysis.execution.executor import Executor, Job, Result, one_blas_thread
 from rigctl.config.resources import source_commit
-from rigctl.errors import CrewLost, WrongUse
+from rigctl.errors import WorkersLost, WrongUse
 
 CONNECT_S = 10.0
 AHEAD = 4
@@ -36,7 +36,7 @@ Versions = tuple[tuple[str, str], ...]
 Listings = dict[str, tuple[tuple[str, int], ...] | None]
 
 
-class Build(NamedTuple):
+class WorkerBuild(NamedTuple):
     """What decides on a process's bits, and on which machine it runs."""
 
     versions: Versions
@@ -44,10 +44,10 @@ class Build(NamedTuple):
     host: str
 
 
-class DaskCrew:
-    """Workers of one scheduler; made by :func:`dask_crew`. They may come, die and come back."""
+class DaskExecutor:
+    """Workers of one scheduler; made by :func:`dask_executor`. They may come, die and come back."""
 
-    def __init__(self, client: Any, builds: Mapping[str, Build]) -> None:
+    def __init__(self, client: Any, builds: Mapping[str, WorkerBuild]) -> None:
         self._client = client
         self._builds = builds
         self._scheduler = str(client.scheduler.address)
@@ -125,7 +125,7 @@ class DaskCrew:
                             raise
                     if not self._client.nthreads():
                         break
-        raise CrewLost(
+        raise WorkersLost(
             f"the Dask scheduler {self._scheduler} has had no worker for "
             f"{LOOK_EVERY_S * LOOKS_WITHOUT_WORKERS:g} s: start some and repeat the analysis"
         )
@@ -139,21 +139,21 @@ class DaskCrew:
         try:
             yield
         except KilledWorker as error:
-            raise CrewLost(
+            raise WorkersLost(
                 f"a piece of the analysis brought {error.allowed_failures + 1} Dask workers down, "
                 "perhaps for want of memory: give each more, or fewer threads"
             ) from error
         except (FutureCancelledError, ClosedClientError, OSError) as error:
             if future is not None and future.status == "error":
                 raise
-            raise CrewLost(
+            raise WorkersLost(
                 f"the Dask scheduler {self._scheduler} is gone: start it again and repeat the "
                 "analysis"
             ) from error
 
 
 @contextmanager
-def dask_crew(address: str) -> Iterator[Crew]:
+def dask_executor(address: str) -> Iterator[Executor]:
     """The workers of the scheduler at ``address``, such as tcp://host:8786.
 
     Raises WrongUse where Dask is not installed, nobody answers, there is no worker, or a worker
@@ -172,7 +172,7 @@ def dask_crew(address: str) -> Iterator[Crew]:
     with dask.config.set(CONFIG):
         client = distributed.Client(address, set_as_default=False, timeout=CONNECT_S)
         try:
-            yield DaskCrew(client, _equal_builds(client, address))
+            yield DaskExecutor(client, _equal_builds(client, address))
         finally:
             client.close()
             logger.setLevel(level)
@@ -194,7 +194,7 @@ def _check_answers(address: str) -> None:
         raise WrongUse(f"nobody answers at {address} ({error}): {cure}") from error
 
 
-def _equal_builds(client: Any, address: str) -> dict[str, Build]:
+def _equal_builds(client: Any, address: str) -> dict[str, WorkerBuild]:
     """The builds of all workers. Raises WrongUse where there is none, or one of other versions."""
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
@@ -202,7 +202,7 @@ def _equal_builds(client: Any, address: str) -> dict[str, Build]:
         raise WrongUse(
             f"the Dask scheduler {address} has no workers: start some (dask worker {address})"
         ) from None
-    builds: dict[str, Build] = _asked(client, _build)
+    builds: dict[str, WorkerBuild] = _asked(client, _build)
     for name, build in builds.items():
         _check_versions(build.versions, _build().versions, name)
     return builds
@@ -245,7 +245,7 @@ def _one_blas_thread() -> None:
 
 
 @cache
-def _build() -> Build:
+def _build() -> WorkerBuild:
     """Of this process, with every BLAS loaded that an analysis uses."""
     import scipy.linalg  # noqa: F401
     from llvmlite.binding import get_host_cpu_name
@@ -260,7 +260,7 @@ def _build() -> Build:
         if pool["user_api"] == "blas"
     }
     kernels = [*sorted(blas), f"Numba for {get_host_cpu_name()}"]
-    return Build(tuple(versions), ", ".join(kernels), socket.gethostname())
+    return WorkerBuild(tuple(versions), ", ".join(kernels), socket.gethostname())
 
 
 def _listings(folders: Sequence[Path]) -> Listings:

@@ -14,7 +14,7 @@ from typing import Final, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from rigctl.errors import CrewLost
+from rigctl.errors import WorkersLost
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -22,7 +22,7 @@ Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many pieces are finished, and how many there are."""
 
 
-class Crew(Protocol):
+class Executor(Protocol):
     """Who does pieces of work. Linear algebra keeps to one thread each, so no bit depends on it."""
 
     @property
@@ -54,7 +54,7 @@ class _OnThisMachine:
         """Everybody here does."""
 
 
-class Here(_OnThisMachine):
+class ThreadExecutor(_OnThisMachine):
     """This process, one job after another."""
 
     def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
@@ -69,10 +69,10 @@ class Here(_OnThisMachine):
         yield from map(work, jobs)
 
 
-HERE: Final[Crew] = Here()
+HERE: Final[Executor] = ThreadExecutor()
 
 
-class Processes(_OnThisMachine):
+class ProcessExecutor(_OnThisMachine):
     """Processes on this machine, started when first needed and kept; see :func:`processes`."""
 
     def __init__(self, pool: ProcessPoolExecutor, n: int) -> None:
@@ -87,7 +87,7 @@ class Processes(_OnThisMachine):
             while waiting:
                 yield waiting.popleft().result()
         except BrokenProcessPool as error:
-            raise CrewLost(
+            raise WorkersLost(
                 "a process of the analysis died, perhaps for want of memory: "
                 "free some, or use fewer --workers"
             ) from error
@@ -108,7 +108,7 @@ class Processes(_OnThisMachine):
 
 
 @contextmanager
-def processes(n: int) -> Iterator[Crew]:
+def processes(n: int) -> Iterator[Executor]:
     """A crew of ``n`` processes, or this one alone for ``n`` = 1; gone at the end."""
     if n == 1:
         yield HERE
@@ -117,7 +117,7 @@ def processes(n: int) -> Iterator[Crew]:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(n, context, initializer=_one_thread)
     try:
-        yield Processes(pool, n)
+        yield ProcessExecutor(pool, n)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
@@ -126,11 +126,11 @@ def work_through(
     work: Callable[[Job], Result],
     jobs: Sequence[Job],
     *,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     stage: str = "",
     progress: Progress = lambda stage, done, all_: None,
 ) -> Iterator[Result]:
-    """What :meth:`Crew.map` gives, telling how far it is."""
+    """What :meth:`Executor.map` gives, telling how far it is."""
     progress(stage, 0, len(jobs))
     for number, result in enumerate(crew.map(work, jobs), start=1):
         progress(stage, number, len(jobs))

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl import __version__
-from rigctl.analysis.data.atomic_directory import appearing
+from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.data.cache import Arrays, key_of
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, opened
 from rigctl.analysis.features.representations import why_no_force
 from rigctl.analysis.features.spike_counts import (
-    Ground,
-    Group,
-    Means,
+    ConditionGroup,
+    PreparedTrials,
     RangesOver,
+    Resources,
     c_of,
     c_of_trials,
     count,
@@ -42,7 +42,7 @@ from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.files.spike_file import Encoding, SpikeFile, train_names
+from rigctl.session.files.spike_file import EncodingInfo, SpikeFile, train_names
 from rigctl.session.read.sample_index import Files
 
 CHUNK = 64
@@ -91,7 +91,7 @@ class SpikeJob(NamedTuple):
     scale: NDArray[np.float64] | None
 
 
-def encode_sessions(request: EncodeRequest, made_utc: str, means: Means) -> Encoded:
+def encode_sessions(request: EncodeRequest, made_utc: str, means: Resources) -> Encoded:
     """Encode and write the folder ``request.out``, which appears whole or not at all.
 
     Raises SessionError or WrongUse for what cannot be encoded, DiskFault where nothing can be
@@ -100,7 +100,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, means: Means) -> Enco
     trials = join_sessions(request.sessions)
     check_shown(trials, request.trial, request.taxel)
     means.crew.must_see(trials.paths)
-    with appearing(request.out) as folder:
+    with atomic_directory(request.out) as folder:
         ground = prepare(trials, means, request.ranges)
         lacking = why_no_force(ground.trials, request.reference_g)
         if lacking and request.scaled_by is not ScaledBy.NONE:
@@ -138,9 +138,9 @@ def spikes_of(job: SpikeJob) -> Arrays:
 def _write_spikes(
     file: SpikeFile,
     request: EncodeRequest,
-    ground: Ground,
+    ground: PreparedTrials,
     force: ForceMatrix | None,
-    means: Means,
+    means: Resources,
 ) -> int:
     trials, scale = ground.trials.trials, None
     if force is not None and request.scaled_by is not ScaledBy.NONE:
@@ -162,7 +162,7 @@ def _write_spikes(
 
 
 def _key(
-    ground: Ground,
+    ground: PreparedTrials,
     parameters: EncoderParameters,
     rows: slice,
     scale: NDArray[np.float64] | None,
@@ -176,11 +176,11 @@ def _key(
 
 def _scaled(
     request: EncodeRequest,
-    ground: Ground,
-    groups: Sequence[Group],
+    ground: PreparedTrials,
+    groups: Sequence[ConditionGroup],
     counted: Sequence[Arrays],
     force: ForceMatrix | None,
-    means: Means,
+    means: Resources,
 ) -> Iterator[NDArray[Any]]:
     """Counts of each group with the C that the spikes were made with."""
     if force is None or request.scaled_by is ScaledBy.NONE:
@@ -192,7 +192,10 @@ def _scaled(
 
 
 def _write_windows(
-    file: SpikeFile, ground: Ground, groups: Sequence[Group], counts: Iterator[NDArray[Any]]
+    file: SpikeFile,
+    ground: PreparedTrials,
+    groups: Sequence[ConditionGroup],
+    counts: Iterator[NDArray[Any]],
 ) -> None:
     n, n_taxels = len(ground.trials.trials), ground.trials.n_taxels
     order = [row for _, row in train_names(n_taxels)]
@@ -214,19 +217,19 @@ def _write_windows(
         file.add_windows(name, *both)
 
 
-def _layouts(ground: Ground) -> dict[str, FeatureLayout]:
+def _layouts(ground: PreparedTrials) -> dict[str, FeatureLayout]:
     return dict(zip(("unscaled", "speed_scaled"), ground.layouts, strict=True))
 
 
 def _encoding(
     request: EncodeRequest,
-    ground: Ground,
+    ground: PreparedTrials,
     force: ForceMatrix | None,
     remarks: Sequence[str],
     made_utc: str,
-) -> Encoding:
+) -> EncodingInfo:
     trials = ground.trials
-    return Encoding(
+    return EncodingInfo(
         made_utc,
         f"{__version__} {source_commit()}".strip(),
         trials.simulated,
@@ -262,7 +265,7 @@ def _ints(values: Any) -> NDArray[np.int64]:
     return np.fromiter(values, np.int64)
 
 
-def _show(request: EncodeRequest, ground: Ground, folder: Path) -> None:
+def _show(request: EncodeRequest, ground: PreparedTrials, folder: Path) -> None:
     ways = (ground.normalisation, request.parameters, request.trial, request.taxel)
     picture = taxel_picture(ground.trials, *ways)
     taxel_figure(picture, folder / "taxel")

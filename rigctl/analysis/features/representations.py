@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from rigctl.analysis.data.cache import Cache
 from rigctl.analysis.data.feature_file import FeatureFile
 from rigctl.analysis.data.trial_set import TrialSet
-from rigctl.analysis.execution.executor import HERE, Crew, Progress
+from rigctl.analysis.execution.executor import HERE, Executor, Progress
 from rigctl.analysis.features.spike_counts import (
-    Group,
-    Means,
+    ConditionGroup,
     RangesOver,
+    Resources,
     c_of,
     count,
     count_with,
@@ -31,13 +31,13 @@ from rigctl.analysis.features.spike_counts import (
     with_c,
     with_own_c,
 )
-from rigctl.analysis.features.transferred_c import Carried, Source, carried
+from rigctl.analysis.features.transferred_c import ForceMatrixSource, TransferredC, transferred_c
 from rigctl.encoding.batch import features_of
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
-from rigctl.encoding.root_bracket import Status
+from rigctl.encoding.root_bracket import SearchStatus
 
 Features = NDArray[np.float64]
 PAPER_UNCONVERGED = (62, 4320)
@@ -71,7 +71,7 @@ REPRESENTATIONS = (
 class RepresentationSet:
     """Feature files of a set, a row for each of ``trials``; ``files`` by representation key.
 
-    ``carried``: where ``force`` is from, if it was not searched on these trials.
+    ``transferred_c``: where ``force`` is from, if it was not searched on these trials.
     """
 
     trials: TrialSet
@@ -82,7 +82,7 @@ class RepresentationSet:
     force: ForceMatrix | None
     files: dict[str, Path]
     remarks: tuple[str, ...]
-    carried: Carried | None = None
+    transferred_c: TransferredC | None = None
 
     @property
     def present(self) -> tuple[Representation, ...]:
@@ -101,10 +101,10 @@ def represent(
     folder: Path,
     *,
     reference_g: float = REFERENCE_FORCE_G,
-    source: Source | None = None,
+    source: ForceMatrixSource | None = None,
     ranges: RangesOver | Normalisation = RangesOver.ALL,
     kept: Cache | None = None,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> RepresentationSet:
     """Encode a set in every representation that it allows; feature files go into ``folder``.
@@ -114,7 +114,7 @@ def represent(
     over those that it trains on, or given. ``kept``: what was worked out before.
     Trials with gaps are left out and named. Raises SessionError where no complete trial is left.
     """
-    means = Means(crew, kept or Cache(), progress)
+    means = Resources(crew, kept or Cache(), progress)
     ground = prepare(trials, means, ranges)
     trials = ground.trials
     remarks = list(trials.remarks)
@@ -133,7 +133,7 @@ def represent(
         if source is not None:
             force = source.force
             ways = (ground.normalisation, parameters)
-            worth = carried(source, trials, *ways, crew=crew, progress=progress)
+            worth = transferred_c(source, trials, *ways, crew=crew, progress=progress)
             remarks.append(worth.sentence)
         for way in ("texture", "blind") if source else ("blind",):
             if force is not None:
@@ -157,8 +157,8 @@ def status_counts(force: ForceMatrix) -> dict[str, int]:
     """How many searches ended how, for taxels at forces other than the reference."""
     return {
         status.name.lower(): int((force.status == status).sum())
-        for status in Status
-        if status is not Status.REFERENCE
+        for status in SearchStatus
+        if status is not SearchStatus.REFERENCE
     }
 
 
@@ -166,7 +166,7 @@ def force_sentence(force: ForceMatrix) -> str:
     """What the search for C came to, beside the paper's figure."""
     counts = status_counts(force)
     searched = sum(counts.values())
-    reference = int((force.status == Status.REFERENCE).sum())
+    reference = int((force.status == SearchStatus.REFERENCE).sum())
     ours, entries = PAPER_UNCONVERGED
     return (
         f"C has {searched + reference:,} entries, {reference:,} of them 1 by definition at "
@@ -180,7 +180,7 @@ def force_sentence(force: ForceMatrix) -> str:
 class _Files:
     """Feature matrices on disk that are filled row by row; the crew reads them when it is left."""
 
-    def __init__(self, folder: Path, n_trials: int, n_taxels: int, crew: Crew) -> None:
+    def __init__(self, folder: Path, n_trials: int, n_taxels: int, crew: Executor) -> None:
         self._folder, self._n, self._n_taxels = folder, n_trials, n_taxels
         self._for_others = not crew.shares_disk
         self._open: dict[str, FeatureFile] = {}
@@ -202,7 +202,7 @@ class _Files:
         """Of each representation by key."""
         return {key: file.path for key, file in self._open.items()}
 
-    def put(self, force: str, group: Group, counts: NDArray[Any]) -> None:
+    def put(self, force: str, group: ConditionGroup, counts: NDArray[Any]) -> None:
         """Write the unscaled and the speed-scaled rows of one way to treat force."""
         condition = group.condition
         told = (condition.cuts, condition.lengths, condition.trials[0].speed_mm_s)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.data.cache import Arrays, Cache, Job, key_of, remembered
 from rigctl.analysis.data.condition_tasks import (
-    Condition,
+    ConditionTask,
     counted_condition,
     fingerprints_of,
     joined_matrix,
@@ -20,7 +20,7 @@ from rigctl.analysis.data.condition_tasks import (
     with_force,
 )
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet
-from rigctl.analysis.execution.executor import HERE, Crew, Progress
+from rigctl.analysis.execution.executor import HERE, Executor, Progress
 from rigctl.analysis.paper import published
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
@@ -43,15 +43,15 @@ class RangesOver(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Means:
+class Resources:
     """Who works, what is kept of it, and who is told how far it is."""
 
-    crew: Crew = HERE
+    crew: Executor = HERE
     kept: Cache = field(default_factory=Cache)
     progress: Progress = lambda stage, done, all_: None
 
 
-class Ground(NamedTuple):
+class PreparedTrials(NamedTuple):
     """What every later step stands on.
 
     ``trials``: the complete ones; ``hashes``: uint64 (n,), their contents' names.
@@ -63,16 +63,16 @@ class Ground(NamedTuple):
     layouts: Layouts
 
 
-class Group(NamedTuple):
+class ConditionGroup(NamedTuple):
     """The trials of one texture and speed: their rows in the set, and the work to be done."""
 
     rows: list[int]
-    condition: Condition
+    condition: ConditionTask
 
 
 def prepare(
-    trials: TrialSet, means: Means, ranges: RangesOver | Normalisation = RangesOver.ALL
-) -> Ground:
+    trials: TrialSet, means: Resources, ranges: RangesOver | Normalisation = RangesOver.ALL
+) -> PreparedTrials:
     """Leave out trials with gaps; find ranges and layouts for the others.
 
     Raises SessionError where no complete trial is left, WrongUse where ``ranges`` do not fit.
@@ -97,27 +97,29 @@ def prepare(
         FeatureLayout.covering(lengths, speeds, scaled=False),
         FeatureLayout.covering(lengths, speeds, scaled=True),
     )
-    return Ground(replace(trials, remarks=tuple(said)), hashes, normalisation, layouts)
+    return PreparedTrials(replace(trials, remarks=tuple(said)), hashes, normalisation, layouts)
 
 
 def groups_of(
-    ground: Ground, parameters: EncoderParameters, reference_g: float, *, with_c: bool
-) -> list[Group]:
+    ground: PreparedTrials, parameters: EncoderParameters, reference_g: float, *, with_c: bool
+) -> list[ConditionGroup]:
     """The set by texture and speed, in sorted order; ``with_c``: C is to be searched."""
     rows: dict[tuple[str, float], list[int]] = {}
     for i, trial in enumerate(ground.trials.trials):
         rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
     forces = ground.trials.forces_g if with_c else ()
     ways = (ground.normalisation, parameters, ground.layouts, forces, reference_g, ())
-    return [Group(rows[key], _condition(ground, rows[key], *ways)) for key in sorted(rows)]
+    return [ConditionGroup(rows[key], _condition(ground, rows[key], *ways)) for key in sorted(rows)]
 
 
-def count(ground: Ground, groups: Sequence[Group], means: Means) -> Iterator[Arrays]:
+def count(
+    ground: PreparedTrials, groups: Sequence[ConditionGroup], means: Resources
+) -> Iterator[Arrays]:
     """Counts without C of each group, and where it is to be searched C and the counts with it."""
     return _remembered(ground, groups, "searching C, encoding", means)
 
 
-def c_of(groups: Sequence[Group], counted: Sequence[Arrays]) -> ForceMatrix | None:
+def c_of(groups: Sequence[ConditionGroup], counted: Sequence[Arrays]) -> ForceMatrix | None:
     """The C that :func:`count` found, None where it was not to be searched."""
     pieces = [
         piece_of(group.condition, found)
@@ -127,21 +129,26 @@ def c_of(groups: Sequence[Group], counted: Sequence[Arrays]) -> ForceMatrix | No
     return joined_matrix(pieces) if pieces else None
 
 
-def with_own_c(group: Group, counted: Arrays) -> NDArray[Any]:
+def with_own_c(group: ConditionGroup, counted: Arrays) -> NDArray[Any]:
     """Counts of a group with the C that was found for it."""
     return with_force(counted["plain"], counted["forced"], group.condition.scaled_rows)
 
 
-def with_c(groups: Sequence[Group], force: ForceMatrix, *, blind: bool) -> list[Group]:
+def with_c(
+    groups: Sequence[ConditionGroup], force: ForceMatrix, *, blind: bool
+) -> list[ConditionGroup]:
     """Groups with a C that is known: their texture's own, or ``blind`` the mean over textures."""
     return [
-        Group(rows, condition._replace(**_given(condition, force, blind)))
+        ConditionGroup(rows, condition._replace(**_given(condition, force, blind)))
         for rows, condition in groups
     ]
 
 
 def count_with(
-    ground: Ground, known: Sequence[Group], plain: Sequence[Arrays], means: Means
+    ground: PreparedTrials,
+    known: Sequence[ConditionGroup],
+    plain: Sequence[Arrays],
+    means: Resources,
 ) -> Iterator[NDArray[Any]]:
     """Counts of groups whose C is known; ``plain``: what :func:`count` gave for them."""
     found = _remembered(ground, known, "encoding with a C that is known", means)
@@ -161,9 +168,9 @@ def c_of_trials(trials: TrialSet, force: ForceMatrix, *, blind: bool) -> NDArray
     )
 
 
-def _condition(ground: Ground, rows: Sequence[int], *ways: Any) -> Condition:
+def _condition(ground: PreparedTrials, rows: Sequence[int], *ways: Any) -> ConditionTask:
     trials = tuple(ground.trials.trials[i] for i in rows)
-    return Condition(only_files(ground.trials.files, trials), trials, *ways)
+    return ConditionTask(only_files(ground.trials.files, trials), trials, *ways)
 
 
 def only_files(files: Sequence[SampleFile], trials: Sequence[TrialRef]) -> dict[int, SampleFile]:
@@ -171,7 +178,7 @@ def only_files(files: Sequence[SampleFile], trials: Sequence[TrialRef]) -> dict[
     return {number: files[number] for number in sorted({t.place.file for t in trials})}
 
 
-def _given(condition: Condition, force: ForceMatrix, blind: bool) -> dict[str, Any]:
+def _given(condition: ConditionTask, force: ForceMatrix, blind: bool) -> dict[str, Any]:
     texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
     forces = tuple(sorted({trial.force_g for trial in condition.trials}))
     given = tuple(
@@ -181,7 +188,7 @@ def _given(condition: Condition, force: ForceMatrix, blind: bool) -> dict[str, A
 
 
 def _remembered(
-    ground: Ground, groups: Sequence[Group], stage: str, means: Means
+    ground: PreparedTrials, groups: Sequence[ConditionGroup], stage: str, means: Resources
 ) -> Iterator[Arrays]:
     jobs = [group.condition for group in groups]
     keys = [_key(group.condition, ground.hashes[group.rows]) for group in groups]
@@ -193,14 +200,14 @@ def through(
     jobs: Sequence[Job],
     keys: Sequence[str],
     stage: str,
-    means: Means,
+    means: Resources,
 ) -> Iterator[Arrays]:
     """:func:`remembered` with these means."""
     kept, crew, progress = means.kept, means.crew, means.progress
     return remembered(work, jobs, keys, kept=kept, crew=crew, stage=stage, progress=progress)
 
 
-def _key(condition: Condition, hashes: NDArray[np.uint64]) -> str:
+def _key(condition: ConditionTask, hashes: NDArray[np.uint64]) -> str:
     plain = condition.parameters.as_dict()
     del plain["name"]
     return key_of(
@@ -218,7 +225,7 @@ def _key(condition: Condition, hashes: NDArray[np.uint64]) -> str:
 
 
 def _fingerprints(
-    trials: TrialSet, means: Means
+    trials: TrialSet, means: Resources
 ) -> tuple[NDArray[np.uint64], NDArray[np.uint16], NDArray[np.uint16]]:
     """Hash, lowest and highest reading of each trial."""
     chunks = _chunks(trials)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet, opened
 from rigctl.analysis.data.wiring_check import check_learnt
-from rigctl.analysis.execution.executor import HERE, Crew, Progress, work_through
+from rigctl.analysis.execution.executor import HERE, Executor, Progress, work_through
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.force_search import TOLERANCE_HZ, mean_sa_rates_hz
 from rigctl.encoding.normalisation import Normalisation
@@ -31,7 +31,7 @@ STAGE = "measuring the rate error of C"
 COMPARING = "comparing sessions with those that C was searched on"
 
 
-class Miss(NamedTuple):
+class RateError(NamedTuple):
     """SA rates at one speed and force against those at the reference, over textures and taxels.
 
     Means of the absolute differences in Hz with C and without, the largest with C, the mean rate
@@ -51,7 +51,7 @@ class Miss(NamedTuple):
         return {k: round(float(v), 4) for k, v in self._asdict().items()}
 
 
-class Source(NamedTuple):
+class ForceMatrixSource(NamedTuple):
     """Where a C is from that was not searched here; ``foreign``: sessions it has not seen."""
 
     file: Path
@@ -59,15 +59,15 @@ class Source(NamedTuple):
     foreign: tuple[Path, ...]
 
 
-class Carried(NamedTuple):
+class TransferredC(NamedTuple):
     """A C from elsewhere in use, with what it is worth here, in figures and in a sentence."""
 
-    source: Source
-    misses: tuple[Miss, ...]
+    source: ForceMatrixSource
+    misses: tuple[RateError, ...]
     sentence: str
 
 
-class _Job(NamedTuple):
+class _RateJob(NamedTuple):
     """The trials of one texture and speed."""
 
     files: tuple[SampleFile, ...]
@@ -80,15 +80,15 @@ class _Job(NamedTuple):
 
 def c_of(
     file: Path, trials: TrialSet, progress: Progress = lambda stage, done, all_: None
-) -> Source:
+) -> ForceMatrixSource:
     """C of a model or a spikes.h5, checked against a set. Raises SessionError and WrongUse."""
     force, inputs = read_force(file)
     check_learnt(file, inputs, trials.provenance)
     check_covers(trials, force, by_texture=True)
-    return Source(file, force, strangers(trials, inputs, progress))
+    return ForceMatrixSource(file, force, unseen_sessions(trials, inputs, progress))
 
 
-def strangers(
+def unseen_sessions(
     trials: TrialSet,
     learnt: Sequence[Mapping[str, Any]],
     progress: Progress = lambda stage, done, all_: None,
@@ -112,15 +112,15 @@ def _name_of(source: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(source.get(key) for key in keys)
 
 
-def carried(
-    source: Source,
+def transferred_c(
+    source: ForceMatrixSource,
     trials: TrialSet,
     normalisation: Normalisation,
     parameters: EncoderParameters,
     *,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     progress: Progress = lambda stage, done, all_: None,
-) -> Carried:
+) -> TransferredC:
     """Measure a C from elsewhere on the trials that it is to scale."""
     ways = (source.force, normalisation, parameters)
     misses = rate_errors(trials, *ways, crew=crew, progress=progress)
@@ -128,7 +128,7 @@ def carried(
     if source.foreign:
         where = ", ".join(map(str, source.foreign))
         said = f"{warning(misses, source.force, where)}. {said}"
-    return Carried(source, tuple(misses), said)
+    return TransferredC(source, tuple(misses), said)
 
 
 def check_covers(trials: TrialSet, force: ForceMatrix, *, by_texture: bool) -> None:
@@ -161,9 +161,9 @@ def rate_errors(
     parameters: EncoderParameters,
     *,
     blind: bool = False,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     progress: Progress = lambda stage, done, all_: None,
-) -> list[Miss]:
+) -> list[RateError]:
     """How far C misses at each speed and force that has trials at the reference force too.
 
     ``blind``: the mean of C over its textures instead of the trial's own.
@@ -177,7 +177,7 @@ def rate_errors(
     return [_miss(*key, np.concatenate(parts, axis=1)) for key, parts in sorted(pooled.items())]
 
 
-def warning(misses: Sequence[Miss], force: ForceMatrix, where: str) -> str:
+def warning(misses: Sequence[RateError], force: ForceMatrix, where: str) -> str:
     """The sentence that goes with every use of a C that was searched elsewhere."""
     start = (
         f"WARNING: C was searched on other recordings than {where}, and any change of the sensor "
@@ -209,7 +209,7 @@ def _jobs(
     normalisation: Normalisation,
     parameters: EncoderParameters,
     blind: bool,
-) -> list[_Job]:
+) -> list[_RateJob]:
     groups: dict[tuple[str, float], list[TrialRef]] = {}
     for trial in trials.trials:
         groups.setdefault((trial.texture, trial.speed_mm_s), []).append(trial)
@@ -224,12 +224,12 @@ def _jobs(
             for f in sorted({t.force_g for t in members})
         }
         jobs.append(
-            _Job(trials.files, tuple(members), normalisation, parameters, c, force.reference_g)
+            _RateJob(trials.files, tuple(members), normalisation, parameters, c, force.reference_g)
         )
     return jobs
 
 
-def _misses_of(job: _Job) -> dict[float, Floats]:
+def _misses_of(job: _RateJob) -> dict[float, Floats]:
     """By force other than the reference: rates aimed at, with C, without, float64 (3, n_taxels)."""
     with opened(job.files) as reader:
         samples = [(trial.force_g, reader.of(trial)) for trial in job.trials]
@@ -246,10 +246,10 @@ def _misses_of(job: _Job) -> dict[float, Floats]:
     }
 
 
-def _miss(speed: float, force_g: float, rates: Floats) -> Miss:
+def _miss(speed: float, force_g: float, rates: Floats) -> RateError:
     aimed, with_c, without = rates
     away = np.abs(with_c - aimed)
-    return Miss(
+    return RateError(
         speed,
         force_g,
         float(away.mean()),

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.classification.splits import Design, splits
-from rigctl.analysis.classification.sweep_engines import Engine, answer
-from rigctl.analysis.execution.executor import HERE, Crew, Progress, work_through
+from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
+from rigctl.analysis.execution.executor import HERE, Executor, Progress, work_through
 from rigctl.analysis.features.representations import RepresentationSet
 from rigctl.analysis.paper import published
-from rigctl.analysis.paper.tasks import Settings, TaskResult
+from rigctl.analysis.paper.tasks import SweepSettings, TaskResult
 
 DRAWS = 3
 HALVES = ("SA", "RA")
@@ -26,7 +26,7 @@ ROWS_AT_ONCE = 512
 Floats = NDArray[np.float64]
 
 
-class Half(NamedTuple):
+class FeatureHalf(NamedTuple):
     """SA rates or RA counts of one representation.
 
     ``texture``, ``speed``, ``force``: share of the variance between trials, summed over features,
@@ -44,7 +44,7 @@ class Half(NamedTuple):
     mean_by_force: tuple[float, ...]
 
 
-class Evidence(NamedTuple):
+class Ablations(NamedTuple):
     """``halves``: by representation key, then SA and RA.
 
     ``alone``: accuracy from one half alone, by task, representation and half, with as many
@@ -52,7 +52,7 @@ class Evidence(NamedTuple):
     """
 
     forces_g: tuple[float, ...]
-    halves: dict[str, dict[str, Half]]
+    halves: dict[str, dict[str, FeatureHalf]]
     alone: dict[str, dict[str, dict[str, float]]]
     draws: int
 
@@ -77,11 +77,11 @@ class _Ask(NamedTuple):
 def measure(
     made: RepresentationSet,
     results: Sequence[TaskResult],
-    settings: Settings,
+    settings: SweepSettings,
     *,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     progress: Progress = lambda stage, done, all_: None,
-) -> Evidence | None:
+) -> Ablations | None:
     """Evidence for the tasks of Table 1; None where none of them was run.
 
     The draws are the first of those that the results come from.
@@ -101,10 +101,10 @@ def measure(
     halves = {r.key: both for r, both in zip(made.present, found, strict=True)}
     draws = min(DRAWS, settings.iterations)
     alone = _alone(made, design, asked, (settings.seed, draws), crew, progress)
-    return Evidence(made.trials.forces_g, halves, alone, draws)
+    return Ablations(made.trials.forces_g, halves, alone, draws)
 
 
-def _halves(look: _Look) -> dict[str, Half]:
+def _halves(look: _Look) -> dict[str, FeatureHalf]:
     """Both halves of one representation's features, read a few rows at a time."""
     features: Floats = np.load(look.features, mmap_mode="r")
     conditions = look.design.conditions()
@@ -145,13 +145,15 @@ def _half(
     factors: Sequence[NDArray[np.generic]],
     n_windows: int,
     offset: Floats,
-) -> Half:
+) -> FeatureHalf:
     """Of condition sums (conditions, features), sums of squares and the levels of conditions."""
     n = counts.sum()
     about_mean = sums.sum(axis=0) ** 2 / n
     total = float((squares - about_mean).sum())
     if total <= 0.0:
-        return Half(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, tuple(_means(sums, counts, factors[2], offset)))
+        return FeatureHalf(
+            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, tuple(_means(sums, counts, factors[2], offset))
+        )
 
     def between(levels: NDArray[np.generic]) -> Floats:
         explained: Floats = -about_mean
@@ -163,7 +165,7 @@ def _half(
     texture, speed, force = (between(levels) for levels in factors)
     within = float((squares - (sums**2 / counts[:, None]).sum(axis=0)).sum())
     of_speed = max(float(speed.sum()), np.finfo(float).tiny)
-    return Half(
+    return FeatureHalf(
         total / n,
         float(texture.sum()) / total,
         float(speed.sum()) / total,
@@ -188,7 +190,7 @@ def _alone(
     design: Design,
     asked: Sequence[TaskResult],
     draws: tuple[int, int],
-    crew: Crew,
+    crew: Executor,
     progress: Progress,
 ) -> dict[str, dict[str, dict[str, float]]]:
     """``draws``: seed, and how many."""
@@ -221,7 +223,7 @@ def _asked_alone(ask: _Ask) -> dict[str, float]:
     half = features[:, ask.half * width : (ask.half + 1) * width]
     fits = splits(ask.design, ask.family, ask.seed, ask.draw)
     labels = {task.key: ask.design.labels(task) for task in ask.tasks}
-    answers = answer(half, labels, fits, min(ask.k, width), Engine.OWN)
+    answers = answer(half, labels, fits, min(ask.k, width), SweepEngine.OWN)
     right, asked = dict.fromkeys(labels, 0), dict.fromkeys(labels, 0)
     for fit, found in zip(fits, answers, strict=True):
         for key, said in found.predictions.items():

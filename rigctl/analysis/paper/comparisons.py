@@ -26,7 +26,7 @@ NAME_OF = {representation.key: representation.name for representation in REPRESE
 
 
 @dataclass(frozen=True, slots=True)
-class Needed:
+class ComponentsNeeded:
     """Fewest components for a mean accuracy; None where it is never reached.
 
     ``thresholds``: by share. ``as_original``: for Original's accuracy with the shown components.
@@ -36,7 +36,7 @@ class Needed:
     as_original: int | None
 
 
-class Verdict(StrEnum):
+class Agreement(StrEnum):
     """How a difference of the paper stands in our results."""
 
     HOLDS = "holds"
@@ -44,7 +44,7 @@ class Verdict(StrEnum):
     REVERSED = "does not hold"
 
 
-class Pair(NamedTuple):
+class RepresentationPair(NamedTuple):
     """Two representations that the paper keeps apart; ``better`` by the paper.
 
     ``gap``: ours, better less worse, as a share; ``spread``: two standard deviations of the pair,
@@ -54,7 +54,7 @@ class Pair(NamedTuple):
 
     better: Curve
     worse: Curve
-    verdict: Verdict
+    verdict: Agreement
     gap: float
     spread: float | None
     paper_gap: float
@@ -67,13 +67,13 @@ class Pair(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class TaskComparison:
     """Table 1's order in one task: of the pairs that the paper separates, how ours fall.
 
     ``reasons``: what makes this set another experiment, where not all hold.
     """
 
-    compared: tuple[Pair, ...]
+    compared: tuple[RepresentationPair, ...]
     reasons: tuple[str, ...]
 
     @property
@@ -84,19 +84,19 @@ class Order:
     @property
     def held(self) -> int:
         """How many of them hold."""
-        return len(self._with(Verdict.HOLDS))
+        return len(self._with(Agreement.HOLDS))
 
     @property
     def ties(self) -> tuple[tuple[str, str], ...]:
         """Pairs that cannot be told apart, (better, worse) by the paper."""
-        return self._with(Verdict.TIED)
+        return self._with(Agreement.TIED)
 
     @property
     def reversed_pairs(self) -> tuple[tuple[str, str], ...]:
         """Pairs that fall the other way."""
-        return self._with(Verdict.REVERSED)
+        return self._with(Agreement.REVERSED)
 
-    def _with(self, verdict: Verdict) -> tuple[tuple[str, str], ...]:
+    def _with(self, verdict: Agreement) -> tuple[tuple[str, str], ...]:
         return tuple(pair.keys for pair in self.compared if pair.verdict is verdict)
 
     @property
@@ -112,12 +112,12 @@ class Order:
         return ". ".join(said) + "."
 
 
-def components_needed(result: TaskResult) -> dict[str, Needed]:
+def components_needed(result: TaskResult) -> dict[str, ComponentsNeeded]:
     """For each representation, by key."""
     original = result.curve("original")
     goal = original.mean[result.shown - 1] if original else None
     return {
-        curve.representation.key: Needed(
+        curve.representation.key: ComponentsNeeded(
             {share: _first(curve.mean, share) for share in THRESHOLDS},
             None if goal is None else _first(curve.mean, float(goal)),
         )
@@ -138,7 +138,7 @@ def differences(result: TaskResult) -> dict[str, Difference]:
     }
 
 
-def order(result: TaskResult, *, simulated: bool) -> Order | None:
+def compare_task(result: TaskResult, *, simulated: bool) -> TaskComparison | None:
     """Ours beside Table 1's; None for a task that it does not have."""
     table = published.TABLE_1.get(result.task.key)
     if table is None:
@@ -146,13 +146,15 @@ def order(result: TaskResult, *, simulated: bool) -> Order | None:
     compared = tuple(_pairs(result, table))
     k = result.shown - 1
     near_ceiling = any(
-        pair.verdict is Verdict.TIED and bool(pair.better.mean[k] > CEILING) for pair in compared
+        pair.verdict is Agreement.TIED and bool(pair.better.mean[k] > CEILING) for pair in compared
     )
-    held = all(pair.verdict is Verdict.HOLDS for pair in compared)
-    return Order(compared, () if held else _reasons(result, near_ceiling, simulated))
+    held = all(pair.verdict is Agreement.HOLDS for pair in compared)
+    return TaskComparison(compared, () if held else _reasons(result, near_ceiling, simulated))
 
 
-def _pairs(result: TaskResult, table: dict[str, tuple[float, float]]) -> Iterator[Pair]:
+def _pairs(
+    result: TaskResult, table: dict[str, tuple[float, float]]
+) -> Iterator[RepresentationPair]:
     """Pairs of our curves, better first by the paper, where its spreads keep them apart."""
     for first, second in combinations(table, 2):
         (mean_a, sd_a), (mean_b, sd_b) = table[first], table[second]
@@ -164,18 +166,18 @@ def _pairs(result: TaskResult, table: dict[str, tuple[float, float]]) -> Iterato
             yield _pair(*both, result.shown, abs(mean_a - mean_b) / 100)
 
 
-def _pair(better: Curve, worse: Curve, shown: int, paper_gap: float) -> Pair:
+def _pair(better: Curve, worse: Curve, shown: int, paper_gap: float) -> RepresentationPair:
     gaps = better.mean - worse.mean
     gap = float(gaps[shown - 1])
     if better.deviation is None or worse.deviation is None:
-        return Pair(better, worse, Verdict.TIED, gap, None, paper_gap, ())
+        return RepresentationPair(better, worse, Agreement.TIED, gap, None, paper_gap, ())
     spreads = SEPARATE * np.hypot(better.deviation, worse.deviation)
     spread = float(spreads[shown - 1])
-    verdict = Verdict.HOLDS if gap > 0 else Verdict.REVERSED
+    verdict = Agreement.HOLDS if gap > 0 else Agreement.REVERSED
     if abs(gap) <= spread:
-        verdict = Verdict.TIED
+        verdict = Agreement.TIED
     holds_at = tuple(int(k) + 1 for k in np.flatnonzero(gaps > spreads))
-    return Pair(better, worse, verdict, gap, spread, paper_gap, holds_at)
+    return RepresentationPair(better, worse, verdict, gap, spread, paper_gap, holds_at)
 
 
 def _reasons(result: TaskResult, near_ceiling: bool, simulated: bool) -> tuple[str, ...]:

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rigctl.analysis.features.representations import Representation
-from rigctl.analysis.paper.ablations import Evidence, Half
-from rigctl.analysis.paper.comparisons import CEILING, Pair, Verdict
+from rigctl.analysis.paper.ablations import Ablations, FeatureHalf
+from rigctl.analysis.paper.comparisons import CEILING, Agreement, RepresentationPair
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 
 NEAR_CHANCE = 1.5
 
 
-def why(pair: Pair, result: TaskResult, evidence: Evidence | None) -> tuple[str, ...]:
+def explain(
+    pair: RepresentationPair, result: TaskResult, evidence: Ablations | None
+) -> tuple[str, ...]:
     """What was measured beside a pair that does not hold; nothing for one that does."""
-    if pair.verdict is Verdict.HOLDS:
+    if pair.verdict is Agreement.HOLDS:
         return ()
     said = [_of_the_gap(pair, result), *_of_the_level(pair, result)]
     if evidence is not None:
@@ -29,7 +31,7 @@ def why(pair: Pair, result: TaskResult, evidence: Evidence | None) -> tuple[str,
     return tuple(said)
 
 
-def _of_the_gap(pair: Pair, result: TaskResult) -> str:
+def _of_the_gap(pair: RepresentationPair, result: TaskResult) -> str:
     if pair.spread is None:
         return "a single draw has no spread to compare with"
     gap = f"ours differ by {_points(pair.gap)}, two standard deviations are {_points(pair.spread)}"
@@ -39,7 +41,7 @@ def _of_the_gap(pair: Pair, result: TaskResult) -> str:
     return f"{gap}; it holds with {where}"
 
 
-def _of_the_level(pair: Pair, result: TaskResult) -> list[str]:
+def _of_the_level(pair: RepresentationPair, result: TaskResult) -> list[str]:
     k = result.shown - 1
     better, worse = float(pair.better.mean[k]), float(pair.worse.mean[k])
     if min(better, worse) > CEILING:
@@ -49,7 +51,7 @@ def _of_the_level(pair: Pair, result: TaskResult) -> list[str]:
     return []
 
 
-def _of_halves(pair: Pair, result: TaskResult, evidence: Evidence) -> list[str]:
+def _of_halves(pair: RepresentationPair, result: TaskResult, evidence: Ablations) -> list[str]:
     """Accuracies from one half alone, and where the order is there in it."""
     alone = evidence.alone.get(result.task.key, {})
     better, worse = (alone.get(key) for key in pair.keys)
@@ -64,7 +66,7 @@ def _of_halves(pair: Pair, result: TaskResult, evidence: Evidence) -> list[str]:
     return ["; ".join(told)]
 
 
-def _of_factor(pair: Pair, factor: str, evidence: Evidence) -> list[str]:
+def _of_factor(pair: RepresentationPair, factor: str, evidence: Ablations) -> list[str]:
     """What speed or force explains, where one of the pair is scaled for it and the other is not."""
     both = pair.better.representation, pair.worse.representation
     scaled = [r for r in both if (r.speed_scaled if factor == "speed" else r.force)]
@@ -88,7 +90,7 @@ def _of_factor(pair: Pair, factor: str, evidence: Evidence) -> list[str]:
     return said
 
 
-def _of_ra(half: Half, forces_g: Sequence[float]) -> str:
+def _of_ra(half: FeatureHalf, forces_g: Sequence[float]) -> str:
     low, high = half.mean_by_force[0], half.mean_by_force[-1]
     ratio = f"{high / low:.2f} times" if low > 0 else "not to be compared with"
     return (

@@ -14,11 +14,17 @@ from rigctl.analysis.features.representations import (
     status_counts,
 )
 from rigctl.analysis.paper import published
-from rigctl.analysis.paper.ablations import Evidence
-from rigctl.analysis.paper.comparisons import Needed, Pair, components_needed, differences, order
-from rigctl.analysis.paper.explanations import why
+from rigctl.analysis.paper.ablations import Ablations
+from rigctl.analysis.paper.comparisons import (
+    ComponentsNeeded,
+    RepresentationPair,
+    compare_task,
+    components_needed,
+    differences,
+)
+from rigctl.analysis.paper.explanations import explain
 from rigctl.analysis.paper.statistics import Difference
-from rigctl.analysis.paper.tasks import Curve, Settings, TaskResult
+from rigctl.analysis.paper.tasks import Curve, SweepSettings, TaskResult
 
 DECIMALS = 4
 
@@ -81,11 +87,11 @@ def shown_percent(result: TaskResult, curve: Curve) -> tuple[float, float | None
 
 def as_plain(
     made: RepresentationSet,
-    settings: Settings,
+    settings: SweepSettings,
     results: Sequence[TaskResult],
     remarks: Sequence[str],
     made_utc: str,
-    evidence: Evidence | None = None,
+    evidence: Ablations | None = None,
 ) -> dict[str, Any]:
     """Everything that the report says, as JSON can hold it."""
     return {
@@ -129,9 +135,13 @@ def _force(made: RepresentationSet) -> dict[str, Any] | None:
         return None
     searched = made.force.evaluations[made.force.evaluations > 0]
     return {
-        "sentence": made.carried.sentence if made.carried else force_sentence(made.force),
-        "from_file": str(made.carried.source.file) if made.carried else None,
-        "rate_error": [m.as_dict() for m in made.carried.misses] if made.carried else None,
+        "sentence": made.transferred_c.sentence
+        if made.transferred_c
+        else force_sentence(made.force),
+        "from_file": str(made.transferred_c.source.file) if made.transferred_c else None,
+        "rate_error": [m.as_dict() for m in made.transferred_c.misses]
+        if made.transferred_c
+        else None,
         "labels_seen": LABELS_SEEN,
         "status": status_counts(made.force),
         "unconverged": made.force.unconverged,
@@ -146,8 +156,8 @@ def _force(made: RepresentationSet) -> dict[str, Any] | None:
     }
 
 
-def _task(result: TaskResult, simulated: bool, evidence: Evidence | None) -> dict[str, Any]:
-    found = order(result, simulated=simulated)
+def _task(result: TaskResult, simulated: bool, evidence: Ablations | None) -> dict[str, Any]:
+    found = compare_task(result, simulated=simulated)
     return {
         "title": result.task.title,
         "figure": result.task.figure,
@@ -175,7 +185,9 @@ def _task(result: TaskResult, simulated: bool, evidence: Evidence | None) -> dic
     }
 
 
-def _pair(pair: Pair, result: TaskResult, evidence: Evidence | None) -> dict[str, Any]:
+def _pair(
+    pair: RepresentationPair, result: TaskResult, evidence: Ablations | None
+) -> dict[str, Any]:
     spread = None if pair.spread is None else round(100 * pair.spread, DECIMALS)
     return {
         "better": pair.keys[0],
@@ -184,11 +196,11 @@ def _pair(pair: Pair, result: TaskResult, evidence: Evidence | None) -> dict[str
         "points": round(100 * pair.gap, DECIMALS),
         "spread_points": spread,
         "paper_points": round(100 * pair.paper_gap, DECIMALS),
-        "measured_beside": list(why(pair, result, evidence)),
+        "measured_beside": list(explain(pair, result, evidence)),
     }
 
 
-def _evidence(evidence: Evidence) -> dict[str, Any]:
+def _evidence(evidence: Ablations) -> dict[str, Any]:
     return {
         "draws": evidence.draws,
         "forces_g": list(evidence.forces_g),
@@ -215,7 +227,7 @@ def _curve(curve: Curve) -> dict[str, Any]:
     }
 
 
-def _needed(needed: Needed) -> dict[str, int | None]:
+def _needed(needed: ComponentsNeeded) -> dict[str, int | None]:
     by_share = {f"{share:.0%}": k for share, k in needed.thresholds.items()}
     return {**by_share, "as_original": needed.as_original}
 

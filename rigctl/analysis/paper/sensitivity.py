@@ -18,11 +18,11 @@ import numpy as np
 
 from rigctl.analysis.data.cache import Cache
 from rigctl.analysis.data.trial_set import TrialSet
-from rigctl.analysis.execution.executor import HERE, Crew, Progress
+from rigctl.analysis.execution.executor import HERE, Executor, Progress
 from rigctl.analysis.features.representations import Representation, RepresentationSet, represent
 from rigctl.analysis.features.spike_counts import RangesOver
-from rigctl.analysis.features.transferred_c import Source
-from rigctl.analysis.paper.tasks import Curve, Settings, TaskResult, run_tasks
+from rigctl.analysis.features.transferred_c import ForceMatrixSource
+from rigctl.analysis.paper.tasks import Curve, SweepSettings, TaskResult, run_tasks
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import PRESETS
@@ -41,7 +41,7 @@ COLUMNS = (
 Analysed = tuple[RepresentationSet, Sequence[TaskResult]]
 
 
-class Line(NamedTuple):
+class SensitivityRow(NamedTuple):
     """One preset, representation and task. Rates are means over trials and taxels."""
 
     preset: str
@@ -58,16 +58,16 @@ class Line(NamedTuple):
 def sensitivity(
     trials: TrialSet,
     base: Analysed,
-    settings: Settings,
+    settings: SweepSettings,
     folder: Path,
     *,
     reference_g: float,
-    source: Source | None = None,
+    source: ForceMatrixSource | None = None,
     ranges: RangesOver | Normalisation = RangesOver.ALL,
     kept: Cache | None = None,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     progress: Progress = lambda stage, done, all_: None,
-) -> list[Line]:
+) -> list[SensitivityRow]:
     """A line for each preset, representation and task; ``base`` stands for its own preset.
 
     Draws and folds are those of ``settings``, so all presets answer the same questions. Feature
@@ -143,7 +143,7 @@ def _seconds(made: RepresentationSet, layout: FeatureLayout) -> np.ndarray[Any, 
     return np.array([known[t.n_planned, t.speed_mm_s] for t in made.trials.trials])
 
 
-def as_plain(lines: Sequence[Line]) -> dict[str, Any] | None:
+def as_plain(lines: Sequence[SensitivityRow]) -> dict[str, Any] | None:
     """For ``results.json``; None where no table was asked for."""
     if not lines:
         return None
@@ -159,7 +159,9 @@ def as_csv(plain: Mapping[str, Any]) -> str:
     return out.getvalue()
 
 
-def _lines(preset: str, made: RepresentationSet, results: Sequence[TaskResult]) -> list[Line]:
+def _lines(
+    preset: str, made: RepresentationSet, results: Sequence[TaskResult]
+) -> list[SensitivityRow]:
     lines = []
     for representation in made.present:
         rates = mean_rates_hz(made, representation)
@@ -170,10 +172,12 @@ def _lines(preset: str, made: RepresentationSet, results: Sequence[TaskResult]) 
     return lines
 
 
-def _line(preset: str, rates: tuple[float, float], result: TaskResult, curve: Curve) -> Line:
+def _line(
+    preset: str, rates: tuple[float, float], result: TaskResult, curve: Curve
+) -> SensitivityRow:
     k = min(COMPONENTS, result.k_max)
     sd = None if curve.deviation is None else round(100 * float(curve.deviation[k - 1]), 4)
     mean = round(100 * float(curve.mean[k - 1]), 4)
     sa_hz, ra_hz = (round(rate, 4) for rate in rates)
     key, draws = curve.representation.key, len(curve.accuracy)
-    return Line(preset, key, sa_hz, ra_hz, result.task.key, k, mean, sd, draws)
+    return SensitivityRow(preset, key, sa_hz, ra_hz, result.task.key, k, mean, sd, draws)

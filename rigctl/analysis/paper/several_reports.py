@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.analysis.data.atomic_directory import appearing
-from rigctl.analysis.paper.comparisons import NAME_OF, Verdict
+from rigctl.analysis.data.atomic_directory import atomic_directory
+from rigctl.analysis.paper.comparisons import NAME_OF, Agreement
 from rigctl.analysis.report.comparison_html import (
     NOT_THE_SAME,
     Sets,
@@ -163,13 +163,13 @@ KINDS = (
 
 def _kind(verdicts: Sequence[str]) -> str:
     kinds = set(verdicts)
-    if kinds == {Verdict.HOLDS}:
+    if kinds == {Agreement.HOLDS}:
         return KINDS[0]
-    if Verdict.HOLDS in kinds:
+    if Agreement.HOLDS in kinds:
         return KINDS[1]
-    if kinds == {Verdict.TIED}:
+    if kinds == {Agreement.TIED}:
         return KINDS[2]
-    return KINDS[3] if Verdict.TIED in kinds else KINDS[4]
+    return KINDS[3] if Agreement.TIED in kinds else KINDS[4]
 
 
 def write_orders(folders: Sequence[Path], out: Path, made: str) -> dict[str, Any]:
@@ -179,7 +179,7 @@ def write_orders(folders: Sequence[Path], out: Path, made: str) -> dict[str, Any
     found = summary(sets)
     plain = {"made": made, "sets": list(map(_described, folders, sets)), "tasks": found}
     page, text = _page(found, sets, names, made), json.dumps(plain, indent=1, allow_nan=False)
-    with appearing(out) as folder:
+    with atomic_directory(out) as folder:
         (folder / "orders.json").write_text(text + "\n", encoding="utf-8")
         (folder / "orders.html").write_text(page, encoding="utf-8")
     return found

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.classification.splits import Design, extrapolation_fits, splits
-from rigctl.analysis.classification.sweep_engines import Engine, answer
-from rigctl.analysis.execution.executor import HERE, Crew, Progress, work_through
+from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
+from rigctl.analysis.execution.executor import HERE, Executor, Progress, work_through
 from rigctl.analysis.features.representations import Representation, RepresentationSet
 from rigctl.analysis.paper import published
 from rigctl.errors import WrongUse
@@ -23,13 +23,13 @@ CHOICES = ("textures", "groups", "extrapolation", "leave-speed-out", "leave-forc
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class SweepSettings:
     """What a user may choose. ``tasks``: out of :data:`CHOICES`, empty for all that fit."""
 
     iterations: int = published.ITERATIONS
     k_max: int = published.K_MAX
     seed: int = 0
-    engine: Engine = Engine.OWN
+    engine: SweepEngine = SweepEngine.OWN
     tasks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -107,11 +107,11 @@ class _Plan(NamedTuple):
     learnt: int
 
 
-class _Job(NamedTuple):
+class _SweepJob(NamedTuple):
     features: Path
     design: Design
     plan: _Plan
-    settings: Settings
+    settings: SweepSettings
     iteration: int
 
 
@@ -125,9 +125,9 @@ class _Score(NamedTuple):
 
 def run_tasks(
     made: RepresentationSet,
-    settings: Settings,
+    settings: SweepSettings,
     *,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     progress: Progress = lambda stage, done, all_: None,
 ) -> tuple[list[TaskResult], tuple[str, ...]]:
     """Results of the tasks that the trials allow, and sentences on what was left out or changed.
@@ -138,7 +138,7 @@ def run_tasks(
     plans, remarks = _plans(design, made, settings)
     ways = [(plan, representation) for plan in plans for representation in made.present]
     jobs = [
-        _Job(made.files[representation.key], design, plan, settings, iteration)
+        _SweepJob(made.files[representation.key], design, plan, settings, iteration)
         for plan, representation in ways
         for iteration in range(settings.iterations)
     ]
@@ -153,7 +153,7 @@ def run_tasks(
 
 
 def _plans(
-    design: Design, made: RepresentationSet, settings: Settings
+    design: Design, made: RepresentationSet, settings: SweepSettings
 ) -> tuple[list[_Plan], tuple[str, ...]]:
     plans: list[_Plan] = []
     remarks: list[str] = []
@@ -183,7 +183,7 @@ def _listed(tasks: Sequence[published.Task]) -> str:
 
 
 def _wanted(
-    design: Design, settings: Settings, remarks: list[str]
+    design: Design, settings: SweepSettings, remarks: list[str]
 ) -> dict[str, tuple[published.Task, ...]]:
     """Tasks by family: those asked for, or all that suit the set."""
     asked = settings.tasks or _suitable(design, remarks)
@@ -221,7 +221,7 @@ def _suitable(design: Design, remarks: list[str]) -> tuple[str, ...]:
 def _plan(
     design: Design,
     made: RepresentationSet,
-    settings: Settings,
+    settings: SweepSettings,
     family: str,
     tasks: tuple[published.Task, ...],
 ) -> _Plan:
@@ -239,7 +239,7 @@ def _plan(
     return _Plan(family, kept, k_max, learnt)
 
 
-def _scored(job: _Job) -> dict[str, _Score]:
+def _scored(job: _SweepJob) -> dict[str, _Score]:
     """One iteration of a family on one representation."""
     features = np.load(job.features, mmap_mode="r")
     fits = splits(job.design, job.plan.family, job.settings.seed, job.iteration)

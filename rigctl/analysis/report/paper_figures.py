@@ -22,7 +22,7 @@ COLUMNS = 3
 MOST_ANNOTATED = 16
 
 
-class Style(NamedTuple):
+class CurveStyle(NamedTuple):
     """How a representation is drawn: the paper's colours; dashed where C is texture-blind."""
 
     colour: str
@@ -31,12 +31,12 @@ class Style(NamedTuple):
 
 
 STYLES = {
-    "original": Style("#111111", "-", 1.5),
-    "force": Style("#c8102e", "-", 1.5),
-    "speed": Style("#1f4fd1", "-", 1.5),
-    "speed_force": Style("#1a8a34", "-", 1.5),
-    "force_blind": Style("#c8102e", (0, (3, 2)), 1.0),
-    "speed_force_blind": Style("#1a8a34", (0, (3, 2)), 1.0),
+    "original": CurveStyle("#111111", "-", 1.5),
+    "force": CurveStyle("#c8102e", "-", 1.5),
+    "speed": CurveStyle("#1f4fd1", "-", 1.5),
+    "speed_force": CurveStyle("#1a8a34", "-", 1.5),
+    "force_blind": CurveStyle("#c8102e", (0, (3, 2)), 1.0),
+    "speed_force_blind": CurveStyle("#1a8a34", (0, (3, 2)), 1.0),
 }
 
 

@@ -10,20 +10,20 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rigctl.analysis.classification.training import ModelRequest, train
-from rigctl.analysis.data.atomic_directory import appearing
+from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.data.cache import Cache
 from rigctl.analysis.data.import_remarks import imported_remarks
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions
-from rigctl.analysis.execution.executor import HERE, Crew, Progress
+from rigctl.analysis.execution.executor import HERE, Executor, Progress
 from rigctl.analysis.features.representations import RepresentationSet, represent
 from rigctl.analysis.features.spike_counts import RangesOver
-from rigctl.analysis.features.transferred_c import Source, c_of
-from rigctl.analysis.paper.ablations import Evidence, measure
+from rigctl.analysis.features.transferred_c import ForceMatrixSource, c_of
+from rigctl.analysis.paper.ablations import Ablations, measure
 from rigctl.analysis.paper.result_tables import as_plain, table_csv
-from rigctl.analysis.paper.sensitivity import Line, sensitivity
+from rigctl.analysis.paper.sensitivity import SensitivityRow, sensitivity
 from rigctl.analysis.paper.sensitivity import as_csv as sensitivity_csv
 from rigctl.analysis.paper.sensitivity import as_plain as sensitivity_table
-from rigctl.analysis.paper.tasks import Settings, TaskResult, run_tasks
+from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.analysis.report.example_taxel import check_shown, origin_of, taxel_picture
 from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.paper_figures import confusion_figure, curves_figure, taxel_figure
@@ -38,7 +38,7 @@ CONFUSED = ("untrained-both", "leave-speed-out", "leave-force-out", "textures", 
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class ReportRequest:
     """What a report is to hold. ``trial``, ``taxel``: of the one taxel's figure, or None.
 
     ``model``: one to be kept beside the report. ``c``: a file that C is taken from, not searched.
@@ -47,7 +47,7 @@ class Request:
 
     sessions: tuple[Path, ...]
     out: Path
-    settings: Settings = field(default_factory=Settings)
+    settings: SweepSettings = field(default_factory=SweepSettings)
     parameters: EncoderParameters = DEFAULT
     reference_g: float = REFERENCE_FORCE_G
     trial: int | None = None
@@ -59,7 +59,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class ReportResult:
     """Where the report is, and what it found."""
 
     folder: Path
@@ -70,13 +70,13 @@ class Report:
 
 
 def make_report(
-    request: Request,
+    request: ReportRequest,
     made_utc: str,
     *,
     kept: Cache | None = None,
-    crew: Crew = HERE,
+    crew: Executor = HERE,
     progress: Progress = lambda stage, done, all_: None,
-) -> Report:
+) -> ReportResult:
     """Analyse and write. ``made_utc``: wall-clock stamp for the report's foot; ``crew``: who works;
     ``kept``: what was worked out before.
 
@@ -89,7 +89,7 @@ def make_report(
         check_new(request.model.path)
     source = None if request.c is None else c_of(request.c, trials, progress)
     crew.must_see(trials.paths)
-    with appearing(request.out) as folder:
+    with atomic_directory(request.out) as folder:
         crew.must_see([folder])
         found = _find(
             request, trials, source, folder / FEATURES, made_utc, kept or Cache(), crew, progress
@@ -101,7 +101,7 @@ def make_report(
             save_model(found.model, request.model.path)
     progress("writing the report", 1, 1)
     model = request.model.path if request.model is not None else None
-    return Report(request.out, found.made, found.results, found.remarks, model)
+    return ReportResult(request.out, found.made, found.results, found.remarks, model)
 
 
 class _Found(NamedTuple):
@@ -110,19 +110,19 @@ class _Found(NamedTuple):
     made: RepresentationSet
     results: tuple[TaskResult, ...]
     remarks: tuple[str, ...]
-    sensitivity: list[Line]
-    evidence: Evidence | None
+    sensitivity: list[SensitivityRow]
+    evidence: Ablations | None
     model: Model | None
 
 
 def _find(
-    request: Request,
+    request: ReportRequest,
     trials: TrialSet,
-    source: Source | None,
+    source: ForceMatrixSource | None,
     features: Path,
     made_utc: str,
     kept: Cache,
-    crew: Crew,
+    crew: Executor,
     progress: Progress,
 ) -> _Found:
     """Encode, classify and train; feature files go into the new folder ``features``."""
@@ -142,7 +142,7 @@ def _find(
     results, said = run_tasks(made, request.settings, crew=crew, progress=progress)
     evidence = measure(made, results, request.settings, crew=crew, progress=progress)
     remarks = (*imported_remarks(trials), *made.remarks, *said, *_aside(results), *crew.remarks)
-    lines: list[Line] = []
+    lines: list[SensitivityRow] = []
     if request.sensitivity:
         lines = sensitivity(
             trials,
@@ -164,7 +164,7 @@ def _find(
 
 def _write(
     folder: Path,
-    request: Request,
+    request: ReportRequest,
     found: _Found,
     made_utc: str,
 ) -> None:

@@ -76,15 +76,15 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the report; the last lines on standard output say where it is."""
-    from rigctl.analysis.classification.sweep_engines import Engine
-    from rigctl.analysis.paper.tasks import Settings
-    from rigctl.analysis.report.report_folder import Report, Request, make_report
+    from rigctl.analysis.classification.sweep_engines import SweepEngine
+    from rigctl.analysis.paper.tasks import SweepSettings
+    from rigctl.analysis.report.report_folder import ReportRequest, ReportResult, make_report
 
-    engine = Engine(args.engine)
-    request = Request(
+    engine = SweepEngine(args.engine)
+    request = ReportRequest(
         tuple(Path(name) for name in args.sessions),
         Path(args.out),
-        Settings(args.iterations, args.k_max, args.seed, engine, tuple(args.task)),
+        SweepSettings(args.iterations, args.k_max, args.seed, engine, tuple(args.task)),
         parameters_of(args),
         args.reference_force,
         args.trial,
@@ -98,7 +98,9 @@ def run(args: argparse.Namespace) -> int:
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
         with crew_of(args) as crew:
-            report: Report = make_report(request, now, kept=kept, crew=crew, progress=line.show)
+            report: ReportResult = make_report(
+                request, now, kept=kept, crew=crew, progress=line.show
+            )
     finally:
         line.end()
         kept.trim()

@@ -12,7 +12,7 @@ from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.cli.data.world import add_world
-from rigctl.cli.options.progress import Progress, clock
+from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.rig.run import EXIT_CODES, Watcher
 from rigctl.errors import NegativeAnswer
 from rigctl.session.verify.session import verify
@@ -68,7 +68,7 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     order = ["--protocol", PROTOCOL, "--yes", *(["--out", args.out] if args.out else [])]
     order += _world_words(args)
     client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=order)
-    watcher = Watcher(client, Progress(sys.stderr))
+    watcher = Watcher(client, ProgressLine(sys.stderr))
     with watcher.interruptible():
         try:
             return watcher.watch()

@@ -49,7 +49,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the file; the last line on standard output says where it is."""
     from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
-    from rigctl.analysis.features.spike_counts import Means
+    from rigctl.analysis.features.spike_counts import Resources
 
     request = EncodeRequest(
         tuple(Path(name) for name in args.sessions),
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
         with crew_of(args) as crew:
-            found = encode_sessions(request, now, Means(crew, kept, line.show))
+            found = encode_sessions(request, now, Resources(crew, kept, line.show))
     finally:
         line.end()
         kept.trim()

@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.exchange.column_map import load_map
     from rigctl.exchange.importer import import_files
 
-    teller = Teller(len(args.files), quiet=args.json)
+    teller = ImportProgress(len(args.files), quiet=args.json)
     stamp = datetime.now(UTC).isoformat(timespec="seconds")
     with Interrupt() as interrupt:
         surveyed, whole = import_files(
@@ -66,7 +66,7 @@ def _show(lines: tuple[str, ...]) -> None:
         print(f"note: {line}", file=sys.stderr)
 
 
-class Teller:
+class ImportProgress:
     """A line now and then for imports that last."""
 
     def __init__(self, files: int, quiet: bool) -> None:

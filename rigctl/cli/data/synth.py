@@ -17,7 +17,7 @@ from rigctl.config.resources import find_protocol
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.synth.dataset import Order
+    from rigctl.synth.dataset import DatasetRequest
 
 TELL_EVERY_S = 2.0
 
@@ -52,14 +52,14 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the data set; 0 when every trial is in it, 1 when some could not be committed."""
     from rigctl.simulation.bench.world_file import NOMINAL
-    from rigctl.synth.dataset import Order, plan_of
+    from rigctl.synth.dataset import DatasetRequest, plan_of
 
     path = find_protocol(args.plan)
     world = chosen_world(args.world) or NOMINAL
     plan = plan_of(path, args.repeats, args.seed, world)
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    order = Order(plan, args.seed, args.out, now, args.resume, world)
-    teller = Teller(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
+    order = DatasetRequest(plan, args.seed, args.out, now, args.resume, world)
+    teller = SynthProgress(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
     with Interrupt() as interrupt:
         whole = _make(args, path, order, teller, interrupt)
     teller.finish()
@@ -74,7 +74,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _make(
-    args: argparse.Namespace, path: Path, order: Order, teller: Teller, interrupt: Interrupt
+    args: argparse.Namespace,
+    path: Path,
+    order: DatasetRequest,
+    teller: SynthProgress,
+    interrupt: Interrupt,
 ) -> bool:
     from rigctl.synth.dataset import generate
     from rigctl.synth.sessions import generate_all, orders
@@ -87,7 +91,7 @@ def _make(
     return generate_all(split, teller.tell, interrupt.asked, args.workers)
 
 
-class Teller:
+class SynthProgress:
     """Says how far it is, on a terminal in one line, elsewhere a line now and then."""
 
     def __init__(self, trials: int, trial_s: float) -> None:

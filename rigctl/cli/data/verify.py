@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rigctl.session.verify.session import Report, verify
+from rigctl.session.verify.session import VerifyReport, verify
 
 WHOLE, NOT_WHOLE = 0, 1
 QUIET_S = 2.0
@@ -48,7 +48,7 @@ class _Progress:
         print(f"{what}, about {left_s:.0f} s left", file=sys.stderr)
 
 
-def _print(report: Report, path: Path) -> None:
+def _print(report: VerifyReport, path: Path) -> None:
     for line in report.notes:
         print(f"note: {line}")
     for line in report.problems:

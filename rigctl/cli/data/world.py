@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rigctl.errors import SessionError
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import World
+    from rigctl.simulation.bench.world_file import SimulatedWorld
 
 
 def add_world(parser: argparse.ArgumentParser) -> None:
@@ -22,14 +22,14 @@ def add_world(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def chosen_world(path: Path | None) -> World | None:
+def chosen_world(path: Path | None) -> SimulatedWorld | None:
     """Return the world of a file, None where none was named. Raises ConfigError."""
     from rigctl.simulation.bench.world_file import load_world
 
     return None if path is None else load_world(path)
 
 
-def session_world(folder: Path) -> World | None:
+def session_world(folder: Path) -> SimulatedWorld | None:
     """Return the world that a session holds, None where it holds none. Raises SessionError."""
     from rigctl.session.read.session import Session
     from rigctl.simulation.bench.world_file import recorded_world

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rigctl.analysis.data.cache import Cache
-    from rigctl.analysis.execution.executor import Crew
+    from rigctl.analysis.execution.executor import Executor
     from rigctl.analysis.features.spike_counts import RangesOver
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.encoding.parameters import EncoderParameters
@@ -94,16 +94,16 @@ def cache_of(args: argparse.Namespace) -> Cache:
     return Cache(None if args.no_cache else args.cache or cache_folder())
 
 
-def crew_of(args: argparse.Namespace) -> AbstractContextManager[Crew]:
+def crew_of(args: argparse.Namespace) -> AbstractContextManager[Executor]:
     """Who does the work. Raises WrongUse."""
     from rigctl.errors import WrongUse
 
     if args.workers < 1:
         raise WrongUse("--workers must be at least 1")
     if args.dask is not None:
-        from rigctl.analysis.execution.dask_executor import dask_crew
+        from rigctl.analysis.execution.dask_executor import dask_executor
 
-        return dask_crew(args.dask)
+        return dask_executor(args.dask)
     from rigctl.analysis.execution.executor import processes
 
     return processes(args.workers)

@@ -8,7 +8,7 @@ LINE_EVERY_S = 5.0
 REDRAW_EVERY_S = 0.1
 
 
-class Progress:
+class ProgressLine:
     """Redraws its line on a terminal; elsewhere writes one every few seconds. Times: wall, s."""
 
     def __init__(self, out: TextIO, quiet: bool = False) -> None:

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     if notice := wiring_notice(args.rig):
         print(f"rigctl: {notice}", file=sys.stderr, flush=True)
     with closing(open_rig(args.rig, seed=args.seed, paced=False, world=world)) as rig:
-        session = _Sitting(args, rig)
+        session = _CalibrationSession(args, rig)
         part = {
             "loadcell": session.loadcell,
             "force": session.force,
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-class _Sitting:
+class _CalibrationSession:
     """One calibration: asks, measures, keeps. ``said`` is what was found."""
 
     def __init__(self, args: argparse.Namespace, rig: Rig) -> None:

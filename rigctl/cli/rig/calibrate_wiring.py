@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rigctl.acquisition.taxels.wiring_identification import (
     PER_LAYER,
     Means,
-    TaxelOrder,
+    WiringIdentification,
     place_words,
 )
 from rigctl.cli.options.prompt import ask
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     path, config = _bench(args)
     taxels = replace(config.taxels, wiring=tuple(range(N_TAXELS)), pressure_raises=True)
     with closing(open_rig(args.rig, config=replace(config, taxels=taxels))) as rig:
-        sitting = _Sitting(rig.taxels, print if not args.json else lambda text: None)
+        sitting = _WiringSession(rig.taxels, print if not args.json else lambda text: None)
         wiring = rig.loop.run_until_complete(sitting.find())
     words = [f"wiring = {list(wiring)}{', as drawn' if wiring == DRAWN_WIRING else ''}"]
     if args.dry:
@@ -74,7 +74,7 @@ def _bench(args: argparse.Namespace) -> tuple[Path, RigConfig]:
     return path, config
 
 
-class _Sitting:
+class _WiringSession:
     """Asks for each step until it is clear, and takes the mean of a second of it."""
 
     def __init__(self, taxels: Taxels, tell: Callable[[str], None]) -> None:
@@ -88,7 +88,7 @@ class _Sitting:
         self._taxels.on_block(self._take)
         self._taxels.on_fault(self._fail)
         await self._taxels.connect()
-        order = TaxelOrder()
+        order = WiringIdentification()
         while not order.lower:
             rest = await self._mean(UNPLUG)
             self._note(order.unplugged, rest, await self._mean(FLAT))

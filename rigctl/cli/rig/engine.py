@@ -13,16 +13,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.acquisition.engine import Doors, Engine
+from rigctl.acquisition.engine import Engine, EngineAddress
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.protocol.run_request import Order
-from rigctl.acquisition.rpc.engine_files import Announcement, announce, new_name, runtime_folder
+from rigctl.acquisition.protocol.run_request import RunRequest
+from rigctl.acquisition.rpc.engine_files import EngineFile, announce, new_name, runtime_folder
 from rigctl.acquisition.rpc.server import await_client, listen
 from rigctl.cli.data.world import add_world, chosen_world, session_world
 from rigctl.rig import open_rig
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import World
+    from rigctl.simulation.bench.world_file import SimulatedWorld
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -51,11 +51,11 @@ def run(args: argparse.Namespace) -> int:
         engine = Engine(rig, live, _utc_now, args.seed, watched)
         port = listener.getsockname()[1]
         path = announce(
-            folder, Announcement(name, os.getpid(), port, token, args.rig, str(live.path))
+            folder, EngineFile(name, os.getpid(), port, token, args.rig, str(live.path))
         )
         try:
             # Simulated time has not begun yet, so when the client comes changes no sample.
-            doors = Doors(listener, token, await_client(listener, token))
+            doors = EngineAddress(listener, token, await_client(listener, token))
             _end_on_signals(rig.loop, engine)
             return rig.loop.run_until_complete(engine.serve(doors, order))
         finally:
@@ -64,13 +64,13 @@ def run(args: argparse.Namespace) -> int:
             path.unlink(missing_ok=True)
 
 
-def _order(args: argparse.Namespace) -> Order | None:
+def _order(args: argparse.Namespace) -> RunRequest | None:
     if args.protocol is None and args.resume is None:
         return None
-    return Order(args.protocol, args.out, args.resume, args.order_seed, args.yes)
+    return RunRequest(args.protocol, args.out, args.resume, args.order_seed, args.yes)
 
 
-def _world(args: argparse.Namespace) -> World | None:
+def _world(args: argparse.Namespace) -> SimulatedWorld | None:
     """The world of the file named, or else that of the session to go on with."""
     if args.world is None and args.resume is not None:
         return session_world(Path(args.resume))

@@ -16,7 +16,7 @@ from typing import Any
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.cli.data.world import add_world
-from rigctl.cli.options.progress import Progress
+from rigctl.cli.options.progress import ProgressLine
 from rigctl.errors import WrongUse
 from rigctl.session.format.layout import RIG_FILE
 from rigctl.session.read.session import Session
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     client = EngineClient.start(
         rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
     )
-    watcher = Watcher(client, Progress(sys.stderr, quiet=args.json))
+    watcher = Watcher(client, ProgressLine(sys.stderr, quiet=args.json))
     with watcher.interruptible():
         try:
             ended = watcher.watch()
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
 class Watcher:
     """Follows a run: shows it, passes on what is typed and what is interrupted."""
 
-    def __init__(self, client: EngineClient, progress: Progress) -> None:
+    def __init__(self, client: EngineClient, progress: ProgressLine) -> None:
         self._client = client
         self._progress = progress
         self._typed: SimpleQueue[str] = SimpleQueue()

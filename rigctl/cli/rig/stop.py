@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from rigctl.acquisition.rpc.stop_all import Stopped, stop_engines
+from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import NegativeAnswer, RigFault
 
 
@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> int:
     """Stop each engine; a run ends with its session whole."""
     failures: list[str] = []
 
-    def tell(stopped: Stopped) -> None:
+    def tell(stopped: StopResult) -> None:
         if stopped.failure:
             failures.append(f"{stopped.name}: {stopped.failure}")
         else:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.kernel import constants
 from rigctl.encoding.kernel.machine_code import LANES, LANES_OF_SA, Kernel
-from rigctl.encoding.kernel.prefetch import BYTES, Rows, first_readings
+from rigctl.encoding.kernel.prefetch import BYTES, TrialRows, first_readings
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 
@@ -22,7 +22,7 @@ def filled_up(lanes: int, wide: int) -> int:
     return -(-lanes // wide) * wide
 
 
-class Blocks:
+class NeuronBlocks:
     """Neurons of each lane, equal for any slicing of the samples; lanes that fill up are silent.
 
     A lane is a taxel, of one trial or of several side by side, trial after trial. All start at
@@ -52,7 +52,7 @@ class Blocks:
         return self._n
 
     @classmethod
-    def of_taxels(cls, normalisation: Normalisation, parameters: EncoderParameters) -> Blocks:
+    def of_taxels(cls, normalisation: Normalisation, parameters: EncoderParameters) -> NeuronBlocks:
         """A lane for each taxel."""
         return cls.of_trials(1, normalisation, parameters)
 
@@ -66,7 +66,7 @@ class Blocks:
         *,
         taxels: NDArray[np.int64] | None = None,
         sa_only: bool = False,
-    ) -> Blocks:
+    ) -> NeuronBlocks:
         """A lane for each trial and taxel (some ``taxels`` only, or all).
 
         ``sa_scale``: float64 (n_trials, taxels), a factor on the SA current, or None for 1.
@@ -102,7 +102,7 @@ class Blocks:
         full[: len(values)] = values
         return full
 
-    def advance(self, rows: Rows, ends: NDArray[np.int64]) -> Counts:
+    def advance(self, rows: TrialRows, ends: NDArray[np.int64]) -> Counts:
         """Spikes between ends, uint8 (blocks, ends, channels, wide).
 
         ``rows``: readings of as many trials as there are side by side; what a lane shows behind
@@ -114,7 +114,7 @@ class Blocks:
         self._run(self._advance, rows, ends, counts, np.empty(0))
         return counts
 
-    def take_trains(self, rows: Rows, words: NDArray[np.uint64]) -> int:
+    def take_trains(self, rows: TrialRows, words: NDArray[np.uint64]) -> int:
         """Keep all spikes as bits, uint64 (planes, trains, words); the most in one sample.
 
         As :func:`rigctl.encoding.kernel.transpose_bits.keep` says; with fewer planes spikes are
@@ -123,7 +123,7 @@ class Blocks:
         advance = constants.kernel_for(self._parameters, trains=True)
         return self._run(advance, rows, np.empty(0, np.int64), words, np.empty(0))
 
-    def traced_mv(self, rows: Rows) -> tuple[Counts, NDArray[np.float64]]:
+    def traced_mv(self, rows: TrialRows) -> tuple[Counts, NDArray[np.float64]]:
         """Spikes and membrane voltage in mV of each sample, both (blocks, n, channels, wide)."""
         advance = constants.kernel_for(self._parameters, sa_only=self._sa_only, traced=True)
         ends = np.arange(1, rows.lengths.max() + 1)
@@ -135,7 +135,7 @@ class Blocks:
     def _run(
         self,
         advance: Kernel,
-        rows: Rows,
+        rows: TrialRows,
         ends: NDArray[np.int64],
         out: NDArray[Any],
         trace: NDArray[np.float64],

@@ -31,7 +31,7 @@ PIECE = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class TrialRows:
     """Where the readings of trials lie, row by row of all taxels.
 
     ``addresses``, ``lengths``: int64 (n_trials,); ``row_bytes``: of one row. ``held``: what must
@@ -47,12 +47,12 @@ class Rows:
         return len(self.lengths)
 
     @classmethod
-    def of(cls, trials: Trials) -> Rows:
+    def of(cls, trials: Trials) -> TrialRows:
         """Of arrays uint16 (n_i, n_taxels), or what can be made such; one that is made stays.
 
         Raises :class:`WrongUse` for trials of unlike numbers of taxels.
         """
-        if isinstance(trials, Rows):
+        if isinstance(trials, TrialRows):
             return trials
         held = [np.require(samples, np.uint16, ["C", "A"]) for samples in trials]
         shapes = {samples.shape[1:] for samples in held}
@@ -65,7 +65,7 @@ class Rows:
     @classmethod
     def within(
         cls, memory: NDArray[np.uint16], begins: NDArray[np.int64], lengths: NDArray[np.int64]
-    ) -> Rows:
+    ) -> TrialRows:
         """Of trials in one ``memory``, (rows, n_taxels): ``lengths`` rows of it from ``begins`` on.
 
         Raises :class:`WrongUse` for rows that it does not have.
@@ -76,12 +76,12 @@ class Rows:
         row_bytes = BYTES * memory.shape[1]
         return cls(memory.ctypes.data + begins * row_bytes, lengths, row_bytes, [memory])
 
-    def some(self, which: Any) -> Rows:
+    def some(self, which: Any) -> TrialRows:
         """Of some trials: a list of indices, or a slice."""
         return replace(self, addresses=self.addresses[which], lengths=self.lengths[which])
 
 
-Trials = Sequence[NDArray[np.uint16]] | Rows
+Trials = Sequence[NDArray[np.uint16]] | TrialRows
 
 
 @emitted

@@ -19,8 +19,8 @@ from numba.core import types
 from numpy.typing import NDArray
 
 from rigctl.encoding.kernel.machine_code import LANES
-from rigctl.encoding.kernel.neuron_blocks import Blocks
-from rigctl.encoding.kernel.prefetch import Rows
+from rigctl.encoding.kernel.neuron_blocks import NeuronBlocks
+from rigctl.encoding.kernel.prefetch import TrialRows
 from rigctl.encoding.kernel.simd import emitted, pointer, splat
 from rigctl.encoding.kernel.transpose_bits import LINE, WORD
 from rigctl.values import Spikes
@@ -37,7 +37,7 @@ for _byte in range(256):
 Words = NDArray[np.uint64]
 
 
-class Trains:
+class SpikeTrains:
     """Spike trains of tile after tile, with the same memory for their bits.
 
     ``highest``: most spikes that a sample may hold. As long as none holds two, one bit is kept.
@@ -47,7 +47,7 @@ class Trains:
         self._highest, self._planes = highest, 1
         self._memory = np.empty(0, np.uint64)
 
-    def of(self, blocks: Blocks, rows: Rows, n_taxels: int) -> list[Spikes]:
+    def of(self, blocks: NeuronBlocks, rows: TrialRows, n_taxels: int) -> list[Spikes]:
         """Encode trials side by side, from rest: the trains of each."""
         words = self._room(2 * blocks.lanes, int(rows.lengths.max()))
         most = blocks.take_trains(rows, words)

@@ -30,7 +30,7 @@ SLACK_MS = 1_000
 
 
 @dataclass(frozen=True, slots=True)
-class WorldTruth:
+class GroundTruthLog:
     """One sitting's log, a row a millisecond; row i ends at ``first_ms + i + 1`` ms world time.
 
     ``speed_mm_s`` and ``force_g``: float32 (n,); ``sync``: uint8 (n,).
@@ -83,7 +83,7 @@ def write_truth(folder: Path, log: TruthLog) -> Path:
     return path
 
 
-def load_truth(folder: Path) -> list[WorldTruth]:
+def load_truth(folder: Path) -> list[GroundTruthLog]:
     """The logs of all sittings, in order; empty for a session of a real bench.
 
     Raises SessionError for a file that is damaged.
@@ -213,7 +213,7 @@ def _create(path: Path, first_ms: int, sitting: int) -> None:
             layout.describe(dataset, {"unit": unit or "none", "doc": doc, "shape": "(ms,)"})
 
 
-def _load(path: Path) -> WorldTruth:
+def _load(path: Path) -> GroundTruthLog:
     with TruthReader(path) as log:
         speed, force, sync = (log.window(name, 0, log.n_rows) for name, *_ in COLUMNS)
-        return WorldTruth(log.first_ms, speed, force, sync, log.sitting)
+        return GroundTruthLog(log.first_ms, speed, force, sync, log.sitting)

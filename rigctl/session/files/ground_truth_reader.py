@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
-from rigctl.session.read.buffered_array import STRETCH_ROWS, ReadAhead
+from rigctl.session.read.buffered_array import STRETCH_ROWS, BufferedArray
 from rigctl.session.read.folder import attributes
 
 COLUMNS = (
@@ -44,7 +44,7 @@ class TruthReader:
             raise
         self.n_rows = min(int(column.shape[0]) for column in columns.values())
         self._ahead = {
-            name: ReadAhead(partial(self._part, column), self.n_rows)
+            name: BufferedArray(partial(self._part, column), self.n_rows)
             for name, column in columns.items()
         }
 

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Training:
+class TrainingInfo:
     """What a model was made from and by whom.
 
     ``inputs``: a plain mapping for each session, its ``content`` among it, a digest of what was
@@ -63,7 +63,7 @@ class Model:
     log_priors: Floats
     dropped: NDArray[np.int64]
     c: ForceMatrix | None
-    training: Training
+    training: TrainingInfo
     sample_rate_hz: int = SAMPLE_RATE_HZ
 
     @property

@@ -16,7 +16,7 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.session.files.encoder_group import put_encoder, take_parameters, take_ranges
 from rigctl.session.files.force_matrix_file import put_force, take_force
-from rigctl.session.files.model import Model, Training
+from rigctl.session.files.model import Model, TrainingInfo
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import (
     put_array,
@@ -134,7 +134,7 @@ def _write_lda(group: Any, model: Model) -> None:
     put_array(group, "dropped", model.dropped, "", doc, "dropped component")
 
 
-def _write_training(group: Any, training: Training) -> None:
+def _write_training(group: Any, training: TrainingInfo) -> None:
     put_text(group, "made_utc", training.made_utc, "wall clock, ISO 8601")
     put_text(group, "software_version", training.software_version, "of rigctl")
     put_text(group, "software_commit", training.software_commit, "of rigctl, where it is known")
@@ -181,8 +181,8 @@ def _features_of(group: Any) -> FeatureLayout:
     )
 
 
-def _training_of(group: Any, simulated: bool) -> Training:
-    return Training(
+def _training_of(group: Any, simulated: bool) -> TrainingInfo:
+    return TrainingInfo(
         made_utc=take_text(group, "made_utc"),
         software_version=take_text(group, "software_version"),
         software_commit=take_text(group, "software_commit"),

@@ -31,7 +31,7 @@ SAMPLE_CHUNK = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
-class Encoding:
+class EncodingInfo:
     """All that a file of spikes says before its first spike.
 
     ``trials``: columns by name, each with a unit, a meaning, and n values. ``rows``: names of the
@@ -73,7 +73,7 @@ def train_names(n_taxels: int) -> list[tuple[str, int]]:
 class SpikeFile:
     """Writes one file; use it in a ``with``. May raise OSError."""
 
-    def __init__(self, path: Path, encoding: Encoding) -> None:
+    def __init__(self, path: Path, encoding: EncodingInfo) -> None:
         self._file = h5py.File(path, "x", libver=layout.LIBVER)
         self._n_trials = len(encoding.trials["trial_id"][2])
         self._trial = self._spikes = 0
@@ -115,7 +115,7 @@ class SpikeFile:
         doc = "real time that the trial spends in the window"
         put_array(group, f"{name}_s", seconds, "s", doc, "trial, window")
 
-    def _begin(self, encoding: Encoding) -> None:
+    def _begin(self, encoding: EncodingInfo) -> None:
         head: dict[str, str | int | float] = {"layout": LAYOUT, "layout_version": LAYOUT_VERSION}
         layout.describe(self._file, {**head, "simulated": int(encoding.simulated)})
         said = "SIMULATED: no bench stood behind it" if encoding.simulated else "a real bench"
@@ -136,7 +136,7 @@ class SpikeFile:
         self._put_spikes(len(encoding.rows))
         self._put_layouts(encoding.layouts)
 
-    def _put_trials(self, encoding: Encoding) -> None:
+    def _put_trials(self, encoding: EncodingInfo) -> None:
         group = self._file.create_group("trials")
         for name, (unit, doc, values) in encoding.trials.items():
             if isinstance(values, np.ndarray):

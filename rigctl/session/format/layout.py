@@ -40,7 +40,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class TableLayout:
     """A growing one-dimensional data set whose rows are HDF5 compounds."""
 
     path: str
@@ -84,7 +84,7 @@ TAXEL_ARRAYS = (
     Array("/taxels/edges", "u1", "", "sync rises mod 4 in bits 0–1, index marks mod 4 in 2–3"),
 )
 
-ARRIVALS = Table(
+ARRIVALS = TableLayout(
     "/taxels/arrivals",
     "one row a block of samples as the host received it",
     1024,
@@ -94,7 +94,7 @@ ARRIVALS = Table(
     ),
 )
 
-DRUM = Table(
+DRUM = TableLayout(
     "/drum",
     "one row a poll of the drum",
     512,
@@ -121,7 +121,7 @@ DRUM = Table(
     ),
 )
 
-LOADCELL = Table(
+LOADCELL = TableLayout(
     "/loadcell",
     "one row a conversion of the load cell, each exactly once",
     1024,
@@ -133,7 +133,7 @@ LOADCELL = Table(
     ),
 )
 
-TRIALS = Table(
+TRIALS = TableLayout(
     "/trials",
     "one row an attempt at a trial, written when it ended",
     32,
@@ -161,7 +161,7 @@ TRIALS = Table(
     ),
 )
 
-EVENTS = Table(
+EVENTS = TableLayout(
     "/events",
     "what happened, for people and for programs",
     64,
@@ -173,7 +173,7 @@ EVENTS = Table(
     ),
 )
 
-GAPS = Table(
+GAPS = TableLayout(
     "/gaps",
     "samples that the board took and this file does not hold",
     64,
@@ -234,7 +234,7 @@ def _create_array(file: Any, array: Array, n_taxels: int, sample_unit: str) -> N
     describe(dataset, {"doc": array.doc, "unit": unit, "shape": shape})
 
 
-def _create_table(file: Any, table: Table) -> None:
+def _create_table(file: Any, table: TableLayout) -> None:
     dataset = file.create_dataset(
         table.path, shape=(0,), maxshape=(None,), chunks=(table.chunk_rows,), dtype=table.dtype
     )

@@ -12,7 +12,7 @@ _LOOK_BACK_ROWS = 8
 """A window is often looked at once more from a few rows before it."""
 
 
-class ReadAhead:
+class BufferedArray:
     """Windows of one array of ``n_rows``; ``read(start, stop)`` gives its rows.
 
     What was read serves the windows behind, so that each row is read about once and no more

@@ -14,7 +14,7 @@ from rigctl.session.format.annotated_arrays import take_text
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.wiring import agree, in_words, wiring_of
 from rigctl.session.format.writer_lock import WriterLock, is_being_written
-from rigctl.session.read.unclosed_part import DeadPart
+from rigctl.session.read.unclosed_part import UnclosedPart
 
 CACHE_BYTES = 256 << 10
 """Of chunks that HDF5 keeps for each data set: its own 8 MiB add up over a session's parts."""
@@ -67,7 +67,7 @@ def _open(path: Path) -> h5py.File:
             raise
     if _grows(path):
         return h5py.File(path, "r", libver=layout.LIBVER, swmr=True, rdcc_nbytes=CACHE_BYTES)
-    return h5py.File(DeadPart(path), "r", rdcc_nbytes=CACHE_BYTES)
+    return h5py.File(UnclosedPart(path), "r", rdcc_nbytes=CACHE_BYTES)
 
 
 def _grows(path: Path) -> bool:

@@ -67,7 +67,7 @@ class PartReader:
         """One of the per-sample data sets as h5py has it."""
         return self._arrays[path]
 
-    def n_rows(self, table: layout.Table) -> int:
+    def n_rows(self, table: layout.TableLayout) -> int:
         """Rows of a table."""
         return int(self._tables[table.path].shape[0])
 
@@ -75,19 +75,21 @@ class PartReader:
         """Rows of each per-sample data set; they differ by the last flush of a killed writer."""
         return {path: int(dataset.shape[0]) for path, dataset in self._arrays.items()}
 
-    def rows(self, table: layout.Table, start: int = 0, stop: int | None = None) -> Structured:
+    def rows(
+        self, table: layout.TableLayout, start: int = 0, stop: int | None = None
+    ) -> Structured:
         """Rows of a table; text as Unicode."""
         with self.named():
             raw = self._tables[table.path][start:stop]
         return self._readable_rows(table, raw)
 
-    def rows_with(self, table: layout.Table, column: str, text: str) -> Structured:
+    def rows_with(self, table: layout.TableLayout, column: str, text: str) -> Structured:
         """Rows of a table with a text in one of its columns: the others are not decoded."""
         with self.named():
             raw = self._tables[table.path][:]
         return self._readable_rows(table, raw[raw[column] == text.encode()])
 
-    def _readable_rows(self, table: layout.Table, raw: Structured) -> Structured:
+    def _readable_rows(self, table: layout.TableLayout, raw: Structured) -> Structured:
         dtype = self._dtypes[table.path]
         rows: Structured = np.empty(raw.shape, dtype)
         for column in table.columns:
@@ -109,14 +111,14 @@ class PartReader:
                 out[first - start : last - start] = dataset[first:last]
             return out
 
-    def first_at(self, table: layout.Table, column: str, value: float) -> int:
+    def first_at(self, table: layout.TableLayout, column: str, value: float) -> int:
         """First row of an ascending column that is not below ``value``, without reading it all."""
         dataset = self._tables[table.path]
         with self.named():
             places = range(int(dataset.shape[0]))
             return bisect_left(places, value, key=lambda row: dataset[row][column])
 
-    def column_sum(self, table: layout.Table, column: str) -> int:
+    def column_sum(self, table: layout.TableLayout, column: str) -> int:
         """Sum of one integer column of a table."""
         with self.named():
             return int(self._tables[table.path].fields(column)[:].sum(dtype=np.int64))
@@ -156,7 +158,7 @@ def _decoded(column: NDArray[np.bytes_]) -> NDArray[np.str_]:
     return texts
 
 
-def _readable(table: layout.Table) -> np.dtype[Any]:
+def _readable(table: layout.TableLayout) -> np.dtype[Any]:
     """The stored row type with Unicode in place of UTF-8."""
     kinds = [c.kind.replace("S", "U") if c.kind.startswith("S") else c.kind for c in table.columns]
     return np.dtype([(c.name, kind) for c, kind in zip(table.columns, kinds, strict=True)])

@@ -45,7 +45,7 @@ Files = Sequence[SampleFile] | Mapping[int, SampleFile]
 """Files by the number that a place tells."""
 
 
-class Place(NamedTuple):
+class SampleRange(NamedTuple):
     """Rows ``start`` … ``stop`` - 1 of a file hold a trial. ``complete``: none of it was lost."""
 
     file: int
@@ -63,7 +63,7 @@ def sample_file(part: PartReader) -> SampleFile:
     )
 
 
-def places_of(part: PartReader, rows: Structured, file: int) -> list[Place]:
+def places_of(part: PartReader, rows: Structured, file: int) -> list[SampleRange]:
     """Where the windows of some trials of a part lie; ``rows``: theirs in /trials.
 
     A window is as many rows as its count, less where the counter jumps. Raises SessionError for
@@ -80,7 +80,7 @@ def places_of(part: PartReader, rows: Structured, file: int) -> list[Place]:
         stop[i] = start[i] + np.searchsorted(counters, behind[i])
     whole = (stop - start == rows["count"]) & (stop > start)
     columns = (start.tolist(), np.maximum(stop, start).tolist(), whole.tolist())
-    return list(map(Place, [file] * len(rows), *columns))
+    return list(map(SampleRange, [file] * len(rows), *columns))
 
 
 class SampleReader:
@@ -103,7 +103,7 @@ class SampleReader:
             file.close()
         self._open.clear()
 
-    def read(self, place: Place, out: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
+    def read(self, place: SampleRange, out: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
         """Samples uint16 (n, n_taxels) of a trial, in ``out`` where it is given.
 
         Raises OSError or SessionError for what cannot be read.
@@ -115,7 +115,7 @@ class SampleReader:
         return out
 
     def read_all(
-        self, places: Sequence[Place], out: NDArray[np.uint16], begins: Sequence[int]
+        self, places: Sequence[SampleRange], out: NDArray[np.uint16], begins: Sequence[int]
     ) -> None:
         """Samples of several trials into ``out`` (n, n_taxels), each from its row of ``begins`` on.
 
@@ -188,7 +188,9 @@ def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]
     return out[:, 0]
 
 
-def _pieces(file: SampleFile, told: Sequence[tuple[Place, int]]) -> Iterator[tuple[int, int, int]]:
+def _pieces(
+    file: SampleFile, told: Sequence[tuple[SampleRange, int]]
+) -> Iterator[tuple[int, int, int]]:
     """Byte of the file, first byte and end in memory of each piece of trials and their begins.
 
     A piece is what one trial has in one chunk.

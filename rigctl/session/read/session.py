@@ -19,7 +19,7 @@ from rigctl.session.format.table_rows import event_of, trial_of
 from rigctl.session.format.wiring import wiring_of
 from rigctl.session.read.folder import part_number, part_paths
 from rigctl.session.read.part import PartReader, Structured
-from rigctl.session.read.sample_index import Place, SampleFile, places_of, sample_file
+from rigctl.session.read.sample_index import SampleFile, SampleRange, places_of, sample_file
 from rigctl.values import Event, Gap, PlannedTrial, TrialRow, Verdict
 
 SCALING_KIND = "scaling"
@@ -220,13 +220,13 @@ class Session:
         """Where the samples of each of ``parts`` lie."""
         return tuple(map(sample_file, self.parts))
 
-    def places(self, indices: Sequence[int], first_file: int = 0) -> list[Place]:
+    def places(self, indices: Sequence[int], first_file: int = 0) -> list[SampleRange]:
         """Where the windows of trials lie; ``file`` counts :meth:`sample_files` from the first.
 
         Raises SessionError for a part that cannot be read.
         """
         rows = self._trials[list(indices)]
-        found: dict[int, Place] = {}
+        found: dict[int, SampleRange] = {}
         for number, part in enumerate(self.parts):
             chosen = np.flatnonzero(rows["part"] == part.number)
             places = places_of(part, rows[chosen], first_file + number)
@@ -277,7 +277,7 @@ class Session:
         place = places_of(part, row, 0)[0]
         return part, place.start, place.stop
 
-    def _join(self, table: layout.Table) -> Structured:
+    def _join(self, table: layout.TableLayout) -> Structured:
         parts = [(part.number, part.rows(table)) for part in self.parts]
         if table is layout.TRIALS:  # not what a crash left empty
             parts = [(n, rows[np.isin(rows["verdict"], list(Verdict))]) for n, rows in parts]

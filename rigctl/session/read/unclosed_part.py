@@ -40,7 +40,7 @@ _FINAL = (
 )
 
 
-class DeadPart(io.RawIOBase):
+class UnclosedPart(io.RawIOBase):
     """Reads the file at ``path`` with its superblock closed. Raises OSError for another file."""
 
     def __init__(self, path: Path) -> None:

@@ -32,7 +32,7 @@ SAME_IN_ALL_PARTS = ("plan_hash", "seed", "trials_planned", "n_taxels", "sample_
 
 
 @dataclass(slots=True)
-class Report:
+class VerifyReport:
     """What was found. One line a problem, each beginning with the file it is in."""
 
     problems: list[str] = field(default_factory=list)
@@ -50,13 +50,13 @@ class Report:
 OnStep = Callable[[float, str], None]
 
 
-def verify(path: Path, on_step: OnStep = lambda share, what: None) -> Report:
+def verify(path: Path, on_step: OnStep = lambda share, what: None) -> VerifyReport:
     """Check everything in a session. Raises SessionError for a folder that is none.
 
     ``on_step`` is told which share of the work is done, 0 to 1, and what comes next. However
     long a session is, no more than a stretch of its samples is held.
     """
-    report = Report()
+    report = VerifyReport()
     try:
         session = Session.open(path)
     except SessionError as error:
@@ -72,7 +72,7 @@ def verify(path: Path, on_step: OnStep = lambda share, what: None) -> Report:
     return report
 
 
-def _check_session(session: Session, report: Report, on_step: OnStep) -> None:
+def _check_session(session: Session, report: VerifyReport, on_step: OnStep) -> None:
     _check_parts(session, report)
     rows = [session.trial_row(index) for index in range(len(session.trials))]
     n_parts, of_parts = len(session.parts), _share_of_parts(session)
@@ -95,7 +95,7 @@ def _share_of_parts(session: Session) -> float:
     return 1.0 - WORLD_SHARE if list(session.path.glob(PATTERN)) else 1.0
 
 
-def _check_parts(session: Session, report: Report) -> None:
+def _check_parts(session: Session, report: VerifyReport) -> None:
     numbers = [part.number for part in session.parts]
     if numbers != list(range(1, len(numbers) + 1)):
         missing = sorted(set(range(1, max(numbers) + 1)) - set(numbers))
@@ -116,7 +116,7 @@ def _check_parts(session: Session, report: Report) -> None:
             )
 
 
-def _check_header(session: Session, part: PartReader, report: Report) -> None:
+def _check_header(session: Session, part: PartReader, report: VerifyReport) -> None:
     if part.attributes.get("part") != part.number:
         report.problems.append(f"{part.path.name}: says that it is part {part.attributes['part']}")
     for name in SAME_IN_ALL_PARTS:
@@ -126,7 +126,7 @@ def _check_header(session: Session, part: PartReader, report: Report) -> None:
         report.problems.append(f"{part.path.name}: has its taxels in another order than the first")
 
 
-def _check_plan(session: Session, rows: list[TrialRow], report: Report) -> None:
+def _check_plan(session: Session, rows: list[TrialRow], report: VerifyReport) -> None:
     """Each committed trial once, and as it was planned."""
     committed = [row for row in rows if row.verdict is Verdict.COMMITTED]
     counts = Counter(row.trial.trial_id for row in committed)
@@ -150,7 +150,7 @@ def _check_plan(session: Session, rows: list[TrialRow], report: Report) -> None:
         )
 
 
-def _plan_of(session: Session, report: Report) -> Plan | None:
+def _plan_of(session: Session, report: VerifyReport) -> Plan | None:
     """The plan made anew from the protocol and the seed; its hash must be the recorded one."""
     if not session.protocol_text:
         report.notes.append("the session has no protocol, so its trials have no plan")
@@ -168,7 +168,7 @@ def _plan_of(session: Session, report: Report) -> Plan | None:
 
 
 def _check_world(
-    session: Session, report: Report, on_share: Callable[[float], None], begun: float
+    session: Session, report: VerifyReport, on_share: Callable[[float], None], begun: float
 ) -> None:
     def on_trial(done: int, trials: int) -> None:
         if done % TOLD_TRIALS == 0:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.session.format.header import CUT_BY_CLOCK
-from rigctl.session.read.buffered_array import ReadAhead
+from rigctl.session.read.buffered_array import BufferedArray
 from rigctl.session.read.part import PartReader
 from rigctl.values import TrialRow, Verdict
 from rigctl.wire.taxels.frames import Flag
@@ -39,7 +39,7 @@ class _Samples:
     def __init__(self, part: PartReader) -> None:
         self.n_samples = part.n_samples
         self._columns = {
-            path: ReadAhead(partial(part.read, path), part.n_samples)
+            path: BufferedArray(partial(part.read, path), part.n_samples)
             for path in ("/taxels/counter", "/taxels/flags", "/taxels/edges")
         }
 

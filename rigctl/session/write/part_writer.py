@@ -52,7 +52,7 @@ class CounterMap:
         self._rows.append(row)
 
 
-class Part:
+class PartWriter:
     """An open part. All methods belong to the writer's thread and may raise OSError.
 
     Rows are gathered by ``add_*`` and reach the file with :meth:`write`.
@@ -105,7 +105,7 @@ class Part:
         reason = gap.reason.encode()[:32].decode(errors="ignore").encode()
         self.add_rows(layout.GAPS, [(gap.first_counter, gap.count, place, reason)])
 
-    def add_rows(self, table: layout.Table, rows: Sequence[Row]) -> None:
+    def add_rows(self, table: layout.TableLayout, rows: Sequence[Row]) -> None:
         """Gather rows of one table."""
         self._rows[table.path].extend(rows)
 

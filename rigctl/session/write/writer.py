@@ -18,7 +18,7 @@ from rigctl.errors import DiskFault
 from rigctl.session.format import layout
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.table_rows import drum_row, event_row, loadcell_row, trial_row
-from rigctl.session.write.part_writer import Part
+from rigctl.session.write.part_writer import PartWriter
 from rigctl.values import Block, DrumState, Event, Gap, TrialRow
 
 _ERRNO = re.compile(r"errno = (\d+)")
@@ -54,7 +54,7 @@ class Writer:
         self._header = header
         self._texts = texts
         self._number = last_part
-        self._part: Part | None = None
+        self._part: PartWriter | None = None
         self._texture = ""
         self._last_at_s = header.start_loop_s
         self._trials = 0
@@ -76,7 +76,7 @@ class Writer:
         }
         attributes.update(self._header.attributes())
         path = self._folder / layout.part_name(self._number)
-        self._part = Part(path, attributes, self._header.n_taxels, self._texts)
+        self._part = PartWriter(path, attributes, self._header.n_taxels, self._texts)
         self.flush()
 
     def add_block(self, block: Block) -> None:
@@ -167,7 +167,7 @@ class Writer:
         for done in waiting:
             done.set()
 
-    def _open_part(self) -> Part:
+    def _open_part(self) -> PartWriter:
         if self._part is None:
             raise DiskFault("nothing can be recorded before the first part was begun")
         return self._part

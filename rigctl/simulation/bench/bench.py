@@ -8,9 +8,9 @@ from concurrent.futures import Executor
 import numpy as np
 
 from rigctl.simulation.bench.contact import contact_tables, footprint, mounted
-from rigctl.simulation.bench.ground_truth import Truth
-from rigctl.simulation.bench.load_cell import Loadcell
-from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, Motion, Plant
+from rigctl.simulation.bench.ground_truth import GroundTruth
+from rigctl.simulation.bench.load_cell import LoadCellAmplifier
+from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, Mechanics, RodMotion
 from rigctl.simulation.bench.parameters import WorldParameters, checked
 from rigctl.simulation.bench.skin import Skin
 from rigctl.simulation.simulated_rig import Disturbances
@@ -33,10 +33,10 @@ class Bench:
         self.parameters = checked(parameters)
         self.seed = seed
         self.disturbances = Disturbances()
-        self.plant = Plant(parameters)
+        self.plant = Mechanics(parameters)
         self.skin = Skin(parameters, seed, self.plant, helper)
-        self.loadcell = Loadcell(parameters, seed, self.plant, self.disturbances)
-        self._truth = Truth()
+        self.loadcell = LoadCellAmplifier(parameters, seed, self.plant, self.disturbances)
+        self._truth = GroundTruth()
         self.logged_ms = 0
         self._logged_level = 0
         self._plates = 0
@@ -46,7 +46,7 @@ class Bench:
         self.set_plate("A")
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> GroundTruth:
         """What really happened, up to now."""
         self.log_truth()
         return self._truth
@@ -75,8 +75,8 @@ class Bench:
         if self.on_sync is not None:
             self.on_sync(level, at_us)
 
-    def advance(self, until_ms: int, drive: float, motion: Motion) -> None:
-        """As :meth:`Plant.advance`, at most 1 s a call; skin and truth follow behind."""
+    def advance(self, until_ms: int, drive: float, motion: RodMotion) -> None:
+        """As :meth:`Mechanics.advance`, at most 1 s a call; skin and truth follow behind."""
         if until_ms - self.logged_ms > LOG_EVERY_MS:
             self.log_truth()
         self.plant.advance(until_ms, drive, motion)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class TruthArrays(NamedTuple):
+class GroundTruthArrays(NamedTuple):
     """True values, one row a millisecond; row ``i`` ends at ``first_ms + i + 1`` ms world time.
 
     ``speed_mm_s``: float32 (n,), surface speed of the texture, mean over the millisecond.
@@ -22,7 +22,7 @@ class TruthArrays(NamedTuple):
     sync: NDArray[np.uint8]
 
 
-class Truth:
+class GroundTruth:
     """Append-only log of true speed, force and sync level, kept in chunks until taken."""
 
     def __init__(self) -> None:
@@ -42,16 +42,16 @@ class Truth:
         self._force.append(force_g.astype(np.float32))
         self._sync.append(sync.astype(np.uint8))
 
-    def arrays(self) -> TruthArrays:
+    def arrays(self) -> GroundTruthArrays:
         """Everything logged and not yet taken."""
-        return TruthArrays(
+        return GroundTruthArrays(
             self._first_ms,
             np.concatenate([np.empty(0, np.float32), *self._speed]),
             np.concatenate([np.empty(0, np.float32), *self._force]),
             np.concatenate([np.empty(0, np.uint8), *self._sync]),
         )
 
-    def take(self) -> TruthArrays:
+    def take(self) -> GroundTruthArrays:
         """Everything logged since the last take; forgets it, so that days fit in memory."""
         taken = self.arrays()
         self._first_ms += len(taken.sync)

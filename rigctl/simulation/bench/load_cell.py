@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.mechanics import FELT_G, RING_MS, Plant
+from rigctl.simulation.bench.mechanics import FELT_G, RING_MS, Mechanics
 from rigctl.simulation.bench.noise import NoiseRows, Stream
 from rigctl.simulation.bench.numba_options import compiled, inlined
 from rigctl.simulation.bench.parameters import WorldParameters
@@ -85,7 +85,7 @@ def _convert(state: _Floats, given: _Floats, log: _Floats, force_g: float, noise
     return bool(convert(state, given, log, force_g, noise))
 
 
-class Loadcell:
+class LoadCellAmplifier:
     """One amplifier. A conversion is ready at ``next_us``; ``convert`` gives it.
 
     The plant must have run to the millisecond that ends at or before ``next_us``, not beyond
@@ -94,7 +94,7 @@ class Loadcell:
     """
 
     def __init__(
-        self, parameters: WorldParameters, seed: int, plant: Plant, disturbances: Disturbances
+        self, parameters: WorldParameters, seed: int, plant: Mechanics, disturbances: Disturbances
     ) -> None:
         self._plant = plant
         self._bench = disturbances

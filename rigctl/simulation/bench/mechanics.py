@@ -84,7 +84,7 @@ _Table = NDArray[np.floating[Any]]
 CELLS_PER_MM = 1.0 / GRID_MM
 
 
-class Motion(NamedTuple):
+class RodMotion(NamedTuple):
     """Where the drum was commanded to be: ``travel_mm + speed_mm_s·t``, t from ``from_us`` on.
 
     All are floats: for another type the kernels would be compiled once more, in mid-run.
@@ -95,7 +95,7 @@ class Motion(NamedTuple):
     speed_mm_s: float
 
 
-STANDING = Motion(0.0, 0.0, 0.0)
+STANDING = RodMotion(0.0, 0.0, 0.0)
 
 
 @inlined
@@ -158,7 +158,7 @@ def _touch(s: _Floats, c: _Floats, footprint: _Table, surface_mm: float) -> None
 
 
 @inlined
-def _roll(s: _Floats, c: _Floats, motion: Motion) -> None:
+def _roll(s: _Floats, c: _Floats, motion: RodMotion) -> None:
     """Turn the drum to where the steps want it, unless something holds it."""
     start_us, travel, speed = motion
     nominal = travel + speed * (s[TIME_MS] * 1000.0 - start_us) * 1e-6
@@ -187,7 +187,7 @@ def _press(s: _Floats, c: _Floats, footprint: _Table, drive: float) -> float:
 
 @inlined
 def pass_millisecond(
-    s: _Floats, c: _Floats, log: _Floats, footprint: _Table, motion: Motion, drive: float
+    s: _Floats, c: _Floats, log: _Floats, footprint: _Table, motion: RodMotion, drive: float
 ) -> None:
     """One millisecond of everything."""
     s[TIME_MS] += 1
@@ -207,7 +207,7 @@ def _advance(
     c: _Floats,
     log: _Floats,
     footprint: _Table,
-    motion: Motion,
+    motion: RodMotion,
     drive: float,
     until_ms: int,
 ) -> None:
@@ -215,7 +215,7 @@ def _advance(
         pass_millisecond(s, c, log, footprint, motion, drive)
 
 
-class Plant:
+class Mechanics:
     """The mechanics of one bench.
 
     ``advance`` and ``put_rod`` move it, and compiled code that is handed ``state``, ``constants``,
@@ -233,7 +233,7 @@ class Plant:
         self.log[:, DRUM_MM] = parameters.start_mm
         self.log[:, DEPTH_MM] = parameters.actuator_start_mm - parameters.contact_mm
 
-    def advance(self, until_ms: int, drive: float, motion: Motion) -> None:
+    def advance(self, until_ms: int, drive: float, motion: RodMotion) -> None:
         """Run with one drive (duty −1 … 1, positive presses) and one motion of the drum."""
         s, c, log = self.state, self.constants, self.log
         _advance(s, c, log, self.footprint, motion, drive, until_ms)

@@ -30,7 +30,7 @@ from rigctl.simulation.bench.mechanics import (
     DRUM_MM,
     FORCE_G,
     RING_MS,
-    Plant,
+    Mechanics,
 )
 from rigctl.simulation.bench.noise import NoiseRows, Stream, generator
 from rigctl.simulation.bench.numba_options import around, compiled, inlined
@@ -189,7 +189,7 @@ class Skin:
         self,
         parameters: WorldParameters,
         seed: int,
-        plant: Plant,
+        plant: Mechanics,
         helper: Executor | None = None,
     ) -> None:
         self._p = parameters

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rigctl.config.rig_config import DrumGeometry, RigConfig
-from rigctl.config.toml_reader import Table, Text
+from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError, SessionError
 from rigctl.simulation.bench import parameter_tables
 from rigctl.simulation.bench.parameters import Plate, WorldParameters
@@ -26,7 +26,7 @@ WORLD, WORLD_FILE = "world", "world_file"
 """Keys of what a session keeps of its world."""
 
 
-class World(NamedTuple):
+class SimulatedWorld(NamedTuple):
     """A simulated bench, and the name of the file that it came from; empty: the nominal one."""
 
     parameters: WorldParameters = WorldParameters()
@@ -45,21 +45,21 @@ class World(NamedTuple):
         return replace(nominal, drum=drum, loadcell=cell)
 
 
-NOMINAL = World()
+NOMINAL = SimulatedWorld()
 _PLATES_HEAD = (
     "\n# Plates of your own\n"
     "# [plates.B] takes group, height_mm, space_mm, ridge_share; any letter from A to P\n"
 )
 
 
-def load_world(path: Path) -> World:
+def load_world(path: Path) -> SimulatedWorld:
     """Read a world file. Raises ConfigError."""
-    return World(_parameters(Text.read(path, ConfigError)), path.name)
+    return SimulatedWorld(_parameters(TomlText.read(path, ConfigError)), path.name)
 
 
 def parse_world(text: str, name: str = "world.toml") -> WorldParameters:
     """Read a world that is already in memory. Raises ConfigError with ``name``."""
-    return _parameters(Text(name, text, ConfigError))
+    return _parameters(TomlText(name, text, ConfigError))
 
 
 def world_toml(parameters: WorldParameters) -> str:
@@ -69,7 +69,7 @@ def world_toml(parameters: WorldParameters) -> str:
     return "".join([*lines, _PLATES_HEAD, *plates]).lstrip()
 
 
-def recorded_world(simulation: Mapping[str, Any], where: Path) -> World | None:
+def recorded_world(simulation: Mapping[str, Any], where: Path) -> SimulatedWorld | None:
     """Return the world that a session's ``simulation`` holds; None where it holds none.
 
     Raises SessionError where this version knows other parameters.
@@ -85,10 +85,10 @@ def recorded_world(simulation: Mapping[str, Any], where: Path) -> World | None:
         )
     values: dict[str, Any] = {n: tuple(v) if type(v) is list else v for n, v in kept.items()}
     values[PLATES] = tuple(Plate(**plate) for plate in values[PLATES])
-    return World(WorldParameters(**values), simulation.get(WORLD_FILE, ""))
+    return SimulatedWorld(WorldParameters(**values), simulation.get(WORLD_FILE, ""))
 
 
-def _parameters(text: Text) -> WorldParameters:
+def _parameters(text: TomlText) -> WorldParameters:
     root = text.root
     _refuse_unknown(root)
     given = {f.name: _value(root, f) for f in fields(WorldParameters) if f.name != PLATES}
@@ -103,21 +103,21 @@ def _parameters(text: Text) -> WorldParameters:
     return p
 
 
-def _value(table: Table, item: Any) -> Any:
+def _value(table: TomlTable, item: Any) -> Any:
     meta, default = item.metadata, item.default
     if not meta:  # numbers of readings
         return table.integers(item.name, default, low=0, high=N_TAXELS - 1)
     return table.number(item.name, default, unit=meta["unit"], low=meta["low"], high=meta["high"])
 
 
-def _plates(tables: Table, parameters: WorldParameters) -> tuple[Plate, ...]:
+def _plates(tables: TomlTable, parameters: WorldParameters) -> tuple[Plate, ...]:
     for name in tables:
         if name not in CATALOGUE:
             tables.fail(name, "no such plate: the catalogue has A to P")
     return tuple(_plate(name, tables.table(name), parameters) for name in tables)
 
 
-def _plate(name: str, table: Table, p: WorldParameters) -> Plate:
+def _plate(name: str, table: TomlTable, p: WorldParameters) -> Plate:
     """What is not given is the catalogue's, made with the world's base."""
     kind = CATALOGUE[name]
     nominal = {
@@ -137,7 +137,7 @@ def _plate(name: str, table: Table, p: WorldParameters) -> Plate:
     return Plate(name, group, **values)
 
 
-def _refuse_unknown(table: Table) -> None:
+def _refuse_unknown(table: TomlTable) -> None:
     units = {f.name: f.metadata.get("unit", "") for f in fields(WorldParameters)}
     for key in table:
         if key not in units:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from rigctl.simulation.boards.drum_stepper import DrumBench
+from rigctl.simulation.boards.drum_stepper import DrumStepper
 from rigctl.simulation.simulated_rig import SimulatedLink
 
 BYTE_CYCLES = 16_000_000 * 10 // 115_200
@@ -15,7 +15,7 @@ BYTE_CYCLES = 16_000_000 * 10 // 115_200
 class VirtualDrum:
     """Carries bytes between a link and the board. Times are world microseconds."""
 
-    def __init__(self, drum: DrumBench, link: SimulatedLink) -> None:
+    def __init__(self, drum: DrumStepper, link: SimulatedLink) -> None:
         self._drum = drum
         self._link = link
         self._replies: deque[tuple[bytes, float]] = deque()

@@ -1,6 +1,6 @@
 """The drum's firmware in this process: one virtual board, and what it shares with the bench.
 
-:class:`Exchange` mirrors ``arduino/host/drum/exchange.h``.
+:class:`DrumExchange` mirrors ``arduino/host/drum/exchange.h``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.boards.library import I32, I64, POINTER, HostBoard
+from rigctl.simulation.boards.library import I32, I64, POINTER, FirmwareLibrary
 from rigctl.wire.drum.register_table import POLL_BLOCK
 
 MOST_BYTES, MOST_EDGES, MOST_POLL_WORDS = 8192, 4096, 64
@@ -50,7 +50,7 @@ WORDS = (
 REALS = ("drive", "place")
 
 
-class Exchange(ctypes.Structure):
+class DrumExchange(ctypes.Structure):
     """What bench and board tell each other between two runs."""
 
     _fields_ = (
@@ -76,7 +76,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 }
 
 
-class HostDrum(HostBoard):
+class DrumFirmware(FirmwareLibrary):
     """One drum board.
 
     ``words`` int64 (23,) and ``reals`` float64 (2,) are the exchange as compiled code sees it,
@@ -85,12 +85,12 @@ class HostDrum(HostBoard):
     """
 
     def __init__(self, library: Path | None = None) -> None:
-        super().__init__("drum", Exchange, _SIGNATURES, library)
+        super().__init__("drum", DrumExchange, _SIGNATURES, library)
         self.exchange.poll_address, self.exchange.poll_count = POLL_BLOCK
         self.words: NDArray[np.int64] = self._view(0, len(WORDS), I64)
-        reals_at = Exchange.drive.offset
+        reals_at = DrumExchange.drive.offset
         self.reals: NDArray[np.float64] = self._view(reals_at, len(REALS), ctypes.c_double)
-        words_at = Exchange.poll_words.offset
+        words_at = DrumExchange.poll_words.offset
         self.poll_words: NDArray[np.uint16] = self._view(words_at, POLL_BLOCK[1], ctypes.c_uint16)
 
     @property

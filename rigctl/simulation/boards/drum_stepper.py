@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.boards import kernel
-from rigctl.simulation.boards.drum_firmware import SYNC, HostDrum
+from rigctl.simulation.boards.drum_firmware import SYNC, DrumFirmware
 from rigctl.wire.drum.register_table import ResetCause, Signal
 
 NOMINAL_HZ = 16_000_000
@@ -18,7 +18,7 @@ MOST_POLLS = 64
 _Integers = NDArray[np.int64]
 
 
-class DrumBench:
+class DrumStepper:
     """Runs a bench and the board that hangs on it, in whole milliseconds.
 
     ``on_mark(level, at_us)`` hears of the index mark's edges; those of sync reach the bench.
@@ -28,7 +28,7 @@ class DrumBench:
     def __init__(self, bench: Bench, library: Path | None = None) -> None:
         p = bench.parameters
         self.bench = bench
-        self.board = HostDrum(library)
+        self.board = DrumFirmware(library)
         self.on_mark = _nobody
         self._cycles_per_ms = NOMINAL_HZ / 1000 * (1.0 + p.drum_clock_ppm * 1e-6)
         start_steps = round(p.start_mm / p.mm_per_step)

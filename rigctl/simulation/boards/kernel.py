@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.bench import load_cell, mechanics
 from rigctl.simulation.bench.load_cell import LAST_COUNTS, NEXT_US, convert
-from rigctl.simulation.bench.mechanics import FORCE, ROD, TIME_MS, Motion, pass_millisecond
+from rigctl.simulation.bench.mechanics import FORCE, ROD, TIME_MS, RodMotion, pass_millisecond
 from rigctl.simulation.bench.numba_options import compiled, inlined
 from rigctl.simulation.boards import c_call
 from rigctl.simulation.boards.c_call import call_board
@@ -133,7 +133,7 @@ def _kernel(digest: str) -> Callable[..., Any]:
                 conversions[taken, 1] = words[_DUE_COUNTS]
                 taken += 1
             travel_mm = (reals[_PLACE] - clock[START_STEPS]) * clock[MM_PER_STEP]
-            motion = Motion(end_ms * 1000.0, travel_mm, 0.0)
+            motion = RodMotion(end_ms * 1000.0, travel_mm, 0.0)
             pass_millisecond(s, c, log, footprint, motion, reals[_DRIVE])
             if end_ms >= calls[POLL_AT_MS]:
                 call_board(calls[_POLL], calls[_HANDLE], 0)

@@ -25,7 +25,7 @@ _COMMON: Signatures = {
 }
 
 
-class HostBoard:
+class FirmwareLibrary:
     """One board in this process. Close it; nothing else frees its memory.
 
     ``name`` is ``drum`` or ``taxels``; ``exchange`` is what bench and board tell each other.

@@ -1,6 +1,6 @@
 """The taxel board's firmware in this process: one virtual board.
 
-:class:`Exchange` mirrors ``arduino/host/taxels/exchange.h``.
+:class:`TaxelExchange` mirrors ``arduino/host/taxels/exchange.h``.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.boards.library import I32, I64, POINTER, HostBoard
+from rigctl.simulation.boards.library import I32, I64, POINTER, FirmwareLibrary
 from rigctl.values import N_TAXELS
 
 MOST_FRAMES, MOST_BYTES = 4096, 65536
 SYNC, INDEX = 0, 1
 
 
-class Exchange(ctypes.Structure):
+class TaxelExchange(ctypes.Structure):
     """What bench and board tell each other between two runs."""
 
     _fields_ = (
@@ -41,7 +41,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 }
 
 
-class HostTaxels(HostBoard):
+class TaxelFirmware(FirmwareLibrary):
     """One taxel board.
 
     Cycles count from the start of its first frame. Raises RigFault where its library cannot be
@@ -49,7 +49,7 @@ class HostTaxels(HostBoard):
     """
 
     def __init__(self, library: Path | None = None) -> None:
-        super().__init__("taxels", Exchange, _SIGNATURES, library)
+        super().__init__("taxels", TaxelExchange, _SIGNATURES, library)
         self._readings = np.ctypeslib.as_array(self.exchange.readings)
         self._flags = np.ctypeslib.as_array(self.exchange.flags)
         self._edges = np.ctypeslib.as_array(self.exchange.edges)

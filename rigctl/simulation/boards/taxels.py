@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.skin import SLOT_US
-from rigctl.simulation.boards.taxel_firmware import INDEX, SYNC, HostTaxels
+from rigctl.simulation.boards.taxel_firmware import INDEX, SYNC, TaxelFirmware
 
 FRAME_US = 1000
 CYCLES_PER_FRAME = 16_000
@@ -32,7 +32,7 @@ class VirtualTaxels:
 
     def __init__(self, bench: Bench, library: Path | None = None) -> None:
         self._bench = bench
-        self.board = HostTaxels(library)
+        self.board = TaxelFirmware(library)
         self.frame_us = FRAME_US / (1.0 + bench.parameters.taxel_clock_ppm * 1e-6)
         self._frames_ever = 0
         self._boot(0, POWER_ON)

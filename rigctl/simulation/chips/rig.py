@@ -17,8 +17,8 @@ import numpy as np
 from rigctl.config.resources import checkout
 from rigctl.errors import RigFault
 from rigctl.simulation.bench.bench import Bench
-from rigctl.simulation.bench.ground_truth import Truth
-from rigctl.simulation.bench.mechanics import RING_MS, Motion
+from rigctl.simulation.bench.ground_truth import GroundTruth
+from rigctl.simulation.bench.mechanics import RING_MS, RodMotion
 from rigctl.simulation.bench.noise import NoiseRows, Stream, generator
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.board import BoardClock, ChipBoard
@@ -34,9 +34,9 @@ from rigctl.simulation.chips.simavr import (
 from rigctl.simulation.simulated_rig import (
     DRUM,
     TAXELS,
-    FaultPanel,
+    FaultInjection,
     SimulatedLink,
-    Simulation,
+    SimulatedRig,
 )
 from rigctl.wire.drum.register_table import Signal
 
@@ -54,7 +54,7 @@ _WIRES = {int(Output.SYNC): Input.SYNC, int(Output.INDEX): Input.INDEX}
 
 
 class ChipSimulation:
-    """See :class:`rigctl.simulation.simulated_rig.Simulation`.
+    """See :class:`rigctl.simulation.simulated_rig.SimulatedRig`.
 
     ``drum_board`` and ``taxels_board`` give tests and benchmarks the chips themselves.
     """
@@ -71,7 +71,7 @@ class ChipSimulation:
         self.taxels_board = ChipBoard(
             taxels_chip, taxels_clock, self.taxels, TAXELS_BAUD, self._now_us
         )
-        self.faults = FaultPanel(
+        self.faults = FaultInjection(
             {DRUM: self.drum, TAXELS: self.taxels}, bench.disturbances, self._disturb, self._reset
         )
         self._adc_noise = NoiseRows(bench.seed, Stream.ADC, CHANNELS)
@@ -80,7 +80,7 @@ class ChipSimulation:
         self._start_steps = self._wire_up()
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> GroundTruth:
         """What really happened, up to now."""
         return self._bench.truth
 
@@ -145,7 +145,7 @@ class ChipSimulation:
         if x.edge_count:
             self._note_edges()
         travel_mm = (x.drum_place - self._start_steps) * self._bench.parameters.mm_per_step
-        self._bench.advance(end_ms, x.drive, Motion(end_ms * 1000.0, travel_mm, 0.0))
+        self._bench.advance(end_ms, x.drive, RodMotion(end_ms * 1000.0, travel_mm, 0.0))
         self._done_ms = end_ms
 
     def _run_drum(self, end_ms: int) -> None:
@@ -238,7 +238,7 @@ def shim_path() -> Path:
 
 def open_chips(
     parameters: WorldParameters, seed: int, drum_image: Path, taxels_image: Path
-) -> Simulation:
+) -> SimulatedRig:
     """A bench whose boards run these images, the same for a seed.
 
     Raises RigFault where image or shim is missing, WrongUse for an impossible parameter.

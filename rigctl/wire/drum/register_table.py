@@ -1,6 +1,6 @@
 """The drum's Modbus register table: the single truth of the drum's wire.
 
-``arduino/common/drum_map.h`` is generated from :data:`REGISTERS`
+``arduino/drum/drum_map.h`` is generated from :data:`REGISTERS`
 (``python -m rigctl.wire.codegen``), a test fails when the header is stale, and
 ``docs/reference/drum-wire.md`` renders the same table. Registers are 16 bits wide; a 32-bit
 value takes two, high word first. Addresses are those on the wire (the first register is 0).

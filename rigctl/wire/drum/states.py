@@ -1,8 +1,7 @@
 """The drum's safety states as data: which event leads from which state to which.
 
-This table is the single truth. ``arduino/common/drum_states.h`` is generated from it, the
-virtual drum walks it, the reference page renders it, and a test tries every state with every
-event. What the outputs do is a function of the state alone (:data:`OUTPUTS`).
+This table is the only definition: ``arduino/drum/drum_states.h`` and the reference page are
+generated from it, and a test tries every state with every event. What the outputs do is a function of the state alone (:data:`OUTPUTS`).
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ class State(IntEnum):
     FAULT_OFF = 10
 
 
-class Event(IntEnum):
+class StateEvent(IntEnum):
     """What can happen to the controller: commands, completions, faults."""
 
     BOOTED = 0
@@ -135,43 +134,50 @@ ARM leads through RETRACT, because nobody knows after a boot or a fault whether 
 rests on the sensor.
 """
 
-_ON: dict[State, dict[Event, State]] = {
-    State.BOOT: {Event.BOOTED: State.SELFTEST},
+_ON: dict[State, dict[StateEvent, State]] = {
+    State.BOOT: {StateEvent.BOOTED: State.SELFTEST},
     State.SELFTEST: {
-        Event.SELFTEST_PASSED: State.IDLE,
-        Event.SELFTEST_FAILED: State.FAULT_OFF,
+        StateEvent.SELFTEST_PASSED: State.IDLE,
+        StateEvent.SELFTEST_FAILED: State.FAULT_OFF,
     },
-    State.IDLE: {Event.ARM: State.RETRACT, Event.STOP: State.IDLE, Event.DISARM: State.IDLE},
+    State.IDLE: {
+        StateEvent.ARM: State.RETRACT,
+        StateEvent.STOP: State.IDLE,
+        StateEvent.DISARM: State.IDLE,
+    },
     State.ARMED: {
-        Event.DISARM: State.IDLE,
-        Event.MOVE: State.POSITION,
-        Event.APPROACH: State.APPROACH,
-        Event.RETRACT: State.RETRACT,
-        Event.STOP: State.ARMED,
+        StateEvent.DISARM: State.IDLE,
+        StateEvent.MOVE: State.POSITION,
+        StateEvent.APPROACH: State.APPROACH,
+        StateEvent.RETRACT: State.RETRACT,
+        StateEvent.STOP: State.ARMED,
     },
-    State.POSITION: {Event.MOVE_DONE: State.ARMED, Event.STOP: State.RETRACT},
+    State.POSITION: {StateEvent.MOVE_DONE: State.ARMED, StateEvent.STOP: State.RETRACT},
     State.APPROACH: {
-        Event.FORCE_SETTLED: State.HOLD,
-        Event.RETRACT: State.RETRACT,
-        Event.STOP: State.RETRACT,
+        StateEvent.FORCE_SETTLED: State.HOLD,
+        StateEvent.RETRACT: State.RETRACT,
+        StateEvent.STOP: State.RETRACT,
     },
     State.HOLD: {
-        Event.RUN: State.RUN,
-        Event.RETRACT: State.RETRACT,
-        Event.STOP: State.RETRACT,
+        StateEvent.RUN: State.RUN,
+        StateEvent.RETRACT: State.RETRACT,
+        StateEvent.STOP: State.RETRACT,
     },
     State.RUN: {
-        Event.TRAVEL_DONE: State.HOLD,
-        Event.RETRACT: State.RETRACT,
-        Event.STOP: State.RETRACT,
+        StateEvent.TRAVEL_DONE: State.HOLD,
+        StateEvent.RETRACT: State.RETRACT,
+        StateEvent.STOP: State.RETRACT,
     },
-    State.RETRACT: {Event.LIFTED: State.ARMED, Event.STOP: State.RETRACT},
-    State.FAULT_LIFT: {Event.LIFT_TIME_OVER: State.FAULT_OFF, Event.STOP: State.FAULT_LIFT},
-    State.FAULT_OFF: {Event.CLEAR: State.IDLE, Event.STOP: State.FAULT_OFF},
+    State.RETRACT: {StateEvent.LIFTED: State.ARMED, StateEvent.STOP: State.RETRACT},
+    State.FAULT_LIFT: {
+        StateEvent.LIFT_TIME_OVER: State.FAULT_OFF,
+        StateEvent.STOP: State.FAULT_LIFT,
+    },
+    State.FAULT_OFF: {StateEvent.CLEAR: State.IDLE, StateEvent.STOP: State.FAULT_OFF},
 }
 
 
-def next_state(state: State, event: Event) -> State | None:
+def next_state(state: State, event: StateEvent) -> State | None:
     """The state that ``event`` leads to from ``state``; None where the event is refused.
 
     A refused command is answered with Modbus exception 4 and changes nothing; a refused
@@ -179,9 +185,9 @@ def next_state(state: State, event: Event) -> State | None:
     every state that drives the actuator; in IDLE, BOOT and SELFTEST, where nothing is
     driven, it leads to FAULT_OFF, and in FAULT_OFF and FAULT_LIFT it changes nothing.
     """
-    if event is Event.OFF_FAULT:
+    if event is StateEvent.OFF_FAULT:
         return State.FAULT_OFF
-    if event is Event.TIMED_FAULT:
+    if event is StateEvent.TIMED_FAULT:
         return _after_timed_fault(state)
     return _ON[state].get(event)
 

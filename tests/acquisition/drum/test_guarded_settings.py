@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.drum.settings import GUARDED
-from rigctl.acquisition.rpc.command_handler import Desk
-from rigctl.config.rig_config import Limits, LoadCell, RigConfig
+from rigctl.acquisition.rpc.command_handler import CommandHandler
+from rigctl.config.rig_config import LoadCell, RigConfig, RigLimits
 from rigctl.errors import CommandRefused, RigFault
 from rigctl.rig import FIRMWARE, VIRTUAL, Rig
 from rigctl.wire.drum.states import State
 from tests.acquisition.floor import Floor, open_floor, until_ended
 
-MINE = RigConfig(limits=Limits(over_force_g=1350), loadcell=LoadCell(scale_ug_per_count=2390))
+MINE = RigConfig(limits=RigLimits(over_force_g=1350), loadcell=LoadCell(scale_ug_per_count=2390))
 REFUSED = "drum: the board refused, because its state does not allow it"
 
 
@@ -52,7 +52,7 @@ def test_a_rig_with_its_emergency_stop_pressed_is_connected_and_told_when_armed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     async def person(floor: Floor) -> None:
-        ask = Desk(floor.engine).handle
+        ask = CommandHandler(floor.engine).handle
         assert not await taken(floor)
         (said,) = floor.texts("check")
         assert said.startswith(REFUSED) and "not set" in said
@@ -80,7 +80,7 @@ def test_what_the_board_holds_already_is_not_written_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def person(floor: Floor) -> None:
-        ask = Desk(floor.engine).handle
+        ask = CommandHandler(floor.engine).handle
         assert await taken(floor)
         before = len([names for names in guard.sent if names & set(GUARDED)])
         for command in ("arm", "tare", "approach", "retract"):
@@ -98,7 +98,7 @@ def test_a_drum_that_takes_them_only_lifted_is_armed_first(
 ) -> None:
     async def person(floor: Floor) -> None:
         assert not await taken(floor)
-        await Desk(floor.engine).handle("arm", {})
+        await CommandHandler(floor.engine).handle("arm", {})
         assert await taken(floor)
 
     with open_floor(tmp_path, config=MINE) as floor:
@@ -110,7 +110,7 @@ def test_nothing_is_pressed_with_other_settings_than_described(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def person(floor: Floor) -> None:
-        ask = Desk(floor.engine).handle
+        ask = CommandHandler(floor.engine).handle
         for command in ("arm", "approach"):
             with pytest.raises(RigFault, match=r"scale_ug_per_count.* not set"):
                 await ask(command, {})

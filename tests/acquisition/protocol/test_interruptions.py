@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.protocol.run_request import Order
+from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.errors import SessionError
 from rigctl.session.verify.session import verify
-from rigctl.session.write.part_writer import Part
+from rigctl.session.write.part_writer import PartWriter
 from rigctl.wire.drum.register_table import Command
 from rigctl.wire.drum.states import State
 from tests.acquisition.floor import Floor, open_floor, read, until_ended
@@ -96,7 +96,7 @@ def test_an_aborted_run_can_be_gone_on_with(floor: Floor, tmp_path: Path) -> Non
     assert verify(floor.session).whole
     (tmp_path / "again").mkdir()
     with open_floor(tmp_path / "again") as second:
-        second.play(until_ended, Order(resume=str(floor.session), yes=True))
+        second.play(until_ended, RunRequest(resume=str(floor.session), yes=True))
         assert second.engine.run is not None and second.engine.run.complete
     assert verdicts(floor) == [(1, "committed"), (2, "aborted"), (2, "committed")]
     assert verify(floor.session).whole
@@ -127,7 +127,7 @@ def test_a_session_gone_on_with_waits_for_the_plate_alone(floor: Floor, tmp_path
     floor.play(stopped, floor.order(PAIR))
     (tmp_path / "again").mkdir()
     with open_floor(tmp_path / "again") as second:
-        second.play(asked, Order(resume=str(floor.session)))
+        second.play(asked, RunRequest(resume=str(floor.session)))
         assert second.engine.run is not None and second.engine.run.complete
 
 
@@ -226,10 +226,10 @@ def test_a_full_disk_ends_the_run_with_what_was_committed(
         await until_turning(floor)
         assert floor.engine.run is not None
 
-        def full(self: Part) -> None:
+        def full(self: PartWriter) -> None:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-        monkeypatch.setattr(Part, "write", full)
+        monkeypatch.setattr(PartWriter, "write", full)
         await until_ended(floor)
         assert drum_state(floor) is State.IDLE
 
@@ -300,7 +300,7 @@ def test_a_session_in_use_is_refused_to_a_second_run(floor: Floor) -> None:
     async def person(floor: Floor) -> None:
         await until_turning(floor)
         with pytest.raises(SessionError, match="being written"):
-            floor.engine.start(Order(resume=str(floor.session)))
+            floor.engine.start(RunRequest(resume=str(floor.session)))
         assert floor.engine.run is not None
         floor.engine.run.control.abort("enough")
         await until_ended(floor)
@@ -311,7 +311,7 @@ def test_a_session_in_use_is_refused_to_a_second_run(floor: Floor) -> None:
 def test_a_session_of_another_rig_is_not_gone_on_with(floor: Floor, tmp_path: Path) -> None:
     async def person(other: Floor) -> None:
         with pytest.raises(SessionError, match="on the virtual rig and this is the bench one"):
-            other.engine.start(Order(resume=str(floor.session)))
+            other.engine.start(RunRequest(resume=str(floor.session)))
 
     floor.record(PAIR)
     (tmp_path / "again").mkdir()

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.acquisition.protocol.run_control import Control
-from rigctl.acquisition.rpc.command_handler import Desk
+from rigctl.acquisition.protocol.run_control import RunControl
+from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.acquisition.status import idle_run
 from rigctl.errors import CommandRefused, WrongUse
 from rigctl.wire.drum import register_table
@@ -20,7 +20,7 @@ from tests.acquisition.floor import Floor, until_ended
 
 def asked(floor: Floor) -> Any:
     """The desk of the floor's engine."""
-    return Desk(floor.engine).handle
+    return CommandHandler(floor.engine).handle
 
 
 def state_of(floor: Floor) -> State:
@@ -202,7 +202,7 @@ def test_the_beat_stays_away_when_the_run_hangs_and_the_drum_saves_itself(
         run = floor.engine.run
         assert run is not None
         monkeypatch.setattr(run.control, "check_in", lambda: None)
-        monkeypatch.setattr(Control, "check", lambda self: None)
+        monkeypatch.setattr(RunControl, "check", lambda self: None)
         await floor.until(lambda: floor.engine.vitals.silent == ["runner"], 2)
         await until_ended(floor)
 

@@ -13,13 +13,13 @@ import pytest
 from rigctl.acquisition.rpc import stop_all
 from rigctl.acquisition.rpc.engine_files import (
     FOLDER_VARIABLE,
-    Announcement,
+    EngineFile,
     announce,
     runtime_folder,
 )
 from rigctl.acquisition.rpc.messages import decode_message, encode_message
 from rigctl.acquisition.rpc.server import listen
-from rigctl.acquisition.rpc.stop_all import Stopped, stop_engines
+from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.cli import main
 
 
@@ -30,7 +30,7 @@ def nothing_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def announced(name: str, listener: socket.socket) -> None:
     port = listener.getsockname()[1]
-    announce(runtime_folder(), Announcement(name, os.getpid(), port, "", name, ""))
+    announce(runtime_folder(), EngineFile(name, os.getpid(), port, "", name, ""))
 
 
 class Answering:
@@ -67,7 +67,7 @@ def engines() -> Iterator[list[Answering]]:
 
 
 def test_every_engine_is_stopped(engines: list[Answering]) -> None:
-    told: list[Stopped] = []
+    told: list[StopResult] = []
     assert stop_engines(told.append) == 2
     assert {(each.rig, each.failure) for each in told} == {("one", ""), ("two", "")}
     assert [engine.asked for engine in engines] == [["stop"], ["stop"]]
@@ -77,7 +77,7 @@ def test_one_that_hangs_holds_none_of_the_others_up(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
-    told: list[Stopped] = []
+    told: list[StopResult] = []
     with listen() as mute:
         announced("mute", mute)  # the newest, so the first to be asked
         stop_engines(told.append)
@@ -99,7 +99,7 @@ def test_the_command_says_which_were_reached_and_which_were_not(
 
 
 def test_those_that_are_stopped_already_are_left_out(engines: list[Answering]) -> None:
-    told: list[Stopped] = []
+    told: list[StopResult] = []
     assert stop_engines(told.append, but=("one",)) == 1
     assert [each.rig for each in told] == ["two"]
     assert stop_engines(told.append, but=("two",)) == 1  # so that its thread ends

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rigctl.acquisition.live_buffer import LiveView, LiveWriter
-from rigctl.acquisition.taxels.pipeline import Pump
+from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.values import Block, Gap
@@ -58,8 +58,8 @@ def encoder() -> Encoder:
     return Encoder(Normalisation.full_scale(18))
 
 
-def pumped(live: LiveWriter, block: Block, length: int) -> tuple[Pump, np.ndarray]:
-    pump = Pump(encoder(), live, time_stands=False)
+def pumped(live: LiveWriter, block: Block, length: int) -> tuple[SamplePipeline, np.ndarray]:
+    pump = SamplePipeline(encoder(), live, time_stands=False)
     for piece in pieces(block, length):
         pump.take(piece)
     pump.flush()
@@ -94,7 +94,7 @@ def test_behind_a_gap_the_encoder_starts_anew(live: LiveWriter) -> None:
 
 
 def test_shown_times_run_evenly_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
-    pump = Pump(encoder(), live, time_stands=False)
+    pump = SamplePipeline(encoder(), live, time_stands=False)
     random = np.random.default_rng(2)
     for piece in pieces(touch(), 20):
         late = float(random.uniform(0, 0.008))
@@ -116,7 +116,7 @@ def test_shown_times_run_evenly_though_blocks_arrive_unevenly(live: LiveWriter) 
 
 
 def test_a_reboot_of_the_board_begins_anew(live: LiveWriter) -> None:
-    pump = Pump(encoder(), live, time_stands=False)
+    pump = SamplePipeline(encoder(), live, time_stands=False)
     pump.cutter.expect(100)
     pump.take(touch())
     pump.take(touch(n=40))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.acquisition.taxels.wiring_identification import PER_LAYER, TaxelOrder
+from rigctl.acquisition.taxels.wiring_identification import PER_LAYER, WiringIdentification
 from rigctl.errors import WrongUse
 from rigctl.values import DRAWN_WIRING
 from tests.acquisition.taxels.pressed_sensor import PressedSensor, wiring_of
@@ -16,8 +16,8 @@ from tests.acquisition.taxels.pressed_sensor import PressedSensor, wiring_of
 ALL = range(PER_LAYER)
 
 
-def found(sensor: PressedSensor, order: TaxelOrder | None = None) -> TaxelOrder:
-    order = order or TaxelOrder()
+def found(sensor: PressedSensor, order: WiringIdentification | None = None) -> WiringIdentification:
+    order = order or WiringIdentification()
     order.unplugged(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     for place in ALL:
         order.pressed(sensor.rest(), sensor.press([place]))
@@ -49,7 +49,7 @@ def test_pressure_that_lowers_a_reading_is_as_good() -> None:
     assert found(PressedSensor(DRAWN_WIRING, rest=900, force=-300)).wiring() == DRAWN_WIRING
 
 
-def pressed(order: TaxelOrder, sensor: PressedSensor, places: list[int]) -> str:
+def pressed(order: WiringIdentification, sensor: PressedSensor, places: list[int]) -> str:
     return order.pressed(sensor.rest(), sensor.press(places))
 
 
@@ -62,21 +62,21 @@ def changes(**by_reading: float) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_a_layer_is_three_silent_inputs(share: float) -> None:
-    order = TaxelOrder()
+    order = WiringIdentification()
     with pytest.raises(WrongUse, match="of a layer it must be three"):
         order.unplugged(np.zeros(18), np.full(18, 300 * share))
     assert order.upper == order.lower == ()
 
 
 def test_what_is_seen_is_said() -> None:
-    order, sensor = TaxelOrder(), PressedSensor(DRAWN_WIRING)
+    order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
     said = order.unplugged(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     assert said == "top layer: inputs A0, A1, A2; bottom layer: inputs A3, A4, A5"
     assert pressed(order, sensor, [0]).startswith("row 1, column 1: D4·A0 by ")
 
 
 def test_a_press_that_is_not_clear_or_at_a_known_place_is_asked_for_again() -> None:
-    order, sensor = TaxelOrder(), PressedSensor(DRAWN_WIRING)
+    order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
     order.unplugged(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     with pytest.raises(WrongUse, match="no taxel of the top layer answered: press harder"):
         pressed(order, sensor, [])
@@ -91,7 +91,7 @@ def test_a_press_that_is_not_clear_or_at_a_known_place_is_asked_for_again() -> N
 
 
 def test_places_that_were_mixed_up_do_not_cross() -> None:
-    order, sensor = TaxelOrder(), PressedSensor(DRAWN_WIRING)
+    order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
     order.unplugged(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     for place in [0, 1, 2, 3, 5, 4, 6, 7, 8]:
         pressed(order, sensor, [place])

@@ -14,8 +14,8 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.model_selection import StratifiedKFold
 
 from rigctl.analysis.classification.component_sweep import (
-    Divisor,
     Fold,
+    ScatterDivisor,
     fit_nested_lda,
     fit_principal,
     predict_folds,
@@ -36,12 +36,12 @@ class ScaledCovariance(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
 
 
 def sklearn_predictions(
-    features: Any, labels: Any, folds: list[Fold], k: int, divisor: Divisor
+    features: Any, labels: Any, folds: list[Fold], k: int, divisor: ScatterDivisor
 ) -> list[Any]:
     results = []
     for train, test in folds:
         n, n_classes = len(train), len(np.unique(labels[train]))
-        factor = 1.0 if divisor is Divisor.N else n / (n - n_classes)
+        factor = 1.0 if divisor is ScatterDivisor.N else n / (n - n_classes)
         pca = PCA(k, svd_solver="full").fit(features[train])
         lda = LinearDiscriminantAnalysis("lsqr", covariance_estimator=ScaledCovariance(factor))
         lda.fit(pca.transform(features[train]), labels[train])
@@ -87,9 +87,9 @@ DATA_SETS = {
 }
 
 
-@pytest.mark.parametrize("divisor", list(Divisor))
+@pytest.mark.parametrize("divisor", list(ScatterDivisor))
 @pytest.mark.parametrize("name", sorted(DATA_SETS))
-def test_every_prediction_is_scikit_learns(name: str, divisor: Divisor) -> None:
+def test_every_prediction_is_scikit_learns(name: str, divisor: ScatterDivisor) -> None:
     (features, labels), k_max = DATA_SETS[name]
     folds = folds_of(labels)
     ours = predict_folds(features, labels, folds, k_max, divisor)
@@ -123,7 +123,7 @@ def test_folds_that_do_not_cover_the_set() -> None:
     test = np.flatnonzero(np.arange(400) % 4 == 1)
     folds = [(train, test)]
     ours = predict_folds(features, labels, folds, 20)[0]
-    theirs = sklearn_predictions(features, labels, folds, 20, Divisor.N_LESS_CLASSES)[0]
+    theirs = sklearn_predictions(features, labels, folds, 20, ScatterDivisor.N_LESS_CLASSES)[0]
     np.testing.assert_array_equal(ours[19], theirs)
 
 

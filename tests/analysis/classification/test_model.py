@@ -289,8 +289,8 @@ def test_analyse_takes_c_from_a_model_and_says_what_it_is_worth(
     (tmp_path / "home").mkdir()
     trials = join_sessions([session])
     home = represent(trials, made.parameters, tmp_path / "home", source=c_of(model, trials))
-    assert home.carried is not None and home.carried.misses
-    assert "WARNING" not in home.carried.sentence and "was not searched" in home.carried.sentence
+    assert home.transferred_c is not None and home.transferred_c.misses
+    assert "WARNING" not in home.transferred_c.sentence and "was not searched" in home.transferred_c.sentence
     for representation in REPRESENTATIONS:
         ours, theirs = home.features(representation), made.features(representation)
         np.testing.assert_array_equal(ours, theirs)

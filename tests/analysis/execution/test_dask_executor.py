@@ -16,15 +16,15 @@ import pytest
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.execution import dask_executor
 from rigctl.analysis.features.representations import represent
-from rigctl.analysis.paper.tasks import Settings, TaskResult, run_tasks
+from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.cli import main
 from rigctl.cli.options.stages import StageLine
 from rigctl.encoding.parameters import DEFAULT
-from rigctl.errors import CrewLost, WrongUse
+from rigctl.errors import WorkersLost, WrongUse
 from tests.analysis.recordings import record
 
 pytest.importorskip("distributed")
-SETTINGS = Settings(iterations=3, k_max=3, tasks=("textures", "extrapolation"))
+SETTINGS = SweepSettings(iterations=3, k_max=3, tasks=("textures", "extrapolation"))
 
 
 class Cluster(NamedTuple):
@@ -80,7 +80,7 @@ def test_results_are_equal_although_a_worker_is_killed(
             os.kill(cluster.pids[0], signal.SIGKILL)
         steps.append((stage, done))
 
-    with dask_executor.dask_crew(cluster.two) as crew:
+    with dask_executor.dask_executor(cluster.two) as crew:
         assert crew.shares_disk and crew.remarks == ()
         crew.must_see([session, tmp_path])
         together = represent(trials, DEFAULT, folders[1], crew=crew, progress=progress)
@@ -96,7 +96,7 @@ def test_who_does_not_fit_is_refused_by_name(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nowhere = tmp_path / "nowhere"
-    with dask_executor.dask_crew(cluster.two) as crew:
+    with dask_executor.dask_executor(cluster.two) as crew:
         with pytest.raises(WrongUse, match=f"worker tcp://.* does not see {nowhere}"):
             crew.must_see([tmp_path, nowhere])
         monkeypatch.setattr(dask_executor, "_listing", lambda folder: (("part-0001.h5", 7),))
@@ -108,7 +108,7 @@ def test_who_does_not_fit_is_refused_by_name(
             list(crew.map(abs, [-1]))
     with (
         pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl"),
-        dask_executor.dask_crew(cluster.two),
+        dask_executor.dask_executor(cluster.two),
     ):
         pass
     dask_executor._build.cache_clear()
@@ -116,7 +116,7 @@ def test_who_does_not_fit_is_refused_by_name(
 
 def test_a_jobs_own_failure_is_told_as_it_is(cluster: Cluster) -> None:
     with (
-        dask_executor.dask_crew(cluster.two) as crew,
+        dask_executor.dask_executor(cluster.two) as crew,
         pytest.raises(FileNotFoundError, match="no-such-folder"),
     ):
         list(crew.map(os.listdir, ["/no-such-folder"]))
@@ -130,7 +130,7 @@ def test_interrupted_it_leaves_nothing_to_do(cluster: Cluster, session: Path) ->
             raise KeyboardInterrupt
 
     trials = join_sessions([session])
-    with pytest.raises(KeyboardInterrupt), dask_executor.dask_crew(cluster.two) as crew:
+    with pytest.raises(KeyboardInterrupt), dask_executor.dask_executor(cluster.two) as crew:
         represent(trials, DEFAULT, session.parent, crew=crew, progress=interrupt)
     with Client(cluster.two, set_as_default=False) as client:
         assert not any(client.who_has().values())
@@ -161,8 +161,8 @@ def test_workers_that_stay_away_end_the_wait(
 
     monkeypatch.setattr(dask_executor, "LOOK_EVERY_S", 0.05)
     with Client(cluster.none, set_as_default=False) as client:
-        crew = dask_executor.DaskCrew(client, {})
-        with pytest.raises(CrewLost, match="has had no worker"):
+        crew = dask_executor.DaskExecutor(client, {})
+        with pytest.raises(WorkersLost, match="has had no worker"):
             list(crew.map(abs, [-1]))
 
 

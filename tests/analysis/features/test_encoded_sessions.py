@@ -13,7 +13,7 @@ import pytest
 from rigctl.analysis.data.cache import Cache
 from rigctl.analysis.data.trial_set import join_sessions, opened
 from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
-from rigctl.analysis.features.spike_counts import Means, c_of_trials
+from rigctl.analysis.features.spike_counts import Resources, c_of_trials
 from rigctl.cli import main
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED, trial_features
@@ -42,7 +42,7 @@ def days(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def encode(days: list[Path], out: Path, **options: object) -> h5py.File:
     request = EncodeRequest(tuple(days), out, **options)  # type: ignore[arg-type]  # the options are its fields, by name
-    return h5py.File(encode_sessions(request, WHEN, Means()).file)
+    return h5py.File(encode_sessions(request, WHEN, Resources()).file)
 
 
 @pytest.mark.parametrize("scaled_by", list(ScaledBy))
@@ -128,10 +128,12 @@ def test_an_interruption_leaves_no_folder_and_is_gone_on_from(
 
     request = EncodeRequest(tuple(days), tmp_path / "out")
     with pytest.raises(KeyboardInterrupt):
-        encode_sessions(request, WHEN, Means(kept=Cache(tmp_path / "cache"), progress=interrupt))
+        encode_sessions(
+            request, WHEN, Resources(kept=Cache(tmp_path / "cache"), progress=interrupt)
+        )
     assert not (tmp_path / "out").exists() and not (tmp_path / "out.partial").exists()
     again = Cache(tmp_path / "cache")
-    encode_sessions(request, WHEN, Means(kept=again))
+    encode_sessions(request, WHEN, Resources(kept=again))
     assert again.found == 2 + 6 and (tmp_path / "out" / "spikes.h5").is_file()
 
 

@@ -10,9 +10,9 @@ import pytest
 from rigctl.analysis.classification.splits import Design
 from rigctl.analysis.features.representations import REPRESENTATIONS
 from rigctl.analysis.paper import published
-from rigctl.analysis.paper.ablations import Evidence, Half, _halves, _Look
-from rigctl.analysis.paper.comparisons import Order, Verdict, order
-from rigctl.analysis.paper.explanations import why
+from rigctl.analysis.paper.ablations import Ablations, FeatureHalf, _halves, _Look
+from rigctl.analysis.paper.comparisons import Agreement, TaskComparison, compare_task
+from rigctl.analysis.paper.explanations import explain
 from rigctl.analysis.paper.several_reports import sentences
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 
@@ -46,20 +46,20 @@ def curve(key: str, at_three: float, before: float, spread: float) -> Curve:
     return Curve(BY_KEY[key], draws, np.eye(16, dtype=np.int64), 800, 0, 0)
 
 
-def judged(task: str, *curves: Curve) -> tuple[Order, TaskResult]:
+def judged(task: str, *curves: Curve) -> tuple[TaskComparison, TaskResult]:
     classes = tuple("ABCDEFGHIJKLMNOP")
     result = TaskResult(published.TASK_OF[task], classes, 3, 7200, 1 / 16, curves)
-    found = order(result, simulated=True)
+    found = compare_task(result, simulated=True)
     assert found is not None
     return found, result
 
 
-def evidence() -> Evidence:
-    sa = Half(1.0, 0.01, 0.56, 0.30, 0.02, 0.4, (50.0, 85.0, 131.0))
-    ra = Half(1.0, 0.45, 0.23, 0.05, 0.01, 0.1, (2.0, 1.5, 1.0))
+def evidence() -> Ablations:
+    sa = FeatureHalf(1.0, 0.01, 0.56, 0.30, 0.02, 0.4, (50.0, 85.0, 131.0))
+    ra = FeatureHalf(1.0, 0.45, 0.23, 0.05, 0.01, 0.1, (2.0, 1.5, 1.0))
     keys = ("original", "speed", "force", "speed_force")
     alone = {"untrained-force": {key: {"SA": 0.2, "RA": 0.32} for key in keys}}
-    return Evidence((250.0, 500.0, 1000.0), {key: {"SA": sa, "RA": ra} for key in keys}, alone, 3)
+    return Ablations((250.0, 500.0, 1000.0), {key: {"SA": sa, "RA": ra} for key in keys}, alone, 3)
 
 
 def test_a_reversed_order_has_numbers_beside_it() -> None:
@@ -69,8 +69,8 @@ def test_a_reversed_order_has_numbers_beside_it() -> None:
         curve("force_blind", 0.27, 0.2, 0.01),
     )  # fmt: skip
     (pair,) = found.compared
-    assert pair.keys == ("force", "speed") and pair.verdict is Verdict.REVERSED
-    said = "; ".join(why(pair, result, evidence()))
+    assert pair.keys == ("force", "speed") and pair.verdict is Agreement.REVERSED
+    said = "; ".join(explain(pair, result, evidence()))
     for words in (
         "ours differ by -14.0 points, two standard deviations are 4.0 points",
         "it holds with 1–2 components",
@@ -86,13 +86,15 @@ def test_a_reversed_order_has_numbers_beside_it() -> None:
 def test_no_room_for_a_difference_is_not_called_its_contrary() -> None:
     high, low = curve("speed", 0.998, 0.99, 0.002), curve("original", 0.997, 0.9, 0.002)
     found, result = judged("textures", high, low)
-    assert found.compared[0].verdict is Verdict.TIED and found.held == 0
-    said = "; ".join(why(found.compared[0], result, None))
+    assert found.compared[0].verdict is Agreement.TIED and found.held == 0
+    said = "; ".join(explain(found.compared[0], result, None))
     assert "both are above 99%, which leaves no room for a difference" in said
     chance = judged(
         "untrained-both", curve("force", 0.06, 0.06, 0.02), curve("original", 0.07, 0.07, 0.01)
     )
-    assert "both are near chance (6.2 %)" in "; ".join(why(chance[0].compared[0], chance[1], None))
+    assert "both are near chance (6.2 %)" in "; ".join(
+        explain(chance[0].compared[0], chance[1], None)
+    )
 
 
 def test_a_single_draw_decides_nothing() -> None:
@@ -101,24 +103,26 @@ def test_a_single_draw_decides_nothing() -> None:
         for key, share in (("speed", 0.9), ("original", 0.2))
     ]
     found, result = judged("textures", *one)
-    assert found.compared[0].verdict is Verdict.TIED
-    assert why(found.compared[0], result, None)[0] == "a single draw has no spread to compare with"
+    assert found.compared[0].verdict is Agreement.TIED
+    assert (
+        explain(found.compared[0], result, None)[0] == "a single draw has no spread to compare with"
+    )
 
 
 def test_an_order_that_holds_needs_no_reason() -> None:
     found, result = judged(
         "textures", curve("speed", 0.9, 0.9, 0.01), curve("original", 0.5, 0.5, 0.01)
     )
-    assert found.held == 1 and why(found.compared[0], result, evidence()) == ()
+    assert found.held == 1 and explain(found.compared[0], result, evidence()) == ()
 
 
 def test_what_cannot_be_told_apart_is_not_counted_as_contrary() -> None:
     pairs = [
         {"verdicts": [a, b]}
         for a, b in (
-            (Verdict.HOLDS, Verdict.HOLDS), (Verdict.HOLDS, Verdict.REVERSED),
-            (Verdict.TIED, Verdict.TIED), (Verdict.TIED, Verdict.REVERSED),
-            (Verdict.REVERSED, Verdict.REVERSED),
+            (Agreement.HOLDS, Agreement.HOLDS), (Agreement.HOLDS, Agreement.REVERSED),
+            (Agreement.TIED, Agreement.TIED), (Agreement.TIED, Agreement.REVERSED),
+            (Agreement.REVERSED, Agreement.REVERSED),
         )
     ]  # fmt: skip
     (said,) = sentences({"textures": {"title": "Individual textures", "pairs": pairs}})

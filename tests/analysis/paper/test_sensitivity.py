@@ -12,7 +12,7 @@ import pytest
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.features.representations import REPRESENTATIONS, represent
 from rigctl.analysis.paper.sensitivity import ORDER, STAGE, mean_rates_hz
-from rigctl.analysis.paper.tasks import Settings, run_tasks
+from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
 from rigctl.analysis.report import report_folder
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.parameters import PRESETS
@@ -47,8 +47,8 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
         if stage == STAGE:
             told.append((done, all_))
 
-    settings = Settings(iterations=2, k_max=12, seed=5, tasks=("textures",))
-    request = report_folder.Request((session,), tmp_path / "r", settings, sensitivity=True)
+    settings = SweepSettings(iterations=2, k_max=12, seed=5, tasks=("textures",))
+    request = report_folder.ReportRequest((session,), tmp_path / "r", settings, sensitivity=True)
     report_folder.make_report(request, "2026-11-21T12:00:00Z", progress=listen)
     plain = json.loads((tmp_path / "r" / "results.json").read_text())
     rows = plain["sensitivity"]["rows"]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from rigctl.analysis.classification.splits import Design, Split, splits
-from rigctl.analysis.classification.sweep_engines import Engine, answer
+from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.execution.executor import processes
 from rigctl.analysis.features.representations import RepresentationSet, represent
-from rigctl.analysis.paper.tasks import Settings, TaskResult, run_tasks
+from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import WrongUse
 from tests.analysis.recordings import record
@@ -84,8 +84,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RepresentationSet
 
 
 def test_both_engines_give_equal_answers(made: RepresentationSet) -> None:
-    ours, said = run_tasks(made, Settings(iterations=2, k_max=5))
-    theirs, _ = run_tasks(made, Settings(iterations=2, k_max=5, engine=Engine.SKLEARN))
+    ours, said = run_tasks(made, SweepSettings(iterations=2, k_max=5))
+    theirs, _ = run_tasks(made, SweepSettings(iterations=2, k_max=5, engine=SweepEngine.SKLEARN))
     assert said == ()
     assert [r.task.figure[-1] for r in ours] == list("ABCDEF")
     for one, other in zip(ours, theirs, strict=True):
@@ -100,7 +100,7 @@ def test_both_engines_give_equal_answers(made: RepresentationSet) -> None:
 
 
 def test_processes_give_equal_answers(made: RepresentationSet) -> None:
-    chosen = Settings(iterations=2, k_max=4, tasks=("textures",))
+    chosen = SweepSettings(iterations=2, k_max=4, tasks=("textures",))
     alone, _ = run_tasks(made, chosen)
     with processes(2) as crew:
         together, _ = run_tasks(made, chosen, crew=crew)
@@ -109,7 +109,9 @@ def test_processes_give_equal_answers(made: RepresentationSet) -> None:
 
 
 def test_fewer_components_are_said(made: RepresentationSet) -> None:
-    results, said = run_tasks(made, Settings(iterations=1, tasks=("textures", "leave-force-out")))
+    results, said = run_tasks(
+        made, SweepSettings(iterations=1, tasks=("textures", "leave-force-out"))
+    )
     textures = _of(results, "textures")
     assert textures.k_max == textures.learnt - 3 < 50
     assert any("individual textures: up to" in sentence for sentence in said)
@@ -120,14 +122,14 @@ def test_fewer_components_are_said(made: RepresentationSet) -> None:
 def test_another_design_leaves_one_out(tmp_path: Path) -> None:
     session = record(tmp_path / "session", "AX", repeats=2, travel_mm=12.0)
     made = represent(join_sessions([session]), DEFAULT, tmp_path)
-    results, said = run_tasks(made, Settings(iterations=1, k_max=2))
+    results, said = run_tasks(made, SweepSettings(iterations=1, k_max=2))
     assert [r.task.key for r in results] == ["textures", "leave-speed-out", "leave-force-out"]
     assert any("does not fit this set" in sentence for sentence in said)
     assert any("plates A to P" in sentence for sentence in said)
     with pytest.raises(WrongUse, match="a speed and a force more"):
-        run_tasks(made, Settings(tasks=("extrapolation",)))
+        run_tasks(made, SweepSettings(tasks=("extrapolation",)))
     with pytest.raises(WrongUse, match="no task 'everything'"):
-        Settings(tasks=("everything",))
+        SweepSettings(tasks=("everything",))
 
 
 def test_components_without_variance_are_set_aside_not_divided_by() -> None:
@@ -137,11 +139,11 @@ def test_components_without_variance_are_set_aside_not_divided_by() -> None:
     features[:, 0] = 100.0 * labels
     features[:, 1:4] = rng.normal(0, 1, (36, 3))
     fit = [Split(np.arange(0, 36, 2), {"textures": np.arange(1, 36, 2)})]
-    for engine in Engine:
+    for engine in SweepEngine:
         (found,) = answer(features, {"textures": labels}, fit, 8, engine)
         assert found.beyond_rank == 4
         assert found.predictions["textures"].shape == (8, 18)
-    (ours,) = answer(np.full((36, 5), 7.0), {"textures": labels}, fit, 3, Engine.OWN)
+    (ours,) = answer(np.full((36, 5), 7.0), {"textures": labels}, fit, 3, SweepEngine.OWN)
     assert ours.without_variance >= 1
     assert set(ours.predictions["textures"].ravel()) <= {0, 1, 2}
 

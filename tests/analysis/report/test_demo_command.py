@@ -10,7 +10,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.cli.analysis import demo
-from rigctl.session.verify.session import Report
+from rigctl.session.verify.session import VerifyReport
 from tests.analysis.recordings import record
 
 
@@ -20,7 +20,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = record(tmp_path / "session", "AB", travel_mm=24.0)
     ended = {"state": "done", "text": "", "session": str(folder)}
     monkeypatch.setattr(demo, "_record", lambda *_: ended)
-    monkeypatch.setattr(demo, "verify", lambda _: Report(samples=7, trials_committed=12))
+    monkeypatch.setattr(demo, "verify", lambda _: VerifyReport(samples=7, trials_committed=12))
     return folder
 
 
@@ -59,7 +59,7 @@ def test_a_window_opens_only_where_somebody_can_see_it(
 def test_a_damaged_session_is_told(
     session: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(demo, "verify", lambda _: Report(problems=["part-0001.h5: torn"]))
+    monkeypatch.setattr(demo, "verify", lambda _: VerifyReport(problems=["part-0001.h5: torn"]))
     assert main(["demo", "--no-window"]) == 1
     assert "part-0001.h5: torn" in capsys.readouterr().err
 

@@ -15,7 +15,7 @@ import pytest
 
 from rigctl.analysis.features.representations import REPRESENTATIONS
 from rigctl.analysis.paper import published
-from rigctl.analysis.paper.comparisons import components_needed, order
+from rigctl.analysis.paper.comparisons import compare_task, components_needed
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 from rigctl.analysis.report import report_folder
 from rigctl.cli import main
@@ -198,7 +198,7 @@ def result(**shares: list[float]) -> TaskResult:
 
 
 def test_orders_are_read_as_the_paper_separates_them() -> None:
-    found = order(
+    found = compare_task(
         result(original=[0.2, 0.4], speed=[0.5, 0.7], force=[0.5, 0.75], speed_force=[0.6, 0.75]),
         simulated=True,
     )

@@ -17,7 +17,7 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
 from rigctl.analysis.classification.splits import Design, Split, splits
-from rigctl.analysis.classification.sweep_engines import Engine, answer
+from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
 from rigctl.analysis.paper import published
 from tests.benchmarks.encoder._peers import row
 
@@ -71,7 +71,7 @@ def made_up(of: Design, width: int) -> NDArray[np.float64]:
 def _ours_s(features: Any, of: Design, fits: list[Split], family: str) -> float:
     labels = {task.key: of.labels(task) for task in published.TASKS if task.family == family}
     start = time.perf_counter()
-    answer(features, labels, fits, published.K_MAX, Engine.OWN)
+    answer(features, labels, fits, published.K_MAX, SweepEngine.OWN)
     return time.perf_counter() - start
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from rigctl.encoding.batch import mean_level
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
-from rigctl.encoding.force_search import Floats, Search, mean_sa_rates_hz, search
+from rigctl.encoding.force_search import Floats, ForceSearch, mean_sa_rates_hz, search
 from rigctl.encoding.kernel.prefetch import Trials
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.root_bracket import Method, Status
+from rigctl.encoding.root_bracket import Method, SearchStatus
 from tests.benchmarks.encoder._peers import row
 
 TEXTURES, SPEEDS_MM_S, FORCES_G = (0, 1), (80.0, 120.0), (250.0, 1000.0)
@@ -62,7 +62,7 @@ def recorded(texture: int, speed_mm_s: float, force_g: float) -> Trials:
     ]
 
 
-def searched(conditions: list[Condition], method: Method) -> tuple[list[Search], float]:
+def searched(conditions: list[Condition], method: Method) -> tuple[list[ForceSearch], float]:
     """C of every condition, and how long it took, s; the start is part of the search."""
     begun = time.perf_counter()
     found = []
@@ -72,8 +72,8 @@ def searched(conditions: list[Condition], method: Method) -> tuple[list[Search],
     return found, time.perf_counter() - begun
 
 
-def told(found: list[Search]) -> str:
+def told(found: list[ForceSearch]) -> str:
     """Mean encodings an entry, those of some trials by their share, and what did not converge."""
     evaluations = np.concatenate([one.evaluations for one in found])
-    ill = sum(int((one.status != Status.CONVERGED).sum()) for one in found)
+    ill = sum(int((one.status != SearchStatus.CONVERGED).sum()) for one in found)
     return f"{evaluations.mean():.2f} encodings an entry, {ill} not converged"

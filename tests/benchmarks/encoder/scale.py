@@ -25,12 +25,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rigctl.analysis.classification.splits import Design, splits
-from rigctl.analysis.classification.sweep_engines import Engine, answer
+from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
 from rigctl.analysis.data.condition_tasks import counted_condition
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions
-from rigctl.analysis.execution.executor import Here, Job, Result
+from rigctl.analysis.execution.executor import Job, Result, ThreadExecutor
 from rigctl.analysis.features.representations import REPRESENTATIONS, represent
-from rigctl.analysis.features.spike_counts import CHUNK, Means, groups_of, prepare
+from rigctl.analysis.features.spike_counts import CHUNK, Resources, groups_of, prepare
 from rigctl.analysis.paper import published
 from rigctl.encoding.parameters import DEFAULT
 from tests.analysis.recordings import record
@@ -101,17 +101,17 @@ def _of_session(session: Path) -> dict[str, Any]:
     }
 
 
-class _Timed(Here):
+class _Timed(ThreadExecutor):
     """One process that counts the time spent in pieces of work."""
 
     work_s = 0.0
 
     def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """As :class:`Here`, by the clock."""
+        """As :class:`ThreadExecutor`, by the clock."""
         return super().map(partial(self._done, work), jobs)
 
     def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """As :class:`Here`, by the clock."""
+        """As :class:`ThreadExecutor`, by the clock."""
         return super().map_unlocked(partial(self._done, work), jobs)
 
     def _done(self, work: Callable[[Job], Result], job: Job) -> Result:
@@ -123,7 +123,7 @@ class _Timed(Here):
 
 def _of_encoding(trials: TrialSet, folder: Path) -> dict[str, Any]:
     """Pieces of work and what the first process does beside them; bytes that they make."""
-    ground = prepare(trials, Means())
+    ground = prepare(trials, Resources())
     group = groups_of(ground, DEFAULT, 500.0, with_c=True)[0]
     counts = counted_condition(group.condition)  # compiles what was not
     took: dict[str, float] = {}
@@ -192,7 +192,7 @@ def _answered_s(features: Any, of: Design, fits: Any, family: str) -> float:
     took = []
     for _ in range(2):
         begun = time.process_time()
-        answer(features, labels, fits, published.K_MAX, Engine.OWN)
+        answer(features, labels, fits, published.K_MAX, SweepEngine.OWN)
         took.append(time.process_time() - begun)
     return min(took)
 
@@ -212,10 +212,10 @@ def _of_dask() -> dict[str, Any]:
     """
     from distributed import LocalCluster
 
-    from rigctl.analysis.execution.dask_executor import dask_crew
+    from rigctl.analysis.execution.dask_executor import dask_executor
 
     cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
-    with cluster, dask_crew(cluster.scheduler_address) as crew:
+    with cluster, dask_executor(cluster.scheduler_address) as crew:
         list(crew.map(abs, range(20)))
         begun = time.process_time()
         list(crew.map(abs, range(TASKS)))

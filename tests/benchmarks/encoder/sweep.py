@@ -14,7 +14,7 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.classification.component_sweep import Divisor, Fold, predict_folds
+from rigctl.analysis.classification.component_sweep import Fold, ScatterDivisor, predict_folds
 from rigctl.analysis.classification.held_out import stratified_folds
 from tests.benchmarks.encoder._peers import row
 
@@ -36,7 +36,7 @@ def _measure() -> Iterator[dict[str, Any]]:
     features, labels = big_set()
     folds = stratified_folds(labels, N_FOLDS, seed=0)
     all_three = (
-        lambda: predict_folds(features, labels, folds, K_MAX, Divisor.N),
+        lambda: predict_folds(features, labels, folds, K_MAX, ScatterDivisor.N),
         lambda: _one_pipeline(features, labels, folds[0]),
         lambda: hoisted(features, labels, folds, K_MAX),
     )
@@ -100,7 +100,7 @@ def _differing(big: int, n_big: int) -> dict[str, Any]:
         features, labels = loader(return_X_y=True)
         folds = stratified_folds(labels, N_FOLDS, seed=0)
         theirs = hoisted(features, labels, folds, k_max)
-        ours = predict_folds(features, labels, folds, k_max, Divisor.N)
+        ours = predict_folds(features, labels, folds, k_max, ScatterDivisor.N)
         differing += _count_differing(ours, theirs)
         compared += sum(t.size for t in theirs)
     note = f"of {compared} predictions, every trial and every k, in three data sets; divisor N"

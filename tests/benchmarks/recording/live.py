@@ -14,7 +14,7 @@ import numpy as np
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 
 if TYPE_CHECKING:
-    from gui.main_window import Window
+    from gui.main_window import MainWindow
 
 SIZE = (1400, 900)
 SAMPLES_A_FRAME = 33
@@ -63,13 +63,13 @@ def ages_ms(seconds: float = SECONDS) -> list[float]:
     from PySide6.QtCore import QTimer
     from PySide6.QtTest import QTest
 
-    from gui.main_window import Window
+    from gui.main_window import MainWindow
     from gui.widgets.theme import ThemeChoice
 
     pg.mkQApp()
     with tempfile.TemporaryDirectory() as folder:
         os.environ[FOLDER_VARIABLE] = folder
-        window = Window(choice=ThemeChoice.LIGHT)
+        window = MainWindow(choice=ThemeChoice.LIGHT)
         window.resize(*SIZE)
         window.show()
         watch = _Ages(window)
@@ -86,7 +86,7 @@ def ages_ms(seconds: float = SECONDS) -> list[float]:
 class _Ages:
     """Collects when each sample was there and when it was painted."""
 
-    def __init__(self, window: Window) -> None:
+    def __init__(self, window: MainWindow) -> None:
         self._scene = window.scene
         self._seen_s = 0.0
         self._painted: list[tuple[float, float, float]] = []
@@ -117,7 +117,7 @@ def redraw_costs_ms(frames: int = FRAMES) -> list[float]:
     """Wall time of each redraw: pull what is new, prepare it, paint it."""
     import pyqtgraph as pg
 
-    from gui.live.live_view import Scene
+    from gui.live.live_plots import LiveView
     from gui.widgets import theme
     from tests.gui.fake_engine import FakeEngine
 
@@ -126,7 +126,7 @@ def redraw_costs_ms(frames: int = FRAMES) -> list[float]:
     with tempfile.TemporaryDirectory() as folder:
         engine = FakeEngine(Path(folder))
         engine.produce(11_000, SPIKES_A_SAMPLE)
-        scene = Scene(theme.LIGHT)
+        scene = LiveView(theme.LIGHT)
         scene.resize(*SIZE)
         scene.show()
         costs_ms = []

@@ -12,7 +12,7 @@ import numpy as np
 
 from rigctl.session.files.ground_truth import trial_truths
 from rigctl.session.read.session import Session
-from rigctl.synth.dataset import Order, generate, plan_of
+from rigctl.synth.dataset import DatasetRequest, generate, plan_of
 from tests.acquisition.floor import open_floor
 
 SEED = 1
@@ -46,7 +46,7 @@ def measure() -> Iterator[dict[str, Any]]:
 
 def made_s(protocol: Path, folder: Path) -> tuple[float, float]:
     """Wall and processor seconds to make the bench's protocol."""
-    order = Order(plan_of(protocol, None, SEED), SEED, folder, START_UTC)
+    order = DatasetRequest(plan_of(protocol, None, SEED), SEED, folder, START_UTC)
     began_s, began_core_s = time.perf_counter(), time.process_time()
     generate(order, lambda progress: None, lambda: False)
     return time.perf_counter() - began_s, time.process_time() - began_core_s

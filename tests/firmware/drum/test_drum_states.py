@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rigctl.simulation.chips.simavr import Input, Output, ResetBy
-from rigctl.wire.drum.states import OUTPUTS, Event, State, next_state
+from rigctl.wire.drum.states import OUTPUTS, State, StateEvent, next_state
 from tests.firmware.drum.support.cells import (
     ATTENDED,
     COMMANDS,
@@ -22,7 +22,7 @@ PASSED = {State.RETRACT: State.ARMED}
 """A lift that has no way to go is over with the next tick."""
 
 
-def check_cell(drum: DrumChip, state: State, event: Event) -> None:
+def check_cell(drum: DrumChip, state: State, event: StateEvent) -> None:
     """Cause the event; the drum must be where the table says, its drivers with it."""
     wanted = next_state(state, event)
     assert wanted is not None
@@ -78,7 +78,7 @@ def test_selftest_refuses_every_command_and_then_passes() -> None:
             assert drum.state is State.SELFTEST
             assert drum.command(COMMANDS[event]) == 4, event.name
         drum.run(120)
-        assert drum.state is next_state(State.SELFTEST, Event.SELFTEST_PASSED)
+        assert drum.state is next_state(State.SELFTEST, StateEvent.SELFTEST_PASSED)
 
 
 def test_selftest_fails_without_a_load_cell_and_on_an_open_emergency_stop() -> None:
@@ -86,12 +86,12 @@ def test_selftest_fails_without_a_load_cell_and_on_an_open_emergency_stop() -> N
         drum.x.loadcell_mode = SILENT
         drum.chip.reset(ResetBy.PIN)
         drum.run(600)
-        assert drum.state is next_state(State.SELFTEST, Event.SELFTEST_FAILED)
+        assert drum.state is next_state(State.SELFTEST, StateEvent.SELFTEST_FAILED)
         drum.x.loadcell_mode = 0
         drum.pin(Input.ESTOP, 1)
         drum.chip.reset(ResetBy.PIN)
         drum.run(20)
-        assert drum.state is next_state(State.SELFTEST, Event.OFF_FAULT)
+        assert drum.state is next_state(State.SELFTEST, StateEvent.OFF_FAULT)
 
 
 def test_until_armed_nothing_is_driven() -> None:
@@ -108,7 +108,7 @@ def test_until_armed_nothing_is_driven() -> None:
 def test_every_cell_is_reached_or_said_to_be_out_of_reach() -> None:
     reached = {(s, e) for s in ATTENDED for e in (*COMMANDS, *FAULTS)}
     reached |= {(s, e) for s, events in COMPLETIONS.items() for e in events}
-    reached |= {(State.SELFTEST, e) for e in (*COMMANDS, Event.OFF_FAULT)}
+    reached |= {(State.SELFTEST, e) for e in (*COMMANDS, StateEvent.OFF_FAULT)}
     for state in OUTPUTS:
-        for event in Event:
+        for event in StateEvent:
             assert ((state, event) in reached) == (not unreachable(state, event))

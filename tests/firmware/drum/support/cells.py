@@ -4,36 +4,36 @@ from __future__ import annotations
 
 from rigctl.simulation.chips.simavr import Input
 from rigctl.wire.drum.register_table import Command
-from rigctl.wire.drum.states import Event, State
+from rigctl.wire.drum.states import State, StateEvent
 from tests.firmware.drum.support.checks import bring
 from tests.firmware.drum.support.chip import DrumChip
 
 COMMANDS = {
-    Event.ARM: Command.ARM,
-    Event.DISARM: Command.DISARM,
-    Event.MOVE: Command.MOVE,
-    Event.APPROACH: Command.APPROACH,
-    Event.RUN: Command.RUN,
-    Event.RETRACT: Command.RETRACT,
-    Event.STOP: Command.STOP,
-    Event.CLEAR: Command.CLEAR,
+    StateEvent.ARM: Command.ARM,
+    StateEvent.DISARM: Command.DISARM,
+    StateEvent.MOVE: Command.MOVE,
+    StateEvent.APPROACH: Command.APPROACH,
+    StateEvent.RUN: Command.RUN,
+    StateEvent.RETRACT: Command.RETRACT,
+    StateEvent.STOP: Command.STOP,
+    StateEvent.CLEAR: Command.CLEAR,
 }
-FAULTS = (Event.TIMED_FAULT, Event.OFF_FAULT)
+FAULTS = (StateEvent.TIMED_FAULT, StateEvent.OFF_FAULT)
 COMPLETIONS = {
-    State.BOOT: (Event.BOOTED,),
-    State.SELFTEST: (Event.SELFTEST_PASSED, Event.SELFTEST_FAILED),
-    State.POSITION: (Event.MOVE_DONE,),
-    State.APPROACH: (Event.FORCE_SETTLED,),
-    State.RUN: (Event.TRAVEL_DONE,),
-    State.RETRACT: (Event.LIFTED,),
-    State.FAULT_LIFT: (Event.LIFT_TIME_OVER,),
+    State.BOOT: (StateEvent.BOOTED,),
+    State.SELFTEST: (StateEvent.SELFTEST_PASSED, StateEvent.SELFTEST_FAILED),
+    State.POSITION: (StateEvent.MOVE_DONE,),
+    State.APPROACH: (StateEvent.FORCE_SETTLED,),
+    State.RUN: (StateEvent.TRAVEL_DONE,),
+    State.RETRACT: (StateEvent.LIFTED,),
+    State.FAULT_LIFT: (StateEvent.LIFT_TIME_OVER,),
 }
 """Events that the firmware gives itself, and only in the state that they complete."""
 ATTENDED = tuple(s for s in State if s not in (State.BOOT, State.SELFTEST))
 NORMAL, SILENT = 0, 1
 
 
-def unreachable(state: State, event: Event) -> str:
+def unreachable(state: State, event: StateEvent) -> str:
     """Why no bench can bring this cell about; empty where one can."""
     if event in COMPLETIONS.get(state, ()):
         return ""
@@ -41,7 +41,7 @@ def unreachable(state: State, event: Event) -> str:
         return "a completion is raised only in the state that it completes"
     if state is State.BOOT:
         return "BOOT is over before the first tick, and before the first byte is read"
-    if state is State.SELFTEST and event is Event.TIMED_FAULT:
+    if state is State.SELFTEST and event is StateEvent.TIMED_FAULT:
         return "in SELFTEST a silent load cell is the self-test's own failure"
     return ""
 
@@ -65,7 +65,7 @@ def enter(drum: DrumChip, state: State) -> None:
     """Into a state, from wherever the drum is; the causes of a fault are gone."""
     to_idle(drum)
     if state is State.FAULT_OFF:
-        cause(drum, Event.OFF_FAULT)
+        cause(drum, StateEvent.OFF_FAULT)
         drum.pin(Input.ESTOP, 0)
         drum.run(2)
     elif state is State.RETRACT:
@@ -74,20 +74,20 @@ def enter(drum: DrumChip, state: State) -> None:
         assert drum.command(Command.ARM) == 0
     elif state is State.FAULT_LIFT:
         bring(drum, State.ARMED)
-        cause(drum, Event.TIMED_FAULT)
+        cause(drum, StateEvent.TIMED_FAULT)
     elif state is not State.IDLE:
         bring(drum, state)
     assert drum.state is state
 
 
-def cause(drum: DrumChip, event: Event) -> None:
+def cause(drum: DrumChip, event: StateEvent) -> None:
     """Bring an event about: a command, a load cell that falls silent, the emergency stop."""
     drum.beat()
-    if event is Event.MOVE:
+    if event is StateEvent.MOVE:
         drum.set("move_target", drum.get("steps") + 50_000)
     if event in COMMANDS:
         assert drum.command(COMMANDS[event]) == 0
-    elif event is Event.TIMED_FAULT:
+    elif event is StateEvent.TIMED_FAULT:
         drum.x.loadcell_mode = SILENT
         drum.run(46)
     else:

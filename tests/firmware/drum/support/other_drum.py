@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rigctl.simulation.bench.load_cell import Loadcell
+from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.register_table import Command
@@ -38,7 +38,7 @@ class OtherDrum(PlantDrum):
 
     def _wire_up(self) -> None:
         slow = replace(self.parameters, loadcell_rate_hz=10.0, loadcell_average_ms=100.0)
-        self._cell = Loadcell(slow, 1, self.plant, Disturbances())
+        self._cell = LoadCellAmplifier(slow, 1, self.plant, Disturbances())
         self.x.enable_high = 1
         self.x.port_a_first = 3
         super()._wire_up()

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.bench.contact import Footprint, contact_tables, footprint, mounted
-from rigctl.simulation.bench.load_cell import Loadcell
-from rigctl.simulation.bench.mechanics import Motion, Plant
+from rigctl.simulation.bench.load_cell import LoadCellAmplifier
+from rigctl.simulation.bench.mechanics import Mechanics, RodMotion
 from rigctl.simulation.bench.parameters import WorldParameters, checked
 from rigctl.simulation.chips.simavr import Output
 from rigctl.simulation.simulated_rig import Disturbances
@@ -62,9 +62,9 @@ class PlantDrum(DrumChip):
     ) -> None:
         self._begin_mm = begin_mm
         self.parameters = checked(parameters or WorldParameters())
-        self.plant = Plant(self.parameters)
+        self.plant = Mechanics(self.parameters)
         self.plant.set_footprint(pressed(plate, self.parameters, seed))
-        self._cell = Loadcell(self.parameters, seed, self.plant, Disturbances())
+        self._cell = LoadCellAmplifier(self.parameters, seed, self.plant, Disturbances())
         super().__init__(image)
 
     def _wire_up(self) -> None:
@@ -78,7 +78,7 @@ class PlantDrum(DrumChip):
     def _press(self, duty: float) -> None:
         end_ms = int(self.x.cycle) // MS
         travel_mm = (self.x.drum_place - self._start_steps) * self.parameters.mm_per_step
-        self.plant.advance(end_ms, duty, Motion(end_ms * 1000.0, travel_mm, 0.0))
+        self.plant.advance(end_ms, duty, RodMotion(end_ms * 1000.0, travel_mm, 0.0))
         self.rod_mm, self.force_g = self.plant.rod_mm, self.plant.force_g
         self.forces.append(self.force_g)
         if self.x.loadcell_ready <= (end_ms + 1) * MS:

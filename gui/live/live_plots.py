@@ -10,7 +10,7 @@ from gui.live.force_speed import SetPointPlot
 from gui.live.heatmap import HeatMap
 from gui.live.history import N_ROWS, SPAN_S, History
 from gui.live.raster import GROUPS, PER_GROUP, Raster, row_label
-from gui.live.scrolling_image import Strip
+from gui.live.scrolling_image import ScrollingImage
 from gui.live.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, RateBars
 from gui.live.traces import Traces
 from gui.widgets.plot_axes import colour_axes, quiet_plot, taxel_ticks, time_plot
@@ -24,7 +24,7 @@ _NUMBERS_EVERY = 3  # frames; figures that change thirty times a second cannot b
 _STRETCH = {0: 2, 1: 2, 2: 5, 3: 6}
 
 
-class Scene(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
     """Everything that moves. Samples are pulled by :meth:`refresh`, never pushed."""
 
     def __init__(self, theme: Theme) -> None:
@@ -113,7 +113,7 @@ class Scene(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no 
         self.ci.layout.setHorizontalSpacing(16)
         self.ci.layout.setColumnFixedWidth(1, _RIGHT_PX)
 
-    def _refresh_strip(self, plot: pg.PlotItem, strip: Strip) -> None:
+    def _refresh_strip(self, plot: pg.PlotItem, strip: ScrollingImage) -> None:
         place = plot.getViewBox().sceneBoundingRect()
         width = round(place.right()) - round(place.left())
         height = round(place.bottom()) - round(place.top())
@@ -135,7 +135,7 @@ class Scene(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no 
         self._raster_plot.getAxis("left").setTicks([ticks, []])
 
 
-def _hold(plot: pg.PlotItem, strip: Strip) -> None:
+def _hold(plot: pg.PlotItem, strip: ScrollingImage) -> None:
     plot.invertY(True)
     plot.setYRange(0, strip.n_rows, padding=0)
     plot.addItem(strip)
