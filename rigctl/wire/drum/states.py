@@ -1,7 +1,8 @@
 """The drum's safety states as data: which event leads from which state to which.
 
 This table is the only definition: ``arduino/drum/drum_states.h`` and the reference page are
-generated from it, and a test tries every state with every event. What the outputs do is a function of the state alone (:data:`OUTPUTS`).
+generated from it, and a test tries every state with every event. The outputs are a function of
+the state alone (:data:`OUTPUTS`).
 """
 
 from __future__ import annotations

@@ -290,7 +290,8 @@ def test_analyse_takes_c_from_a_model_and_says_what_it_is_worth(
     trials = join_sessions([session])
     home = represent(trials, made.parameters, tmp_path / "home", source=c_of(model, trials))
     assert home.transferred_c is not None and home.transferred_c.misses
-    assert "WARNING" not in home.transferred_c.sentence and "was not searched" in home.transferred_c.sentence
+    sentence = home.transferred_c.sentence
+    assert "WARNING" not in sentence and "was not searched" in sentence
     for representation in REPRESENTATIONS:
         ours, theirs = home.features(representation), made.features(representation)
         np.testing.assert_array_equal(ours, theirs)
