@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.held_out import stratified_folds
-from rigctl.analysis.classification.splits import Design, Split, splits
+from rigctl.analysis.classification.splits import Design, Split, splits, stratified_folds
 from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
 from rigctl.analysis.paper import published
 from rigctl.encoding.batch import cuts_of, features_of, stretch_counts

@@ -8,7 +8,7 @@ from typing import Any
 
 from rigctl import __version__
 from rigctl.analysis.classification.classify_sessions import Classification
-from rigctl.analysis.classification.held_out import wilson_interval
+from rigctl.analysis.paper.statistics import wilson_interval
 
 COLUMNS = (
     "session", "trial_id", "texture", "speed_mm_s", "force_g", "predicted", "right", "posterior",

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.held_out import stratified_folds
+from rigctl.analysis.classification.component_sweep import Fold, Labels
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.paper import published
 from rigctl.errors import WrongUse
@@ -118,6 +118,25 @@ def _folds(design: Design, random: np.random.Generator) -> list[Split]:
         Split(drawn[train], {"textures": drawn[test], "groups": drawn[test]})
         for train, test in folds
     ]
+
+
+def stratified_folds(labels: Labels, n_folds: int, seed: int) -> list[Fold]:
+    """Return folds that spread each class as evenly as possible and test each row once.
+
+    Raises :class:`WrongUse` where a class has fewer rows than there are folds.
+    """
+    fewest = int(np.bincount(labels).min())
+    if not 2 <= n_folds <= fewest:
+        raise WrongUse(f"{n_folds} folds cannot be made: the smallest class has {fewest} trials")
+    random = np.random.default_rng(seed)
+    fold_of = np.empty(len(labels), np.int64)
+    dealt = 0
+    for label in np.unique(labels):
+        rows = random.permutation(np.flatnonzero(labels == label))
+        # Each class starts in the fold after the last one used, so all folds have one size.
+        fold_of[rows] = (dealt + np.arange(len(rows))) % n_folds
+        dealt += len(rows)
+    return [(np.flatnonzero(fold_of != f), np.flatnonzero(fold_of == f)) for f in range(n_folds)]
 
 
 def _drawn(n: int, n_folds: int) -> int:

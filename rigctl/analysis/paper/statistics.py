@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,17 @@ def cohens_h(first: float, second: float) -> float:
     from statsmodels.stats.proportion import proportion_effectsize
 
     return float(proportion_effectsize(first, second))
+
+
+def wilson_interval(correct: Any, n: int) -> tuple[Any, Any]:
+    """Return the 95 % Wilson interval of ``correct`` out of ``n``, a number or an array each.
+
+    It stays inside 0–1 for small n too (statsmodels).
+    """
+    from statsmodels.stats.proportion import proportion_confint
+
+    low, high = proportion_confint(correct, n, method="wilson")
+    return low, high
 
 
 def welch(first: Values, second: Values, *, redrawn: bool = True) -> Difference:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.analysis.classification.held_out import (
-    HeldOut,
+    HeldOutPredictions,
     LabelledTrials,
     Progress,
     classify_held_out,
-    wilson_interval,
 )
+from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.analysis.report.figures import TrialPicture, accuracy_figure, raster_figure
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
@@ -28,7 +28,7 @@ class DemoAnswer:
     sentence: str
     raster: Path
     accuracy: Path
-    held_out: HeldOut
+    held_out: HeldOutPredictions
     remarks: tuple[str, ...]
 
 
@@ -53,9 +53,9 @@ def analyse_session(
     return DemoAnswer(answer_sentence(held_out), raster, accuracy, held_out, remarks)
 
 
-def answer_sentence(held_out: HeldOut) -> str:
+def answer_sentence(held_out: HeldOutPredictions) -> str:
     """Accuracy beside chance, with n and its interval."""
-    correct, n = held_out.correct(held_out.shown), held_out.n
+    correct, n = int(held_out.correct_counts()[held_out.shown - 1]), held_out.n
     low, high = wilson_interval(correct, n)
     return (
         f"held-out accuracy {correct / n:.1%} ({correct} of n = {n} trials, 95 % interval "

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.held_out import HeldOut, wilson_interval
+from rigctl.analysis.classification.held_out import HeldOutPredictions
+from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.values import SAMPLE_RATE_HZ, Spikes
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def raster_figure(picture: TrialPicture, stem: Path) -> Path:
     return save(figure, stem)
 
 
-def accuracy_figure(held_out: HeldOut, origin: str, stem: Path) -> Path:
+def accuracy_figure(held_out: HeldOutPredictions, origin: str, stem: Path) -> Path:
     """Held-out accuracy over components, and who is taken for whom; returns the PNG's path."""
     from matplotlib.figure import Figure
 
@@ -97,7 +98,7 @@ def accuracy_figure(held_out: HeldOut, origin: str, stem: Path) -> Path:
     left, right = figure.subplots(1, 2, width_ratios=[1.35, 1])
     _draw_accuracy(left, held_out)
     _draw_confusion(right, held_out)
-    correct, n = held_out.correct(held_out.shown), held_out.n
+    correct, n = int(held_out.correct_counts()[held_out.shown - 1]), held_out.n
     title = (
         f"Textures told apart on held-out trials: {correct} of {n} "
         f"({correct / n:.0%}) with {held_out.shown} components"
@@ -178,15 +179,14 @@ def _draw_group(
     axes.text(1.012, middle + 1.2, f"{group.meaning}\n{rate_hz:.0f} spikes/s each", size=8, **style)
 
 
-def _draw_accuracy(axes: Axes, held_out: HeldOut) -> None:
+def _draw_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
     from matplotlib.ticker import MaxNLocator
 
     k = np.arange(1, len(held_out.predictions) + 1)
-    accuracy = held_out.accuracy()
-    bounds = [wilson_interval(held_out.correct(int(i)), held_out.n) for i in k]
-    low, high = np.array(bounds).T
+    correct = held_out.correct_counts()
+    low, high = wilson_interval(correct, held_out.n)
     axes.fill_between(k, 100 * low, 100 * high, color=GROUPS[2].colour, alpha=0.22, lw=0)
-    axes.plot(k, 100 * accuracy, color=GROUPS[0].colour, lw=1.8, marker="o", ms=3.5)
+    axes.plot(k, 100 * correct / held_out.n, color=GROUPS[0].colour, lw=1.8, marker="o", ms=3.5)
     axes.axhline(100 * held_out.chance, color=GROUPS[1].colour, lw=1.3, ls=(0, (5, 3)))
     axes.annotate(
         f"chance {held_out.chance:.0%}",
@@ -211,7 +211,7 @@ def _draw_accuracy(axes: Axes, held_out: HeldOut) -> None:
     tidy(axes)
 
 
-def _draw_confusion(axes: Axes, held_out: HeldOut) -> None:
+def _draw_confusion(axes: Axes, held_out: HeldOutPredictions) -> None:
     table = held_out.confusion(held_out.shown)
     share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1)

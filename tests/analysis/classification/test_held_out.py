@@ -1,4 +1,4 @@
-"""Folds, intervals and the classification of a session, down to the figures on disk."""
+"""The held-out classification of a session, down to the figures on disk."""
 
 from __future__ import annotations
 
@@ -9,42 +9,21 @@ import numpy as np
 import pytest
 
 from rigctl.analysis.classification.held_out import (
-    HeldOut,
+    HeldOutPredictions,
     LabelledTrials,
     classify_held_out,
-    stratified_folds,
-    wilson_interval,
 )
 from rigctl.analysis.report.demo import analyse_session, answer_sentence
 from rigctl.errors import SessionError, WrongUse
 from tests.analysis.recordings import record
 
 
-def test_folds_test_every_row_once_and_spread_the_classes() -> None:
-    labels = np.repeat([0, 1, 2], [9, 6, 5])
-    folds = stratified_folds(labels, 4, seed=1)
-    tested = np.concatenate([test for _, test in folds])
-    assert sorted(tested.tolist()) == list(range(20))
-    assert [len(test) for _, test in folds] == [5, 5, 5, 5]
-    for train, test in folds:
-        assert not set(train) & set(test)
-        assert (abs(np.bincount(labels[test], minlength=3) - np.array([9, 6, 5]) / 4) < 1).all()
-    again = stratified_folds(labels, 4, seed=1)
-    assert all((a[1] == b[1]).all() for a, b in zip(folds, again, strict=True))
-    with pytest.raises(WrongUse, match="smallest class has 5"):
-        stratified_folds(labels, 6, seed=1)
-
-
-def test_wilson_interval_is_the_published_one() -> None:
-    """Newcombe 1998, table I, method 3: 81 of 263 and 0 of 20."""
-    np.testing.assert_allclose(wilson_interval(81, 263), (0.2553, 0.3662), atol=5e-5)
-    np.testing.assert_allclose(wilson_interval(0, 20), (0.0, 0.1611), atol=5e-5)
-
-
 def test_the_answer_counts_as_one_would_by_hand() -> None:
     labels = np.array([0, 0, 0, 1, 1])
-    held_out = HeldOut(("A", "B"), labels, np.array([[0, 0, 1, 1, 0], [0, 0, 0, 1, 1]]), 2, 1)
-    assert held_out.accuracy().tolist() == [0.6, 1.0]
+    held_out = HeldOutPredictions(
+        ("A", "B"), labels, np.array([[0, 0, 1, 1, 0], [0, 0, 0, 1, 1]]), 2, 1
+    )
+    assert held_out.correct_counts().tolist() == [3, 5]
     assert held_out.chance == 0.6
     assert held_out.confusion(1).tolist() == [[2, 1], [1, 1]]
     assert "60.0% (3 of n = 5 trials" in answer_sentence(held_out)
@@ -59,7 +38,7 @@ def test_labels_that_mean_nothing_are_told_at_chance() -> None:
         samples = [rng.integers(300, 700, (200, 3)).astype(np.uint16) for _ in range(80)]
         textures = [str(name) for name in rng.permutation(np.repeat(list("ABDL"), 20))]
         held_out = classify_held_out(LabelledTrials(samples, [120.0] * 80, textures), seed=seed)
-        shares.append(held_out.accuracy().mean())
+        shares.append(held_out.correct_counts().mean() / held_out.n)
     assert held_out.chance == 0.25
     assert abs(np.mean(shares) - 0.25) < 0.04
 
@@ -78,7 +57,8 @@ def test_a_session_becomes_an_answer_and_two_figures(tmp_path: Path) -> None:
     answer = analyse_session(session, tmp_path / "figures", progress=lambda s, _: stages.append(s))
     assert answer.held_out.n == 23
     assert answer.remarks == ("left out for gaps in their samples: trial 5",)
-    assert answer.held_out.accuracy()[answer.held_out.shown - 1] > 2 * answer.held_out.chance
+    right = answer.held_out.correct_counts()[answer.held_out.shown - 1]
+    assert right / 23 > 2 * answer.held_out.chance
     assert "fold 1 of 4" in stages
     for png in (answer.raster, answer.accuracy):
         assert png.read_bytes().startswith(b"\x89PNG")

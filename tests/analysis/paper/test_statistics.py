@@ -13,6 +13,7 @@ from rigctl.analysis.paper.statistics import (
     cohens_h,
     two_proportions,
     welch,
+    wilson_interval,
 )
 from rigctl.errors import WrongUse
 
@@ -34,6 +35,12 @@ def test_two_proportions_are_those_worked_by_hand() -> None:
     assert found.effect == pytest.approx(0.4027, abs=1e-4)
     assert found.stars == "*"
     assert cohens_h(0.4, 0.6) == pytest.approx(-0.4027, abs=1e-4)
+
+
+def test_wilson_interval_is_the_published_one() -> None:
+    """Newcombe 1998, table I, method 3: 81 of 263 and 0 of 20."""
+    np.testing.assert_allclose(wilson_interval(81, 263), (0.2553, 0.3662), atol=5e-5)
+    np.testing.assert_allclose(wilson_interval(0, 20), (0.0, 0.1611), atol=5e-5)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.splits import Design, Split, splits
+from rigctl.analysis.classification.splits import Design, Split, splits, stratified_folds
 from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.execution.executor import processes
@@ -49,6 +49,21 @@ def test_the_papers_numbers_of_trials_come_out() -> None:
     assert set(whole.speed_mm_s[fit.train]) == {40.0, 60.0, 80.0}
     assert set(whole.force_g[fit.tests["untrained-both"]]) == {1000.0}
     assert whole.groups == ("smooth", "circular ridges", "rectangular ridges", "waves")
+
+
+def test_folds_test_every_row_once_and_spread_the_classes() -> None:
+    labels = np.repeat([0, 1, 2], [9, 6, 5])
+    folds = stratified_folds(labels, 4, seed=1)
+    tested = np.concatenate([test for _, test in folds])
+    assert sorted(tested.tolist()) == list(range(20))
+    assert [len(test) for _, test in folds] == [5, 5, 5, 5]
+    for train, test in folds:
+        assert not set(train) & set(test)
+        assert (abs(np.bincount(labels[test], minlength=3) - np.array([9, 6, 5]) / 4) < 1).all()
+    again = stratified_folds(labels, 4, seed=1)
+    assert all((a[1] == b[1]).all() for a, b in zip(folds, again, strict=True))
+    with pytest.raises(WrongUse, match="smallest class has 5"):
+        stratified_folds(labels, 6, seed=1)
 
 
 def test_draws_are_repeatable_and_differ_between_iterations() -> None:

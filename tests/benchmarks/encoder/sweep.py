@@ -15,7 +15,7 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
 from rigctl.analysis.classification.component_sweep import Fold, ScatterDivisor, predict_folds
-from rigctl.analysis.classification.held_out import stratified_folds
+from rigctl.analysis.classification.splits import stratified_folds
 from tests.benchmarks.encoder._peers import row
 
 N_TRIALS, N_FEATURES, N_CLASSES, K_MAX, N_FOLDS = 8000, 2160, 16, 50, 4
