@@ -14,10 +14,10 @@ from typing import Any, Protocol
 
 from PySide6.QtCore import QElapsedTimer, QObject, Signal
 
-from gui.operate.engine_status import EngineStatus, RunView, read_status
 from rigctl.acquisition.live_buffer import LiveView
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines, runtime_folder
+from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.errors import RigctlError
 
 JOIN = "join"
@@ -153,7 +153,7 @@ class EngineLink(QObject):
         client, self._client = self._client, None
         if client is None:
             return
-        leave = client.close if self.status.run.is_going else client.shut_down
+        leave = client.close if self.status.run.is_active else client.shut_down
         self._in_thread(lambda: _quietly(leave))
         self._forget()
         self.closed.emit("not connected")
@@ -195,7 +195,7 @@ class EngineLink(QObject):
         if "reply" in message:
             self._take_reply(message)
         elif message.get("event") == "status":
-            self.status = read_status(message.get("data") or {})
+            self.status = parse_status(message.get("data") or {})
             self.heard.emit(float(message.get("at_s", 0.0)))
             self.status_changed.emit(self.status)
         else:
@@ -232,7 +232,7 @@ class EngineLink(QObject):
 
     def _forget(self) -> None:
         self._asked.clear()
-        self.status = EngineStatus(run=RunView())
+        self.status = EngineStatus()
         self._heard_ms = self._clock.elapsed()
 
 

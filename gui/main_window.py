@@ -23,7 +23,6 @@ from gui.analysis.analysis_tab import AnalysisTab
 from gui.engine_link import EngineLink, Opener, open_engine
 from gui.live.health import HealthStrip
 from gui.live.live_plots import LivePlots
-from gui.operate.engine_status import EngineStatus
 from gui.operate.event_log import BAD_KINDS, EventLog
 from gui.operate.operate_panel import OperatePanel
 from gui.operate.prompt import PromptPanel
@@ -37,6 +36,7 @@ from gui.widgets.labels import elastic, label, set_property, show_text
 from gui.widgets.stop_key import StopKey
 from gui.widgets.theme import ThemeChoice
 from rigctl.acquisition.health.notices import wiring_notice
+from rigctl.acquisition.rpc.messages import EngineStatus
 
 FRAME_MS = 33
 BAD_STAYS_MS = 8000

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QWidget
 
-from gui.operate.engine_status import BoardView, EngineStatus, RecordingView
 from gui.widgets.formatting import age, duration, size
 from gui.widgets.labels import elastic, label, set_property
 from gui.widgets.status_lamp import Level, StatusLamp
 from gui.widgets.theme import Theme
+from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus, RecordingStatus
 from rigctl.values import SAMPLE_RATE_HZ
 
 RATE_TOLERANCE = 0.02
@@ -149,7 +149,7 @@ def _poll(status: EngineStatus) -> Reading:
     return Reading(f"{text}, {status.poll_retries}×" if status.poll_retries else text, level)
 
 
-def _disk(recording: RecordingView) -> Reading:
+def _disk(recording: RecordingStatus) -> Reading:
     if not recording.disk_free_bytes:
         return Reading("–", Level.OFF)
     hours = recording.hours_left
@@ -169,7 +169,7 @@ def _clock(ppm: Mapping[str, float | None]) -> Reading:
     return Reading(text, _judge(max(map(abs, known)) <= CLOCK_LIMIT_PPM))
 
 
-def _boards(boards: Mapping[str, BoardView]) -> Reading:
+def _boards(boards: Mapping[str, BoardStatus]) -> Reading:
     """The worst that the boards say of themselves, else the supply."""
     supply_v = boards["taxels"].supply_v if "taxels" in boards else None
     if not boards:
@@ -187,7 +187,7 @@ def _boards(boards: Mapping[str, BoardView]) -> Reading:
     return Reading("–", Level.OFF) if supply_v is None else Reading(f"{supply_v:.2f} V", Level.OK)
 
 
-def _ticks(boards: Mapping[str, BoardView]) -> Reading:
+def _ticks(boards: Mapping[str, BoardStatus]) -> Reading:
     """Late ticks of both boards together, and the longest interrupt of either."""
     late = [board.late_ticks for board in boards.values() if board.late_ticks is not None]
     longest = [board.longest_isr_us for board in boards.values() if board.longest_isr_us]
@@ -197,7 +197,7 @@ def _ticks(boards: Mapping[str, BoardView]) -> Reading:
     return Reading(f"{sum(late)} late{interrupt}", Level.WARN if sum(late) else Level.OK)
 
 
-def board_lines(boards: Mapping[str, BoardView]) -> list[str]:
+def board_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
     """All that each board says of itself, and what its self-test found, a line each."""
     lines = []
     for name, board in boards.items():
@@ -215,7 +215,7 @@ def board_lines(boards: Mapping[str, BoardView]) -> list[str]:
     return lines
 
 
-def tick_lines(boards: Mapping[str, BoardView]) -> list[str]:
+def tick_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
     """How each board keeps time, a line each."""
     return [
         f"{name}: {board.late_ticks} late ticks, longest interrupt {board.longest_isr_us:g} µs, "

@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QPushButton
 
-from gui.operate.engine_status import EngineStatus
+from rigctl.acquisition.rpc.messages import EngineStatus
 
 TEXTURES = tuple(ascii_uppercase[:16])
 FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -58,7 +58,7 @@ class BenchControls(QGroupBox):
 
     def show_status(self, status: EngineStatus) -> None:
         """Show the plate; offer faults where they are only simulated."""
-        self.plate.setEnabled(status.drum_connected and not status.run.is_going)
+        self.plate.setEnabled(status.drum_connected and not status.run.is_active)
         for widget in (self._simulated_name, self.fault, self.inject):
             widget.setVisible(status.simulated)
         if status.texture and not self.plate.view().isVisible():

@@ -6,8 +6,8 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
 
-from gui.operate.engine_status import EngineStatus
 from gui.widgets.labels import label
+from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.states import State
 
 STEPS_MM = {-10: "Alt+Shift+Left", -1: "Alt+Left", 1: "Alt+Right", 10: "Alt+Shift+Right"}
@@ -29,7 +29,7 @@ def why_not(status: EngineStatus) -> str:
     """Why the drum cannot be jogged now; empty where it can."""
     if not status.drum_connected or status.state is None:
         return "no drum is connected"
-    if status.run.is_going:
+    if status.run.is_active:
         return "a protocol has the rig"
     if status.state is State.ARMED:
         return ""

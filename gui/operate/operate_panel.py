@@ -17,10 +17,10 @@ from PySide6.QtWidgets import (
 )
 
 from gui.operate.bench_controls import BenchControls
-from gui.operate.engine_status import EngineStatus
 from gui.operate.jog import JogButtons
 from gui.widgets.formatting import fault_sentence
 from gui.widgets.labels import elastic, label, set_property, show_text
+from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State, StateEvent, next_state
 
@@ -65,8 +65,8 @@ def is_possible(action: Action, status: EngineStatus) -> bool:
     if action is RANGE:
         return status.taxels_connected
     if action is TEST:
-        return status.taxels_connected and not status.run.is_going
-    if status.state is None or not status.drum_connected or status.run.is_going:
+        return status.taxels_connected and not status.run.is_active
+    if status.state is None or not status.drum_connected or status.run.is_active:
         return False
     if action is TARE:
         return status.state in (State.IDLE, State.ARMED)
@@ -114,7 +114,7 @@ class OperatePanel(QWidget):
             self.buttons[action.command].setEnabled(is_possible(action, status))
         untared = status.state is State.ARMED and not status.tared
         self.buttons["approach"].setToolTip(TARE_FIRST if untared else APPROACH.hint)
-        self.apply.setEnabled(status.drum_connected and not status.run.is_going)
+        self.apply.setEnabled(status.drum_connected and not status.run.is_active)
         self.jog.show_status(status)
         self.bench.show_status(status)
         sentence = status.fault_words if status.fault else "no fault"

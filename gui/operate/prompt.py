@@ -5,10 +5,10 @@ from __future__ import annotations
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton
 
-from gui.operate.engine_status import Prompt
 from gui.widgets.labels import label
 from gui.widgets.status_lamp import Level, StatusLamp
 from gui.widgets.theme import Theme
+from rigctl.acquisition.rpc.messages import PromptStatus
 
 
 class PromptPanel(QFrame):
@@ -39,7 +39,7 @@ class PromptPanel(QFrame):
         """Shine in other colours."""
         self.lamp.set_theme(theme)
 
-    def show_prompt(self, prompt: Prompt | None) -> None:
+    def show_prompt(self, prompt: PromptStatus | None) -> None:
         """Show a question, or hide when there is none."""
         if prompt is None:
             self.hide()

@@ -13,12 +13,12 @@ from PySide6.QtWidgets import (
 )
 
 from gui.engine_link import JOIN
-from gui.operate.engine_status import EngineStatus, RecordingView
 from gui.operate.rig_choice import FileChoice
 from gui.widgets.formatting import fault_sentence
 from gui.widgets.labels import elastic, label, set_property, show_text
 from gui.widgets.status_lamp import Level, StatusLamp
 from gui.widgets.theme import Theme
+from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus
 
 RIGS = (
     ("Virtual rig", "virtual"),
@@ -147,7 +147,7 @@ class Toolbar(QFrame):
         row.addWidget(self.stop)
 
 
-def recording_truth(recording: RecordingView, unrecorded: int) -> tuple[Level, str, str]:
+def recording_truth(recording: RecordingStatus, unrecorded: int) -> tuple[Level, str, str]:
     """Level, title and detail of the light; only samples that reached the disk make it green.
 
     ``unrecorded``: how many statuses in a row told of a running protocol and an idle disk.

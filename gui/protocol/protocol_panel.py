@@ -21,9 +21,9 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.worker_tasks import Summary
-from gui.operate.engine_status import EngineStatus, RunView
 from gui.widgets.formatting import duration
 from gui.widgets.labels import elastic, label, set_property, show_text
+from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.config import resources
 
 MAX_SEED = 2**31 - 1
@@ -84,28 +84,28 @@ class ProtocolPanel(QWidget):
         """Buttons by what is possible, progress as the engine counts it."""
         run = status.run
         ready = status.drum_connected and status.taxels_connected and not status.fault
-        self.buttons["Start"].setEnabled(self._startable and ready and not run.is_going)
-        self.go_on.setEnabled(ready and not run.is_going)
+        self.buttons["Start"].setEnabled(self._startable and ready and not run.is_active)
+        self.go_on.setEnabled(ready and not run.is_active)
         self.buttons["Pause"].setEnabled(run.state == "running")
         self.buttons["Resume"].setEnabled(run.state == "paused")
-        self.buttons["Abort"].setEnabled(run.is_going)
+        self.buttons["Abort"].setEnabled(run.is_active)
         for widget in (self.choice, self.out, self.seed, self._open, self._browse):
-            widget.setEnabled(not run.is_going)
+            widget.setEnabled(not run.is_active)
         self._show_progress(run)
 
-    def _show_progress(self, run: RunView) -> None:
+    def _show_progress(self, run: RunStatus) -> None:
         show_text(self.state, run_sentence(run))
         set_property(self.state, "role", "bad" if run.state == "failed" else "heading")
         self.bar.setMaximum(max(run.trials_planned, 1))
         self.bar.setValue(run.trials_committed)
         self.bar.setFormat("%p %")
-        left = f", {duration(run.eta_s)} left" if run.is_going and run.eta_s is not None else ""
+        left = f", {duration(run.eta_s)} left" if run.is_active and run.eta_s is not None else ""
         planned = f"{run.trials_committed} of {run.trials_planned} trials{left}"
         show_text(self.lines["Progress"], planned if run.trials_planned else "–")
         show_text(self.lines["Now"], trial_words(run))
         show_text(self.lines["Rejected"], f"{run.trials_rejected}" if run.trials_planned else "–")
         self.lines["Session"].setText(Path(run.session).name if run.session else "–")
-        self.lines["Session"].setToolTip(run.session)
+        self.lines["Session"].setToolTip(run.session or "")
 
     def show_summary(self, found: Summary) -> None:
         """What the chosen protocol asks for."""
@@ -200,7 +200,7 @@ _STATES = {
 }
 
 
-def run_sentence(run: RunView) -> str:
+def run_sentence(run: RunStatus) -> str:
     """How the run stands, with the reasons of a pause."""
     if run.text:
         return run.text
@@ -208,14 +208,14 @@ def run_sentence(run: RunView) -> str:
     return f"{words} ({', '.join(run.reasons)})" if run.reasons else words
 
 
-def trial_words(run: RunView) -> str:
+def trial_words(run: RunStatus) -> str:
     """The trial that runs now."""
     if not run.current:
         return "–"
     now = run.current
     return (
-        f"#{run.trial_id}: {now.get('texture', '?')}, {now.get('speed_mm_s', 0):g} mm/s, "
-        f"{now.get('force_g', 0):g} g, repeat {now.get('repeat', 0)}"
+        f"#{run.trial_id or 0}: {now.texture}, {now.speed_mm_s:g} mm/s, "
+        f"{now.force_g:g} g, repeat {now.repeat}"
     )
 
 

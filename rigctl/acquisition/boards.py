@@ -14,7 +14,6 @@ from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import DRUM, TAXELS, BoardHealth
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.rig_interface import RigInterface
-from rigctl.acquisition.status import STATE_WORDS
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.devices.links.byte_link import BoardRebooted
 from rigctl.encoding.encoder import Encoder
@@ -22,7 +21,7 @@ from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.parameters import preset
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import Block, BoardIdentity, DrumState
-from rigctl.wire.drum.states import FAULT_WORDS, Fault, State
+from rigctl.wire.drum.states import FAULT_WORDS, STATE_WORDS, Fault, State
 from rigctl.wire.reset_causes import reset_words
 from rigctl.wire.taxels.self_test import SelfTest
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.event_bus import EventBus
-from rigctl.acquisition.health.disk import DiskMonitor, no_recording
+from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_control import DISK, LINK, RunControl
@@ -23,10 +23,14 @@ from rigctl.acquisition.protocol.run_request import RunContext, RunRequest, open
 from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.protocol.step_runner import RunOptions, RunParts
 from rigctl.acquisition.rig_interface import RigInterface
-from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, StatusData
-from rigctl.acquisition.rpc.server import Server
-from rigctl.acquisition.status import StatusBuilder, idle_run
+from rigctl.acquisition.rpc.messages import (
+    STATUS_PERIOD_S,
+    EngineStatus,
+    RecordingStatus,
+    RunStatus,
+)
+from rigctl.acquisition.rpc.server import Handler, Server
+from rigctl.acquisition.status import StatusBuilder
 from rigctl.acquisition.taxels.pipeline import UNWATCHED_SAMPLES, WATCHED_SAMPLES
 from rigctl.errors import RigctlError, RigFault
 from rigctl.values import Event
@@ -84,9 +88,14 @@ class Engine:
         self._alone_since_s = self._now_s()
         self._ended = asyncio.Event()
 
-    async def serve(self, doors: EngineAddress, order: RunRequest | None = None) -> int:
-        """Connect, do as told, leave the rig safe; the exit code of the process."""
-        self._server = Server(doors.token, CommandHandler(self).handle)
+    async def serve(
+        self, doors: EngineAddress, handle: Handler, order: RunRequest | None = None
+    ) -> int:
+        """Connect, serve clients until the engine ends, make the rig safe; return the exit code.
+
+        ``handle`` executes the clients' commands.
+        """
+        self._server = Server(doors.token, handle)
         self.news.listen(self._tell_clients)
         await self._server.open(doors.listener, doors.first)
         try:
@@ -135,12 +144,12 @@ class Engine:
         self._texture = texture
         return self.bench.set_plate(texture)
 
-    def status(self) -> StatusData:
+    def status(self) -> EngineStatus:
         """How everything stands now."""
-        recording = no_recording()
+        recording = RecordingStatus()
         if self._guard is not None:
             recording = self._guard.status(self.boards.pump.recording)
-        run = self.run.status() if self.run else idle_run()
+        run = self.run.status() if self.run else RunStatus()
         return self._status.build(self._now_s(), self._texture, recording, run)
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
@@ -194,7 +203,7 @@ class Engine:
 
     def _tell_status(self) -> None:
         if self._server is not None and len(self._server):
-            self._server.broadcast(_message("status", "", dict(self.status()), self._now_s()))
+            self._server.broadcast(_message("status", "", self.status(), self._now_s()))
 
     def _look_after_disk(self) -> None:
         if self._guard is None or self.run is None or self.run.ended:
@@ -259,5 +268,5 @@ class Engine:
         await self._server.close()
 
 
-def _message(kind: str, text: str, data: dict[str, Any], at_s: float = 0.0) -> dict[str, Any]:
+def _message(kind: str, text: str, data: object, at_s: float = 0.0) -> dict[str, Any]:
     return {"event": kind, "at_s": at_s, "text": text, "data": data}

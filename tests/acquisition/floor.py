@@ -12,6 +12,7 @@ from rigctl.acquisition.engine import Engine, EngineAddress
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
+from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.acquisition.rpc.server import listen
 from rigctl.config.rig_config import RigConfig
 from rigctl.rig import Rig, open_rig
@@ -81,7 +82,9 @@ class Floor:
         self.engine.news.listen(self.said.append)
         with listen() as listener:
             serving = self.rig.loop.create_task(
-                self.engine.serve(EngineAddress(listener, "token"), order)
+                self.engine.serve(
+                    EngineAddress(listener, "token"), CommandHandler(self.engine).handle, order
+                )
             )
             acting = self.rig.loop.create_task(self._act(scenario, order is not None))
             await asyncio.wait((serving, acting), return_when=asyncio.FIRST_COMPLETED)

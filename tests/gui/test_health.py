@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from gui.live.health import board_lines, readings
-from gui.operate.engine_status import read_status
 from gui.widgets.status_lamp import Level
+from rigctl.acquisition.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Bench
 
 
 def _read(**changes: Any) -> dict[str, Any]:
-    return dict(readings(read_status({**STATUS, **changes}), None))
+    return dict(readings(parse_status({**STATUS, **changes}), None))
 
 
 @pytest.mark.parametrize(
@@ -76,14 +76,14 @@ def test_a_late_tick_is_a_warning_in_words_and_shape(bench: Bench) -> None:
 
 
 def test_missing_fields_are_survived() -> None:
-    status = read_status({"state": 99, "run": None, "novel": 1})
+    status = parse_status({"state": 99, "run": None, "novel": 1})
     assert status.state is None and status.run.state == "idle"
 
 
 def test_what_each_board_says_of_itself_is_readable() -> None:
     said = deepcopy(STATUS["boards"])
     said["taxels"]["self_test"] = ["line D5 stays low: it is connected to ground; free it"]
-    lines = board_lines(read_status({**STATUS, "boards": said}).boards)
+    lines = board_lines(parse_status({**STATUS, "boards": said}).boards)
     assert lines == [
         "drum: firmware 0.1, start 4 by power-up",
         "drum: 5386 bytes of stack never used, 66 % of its RAM",

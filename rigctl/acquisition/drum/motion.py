@@ -22,13 +22,12 @@ from rigctl.acquisition.drum.settings import (
     start_steps,
     trial_settings,
 )
-from rigctl.acquisition.status import STATE_WORDS
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import CommandRefused, RigFault, WrongUse
 from rigctl.protocol import Settle
 from rigctl.values import DrumState, PlannedTrial
 from rigctl.wire.drum.register_table import Command
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum.states import STATE_WORDS, State
 
 SELF_TEST_LIMIT_S = 10.0
 LIFT_LIMIT_S = 20.0

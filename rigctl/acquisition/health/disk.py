@@ -69,16 +69,3 @@ class DiskMonitor:
 
     def _reserve_bytes(self) -> float:
         return RESERVE_BYTES + RESERVE_S * self._bytes_per_s()
-
-
-def no_recording() -> RecordingStatus:
-    """The truth while no session is open."""
-    return RecordingStatus(
-        active=False,
-        samples_on_disk=0,
-        samples_last_s=0,
-        folder=None,
-        disk_free_bytes=0,
-        hours_left=None,
-        failure=None,
-    )

@@ -82,7 +82,7 @@ class RunControl:
 
     def answer(self, prompt_id: int, answer: str) -> bool:
         """Answer the question of that number; False where it is not the one that is asked."""
-        if self.prompt is None or self.prompt["id"] != prompt_id:
+        if self.prompt is None or self.prompt.id != prompt_id:
             return False
         if answer == "abort":
             self.abort("stopped at a question")

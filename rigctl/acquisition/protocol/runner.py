@@ -28,7 +28,6 @@ from rigctl.values import DrumState, Event, PlannedTrial
 from rigctl.wire.drum.register_table import Command
 from rigctl.wire.drum.states import State
 
-ENDED = ("done", "aborted", "failed")
 SAFE_LIMIT_S = 20.0
 CLEAR_TURNS = 3
 
@@ -90,7 +89,7 @@ class Run:
         return RunStatus(
             state=self._state(),
             text=self.text,
-            reasons=[] if self.ended else self.control.reasons,
+            reasons=() if self.ended else tuple(self.control.reasons),
             trial_id=trial.trial_id if trial else None,
             trials_planned=progress.planned,
             trials_committed=progress.committed,

@@ -8,17 +8,16 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
+from rigctl.acquisition.rpc.messages import as_dict
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
 from rigctl.wire.drum.register_table import Command
-
-if TYPE_CHECKING:
-    from rigctl.acquisition.engine import Engine
 
 Result = dict[str, Any]
 TRAVEL_SLACK = 1.5
@@ -57,7 +56,7 @@ class CommandHandler:
 
     async def on_status(self) -> Result:
         """How everything stands, as in the event of that name."""
-        return dict(self._engine.status())
+        return as_dict(self._engine.status())
 
     async def on_arm(self) -> Result:
         """Power up and lift off."""

@@ -1,152 +1,217 @@
-"""What client and engine say to each other: one JSON object a line.
+"""The messages between client and engine: one JSON object per line.
 
-A client's first line is ``{"token": …}``. Then it sends requests and the engine answers each;
-between answers the engine tells everybody what happens::
+A client's first line is ``{"token": …}``. Then it sends requests, and the engine replies to each
+one; between replies the engine sends events to every client::
 
     {"id": 1, "command": "arm", "args": {}}
     {"reply": 1, "ok": true, "result": {}}
     {"reply": 1, "ok": false, "error": "one sentence with the cure", "exit_code": 3}
     {"event": "fault", "at_s": 12.3, "text": "one sentence", "data": {}}
 
-Ten times a second of loop time the event ``status`` says how things stand; :class:`StatusData`
-is its ``data``.
+The engine sends the event ``status`` ten times a second of loop time; its ``data`` has the fields
+of :class:`EngineStatus`. Defaults are for fields that an older engine does not send.
 """
 
 from __future__ import annotations
 
 import json
-from typing import Any, TypedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
+
+from rigctl.wire.drum.states import State
 
 LINE_LIMIT_BYTES = 1 << 20
 STATUS_PERIOD_S = 0.1
 
+_T = TypeVar("_T")
 
-class RecordingStatus(TypedDict):
-    """Whether samples reach the disk, judged by those that did.
+
+@dataclass(frozen=True, slots=True)
+class RecordingStatus:
+    """What has reached the disk.
 
     ``active``: samples reached the disk within the last second. ``hours_left``: free space
-    over the bytes a second written of late, None before anything was written.
+    divided by the recent write rate, None before anything is written.
     """
 
-    active: bool
-    samples_on_disk: int
-    samples_last_s: int
-    folder: str | None
-    disk_free_bytes: int
-    hours_left: float | None
-    failure: str | None
+    active: bool = False
+    samples_on_disk: int = 0
+    samples_last_s: int = 0
+    folder: str | None = None
+    disk_free_bytes: int = 0
+    hours_left: float | None = None
+    failure: str | None = None
 
 
-class CurrentTrial(TypedDict):
-    """The trial that runs now."""
+@dataclass(frozen=True, slots=True)
+class CurrentTrial:
+    """The trial that is running."""
 
-    texture: str
-    speed_mm_s: float
-    force_g: float
-    repeat: int
-
-
-class PromptStatus(TypedDict):
-    """A question to the operator; ``texture`` is the plate asked for, None for a message."""
-
-    id: int
-    text: str
-    texture: str | None
+    texture: str = "?"
+    speed_mm_s: float = 0.0
+    force_g: float = 0.0
+    repeat: int = 0
 
 
-class RunStatus(TypedDict):
-    """How the protocol stands; ``state`` idle|running|paused|prompt|done|aborted|failed.
+@dataclass(frozen=True, slots=True)
+class PromptStatus:
+    """A question to the operator; ``texture`` is the plate to mount, None for a message."""
+
+    id: int = 0
+    text: str = ""
+    texture: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RunStatus:
+    """Progress of the protocol; ``state`` idle|running|paused|prompt|done|aborted|failed.
 
     ``reasons``: what the run waits for, words such as operator, prompt, link, disk.
     ``text``: one sentence on how it ended, empty before.
     """
 
-    state: str
-    text: str
-    reasons: list[str]
-    trial_id: int | None
-    trials_planned: int
-    trials_committed: int
-    trials_rejected: int
-    eta_s: float | None
-    elapsed_s: float
-    current: CurrentTrial | None
-    prompt: PromptStatus | None
-    session: str | None
+    state: str = "idle"
+    text: str = ""
+    reasons: tuple[str, ...] = ()
+    trial_id: int | None = None
+    trials_planned: int = 0
+    trials_committed: int = 0
+    trials_rejected: int = 0
+    eta_s: float | None = None
+    elapsed_s: float = 0.0
+    current: CurrentTrial | None = None
+    prompt: PromptStatus | None = None
+    session: str | None = None
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the run controls the rig: running, paused, or waiting for an answer."""
+        return self.state in ("running", "paused", "prompt")
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether there was a run and it is over."""
+        return self.state in ("done", "aborted", "failed")
 
 
-class BoardStatus(TypedDict):
-    """What a board says of itself; ``supply_v`` and ``self_test`` only the taxel board.
+@dataclass(frozen=True, slots=True)
+class BoardStatus:
+    """What a board reports about itself; ``supply_v`` and ``self_test`` only the taxel board.
 
-    ``reset``: what restarted it last, in words; ``unwanted``: whether that tells of trouble.
-    ``self_test``: sentences of what it found, empty where all is well, None before it is known.
-    ``late_ticks``: since the engine heard of the board, over its restarts; ``longest_isr_us``
-    and ``free_stack_bytes``, never used: since its boot; ``stack_free_percent``: of the chip's
-    RAM; ``idle_percent``: of the last second. None before they are known.
+    ``reset``: the cause of its last restart, in words; ``unwanted``: whether that is a problem.
+    ``self_test``: one sentence per finding, empty for none, None before the result is known.
+    ``late_ticks``: since the engine first connected, over the board's restarts;
+    ``longest_isr_us`` and ``free_stack_bytes`` (never used): since its boot;
+    ``stack_free_percent``: of the chip's RAM; ``idle_percent``: of the last second. None before
+    they are known.
     """
 
-    firmware: str
-    boot_count: int
-    reset: str
-    unwanted: bool
-    supply_v: float | None
-    self_test: list[str] | None
-    late_ticks: int | None
-    longest_isr_us: float | None
-    free_stack_bytes: int | None
-    stack_free_percent: int | None
-    idle_percent: float | None
+    firmware: str = ""
+    boot_count: int = 0
+    reset: str = ""
+    unwanted: bool = False
+    supply_v: float | None = None
+    self_test: tuple[str, ...] | None = None
+    late_ticks: int | None = None
+    longest_isr_us: float | None = None
+    free_stack_bytes: int | None = None
+    stack_free_percent: int | None = None
+    idle_percent: float | None = None
 
 
-class StatusData(TypedDict):
-    """Everything a window shows as numbers, ten times a second.
+@dataclass(frozen=True, slots=True)
+class EngineStatus:
+    """State of the rig, the recording and the run.
 
-    ``state`` and ``fault`` are values of ``State`` and ``Fault``, ``*_words`` say them.
+    ``state``: None where it is unknown to this program. ``fault``: value of ``Fault``.
     ``last_block_age_s`` and ``poll_age_s``: loop time since the newest data, None before any.
-    ``poll_retries``: polls of the drum that were asked again, since the engine started.
+    ``poll_retries``: repeated polls of the drum since the engine started.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
-    ``boards``: by name, those that have introduced themselves.
+    ``boards``: by name, those that have connected.
     """
 
-    at_s: float
-    rig: str
-    simulated: bool
-    texture: str | None
-    drum_connected: bool
-    taxels_connected: bool
-    state: int
-    state_words: str
-    fault: int
-    fault_words: str
-    force_g: float
-    force_set_g: float
-    speed_mm_s: float
-    speed_set_mm_s: float
-    steps: int
-    angle_deg: float
-    actuator_position_um: int
-    tared: bool
-    homed: bool
-    frame_rate_hz: float
-    lost_samples: int
-    gaps: int
-    last_block_age_s: float | None
-    poll_age_s: float | None
-    poll_retries: int
-    loadcell_lost: int
-    clock_ppm: dict[str, float | None]
-    boards: dict[str, BoardStatus]
-    recording: RecordingStatus
-    run: RunStatus
+    at_s: float = 0.0
+    rig: str = ""
+    simulated: bool = False
+    texture: str | None = None
+    drum_connected: bool = False
+    taxels_connected: bool = False
+    state: State | None = None
+    state_words: str = ""
+    fault: int = 0
+    fault_words: str = ""
+    force_g: float = 0.0
+    force_set_g: float = 0.0
+    speed_mm_s: float = 0.0
+    speed_set_mm_s: float = 0.0
+    steps: int = 0
+    angle_deg: float = 0.0
+    actuator_position_um: int = 0
+    tared: bool = False
+    homed: bool = False
+    frame_rate_hz: float = 0.0
+    lost_samples: int = 0
+    gaps: int = 0
+    last_block_age_s: float | None = None
+    poll_age_s: float | None = None
+    poll_retries: int = 0
+    loadcell_lost: int = 0
+    clock_ppm: Mapping[str, float | None] = field(default_factory=dict)
+    boards: Mapping[str, BoardStatus] = field(default_factory=dict)
+    recording: RecordingStatus = RecordingStatus()
+    run: RunStatus = RunStatus()
+
+
+def as_dict(status: Any) -> dict[str, Any]:
+    """Return the fields of one of the dataclasses above; nested ones stay dataclasses."""
+    return {name: getattr(status, name) for name in status.__slots__}
+
+
+def parse_status(data: Mapping[str, Any]) -> EngineStatus:
+    """Return the status in a message's ``data``; missing fields get their defaults."""
+    boards = data.get("boards") or {}
+    nested = {
+        "state": _parse_state(data.get("state")),
+        "boards": {name: _parse_board(board) for name, board in boards.items()},
+        "recording": _parse(RecordingStatus, data.get("recording") or {}),
+        "run": _parse_run(data.get("run") or {}),
+    }
+    return _parse(EngineStatus, {**data, **nested})
+
+
+def _parse_state(value: Any) -> State | None:
+    return State(value) if value in State._value2member_map_ else None
+
+
+def _parse_board(data: Mapping[str, Any]) -> BoardStatus:
+    found = data.get("self_test")
+    return _parse(BoardStatus, {**data, "self_test": None if found is None else tuple(found)})
+
+
+def _parse_run(data: Mapping[str, Any]) -> RunStatus:
+    current, prompt = data.get("current"), data.get("prompt")
+    nested = {
+        "reasons": tuple(data.get("reasons") or ()),
+        "current": _parse(CurrentTrial, current) if current else None,
+        "prompt": _parse(PromptStatus, prompt) if prompt else None,
+    }
+    return _parse(RunStatus, {**data, **nested})
+
+
+def _parse(kind: type[_T], data: Mapping[str, Any]) -> _T:
+    names = {f.name for f in fields(kind)}  # type: ignore[arg-type]  # every kind is a dataclass
+    return kind(**{name: data[name] for name in names if data.get(name) is not None})
 
 
 def encode_message(message: dict[str, Any]) -> bytes:
-    """One message as one line."""
-    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+    """Return one message as one line; status dataclasses become objects."""
+    text = json.dumps(message, separators=(",", ":"), allow_nan=False, default=as_dict)
+    return text.encode() + b"\n"
 
 
 def decode_message(line: bytes) -> dict[str, Any]:
-    """One line as a message; ValueError where it is not a JSON object."""
+    """Return the message in one line. Raises ValueError where it is not a JSON object."""
     message = json.loads(line)
     if not isinstance(message, dict):
         raise ValueError("a message is a JSON object")

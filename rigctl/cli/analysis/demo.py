@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli.data.world import add_world
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.rig.run import EXIT_CODES, Watcher
@@ -43,10 +44,10 @@ def run(args: argparse.Namespace) -> int:
 
     _say(f"recording {PROTOCOL}.toml on the {args.rig} rig, seed {args.seed}, as fast as it goes")
     ended = _record(args)
-    if ended["state"] != "done":
-        print(f"the run ended early: {ended['text']}\nsession: {ended['session']}")
-        return EXIT_CODES[ended["state"]]
-    session = Path(ended["session"])
+    if ended.state != "done":
+        print(f"the run ended early: {ended.text}\nsession: {ended.session}")
+        return EXIT_CODES[ended.state]
+    session = Path(ended.session or "")
     print(_verified(session))
     _say("encoding, classifying, drawing")
     answer = analyse_session(session, session / FIGURES, progress=_Stages().show)
@@ -63,7 +64,7 @@ def has_display() -> bool:
     return bool(named) or sys.platform in ("win32", "darwin")
 
 
-def _record(args: argparse.Namespace) -> dict[str, Any]:
+def _record(args: argparse.Namespace) -> RunStatus:
     """Have an engine of our own run the protocol; the run's part of its last status."""
     order = ["--protocol", PROTOCOL, "--yes", *(["--out", args.out] if args.out else [])]
     order += _world_words(args)

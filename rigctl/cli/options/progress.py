@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, TextIO
+from typing import TextIO
+
+from rigctl.acquisition.rpc.messages import EngineStatus
 
 LINE_EVERY_S = 5.0
 REDRAW_EVERY_S = 0.1
@@ -19,7 +21,7 @@ class ProgressLine:
         self._shown_s = float("-inf")
         self._width = 0
 
-    def show(self, status: dict[str, Any], now_s: float) -> None:
+    def show(self, status: EngineStatus, now_s: float) -> None:
         """Show an engine's status, if it is time to."""
         self._started_s = now_s if self._started_s is None else self._started_s
         period_s = REDRAW_EVERY_S if self._redraws else LINE_EVERY_S
@@ -48,19 +50,17 @@ class ProgressLine:
         self._width = len(text) if self._redraws and not end else 0
 
 
-def progress_line(status: dict[str, Any], elapsed_wall_s: float) -> str:
+def progress_line(status: EngineStatus, elapsed_wall_s: float) -> str:
     """The line for one status; loop time is turned into wall time by the pace so far."""
-    run, recording = status["run"], status["recording"]
-    planned, committed = run["trials_planned"], run["trials_committed"]
-    parts = [f"{committed}/{planned} trials", run["state"]]
-    if run["current"]:
-        now = run["current"]
-        parts.append(f"{now['texture']} {now['speed_mm_s']:g} mm/s {now['force_g']:g} g")
-    if run["trials_rejected"]:
-        parts.append(f"{run['trials_rejected']} rejected")
-    if run["eta_s"] is not None and run["elapsed_s"] > 0:
-        parts.append(f"{clock(run['eta_s'] * elapsed_wall_s / run['elapsed_s'])} left")
-    parts.append(f"{recording['samples_on_disk']} samples on disk")
+    run = status.run
+    parts = [f"{run.trials_committed}/{run.trials_planned} trials", run.state]
+    if now := run.current:
+        parts.append(f"{now.texture} {now.speed_mm_s:g} mm/s {now.force_g:g} g")
+    if run.trials_rejected:
+        parts.append(f"{run.trials_rejected} rejected")
+    if run.eta_s is not None and run.elapsed_s > 0:
+        parts.append(f"{clock(run.eta_s * elapsed_wall_s / run.elapsed_s)} left")
+    parts.append(f"{status.recording.samples_on_disk} samples on disk")
     return " · ".join(parts)
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from rigctl.acquisition.engine import Engine, EngineAddress
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
+from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.acquisition.rpc.engine_files import EngineFile, announce, new_name, runtime_folder
 from rigctl.acquisition.rpc.server import await_client, listen
 from rigctl.cli.data.world import add_world, chosen_world, session_world
@@ -57,7 +58,9 @@ def run(args: argparse.Namespace) -> int:
             # Simulated time has not begun yet, so when the client comes changes no sample.
             doors = EngineAddress(listener, token, await_client(listener, token))
             _end_on_signals(rig.loop, engine)
-            return rig.loop.run_until_complete(engine.serve(doors, order))
+            return rig.loop.run_until_complete(
+                engine.serve(doors, CommandHandler(engine).handle, order)
+            )
         finally:
             live.close()
             _drop_empty(folder / f"{name}.log")

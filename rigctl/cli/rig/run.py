@@ -15,6 +15,7 @@ from typing import Any
 
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.messages import PromptStatus, RunStatus, as_dict, parse_status
 from rigctl.cli.data.world import add_world
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.errors import WrongUse
@@ -64,9 +65,9 @@ def run(args: argparse.Namespace) -> int:
         finally:
             client.shut_down()
     _report(ended, args.json)
-    if ended["state"] == "done":
-        return 0 if ended["trials_committed"] == ended["trials_planned"] else 1
-    return EXIT_CODES[ended["state"]]
+    if ended.state == "done":
+        return 0 if ended.trials_committed == ended.trials_planned else 1
+    return EXIT_CODES[ended.state]
 
 
 class Watcher:
@@ -77,10 +78,10 @@ class Watcher:
         self._progress = progress
         self._typed: SimpleQueue[str] = SimpleQueue()
         self._interrupts = 0
-        self._prompt: dict[str, Any] | None = None
+        self._prompt: PromptStatus | None = None
         self._no_more_answers = False
 
-    def watch(self) -> dict[str, Any]:
+    def watch(self) -> RunStatus:
         """Until the run has ended; its part of the last status."""
         threading.Thread(target=self._read_keys, daemon=True, name="keys").start()
         told = 0
@@ -97,25 +98,25 @@ class Watcher:
         """While entered, Ctrl-C and a polite kill stop the run safely instead of us."""
         return _Signals(self._interrupt)
 
-    def _take(self, message: dict[str, Any]) -> dict[str, Any] | None:
+    def _take(self, message: dict[str, Any]) -> RunStatus | None:
         if message.get("event") == "status":
-            run = message["data"]["run"]
-            self._progress.show(message["data"], time.monotonic())
-            self._note_prompt(run["prompt"])
-            return dict(run) if run["state"] in ("done", "aborted", "failed") else None
+            status = parse_status(message["data"])
+            self._progress.show(status, time.monotonic())
+            self._note_prompt(status.run.prompt)
+            return status.run if status.run.has_ended else None
         if message.get("event") in ("fault", "link", "pause", "resume", "message", "stop"):
             self._progress.say(message["text"])
         elif message.get("ok") is False:
             self._progress.say(str(message["error"]))
         return None
 
-    def _note_prompt(self, prompt: dict[str, Any] | None) -> None:
+    def _note_prompt(self, prompt: PromptStatus | None) -> None:
         if prompt == self._prompt:
             return
         self._prompt = prompt
         if prompt is None:
             return
-        self._progress.say(f"{prompt['text']} [Enter, or a to abort]")
+        self._progress.say(f"{prompt.text} [Enter, or a to abort]")
         if self._no_more_answers:
             self._end_unanswered()
 
@@ -140,7 +141,7 @@ class Watcher:
             if self._prompt is not None:
                 self._end_unanswered()
         elif self._prompt is not None and key in ("", "y", "yes", "ok"):
-            self._client.send("answer", prompt_id=self._prompt["id"], answer="ok")
+            self._client.send("answer", prompt_id=self._prompt.id, answer="ok")
         elif key in _COMMANDS:
             self._client.send(_COMMANDS[key])
         elif key:
@@ -207,12 +208,12 @@ def _engine_arguments(args: argparse.Namespace) -> list[str]:
     return [*given, *(["--yes"] if args.yes else [])]
 
 
-def _report(run: dict[str, Any], as_json: bool) -> None:
+def _report(run: RunStatus, as_json: bool) -> None:
     if as_json:
-        print(json.dumps({"session": run["session"], **run}))
+        print(json.dumps({"session": run.session, **as_dict(run)}, default=as_dict))
         return
     print(
-        f"{run['trials_committed']} of {run['trials_planned']} trials committed, "
-        f"{run['trials_rejected']} attempts rejected: {run['text']}"
+        f"{run.trials_committed} of {run.trials_planned} trials committed, "
+        f"{run.trials_rejected} attempts rejected: {run.text}"
     )
-    print(f"session: {run['session']}")
+    print(f"session: {run.session}")

@@ -27,6 +27,21 @@ class State(IntEnum):
     FAULT_OFF = 10
 
 
+STATE_WORDS: dict[State, str] = {
+    State.BOOT: "starting",
+    State.SELFTEST: "testing itself",
+    State.IDLE: "off",
+    State.ARMED: "armed, lifted",
+    State.POSITION: "moving, lifted",
+    State.APPROACH: "pressing down",
+    State.HOLD: "in contact, holding the force",
+    State.RUN: "in contact, turning",
+    State.RETRACT: "lifting off",
+    State.FAULT_LIFT: "fault: lifting off",
+    State.FAULT_OFF: "fault: switched off",
+}
+
+
 class StateEvent(IntEnum):
     """What can happen to the controller: commands, completions, faults."""
 

@@ -114,7 +114,7 @@ def test_nothing_is_pressed_with_other_settings_than_described(
         for command in ("arm", "approach"):
             with pytest.raises(RigFault, match=r"scale_ug_per_count.* not set"):
                 await ask(command, {})
-        assert floor.engine.status()["state"] == State.ARMED
+        assert floor.engine.status().state == State.ARMED
 
     with open_floor(tmp_path, config=MINE) as floor:
         Guard(floor.rig, monkeypatch).allowed = ()
@@ -129,6 +129,6 @@ def test_a_run_ends_with_the_boards_sentence_before_anything_is_pressed(
         floor.play(until_ended, floor.order())
         run = floor.engine.run
         assert run is not None
-        assert (run.ending, run.status()["trials_committed"]) == ("failed", 0)
+        assert (run.ending, run.status().trials_committed) == ("failed", 0)
         assert run.text.startswith(REFUSED)
     assert "pressing down" not in floor.texts("state")

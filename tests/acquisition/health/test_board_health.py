@@ -49,27 +49,27 @@ def late_and_edged(session: Session) -> tuple[set[int], set[int]]:
 def test_a_session_tells_both_boards_at_its_start_and_end(tmp_path: Path, kind: str) -> None:
     with open_floor(tmp_path, UNDISTURBED, kind) as floor:
         assert floor.record(ONE).complete
-        boards = floor.engine.status()["boards"]
+        boards = floor.engine.status().boards
     assert verify(floor.session).whole
     with read(floor.session) as session:
         told = [(e.data["board"], e.data["when"]) for e in session.events_of("board")]
     assert told == [("drum", "start"), ("taxels", "start"), ("drum", "end"), ("taxels", "end")]
     summary = info(floor.session)["boards"]
     for name in ("drum", "taxels"):
-        assert boards[name]["late_ticks"] == summary[name]["late_ticks"] == 0
-        assert boards[name]["longest_isr_us"] == summary[name]["longest_isr_us"]
+        assert boards[name].late_ticks == summary[name]["late_ticks"] == 0
+        assert boards[name].longest_isr_us == summary[name]["longest_isr_us"]
         assert summary[name]["boot_count"] == 1 and summary[name]["reset"] == "power-up"
-        free = boards[name]["stack_free_percent"]
+        free = boards[name].stack_free_percent
         assert free is not None and 25 <= free < 100
         if kind == "firmware":
-            longest_us = boards[name]["longest_isr_us"]
+            longest_us = boards[name].longest_isr_us
             assert longest_us is not None and 5 < longest_us <= 25
 
 
 def test_a_slot_that_an_edge_held_up_is_counted_and_its_frame_flagged(tmp_path: Path) -> None:
     with open_floor(tmp_path, DISTURBED, "firmware") as floor:
         assert floor.record(ONE).complete
-        counted = floor.engine.status()["boards"]["taxels"]["late_ticks"]
+        counted = floor.engine.status().boards["taxels"].late_ticks
     with read(floor.session) as session:
         late, edged = late_and_edged(session)
     assert counted == len(late) == 1

@@ -18,7 +18,7 @@ repeats = 1
 
 def test_a_run_over_a_noisy_drum_line_is_whole_and_its_retries_are_told(tmp_path: Path) -> None:
     async def with_noise(floor: Floor) -> None:
-        assert floor.engine.status()["poll_retries"] == 0
+        assert floor.engine.status().poll_retries == 0
         assert floor.rig.faults is not None
         floor.rig.faults.corrupt_bytes(DRUM, TO_BOARD, 0.01)
         floor.rig.faults.corrupt_bytes(DRUM, TO_HOST, 0.002)
@@ -29,4 +29,4 @@ def test_a_run_over_a_noisy_drum_line_is_whole_and_its_retries_are_told(tmp_path
         run = floor.engine.run
         assert run is not None
         assert (run.ending, floor.texts("link")) == ("done", [])
-        assert floor.engine.status()["poll_retries"] > 10
+        assert floor.engine.status().poll_retries > 10

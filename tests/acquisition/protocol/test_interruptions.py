@@ -52,8 +52,8 @@ def test_a_pause_lifts_and_the_interrupted_trial_is_taken_anew(floor: Floor) -> 
         assert run is not None
         run.control.pause()
         await floor.until(lambda: drum_state(floor) is State.IDLE)
-        assert run.status()["state"] == "paused"
-        assert run.status()["reasons"] == ["operator"]
+        assert run.status().state == "paused"
+        assert run.status().reasons == ("operator",)
         await floor.passes(5)
         assert drum_state(floor) is State.IDLE
         run.control.resume()
@@ -74,7 +74,7 @@ def test_one_reasons_end_does_not_lift_another(floor: Floor) -> None:
         await floor.until(lambda: drum_state(floor) is State.IDLE)
         run.control.resume("disk")
         await floor.passes(2)
-        assert run.status()["state"] == "paused"
+        assert run.status().state == "paused"
         run.control.resume("operator")
         await until_ended(floor)
 
@@ -116,12 +116,12 @@ def test_a_session_gone_on_with_waits_for_the_plate_alone(floor: Floor, tmp_path
     async def asked(floor: Floor) -> None:
         run = floor.engine.run
         assert run is not None
-        await floor.until(lambda: run.status()["prompt"] is not None)
+        await floor.until(lambda: run.status().prompt is not None)
         await floor.passes(2)
-        assert run.status()["reasons"] == ["prompt"]
-        prompt = run.status()["prompt"]
+        assert run.status().reasons == ("prompt",)
+        prompt = run.status().prompt
         assert prompt is not None
-        run.control.answer(prompt["id"], "ok")
+        run.control.answer(prompt.id, "ok")
         await until_ended(floor)
 
     floor.play(stopped, floor.order(PAIR))
@@ -155,7 +155,7 @@ def test_lost_taxels_hold_the_run_until_they_are_back(floor: Floor) -> None:
         assert run is not None and faults is not None
         unplugged_s = floor.rig.loop.time()
         faults.unplug("taxels")
-        await floor.until(lambda: run.status()["reasons"] == ["link"])
+        await floor.until(lambda: run.status().reasons == ("link",))
         assert floor.rig.loop.time() - unplugged_s < 0.3
         await floor.until(lambda: drum_state(floor) is State.IDLE)
         await floor.passes(3)
@@ -215,7 +215,7 @@ def test_bytes_lost_on_the_line_cost_the_trial_and_it_is_repeated(floor: Floor) 
     with read(floor.session) as session:
         assert "samples are missing" in session.trials["reasons"][0]
         assert len(session.gaps) > 0
-    assert floor.engine.run is not None and floor.engine.run.status()["trials_rejected"] == 1
+    assert floor.engine.run is not None and floor.engine.run.status().trials_rejected == 1
 
 
 def test_a_full_disk_ends_the_run_with_what_was_committed(
@@ -260,14 +260,14 @@ def test_plates_are_asked_for_and_the_drum_is_off_meanwhile(floor: Floor) -> Non
         run = floor.engine.run
         assert run is not None
         for texture in ("A", "B"):
-            await floor.until(lambda: run.status()["prompt"] is not None)
-            prompt = run.status()["prompt"]
-            assert prompt is not None and prompt["texture"] == texture
-            assert run.status()["state"] == "prompt"
+            await floor.until(lambda: run.status().prompt is not None)
+            prompt = run.status().prompt
+            assert prompt is not None and prompt.texture == texture
+            assert run.status().state == "prompt"
             await floor.passes(3)
             assert drum_state(floor) is State.IDLE
-            assert not run.control.answer(prompt["id"] + 1, "ok")
-            assert run.control.answer(prompt["id"], "ok")
+            assert not run.control.answer(prompt.id + 1, "ok")
+            assert run.control.answer(prompt.id, "ok")
         await until_ended(floor)
 
     protocol = PAIR.replace('"A"', '"A", "B"').replace("repeats = 2", "repeats = 1")
@@ -279,14 +279,14 @@ def test_an_emergency_stop_while_people_change_the_plate_only_holds(floor: Floor
     async def person(floor: Floor) -> None:
         run, faults = floor.engine.run, floor.rig.faults
         assert run is not None and faults is not None
-        await floor.until(lambda: run.status()["prompt"] is not None)
+        await floor.until(lambda: run.status().prompt is not None)
         faults.press_estop()
-        await floor.until(lambda: "fault" in run.status()["reasons"])
-        prompt = run.status()["prompt"]
+        await floor.until(lambda: "fault" in run.status().reasons)
+        prompt = run.status().prompt
         assert prompt is not None
-        run.control.answer(prompt["id"], "ok")
+        run.control.answer(prompt.id, "ok")
         await floor.passes(2)
-        assert run.status()["state"] == "paused"
+        assert run.status().state == "paused"
         faults.release_estop()
         await floor.passes(1)
         await floor.rig.drum.command(Command.CLEAR)
@@ -324,10 +324,10 @@ def test_a_run_ended_at_its_first_question_is_a_session_too(floor: Floor) -> Non
     async def person(floor: Floor) -> None:
         run = floor.engine.run
         assert run is not None
-        await floor.until(lambda: run.status()["prompt"] is not None)
-        prompt = run.status()["prompt"]
+        await floor.until(lambda: run.status().prompt is not None)
+        prompt = run.status().prompt
         assert prompt is not None
-        run.control.answer(prompt["id"], "abort")
+        run.control.answer(prompt.id, "abort")
         await until_ended(floor)
 
     floor.play(person, floor.order(PAIR, yes=False))

@@ -63,7 +63,7 @@ def test_two_runs_with_one_seed_are_equal_to_the_bit(tmp_path: Path) -> None:
 
 def test_both_clocks_and_boards_are_told(floor: Floor) -> None:
     floor.record()
-    ppm = floor.engine.status()["clock_ppm"]
+    ppm = floor.engine.status().clock_ppm
     assert ppm["drum"] is not None and abs(ppm["drum"] - 1200) < 100
     assert ppm["taxels"] is not None and abs(ppm["taxels"] + 900) < 100
     with read(floor.session) as session:

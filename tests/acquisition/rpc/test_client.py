@@ -8,7 +8,7 @@ import pytest
 
 from rigctl.acquisition.rpc.client import EngineClient, EngineRefusal
 from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
-from rigctl.acquisition.rpc.messages import StatusData
+from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.errors import LinkLost, WrongUse
 
 
@@ -23,7 +23,7 @@ def test_a_window_drives_a_rig_in_real_time_and_leaves() -> None:
     try:
         client.request("arm", limit_s=30)
         status = client.request("status")
-        assert set(status) == set(StatusData.__annotations__)
+        assert set(status) == set(EngineStatus.__slots__)
         assert (status["rig"], status["simulated"]) == ("virtual", True)
         assert status["state_words"] == "armed, lifted"
         seen = client.live.heads.taxels

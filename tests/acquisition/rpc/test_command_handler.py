@@ -11,7 +11,7 @@ import pytest
 
 from rigctl.acquisition.protocol.run_control import RunControl
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.status import idle_run
+from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
 from rigctl.errors import CommandRefused, WrongUse
 from rigctl.wire.drum import register_table
 from rigctl.wire.drum.states import State
@@ -24,27 +24,27 @@ def asked(floor: Floor) -> Any:
 
 
 def state_of(floor: Floor) -> State:
-    return State(floor.engine.status()["state"])
+    return State(floor.engine.status().state)
 
 
 def test_a_person_drives_the_drum_step_by_step(floor: Floor) -> None:
     async def person(floor: Floor) -> None:
         ask = asked(floor)
-        assert floor.engine.status()["run"] == idle_run()
+        assert floor.engine.status().run == RunStatus()
         await ask("arm", {})
         assert state_of(floor) is State.ARMED
         await ask("tare", {})
         await ask("home", {})
         status = floor.engine.status()
-        assert status["tared"] and status["homed"]
+        assert status.tared and status.homed
         assert await ask("jog", {"mm": -10}) == {"moved_mm": -10.0}
         taken = await ask("set", {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50})
         assert taken == {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50}
         await ask("approach", {})
         assert state_of(floor) is State.HOLD
         await floor.passes(1)
-        assert floor.engine.status()["force_g"] == pytest.approx(300, rel=0.05)
-        assert floor.engine.status()["force_set_g"] == 300
+        assert floor.engine.status().force_g == pytest.approx(300, rel=0.05)
+        assert floor.engine.status().force_set_g == 300
         await ask("run", {})
         assert state_of(floor) is State.HOLD
         await ask("retract", {})
@@ -59,14 +59,14 @@ def test_a_jog_asked_for_before_a_stop_is_not_begun_after_it(floor: Floor) -> No
     async def person(floor: Floor) -> None:
         ask = asked(floor)
         await ask("arm", {})
-        before = floor.engine.status()["steps"]
+        before = floor.engine.status().steps
         jog = asyncio.ensure_future(ask("jog", {"mm": 100}))
         await asyncio.sleep(0.001)
         await ask("stop", {})
         with pytest.raises(CommandRefused, match="a stop came first"):
             await jog
         await floor.passes(1)
-        assert floor.engine.status()["steps"] == before
+        assert floor.engine.status().steps == before
 
     floor.play(person)
 
@@ -121,7 +121,7 @@ def test_a_fault_is_injected_told_and_cleared(floor: Floor) -> None:
         await ask("arm", {})
         await ask("inject", {"fault": "press_estop"})
         await floor.until(lambda: state_of(floor) is State.FAULT_OFF)
-        assert "emergency stop" in floor.engine.status()["fault_words"]
+        assert "emergency stop" in floor.engine.status().fault_words
         with pytest.raises(CommandRefused):
             await ask("clear_fault", {})
         await ask("inject", {"fault": "release_estop"})
@@ -147,11 +147,11 @@ def test_the_encoders_range_is_taken_from_what_the_taxels_show(floor: Floor) -> 
 
 def test_what_the_boards_say_of_themselves_is_told_and_asked_for(floor: Floor) -> None:
     async def person(floor: Floor) -> None:
-        boards = floor.engine.status()["boards"]
-        assert boards["drum"]["reset"] == boards["taxels"]["reset"] == "power-up"
-        assert boards["taxels"]["supply_v"] == pytest.approx(5.0, abs=0.05)
-        assert boards["taxels"]["self_test"] == []
-        assert boards["drum"]["self_test"] is None
+        boards = floor.engine.status().boards
+        assert boards["drum"].reset == boards["taxels"].reset == "power-up"
+        assert boards["taxels"].supply_v == pytest.approx(5.0, abs=0.05)
+        assert boards["taxels"].self_test == ()
+        assert boards["drum"].self_test is None
         assert await asked(floor)("test_taxels", {}) == {"found": []}
 
     floor.play(person)
@@ -173,23 +173,18 @@ def test_a_protocol_is_started_held_and_ended_by_messages(floor: Floor) -> None:
             await ask("jog", {"mm": 1})
         await floor.until(lambda: state_of(floor) is State.RUN)
         status = floor.engine.status()
-        assert status["run"]["current"] == {
-            "texture": "A",
-            "speed_mm_s": 100.0,
-            "force_g": 500.0,
-            "repeat": 1,
-        }
-        assert status["texture"] == "A"
-        await floor.until(lambda: floor.engine.status()["recording"]["active"])
+        assert status.run.current == CurrentTrial("A", 100.0, 500.0, 1)
+        assert status.texture == "A"
+        await floor.until(lambda: floor.engine.status().recording.active)
         await ask("pause", {})
         await floor.until(lambda: state_of(floor) is State.IDLE)
-        assert floor.engine.status()["run"]["state"] == "paused"
+        assert floor.engine.status().run.state == "paused"
         await ask("resume", {})
         await floor.until(lambda: state_of(floor) is State.RUN)
         await ask("abort", {})
         await until_ended(floor)
-        assert floor.engine.status()["run"]["state"] == "aborted"
-        assert not floor.engine.status()["recording"]["active"]
+        assert floor.engine.status().run.state == "aborted"
+        assert not floor.engine.status().recording.active
 
     floor.play(person)
 
