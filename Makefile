@@ -88,7 +88,7 @@ SEEDS ?= 1 2 3
 REPEATS ?= 10
 
 orders: boards
-	$(SAY) "virtual sets of seeds $(SEEDS), $(REPEATS) repeats, and whether the orders of Table 1 stand in each"
+	$(SAY) "virtual sets of seeds $(SEEDS), $(REPEATS) repeats, and which comparisons of Table 1 hold in each"
 	@mkdir -p $(ORDERS)
 	@for seed in $(SEEDS); do \
 	  name=$(REPEATS)-seed-$$seed; \

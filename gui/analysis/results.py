@@ -140,7 +140,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 def _report_findings(report: Any, out: Path) -> AnalysisResults:
     from rigctl.analysis.paper.result_tables import table_rows
-    from rigctl.analysis.report.html_parts import ABSENT
+    from rigctl.analysis.report.html_page import ABSENT
 
     rows = table_rows(report.results)
     names = list(dict.fromkeys(row["representation"] for row in rows))

@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from rigctl.analysis.acceptance.measurements import Acceptance, PressSeries
 from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.report.figures import MUTED, finish, save, tidy
-from rigctl.analysis.report.html_parts import STYLE, inline, table
+from rigctl.analysis.report.html_page import render_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -172,7 +171,8 @@ def write_report(found: Acceptance, checks: Sequence[AcceptanceCheck], out: Path
         text = json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)
         (folder / "acceptance.json").write_text(text + "\n", encoding="utf-8")
         figure = _figure(found, folder / "acceptance")
-        (folder / "report.html").write_text(_html(plain, figure), encoding="utf-8")
+        page = render_page("acceptance.html", plain=plain, figure=figure, earlier_work=EARLIER)
+        (folder / "report.html").write_text(page, encoding="utf-8")
     return out / "report.html"
 
 
@@ -226,55 +226,3 @@ def _draw_speed(axes: Axes, found: Acceptance) -> None:
         errors = 100.0 * turns.errors
         axes.plot(np.full(len(errors), turns.speed_mm_s), errors, "x", ms=7, color=COLOURS[0])
     _label(axes, "set speed (mm/s): · travel window, × whole turns by the mark", "speed error (%)")
-
-
-def _html(plain: dict[str, Any], figure: Path) -> str:
-    verdict = "Accepted" if plain["accepted"] else "Not accepted"
-    presses = sum(c["presses"] for c in plain["conditions"])
-    lead = escape(f"{presses:,} presses on {plain['rig']}, session of {plain['start_utc']}.")
-    simulated = (
-        "<p class=simulated><b>Simulated.</b> This is what the simulated bench does, not a rig.</p>"
-        if plain["simulated"]
-        else ""
-    )
-    faults = "".join(f"<li>{escape(fault)}</li>" for fault in plain["faults"])
-    body = (
-        f"<h1>{verdict}</h1><p class=lead>{lead}</p>{simulated}"
-        f"{_checks_table(plain['checks'])}"
-        f"<small>Force by the rig's own load cell. Settled: every mean over 200 ms from there on "
-        f"within 2 % until the drum turns. Earlier: {escape(EARLIER)}.</small>"
-        f"<h2>Every condition</h2>{_conditions_table(plain['conditions'])}"
-        f"<h2>Presses and turns</h2>{inline(figure, 'Force and speed')}"
-        + (f"<h2>Faults</h2><ul>{faults}</ul>" if faults else "")
-    )
-    return (
-        f"<!doctype html><html lang=en><meta charset=utf-8><title>{verdict}</title>"
-        '<meta name=viewport content="width=device-width">'
-        f"<style>{STYLE}</style><body>{body}</body></html>\n"
-    )
-
-
-def _checks_table(checks: Sequence[dict[str, Any]]) -> str:
-    words = {True: "pass", False: "<b>fail</b>", None: "<b>not measured</b>"}
-    rows = [
-        [escape(c["name"]), escape(c["found"]), c["limit"], c["earlier"] or "–", words[c["passed"]]]
-        for c in checks
-    ]
-    return table(["", "worst found", "limit", "earlier", ""], rows)
-
-
-def _conditions_table(conditions: Sequence[dict[str, Any]]) -> str:
-    heads = {
-        "speed_mm_s": "mm/s",
-        "force_g": "g",
-        "presses": "presses",
-        "settle_p95_s": "settles, s",
-        "overshoot_percent": "overshoot, %",
-        "mean_error_percent": "mean error, %",
-        "press_sd_percent": "SD, %",
-        "drift_percent": "drift, %",
-        "speed_error_percent": "speed, %",
-        "speed_sd_percent": "SD, %",
-    }
-    rows = [["–" if c[k] is None else f"{c[k]:.4g}" for k in heads] for c in conditions]
-    return table(list(heads.values()), rows)

@@ -26,14 +26,14 @@ def run(args: argparse.Namespace) -> int:
     import json
 
     from rigctl import __version__
-    from rigctl.analysis.paper.several_reports import sentences, write_orders
+    from rigctl.analysis.report.several_reports import summary_sentences, write_comparisons
 
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     out = Path(args.out)
     folders = [Path(name) for name in args.reports]
-    found = write_orders(folders, out, f"rigctl {__version__}, {now}")
+    found = write_comparisons(folders, out, f"rigctl {__version__}, {now}")
     if args.json:
         print(json.dumps(found, allow_nan=False))
     else:
-        print("\n".join([*sentences(found), f"page: {out / 'orders.html'}"]))
+        print("\n".join([*summary_sentences(found), f"page: {out / 'orders.html'}"]))
     return 0

@@ -13,8 +13,8 @@ from rigctl.analysis.paper import published
 from rigctl.analysis.paper.ablations import Ablations, FeatureHalf, _halves, _Look
 from rigctl.analysis.paper.comparisons import Agreement, TaskComparison, compare_task
 from rigctl.analysis.paper.explanations import explain
-from rigctl.analysis.paper.several_reports import sentences
 from rigctl.analysis.paper.tasks import Curve, TaskResult
+from rigctl.analysis.report.several_reports import summary_sentences
 
 BY_KEY = {r.key: r for r in REPRESENTATIONS}
 
@@ -125,8 +125,9 @@ def test_what_cannot_be_told_apart_is_not_counted_as_contrary() -> None:
             (Agreement.REVERSED, Agreement.REVERSED),
         )
     ]  # fmt: skip
-    (said,) = sentences({"textures": {"title": "Individual textures", "pairs": pairs}})
+    (said,) = summary_sentences({"textures": {"title": "Individual textures", "pairs": pairs}})
     assert said == (
-        "Individual textures: of 5 orders 1 hold in every set, 1 hold in some, 1 cannot be told "
-        "apart in any, 1 do not hold in some and cannot be told apart in others, 1 hold in none"
+        "Individual textures: of 5 comparisons 1 hold in every set, 1 hold in some, 1 cannot be "
+        "told apart in any, 1 do not hold in some and cannot be told apart in others, "
+        "1 hold in none"
     )

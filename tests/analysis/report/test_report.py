@@ -121,7 +121,7 @@ def test_several_reports_stand_side_by_side(
 
     again, out = other("again"), tmp_path / "orders"
     assert main(["orders", str(made), again, "--out", str(out)]) == 0
-    assert "Untrained speed: of 6 orders" in capsys.readouterr().out
+    assert "Untrained speed: of 6 comparisons" in capsys.readouterr().out
     found = json.loads((out / "orders.json").read_text())["tasks"]
     first = plain["tasks"]["textures"]["order"]["compared"][0]
     assert found["textures"]["pairs"][0]["points"] == [first["points"]] * 2

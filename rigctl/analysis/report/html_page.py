@@ -1,0 +1,55 @@
+"""HTML pages from the Jinja2 templates of this package; a page is one file that needs no other."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ABSENT = "–"
+
+
+def render_page(template: str, **context: Any) -> str:
+    """Return the page of a template in ``templates/``; every value in it is escaped."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("rigctl.analysis.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals["absent"] = ABSENT
+    environment.filters |= {
+        "describe": _describe,
+        "number": _number,
+        "numbers": _numbers,
+        "svg_uri": _svg_uri,
+    }
+    return environment.get_template(template).render(context)
+
+
+def _svg_uri(png: Path) -> str:
+    """Return the figure's SVG as a data URI: it stays sharp, and the page stays one file."""
+    data = base64.b64encode(png.with_suffix(".svg").read_bytes()).decode()
+    return f"data:image/svg+xml;base64,{data}"
+
+
+def _describe(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "; ".join(f"{k} {v}" for k, v in value.items()) or ABSENT
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return ABSENT if value in (None, "") else str(value)
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return ABSENT
+    return f"{value:.2g}" if abs(value) < 0.01 else f"{value:.2f}"
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)

@@ -1,0 +1,204 @@
+"""Table 1's comparisons over several reports: one page that says in how many sets each holds."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigctl.analysis.data.atomic_directory import atomic_directory
+from rigctl.analysis.paper.comparisons import NAME_OF, Agreement
+from rigctl.analysis.report.html_page import render_page
+from rigctl.analysis.report.html_report import Results, ablation_sets, unconfirmed
+from rigctl.errors import WrongUse
+
+RESULTS = "results.json"
+EQUAL_SETTINGS = ("iterations", "k_max", "engine", "encoder")
+IDENTITY = ("plan_hash", "begun_utc", "seed", "simulation_seed")
+OUTCOMES = (
+    "hold in every set",
+    "hold in some",
+    "cannot be told apart in any",
+    "do not hold in some and cannot be told apart in others",
+    "hold in none",
+)
+
+Sets = Sequence[Results]
+
+
+def write_comparisons(folders: Sequence[Path], out: Path, made: str) -> dict[str, Any]:
+    """Write ``orders.html`` and ``orders.json`` to the new folder ``out``; return the summary."""
+    sets = load_reports(folders)
+    names = [folder.name for folder in folders]
+    tasks = compare_sets(sets)
+    described = [_describe(folder, one) for folder, one in zip(folders, sets, strict=True)]
+    plain = {"made": made, "sets": described, "tasks": tasks}
+    page = render_page(
+        "orders.html",
+        made=made,
+        sets=sets,
+        set_names=names,
+        tasks=tasks,
+        names=NAME_OF,
+        sentences=summary_sentences(tasks),
+        unconfirmed=unconfirmed(sets, names),
+        ablation_sets=ablation_sets(sets),
+    )
+    text = json.dumps(plain, indent=1, allow_nan=False)
+    with atomic_directory(out) as folder:
+        (folder / "orders.json").write_text(text + "\n", encoding="utf-8")
+        (folder / "orders.html").write_text(page, encoding="utf-8")
+    return tasks
+
+
+def load_reports(folders: Sequence[Path]) -> list[dict[str, Any]]:
+    """Return the contents of each ``results.json``. Raises WrongUse for sets that do not match."""
+    sets = [_load(folder) for folder in folders]
+    for folder, one in zip(folders[1:], sets[1:], strict=True):
+        for name in EQUAL_SETTINGS:
+            if one["settings"][name] != sets[0]["settings"][name]:
+                raise WrongUse(
+                    f"{folder} was made with another {name} than {folders[0]}: "
+                    "analyse both with the same settings"
+                )
+        if _contents(one) != _contents(sets[0]):
+            raise WrongUse(
+                f"{folder} has other tasks or representations than {folders[0]}: "
+                "analyse sets of one protocol"
+            )
+    _check_distinct(folders, sets)
+    return sets
+
+
+def _load(folder: Path) -> dict[str, Any]:
+    path = folder / RESULTS
+    try:
+        plain: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise WrongUse(f"{path} cannot be read ({error}): name folders of rigctl analyse") from None
+    if "evidence" not in plain:
+        raise WrongUse(f"{folder} was made by an older rigctl: analyse its sessions again")
+    if not any(task["order"] for task in plain["tasks"].values()):
+        raise WrongUse(f"{folder} has none of the tasks of the paper's Table 1")
+    return plain
+
+
+def _contents(one: Results) -> list[Any]:
+    """Return the tasks of a set with their representations and pairs."""
+    return [
+        (
+            key,
+            list(task["representations"]),
+            [(pair["better"], pair["worse"]) for pair in _pairs(task)],
+        )
+        for key, task in one["tasks"].items()
+    ]
+
+
+def _check_distinct(folders: Sequence[Path], sets: Sets) -> None:
+    """Raise WrongUse for a session in two sets: it would count as two confirmations."""
+    folder_of: dict[tuple[Any, ...], Path] = {}
+    for folder, one in zip(folders, sets, strict=True):
+        for source in one["inputs"]:
+            identity = tuple(source[key] for key in IDENTITY)
+            if identity in folder_of:
+                raise WrongUse(
+                    f"{folder} and {folder_of[identity]} hold the same session: drop one"
+                )
+            folder_of[identity] = folder
+
+
+def compare_sets(sets: Sets) -> dict[str, Any]:
+    """Return, by task, accuracies beside the paper's and each of its comparisons in every set.
+
+    ``points``: our differences in percentage points, one a set; ``over_sets``: their mean and
+    standard deviation, None for a single set.
+    """
+    return {
+        key: {
+            "title": task["title"],
+            "figure": task["figure"],
+            "accuracy": _accuracies(key, sets),
+            "pairs": [_compare_pair(key, n, sets) for n in range(len(_pairs(task)))],
+        }
+        for key, task in sets[0]["tasks"].items()
+        if task["order"] is not None
+    }
+
+
+def _accuracies(key: str, sets: Sets) -> dict[str, Any]:
+    task = sets[0]["tasks"][key]
+    return {
+        name: {
+            "paper": task["paper"].get(name),
+            "sets": [_mean_and_sd(one["tasks"][key], name) for one in sets],
+        }
+        for name in task["representations"]
+    }
+
+
+def _mean_and_sd(task: Results, name: str) -> list[float | None]:
+    """Return μ and σ in per cent with the shown components."""
+    curve, k = task["representations"][name], task["shown_components"] - 1
+    sd = None if curve["sd"] is None else round(100 * curve["sd"][k], 2)
+    return [round(100 * curve["mean"][k], 2), sd]
+
+
+def _compare_pair(key: str, number: int, sets: Sets) -> dict[str, Any]:
+    pairs = [_pairs(one["tasks"][key])[number] for one in sets]
+    points = [float(pair["points"]) for pair in pairs]
+    over_sets = None
+    if len(points) > 1:
+        over_sets = [round(float(np.mean(points)), 2), round(float(np.std(points, ddof=1)), 2)]
+    return {
+        "better": pairs[0]["better"],
+        "worse": pairs[0]["worse"],
+        "paper_points": pairs[0]["paper_points"],
+        "points": points,
+        "spread_points": [pair["spread_points"] for pair in pairs],
+        "verdicts": [pair["verdict"] for pair in pairs],
+        "over_sets": over_sets,
+    }
+
+
+def _pairs(task: Results) -> list[dict[str, Any]]:
+    return list(task["order"]["compared"]) if task["order"] else []
+
+
+def summary_sentences(tasks: Results) -> list[str]:
+    """Return a sentence for each task: how many comparisons hold in every set, in some, in none."""
+    sentences = []
+    for task in tasks.values():
+        n = len(task["pairs"])
+        if not n:
+            sentences.append(f"{task['title']}: the paper's own spreads separate no pair")
+            continue
+        counts = Counter(_outcome(pair["verdicts"]) for pair in task["pairs"])
+        listed = ", ".join(f"{counts[name]} {name}" for name in OUTCOMES if counts[name])
+        sentences.append(f"{task['title']}: of {n} comparisons {listed}")
+    return sentences
+
+
+def _outcome(agreements: Sequence[str]) -> str:
+    kinds = set(agreements)
+    if kinds == {Agreement.HOLDS}:
+        return OUTCOMES[0]
+    if Agreement.HOLDS in kinds:
+        return OUTCOMES[1]
+    if kinds == {Agreement.TIED}:
+        return OUTCOMES[2]
+    return OUTCOMES[3] if Agreement.TIED in kinds else OUTCOMES[4]
+
+
+def _describe(folder: Path, one: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "report": str(folder),
+        "trials": one["trials"]["used"],
+        "simulated": one["simulated"],
+        "inputs": one["inputs"],
+        "settings": one["settings"],
+    }
