@@ -19,7 +19,7 @@ from rigctl.devices.port_discovery import DRUM, TAXELS, ask, find_boards, open_l
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import ConfigError, LinkLost, RigFault, WrongUse
 from rigctl.values import N_TAXELS, BoardIdentity
-from rigctl.wire.drum.register_table import Signal
+from rigctl.wire.drum.codes import Signal
 
 if TYPE_CHECKING:
     from rigctl.simulation.bench.world_file import SimulatedWorld

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigctl.wire.drum.states import FAULT_WORDS, Fault
+from rigctl.wire.drum.states import FAULT_TEXT, Fault
 
 
 def fault_sentence(fault: int) -> str:
@@ -10,7 +10,7 @@ def fault_sentence(fault: int) -> str:
     if not fault:
         return ""
     if fault in Fault._value2member_map_:
-        return FAULT_WORDS[Fault(fault)]
+        return FAULT_TEXT[Fault(fault)]
     return f"fault {fault}, which this program does not know: update it or the firmware"
 
 

@@ -21,8 +21,8 @@ from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.parameters import preset
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import Block, BoardIdentity, DrumState
-from rigctl.wire.drum.states import FAULT_WORDS, STATE_WORDS, Fault, State
-from rigctl.wire.reset_causes import reset_words
+from rigctl.wire.drum.codes import reset_cause_text
+from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State
 from rigctl.wire.taxels.self_test import SelfTest
 
 Spawn = Callable[[Coroutine[Any, Any, None]], object]
@@ -140,9 +140,9 @@ class Boards:
         self._show(state)
         before, self._told = self._told, (state.state, state.fault)
         if state.fault and state.fault != before[1]:
-            self._news.tell("fault", FAULT_WORDS[Fault(state.fault)], fault=state.fault)
+            self._news.tell("fault", FAULT_TEXT[Fault(state.fault)], fault=state.fault)
         if state.state != before[0]:
-            self._news.tell("state", STATE_WORDS[State(state.state)], state=state.state)
+            self._news.tell("state", STATE_TEXT[State(state.state)], state=state.state)
 
     def _show(self, state: DrumState) -> None:
         late_s = state.at_s - state.board_time_us / 1e6
@@ -216,7 +216,7 @@ class Boards:
         self._news.tell(
             "board",
             f"{board.board} {what}: firmware {board.firmware_version}, build {board.build_hash}, "
-            f"boot {board.boot_count} by {reset_words(board.reset_cause)}",
+            f"boot {board.boot_count} by {reset_cause_text(board.reset_cause)}",
             board=board.board,
             boot_count=board.boot_count,
         )

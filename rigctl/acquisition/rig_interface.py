@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import RigFault
 from rigctl.values import Block, BoardIdentity, DrumState
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.taxels.frames import TaxelStatus
 from rigctl.wire.taxels.self_test import SelfTest
 

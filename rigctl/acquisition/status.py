@@ -10,9 +10,8 @@ from rigctl.acquisition.health.boards import TAXELS, BoardFigures
 from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus, RecordingStatus, RunStatus
 from rigctl.acquisition.taxels.clock_fit import ClockFit
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum.register_table import Status
-from rigctl.wire.drum.states import FAULT_WORDS, STATE_WORDS, Fault, State
-from rigctl.wire.reset_causes import reset_words, was_unwanted
+from rigctl.wire.drum.codes import Status, is_abnormal_reset, reset_cause_text
+from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State
 
 RATE_WINDOW_S = 1.0
 
@@ -62,9 +61,9 @@ class StatusBuilder:
             drum_connected=poller.connected,
             taxels_connected=boards.taxels_connected,
             state=state,
-            state_words=STATE_WORDS[state] if poller.connected else "not connected",
+            state_words=STATE_TEXT[state] if poller.connected else "not connected",
             fault=int(fault),
-            fault_words=FAULT_WORDS[fault],
+            fault_words=FAULT_TEXT[fault],
             force_g=drum.force_g if drum else 0.0,
             force_set_g=settings.get("force_set", 0.0),
             speed_mm_s=drum.speed_mm_s if drum else 0.0,
@@ -103,8 +102,8 @@ class StatusBuilder:
         return BoardStatus(
             firmware=identity.firmware_version,
             boot_count=identity.boot_count,
-            reset=reset_words(identity.reset_cause),
-            unwanted=was_unwanted(identity.reset_cause),
+            reset=reset_cause_text(identity.reset_cause),
+            unwanted=is_abnormal_reset(identity.reset_cause),
             supply_v=supply_mv / 1000 if supply_mv else None,
             self_test=tuple(taxels.findings) if is_tested else None,
             **(asdict(counters) if counters else {}),

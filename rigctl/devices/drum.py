@@ -17,10 +17,10 @@ from rigctl.devices.modbus_client import DRAIN_S, SILENCE_S, ModbusClient, Refus
 from rigctl.errors import BoardFault, CommandRefused, LinkLost, RigFault, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum import register_table
+from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.poll import PollDecoder, Raw
-from rigctl.wire.drum.register_table import Command, CommandResult
 from rigctl.wire.drum.registers import BlockLayout, Write, plan_writes, reads_for
-from rigctl.wire.drum.states import FAULT_WORDS, Fault, State
+from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
 from rigctl.wire.drum.tare_table import PLACE_NAMES, place_table
 
 ANSWER_S = 4.0
@@ -273,7 +273,7 @@ class Drum:
         if state.fault:
             raise BoardFault(
                 f"{self.link.name}: {command.name} ended in a fault: "
-                f"{FAULT_WORDS[Fault(state.fault)]}"
+                f"{FAULT_TEXT[Fault(state.fault)]}"
             )
         if _acknowledged(state) != sequence:
             raise CommandRefused(f"{self.link.name}: {command.name} was overtaken by another")

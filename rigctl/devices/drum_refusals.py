@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rigctl.wire.drum.register_table import BY_NAME, Command, Guard, Status
-from rigctl.wire.drum.states import FAULT_WORDS, Fault, State
+from rigctl.wire.drum.codes import Command, Guard, Status
+from rigctl.wire.drum.register_table import BY_NAME
+from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
 
 STATE_REFUSES = 4
 """Modbus exception of a command or change that the present state refuses."""
@@ -23,7 +24,7 @@ def refused_command(command: Command, state: State, fault: Fault, status_bits: i
 
 def _why(command: Command, state: State, fault: Fault, status_bits: int) -> str:
     if fault is not Fault.NONE:
-        return FAULT_WORDS[fault]
+        return FAULT_TEXT[fault]
     if state not in _RESTING:
         return ""
     if command in _NEEDS_LIFTED and status_bits >> Status.CONTACT_MAY_STAND & 1:

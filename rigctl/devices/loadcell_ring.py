@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from rigctl.devices.modbus_client import ModbusClient
 from rigctl.wire.drum.poll import RawSample
-from rigctl.wire.drum.register_table import BY_NAME, RING_DEPTH, Register
+from rigctl.wire.drum.register_entry import Register
+from rigctl.wire.drum.register_table import BY_NAME, RING_DEPTH
 from rigctl.wire.drum.registers import BlockLayout
 
 LONGEST_READ = 20

@@ -17,8 +17,9 @@ from rigctl.simulation.boards.drum_firmware import DONE
 from rigctl.simulation.boards.drum_stepper import NOMINAL_HZ, DrumStepper
 from rigctl.simulation.boards.taxels import VirtualTaxels
 from rigctl.values import DrumState
+from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.poll import PollDecoder, RawSample
-from rigctl.wire.drum.register_table import POLL_BLOCK, RING_DEPTH, Command, CommandResult
+from rigctl.wire.drum.register_table import POLL_BLOCK, RING_DEPTH
 from rigctl.wire.drum.registers import BlockLayout, plan_writes, register, words_of
 from rigctl.wire.drum.states import Fault, State
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rigctl.errors import LinkLost
 from rigctl.simulation.bench.ground_truth import GroundTruth
-from rigctl.wire.drum.register_table import Signal
+from rigctl.wire.drum.codes import Signal
 
 DRUM = "drum"
 TAXELS = "taxels"

@@ -18,7 +18,7 @@ from rigctl.errors import BoardFault
 from rigctl.protocol import Settle
 from rigctl.simulation.direct_rig import POLL_MS, DirectRig
 from rigctl.values import DrumState, PlannedTrial
-from rigctl.wire.drum.register_table import Command, CommandResult
+from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.states import Fault, State
 
 TURN_US = 700_000

@@ -36,7 +36,7 @@ from rigctl.synth.operator import Operator
 from rigctl.synth.resumed_recorder import ResumedRecorder
 from rigctl.synth.trial_recording import TrialRecording
 from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
-from rigctl.wire.drum.register_table import Status
+from rigctl.wire.drum.codes import Status
 
 QUEUE_SAMPLES = 100_000
 """So many samples may wait for the disk before the world does."""

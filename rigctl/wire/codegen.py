@@ -12,9 +12,11 @@ from enum import IntEnum
 from pathlib import Path
 
 from rigctl.values import SCALE_BAND_UG_PER_COUNT
+from rigctl.wire.drum import codes
 from rigctl.wire.drum import register_table as table
-from rigctl.wire.drum.register_table import Guard, Register
-from rigctl.wire.drum.states import FAULT_WORDS, LIFT_FAULTS, OUTPUTS, Fault, State, StateEvent
+from rigctl.wire.drum.codes import Guard
+from rigctl.wire.drum.register_entry import Register
+from rigctl.wire.drum.states import FAULT_TEXT, LIFT_FAULTS, OUTPUTS, Fault, State, StateEvent
 from rigctl.wire.drum.states import next_state as after
 
 CHECKOUT = Path(__file__).resolve().parents[2]
@@ -116,14 +118,14 @@ def _map_header() -> str:
         _constant("MAP_END", table.END),
     ]
     enums = [
-        _enum(table.Command, "uint8_t"),
-        _enum(table.CommandResult, "uint8_t"),
-        _enum(table.ForceMode, "uint8_t"),
-        _enum(table.Signal, "uint8_t"),
-        _enum(table.SettingsFrom, "uint8_t"),
-        _enum(table.Status, "uint8_t"),
-        _enum(table.Guard, "uint8_t"),
-        _enum(table.ResetCause, "uint8_t"),
+        _enum(codes.Command, "uint8_t"),
+        _enum(codes.CommandResult, "uint8_t"),
+        _enum(codes.ForceMode, "uint8_t"),
+        _enum(codes.Signal, "uint8_t"),
+        _enum(codes.SettingsFrom, "uint8_t"),
+        _enum(codes.Status, "uint8_t"),
+        _enum(codes.Guard, "uint8_t"),
+        _enum(codes.ResetCause, "uint8_t"),
         "enum class Kind : uint8_t { U16, I16, U32, I32 };\n",
     ]
     body = ["\n".join(constants) + "\n", *enums, _addresses(), _settings_table()]
@@ -256,7 +258,7 @@ def _fault_rows() -> str:
         (
             f"{fault.value} {fault.name}",
             "lift, then off" if fault in LIFT_FAULTS else ("–" if not fault else "off at once"),
-            FAULT_WORDS[fault],
+            FAULT_TEXT[fault],
         )
         for fault in Fault
     ]
@@ -316,13 +318,13 @@ def _page() -> str:
         f"Register {table.END} is the first that does not exist. Addresses between the entries "
         "read as 0 and refuse writes.\n",
         "## Values\n",
-        f"- Command: {_enum_rows(table.Command)}",
-        f"- CommandResult: {_enum_rows(table.CommandResult)}",
-        f"- ForceMode: {_enum_rows(table.ForceMode)}",
-        f"- Signal, bit numbers: {_enum_rows(table.Signal)}",
-        f"- SettingsFrom: {_enum_rows(table.SettingsFrom)}",
-        f"- Status, bit numbers: {_enum_rows(table.Status)}",
-        f"- ResetCause, bit numbers: {_enum_rows(table.ResetCause)}\n",
+        f"- Command: {_enum_rows(codes.Command)}",
+        f"- CommandResult: {_enum_rows(codes.CommandResult)}",
+        f"- ForceMode: {_enum_rows(codes.ForceMode)}",
+        f"- Signal, bit numbers: {_enum_rows(codes.Signal)}",
+        f"- SettingsFrom: {_enum_rows(codes.SettingsFrom)}",
+        f"- Status, bit numbers: {_enum_rows(codes.Status)}",
+        f"- ResetCause, bit numbers: {_enum_rows(codes.ResetCause)}\n",
         "## States\n",
         _state_rows(),
         "## Faults\n",

@@ -16,7 +16,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Command, Guard, Register
+from rigctl.wire.drum.codes import Command, Guard
+from rigctl.wire.drum.register_entry import Register
+from rigctl.wire.drum.register_table import BY_NAME, SETTINGS
 from rigctl.wire.drum.states import State
 from tests.attack.benches import Span
 
@@ -139,7 +141,7 @@ class Judge:
 
     def took(self, register: Register, before: int, after: int, states: States) -> None:
         """The board took a value."""
-        self._rule("bounds", register.takes(after), f"{register.name} is {after}")
+        self._rule("bounds", register.accepts(after), f"{register.name} is {after}")
         if register.name == "heartbeat" and before != after:
             self.beat(self.now_ms)
         if register.address in WIRES:

@@ -4,14 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.wire.drum.register_table import (
-    BY_NAME,
-    TARE_PLACES,
-    Command,
-    CommandResult,
-    ForceMode,
-    Signal,
-)
+from rigctl.wire.drum.codes import Command, CommandResult, ForceMode, Signal
+from rigctl.wire.drum.register_table import BY_NAME, TARE_PLACES
 from rigctl.wire.drum.states import State
 from tests.attack.attacker import ARM, Attacker
 from tests.attack.benches import VirtualBench

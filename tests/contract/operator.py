@@ -13,7 +13,7 @@ from rigctl.errors import LinkLost, RigFault
 from rigctl.rig import Rig
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.values import Block, DrumState
-from rigctl.wire.drum.register_table import Command, CommandResult, Status
+from rigctl.wire.drum.codes import Command, CommandResult, Status
 from rigctl.wire.drum.states import Fault, State
 
 Result = TypeVar("Result")

@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
-from rigctl.wire.drum.register_table import SETTINGS, Command
+from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.register_table import SETTINGS
 from rigctl.wire.drum.states import State
 from rigctl.wire.taxels.frames import Flag
 from tests.contract.operator import NOMINAL, Operator

@@ -12,7 +12,8 @@ from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.drum.settings import jog_target
 from rigctl.config.rig_config import DrumGeometry, RigConfig
 from rigctl.errors import CommandRefused, WrongUse
-from rigctl.wire.drum.register_table import BY_NAME, Command
+from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
 from tests.contract.operator import Operator
 

@@ -10,14 +10,7 @@ import pytest
 
 from rigctl.errors import CommandRefused
 from rigctl.simulation.simulated_rig import DRUM
-from rigctl.wire.drum.register_table import (
-    Command,
-    CommandResult,
-    ForceMode,
-    SettingsFrom,
-    Signal,
-    Status,
-)
+from rigctl.wire.drum.codes import Command, CommandResult, ForceMode, SettingsFrom, Signal, Status
 from rigctl.wire.drum.states import Fault, State
 from rigctl.wire.drum.tare_table import PLACE_NAMES
 from rigctl.wire.taxels.frames import Flag

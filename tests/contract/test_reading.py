@@ -10,7 +10,8 @@ import pytest
 from rigctl.devices.modbus_client import Refused
 from rigctl.errors import CommandRefused
 from rigctl.wire.drum import register_table
-from rigctl.wire.drum.register_table import BY_NAME, Command, Status
+from rigctl.wire.drum.codes import Command, Status
+from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
 from rigctl.wire.taxels.frames import WIRE_VERSION
 from tests.contract.operator import Operator

@@ -9,7 +9,7 @@ import pytest
 from rigctl.devices.links.byte_link import BoardRebooted
 from rigctl.errors import BoardFault, CommandRefused, LinkLost
 from rigctl.simulation.simulated_rig import DRUM, TAXELS
-from rigctl.wire.drum.register_table import Command, Status
+from rigctl.wire.drum.codes import Command, Status
 from rigctl.wire.drum.states import Fault, State
 from tests.contract.noise import bear_noise
 from tests.contract.operator import Operator

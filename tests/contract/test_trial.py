@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigctl.errors import CommandRefused
 from rigctl.values import DrumState
-from rigctl.wire.drum.register_table import Command, Status
+from rigctl.wire.drum.codes import Command, Status
 from rigctl.wire.drum.states import State
 from rigctl.wire.taxels.frames import Flag
 from tests.contract.operator import Operator

@@ -12,6 +12,7 @@ from pymodbus.framer import FramerRTU
 from rigctl.devices.links.byte_link import OnBytes, OnLost
 from rigctl.errors import LinkLost
 from rigctl.wire.drum import register_table
+from rigctl.wire.drum.codes import CommandResult
 from rigctl.wire.drum.registers import words_of
 
 Result = TypeVar("Result")
@@ -166,7 +167,7 @@ class RegisterBoard:
         if self.words[_SEQUENCE] != before:
             self.executed.append((self.words[_SEQUENCE - 1], self.words[_SEQUENCE]))
             self.put("command_acknowledged", self.words[_SEQUENCE])
-            self.put("command_result", register_table.CommandResult.DONE)
+            self.put("command_result", CommandResult.DONE)
 
 
 class WeighingBoard(RegisterBoard):

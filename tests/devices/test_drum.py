@@ -12,7 +12,7 @@ from rigctl.devices.links.byte_link import BoardRebooted
 from rigctl.devices.modbus_client import StoppedMeanwhile
 from rigctl.errors import BoardFault, CommandRefused, LinkLost, WrongBoard, WrongUse
 from rigctl.values import DrumState
-from rigctl.wire.drum.register_table import Command, CommandResult
+from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.states import Fault, State
 from tests.devices.bench import (
     JumpingLoop,

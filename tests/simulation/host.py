@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 from rigctl.simulation.simulated_rig import SimulatedRig
 from rigctl.values import Block
-from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, REGISTERS, UNIT, Command
+from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, REGISTERS, UNIT
 from rigctl.wire.drum.registers import BlockLayout, words_of
 from rigctl.wire.drum.states import Fault, State
 from rigctl.wire.taxels.frames import FrameDecoder, TaxelIdentity, TaxelStatus

@@ -17,7 +17,8 @@ from rigctl.simulation.boards.drum_firmware import DrumFirmware
 from rigctl.simulation.boards.drum_stepper import DrumStepper
 from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
 from rigctl.simulation.virtual_rig import open_virtual
-from rigctl.wire.drum.register_table import BY_NAME, Command
+from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
 
 ROOT = checkout()

@@ -13,7 +13,7 @@ from rigctl.errors import RigFault
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.board import BoardClock
 from rigctl.simulation.chips.rig import ChipSimulation, open_chips
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from rigctl.wire.taxels.frames import IDENTIFY, encode_request
 from tests.firmware.building import built

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.simulation.virtual_rig import open_virtual
-from rigctl.wire.drum.register_table import END, Command
+from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.register_table import END
 from tests.simulation.host import Host, Refused, crc, framed
 
 

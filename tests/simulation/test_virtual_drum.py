@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rigctl.simulation.virtual_rig import VirtualRig, open_virtual
-from rigctl.wire.drum.register_table import MAGIC, Command, CommandResult, Status
+from rigctl.wire.drum.codes import Command, CommandResult, Status
+from rigctl.wire.drum.register_table import MAGIC
 from rigctl.wire.drum.states import Fault, State
 from tests.simulation.host import Host, Refused
 

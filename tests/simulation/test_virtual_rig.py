@@ -10,7 +10,7 @@ import pytest
 from rigctl.errors import LinkLost, WrongUse
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.virtual_rig import VirtualRig, open_virtual
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, Flag, SelfTestBit, encode_request
 from tests.simulation.host import Host, framed

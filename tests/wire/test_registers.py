@@ -19,13 +19,13 @@ def test_the_table_has_no_overlap_and_ends_where_it_says() -> None:
     ordered = sorted(REGISTERS, key=lambda entry: entry.address)
     assert all(a.end <= b.address for a, b in pairwise(ordered))
     assert ordered[-1].end == END
-    assert all(e.takes(e.default) for e in SETTINGS)
+    assert all(e.accepts(e.default) for e in SETTINGS)
 
 
 @given(st.sampled_from(WRITABLE), st.data())
 def test_every_value_in_bounds_comes_back(name: str, data: st.DataObject) -> None:
     entry = BY_NAME[name]
-    raw = data.draw(st.integers(entry.low, entry.high).filter(entry.takes))
+    raw = data.draw(st.integers(entry.low, entry.high).filter(entry.accepts))
     words = registers.to_words(name, raw * entry.scale)
     layout = registers.BlockLayout(entry.address, entry.words)
     assert layout.raw(words)[name] == (raw,)
@@ -35,7 +35,7 @@ def test_every_value_in_bounds_comes_back(name: str, data: st.DataObject) -> Non
 @given(st.sampled_from(WRITABLE), st.data())
 def test_every_value_out_of_bounds_is_refused_by_name(name: str, data: st.DataObject) -> None:
     entry = BY_NAME[name]
-    raw = data.draw(st.integers().filter(lambda n: not entry.takes(n)))
+    raw = data.draw(st.integers().filter(lambda n: not entry.accepts(n)))
     with pytest.raises(WrongUse, match=name):
         registers.to_raw(name, float(raw) * entry.scale)
 

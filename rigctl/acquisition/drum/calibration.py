@@ -17,7 +17,8 @@ from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.rig_interface import RigInterface
 from rigctl.errors import RigFault, WrongUse
 from rigctl.values import SCALE_BAND_UG_PER_COUNT, DrumState
-from rigctl.wire.drum.register_table import BY_NAME, Command
+from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
 
 READINGS = 80

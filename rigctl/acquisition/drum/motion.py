@@ -26,8 +26,8 @@ from rigctl.config.rig_config import RigConfig
 from rigctl.errors import CommandRefused, RigFault, WrongUse
 from rigctl.protocol import Settle
 from rigctl.values import DrumState, PlannedTrial
-from rigctl.wire.drum.register_table import Command
-from rigctl.wire.drum.states import STATE_WORDS, State
+from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.states import STATE_TEXT, State
 
 SELF_TEST_LIMIT_S = 10.0
 LIFT_LIMIT_S = 20.0
@@ -205,7 +205,7 @@ class DrumMotion:
         here = await self._fresh()
         if here.state != State.ARMED:
             raise CommandRefused(
-                f"the drum is {STATE_WORDS[State(here.state)]!r}: "
+                f"the drum is {STATE_TEXT[State(here.state)]!r}: "
                 "it can be jogged while it is armed and lifted only"
             )
         target = jog_target(here.steps, travel_mm, self.config.drum, step_mm)

@@ -14,8 +14,8 @@ from rigctl.acquisition.rig_interface import DrumBoard
 from rigctl.acquisition.taxels.clock_fit import ClockFit
 from rigctl.errors import BoardFault, LinkLost, RigFault
 from rigctl.values import BoardIdentity, DrumState
-from rigctl.wire.drum.register_table import CommandResult
-from rigctl.wire.drum.states import FAULT_WORDS, Fault, State
+from rigctl.wire.drum.codes import CommandResult
+from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
 
 POLL_PERIOD_S = 0.05
 RECONNECT_PERIOD_S = 0.5
@@ -112,7 +112,7 @@ class DrumPoller:
         if self.lost or self.state is None:
             raise LinkLost(self.lost or "drum: it was not polled yet")
         if self.fault_latched:
-            raise BoardFault(FAULT_WORDS[Fault(self.state.fault)])
+            raise BoardFault(FAULT_TEXT[Fault(self.state.fault)])
         return self.state
 
     async def _turn(self) -> None:

@@ -7,7 +7,8 @@ from typing import Final
 from rigctl.config.rig_config import DrumGeometry, Inverted, RigConfig, Signals
 from rigctl.protocol import Settle
 from rigctl.values import PlannedTrial
-from rigctl.wire.drum.register_table import BY_NAME, ForceMode, Signal
+from rigctl.wire.drum.codes import ForceMode, Signal
+from rigctl.wire.drum.register_table import BY_NAME
 
 FARTHEST_STEPS: Final = 1_900_000
 """Targets of MOVE end at two million steps; before that the drum homes and counts anew."""

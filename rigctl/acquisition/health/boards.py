@@ -15,7 +15,7 @@ from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.rig_interface import TaxelBoard
 from rigctl.errors import RigFault
 from rigctl.values import BoardIdentity, DrumState, Event
-from rigctl.wire.reset_causes import reset_words
+from rigctl.wire.drum.codes import reset_cause_text
 from rigctl.wire.taxels.frames import CYCLES_PER_US
 
 DRUM, TAXELS = "drum", "taxels"
@@ -128,7 +128,7 @@ def _event(
     at_s: float, when: str, board: BoardIdentity, now: BoardFigures, before: BoardFigures
 ) -> Event:
     late = now.late_ticks - before.late_ticks
-    reset = reset_words(board.reset_cause)
+    reset = reset_cause_text(board.reset_cause)
     text = (
         f"{board.board} at the {when}: boot {board.boot_count} by {reset}, {late} late ticks, "
         f"longest interrupt {now.longest_isr_us:g} µs, "

@@ -25,7 +25,7 @@ from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
 from rigctl.errors import BoardFault, RigFault
 from rigctl.protocol import Plan, Step
 from rigctl.values import DrumState, Event, PlannedTrial
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
 
 SAFE_LIMIT_S = 20.0

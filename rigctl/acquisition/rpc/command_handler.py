@@ -17,7 +17,7 @@ from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.rpc.messages import as_dict
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 
 Result = dict[str, Any]
 TRAVEL_SLACK = 1.5

@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigctl.devices.port_discovery import PortReport, look_at_all
-from rigctl.wire.drum.register_table import SettingsFrom
-from rigctl.wire.reset_causes import reset_words
+from rigctl.wire.drum.codes import SettingsFrom, reset_cause_text
 
 
 def add_parser(subparsers: Any) -> None:
@@ -49,8 +48,8 @@ def _as_line(report: PortReport) -> str:
     supply = "" if report.supply_v is None else f", supply {report.supply_v:.2f} V"
     return (
         f"{report.port}: {board.board} board, firmware {board.firmware_version}, "
-        f"build {board.build_hash}, boot {board.boot_count} by {reset_words(board.reset_cause)}"
-        f"{supply}"
+        f"build {board.build_hash}, boot {board.boot_count} "
+        f"by {reset_cause_text(board.reset_cause)}{supply}"
     )
 
 
@@ -80,7 +79,7 @@ def _as_json(report: PortReport) -> dict[str, object]:
         "firmware": board.firmware_version if board else None,
         "build": board.build_hash if board else None,
         "boot_count": board.boot_count if board else None,
-        "reset": reset_words(board.reset_cause) if board else None,
+        "reset": reset_cause_text(board.reset_cause) if board else None,
         "supply_v": report.supply_v,
         "self_test": None if report.self_test is None else list(report.self_test),
         "counters": dict(report.counters),

@@ -14,7 +14,7 @@ from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, Mechanics, RodMo
 from rigctl.simulation.bench.parameters import WorldParameters, checked
 from rigctl.simulation.bench.skin import Skin
 from rigctl.simulation.simulated_rig import Disturbances
-from rigctl.wire.drum.register_table import Signal
+from rigctl.wire.drum.codes import Signal
 
 LOG_EVERY_MS = 1000
 

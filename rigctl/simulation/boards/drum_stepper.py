@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.boards import kernel
 from rigctl.simulation.boards.drum_firmware import SYNC, DrumFirmware
-from rigctl.wire.drum.register_table import ResetCause, Signal
+from rigctl.wire.drum.codes import ResetCause, Signal
 
 NOMINAL_HZ = 16_000_000
 MOST_CONVERSIONS = LOG_EVERY_MS

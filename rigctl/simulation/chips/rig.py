@@ -38,7 +38,7 @@ from rigctl.simulation.simulated_rig import (
     SimulatedLink,
     SimulatedRig,
 )
-from rigctl.wire.drum.register_table import Signal
+from rigctl.wire.drum.codes import Signal
 
 SLICE_US = 1000
 DRUM_BAUD = 115_200

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from rigctl.values import DrumState, LoadcellSample
-from rigctl.wire.drum.register_table import LOADCELL_RECENT, POLL, POLL_BLOCK, RING_DEPTH, Status
+from rigctl.wire.drum.codes import Status
+from rigctl.wire.drum.register_table import LOADCELL_RECENT, POLL, POLL_BLOCK, RING_DEPTH
 from rigctl.wire.drum.registers import BlockLayout
 from rigctl.wire.drum.tare_table import counts_at
 

@@ -12,7 +12,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rigctl.errors import WrongUse
-from rigctl.wire.drum.register_table import BY_NAME, REGISTERS, Register
+from rigctl.wire.drum.register_entry import Register
+from rigctl.wire.drum.register_table import BY_NAME, REGISTERS
 
 LONGEST_WRITE = 24
 """Words that one write may hold, so that every request stays under 64 bytes."""
@@ -46,7 +47,7 @@ def to_raw(name: str, value: float) -> int:
     if not entry.writable:
         raise WrongUse(f"{name} is measured by the drum and cannot be set")
     raw = round(value / entry.scale) if math.isfinite(value) else None
-    if raw is None or not entry.takes(raw):
+    if raw is None or not entry.accepts(raw):
         unit = f" {entry.unit}" if entry.unit else ""
         raise WrongUse(f"{name} cannot be {value:g}{unit}: the drum takes {bounds(entry)}{unit}")
     return raw

@@ -27,7 +27,7 @@ class State(IntEnum):
     FAULT_OFF = 10
 
 
-STATE_WORDS: dict[State, str] = {
+STATE_TEXT: dict[State, str] = {
     State.BOOT: "starting",
     State.SELFTEST: "testing itself",
     State.IDLE: "off",
@@ -87,7 +87,7 @@ class Fault(IntEnum):
     FORCE_UNREACHED = 13
 
 
-FAULT_WORDS: dict[Fault, str] = {
+FAULT_TEXT: dict[Fault, str] = {
     Fault.NONE: "no fault",
     Fault.ESTOP: "emergency stop pressed or its wire broken: release it, then clear the fault",
     Fault.OVER_FORCE: "force above the limit: check the sensor and the plate, then clear the fault",

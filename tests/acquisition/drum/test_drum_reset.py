@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.session.verify.session import verify
-from rigctl.wire.drum.register_table import Status
+from rigctl.wire.drum.codes import Status
 from tests.acquisition.floor import Floor, open_floor, read, until_ended
 
 ONE = """

@@ -11,7 +11,7 @@ from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.errors import SessionError
 from rigctl.session.verify.session import verify
 from rigctl.session.write.part_writer import PartWriter
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
 from tests.acquisition.floor import Floor, open_floor, read, until_ended
 

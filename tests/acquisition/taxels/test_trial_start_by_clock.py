@@ -22,7 +22,7 @@ from rigctl.session.summary import info
 from rigctl.session.verify.session import verify
 from rigctl.simulation.chips.rig import ChipSimulation
 from rigctl.simulation.virtual_rig import VirtualRig
-from rigctl.wire.drum.register_table import Signal
+from rigctl.wire.drum.codes import Signal
 from rigctl.wire.drum.states import State
 from tests.acquisition.floor import TINY, Floor, open_floor, read
 from tests.firmware.taxels.chip import TaxelChip

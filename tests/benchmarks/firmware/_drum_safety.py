@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.simulation.chips.simavr import Output
-from rigctl.wire.drum.register_table import Command, ResetCause
+from rigctl.wire.drum.codes import Command, ResetCause
 from rigctl.wire.drum.states import Fault, State
 from tests.benchmarks.firmware._firmware_rows import US, figure
 from tests.firmware.drum.support.cells import SILENT, enter

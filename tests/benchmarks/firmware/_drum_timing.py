@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.simavr import Output
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
 from tests.benchmarks.firmware._firmware_rows import FAST_ACCEL, GRBL, PREDECESSOR, US, figure
 from tests.firmware.drum.support.chip import ENTRY_CYCLES, DrumChip

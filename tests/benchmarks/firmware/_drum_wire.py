@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.wire.drum.register_table import SETTINGS_BLOCK, Command
+from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.register_table import SETTINGS_BLOCK
 from rigctl.wire.drum.states import State
 from tests.benchmarks.firmware._firmware_rows import US, figure
 from tests.firmware.drum.support.chip import MS, DrumChip

@@ -7,7 +7,8 @@ import pytest
 from rigctl.simulation.bench.contact import Footprint, contact_tables, footprint, mounted
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.simavr import Input, ResetBy
-from rigctl.wire.drum.register_table import BY_NAME, Command, Status
+from rigctl.wire.drum.codes import Command, Status
+from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum.support.attacks import (
     ATTACK_CHECKS,

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from rigctl.simulation.chips.simavr import Input, Output, ResetBy
-from rigctl.wire.drum.register_table import BY_NAME, MAGIC, Command
+from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.register_table import BY_NAME, MAGIC
 from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum.support.checks import ESTOP_LIMIT, HANGS, MOVING_STATES, bring, hang, trip
 from tests.firmware.drum.support.chip import MS, DrumChip, crc16

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rigctl.simulation.chips.simavr import Output
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
 from tests.firmware.drum.support.chip import ENTRY_CYCLES, DrumChip
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigctl.simulation.chips.simavr import Input, Output, ResetBy
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from tests.benchmarks.firmware._drum_timing import run
 from tests.firmware.drum.support.checks import trip

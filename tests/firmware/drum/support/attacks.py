@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rigctl.simulation.chips.simavr import Input, ResetBy
-from rigctl.wire.drum.register_table import Command, ForceMode, Status
+from rigctl.wire.drum.codes import Command, ForceMode, Status
 from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
 from tests.firmware.drum.support.chip import STIFFNESS_G_MM, DrumChip

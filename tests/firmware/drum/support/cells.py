@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State, StateEvent
 from tests.firmware.drum.support.checks import bring
 from tests.firmware.drum.support.chip import DrumChip

@@ -12,7 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from rigctl.simulation.chips.simavr import Input, Output
-from rigctl.wire.drum.register_table import BY_NAME, Command, ResetCause
+from rigctl.wire.drum.codes import Command, ResetCause
+from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum.support.chip import MS, DrumChip
 

@@ -14,7 +14,7 @@ from rigctl.simulation.bench.mechanics import Mechanics, RodMotion
 from rigctl.simulation.bench.parameters import WorldParameters, checked
 from rigctl.simulation.chips.simavr import Output
 from rigctl.simulation.simulated_rig import Disturbances
-from rigctl.wire.drum.register_table import Command
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
 from tests.firmware.drum.support.chip import MS, DrumChip
 
