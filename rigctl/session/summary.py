@@ -1,4 +1,4 @@
-"""What a session is and holds, as plain values for people and programs."""
+"""Summarise a session as plain values, for people and programs (``rigctl info``)."""
 
 from __future__ import annotations
 
@@ -7,38 +7,34 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.session.files.ground_truth import summary
+from rigctl.session.files.ground_truth import summarise_truth
 from rigctl.session.format import layout
-from rigctl.session.format.writer_lock import is_being_written, lock_owner
+from rigctl.session.format.writer_lock import is_being_written, lock_owner_pid
 from rigctl.session.read.session import Session
-from rigctl.values import BoardIdentity, Verdict
+from rigctl.values import Verdict
 
 BOARD_KIND = "board"
-"""Kind of the events in which a board says how it is at the start and the end of a sitting."""
+"""Kind of the events with a board's own counts at the start and the end of a sitting."""
 
 
-def info(path: Path) -> dict[str, Any]:
-    """Describe a session. Raises SessionError for a folder that is none."""
+def summarise_session(path: Path) -> dict[str, Any]:
+    """Return the summary. Raises SessionError for another kind of folder."""
     with Session.open(path) as session:
-        answer = {
+        summary = {
             "path": str(path),
             **_identity(session),
             **_trials(session),
             **_counts(session),
             **_boards(session),
         }
-        world = summary(session)
-    return answer if world is None else {**answer, "world": world}
-
-
-def firmware(board: BoardIdentity) -> str:
-    """A board's firmware for people: version and build."""
-    return f"{board.firmware_version} ({board.build_hash})"
+        truth = summarise_truth(session)
+    return summary if truth is None else {**summary, "world": truth}
 
 
 def _identity(session: Session) -> dict[str, Any]:
     header = session.header
     writing = is_being_written(session.path)
+    boards = session.parts[-1].header.boards
     return {
         "layout": f"{layout.LAYOUT} {layout.LAYOUT_VERSION}",
         "protocol": header.protocol,
@@ -48,28 +44,28 @@ def _identity(session: Session) -> dict[str, Any]:
         "simulated": header.simulated,
         **({"world_file": name} if (name := header.simulation.get("world_file")) else {}),
         **({"cut_by": header.cut_by} if header.cut_by else {}),
-        "firmware": {board.board: firmware(board) for board in session.parts[-1].header.boards},
+        "firmware": {b.board: f"{b.firmware_version} ({b.build_hash})" for b in boards},
         "operator": header.operator,
         "sensor": header.sensor,
         "start_utc": header.start_utc,
         "software": " ".join(filter(None, (header.software_version, header.software_commit))),
         "parts": len(session.parts),
         "finished": session.finished,
-        "written_by": lock_owner(session.path) if writing else None,
+        "written_by": lock_owner_pid(session.path) if writing else None,
         "bytes": sum(part.path.stat().st_size for part in session.parts),
     }
 
 
 def _boards(session: Session) -> dict[str, Any]:
-    """What the boards counted of themselves over all sittings; nothing where none is told."""
-    told: dict[str, list[dict[str, Any]]] = {}
+    """Return the boards' own counts over all sittings; empty without such events."""
+    counts: dict[str, list[dict[str, Any]]] = {}
     for event in session.events_of(BOARD_KIND):
         if event.data.get("when") in ("start", "end"):
-            told.setdefault(event.data["board"], []).append(event.data)
-    return {"boards": {name: _counted(rows) for name, rows in told.items()}} if told else {}
+            counts.setdefault(event.data["board"], []).append(event.data)
+    return {"boards": {name: _combine(rows) for name, rows in counts.items()}} if counts else {}
 
 
-def _counted(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _combine(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "boot_count": rows[-1]["boot_count"],
         "reset": rows[-1]["reset"],

@@ -9,11 +9,11 @@ from typing import Any
 
 from rigctl.errors import SessionError
 from rigctl.protocol import Plan
-from rigctl.session.files.ground_truth import PATTERN, check_truth
+from rigctl.session.files.ground_truth import TRUTH_PATTERN, check_truth
 from rigctl.session.format import layout
 from rigctl.session.format.header import SessionHeader
-from rigctl.session.read.same_world import check_same_world
 from rigctl.session.read.session import Session
+from rigctl.session.write.session_folder import check_same_world
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ def forget_damaged_truth(folder: Path) -> None:
     try:
         check_truth(folder)
     except SessionError:
-        for path in folder.glob(PATTERN):
+        for path in folder.glob(TRUTH_PATTERN):
             path.unlink()
 
 

@@ -12,7 +12,9 @@ def table(of: layout.TableLayout) -> str:
         "| column | type | unit | meaning |",
         "|---|---|---|---|",
     ]
-    lines += [f"| `{c.name}` | {kind(c.kind)} | {c.unit or '–'} | {c.doc} |" for c in of.columns]
+    lines += [
+        f"| `{c.name}` | {kind(c.type_code)} | {c.unit or '–'} | {c.doc} |" for c in of.columns
+    ]
     return "\n".join(lines)
 
 
@@ -20,7 +22,7 @@ def arrays() -> str:
     lines = ["| data set | shape | type | unit | meaning |", "|---|---|---|---|---|"]
     for array in layout.TAXEL_ARRAYS:
         shape = "(n, n_taxels)" if array.per_taxel else "(n,)"
-        row = (f"`{array.path}`", shape, kind(array.kind), array.unit or "–", array.doc)
+        row = (f"`{array.path}`", shape, kind(array.type_code), array.unit or "–", array.doc)
         lines.append(f"| {' | '.join(row)} |")
     return "\n".join(lines)
 

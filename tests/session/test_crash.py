@@ -1,4 +1,4 @@
-"""A writer that dies leaves parts that open and every row that it said was on disk."""
+"""A writer that dies leaves readable parts and every row that it reported on disk."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rigctl.session.format import layout
+from rigctl.session.format.writer_lock import lock_owner_pid
 from rigctl.session.read.session import Session
 from rigctl.session.write.recorder import Recorder
 from tests.session.building import PROTOCOL, RIG, header, value_of
@@ -22,12 +23,12 @@ def endless_writer(folder: Path, *options: str) -> subprocess.Popen[str]:
 
 
 def acknowledged(writer: subprocess.Popen[str], lines: int) -> int:
-    """Read some lines; the last number of trials that the writer said are on disk."""
+    """Read some lines; return the last number of trials that the writer reported on disk."""
     assert writer.stdout is not None
-    told = 0
+    on_disk = 0
     for _, line in zip(range(lines), writer.stdout, strict=False):
-        told = int(line.removeprefix("trials "))
-    return told
+        on_disk = int(line.removeprefix("trials "))
+    return on_disk
 
 
 def check_every_trial(folder: Path) -> int:
@@ -43,13 +44,13 @@ def check_every_trial(folder: Path) -> int:
 @pytest.mark.parametrize("lines", [1, 4, 25])
 def test_a_killed_writer_leaves_all_committed_rows(tmp_path: Path, lines: int) -> None:
     writer = endless_writer(tmp_path / "s")
-    told = acknowledged(writer, lines)
+    on_disk = acknowledged(writer, lines)
     writer.send_signal(signal.SIGKILL)
     rest = writer.communicate()[0].split()
     if rest and rest[-1].isdigit():
-        told = int(rest[-1])
-    assert told > 0
-    assert check_every_trial(tmp_path / "s") >= told
+        on_disk = int(rest[-1])
+    assert on_disk > 0
+    assert check_every_trial(tmp_path / "s") >= on_disk
 
 
 def test_a_killed_session_is_resumed_in_a_new_part(tmp_path: Path) -> None:
@@ -60,9 +61,8 @@ def test_a_killed_session_is_resumed_in_a_new_part(tmp_path: Path) -> None:
             writer.send_signal(signal.SIGKILL)
             assert writer.stdout is not None
             writer.stdout.read()
-    assert (folder / layout.LOCK_FILE).exists()
+    assert lock_owner_pid(folder) == writer.pid
     with Recorder(folder, header(), PROTOCOL, RIG, resume=True) as rec:
-        assert rec.left_by is not None
         rec.begin_part("resume", "A")
     with Session.open(folder) as session:
         assert [part.number for part in session.parts] == [1, 2, 3, 4]
@@ -90,9 +90,9 @@ def test_a_full_disk_ends_in_a_sentence_and_keeps_what_was_committed(
     """A limit on the file's size stands for the disk: HDF5 sees the same failing write."""
     with endless_writer(tmp_path / "s", f"limit={limit}") as writer:
         out, _ = writer.communicate()
-    *told, last = out.splitlines()
+    *reports, last = out.splitlines()
     assert "the file may not grow further (file size limit)" in last
     assert writer.returncode == 3
     assert not (tmp_path / "s" / layout.LOCK_FILE).exists()
-    if told:
-        assert check_every_trial(tmp_path / "s") >= int(told[-1].removeprefix("trials "))
+    if reports:
+        assert check_every_trial(tmp_path / "s") >= int(reports[-1].removeprefix("trials "))

@@ -16,7 +16,7 @@ from rigctl.session.format import layout
 from rigctl.session.read.session import Session
 from rigctl.session.write.part_writer import CounterMap
 from rigctl.session.write.recorder import Recorder
-from rigctl.session.write.writer import Writer
+from rigctl.session.write.writer import SessionWriter
 from rigctl.values import Event, Gap, Verdict
 from tests.session.building import (
     BLOCK,
@@ -42,7 +42,7 @@ def test_everything_that_was_given_is_read_back(tmp_path: Path) -> None:
         assert session.protocol_text == PROTOCOL
         assert session.config.about.operator == "Jörg"
         assert session.header == header()
-        assert session.remaining(planned) == ()
+        assert len(session.committed()) == len(planned.trials)
         for index, trial in enumerate(planned.trials):
             row = session.trial_row(index)
             assert row.trial == trial
@@ -100,7 +100,7 @@ def test_drum_load_cell_and_events_are_kept(tmp_path: Path) -> None:
         assert fault == Event(0.3, "fault", "Über die Kraft.", {"force_g": 1500, "wort": "Öl"})
         assert long.text.endswith("…")
         assert long.data["truncated"]
-        assert end.kind == layout.END_KIND
+        assert end.kind == layout.PART_END_KIND
         row = session.trial_row(0)
         assert row.reasons == ("2 samples lost", "force off")
         drum = session.drum(0)
@@ -124,7 +124,7 @@ def test_lost_samples_stay_visible_in_a_trial(tmp_path: Path) -> None:
         assert window.gaps == (Gap(100, 7, "missing"),)
         assert len(window.samples) == trial.n_samples - 7
         assert not window.complete
-        assert np.flatnonzero(~window.present).tolist() == list(range(10, 17))
+        assert window.position.tolist() == [*range(10), *range(17, trial.n_samples)]
         assert session.window(1).position[0] == 4
         assert session.trials["first_sample"].tolist() == [90, 100]
         assert session.gaps[["first_counter", "count", "row"]].tolist() == [(100, 7, 100)]
@@ -157,16 +157,18 @@ def test_a_taxel_board_that_restarts_begins_a_new_part(tmp_path: Path) -> None:
 def test_a_full_queue_drops_samples_counts_them_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    disk_is_back = threading.Event()
-    flush = Writer.flush
+    flush_began, disk_is_back = threading.Event(), threading.Event()
+    flush = SessionWriter.flush
 
-    def slow_flush(self: Writer) -> None:
+    def slow_flush(self: SessionWriter) -> None:
+        flush_began.set()
         disk_is_back.wait()
         flush(self)
 
-    monkeypatch.setattr(Writer, "flush", slow_flush)
+    monkeypatch.setattr(SessionWriter, "flush", slow_flush)
     with recorder(tmp_path / "s", queue_limit_samples=3 * BLOCK) as rec:
         rec.begin_part("start", "A")
+        flush_began.wait()
         first = 0
         while not rec.status.samples_dropped:
             rec.add_block(block(first))
@@ -222,7 +224,7 @@ def test_a_folder_that_cannot_be_made_is_named() -> None:
 def test_data_before_the_first_part_is_a_fault(tmp_path: Path) -> None:
     with recorder(tmp_path / "s") as rec:
         rec.add_block(block(0))
-        with pytest.raises(DiskFault, match="before the first part was begun"):
+        with pytest.raises(DiskFault, match="begin a part before recording data"):
             rec.wait_written()
 
 

@@ -44,7 +44,7 @@ def check(folder: Path, *, plain: bool) -> list[bool]:
         files = session.sample_files()
         assert all((file.offsets is not None) is plain for file in files)
         rows = session.committed().tolist()
-        places = session.places(rows)
+        places = session.sample_ranges(rows)
         with SampleReader(files) as reader:
             for row, place in zip(rows, places, strict=True):
                 window = session.window(row)
@@ -61,7 +61,7 @@ def test_many_single_counters_are_looked_up(tmp_path: Path) -> None:
     record_plan(tmp_path / "session")
     with Session.open(tmp_path / "session") as session:
         rows = session.committed().tolist() * 5
-        assert all(place.complete for place in session.places(rows))
+        assert all(place.complete for place in session.sample_ranges(rows))
 
 
 def test_a_part_that_grows_or_is_compressed_is_left_to_hdf5(
@@ -69,7 +69,7 @@ def test_a_part_that_grows_or_is_compressed_is_left_to_hdf5(
 ) -> None:
     folder = recorded(tmp_path / "session")
     with monkeypatch.context() as patched:
-        patched.setattr(PartReader, "grows", True)
+        patched.setattr(PartReader, "is_growing", True)
         assert check(folder, plain=False) == [True, False, True]
     for part in folder.glob("part-*.h5"):
         small = part.with_name("small")
@@ -88,7 +88,7 @@ def test_a_part_that_grows_or_is_compressed_is_left_to_hdf5(
 def test_a_file_cut_short_behind_our_back_is_an_error(tmp_path: Path) -> None:
     folder = recorded(tmp_path / "session")
     with Session.open(folder) as session:
-        files, places = session.sample_files(), session.places(session.committed().tolist())
+        files, places = session.sample_files(), session.sample_ranges(session.committed().tolist())
     assert files[0].offsets is not None
     with files[0].path.open("r+b") as file:
         file.truncate(int(files[0].offsets[0]) + 1)

@@ -11,9 +11,10 @@ import pytest
 
 from rigctl.cli.data import info as command
 from rigctl.errors import SessionError
-from rigctl.session.files.ground_truth import load_truth, trial_truths, write_truth
+from rigctl.session.files.ground_truth import trial_truths, write_truth
+from rigctl.session.files.ground_truth_reader import TruthReader
 from rigctl.session.read.session import Session
-from rigctl.session.summary import info
+from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
 from rigctl.session.write.recorder import Recorder
 from tests.session.building import IDLE, PROTOCOL, RIG, header, plan, record_plan
@@ -47,7 +48,7 @@ def test_a_session_being_written_names_its_writer(tmp_path: Path) -> None:
     with Recorder(tmp_path / "s", header(), PROTOCOL, RIG) as rec:
         rec.begin_part("start", "A")
         rec.wait_written()
-        answer = info(tmp_path / "s")
+        answer = summarise_session(tmp_path / "s")
         assert answer["written_by"] is not None
         assert answer["finished"] is False
 
@@ -78,13 +79,14 @@ def test_the_world_judges_each_trial(tmp_path: Path) -> None:
         half = len(log[1]) // 2
         write_truth(tmp_path / "s", (0, *(column[:half] for column in log[1:])))  # type: ignore[arg-type]
         assert write_truth(tmp_path / "s", log).name == "world.h5"
-        assert np.array_equal(load_truth(tmp_path / "s")[0].speed_mm_s, log[1])
+        with TruthReader(tmp_path / "s" / "world.h5") as truth:
+            assert np.array_equal(truth.window("speed_mm_s", 0, truth.n_rows), log[1])
         truths = trial_truths(session)
     assert [truth.trial_id for truth in truths] == list(range(1, 9))
     for truth in truths:
         assert truth.speed_error == pytest.approx(0.001, abs=1e-5)
         assert truth.force_error == pytest.approx(-0.01, abs=1e-5)
-    world = info(tmp_path / "s")["world"]
+    world = summarise_session(tmp_path / "s")["world"]
     assert world["trials"] == 8
     assert world["max_speed_error_permille"] == pytest.approx(1, abs=0.01)
     assert world["max_force_error_permille"] == pytest.approx(10, abs=0.01)
@@ -95,7 +97,7 @@ def test_a_hole_in_the_log_is_refused(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     empty = (np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros(3, np.uint8))
     write_truth(tmp_path / "s", (0, *empty))
-    with pytest.raises(SessionError, match="ends 2 ms before the log goes on"):
+    with pytest.raises(SessionError, match="ends 2 ms before the log continues"):
         write_truth(tmp_path / "s", (5, *empty))
 
 

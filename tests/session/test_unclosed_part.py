@@ -1,17 +1,20 @@
-"""A part whose writer was killed opens as if it had been closed; damage is an error at once."""
+"""A part whose writer was killed opens like a closed one; damage is an error at once."""
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
 
 from rigctl.errors import SessionError
 from rigctl.session.read.session import Session
-from rigctl.session.read.unclosed_part import CHECKED_BYTES, SUPERBLOCK_BYTES, UnclosedPart, lookup3
+from rigctl.session.read.unclosed_part import (
+    CHECKSUM_AT,
+    SUPERBLOCK_BYTES,
+    lookup3,
+    map_as_closed,
+)
 from rigctl.session.verify.session import verify
 from rigctl.session.write.recorder import Recorder
 from tests.session.building import PROTOCOL, RIG, Bench, header, plan, record_plan, recorder
@@ -42,7 +45,7 @@ def test_the_checksum_is_that_of_its_author() -> None:
 def test_the_checksum_is_that_of_hdf5(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     head = (tmp_path / "s" / "part-0001.h5").read_bytes()[:SUPERBLOCK_BYTES]
-    assert lookup3(head[:CHECKED_BYTES]) == int.from_bytes(head[CHECKED_BYTES:], "little")
+    assert lookup3(head[:CHECKSUM_AT]) == int.from_bytes(head[CHECKSUM_AT:], "little")
 
 
 def test_a_dead_part_opens_and_holds_its_trials(dead: Path) -> None:
@@ -58,7 +61,6 @@ def test_a_dead_part_opens_and_holds_its_trials(dead: Path) -> None:
 
 def test_a_dead_session_can_be_resumed(dead: Path) -> None:
     with Recorder(dead, header(), PROTOCOL, RIG, resume=True) as rec:
-        assert rec.left_by is not None
         rec.begin_part("resume", "B")
         bench = Bench(rec)
         for trial in plan().trials[4:]:
@@ -83,17 +85,20 @@ def test_an_empty_file_is_damaged(dead: Path) -> None:
         Session.open(dead)
 
 
-def test_it_reads_like_the_file_but_for_the_superblock(dead: Path) -> None:
-    data = (dead / "part-0001.h5").read_bytes()
-    view = UnclosedPart(dead / "part-0001.h5")
-    assert view.readable()
-    assert view.seekable()
-    assert view.seek(0, io.SEEK_END) == len(data)
-    view.seek(40)
-    buffer = bytearray(100)
-    assert view.readinto(buffer) == 100
-    assert buffer[8:] == data[48:140]
-    assert view.tell() == 140
-    view.seek(-4, io.SEEK_END)
-    assert view.readinto(buffer) == 4
-    assert np.frombuffer(buffer[:4], np.uint8).tobytes() == data[-4:]
+def test_the_map_is_the_file_but_for_the_superblock(dead: Path) -> None:
+    part = dead / "part-0001.h5"
+    data = part.read_bytes()
+    with map_as_closed(part) as view:
+        assert view[SUPERBLOCK_BYTES:] == data[SUPERBLOCK_BYTES:]
+        head = view[:SUPERBLOCK_BYTES]
+    assert head[CHECKSUM_AT:] == lookup3(head[:CHECKSUM_AT]).to_bytes(4, "little")
+    assert head[11] == 0 != data[11]
+    assert int.from_bytes(head[28:36], "little") == len(data)
+    assert part.read_bytes() == data
+
+
+@pytest.mark.parametrize("data", [b"short", b"not HDF5".ljust(100)])
+def test_another_file_is_not_mapped(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "other").write_bytes(data)
+    with pytest.raises(OSError, match="too short, or it is not HDF5"):
+        map_as_closed(tmp_path / "other")

@@ -109,20 +109,20 @@ def again(file: h5py.File) -> None:
     ("spoil", "words"),
     [
         (cut("/taxels/samples", 500), "per-sample data sets differ in length"),
-        (spoil_array("/taxels/counter", slice(100, 101), 99), "goes back at row 100"),
+        (spoil_array("/taxels/counter", slice(100, 101), 99), "counter decreases at row 100"),
         (cut("/events", 0), "part-0002.h5: was not closed in order"),
         (spoil_table("/trials", 0, first_sample=7), "row 7 is not the first sample from"),
-        (spoil_table("/trials", 0, count=200), "has 200 samples, 300 were planned"),
+        (spoil_table("/trials", 0, count=200), "it has 200 samples, the plan has 300"),
         (spoil_table("/trials", 0, first_sample=10**6), "is not among the"),
         (spoil_table("/trials", 0, speed_mm_s=41), "trial 5 is not in the plan"),
-        (spoil_table("/trials", 0, ended_s=-1), "ended before it began"),
-        (spoil_table("/trials", 0, first_counter=-1), "is committed without a window"),
+        (spoil_table("/trials", 0, ended_s=-1), "it ended before it began"),
+        (spoil_table("/trials", 0, first_counter=-1), "it is committed without a window"),
         (spoil_table("/trials", 1, trial_id=5), "trial 5 is committed 2 times"),
         (again, "trials 5 and 5 overlap"),
         (spoil_array("/taxels/flags", slice(60, 70), 0), "the sync line was low in 10 samples"),
         (spoil_array("/taxels/edges", slice(0, 90), 0), "does not begin at a rise"),
         (spoil_table("/taxels/arrivals", 3, arrived_s=0), "/taxels/arrivals goes back in time"),
-        (spoil_table("/taxels/arrivals", 3, first_row=5), "does not ascend in first_row"),
+        (spoil_table("/taxels/arrivals", 3, first_row=5), "/taxels/arrivals does not ascend"),
         (spoil_table("/loadcell", 2, sequence=0), "holds a conversion twice"),
         (spoil_table("/drum", 1, at_s=0), "/drum goes back in time"),
         (no_unit, "/taxels/samples has no attribute unit"),
@@ -140,25 +140,24 @@ def test_each_damage_is_named(
     assert run(str(session)) == 1
 
 
-@pytest.mark.parametrize("stretch", [1, 50, 313])
+@pytest.mark.parametrize("rows", [1, 50, 313])
 def test_findings_do_not_depend_on_how_much_is_read_at_a_time(
-    session: Path, stretch: int, monkeypatch: pytest.MonkeyPatch
+    session: Path, rows: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with h5py.File(session / "part-0002.h5", "r+") as file:
         spoil_array("/taxels/flags", slice(60, 70), 0)(file)
         spoil_array("/taxels/edges", slice(0, 90), 0)(file)
         spoil_table("/trials", 1, first_sample=7)(file)
     at_once = verify(session)
-    monkeypatch.setattr(buffered_array, "STRETCH_ROWS", stretch)
+    monkeypatch.setattr(buffered_array, "READ_AHEAD_ROWS", rows)
     assert verify(session) == at_once
     assert len(at_once.problems) > 3
 
 
 def test_progress_rises_to_the_end(recorded: Path) -> None:
-    told: list[tuple[float, str]] = []
-    verify(recorded, lambda share, what: told.append((share, what)))
-    assert [what for _, what in told] == ["part 1 of 2", "part 2 of 2", "the plan"]
-    assert [share for share, _ in told] == [0.0, 0.5, 1.0]
+    steps: list[tuple[float, str]] = []
+    verify(recorded, lambda share, step: steps.append((share, step)))
+    assert steps == [(0.0, "part 1 of 2"), (0.5, "part 2 of 2"), (1.0, "the plan")]
 
 
 def test_a_missing_part_a_truncated_part_and_a_foreign_file_are_named(session: Path) -> None:
@@ -185,7 +184,8 @@ def test_gaps_must_be_told(tmp_path: Path) -> None:
     assert problems == [
         "part-0001.h5: 5 samples from counter 110 are missing at row 10, not in /gaps"
     ]
-    assert "tells of 4 lost samples from counter 110" in verify(tmp_path / "wrong").problems[0]
+    problems = verify(tmp_path / "wrong").problems
+    assert "/gaps lists 4 lost samples from counter 110, the samples do not" in problems[0]
 
 
 def test_gaps_before_the_first_sample_of_a_part_harm_nothing(tmp_path: Path) -> None:
@@ -211,7 +211,8 @@ def test_a_resumed_session_is_whole(session: Path) -> None:
         file["/events"].resize(0, axis=0)
     report = verify(session)
     assert report.whole
-    assert "part-0001.h5: was not closed in order, the session went on" in report.notes
+    note = "part-0001.h5: was not closed in order, a later part continues the session"
+    assert note in report.notes
 
 
 def test_rejected_attempts_are_kept_and_do_not_count(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from rigctl.config.rig_config import RigConfig, TaxelArray
 from rigctl.errors import SessionError
 from rigctl.session.format.header import IMPORTED, SessionHeader
-from rigctl.session.format.wiring import wiring_of, wiring_of_source
+from rigctl.session.format.wiring import session_wiring, source_wiring
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 from rigctl.session.write.recorder import Recorder
@@ -46,17 +46,17 @@ def test_a_description_that_is_stored_names_the_order_whatever_the_default_will_
 
 
 def test_an_older_part_holds_the_order_of_the_wire_unless_its_rig_says_another() -> None:
-    assert wiring_of(header(), RIG) == AS_WIRED
-    assert wiring_of(header(), f"[taxels]\nwiring = {list(BACKWARDS)}\n") == BACKWARDS
-    assert wiring_of(replace(header(), rig=IMPORTED), RIG) == ()
+    assert session_wiring(header(), RIG) == AS_WIRED
+    assert session_wiring(header(), f"[taxels]\nwiring = {list(BACKWARDS)}\n") == BACKWARDS
+    assert session_wiring(replace(header(), rig=IMPORTED), RIG) == ()
     with pytest.raises(SessionError, match="damaged"):
-        wiring_of(header(), "[taxels")
+        session_wiring(header(), "[taxels")
 
 
 def test_a_model_of_before_counts_as_in_the_order_of_the_wire() -> None:
-    assert wiring_of_source({"rig": "bench", "n_taxels": 18}) == AS_WIRED
-    assert wiring_of_source({"rig": IMPORTED, "n_taxels": 18}) == ()
-    assert wiring_of_source({"wiring": list(DRAWN_WIRING), "n_taxels": 18}) == DRAWN_WIRING
+    assert source_wiring({"rig": "bench", "n_taxels": 18}) == AS_WIRED
+    assert source_wiring({"rig": IMPORTED, "n_taxels": 18}) == ()
+    assert source_wiring({"wiring": list(DRAWN_WIRING), "n_taxels": 18}) == DRAWN_WIRING
 
 
 @pytest.mark.parametrize("begun", [(), DRAWN_WIRING])

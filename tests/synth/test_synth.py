@@ -14,7 +14,8 @@ from rigctl import __version__
 from rigctl.cli import main
 from rigctl.config.resources import source_commit
 from rigctl.errors import ProtocolError, SessionError
-from rigctl.session.files.ground_truth import load_truth, trial_truths
+from rigctl.session.files.ground_truth import trial_truths
+from rigctl.session.files.ground_truth_reader import TruthReader
 from rigctl.session.format import layout
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
@@ -67,8 +68,10 @@ def tables(folder: Path) -> dict[str, NDArray[Any]]:
             rows = np.concatenate([part.rows(table) for part in session.parts])
             found |= {f"{table.path}.{column.name}": rows[column.name] for column in table.columns}
     found["/drum.at_s"] = np.round(found["/drum.at_s"], 9)
-    (truth,) = load_truth(folder)
-    return found | {"speed": truth.speed_mm_s, "force": truth.force_g, "sync": truth.sync}
+    with TruthReader(folder / "world.h5") as truth:
+        for name in ("speed_mm_s", "force_g", "sync"):
+            found[name] = truth.window(name, 0, truth.n_rows)
+    return found
 
 
 def assert_equal(one: dict[str, NDArray[Any]], other: dict[str, NDArray[Any]]) -> None:

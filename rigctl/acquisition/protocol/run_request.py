@@ -15,9 +15,9 @@ from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol import Plan, load_protocol
 from rigctl.session.format import layout
 from rigctl.session.format.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
-from rigctl.session.read.same_world import check_same_world
 from rigctl.session.read.session import Session
 from rigctl.session.write.recorder import Recorder
+from rigctl.session.write.session_folder import check_same_world
 from rigctl.values import BoardIdentity
 
 

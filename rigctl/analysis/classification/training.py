@@ -20,8 +20,8 @@ from rigctl.analysis.features.representations import (
 from rigctl.analysis.paper import published
 from rigctl.config.resources import source_commit
 from rigctl.errors import WrongUse
-from rigctl.session.files.content_digest import content_of
 from rigctl.session.files.model import Model, TrainingInfo
+from rigctl.session.files.source_sessions import content_digest
 
 STAGE = "training the model, noting its sessions by content"
 
@@ -108,7 +108,7 @@ def _training(
     inputs = []
     for number, (path, source) in enumerate(zip(trials.paths, trials.provenance, strict=True)):
         progress(STAGE, number, len(trials.paths))
-        inputs.append({**source, "content": content_of(path)})
+        inputs.append({**source, "content": content_digest(path)})
     progress(STAGE, len(trials.paths), len(trials.paths))
     return TrainingInfo(
         made_utc,

@@ -25,13 +25,13 @@ from rigctl.encoding.kernel.prefetch import TrialRows
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.read.sample_index import Files, SampleFile
+from rigctl.session.read.sample_index import SampleFile, SampleFiles
 
 
 class ConditionTask(NamedTuple):
     """All trials of one texture at one speed; ``given``: C by force instead of a search."""
 
-    files: Files
+    files: SampleFiles
     trials: tuple[TrialRef, ...]
     normalisation: Normalisation
     parameters: EncoderParameters

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.data.wiring_check import check_alike
 from rigctl.errors import SessionError
-from rigctl.session.read.sample_index import Files, SampleFile, SampleRange, SampleReader
+from rigctl.session.read.sample_index import SampleFile, SampleFiles, SampleRange, SampleReader
 from rigctl.session.read.session import Session
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
@@ -122,7 +122,7 @@ class TrialBlock(NamedTuple):
 class TrialReader:
     """Reads the samples of trials, in one thread, while it is open."""
 
-    def __init__(self, reader: SampleReader, files: Files) -> None:
+    def __init__(self, reader: SampleReader, files: SampleFiles) -> None:
         self._reader = reader
         self._files = files
 
@@ -168,7 +168,7 @@ class TrialReader:
 
 
 @contextmanager
-def opened(files: Files) -> Iterator[TrialReader]:
+def opened(files: SampleFiles) -> Iterator[TrialReader]:
     """The files of a set (:attr:`TrialSet.files`) for reading."""
     with SampleReader(files) as reader:
         yield TrialReader(reader, files)
@@ -251,7 +251,7 @@ def _references(
     planned = np.rint(table["travel_mm"] / table["speed_mm_s"] * SAMPLE_RATE_HZ).astype(np.int64)
     named = ("trial_id", "texture", "speed_mm_s", "force_g")
     columns = (rows, *(table[name] for name in named), planned)
-    places = session.places(rows.tolist(), first_file)
+    places = session.sample_ranges(rows.tolist(), first_file)
     told = (column.tolist() for column in columns)
     return list(map(TrialRef, [number] * len(rows), *told, places))
 

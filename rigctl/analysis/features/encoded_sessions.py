@@ -42,8 +42,8 @@ from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.files.spike_file import EncodingInfo, SpikeFile, train_names
-from rigctl.session.read.sample_index import Files
+from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter, train_names
+from rigctl.session.read.sample_index import SampleFiles
 
 CHUNK = 64
 FILE = "spikes.h5"
@@ -84,7 +84,7 @@ class Encoded(NamedTuple):
 class SpikeJob(NamedTuple):
     """Some trials to be encoded; ``scale``: float64 (n, n_taxels) on the SA current, or None."""
 
-    files: Files
+    files: SampleFiles
     trials: tuple[TrialRef, ...]
     normalisation: Normalisation
     parameters: EncoderParameters
@@ -110,7 +110,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, means: Resources) -> 
         force = c_of(groups, counted)
         remarks = tuple(filter(None, (*ground.trials.remarks, lacking)))
         encoding = _encoding(request, ground, force, remarks, made_utc)
-        with SpikeFile(folder / FILE, encoding) as file:
+        with SpikeFileWriter(folder / FILE, encoding) as file:
             n_spikes = _write_spikes(file, request, ground, force, means)
             counts = _scaled(request, ground, groups, counted, force, means)
             _write_windows(file, ground, groups, counts)
@@ -136,7 +136,7 @@ def spikes_of(job: SpikeJob) -> Arrays:
 
 
 def _write_spikes(
-    file: SpikeFile,
+    file: SpikeFileWriter,
     request: EncodeRequest,
     ground: PreparedTrials,
     force: ForceMatrix | None,
@@ -192,7 +192,7 @@ def _scaled(
 
 
 def _write_windows(
-    file: SpikeFile,
+    file: SpikeFileWriter,
     ground: PreparedTrials,
     groups: Sequence[ConditionGroup],
     counts: Iterator[NDArray[Any]],

@@ -22,8 +22,8 @@ from rigctl.encoding.force_search import TOLERANCE_HZ, mean_sa_rates_hz
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.files.content_digest import content_of
-from rigctl.session.files.force_matrix_file import read_force
+from rigctl.session.files.force_matrix_file import load_force
+from rigctl.session.files.source_sessions import content_digest
 from rigctl.session.read.sample_index import SampleFile
 
 Floats = NDArray[np.float64]
@@ -82,7 +82,7 @@ def c_of(
     file: Path, trials: TrialSet, progress: Progress = lambda stage, done, all_: None
 ) -> ForceMatrixSource:
     """C of a model or a spikes.h5, checked against a set. Raises SessionError and WrongUse."""
-    force, inputs = read_force(file)
+    force, inputs = load_force(file)
     check_learnt(file, inputs, trials.provenance)
     check_covers(trials, force, by_texture=True)
     return ForceMatrixSource(file, force, unseen_sessions(trials, inputs, progress))
@@ -100,7 +100,7 @@ def unseen_sessions(
     n = len(trials.paths)
     for number, (path, source) in enumerate(zip(trials.paths, trials.provenance, strict=True)):
         progress(COMPARING, number, n)
-        if _name_of(source) not in names and content_of(path) not in contents:
+        if _name_of(source) not in names and content_digest(path) not in contents:
             found.append(path)
     progress(COMPARING, n, n)
     return tuple(found)

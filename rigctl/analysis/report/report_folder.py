@@ -31,7 +31,7 @@ from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.session.files.model import Model
-from rigctl.session.files.model_file import check_new, save_model
+from rigctl.session.files.model_file import check_output_path, save_model
 
 FEATURES = "features"
 CONFUSED = ("untrained-both", "leave-speed-out", "leave-force-out", "textures", "groups")
@@ -86,7 +86,7 @@ def make_report(
     trials = join_sessions(request.sessions)
     check_shown(trials, request.trial, request.taxel)
     if request.model is not None:
-        check_new(request.model.path)
+        check_output_path(request.model.path)
     source = None if request.c is None else c_of(request.c, trials, progress)
     crew.must_see(trials.paths)
     with atomic_directory(request.out) as folder:

@@ -34,12 +34,12 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.analysis.classification.predictions import as_csv, as_lines, as_plain
     from rigctl.analysis.execution.executor import processes
     from rigctl.errors import WrongUse
-    from rigctl.session.files.model_file import check_new, load_model
+    from rigctl.session.files.model_file import check_output_path, load_model
 
     if args.workers < 1:
         raise WrongUse("--workers must be at least 1")
     if args.out is not None:
-        check_new(args.out)
+        check_output_path(args.out)
     model = load_model(args.model)
     line = StageLine(sys.stderr)
     try:

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rigctl.session.summary import info
+from rigctl.session.summary import summarise_session
 
 
 def add_parser(subparsers: Any) -> None:
@@ -19,7 +19,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print it; raises SessionError for a folder that is no session."""
-    answer = info(args.session)
+    answer = summarise_session(args.session)
     if args.json:
         print(json.dumps(answer, ensure_ascii=False))
         return 0

@@ -78,11 +78,11 @@ def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
     """
     from rigctl.analysis.data.wiring_check import check_file
     from rigctl.analysis.features.spike_counts import RangesOver
-    from rigctl.session.files.encoder_group import read_ranges
+    from rigctl.session.files.encoder_group import load_ranges
 
     if args.ranges in list(RangesOver):
         return RangesOver(args.ranges)
-    ranges = read_ranges(Path(args.ranges))
+    ranges = load_ranges(Path(args.ranges))
     check_file(Path(args.ranges), [Path(name) for name in args.sessions])
     return ranges
 

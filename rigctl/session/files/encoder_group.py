@@ -1,4 +1,4 @@
-"""Encoder parameters and taxel ranges in an HDF5 group, every number by its name."""
+"""Read and write encoder parameters and taxel ranges as an HDF5 group."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.format.annotated_arrays import put_array, put_text, take_array, take_text
+from rigctl.session.format.annotated_arrays import read_array, read_text, write_array, write_text
 
 ENCODER_UNITS = {
     "a": "1/ms", "b": "1/ms", "c_mv": "mV", "d": "mV/ms", "quadratic": "1/(mV ms)",
@@ -21,37 +21,37 @@ ENCODER_UNITS = {
 }  # fmt: skip
 
 
-def put_encoder(group: Any, parameters: EncoderParameters, ranges: Normalisation) -> None:
-    """Store every parameter, and the ranges."""
+def write_encoder(group: Any, parameters: EncoderParameters, ranges: Normalisation) -> None:
+    """Write every parameter and the ranges."""
     for name, value in parameters.as_dict().items():
         doc = f"EncoderParameters.{name}"
         if isinstance(value, str):
-            put_text(group, name, value, doc)
+            write_text(group, name, value, doc)
         else:
-            put_array(group, name, value, ENCODER_UNITS.get(name, ""), doc)
+            write_array(group, name, value, ENCODER_UNITS.get(name, ""), doc)
     unit = "stored counts"
-    put_array(group, "taxel_low", ranges.low, unit, "reading that becomes 0", "taxel")
-    put_array(group, "taxel_high", ranges.high, unit, "reading that becomes 1", "taxel")
-    put_text(group, "taxel_range_source", ranges.source, "what the ranges are from")
+    write_array(group, "taxel_low", ranges.low, unit, "reading that becomes 0", "taxel")
+    write_array(group, "taxel_high", ranges.high, unit, "reading that becomes 1", "taxel")
+    write_text(group, "taxel_range_source", ranges.source, "what the ranges are from")
 
 
-def take_parameters(group: Any) -> EncoderParameters:
-    """The parameters. Raises KeyError or WrongUse where they are not as they should be."""
+def read_parameters(group: Any) -> EncoderParameters:
+    """Return the parameters. Raises KeyError or WrongUse for missing or invalid ones."""
     names = EncoderParameters().as_dict()
     return EncoderParameters.from_dict({name: _value(group[name]) for name in names})
 
 
-def take_ranges(group: Any) -> Normalisation:
-    """The ranges. Raises KeyError or WrongUse where they are not as they should be."""
-    low, high = (take_array(group, f"taxel_{end}", np.uint16) for end in ("low", "high"))
-    return Normalisation(low, high, take_text(group, "taxel_range_source"))
+def read_ranges(group: Any) -> Normalisation:
+    """Return the ranges. Raises KeyError or WrongUse for missing or invalid ones."""
+    low, high = (read_array(group, f"taxel_{end}", np.uint16) for end in ("low", "high"))
+    return Normalisation(low, high, read_text(group, "taxel_range_source"))
 
 
-def read_ranges(path: Path) -> Normalisation:
-    """Taxel ranges of a file of spikes or a model. Raises SessionError for another file."""
+def load_ranges(path: Path) -> Normalisation:
+    """Return the taxel ranges of a spikes or model file. Raises SessionError for another file."""
     try:
         with h5py.File(path, "r") as file:
-            ranges = take_ranges(file["encoder"])
+            ranges = read_ranges(file["encoder"])
     except FileNotFoundError:
         raise SessionError(
             f"there is no file {path}: --ranges takes all, training or one"

@@ -1,7 +1,7 @@
-"""What the simulated world itself logged, beside the session: ``world.h5``.
+"""Write and evaluate the simulated world's own log, ``world.h5`` beside the session.
 
-A real bench has no such file. It judges the rig's speed and force in each trial independently
-of everything the rig measured.
+A real bench has no such file. It gives the rig's true speed and force in each trial,
+independently of everything the rig measured.
 """
 
 from __future__ import annotations
@@ -18,29 +18,21 @@ from numpy.typing import NDArray
 from rigctl.errors import SessionError
 from rigctl.session.files.ground_truth_reader import COLUMNS, TruthReader
 from rigctl.session.format import layout
+from rigctl.session.format.annotated_arrays import read_attributes, write_attributes
 from rigctl.session.format.header import CUT_BY_CLOCK
-from rigctl.session.read.folder import attributes, open_part
+from rigctl.session.read.part_file import open_part
 from rigctl.session.read.session import Session
 
-PATTERN = "world*.h5"
+TRUTH_PATTERN = "world*.h5"
 LAYOUT = "rigctl-world"
 CHUNK_ROWS = 65_536
 SLACK_MS = 1_000
-"""A window belongs to an attempt if it begins between its start and end, give or take this."""
+"""A rise of sync belongs to an attempt from this long before its start until its end."""
 
-
-@dataclass(frozen=True, slots=True)
-class GroundTruthLog:
-    """One sitting's log, a row a millisecond; row i ends at ``first_ms + i + 1`` ms world time.
-
-    ``speed_mm_s`` and ``force_g``: float32 (n,); ``sync``: uint8 (n,).
-    """
-
-    first_ms: int
-    speed_mm_s: NDArray[np.float32]
-    force_g: NDArray[np.float32]
-    sync: NDArray[np.uint8]
-    sitting: int = 1
+TruthLog = tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
+"""First millisecond, then speed in mm/s, force in g and sync, one value for each millisecond."""
+OnTrial = Callable[[int, int], None]
+"""Progress: number of trials done, and of all trials."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,88 +47,72 @@ class TrialTruth:
     force_error: float
 
 
-TruthLog = tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
-"""First millisecond, then speed in mm/s, force in g and sync, a value a millisecond."""
-
-
 def write_truth(folder: Path, log: TruthLog) -> Path:
-    """Write a log, or append what is new of it; returns the file.
+    """Write a log, or append its new rows, and return the file.
 
-    Call it at the end of a run, or now and then with what came since. A resumed session gets
-    a file of its own for each sitting, because the world's time begins anew.
+    Call it at the end of a run, or from time to time with the rows since. Each sitting of a
+    resumed session has its own file, because the world's time starts again.
     """
     first_ms, speed, force, sync = log
     columns: tuple[NDArray[Any], ...] = (speed, force, sync)
-    sitting = max(1, len(_sittings(folder)))
+    sitting = max(1, len(_parts_of_sittings(folder)))
     path = folder / ("world.h5" if sitting == 1 else f"world-{sitting:04d}.h5")
     if not path.exists():
         _create(path, first_ms, sitting)
     with h5py.File(path, "r+", libver=layout.LIBVER) as file:
         length = int(file["sync"].shape[0])
-        known = int(file.attrs["first_ms"]) + length - first_ms
-        if known < 0:
-            raise SessionError(f"{path} ends {-known} ms before the log goes on: truth is missing")
+        n_stored = int(file.attrs["first_ms"]) + length - first_ms
+        if n_stored < 0:
+            raise SessionError(
+                f"{path} ends {-n_stored} ms before the log continues: truth is missing"
+            )
         for (name, *_), values in zip(COLUMNS, columns, strict=True):
-            new = values[known:]
+            new = values[n_stored:]
             file[name].resize(length + len(new), axis=0)
             file[name][length:] = new
     return path
 
 
-def load_truth(folder: Path) -> list[GroundTruthLog]:
-    """The logs of all sittings, in order; empty for a session of a real bench.
-
-    Raises SessionError for a file that is damaged.
-    """
-    return [_load(path) for path in _logs(folder)]
-
-
 def check_truth(folder: Path) -> None:
-    """Read the logs of all sittings once. Raises SessionError for a file that is damaged."""
-    for path in _logs(folder):
+    """Read the logs of all sittings once. Raises SessionError for a damaged file."""
+    for path in _log_paths(folder):
         with TruthReader(path) as log:
             log.check()
 
 
-def trial_truths(
-    session: Session, on_trial: Callable[[int, int], None] | None = None
-) -> list[TrialTruth]:
-    """What was true in each committed trial that a log covers, by trial id.
+def trial_truths(session: Session, on_trial: OnTrial | None = None) -> list[TrialTruth]:
+    """Return the truth of each committed trial that a log covers, in the order of trial ids.
 
-    ``on_trial`` is told how many trials were looked at, and of how many, before each. Raises
-    SessionError for a log that is damaged.
+    Calls ``on_trial`` before each trial. Raises SessionError for a damaged log.
     """
-    sittings = _sittings(session.path)
     committed = session.committed()
     rows = session.trials[committed]
-    places = {part: n for n, parts in enumerate(sittings, start=1) for part in parts}
-    sitting_of = np.array([places.get(part, 0) for part in rows["part"].tolist()], np.int64)
-    found: dict[int, TrialTruth] = {}
-    for path in _logs(session.path):
+    sittings = enumerate(_parts_of_sittings(session.path), start=1)
+    sitting_of_part = {part: sitting for sitting, parts in sittings for part in parts}
+    row_sittings = np.array([sitting_of_part.get(n, 0) for n in rows["part"].tolist()], np.int64)
+    truths: dict[int, TrialTruth] = {}
+    for path in _log_paths(session.path):
         with TruthReader(path) as log:
             rises = log.rises_ms()
-            own = np.flatnonzero(sitting_of == log.sitting)
-            for place in own[np.argsort(rows["started_s"][own], kind="stable")].tolist():
+            own = np.flatnonzero(row_sittings == log.sitting)
+            for i in own[np.argsort(rows["started_s"][own], kind="stable")].tolist():
                 if on_trial is not None:
-                    on_trial(len(found), len(rows))
-                row, index = rows[place], int(committed[place])
-                rise = _rise_of(rises, row)
+                    on_trial(len(truths), len(rows))
+                row, index = rows[i], int(committed[i])
+                rise = _last_rise_ms(rises, row)
                 if rise is None and session.header.cut_by == CUT_BY_CLOCK:
-                    rise = _rise_by_the_drum(session, index)
+                    rise = _drum_rise_ms(session, index)
                 if rise is not None and rise + int(row["count"]) < log.first_ms + log.n_rows:
-                    found[place] = _judge(log, rise, index, row)
-    return [found[place] for place in sorted(found)]
+                    truths[i] = _trial_truth(log, rise, index, row)
+    return [truths[i] for i in sorted(truths)]
 
 
-def _logs(folder: Path) -> list[Path]:
-    return sorted(folder.glob(PATTERN))
+def summarise_truth(session: Session, on_trial: OnTrial | None = None) -> dict[str, Any] | None:
+    """Return the ``world`` section of ``rigctl info``; None without a log.
 
-
-def summary(
-    session: Session, on_trial: Callable[[int, int], None] | None = None
-) -> dict[str, Any] | None:
-    """The ``world`` section of ``rigctl info``; None where no log is. As :func:`trial_truths`."""
-    if not _logs(session.path):
+    As :func:`trial_truths`.
+    """
+    if not _log_paths(session.path):
         return None
     truths = trial_truths(session, on_trial)
     speed = [abs(truth.speed_error) * 1000 for truth in truths]
@@ -150,8 +126,12 @@ def summary(
     }
 
 
-def _judge(log: TruthReader, rise_ms: int, index: int, row: Any) -> TrialTruth:
-    """Means over the trial's own length from the millisecond behind the rise's."""
+def _log_paths(folder: Path) -> list[Path]:
+    return sorted(folder.glob(TRUTH_PATTERN))
+
+
+def _trial_truth(log: TruthReader, rise_ms: int, index: int, row: Any) -> TrialTruth:
+    """Return means over the trial's own length from the millisecond after the rise's."""
     start = rise_ms + 1 - log.first_ms
     stop = start + int(row["count"])
     speed = float(np.mean(np.abs(log.window("speed_mm_s", start, stop)), dtype=np.float64))
@@ -166,10 +146,17 @@ def _judge(log: TruthReader, rise_ms: int, index: int, row: Any) -> TrialTruth:
     )
 
 
-def _rise_by_the_drum(session: Session, index: int) -> int | None:
-    """When the drum says that it opened the window, without a wire that the world could see.
+def _last_rise_ms(rises: NDArray[np.int64], row: Any) -> int | None:
+    """Return the attempt's last rise; loop time is world time at a simulated bench."""
+    low = np.searchsorted(rises, float(row["started_s"]) * 1000 - SLACK_MS)
+    high = np.searchsorted(rises, float(row["ended_s"]) * 1000)
+    return int(rises[high - 1]) if high > low else None
 
-    By the time that its last reply took to come, some milliseconds, it seems to be later.
+
+def _drum_rise_ms(session: Session, index: int) -> int | None:
+    """Return when the drum opened the window, by its own clock: the world sees no sync wire.
+
+    The result is late by the delay of the drum's last reply, some milliseconds.
     """
     polls = session.drum(index).polls
     if not len(polls):
@@ -178,31 +165,24 @@ def _rise_by_the_drum(session: Session, index: int) -> int | None:
     return round((float(polls["at_s"][-1]) - since_s) * 1000)
 
 
-def _rise_of(rises: NDArray[np.int64], row: Any) -> int | None:
-    """The last rise of the attempt; loop time is world time at a simulated bench."""
-    low = np.searchsorted(rises, float(row["started_s"]) * 1000 - SLACK_MS)
-    high = np.searchsorted(rises, float(row["ended_s"]) * 1000)
-    return int(rises[high - 1]) if high > low else None
-
-
-def _sittings(folder: Path) -> list[list[int]]:
-    """Numbers of the parts of each sitting: a new start of the program begins one."""
-    found: list[list[int]] = []
+def _parts_of_sittings(folder: Path) -> list[list[int]]:
+    """Return the part numbers of each sitting: every start of the program begins one."""
+    sittings: list[list[int]] = []
     last_start: tuple[str, float] | None = None
     for path in sorted(folder.glob(layout.PART_PATTERN)):
         with open_part(path) as file:
-            read = attributes(file)
-        start = (str(read["start_utc"]), float(read["start_loop_s"]))
+            attributes = read_attributes(file)
+        start = (str(attributes["start_utc"]), float(attributes["start_loop_s"]))
         if start != last_start:
-            found.append([])
+            sittings.append([])
         last_start = start
-        found[-1].append(int(read["part"]))
-    return found
+        sittings[-1].append(int(attributes["part"]))
+    return sittings
 
 
 def _create(path: Path, first_ms: int, sitting: int) -> None:
     with h5py.File(path, "x", libver=layout.LIBVER) as file:
-        layout.describe(
+        write_attributes(
             file,
             {"layout": LAYOUT, "layout_version": 1, "first_ms": first_ms, "sitting": sitting},
         )
@@ -210,10 +190,4 @@ def _create(path: Path, first_ms: int, sitting: int) -> None:
             dataset = file.create_dataset(
                 name, (0,), dtype, maxshape=(None,), chunks=(CHUNK_ROWS,), compression=1
             )
-            layout.describe(dataset, {"unit": unit or "none", "doc": doc, "shape": "(ms,)"})
-
-
-def _load(path: Path) -> GroundTruthLog:
-    with TruthReader(path) as log:
-        speed, force, sync = (log.window(name, 0, log.n_rows) for name, *_ in COLUMNS)
-        return GroundTruthLog(log.first_ms, speed, force, sync, log.sitting)
+            write_attributes(dataset, {"unit": unit or "none", "doc": doc, "shape": "(ms,)"})

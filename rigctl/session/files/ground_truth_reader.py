@@ -1,4 +1,4 @@
-"""One sitting's log of the world, read through a stretch at a time however long it is."""
+"""Read one sitting's log of the simulated world in blocks, however long it is."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
-from rigctl.session.read.buffered_array import STRETCH_ROWS, BufferedArray
-from rigctl.session.read.folder import attributes
+from rigctl.session.format.annotated_arrays import read_attributes
+from rigctl.session.read.buffered_array import READ_AHEAD_ROWS, BufferedArray
 
 COLUMNS = (
     ("speed_mm_s", "<f4", "mm/s", "true speed of the texture, mean over the millisecond"),
@@ -25,26 +25,27 @@ COLUMNS = (
 
 
 class TruthReader:
-    """Row i of each column ends at ``first_ms + i + 1`` ms world time. Use it in a ``with``.
+    """Reader of one log; row i of each column ends at ``first_ms + i + 1`` ms world time.
 
-    Everything raises SessionError where the file is damaged.
+    Use it in a ``with`` block. All methods raise SessionError for a damaged file.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with self._named():
+        with self._translate_errors():
             self._file = h5py.File(path, "r")
         try:
-            with self._named():
-                read = attributes(self._file)
-                self.first_ms, self.sitting = int(read["first_ms"]), int(read["sitting"])
+            with self._translate_errors():
+                attributes = read_attributes(self._file)
+                self.first_ms = int(attributes["first_ms"])
+                self.sitting = int(attributes["sitting"])
                 columns = {name: self._file[name] for name, *_ in COLUMNS}
         except SessionError:
             self._file.close()
             raise
         self.n_rows = min(int(column.shape[0]) for column in columns.values())
-        self._ahead = {
-            name: BufferedArray(partial(self._part, column), self.n_rows)
+        self._buffers = {
+            name: BufferedArray(partial(self._read, column), self.n_rows)
             for name, column in columns.items()
         }
 
@@ -60,32 +61,32 @@ class TruthReader:
         self._file.close()
 
     def window(self, name: str, start: int, stop: int) -> NDArray[Any]:
-        """Rows of one column; cheap where windows follow each other."""
-        return self._ahead[name].window(start, stop)
+        """Return rows of one column; cheap for windows that follow each other."""
+        return self._buffers[name].window(start, stop)
 
     def rises_ms(self) -> NDArray[np.int64]:
-        """World time, in ms, of each rise of sync, to the millisecond in which it came."""
-        found, last = [np.zeros(0, np.int64)], 0
-        for start in range(0, self.n_rows, STRETCH_ROWS):
-            high = (self.window("sync", start, start + STRETCH_ROWS) != 0).astype(np.int8)
+        """Return the world time of each rise of sync, int64 ms: the millisecond of the rise."""
+        rises, last = [np.zeros(0, np.int64)], 0
+        for start in range(0, self.n_rows, READ_AHEAD_ROWS):
+            high = (self.window("sync", start, start + READ_AHEAD_ROWS) != 0).astype(np.int8)
             rose = np.flatnonzero(np.diff(high, prepend=np.int8(last)) == 1)
-            found.append(rose.astype(np.int64) + (start + self.first_ms))
+            rises.append(rose.astype(np.int64) + (start + self.first_ms))
             last = int(high[-1])
-        return np.concatenate(found)
+        return np.concatenate(rises)
 
     def check(self) -> None:
-        """Read everything once."""
+        """Read every column once."""
         for name, *_ in COLUMNS:
-            for start in range(0, self.n_rows, STRETCH_ROWS):
-                self.window(name, start, start + STRETCH_ROWS)
+            for start in range(0, self.n_rows, READ_AHEAD_ROWS):
+                self.window(name, start, start + READ_AHEAD_ROWS)
 
-    def _part(self, column: Any, start: int, stop: int) -> NDArray[Any]:
-        with self._named():
+    def _read(self, column: Any, start: int, stop: int) -> NDArray[Any]:
+        with self._translate_errors():
             rows: NDArray[Any] = column[start:stop]
             return rows
 
     @contextmanager
-    def _named(self) -> Iterator[None]:
+    def _translate_errors(self) -> Iterator[None]:
         try:
             yield
         except (OSError, KeyError) as error:

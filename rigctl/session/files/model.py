@@ -1,4 +1,4 @@
-"""A trained classifier as a value: everything between a trial's readings and its answer."""
+"""Trained classifier: everything from a trial's readings to its predicted class."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class TrainingInfo:
-    """What a model was made from and by whom.
+    """Source sessions and software of a model.
 
-    ``inputs``: a plain mapping for each session, its ``content`` among it, a digest of what was
-    recorded. ``seed`` is that of the analysis that made the model: training draws nothing.
+    ``inputs``: a mapping for each session; its ``content`` is the digest of the recording.
+    ``seed`` is that of the analysis that made the model: training itself is not random.
     """
 
     made_utc: str
@@ -40,12 +40,12 @@ class TrainingInfo:
 class Model:
     """Encoder, windows, principal components and discriminants of one representation.
 
-    ``force``: how C scales the SA current, by the trial's own ``texture``, ``blind`` to it, or
-    empty for not at all; ``c`` is there where it does.
+    ``force``: how C scales the SA current: by the trial's own ``texture``, ``blind`` to it, or
+    empty for no scaling; a scaling needs ``c``.
     ``mean`` float64 (p,), ``axes`` (p, k), ``variance`` (k,), divisor n − 1: principal components.
     ``factor`` (k, k), lower Cholesky factor of the pooled within-class covariance of the scores
     (divisor n − classes); ``whitened_means`` (k, classes); ``log_priors`` (classes,); ``dropped``
-    int64, components from 0 that take no part. All arrays are in C order.
+    int64, 0-based components that the classifier ignores. All arrays are in C order.
     """
 
     representation: str
@@ -68,10 +68,10 @@ class Model:
 
     @property
     def n_taxels(self) -> int:
-        """Taxels of a sample."""
+        """Number of taxels of a sample."""
         return self.normalisation.n_taxels
 
     @property
     def components(self) -> int:
-        """Principal components that an answer is made from."""
+        """Number of principal components of a prediction."""
         return int(self.axes.shape[1])

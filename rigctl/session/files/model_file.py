@@ -1,6 +1,6 @@
-"""A model in a file: plain HDF5 arrays with units and a layout version, and no program inside.
+"""Save and load a model as plain HDF5 arrays with units and a layout version, without code.
 
-``docs/reference/model.md`` shows the layout and how to answer with it without rigctl.
+``docs/reference/model.md`` shows the layout and how to classify with it without rigctl.
 """
 
 from __future__ import annotations
@@ -14,27 +14,28 @@ import numpy as np
 
 from rigctl.encoding.features import FeatureLayout
 from rigctl.errors import DiskFault, SessionError, WrongUse
-from rigctl.session.files.encoder_group import put_encoder, take_parameters, take_ranges
-from rigctl.session.files.force_matrix_file import put_force, take_force
+from rigctl.session.files.encoder_group import read_parameters, read_ranges, write_encoder
+from rigctl.session.files.force_matrix_file import read_force, write_force
 from rigctl.session.files.model import Model, TrainingInfo
-from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import (
-    put_array,
-    put_text,
-    put_texts,
-    take_array,
-    take_text,
-    take_texts,
+    Attributes,
+    read_array,
+    read_attributes,
+    read_text,
+    read_texts,
+    write_array,
+    write_attributes,
+    write_text,
+    write_texts,
 )
-from rigctl.session.read.folder import attributes
+from rigctl.session.format.layout import LIBVER
 
 LAYOUT = "rigctl-model"
 LAYOUT_VERSION = 1
-PARTIAL = "{name}.partial"
 
 
-def check_new(path: Path) -> None:
-    """Raise WrongUse where a file is there already, or its folder is not."""
+def check_output_path(path: Path) -> None:
+    """Raise WrongUse if the file exists or its folder does not."""
     if path.exists():
         raise WrongUse(f"{path} is there already: name another file, or remove it")
     if not path.parent.is_dir():
@@ -42,11 +43,11 @@ def check_new(path: Path) -> None:
 
 
 def save_model(model: Model, path: Path) -> None:
-    """Write a new file; it appears whole or not at all. Raises WrongUse and DiskFault."""
-    check_new(path)
-    partial = path.with_name(PARTIAL.format(name=path.name))
+    """Write a new file, complete or not at all. Raises WrongUse or DiskFault."""
+    check_output_path(path)
+    partial = path.with_name(f"{path.name}.partial")
     try:
-        with h5py.File(partial, "w", libver=layout.LIBVER) as file:
+        with h5py.File(partial, "w", libver=LIBVER) as file:
             _write(file, model)
         partial.rename(path)
     except OSError as error:
@@ -56,15 +57,15 @@ def save_model(model: Model, path: Path) -> None:
 
 
 def load_model(path: Path) -> Model:
-    """Read a model. Raises SessionError for what is none, is damaged, or is of a newer layout."""
-    with _opened(path) as file:
+    """Return a model. Raises SessionError for a damaged, newer or other file."""
+    with _open(path) as file:
         try:
             return _read(file)
         except (KeyError, ValueError, OSError, WrongUse, IndexError) as error:
             raise SessionError(f"{path} is damaged, it lacks what a model has: {error}") from error
 
 
-def _opened(path: Path) -> Any:
+def _open(path: Path) -> Any:
     try:
         file = h5py.File(path, "r")
     except FileNotFoundError:
@@ -73,11 +74,11 @@ def _opened(path: Path) -> Any:
         raise SessionError(
             f"{path} is no model, or is damaged: HDF5 cannot open it ({error})"
         ) from error
-    found = attributes(file)
-    if found.get("layout") != LAYOUT:
+    attributes = read_attributes(file)
+    if attributes.get("layout") != LAYOUT:
         file.close()
         raise SessionError(f"{path} is an HDF5 file, but no rigctl model")
-    version = found.get("layout_version")
+    version = attributes.get("layout_version")
     if version != LAYOUT_VERSION:
         file.close()
         raise SessionError(
@@ -88,91 +89,86 @@ def _opened(path: Path) -> Any:
 
 
 def _write(file: Any, model: Model) -> None:
-    simulated = int(model.training.simulated)
-    head: dict[str, str | int | float] = {
-        "layout": LAYOUT,
-        "layout_version": LAYOUT_VERSION,
-        "simulated": simulated,
-    }
-    layout.describe(file, head)
-    put_text(file, "representation", model.representation, "the paper's name of it")
-    put_text(file, "key", model.key, "the same as a short word")
-    put_text(file, "force", model.force, "C by the trial's own texture, blind to it, or none: ''")
-    put_texts(file, "classes", model.classes, "what is told apart", "class")
-    put_encoder(file.create_group("encoder"), model.parameters, model.normalisation)
+    header: Attributes = {"layout": LAYOUT, "layout_version": LAYOUT_VERSION}
+    write_attributes(file, {**header, "simulated": int(model.training.simulated)})
+    write_text(file, "representation", model.representation, "the paper's name of it")
+    write_text(file, "key", model.key, "the same as a short word")
+    write_text(file, "force", model.force, "C by the trial's own texture, blind to it, or none: ''")
+    write_texts(file, "classes", model.classes, "what is told apart", "class")
+    write_encoder(file.create_group("encoder"), model.parameters, model.normalisation)
     _write_features(file.create_group("features"), model.features)
     _write_pca(file.create_group("pca"), model)
     _write_lda(file.create_group("lda"), model)
     if model.c is not None:
-        put_force(file.create_group("c"), model.c)
+        write_force(file.create_group("c"), model.c)
     _write_training(file.create_group("training"), model.training)
 
 
 def _write_features(group: Any, features: FeatureLayout) -> None:
-    put_array(group, "n_windows", features.n_windows, "", "windows of a train")
-    put_array(group, "window_ms", features.window_ms, "ms", "at the reference speed")
-    put_array(group, "reference_mm_s", features.reference_mm_s, "mm/s", "reference speed")
-    put_array(group, "speed_scaled", features.scaled, "", "1: windows of texture travelled")
+    write_array(group, "n_windows", features.n_windows, "", "windows of a train")
+    write_array(group, "window_ms", features.window_ms, "ms", "at the reference speed")
+    write_array(group, "reference_mm_s", features.reference_mm_s, "mm/s", "reference speed")
+    write_array(group, "speed_scaled", features.scaled, "", "1: windows of texture travelled")
     order = "SA taxel 1 … n, RA taxel 1 … n; each with its windows; SA in Hz, RA as counts"
-    put_text(group, "order", order, "what a feature vector holds")
+    write_text(group, "order", order, "what a feature vector holds")
 
 
 def _write_pca(group: Any, model: Model) -> None:
-    put_array(group, "mean", model.mean, "of the features", "training mean", "feature")
-    put_array(group, "axes", model.axes, "", "unit vectors", "feature, component")
-    put_array(group, "variance", model.variance, "squared", "divisor n - 1", "component")
+    write_array(group, "mean", model.mean, "of the features", "training mean", "feature")
+    write_array(group, "axes", model.axes, "", "unit vectors", "feature, component")
+    write_array(group, "variance", model.variance, "squared", "divisor n - 1", "component")
 
 
 def _write_lda(group: Any, model: Model) -> None:
     axes = "component, component"
     doc = "lower Cholesky factor of the pooled covariance, divisor n - classes"
-    put_array(group, "factor", model.factor, "of the features", doc, axes)
+    write_array(group, "factor", model.factor, "of the features", doc, axes)
     doc = "factor · whitened = class mean of the scores"
-    put_array(group, "whitened_means", model.whitened_means, "", doc, "component, class")
-    put_array(group, "log_priors", model.log_priors, "", "ln of the training share", "class")
+    write_array(group, "whitened_means", model.whitened_means, "", doc, "component, class")
+    write_array(group, "log_priors", model.log_priors, "", "ln of the training share", "class")
     doc = "components from 0 without within-class variance: they take no part"
-    put_array(group, "dropped", model.dropped, "", doc, "dropped component")
+    write_array(group, "dropped", model.dropped, "", doc, "dropped component")
 
 
 def _write_training(group: Any, training: TrainingInfo) -> None:
-    put_text(group, "made_utc", training.made_utc, "wall clock, ISO 8601")
-    put_text(group, "software_version", training.software_version, "of rigctl")
-    put_text(group, "software_commit", training.software_commit, "of rigctl, where it is known")
-    put_array(group, "seed", training.seed, "", "of the analysis that made it")
-    put_array(group, "trials", training.trials, "", "that were learnt from")
-    put_array(group, "speeds_mm_s", np.array(training.speeds_mm_s), "mm/s", "learnt", "speed")
-    put_array(group, "forces_g", np.array(training.forces_g), "g", "learnt", "force")
+    write_text(group, "made_utc", training.made_utc, "wall clock, ISO 8601")
+    write_text(group, "software_version", training.software_version, "of rigctl")
+    write_text(group, "software_commit", training.software_commit, "of rigctl, where it is known")
+    write_array(group, "seed", training.seed, "", "of the analysis that made it")
+    write_array(group, "trials", training.trials, "", "that were learnt from")
+    write_array(group, "speeds_mm_s", np.array(training.speeds_mm_s), "mm/s", "learnt", "speed")
+    write_array(group, "forces_g", np.array(training.forces_g), "g", "learnt", "force")
     inputs = json.dumps(training.inputs, ensure_ascii=False)
-    put_text(group, "inputs", inputs, "JSON: a mapping for each session, content is its digest")
+    write_text(group, "inputs", inputs, "JSON: a mapping for each session, content is its digest")
 
 
 def _read(file: Any) -> Model:
     pca, lda = file["pca"], file["lda"]
-    parameters = take_parameters(file["encoder"])
+    parameters = read_parameters(file["encoder"])
     model = Model(
-        representation=take_text(file, "representation"),
-        key=take_text(file, "key"),
-        force=take_text(file, "force"),
-        classes=take_texts(file, "classes"),
+        representation=read_text(file, "representation"),
+        key=read_text(file, "key"),
+        force=read_text(file, "force"),
+        classes=read_texts(file, "classes"),
         parameters=parameters,
-        normalisation=take_ranges(file["encoder"]),
-        features=_features_of(file["features"]),
-        mean=take_array(pca, "mean"),
-        axes=take_array(pca, "axes"),
-        variance=take_array(pca, "variance"),
-        factor=take_array(lda, "factor"),
-        whitened_means=take_array(lda, "whitened_means"),
-        log_priors=take_array(lda, "log_priors"),
-        dropped=take_array(lda, "dropped", np.int64),
-        c=take_force(file["c"]) if "c" in file else None,
-        training=_training_of(file["training"], bool(file.attrs["simulated"])),
+        normalisation=read_ranges(file["encoder"]),
+        features=_read_features(file["features"]),
+        mean=read_array(pca, "mean"),
+        axes=read_array(pca, "axes"),
+        variance=read_array(pca, "variance"),
+        factor=read_array(lda, "factor"),
+        whitened_means=read_array(lda, "whitened_means"),
+        log_priors=read_array(lda, "log_priors"),
+        dropped=read_array(lda, "dropped", np.int64),
+        c=read_force(file["c"]) if "c" in file else None,
+        training=_read_training(file["training"], bool(file.attrs["simulated"])),
         sample_rate_hz=round(parameters.sample_rate_hz),
     )
     _check_shapes(model)
     return model
 
 
-def _features_of(group: Any) -> FeatureLayout:
+def _read_features(group: Any) -> FeatureLayout:
     return FeatureLayout(
         int(group["n_windows"][()]),
         scaled=bool(group["speed_scaled"][()]),
@@ -181,22 +177,22 @@ def _features_of(group: Any) -> FeatureLayout:
     )
 
 
-def _training_of(group: Any, simulated: bool) -> TrainingInfo:
+def _read_training(group: Any, simulated: bool) -> TrainingInfo:
     return TrainingInfo(
-        made_utc=take_text(group, "made_utc"),
-        software_version=take_text(group, "software_version"),
-        software_commit=take_text(group, "software_commit"),
+        made_utc=read_text(group, "made_utc"),
+        software_version=read_text(group, "software_version"),
+        software_commit=read_text(group, "software_commit"),
         seed=int(group["seed"][()]),
         simulated=simulated,
         trials=int(group["trials"][()]),
-        speeds_mm_s=tuple(take_array(group, "speeds_mm_s").tolist()),
-        forces_g=tuple(take_array(group, "forces_g").tolist()),
-        inputs=tuple(json.loads(take_text(group, "inputs"))),
+        speeds_mm_s=tuple(read_array(group, "speeds_mm_s").tolist()),
+        forces_g=tuple(read_array(group, "forces_g").tolist()),
+        inputs=tuple(json.loads(read_text(group, "inputs"))),
     )
 
 
 def _check_shapes(model: Model) -> None:
-    """Raise ValueError where the arrays do not belong together or hold no numbers."""
+    """Raise ValueError if shapes do not agree or a value is not finite."""
     p, k, n = model.features.width(model.n_taxels), model.components, len(model.classes)
     shapes = {
         "mean": (p,),

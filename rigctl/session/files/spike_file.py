@@ -1,7 +1,7 @@
-"""Spikes of a set of trials as plain HDF5 arrays that explain themselves; no pickle, no code.
+"""Write the spikes of trials as plain, self-describing HDF5 arrays, without pickles or code.
 
-``docs/reference/encode.md`` shows the layout. Trials come one after another, so a file of any
-size is written in little memory.
+``docs/reference/encode.md`` shows the layout. The writer appends trials one after another, so
+a file of any size needs little memory.
 """
 
 from __future__ import annotations
@@ -21,10 +21,16 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
-from rigctl.session.files.encoder_group import put_encoder
-from rigctl.session.files.force_matrix_file import put_force
-from rigctl.session.format import layout
-from rigctl.session.format.annotated_arrays import put_array, put_text, put_texts
+from rigctl.session.files.encoder_group import write_encoder
+from rigctl.session.files.force_matrix_file import write_force
+from rigctl.session.format.annotated_arrays import (
+    Attributes,
+    write_array,
+    write_attributes,
+    write_text,
+    write_texts,
+)
+from rigctl.session.format.layout import LIBVER
 
 LAYOUT, LAYOUT_VERSION = "rigctl-spikes", 1
 SAMPLE_CHUNK = 1 << 16
@@ -32,11 +38,11 @@ SAMPLE_CHUNK = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class EncodingInfo:
-    """All that a file of spikes says before its first spike.
+    """Metadata of a file of spikes.
 
     ``trials``: columns by name, each with a unit, a meaning, and n values. ``rows``: names of the
-    trains in the order in which they stand. ``scaled_by``: C of which the SA current was a
-    multiple: none, texture or blind. ``inputs``: a plain mapping for each session.
+    trains in the order of a trial. ``scaled_by``: C that multiplies the SA current: none, texture
+    or blind. ``inputs``: a mapping for each source session.
     """
 
     made_utc: str
@@ -54,7 +60,7 @@ class EncodingInfo:
 
 
 def train_names(n_taxels: int) -> list[tuple[str, int]]:
-    """Name and row in :class:`rigctl.values.Spikes` of each train, in the paper's order.
+    """Return name and row in :class:`rigctl.values.Spikes` of each train, in the paper's order.
 
     SAI, RAI, SAII, RAII: the upper layer (the first half of the taxels), then the lower one;
     taxels count from 1. With an odd number of taxels there is one layer.
@@ -70,20 +76,20 @@ def train_names(n_taxels: int) -> list[tuple[str, int]]:
     ]
 
 
-class SpikeFile:
-    """Writes one file; use it in a ``with``. May raise OSError."""
+class SpikeFileWriter:
+    """Writer of one file; use it in a ``with`` block. May raise OSError."""
 
     def __init__(self, path: Path, encoding: EncodingInfo) -> None:
-        self._file = h5py.File(path, "x", libver=layout.LIBVER)
+        self._file = h5py.File(path, "x", libver=LIBVER)
         self._n_trials = len(encoding.trials["trial_id"][2])
         self._trial = self._spikes = 0
         try:
-            self._begin(encoding)
+            self._write_header(encoding)
         except BaseException:
             self._file.close()
             raise
 
-    def __enter__(self) -> SpikeFile:
+    def __enter__(self) -> SpikeFileWriter:
         return self
 
     def __exit__(
@@ -95,7 +101,7 @@ class SpikeFile:
         self._file.close()
 
     def add(self, counts: NDArray[Any], samples: NDArray[Any]) -> None:
-        """Append trials: spikes of each train (n, n_trains), and the samples of all of them."""
+        """Append trials: spike counts of each train (n, n_trains), and all their samples."""
         n = len(counts)
         ptr = np.empty((n, counts.shape[1] + 1), np.int64)
         ends = np.cumsum(counts, dtype=np.int64).reshape(counts.shape)
@@ -108,59 +114,56 @@ class SpikeFile:
         self._trial, self._spikes = self._trial + n, self._spikes + len(samples)
 
     def add_windows(self, name: str, counts: NDArray[Any], seconds: NDArray[np.float64]) -> None:
-        """Store spikes in windows (n_trials, n_trains, n_windows) and the windows' real time."""
+        """Write spike counts (n_trials, n_trains, n_windows) and the windows' real time."""
         group = self._file["windows"]
         axes = "trial, train, window"
-        put_array(group, name, counts, "spikes", "spikes of each train in each window", axes)
+        write_array(group, name, counts, "spikes", "spikes of each train in each window", axes)
         doc = "real time that the trial spends in the window"
-        put_array(group, f"{name}_s", seconds, "s", doc, "trial, window")
+        write_array(group, f"{name}_s", seconds, "s", doc, "trial, window")
 
-    def _begin(self, encoding: EncodingInfo) -> None:
-        head: dict[str, str | int | float] = {"layout": LAYOUT, "layout_version": LAYOUT_VERSION}
-        layout.describe(self._file, {**head, "simulated": int(encoding.simulated)})
-        said = "SIMULATED: no bench stood behind it" if encoding.simulated else "a real bench"
-        put_text(self._file, "origin", said, "where the samples come from")
-        put_text(self._file, "made_utc", encoding.made_utc, "wall clock, ISO 8601")
-        put_text(self._file, "software", encoding.software, "version and commit of rigctl")
+    def _write_header(self, encoding: EncodingInfo) -> None:
+        header: Attributes = {"layout": LAYOUT, "layout_version": LAYOUT_VERSION}
+        write_attributes(self._file, {**header, "simulated": int(encoding.simulated)})
+        origin = "SIMULATED: no bench stood behind it" if encoding.simulated else "a real bench"
+        write_text(self._file, "origin", origin, "where the samples come from")
+        write_text(self._file, "made_utc", encoding.made_utc, "wall clock, ISO 8601")
+        write_text(self._file, "software", encoding.software, "version and commit of rigctl")
         inputs = json.dumps(list(encoding.inputs), ensure_ascii=False)
-        put_text(self._file, "inputs", inputs, "JSON: a mapping for each session, in order")
-        put_texts(self._file, "remarks", encoding.remarks, "what was left out or cut", "remark")
-        put_texts(self._file, "rows", encoding.rows, "trains in the order of a trial", "train")
-        self._put_trials(encoding)
+        write_text(self._file, "inputs", inputs, "JSON: a mapping for each session, in order")
+        write_texts(self._file, "remarks", encoding.remarks, "what was left out or cut", "remark")
+        write_texts(self._file, "rows", encoding.rows, "trains in the order of a trial", "train")
+        self._write_trials(encoding)
         group = self._file.create_group("encoder")
-        put_encoder(group, encoding.parameters, encoding.normalisation)
+        write_encoder(group, encoding.parameters, encoding.normalisation)
         doc = "C on the SA current: none; texture: that of the trial's own; blind: mean over all"
-        put_text(group, "scaled_by", encoding.scaled_by, doc)
+        write_text(group, "scaled_by", encoding.scaled_by, doc)
         if encoding.force is not None:
-            put_force(self._file.create_group("c"), encoding.force)
-        self._put_spikes(len(encoding.rows))
-        self._put_layouts(encoding.layouts)
+            write_force(self._file.create_group("c"), encoding.force)
+        self._create_spikes(len(encoding.rows))
+        self._write_layouts(encoding.layouts)
 
-    def _put_trials(self, encoding: EncodingInfo) -> None:
+    def _write_trials(self, encoding: EncodingInfo) -> None:
         group = self._file.create_group("trials")
         for name, (unit, doc, values) in encoding.trials.items():
             if isinstance(values, np.ndarray):
-                put_array(group, name, values, unit, doc, "trial")
+                write_array(group, name, values, unit, doc, "trial")
             else:
-                put_texts(group, name, values, doc, "trial")
+                write_texts(group, name, values, doc, "trial")
 
-    def _put_spikes(self, n_trains: int) -> None:
+    def _create_spikes(self, n_trains: int) -> None:
         group = self._file.create_group("spikes")
         doc = "spikes of train r of trial i are sample[ptr[i, r]:ptr[i, r + 1]]"
         ptr = np.zeros((self._n_trials, n_trains + 1), np.int64)
-        put_array(group, "ptr", ptr, "", doc, "trial, train + 1")
+        write_array(group, "ptr", ptr, "", doc, "trial, train + 1")
         sample = group.create_dataset(
             "sample", (0,), "<i4", maxshape=(None,), chunks=(SAMPLE_CHUNK,)
         )
         doc = "0-based sample of the trial in which v crossed, one entry a spike"
-        layout.describe(sample, {"unit": "samples", "doc": doc, "shape": "(spike)"})
+        write_attributes(sample, {"unit": "samples", "doc": doc, "shape": "(spike)"})
 
-    def _put_layouts(self, layouts: dict[str, FeatureLayout]) -> None:
+    def _write_layouts(self, layouts: dict[str, FeatureLayout]) -> None:
         group = self._file.create_group("windows")
+        fields = ("n_windows", "scaled", "window_ms", "reference_mm_s")
         for name, windows in layouts.items():
-            put_text(group, f"{name}_layout", json.dumps(_plain(windows)), "JSON: which windows")
-
-
-def _plain(windows: FeatureLayout) -> dict[str, Any]:
-    names = ("n_windows", "scaled", "window_ms", "reference_mm_s")
-    return {name: getattr(windows, name) for name in names}
+            text = json.dumps({field: getattr(windows, field) for field in fields})
+            write_text(group, f"{name}_layout", text, "JSON: which windows")

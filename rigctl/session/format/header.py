@@ -1,4 +1,4 @@
-"""What is known of a session before its first sample: stored in every part of it."""
+"""Metadata of a session from before its first sample: stored as attributes of every part."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from rigctl.encoding.normalisation import FULL_SCALE
+from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
 
 IMPORTED = "import"
-"""Name of the rig of recordings from elsewhere."""
+"""``rig`` of a session that was imported from other recordings."""
 CUT_BY_WIRE, CUT_BY_CLOCK = "sync line", "drum clock"
-"""What shows the first sample of a trial."""
+"""``cut_by``: the signal that marks the first sample of a trial."""
 ADC_COUNTS = f"ADC counts, 0–{FULL_SCALE}"
 _PER_TAXEL = ("taxel_low", "taxel_high", "wiring")
 
 
 @dataclass(frozen=True, slots=True)
 class SessionHeader:
-    """Who, what, with which rig and which plan.
+    """Operator, rig, boards, software, plan and sample format of a session.
 
-    ``start_utc`` is an ISO 8601 stamp that the command line took, ``start_loop_s`` the loop
-    time at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each
-    taxel in stored counts, empty when there was no calibration. ``wiring`` is the reading of the
-    taxel wire that each column of the samples holds, empty where that is not told; what an empty
-    one means in a session says :mod:`rigctl.session.format.wiring`. ``sample_unit`` says what a
-    reading is, ``highest_reading`` how high one can be. ``cut_by``: what showed the first sample of
-    a trial, empty where that is not told. ``simulation`` holds what a simulated
-    bench needs to be repeated (seed, slice length, parameters) and is empty at a real one.
+    ``start_utc`` is an ISO 8601 time stamp from the command line, ``start_loop_s`` the loop time
+    at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each taxel in
+    stored counts, empty without calibration. ``wiring`` is the reading of the taxel wire in each
+    column of the samples; :mod:`rigctl.session.format.wiring` explains an empty one.
+    ``sample_unit`` is the unit of a reading, ``highest_reading`` its upper limit. ``cut_by`` is
+    the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what
+    repeats a simulated bench (seed, slice length, parameters) and is empty for a real one.
     """
 
     plan_hash: str
@@ -55,8 +55,8 @@ class SessionHeader:
     cut_by: str = ""
     simulation: dict[str, Any] = field(default_factory=dict)
 
-    def attributes(self) -> dict[str, str | int | float]:
-        """Attributes of a part's root; what is not a plain value is JSON."""
+    def to_attributes(self) -> Attributes:
+        """Return the attributes of a part's root; sequences and mappings become JSON."""
         plain = asdict(self)
         boards = plain.pop("boards")
         plain["simulated"] = int(self.simulated)
@@ -67,11 +67,11 @@ class SessionHeader:
 
     @classmethod
     def from_attributes(cls, attributes: dict[str, Any]) -> SessionHeader:
-        """The header that :meth:`attributes` described; unknown attributes are ignored."""
-        known = {name: attributes[name] for name in cls.__slots__ if name in attributes}
-        known["simulated"] = bool(known["simulated"])
-        known["boards"] = tuple(BoardIdentity(**board) for board in json.loads(known["boards"]))
-        for name in known.keys() & _PER_TAXEL:
-            known[name] = tuple(json.loads(known[name]))
-        known["simulation"] = json.loads(known["simulation"])
-        return cls(**known)
+        """Return the inverse of :meth:`to_attributes`; ignore unknown attributes."""
+        fields = {name: attributes[name] for name in cls.__slots__ if name in attributes}
+        fields["simulated"] = bool(fields["simulated"])
+        fields["boards"] = tuple(BoardIdentity(**board) for board in json.loads(fields["boards"]))
+        for name in fields.keys() & _PER_TAXEL:
+            fields[name] = tuple(json.loads(fields[name]))
+        fields["simulation"] = json.loads(fields["simulation"])
+        return cls(**fields)

@@ -1,19 +1,21 @@
-"""What stands where in a part of a session: the one table of groups, columns, units, meanings.
+"""HDF5 layout of a session's part: every data set and column with its type, unit and meaning.
 
-``docs/reference/session.md`` shows the same table. A part is created whole, before its first
-sample, because nothing can be added to a file once it is written in SWMR mode; strings are of
-fixed length for the same reason. ``('v110', 'v110')`` is the newest format that the HDF5 1.10
-tools of today's distributions read.
+``docs/reference/session.md`` shows the same tables. All data sets are created before the first
+sample, because HDF5 cannot add any to a file in SWMR mode; strings have a fixed length for the
+same reason. ``('v110', 'v110')`` is the newest format that the HDF5 1.10 tools of today's
+distributions read.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+
+from rigctl.session.format.annotated_arrays import Attributes, text_scalar, write_attributes
 
 LAYOUT = "rigctl-session"
 LAYOUT_VERSION = 1
@@ -22,21 +24,34 @@ PROTOCOL_FILE = "protocol.toml"
 RIG_FILE = "rig.toml"
 LOCK_FILE = "writer.lock"
 PART_PATTERN = "part-*.h5"
-END_KIND = "part_end"
-"""Kind of the event that is a finished part's last row."""
+PART_END_KIND = "part_end"
+"""Kind of the event in the last row of a finished part."""
 
 SAMPLE_CHUNK_ROWS = 4096
-"""One chunk of samples is 147 kB at 18 taxels: small to rewrite at each flush, large to read."""
+"""A chunk of samples is 147 kB at 18 taxels: small to rewrite at each flush, large to read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One named value of a row: NumPy type (``S`` is UTF-8 text), unit, meaning."""
+    """A named value of a row: NumPy type code (``S`` is UTF-8 text), unit, meaning."""
 
     name: str
-    kind: str
+    type_code: str
     unit: str
     doc: str
+
+    @property
+    def text_bytes(self) -> int:
+        """Length of the stored text, 0 for a number."""
+        return int(self.type_code[1:]) if self.type_code.startswith("S") else 0
+
+    @property
+    def stored_dtype(self) -> np.dtype[Any]:
+        """Little-endian number or fixed-length UTF-8."""
+        if not self.text_bytes:
+            return np.dtype(f"<{self.type_code}")
+        dtype: np.dtype[Any] = h5py.string_dtype("utf-8", self.text_bytes)
+        return dtype
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,38 +65,35 @@ class TableLayout:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The row's type as stored: text is fixed-length UTF-8."""
-        return np.dtype([(c.name, _stored(c.kind)) for c in self.columns])
+        """Row type in the file."""
+        return np.dtype([(c.name, c.stored_dtype) for c in self.columns])
 
 
 @dataclass(frozen=True, slots=True)
-class Array:
-    """A growing data set of plain numbers, one row a taxel sample."""
+class ArrayLayout:
+    """A growing data set of plain numbers, one row for each taxel sample."""
 
     path: str
-    kind: str
+    type_code: str
     unit: str
     doc: str
     per_taxel: bool = False
 
 
-def _stored(kind: str) -> np.dtype[Any]:
-    if not kind.startswith("S"):
-        return np.dtype(f"<{kind}")
-    dtype: np.dtype[Any] = h5py.string_dtype("utf-8", int(kind[1:]))
-    return dtype
-
-
 SAMPLE_UNIT = "attribute `sample_unit`"
-"""What a reading is depends on who made it, so the part's own attribute says it."""
+"""The unit of a reading depends on the source, so an attribute of the part holds it."""
 
 PLACES = "a column a place of the sensor, layer by layer; attribute `wiring`: the readings there"
 
 TAXEL_ARRAYS = (
-    Array("/taxels/samples", "u2", SAMPLE_UNIT, PLACES, True),
-    Array("/taxels/counter", "i8", "samples", "the board's own sample number, unwrapped"),
-    Array("/taxels/flags", "u1", "", "bits of the taxel wire's flags; bit 0 is the sync level"),
-    Array("/taxels/edges", "u1", "", "sync rises mod 4 in bits 0–1, index marks mod 4 in 2–3"),
+    ArrayLayout("/taxels/samples", "u2", SAMPLE_UNIT, PLACES, True),
+    ArrayLayout("/taxels/counter", "i8", "samples", "the board's own sample number, unwrapped"),
+    ArrayLayout(
+        "/taxels/flags", "u1", "", "bits of the taxel wire's flags; bit 0 is the sync level"
+    ),
+    ArrayLayout(
+        "/taxels/edges", "u1", "", "sync rises mod 4 in bits 0–1, index marks mod 4 in 2–3"
+    ),
 )
 
 ARRIVALS = TableLayout(
@@ -190,55 +202,49 @@ TEXTS = (("/protocol_toml", "the protocol as it was run"), ("/rig_toml", "the ri
 
 
 def part_name(number: int) -> str:
-    """File name of part ``number``, counted from 1."""
+    """Return the file name of part ``number``, counted from 1."""
     return f"part-{number:04d}.h5"
 
 
-def text_array(text: str, length: int | None = None) -> NDArray[np.bytes_]:
-    """UTF-8 ``text`` as a zero-dimensional fixed-length string that HDF5 knows as UTF-8."""
-    data = text.encode()
-    return np.array(data, dtype=h5py.string_dtype("utf-8", max(1, length or len(data))))
+def part_number(path: Path) -> int:
+    """Return the number in a part's file name; 0 for any other file."""
+    digits = path.stem.removeprefix("part-")
+    return int(digits) if digits.isdigit() else 0
 
 
-def describe(node: Any, attributes: dict[str, str | int | float]) -> None:
-    """Write attributes; text becomes fixed-length UTF-8."""
-    for name, value in attributes.items():
-        node.attrs.create(name, text_array(value) if isinstance(value, str) else value)
-
-
-def image(attributes: dict[str, str | int | float], n_taxels: int, texts: tuple[str, str]) -> bytes:
-    """An empty part, every data set in place. ``texts``: protocol and rig description."""
+def build_empty_part(attributes: Attributes, n_taxels: int, texts: tuple[str, str]) -> bytes:
+    """Return a part with every data set empty. ``texts``: protocol and rig description."""
     with h5py.File("new", "w", driver="core", backing_store=False, libver=LIBVER) as file:
-        describe(file, attributes)
+        write_attributes(file, attributes)
         for array in TAXEL_ARRAYS:
             _create_array(file, array, n_taxels, str(attributes.get("sample_unit", "")))
         for table in TABLES:
             _create_table(file, table)
         for (path, doc), text in zip(TEXTS, texts, strict=True):
-            describe(file.create_dataset(path, data=text_array(text)), {"doc": doc})
+            write_attributes(file.create_dataset(path, data=text_scalar(text)), {"doc": doc})
         file.flush()
         return bytes(file.id.get_file_image())
 
 
-def _create_array(file: Any, array: Array, n_taxels: int, sample_unit: str) -> None:
+def _create_array(file: Any, array: ArrayLayout, n_taxels: int, sample_unit: str) -> None:
     tail = (n_taxels,) if array.per_taxel else ()
     dataset = file.create_dataset(
         array.path,
         shape=(0, *tail),
         maxshape=(None, *tail),
         chunks=(SAMPLE_CHUNK_ROWS, *tail),
-        dtype=f"<{array.kind}",
+        dtype=f"<{array.type_code}",
     )
     shape = "(sample, taxel)" if array.per_taxel else "(sample,)"
     unit = sample_unit if array.per_taxel and sample_unit else array.unit or "none"
-    describe(dataset, {"doc": array.doc, "unit": unit, "shape": shape})
+    write_attributes(dataset, {"doc": array.doc, "unit": unit, "shape": shape})
 
 
 def _create_table(file: Any, table: TableLayout) -> None:
     dataset = file.create_dataset(
         table.path, shape=(0,), maxshape=(None,), chunks=(table.chunk_rows,), dtype=table.dtype
     )
-    describe(dataset, {"doc": table.doc, "shape": "(row,)"})
+    write_attributes(dataset, {"doc": table.doc, "shape": "(row,)"})
     lines = [f"{c.name} [{c.unit or 'none'}]: {c.doc}".encode() for c in table.columns]
     width = max(map(len, lines))
     dataset.attrs.create("columns", np.array(lines, dtype=h5py.string_dtype("utf-8", width)))

@@ -1,4 +1,4 @@
-"""Values to rows of the session's tables and back."""
+"""Encode values as rows of the session's tables and parse them back."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from rigctl.session.format.layout import EVENTS, TRIALS
 from rigctl.values import DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
 REASON_SEPARATOR = "; "
-_EVENT_WIDTH = {c.name: int(c.kind[1:]) for c in EVENTS.columns if c.kind.startswith("S")}
-_TRIAL_WIDTH = {c.name: int(c.kind[1:]) for c in TRIALS.columns if c.kind.startswith("S")}
+_EVENT_WIDTH = {column.name: column.text_bytes for column in EVENTS.columns}
+_TRIAL_WIDTH = {column.name: column.text_bytes for column in TRIALS.columns}
 
 Row = tuple[Any, ...]
 
 
 def clip_text(text: str, width: int) -> bytes:
-    """UTF-8 of at most ``width`` bytes; what was cut ends in ``…``, never in half a letter."""
+    """Return UTF-8 of at most ``width`` bytes; a cut text ends in ``…``, never in half a letter."""
     data = text.encode()
     if len(data) <= width:
         return data
@@ -24,7 +24,7 @@ def clip_text(text: str, width: int) -> bytes:
 
 
 def drum_row(state: DrumState, force_set_g: float, speed_set_mm_s: float) -> Row:
-    """One row of /drum."""
+    """Return one row of /drum."""
     return (
         state.at_s,
         state.board_time_us,
@@ -49,12 +49,12 @@ def drum_row(state: DrumState, force_set_g: float, speed_set_mm_s: float) -> Row
 
 
 def loadcell_row(sample: LoadcellSample) -> Row:
-    """One row of /loadcell."""
+    """Return one row of /loadcell."""
     return (sample.sequence, sample.board_time_us, sample.raw_counts, sample.force_g)
 
 
 def event_row(event: Event) -> Row:
-    """One row of /events; details too long for it are replaced by a note that says so."""
+    """Return one row of /events; a note replaces ``data`` that does not fit."""
     data = json.dumps(event.data, ensure_ascii=False, default=str)
     if len(data.encode()) > _EVENT_WIDTH["data"]:
         data = json.dumps({"truncated": True, "length": len(data)})
@@ -66,15 +66,15 @@ def event_row(event: Event) -> Row:
     )
 
 
-def event_of(row: Any) -> Event:
-    """The event that a row of /events holds."""
+def parse_event(row: Any) -> Event:
+    """Return the event in a row of /events."""
     return Event(
         float(row["at_s"]), _text(row["kind"]), _text(row["text"]), json.loads(_text(row["data"]))
     )
 
 
 def trial_row(row: TrialRow, part: int, first_sample: int) -> Row:
-    """One row of /trials, with the place that the recorder found for it."""
+    """Return one row of /trials; the writer supplies ``part`` and ``first_sample``."""
     trial = row.trial
     return (
         trial.trial_id,
@@ -100,8 +100,8 @@ def trial_row(row: TrialRow, part: int, first_sample: int) -> Row:
     )
 
 
-def trial_of(row: Any) -> TrialRow:
-    """The attempt that a row of /trials holds."""
+def parse_trial(row: Any) -> TrialRow:
+    """Return the attempt in a row of /trials."""
     reasons = _text(row["reasons"])
     return TrialRow(
         trial=PlannedTrial(

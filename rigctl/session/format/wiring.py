@@ -1,7 +1,7 @@
-"""Which reading of the taxel wire each column of a session's samples holds, and whether two agree.
+"""Wiring of a session: the reading of the taxel wire in each column of its samples.
 
 Columns are the sensor's places, layer by layer. Where two wirings differ, taxel 4 of one session
-is another taxel than taxel 4 of the other, so nothing may be made of both.
+is another taxel than taxel 4 of the other, so the program never combines the two.
 """
 
 from __future__ import annotations
@@ -16,38 +16,37 @@ from rigctl.session.format.header import IMPORTED, SessionHeader
 Wiring = tuple[int, ...]
 
 
-def wiring_of(header: SessionHeader, rig_text: str) -> Wiring:
-    """The reading at each place; empty for an import, whose columns its map has put in order.
+def session_wiring(header: SessionHeader, rig_text: str) -> Wiring:
+    """Return the reading at each place; empty for an import, whose mapping orders its columns.
 
-    An older part lacks the attribute: it holds what ``rig_text`` says, and where that says
-    nothing the readings in the order of the wire. Raises SessionError for a text that is no TOML.
+    Older parts lack the attribute: the wiring in ``rig_text`` applies to them or, if that has
+    none, the order of the wire. Raises SessionError for a text that is not TOML.
     """
     if header.wiring or header.rig == IMPORTED:
         return header.wiring
     try:
-        written = tomllib.loads(rig_text).get("taxels", {}).get("wiring", [])
+        wiring = tomllib.loads(rig_text).get("taxels", {}).get("wiring", [])
     except tomllib.TOMLDecodeError as error:
         raise SessionError(f"the session's description of its rig is damaged: {error}") from error
-    return tuple(written) or tuple(range(header.n_taxels))
+    return tuple(wiring) or tuple(range(header.n_taxels))
 
 
-def wiring_of_source(source: Mapping[str, Any]) -> Wiring:
-    """The same of a session as a model or a file of spikes remembers it.
+def source_wiring(source: Mapping[str, Any]) -> Wiring:
+    """Return the wiring of a source session that a model or a file of spikes lists.
 
-    An older file does not tell it: its sessions count as in the order of the wire, which was the
-    default then.
+    Older files have none: their sessions have the order of the wire, the default at that time.
     """
-    told = source.get("wiring")
-    if told is not None or source.get("rig") == IMPORTED:
-        return tuple(told or ())
+    wiring = source.get("wiring")
+    if wiring is not None or source.get("rig") == IMPORTED:
+        return tuple(wiring or ())
     return tuple(range(int(source.get("n_taxels", 0))))
 
 
-def agree(one: Wiring, other: Wiring) -> bool:
-    """Whether both have each taxel at the same place, as far as is told."""
+def wirings_match(one: Wiring, other: Wiring) -> bool:
+    """Return whether both have each taxel at the same place; an empty wiring matches any."""
     return not one or not other or one == other
 
 
-def in_words(one: Wiring, other: Wiring) -> str:
-    """Both orders for a sentence, as ``rig.toml`` writes them."""
+def describe_mismatch(one: Wiring, other: Wiring) -> str:
+    """Return both orders for an error message, in the syntax of ``rig.toml``."""
     return f"[taxels] wiring = {list(one)}, not {list(other)}"

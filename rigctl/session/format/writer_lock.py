@@ -1,4 +1,4 @@
-"""One writer a session: a lock file that the operating system lets go when its owner dies."""
+"""Lock file for the one writer of a session; the operating system releases it if the owner dies."""
 
 from __future__ import annotations
 
@@ -26,26 +26,24 @@ else:
 
 
 class WriterLock:
-    """Holds ``writer.lock`` in a session's folder from construction to :meth:`release`.
+    """Lock on ``writer.lock`` in a session's folder from construction to :meth:`release`.
 
-    The file names the owner's process; ``left_by`` is the process that died without
-    releasing it, or None. Raises SessionError while another writer lives, DiskFault where
-    the folder cannot be written.
+    The file contains the owner's process id, also after the owner died without releasing it.
+    Raises SessionError while another writer lives, DiskFault if the folder is not writable.
     """
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / LOCK_FILE
         self._descriptor = self._acquire()
-        self.left_by = _owner(self._descriptor)
         os.ftruncate(self._descriptor, 0)
         os.lseek(self._descriptor, 0, os.SEEK_SET)
         os.write(self._descriptor, f"{os.getpid()}\n".encode())
 
     def release(self) -> None:
-        """Remove the lock file and let the lock go."""
+        """Remove the lock file and release the lock."""
         if self._descriptor < 0:
             return
-        if sys.platform != "win32":  # unlink while locked, or two could hold it
+        if sys.platform != "win32":  # unlink while locked, or two writers could hold it
             self._path.unlink(missing_ok=True)
         os.close(self._descriptor)
         self._descriptor = -1
@@ -58,10 +56,10 @@ class WriterLock:
             try:
                 _try_lock(descriptor)
             except OSError as error:
-                owner = _owner(descriptor)
+                pid = _read_pid(descriptor)
                 os.close(descriptor)
-                raise SessionError(_refusal(self._path.parent, owner)) from error
-            if self._still_there(descriptor):
+                raise SessionError(_refusal(self._path.parent, pid)) from error
+            if self._is_current(descriptor):
                 return descriptor
             os.close(descriptor)
 
@@ -74,16 +72,16 @@ class WriterLock:
                 "choose a folder that you may write to"
             ) from error
 
-    def _still_there(self, descriptor: int) -> bool:
-        """False when the owner released, and so removed, the file between open and lock."""
+    def _is_current(self, descriptor: int) -> bool:
+        """Return False if the owner released, and so removed, the file between open and lock."""
         try:
             return os.path.samestat(os.fstat(descriptor), self._path.stat())
         except FileNotFoundError:
             return False
 
 
-def lock_owner(folder: Path) -> int | None:
-    """Process that wrote, or writes, the session; None where there is no lock file."""
+def lock_owner_pid(folder: Path) -> int | None:
+    """Return the process id in the lock file; None without a lock file."""
     try:
         text = (folder / LOCK_FILE).read_text()
     except OSError:
@@ -92,7 +90,7 @@ def lock_owner(folder: Path) -> int | None:
 
 
 def is_being_written(folder: Path) -> bool:
-    """Whether a living process writes the session."""
+    """Return whether a living process writes the session."""
     try:
         writable = os.O_RDWR if sys.platform == "win32" else os.O_RDONLY
         descriptor = os.open(folder / LOCK_FILE, writable)
@@ -107,12 +105,12 @@ def is_being_written(folder: Path) -> bool:
     return False
 
 
-def _owner(descriptor: int) -> int | None:
+def _read_pid(descriptor: int) -> int | None:
     os.lseek(descriptor, 0, os.SEEK_SET)
     text = os.read(descriptor, 32).decode("ascii", "replace").strip()
     return int(text) if text.isdigit() else None
 
 
-def _refusal(folder: Path, owner: int | None) -> str:
-    who = f"process {owner}" if owner is not None else "another process"
-    return f"{folder} is being written by {who}: stop that run first, or choose another folder"
+def _refusal(folder: Path, pid: int | None) -> str:
+    writer = f"process {pid}" if pid is not None else "another process"
+    return f"{folder} is being written by {writer}: stop that run first, or choose another folder"

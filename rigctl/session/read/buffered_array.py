@@ -1,4 +1,4 @@
-"""Long arrays read a stretch at a time, for whoever looks at windows that follow each other."""
+"""Long arrays read in large blocks, for windows that follow each other."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-STRETCH_ROWS = 500_000
-_LOOK_BACK_ROWS = 8
-"""A window is often looked at once more from a few rows before it."""
+READ_AHEAD_ROWS = 500_000
+_READ_BEHIND_ROWS = 8
+"""Callers often read a window again from a few rows before it."""
 
 
 class BufferedArray:
-    """Windows of one array of ``n_rows``; ``read(start, stop)`` gives its rows.
+    """Windows of an array of ``n_rows``; ``read(start, stop)`` returns its rows.
 
-    What was read serves the windows behind, so that each row is read about once and no more
-    than a stretch, or the longest window, is held.
+    The buffer serves the windows that follow, so it reads each row about once and holds no more
+    than ``READ_AHEAD_ROWS`` or the longest window.
     """
 
     def __init__(self, read: Callable[[int, int], NDArray[Any]], n_rows: int) -> None:
@@ -26,11 +26,11 @@ class BufferedArray:
         self._rows: NDArray[Any] | None = None
 
     def window(self, start: int, stop: int) -> NDArray[Any]:
-        """Rows ``start`` … ``stop`` - 1, as far as there are some; not to be written to."""
+        """Return rows ``start`` … ``stop`` - 1, cut at the array's end; do not write to them."""
         stop = min(stop, self._n_rows)
         rows = self._rows
         if rows is None or start < self._first or stop > self._first + len(rows):
-            self._first = max(0, start - _LOOK_BACK_ROWS)
-            behind = min(self._n_rows, self._first + STRETCH_ROWS)
-            rows = self._rows = self._read(self._first, max(stop, behind))
+            self._first = max(0, start - _READ_BEHIND_ROWS)
+            read_to = min(self._n_rows, self._first + READ_AHEAD_ROWS)
+            rows = self._rows = self._read(self._first, max(stop, read_to))
         return rows[start - self._first : max(start, stop) - self._first]

@@ -1,4 +1,9 @@
-"""One part for reading: a finished file, one that a killed writer left, or one that still grows."""
+"""Read one part through HDF5: closed, unclosed by a killed writer, or still growing.
+
+Tables, texts and single trials come through here, and so do all samples that
+:mod:`rigctl.session.read.sample_index` cannot read from the file directly: those of a growing
+part and of one with compressed chunks.
+"""
 
 from __future__ import annotations
 
@@ -14,26 +19,27 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
+from rigctl.session.format.annotated_arrays import read_attributes, read_text
 from rigctl.session.format.header import SessionHeader
-from rigctl.session.read.folder import attributes, open_part, part_number
+from rigctl.session.read.part_file import open_part
 
 LIVE_SLICE_ROWS = 5_000
-"""Larger reads of a growing file would hold a writer in the same process up for long."""
+"""Larger reads of a growing file would delay a writer in the same process for long."""
 
-Structured = NDArray[np.void]
+StructuredArray = NDArray[np.void]
 
 
 class PartReader:
-    """Rows of one part as they stood at the last :meth:`refresh`.
+    """Rows of one part as of the last :meth:`refresh`.
 
-    Raises SessionError for a file that is damaged or of another layout version.
+    Raises SessionError for a damaged file or another layout version.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.number = part_number(path)
+        self.number = layout.part_number(path)
         self._file = open_part(path)
-        self.attributes = attributes(self._file)
+        self.attributes = read_attributes(self._file)
         try:
             self.header = SessionHeader.from_attributes(self.attributes)
             self._arrays = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
@@ -41,124 +47,119 @@ class PartReader:
         except KeyError as error:
             self._file.close()
             raise SessionError(f"{path} is damaged, it lacks {error}") from error
-        self._dtypes = {t.path: _readable(t) for t in layout.TABLES}
-        self._grows = bool(self._file.id.get_intent() & h5py.h5f.ACC_SWMR_READ)
+        self._dtypes = {t.path: _decoded_dtype(t) for t in layout.TABLES}
+        self._is_growing = bool(self._file.id.get_intent() & h5py.h5f.ACC_SWMR_READ)
         self.finished = False
         self.n_samples = 0
         self.refresh()
 
     def refresh(self) -> None:
-        """See what was flushed since. Trials first: their samples were flushed before them."""
+        """Update to the last flush. Trials first: the writer flushed their samples before them."""
         if self.finished:
             return
-        if self._grows:
+        if self._is_growing:
             self._tables[layout.TRIALS.path].refresh()
             for dataset in (*self._tables.values(), *self._arrays.values()):
                 dataset.refresh()
-        self.n_samples = min(int(dataset.shape[0]) for dataset in self._arrays.values())
-        self.finished = self._ended()
+        self.n_samples = min(self.lengths().values())
+        events = self._tables[layout.EVENTS.path]
+        with self.translate_errors():
+            end = layout.PART_END_KIND.encode()
+            self.finished = bool(events.shape[0]) and events[-1]["kind"] == end
 
     @property
-    def grows(self) -> bool:
+    def is_growing(self) -> bool:
         """Whether a living writer may append to it."""
-        return self._grows
+        return self._is_growing
 
-    def array(self, path: str) -> Any:
-        """One of the per-sample data sets as h5py has it."""
+    def dataset(self, path: str) -> Any:
+        """Return one of the per-sample data sets of h5py."""
         return self._arrays[path]
 
     def n_rows(self, table: layout.TableLayout) -> int:
-        """Rows of a table."""
+        """Return the number of rows of a table."""
         return int(self._tables[table.path].shape[0])
 
     def lengths(self) -> dict[str, int]:
-        """Rows of each per-sample data set; they differ by the last flush of a killed writer."""
+        """Return the rows of each per-sample data set; after a kill they differ by one flush."""
         return {path: int(dataset.shape[0]) for path, dataset in self._arrays.items()}
 
     def rows(
         self, table: layout.TableLayout, start: int = 0, stop: int | None = None
-    ) -> Structured:
-        """Rows of a table; text as Unicode."""
-        with self.named():
+    ) -> StructuredArray:
+        """Return rows of a table; text as Unicode."""
+        with self.translate_errors():
             raw = self._tables[table.path][start:stop]
-        return self._readable_rows(table, raw)
+        return self._decode_rows(table, raw)
 
-    def rows_with(self, table: layout.TableLayout, column: str, text: str) -> Structured:
-        """Rows of a table with a text in one of its columns: the others are not decoded."""
-        with self.named():
+    def rows_where(self, table: layout.TableLayout, column: str, text: str) -> StructuredArray:
+        """Return the rows with ``text`` in a column; only these are decoded."""
+        with self.translate_errors():
             raw = self._tables[table.path][:]
-        return self._readable_rows(table, raw[raw[column] == text.encode()])
-
-    def _readable_rows(self, table: layout.TableLayout, raw: Structured) -> Structured:
-        dtype = self._dtypes[table.path]
-        rows: Structured = np.empty(raw.shape, dtype)
-        for column in table.columns:
-            text = column.kind.startswith("S")
-            rows[column.name] = _decoded(raw[column.name]) if text else raw[column.name]
-        return rows
+        return self._decode_rows(table, raw[raw[column] == text.encode()])
 
     def read(self, path: str, start: int, stop: int) -> NDArray[Any]:
-        """Rows [start, stop) of one of the per-sample data sets, in slices while it grows."""
+        """Return rows [start, stop) of a per-sample data set, read in slices while it grows."""
         dataset = self._arrays[path]
         stop = min(stop, self.n_samples)
-        with self.named():
-            if not self._grows:
-                whole: NDArray[Any] = dataset[start:stop]
-                return whole
+        with self.translate_errors():
+            if not self._is_growing:
+                rows: NDArray[Any] = dataset[start:stop]
+                return rows
             out = np.empty((max(0, stop - start), *dataset.shape[1:]), dataset.dtype)
             for first in range(start, stop, LIVE_SLICE_ROWS):
                 last = min(stop, first + LIVE_SLICE_ROWS)
                 out[first - start : last - start] = dataset[first:last]
             return out
 
-    def first_at(self, table: layout.TableLayout, column: str, value: float) -> int:
-        """First row of an ascending column that is not below ``value``, without reading it all."""
+    def searchsorted(self, table: layout.TableLayout, column: str, value: float) -> int:
+        """Return the first row of an ascending column that is at least ``value``, by bisection."""
         dataset = self._tables[table.path]
-        with self.named():
-            places = range(int(dataset.shape[0]))
-            return bisect_left(places, value, key=lambda row: dataset[row][column])
+        with self.translate_errors():
+            rows = range(int(dataset.shape[0]))
+            return bisect_left(rows, value, key=lambda row: dataset[row][column])
 
     def column_sum(self, table: layout.TableLayout, column: str) -> int:
-        """Sum of one integer column of a table."""
-        with self.named():
+        """Return the sum of an integer column of a table."""
+        with self.translate_errors():
             return int(self._tables[table.path].fields(column)[:].sum(dtype=np.int64))
 
     def text(self, path: str) -> str:
-        """One of the texts that came with the part."""
-        return str(self._file[path][()].decode())
+        """Return the protocol or the rig's description."""
+        return read_text(self._file, path)
 
-    def documentation(self) -> dict[str, dict[str, Any]]:
-        """Attributes of each data set."""
-        nodes = {**self._arrays, **self._tables}
-        return {path: attributes(node) for path, node in nodes.items()}
+    def dataset_attributes(self) -> dict[str, dict[str, Any]]:
+        """Return the attributes of each data set by its path."""
+        return {path: read_attributes(d) for path, d in {**self._arrays, **self._tables}.items()}
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
 
-    def _ended(self) -> bool:
-        events = self._tables[layout.EVENTS.path]
-        with self.named():
-            return bool(events.shape[0]) and events[-1]["kind"] == layout.END_KIND.encode()
-
     @contextmanager
-    def named(self) -> Iterator[None]:
-        """What HDF5 cannot read is a fault of this file."""
+    def translate_errors(self) -> Iterator[None]:
+        """Raise SessionError that names this file for what HDF5 cannot read."""
         try:
             yield
         except OSError as error:
             raise SessionError(f"{self.path} is damaged: {error}") from error
 
+    def _decode_rows(self, table: layout.TableLayout, raw: StructuredArray) -> StructuredArray:
+        rows: StructuredArray = np.empty(raw.shape, self._dtypes[table.path])
+        for column in table.columns:
+            values = raw[column.name]
+            rows[column.name] = _decode_texts(values) if column.text_bytes else values
+        return rows
 
-def _decoded(column: NDArray[np.bytes_]) -> NDArray[np.str_]:
-    """UTF-8 to Unicode; the few different texts of a long column are decoded once each."""
+
+def _decode_texts(column: NDArray[np.bytes_]) -> NDArray[np.str_]:
+    """Return UTF-8 as Unicode; decode each of a long column's few different texts once."""
     unique, inverse = np.unique(column, return_inverse=True)
     decoded = np.array([text.decode(errors="replace") for text in unique], dtype=np.str_)
     texts: NDArray[np.str_] = decoded[inverse] if len(decoded) else decoded.astype("U1")
     return texts
 
 
-def _readable(table: layout.TableLayout) -> np.dtype[Any]:
-    """The stored row type with Unicode in place of UTF-8."""
-    kinds = [c.kind.replace("S", "U") if c.kind.startswith("S") else c.kind for c in table.columns]
-    return np.dtype([(c.name, kind) for c, kind in zip(table.columns, kinds, strict=True)])
+def _decoded_dtype(table: layout.TableLayout) -> np.dtype[Any]:
+    """Return the row type in memory, with Unicode in place of UTF-8."""
+    return np.dtype([(c.name, c.type_code.replace("S", "U")) for c in table.columns])

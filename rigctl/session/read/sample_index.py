@@ -1,10 +1,11 @@
-"""Where the samples of trials lie in a session's files, so that they are read without HDF5.
+"""Index of where a session's files hold the samples of trials, to read them without HDF5.
 
-To open a part takes HDF5 ten milliseconds, and a slice of it a tenth of one, under a lock that all
-threads share. But a part is not compressed: its samples are plain chunks at places that never
-change. They are looked up once; after that any thread or process reads a trial with a file's own
-``seek`` and ``read``. Only a part that still grows, or whose chunks somebody compressed, is left
-to HDF5.
+HDF5 takes ten milliseconds to open a part and a tenth of one for each slice of it, under a lock
+that all threads share: too slow for an analysis of 24,000 trials in many threads and processes.
+But a part is not compressed: its samples are plain chunks at places that never change. The index
+finds them once; after that any thread or process reads a trial with ``seek`` and ``readinto``.
+Only a growing part, or one with chunks that somebody compressed, is read through HDF5
+(:mod:`rigctl.session.read.part`).
 """
 
 from __future__ import annotations
@@ -19,20 +20,19 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.errors import SessionError
-from rigctl.session.read.part import PartReader, Structured
+from rigctl.session.read.part import PartReader, StructuredArray
 
 SAMPLES, COUNTER = "/taxels/samples", "/taxels/counter"
-WORTH_LOOKING_UP = 16
-"""For fewer single rows HDF5 is faster than to look up where they lie."""
+MIN_ROWS_TO_INDEX = 16
+"""For fewer single rows, HDF5 is faster than an index of their chunks."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleFile:
-    """The samples of one part.
+    """Chunks of the samples of one part.
 
-    ``chunk_rows`` rows stand together at each of ``offsets`` (int64, bytes from the start of the
-    file); ``offsets`` is None where only HDF5 can read them.
+    A chunk of ``chunk_rows`` rows begins at each of ``offsets`` (int64, bytes from the start of
+    the file); ``offsets`` is None if only HDF5 can read them.
     """
 
     path: Path
@@ -41,12 +41,12 @@ class SampleFile:
     offsets: NDArray[np.int64] | None
 
 
-Files = Sequence[SampleFile] | Mapping[int, SampleFile]
-"""Files by the number that a place tells."""
+SampleFiles = Sequence[SampleFile] | Mapping[int, SampleFile]
+"""Files by their number in :attr:`SampleRange.file`."""
 
 
 class SampleRange(NamedTuple):
-    """Rows ``start`` … ``stop`` - 1 of a file hold a trial. ``complete``: none of it was lost."""
+    """Rows ``start`` … ``stop`` - 1 of a file: one trial, ``complete`` if no sample was lost."""
 
     file: int
     start: int
@@ -54,39 +54,38 @@ class SampleRange(NamedTuple):
     complete: bool
 
 
-def sample_file(part: PartReader) -> SampleFile:
-    """Where the samples of a part lie."""
-    dataset = part.array(SAMPLES)
+def locate_samples(part: PartReader) -> SampleFile:
+    """Return the chunks of a part's samples."""
+    dataset = part.dataset(SAMPLES)
     chunk_rows = dataset.chunks[0] if dataset.chunks else 0
-    return SampleFile(
-        part.path.absolute(), int(dataset.shape[1]), chunk_rows, _offsets(part, SAMPLES)
-    )
+    offsets = _chunk_offsets(part, SAMPLES)
+    return SampleFile(part.path.absolute(), int(dataset.shape[1]), chunk_rows, offsets)
 
 
-def places_of(part: PartReader, rows: Structured, file: int) -> list[SampleRange]:
-    """Where the windows of some trials of a part lie; ``rows``: theirs in /trials.
+def locate_windows(part: PartReader, rows: StructuredArray, file: int) -> list[SampleRange]:
+    """Return the ranges of trials' windows in a part; ``rows``: theirs in /trials.
 
-    A window is as many rows as its count, less where the counter jumps. Raises SessionError for
-    a part that cannot be read.
+    A window has ``count`` rows, less those missing where the counter jumps. Raises SessionError
+    for a part that HDF5 cannot read.
     """
     start = np.maximum(rows["first_sample"], 0)
     count = np.where(rows["first_sample"] < 0, 0, rows["count"])
     stop = np.minimum(start + count, part.n_samples)
-    behind = rows["first_counter"] + rows["count"]
-    there = np.flatnonzero(stop > start)
-    last = _counters_at(part, stop[there] - 1)
-    for i in there[last >= behind[there]]:
+    end_counter = rows["first_counter"] + rows["count"]
+    filled = np.flatnonzero(stop > start)
+    last = _counters_at(part, stop[filled] - 1)
+    for i in filled[last >= end_counter[filled]]:
         counters = part.read(COUNTER, int(start[i]), int(stop[i]))
-        stop[i] = start[i] + np.searchsorted(counters, behind[i])
-    whole = (stop - start == rows["count"]) & (stop > start)
-    columns = (start.tolist(), np.maximum(stop, start).tolist(), whole.tolist())
+        stop[i] = start[i] + np.searchsorted(counters, end_counter[i])
+    complete = (stop - start == rows["count"]) & (stop > start)
+    columns = (start.tolist(), np.maximum(stop, start).tolist(), complete.tolist())
     return list(map(SampleRange, [file] * len(rows), *columns))
 
 
 class SampleReader:
-    """Reads trials of some files; use it in a ``with``, in one thread."""
+    """Reader of trials from several files; use it in a ``with`` block, in one thread."""
 
-    def __init__(self, files: Files) -> None:
+    def __init__(self, files: SampleFiles) -> None:
         self._files = files
         self._open: dict[int, BinaryIO | PartReader] = {}
 
@@ -103,67 +102,67 @@ class SampleReader:
             file.close()
         self._open.clear()
 
-    def read(self, place: SampleRange, out: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
-        """Samples uint16 (n, n_taxels) of a trial, in ``out`` where it is given.
+    def read(
+        self, window: SampleRange, out: NDArray[np.uint16] | None = None
+    ) -> NDArray[np.uint16]:
+        """Return the samples of a trial, uint16 (n, n_taxels), in ``out`` if given.
 
-        Raises OSError or SessionError for what cannot be read.
+        Raises OSError or SessionError for a file that it cannot read.
         """
         if out is None:
-            n_taxels = self._files[place.file].n_taxels
-            out = np.empty((place.stop - place.start, n_taxels), np.uint16)
-        self.read_all([place], out, [0])
+            n_taxels = self._files[window.file].n_taxels
+            out = np.empty((window.stop - window.start, n_taxels), np.uint16)
+        self.read_all([window], out, [0])
         return out
 
     def read_all(
-        self, places: Sequence[SampleRange], out: NDArray[np.uint16], begins: Sequence[int]
+        self, windows: Sequence[SampleRange], out: NDArray[np.uint16], out_rows: Sequence[int]
     ) -> None:
-        """Samples of several trials into ``out`` (n, n_taxels), each from its row of ``begins`` on.
+        """Read several trials into ``out`` (n, n_taxels), each from its row of ``out_rows`` on.
 
-        Raises OSError or SessionError for what cannot be read.
+        Raises OSError or SessionError for a file that it cannot read.
         """
-        pairs = zip(places, begins, strict=True)
-        for number, some in groupby(pairs, key=lambda pair: pair[0].file):
-            source, told = self._source(number), list(some)
+        pairs = zip(windows, out_rows, strict=True)
+        for number, group in groupby(pairs, key=lambda pair: pair[0].file):
+            source, targets = self._source(number), list(group)
             if isinstance(source, PartReader):
-                for place, begin in told:
-                    end = begin + place.stop - place.start
-                    out[begin:end] = source.read(SAMPLES, place.start, place.stop)
+                for window, row in targets:
+                    end = row + window.stop - window.start
+                    out[row:end] = source.read(SAMPLES, window.start, window.stop)
             else:
-                _read_pieces(source, _pieces(self._files[number], told), out)
+                _read_pieces(source, _split_by_chunk(self._files[number], targets), out)
 
     def _source(self, number: int) -> BinaryIO | PartReader:
         if number not in self._open:
             file = self._files[number]
-            plain = file.offsets is not None
-            self._open[number] = (
-                file.path.open("rb", buffering=0) if plain else PartReader(file.path)
-            )
+            raw = file.offsets is not None
+            self._open[number] = file.path.open("rb", buffering=0) if raw else PartReader(file.path)
         return self._open[number]
 
 
-def _offsets(part: PartReader, path: str) -> NDArray[np.int64] | None:
-    """Place of each chunk in the file, int64 bytes; None where that does not tell all."""
-    dataset = part.array(path)
-    as_in_memory = dataset.dtype in (np.dtype(np.uint16), np.dtype(np.int64))
-    if part.grows or not dataset.chunks or dataset.id.get_create_plist().get_nfilters():
+def _chunk_offsets(part: PartReader, path: str) -> NDArray[np.int64] | None:
+    """Return the byte offset of each chunk, int64; None if only HDF5 can read the chunks."""
+    dataset = part.dataset(path)
+    native = dataset.dtype in (np.dtype(np.uint16), np.dtype(np.int64))
+    if part.is_growing or not dataset.chunks or dataset.id.get_create_plist().get_nfilters():
         return None
-    if not as_in_memory or (dataset.ndim == 2 and dataset.chunks[1] != dataset.shape[1]):
+    if not native or (dataset.ndim == 2 and dataset.chunks[1] != dataset.shape[1]):
         return None
-    found: list[Any] = []
-    dataset.id.chunk_iter(found.append)
+    chunks: list[Any] = []
+    dataset.id.chunk_iter(chunks.append)
     chunk_rows, n_rows = dataset.chunks[0], int(dataset.shape[0])
     offsets = np.full(-(-n_rows // chunk_rows), -1, np.int64)
-    rows = np.array([chunk.chunk_offset[0] for chunk in found], np.int64)
-    places = np.array([chunk.byte_offset for chunk in found], np.int64)
+    rows = np.array([chunk.chunk_offset[0] for chunk in chunks], np.int64)
+    starts = np.array([chunk.byte_offset for chunk in chunks], np.int64)
     inside = rows < n_rows
-    offsets[rows[inside] // chunk_rows] = places[inside]
+    offsets[rows[inside] // chunk_rows] = starts[inside]
     return offsets if (offsets >= 0).all() else None
 
 
 def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The board's counter at single rows, int64.
+    """Return the board's counter at single rows, int64.
 
-    It ascends, so that between two rows as far apart as their counters none is missing.
+    It ascends, so no sample is missing between two rows as far apart as their counters.
     """
     if not len(rows):
         return rows
@@ -171,58 +170,52 @@ def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]
     low, high = (int(part.read(COUNTER, row, row + 1)[0]) for row in (first, last))
     if high - low == last - first:
         return low + (rows - first)
-    out = np.empty((len(rows), 1), np.int64)
-    offsets = _offsets(part, COUNTER) if len(rows) >= WORTH_LOOKING_UP else None
+    offsets = _chunk_offsets(part, COUNTER) if len(rows) >= MIN_ROWS_TO_INDEX else None
     if offsets is None:
-        for i, row in enumerate(rows.tolist()):
-            out[i] = part.read(COUNTER, row, row + 1)
-        return out[:, 0]
-    chunk_rows = part.array(COUNTER).chunks[0]
-    size = out.itemsize
-    at = offsets[rows // chunk_rows] + rows % chunk_rows * size
-    if int(at.max()) + size > part.path.stat().st_size:
-        raise SessionError(f"{part.path} is damaged: it ends before its samples do")
-    with part.named():
-        octets = np.memmap(part.path, np.uint8, "r")
-        out[:] = octets[at[:, None] + np.arange(size)].view(np.int64)
-    return out[:, 0]
+        return np.array([part.read(COUNTER, row, row + 1)[0] for row in rows.tolist()], np.int64)
+    out = np.empty(len(rows), np.int64)
+    chunk_rows = part.dataset(COUNTER).chunks[0]
+    at = offsets[rows // chunk_rows] + rows % chunk_rows * out.itemsize
+    begin = np.arange(0, out.nbytes, out.itemsize)
+    columns = (at, begin, begin + out.itemsize)
+    with part.translate_errors(), part.path.open("rb", buffering=0) as file:
+        _read_pieces(file, zip(*(column.tolist() for column in columns), strict=True), out)
+    return out
 
 
-def _pieces(
-    file: SampleFile, told: Sequence[tuple[SampleRange, int]]
+def _split_by_chunk(
+    file: SampleFile, targets: Sequence[tuple[SampleRange, int]]
 ) -> Iterator[tuple[int, int, int]]:
-    """Byte of the file, first byte and end in memory of each piece of trials and their begins.
+    """Split trials at the borders of chunks; ``targets``: ranges and their first rows in memory.
 
-    A piece is what one trial has in one chunk.
+    Returns the byte in the file, the first byte in memory and the end in memory of each piece.
     """
-    rows = np.array([(place.start, place.stop, begin) for place, begin in told], np.int64)
-    start, stop, begin = rows.T
+    rows = np.array([(window.start, window.stop, row) for window, row in targets], np.int64)
+    start, stop, out_row = rows.T
     first = start // file.chunk_rows
     counts = np.maximum((stop - 1) // file.chunk_rows - first + 1, 0)
-    trial = np.repeat(np.arange(len(told)), counts)
+    trial = np.repeat(np.arange(len(targets)), counts)
     chunk = np.arange(len(trial)) - np.repeat(np.cumsum(counts) - counts - first, counts)
     row = np.maximum(start[trial], chunk * file.chunk_rows)
     end = np.minimum(stop[trial], (chunk + 1) * file.chunk_rows)
     size = file.n_taxels * np.dtype(np.uint16).itemsize
     assert file.offsets is not None
     at = file.offsets[chunk] + (row - chunk * file.chunk_rows) * size
-    to = (begin - start)[trial]
-    return zip(at.tolist(), ((to + row) * size).tolist(), ((to + end) * size).tolist(), strict=True)
+    shift = (out_row - start)[trial]
+    pieces = (at, (shift + row) * size, (shift + end) * size)
+    return zip(*(column.tolist() for column in pieces), strict=True)
 
 
 def _read_pieces(
-    file: BinaryIO, pieces: Iterable[tuple[int, int, int]], out: NDArray[np.uint16]
+    file: Any, pieces: Iterable[tuple[int, int, int]], out: NDArray[np.integer[Any]]
 ) -> None:
-    """Fill the bytes of ``out`` with pieces of the file. Raises OSError where it ends."""
+    """Read pieces of the file into ``out``. Raises OSError if the file is too short."""
     target = out.reshape(-1).view(np.uint8).data
     for at, first, end in pieces:
         file.seek(at)
-        _fill(file, target[first:end])
-
-
-def _fill(file: Any, target: memoryview) -> None:
-    while len(target):
-        n = file.readinto(target)
-        if not n:
-            raise OSError("the file ends before its samples do")
-        target = target[n:]
+        piece = target[first:end]
+        while len(piece):
+            n = file.readinto(piece)
+            if not n:
+                raise OSError("the file ends before its samples do")
+            piece = piece[n:]

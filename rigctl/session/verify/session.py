@@ -1,7 +1,7 @@
-"""Prove a session whole: every sample, gap and trial is where the tables say that it is.
+"""Verify a session: every sample, gap and trial is where the tables say that it is.
 
-A *problem* makes the answer no. A *note* is worth knowing and harms nothing: a part whose
-writer was killed and whose session went on, trials that are not recorded yet.
+A *problem* fails the check. A *note* is harmless: a part whose writer was killed before another
+continued the session, or trials that are not recorded yet.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 
 from rigctl.errors import RigctlError, SessionError
 from rigctl.protocol import Plan, parse_protocol
-from rigctl.session.files.ground_truth import PATTERN, summary
+from rigctl.session.files.ground_truth import TRUTH_PATTERN, summarise_truth
 from rigctl.session.format import layout
-from rigctl.session.format.wiring import wiring_of
+from rigctl.session.format.wiring import session_wiring
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.session import Session
@@ -24,16 +24,16 @@ from rigctl.session.verify.trials import check_trials
 from rigctl.values import TrialRow, Verdict
 
 WORLD = "the world's own log"
-WORLD_SHARE = 0.5
-"""Of the work, as measured: that log is compressed, the parts are not."""
-TOLD_TRIALS = 500
+TRUTH_SHARE = 0.5
+"""Measured share of the work: that log is compressed, the parts are not."""
+PROGRESS_INTERVAL_TRIALS = 500
 
 SAME_IN_ALL_PARTS = ("plan_hash", "seed", "trials_planned", "n_taxels", "sample_rate_hz")
 
 
 @dataclass(slots=True)
 class VerifyReport:
-    """What was found. One line a problem, each beginning with the file it is in."""
+    """Findings of :func:`verify`; a problem is one line that begins with the file's name."""
 
     problems: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -43,18 +43,18 @@ class VerifyReport:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether there is no problem."""
         return not self.problems
 
 
-OnStep = Callable[[float, str], None]
+OnProgress = Callable[[float, str], None]
 
 
-def verify(path: Path, on_step: OnStep = lambda share, what: None) -> VerifyReport:
-    """Check everything in a session. Raises SessionError for a folder that is none.
+def verify(path: Path, on_progress: OnProgress = lambda share, what: None) -> VerifyReport:
+    """Check everything in a session. Raises SessionError for another kind of folder.
 
-    ``on_step`` is told which share of the work is done, 0 to 1, and what comes next. However
-    long a session is, no more than a stretch of its samples is held.
+    Calls ``on_progress`` with the share of the work done, 0 to 1, and the next step. Holds one
+    block of samples at a time, however long the session is.
     """
     report = VerifyReport()
     try:
@@ -66,33 +66,33 @@ def verify(path: Path, on_step: OnStep = lambda share, what: None) -> VerifyRepo
         return report
     with session:
         try:
-            _check_session(session, report, on_step)
+            _check_session(session, report, on_progress)
         except SessionError as error:
             report.problems.append(str(error))
     return report
 
 
-def _check_session(session: Session, report: VerifyReport, on_step: OnStep) -> None:
+def _check_session(session: Session, report: VerifyReport, on_progress: OnProgress) -> None:
     _check_parts(session, report)
     rows = [session.trial_row(index) for index in range(len(session.trials))]
-    n_parts, of_parts = len(session.parts), _share_of_parts(session)
+    n_parts, parts_share = len(session.parts), _parts_share(session)
     for done, part in enumerate(session.parts):
-        on_step(of_parts * done / n_parts, f"part {done + 1} of {n_parts}")
+        on_progress(parts_share * done / n_parts, f"part {done + 1} of {n_parts}")
         own = [row for row in rows if row.part == part.number]
         problems, notes = check_trials(part, own)
         problems = check_part(part) + problems
         report.problems += [f"{part.path.name}: {line}" for line in problems]
         report.notes += [f"{part.path.name}: {line}" for line in notes]
-    on_step(of_parts, "the plan")
+    on_progress(parts_share, "the plan")
     _check_plan(session, rows, report)
-    _check_world(session, report, lambda share: on_step(share, WORLD), of_parts)
+    _check_truth(session, report, on_progress, parts_share)
     report.samples = session.n_samples
     report.lost_samples = int(session.gaps["count"].sum())
 
 
-def _share_of_parts(session: Session) -> float:
-    """How much of the work the parts are: the rest is the world's own log, where there is one."""
-    return 1.0 - WORLD_SHARE if list(session.path.glob(PATTERN)) else 1.0
+def _parts_share(session: Session) -> float:
+    """Return the parts' share of the work; the rest is the world's own log, if there is one."""
+    return 1.0 - TRUTH_SHARE if list(session.path.glob(TRUTH_PATTERN)) else 1.0
 
 
 def _check_parts(session: Session, report: VerifyReport) -> None:
@@ -105,29 +105,32 @@ def _check_parts(session: Session, report: VerifyReport) -> None:
         if part.finished:
             continue
         if part is not session.parts[-1]:
-            report.notes.append(f"{part.path.name}: was not closed in order, the session went on")
+            report.notes.append(
+                f"{part.path.name}: was not closed in order, a later part continues the session"
+            )
         elif is_being_written(session.path):
             report.problems.append(f"{part.path.name}: is still being written")
         else:
             report.problems.append(
                 f"{part.path.name}: was not closed in order, its writer was killed or could "
-                "not write; what it committed is kept, go on with --resume of the command that "
+                "not write; committed trials are safe, continue with --resume of the command that "
                 "made it"
             )
 
 
 def _check_header(session: Session, part: PartReader, report: VerifyReport) -> None:
-    if part.attributes.get("part") != part.number:
-        report.problems.append(f"{part.path.name}: says that it is part {part.attributes['part']}")
+    number = part.attributes.get("part")
+    if number != part.number:
+        report.problems.append(f"{part.path.name}: claims to be part {number}")
     for name in SAME_IN_ALL_PARTS:
         if getattr(part.header, name) != getattr(session.header, name):
             report.problems.append(f"{part.path.name}: has another {name} than the first part")
-    if wiring_of(part.header, part.text("/rig_toml")) != session.wiring:
+    if session_wiring(part.header, part.text("/rig_toml")) != session.wiring:
         report.problems.append(f"{part.path.name}: has its taxels in another order than the first")
 
 
 def _check_plan(session: Session, rows: list[TrialRow], report: VerifyReport) -> None:
-    """Each committed trial once, and as it was planned."""
+    """Check that each committed trial occurs once and matches the plan."""
     committed = [row for row in rows if row.verdict is Verdict.COMMITTED]
     counts = Counter(row.trial.trial_id for row in committed)
     report.trials_committed = len(counts)
@@ -136,7 +139,7 @@ def _check_plan(session: Session, rows: list[TrialRow], report: VerifyReport) ->
         for number, count in counts.items()
         if count > 1
     ]
-    plan = _plan_of(session, report)
+    plan = _rebuild_plan(session, report)
     if plan is not None:
         planned = {trial.trial_id: trial for trial in plan.trials}
         for row in rows:
@@ -150,15 +153,15 @@ def _check_plan(session: Session, rows: list[TrialRow], report: VerifyReport) ->
         )
 
 
-def _plan_of(session: Session, report: VerifyReport) -> Plan | None:
-    """The plan made anew from the protocol and the seed; its hash must be the recorded one."""
+def _rebuild_plan(session: Session, report: VerifyReport) -> Plan | None:
+    """Return the plan from the protocol and seed; its hash must match the recorded one."""
     if not session.protocol_text:
         report.notes.append("the session has no protocol, so its trials have no plan")
         return None
     try:
         protocol = parse_protocol(session.protocol_text, layout.PROTOCOL_FILE, session.config)
     except RigctlError as error:
-        report.problems.append(f"the protocol in the session cannot be read: {error}")
+        report.problems.append(f"the protocol in the session is not readable: {error}")
         return None
     plan = protocol.plan(session.header.seed)
     if plan.hash != session.header.plan_hash:
@@ -167,27 +170,26 @@ def _plan_of(session: Session, report: VerifyReport) -> Plan | None:
     return plan
 
 
-def _check_world(
-    session: Session, report: VerifyReport, on_share: Callable[[float], None], begun: float
+def _check_truth(
+    session: Session, report: VerifyReport, on_progress: OnProgress, done_share: float
 ) -> None:
     def on_trial(done: int, trials: int) -> None:
-        if done % TOLD_TRIALS == 0:
-            on_share(begun + (1.0 - begun) * done / trials)
+        if done % PROGRESS_INTERVAL_TRIALS == 0:
+            on_progress(done_share + (1.0 - done_share) * done / trials, WORLD)
 
     try:
-        world = summary(session, on_trial)
+        truth = summarise_truth(session, on_trial)
     except SessionError as error:
         report.problems.append(str(error))
         return
-    if world is None:
+    if truth is None:
         if session.header.simulated:
-            report.notes.append("recorded at a simulated bench; the world's own log is not there")
-        return
-    if not world["trials"]:
+            report.notes.append("recorded at a simulated bench; the world's own log is missing")
+    elif not truth["trials"]:
         report.notes.append("recorded at a simulated bench; its world saw no committed trial")
-        return
-    report.notes.append(
-        f"recorded at a simulated bench; its world saw {world['trials']} trials, largest error "
-        f"{world['max_speed_error_permille']} ‰ in speed, {world['max_force_error_permille']} ‰ "
-        "in force"
-    )
+    else:
+        report.notes.append(
+            f"recorded at a simulated bench; its world saw {truth['trials']} trials, largest "
+            f"error {truth['max_speed_error_permille']} ‰ in speed, "
+            f"{truth['max_force_error_permille']} ‰ in force"
+        )

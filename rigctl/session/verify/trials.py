@@ -1,4 +1,4 @@
-"""What must hold for the trials of one part: each window inside the data, in sync, and whole."""
+"""Check the trials of one part: each window is complete, in the data, and in sync."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ SLICE_ROWS = 500_000
 
 
 def check_trials(part: PartReader, rows: list[TrialRow]) -> tuple[list[str], list[str]]:
-    """Problems and notes about the rows of one part, a line each."""
-    samples = _Samples(part)
-    flagged = part.header.cut_by != CUT_BY_CLOCK and _has_sync(samples, rows)
+    """Return problems and notes about the attempts in one part, one line each."""
+    samples = _BufferedSamples(part)
+    has_sync = part.header.cut_by != CUT_BY_CLOCK and _has_sync(samples, rows)
     problems = []
     for row in rows:
         name = f"trial {row.trial.trial_id}, attempt {row.attempt}"
-        lines = (*_check_row(row), *_check_window(samples, row, flagged))
+        lines = (*_check_row(row), *_check_window(samples, row, has_sync))
         problems += [f"{name}: {line}" for line in lines]
     problems += _check_overlap(rows)
-    return problems, list(_notes(part, rows, flagged))
+    return problems, list(_notes(part, rows, has_sync))
 
 
-class _Samples:
-    """The small columns of a part's samples, read about once for trials in their order."""
+class _BufferedSamples:
+    """Small columns of a part's samples, read about once for trials in their order."""
 
     def __init__(self, part: PartReader) -> None:
         self.n_samples = part.n_samples
@@ -44,23 +44,23 @@ class _Samples:
         }
 
     def read(self, path: str, start: int, stop: int) -> NDArray[Any]:
-        """Rows [start, stop) of a column."""
+        """Return rows [start, stop) of a column."""
         return self._columns[path].window(start, stop)
 
 
-def _notes(part: PartReader, rows: list[TrialRow], flagged: bool) -> Iterator[str]:
+def _notes(part: PartReader, rows: list[TrialRow], has_sync: bool) -> Iterator[str]:
     windows = sum(row.first_counter >= 0 for row in rows)
     spare = _rises(part) - windows
     if part.header.cut_by == CUT_BY_CLOCK:
-        yield "no sync wire is fitted: trials were cut by the drum's clock"
-    elif windows and not flagged:
-        yield "the sync line was never high, so trials were not cut by it"
+        yield "no sync wire is fitted: the drum's clock marks the trials"
+    elif windows and not has_sync:
+        yield "the sync line was never high, so it does not mark the trials"
     elif spare > 0:
         yield f"rises of the sync line that belong to no trial: {spare}"
 
 
 def _rises(part: PartReader) -> int:
-    """Rises of the sync line that the part's samples counted."""
+    """Return the number of rises of the sync line in the part's samples."""
     total, last = 0, None
     for start in range(0, part.n_samples, SLICE_ROWS):
         counts = part.read("/taxels/edges", start, start + SLICE_ROWS) & RISES
@@ -73,15 +73,15 @@ def _rises(part: PartReader) -> int:
 def _check_row(row: TrialRow) -> Iterator[str]:
     committed = row.verdict is Verdict.COMMITTED
     if row.ended_s < row.started_s:
-        yield "ended before it began"
+        yield "it ended before it began"
     if committed and row.count != row.trial.n_samples:
-        yield f"has {row.count} samples, {row.trial.n_samples} were planned"
+        yield f"it has {row.count} samples, the plan has {row.trial.n_samples}"
     if committed and row.first_counter < 0:
-        yield "is committed without a window"
+        yield "it is committed without a window"
 
 
-def _check_window(samples: _Samples, row: TrialRow, flagged: bool) -> Iterator[str]:
-    first, behind = row.first_counter, row.first_counter + row.count
+def _check_window(samples: _BufferedSamples, row: TrialRow, has_sync: bool) -> Iterator[str]:
+    first, end = row.first_counter, row.first_counter + row.count
     if first < 0 or row.verdict is not Verdict.COMMITTED:
         return
     start = row.first_sample
@@ -93,15 +93,15 @@ def _check_window(samples: _Samples, row: TrialRow, flagged: bool) -> Iterator[s
     before, own = (counters[0], counters[1:]) if start else (first - 1, counters)
     if own[0] < first or before >= first:
         yield f"row {start} is not the first sample from counter {first}"
-    if own[-1] < behind - 1 and stop == samples.n_samples:
-        yield f"ends at counter {behind - 1}, the part's samples end at {own[-1]}"
-    if flagged:
-        inside = int(np.searchsorted(own, behind))
+    if own[-1] < end - 1 and stop == samples.n_samples:
+        yield f"it ends at counter {end - 1}, the part's samples end at {own[-1]}"
+    if has_sync:
+        inside = int(np.searchsorted(own, end))
         yield from _check_sync(samples, start, start + inside)
 
 
-def _check_sync(samples: _Samples, start: int, stop: int) -> Iterator[str]:
-    """Sync high in the whole window; its rise counted by the frame before the first."""
+def _check_sync(samples: _BufferedSamples, start: int, stop: int) -> Iterator[str]:
+    """Check that sync is high in the whole window and rises in the frame before the first."""
     flags = samples.read("/taxels/flags", start, stop)
     low = np.count_nonzero((flags & Flag.SYNC) == 0)
     if low:
@@ -122,13 +122,13 @@ def _check_overlap(rows: list[TrialRow]) -> Iterator[str]:
         for row in rows
         if row.verdict is Verdict.COMMITTED and row.first_counter >= 0
     )
-    for (_, behind, one), (first, _, other) in pairwise(windows):
-        if first < behind:
+    for (_, end, one), (first, _, other) in pairwise(windows):
+        if first < end:
             yield f"trials {one} and {other} overlap"
 
 
-def _has_sync(samples: _Samples, rows: list[TrialRow]) -> bool:
-    """Whether the sync wire is fitted: it is high in some window."""
+def _has_sync(samples: _BufferedSamples, rows: list[TrialRow]) -> bool:
+    """Return whether the sync wire is fitted: it is high in some window."""
     for row in rows:
         if row.first_sample >= 0:
             flags = samples.read("/taxels/flags", row.first_sample, row.first_sample + row.count)

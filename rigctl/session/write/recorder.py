@@ -1,4 +1,4 @@
-"""The recorder: takes values from the loop without ever making it wait, writes in its own thread.
+"""Record a session: take values from the event loop without blocking it, write in a thread.
 
 ::
 
@@ -6,11 +6,11 @@
     add_block ─┐
     add_drum  ─┼─► bounded queue ──►  every 0.25 s, or at once for a trial, a part or the end:
     add_event ─┤                      take all, append, flush; fsync when a trial ended;
-    commit_…  ─┘                      publish what is now on disk as ``status``
+    commit_…  ─┘                      publish the state of the disk as ``status``
 
-One flush serves all that came in meanwhile, so a slow disk makes larger batches, not a longer
-queue. A failure ends the thread; what was committed stays readable, and ``status.failure``
-says what to do.
+One flush writes everything queued since the last, so a slow disk makes larger batches, not a
+longer queue. A failure ends the thread; committed rows stay readable, and ``status.failure``
+contains the remedy.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from types import TracebackType
 from rigctl.errors import DiskFault
 from rigctl.session.format import layout
 from rigctl.session.format.header import SessionHeader
-from rigctl.session.read.folder import part_number, prepare, write_text
-from rigctl.session.write.writer import Writer, failure_sentence
+from rigctl.session.write.session_folder import prepare_folder
+from rigctl.session.write.writer import SessionWriter, failure_message
 from rigctl.values import Block, DrumState, Event, Gap, TrialRow
 
 FLUSH_PERIOD_S = 0.25
 QUEUE_LIMIT_SAMPLES = 600_000
-"""Ten minutes of samples, about 28 MB: longer than any stall of a disk that comes back."""
+"""Ten minutes of samples, about 28 MB: longer than any stall that a disk recovers from."""
 WAKE_AT_SAMPLES = 20_000
-"""A fast simulation fills this before the flush period is over."""
+"""A fast simulation reaches this before the flush period ends."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecorderStatus:
-    """What is true of the files now; counts are over this recorder's parts.
+    """Snapshot of a recorder's queue and files; counts are over its own parts.
 
-    ``samples_on_disk``, ``trials_on_disk``: flushed, so another process reads them.
+    ``samples_on_disk``, ``trials_on_disk``: flushed, so another process can read them.
     ``samples_dropped``: lost because the queue was full; each loss is also a gap row.
-    ``failure``: one sentence with the cure; the recorder stopped, or lost samples.
+    ``failure``: one sentence with the remedy if the recorder stopped or lost samples.
     """
 
     part: int
@@ -58,11 +58,11 @@ class RecorderStatus:
 
 
 class Recorder:
-    """Writes one session. All methods but ``wait_written`` and ``close`` return at once.
+    """Writer of one session. Only ``wait_written`` and ``close`` block.
 
-    ``folder`` is made if need be; with ``resume`` it must hold a session of the same plan, and
-    new parts follow the old ones. Raises SessionError while another writer has it or where it
-    holds another session, DiskFault where it cannot be written.
+    Creates ``folder`` if necessary; with ``resume`` it must hold a session of the same plan, and
+    new parts follow the old ones. Raises SessionError while another writer holds the folder or if
+    it holds another session, DiskFault if it is not writable.
     """
 
     def __init__(
@@ -76,16 +76,11 @@ class Recorder:
         queue_limit_samples: int = QUEUE_LIMIT_SAMPLES,
     ) -> None:
         self.folder = folder
-        self._lock = prepare(folder, header, resume)
-        try:
-            write_text(folder / layout.PROTOCOL_FILE, protocol_text)
-            write_text(folder / layout.RIG_FILE, rig_text)
-        except DiskFault:
-            self._lock.release()
-            raise
-        last = max(map(part_number, folder.glob(layout.PART_PATTERN)), default=0)
-        self._writer = Writer(folder, header, (protocol_text, rig_text), last)
-        self._mailbox = _Mailbox(queue_limit_samples)
+        texts = (protocol_text, rig_text)
+        self._lock = prepare_folder(folder, header, texts, resume)
+        last = max(map(layout.part_number, folder.glob(layout.PART_PATTERN)), default=0)
+        self._writer = SessionWriter(folder, header, texts, last)
+        self._queue = _ActionQueue(queue_limit_samples)
         self._accepted = 0
         self._dropped = 0
         self._overflow: Gap | None = None
@@ -96,13 +91,8 @@ class Recorder:
         self._thread.start()
 
     @property
-    def left_by(self) -> int | None:
-        """Process of an earlier writer that died without closing the session, or None."""
-        return self._lock.left_by
-
-    @property
     def status(self) -> RecorderStatus:
-        """A snapshot; cheap enough to take at every display tick."""
+        """Snapshot, cheap enough for every display update."""
         disk = self._writer.disk
         return RecorderStatus(
             part=disk.part,
@@ -112,38 +102,42 @@ class Recorder:
             trials_on_disk=disk.trials,
             bytes_on_disk=disk.bytes,
             disk_free_bytes=disk.free_bytes,
-            queue_blocks=self._mailbox.length,
-            queue_samples=self._mailbox.samples,
+            queue_blocks=self._queue.length,
+            queue_samples=self._queue.samples,
             failure=self.failure,
         )
 
     @property
     def failure(self) -> str | None:
-        """Why not everything reaches the disk, None while it does."""
-        return self._failure or self._overflow_sentence()
+        """Reason why data did not reach the disk, with the remedy; None while all data does."""
+        if self._failure or not self._dropped:
+            return self._failure
+        return (
+            f"{self._dropped} samples were lost because the disk of {self.folder} cannot keep up: "
+            "record on a faster or less busy disk."
+        )
 
     def begin_part(self, reason: str, texture: str) -> None:
-        """Start a new file; needed before the first data, at a resume and at a plate change."""
+        """Start a new file: before the first data, when resuming and at a plate change."""
         self._put_overflow()
         self._put(partial(self._writer.begin_part, reason, texture))
         self._wake.set()
 
     def add_block(self, block: Block) -> None:
-        """Record samples; when the queue is full they are dropped and noted as a gap."""
+        """Record samples; if the queue is full, drop them and record a gap."""
         if self._failure is not None:
             return
-        action = partial(self._writer.add_block, block)
-        if not self._mailbox.has_room(len(block)):
+        if not self._queue.has_room(len(block)):
             self._drop(block)
             return
         self._put_overflow()
-        self._put(action, len(block))
+        self._put(partial(self._writer.add_block, block), len(block))
         self._accepted += len(block)
-        if self._mailbox.samples >= WAKE_AT_SAMPLES:
+        if self._queue.samples >= WAKE_AT_SAMPLES:
             self._wake.set()
 
     def add_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
-        """Record a poll, its new load-cell samples and the set-points then valid."""
+        """Record a poll, its new load-cell samples and the set-points at that time."""
         self._put(partial(self._writer.add_drum, state, force_set_g, speed_set_mm_s))
 
     def add_event(self, event: Event) -> None:
@@ -151,19 +145,19 @@ class Recorder:
         self._put(partial(self._writer.add_event, event))
 
     def commit_trial(self, row: TrialRow) -> None:
-        """Record how an attempt ended, after its last sample was added; synced to the medium.
+        """Record an attempt after its last sample, at once, and sync it to the medium.
 
-        ``part`` and ``first_sample`` of ``row`` are filled in from its ``first_counter``.
+        The writer derives ``part`` and ``first_sample`` from the row's ``first_counter``.
         """
         self.add_trial(row)
         self._wake.set()
 
     def add_trial(self, row: TrialRow) -> None:
-        """As :meth:`commit_trial`, but written with the next flush: others go on meanwhile."""
+        """As :meth:`commit_trial`, but with the next flush: it does not wake the thread."""
         self._put(partial(self._writer.commit_trial, row))
 
     def wait_written(self) -> None:
-        """Wait until all that was added is on the medium. Raises DiskFault if it cannot be."""
+        """Wait until all added data is on the medium. Raises DiskFault if writing failed."""
         done = threading.Event()
         self._put(partial(self._writer.notify_when_written, done))
         self._wake.set()
@@ -173,7 +167,7 @@ class Recorder:
             raise DiskFault(self._failure)
 
     def close(self) -> None:
-        """Finish the part, end the thread, release the session; harmless when repeated."""
+        """Close the part, end the thread and unlock the session; further calls do nothing."""
         self._put_overflow()
         self._closing = True
         self._wake.set()
@@ -193,28 +187,20 @@ class Recorder:
 
     def _put(self, action: Callable[[], None], samples: int = 0) -> None:
         if self._failure is None and not self._closing:
-            self._mailbox.put(action, samples)
+            self._queue.put(action, samples)
 
     def _drop(self, block: Block) -> None:
         first = int(block.counters[0])
         if self._overflow is not None:
             first = self._overflow.first_counter
-        behind = int(block.counters[-1]) + 1
-        self._overflow = Gap(first, behind - first, "recorder queue full")
+        end = int(block.counters[-1]) + 1
+        self._overflow = Gap(first, end - first, "recorder queue full")
         self._dropped += len(block)
 
     def _put_overflow(self) -> None:
         gap, self._overflow = self._overflow, None
         if gap is not None:
             self._put(partial(self._writer.add_gap, gap))
-
-    def _overflow_sentence(self) -> str | None:
-        if not self._dropped:
-            return None
-        return (
-            f"{self._dropped} samples were lost because the disk of {self.folder} cannot keep up: "
-            "record on a faster or less busy disk."
-        )
 
     def _run(self) -> None:
         try:
@@ -224,48 +210,48 @@ class Recorder:
                 self._write_batch()
             self._write_batch()
             self._writer.close_part()
-        except Exception as error:  # noqa: BLE001 - top of a thread: it becomes a visible fault
-            self._failure = failure_sentence(error, self.folder)
+        except Exception as error:  # noqa: BLE001 - top of a thread: `failure` reports it
+            self._failure = failure_message(error, self.folder)
             self._writer.abandon()
-            self._mailbox.take()
+            self._queue.take()
 
     def _write_batch(self) -> None:
-        actions = self._mailbox.take()
+        actions = self._queue.take()
         for action in actions:
             action()
         if actions:
             self._writer.flush()
         else:
-            self._writer.look_at_disk()
+            self._writer.update_free_space()
 
 
-class _Mailbox:
-    """A bounded queue from one thread to another; only samples count towards the bound."""
+class _ActionQueue:
+    """Queue of actions between two threads; ``samples`` of the queued actions are limited."""
 
     def __init__(self, limit_samples: int) -> None:
-        self._limit = limit_samples
-        self._guard = threading.Lock()
+        self._limit_samples = limit_samples
+        self._lock = threading.Lock()
         self._actions: list[Callable[[], None]] = []
         self.samples = 0
 
     @property
     def length(self) -> int:
-        """Actions that wait."""
+        """Number of queued actions."""
         return len(self._actions)
 
     def has_room(self, samples: int) -> bool:
-        """Whether so many samples more may wait."""
-        return self.samples + samples <= self._limit
+        """Return whether the queue has room for so many more samples."""
+        return self.samples + samples <= self._limit_samples
 
     def put(self, action: Callable[[], None], samples: int) -> None:
-        """Add one action."""
-        with self._guard:
+        """Append an action that writes so many samples."""
+        with self._lock:
             self._actions.append(action)
             self.samples += samples
 
     def take(self) -> list[Callable[[], None]]:
-        """All that waits, oldest first."""
-        with self._guard:
+        """Remove and return all actions, oldest first."""
+        with self._lock:
             actions, self._actions = self._actions, []
             self.samples = 0
         return actions

@@ -1,7 +1,7 @@
-"""The writer's side of the recorder: parts, commits and the truth about the disk.
+"""Write a session's parts: the recorder's actions on the files, and the state of the disk.
 
-Everything here runs in the recorder's thread, the only one that touches HDF5 while a session
-is written.
+Everything here runs in the recorder's thread, the only one that uses HDF5 while it writes a
+session.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from pathlib import Path
 
 from rigctl.errors import DiskFault
 from rigctl.session.format import layout
+from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.table_rows import drum_row, event_row, loadcell_row, trial_row
 from rigctl.session.write.part_writer import PartWriter
 from rigctl.values import Block, DrumState, Event, Gap, TrialRow
 
 _ERRNO = re.compile(r"errno = (\d+)")
-_CURES = {
+_REMEDIES = {
     errno.ENOSPC: "the disk is full: make room, then resume the session",
     errno.EDQUOT: "your disk quota is used up: make room, then resume the session",
     errno.EROFS: "the disk is read-only: check or replace it, then resume the session",
@@ -34,7 +35,7 @@ _CURES = {
 
 @dataclass(frozen=True, slots=True)
 class DiskStatus:
-    """What stands on disk, flushed; counts are over this writer's parts."""
+    """Flushed data and free space; counts are over this writer's parts."""
 
     part: int = 0
     samples: int = 0
@@ -43,8 +44,8 @@ class DiskStatus:
     free_bytes: int = 0
 
 
-class Writer:
-    """Acts on the files. ``disk`` is replaced as a whole at each flush."""
+class SessionWriter:
+    """Writer of a session's parts. Each flush replaces ``disk`` as a whole."""
 
     def __init__(
         self, folder: Path, header: SessionHeader, texts: tuple[str, str], last_part: int
@@ -63,50 +64,50 @@ class Writer:
         self._waiting: list[threading.Event] = []
 
     def begin_part(self, reason: str, texture: str) -> None:
-        """Close the open part in order and create the next."""
+        """Close the open part and create the next."""
         self.close_part()
         self._number += 1
         self._texture = texture
-        attributes: dict[str, str | int | float] = {
+        attributes: Attributes = {
             "layout": layout.LAYOUT,
             "layout_version": layout.LAYOUT_VERSION,
             "part": self._number,
             "reason": reason,
             "texture": texture,
+            **self._header.to_attributes(),
         }
-        attributes.update(self._header.attributes())
         path = self._folder / layout.part_name(self._number)
         self._part = PartWriter(path, attributes, self._header.n_taxels, self._texts)
         self.flush()
 
     def add_block(self, block: Block) -> None:
-        """Samples; a counter that went back means that the board restarted: a new part."""
+        """Add samples; a lower counter means that the board restarted and begins a new part."""
         part = self._open_part()
         self._last_at_s = max(self._last_at_s, block.arrived_s)
-        behind = part.counters.next_counter
-        if len(block) and behind is not None and block.counters[0] < behind:
+        expected = part.counters.next_counter
+        if len(block) and expected is not None and block.counters[0] < expected:
             self.begin_part("the taxel board restarted", self._texture)
             part = self._open_part()
         part.add_block(block)
 
     def add_gap(self, gap: Gap) -> None:
-        """Samples that the recorder itself had to drop."""
+        """Add a gap of samples that the recorder itself dropped."""
         self._open_part().add_gap(gap)
 
     def add_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
-        """One poll and the load-cell samples that came with it."""
+        """Add a poll and its load-cell samples."""
         part = self._open_part()
         self._last_at_s = max(self._last_at_s, state.at_s)
         part.add_rows(layout.DRUM, [drum_row(state, force_set_g, speed_set_mm_s)])
         part.add_rows(layout.LOADCELL, [loadcell_row(sample) for sample in state.loadcell])
 
     def add_event(self, event: Event) -> None:
-        """One event."""
+        """Add an event."""
         self._last_at_s = max(self._last_at_s, event.at_s)
         self._open_part().add_rows(layout.EVENTS, [event_row(event)])
 
     def commit_trial(self, row: TrialRow) -> None:
-        """One attempt's row; the next flush is followed by an fsync."""
+        """Add an attempt's row; an fsync follows the next flush."""
         part = self._open_part()
         self._last_at_s = max(self._last_at_s, row.ended_s)
         first_sample = part.counters.row_of(row.first_counter)
@@ -120,7 +121,7 @@ class Writer:
         self._sync_due = True
 
     def flush(self) -> None:
-        """Bring all that was added to the file and publish it in ``disk``."""
+        """Write all added rows to the file and update ``disk``."""
         part = self._part
         if part is not None:
             part.write()
@@ -131,10 +132,12 @@ class Writer:
         self._release_waiting()
 
     def close_part(self) -> None:
-        """Finish the open part: its last row says so, then nothing writes to it again."""
+        """Close the open part with an event as its last row; nothing writes to it again."""
         if self._part is None:
             return
-        self.add_event(Event(self._last_at_s, layout.END_KIND, "The part was closed in order."))
+        self.add_event(
+            Event(self._last_at_s, layout.PART_END_KIND, "The part was closed in order.")
+        )
         self._sync_due = True
         self.flush()
         part, self._part = self._part, None
@@ -147,18 +150,18 @@ class Writer:
         )
         self._publish(0, 0)
 
-    def look_at_disk(self) -> None:
-        """Learn how much room there is, also while nothing is written."""
+    def update_free_space(self) -> None:
+        """Update the free space in ``disk`` while there is nothing to write."""
         self.disk = replace(self.disk, free_bytes=shutil.disk_usage(self._folder).free)
 
     def abandon(self) -> None:
-        """Let the file go after a failure; what was flushed stays readable."""
+        """Close the file after a failure; flushed rows stay readable."""
         part, self._part = self._part, None
         try:
             if part is not None:
                 part.abandon()
         except (OSError, RuntimeError):
-            return  # HDF5 cannot write its last bytes either; the failure is already told
+            return  # HDF5 cannot write its last bytes either; the caller reports it
         finally:
             self._release_waiting()
 
@@ -169,7 +172,7 @@ class Writer:
 
     def _open_part(self) -> PartWriter:
         if self._part is None:
-            raise DiskFault("nothing can be recorded before the first part was begun")
+            raise DiskFault("begin a part before recording data")
         return self._part
 
     def _publish(self, samples: int, size: int) -> None:
@@ -182,13 +185,12 @@ class Writer:
         )
 
 
-def failure_sentence(error: BaseException, folder: Path) -> str:
-    """One sentence with the cure for what stopped the writer."""
+def failure_message(error: BaseException, folder: Path) -> str:
+    """Return a sentence with the remedy for the error that stopped the writer."""
     code = error.errno if isinstance(error, OSError) else None
-    found = _ERRNO.search(str(error))
-    if found:
-        code = int(found.group(1))
-    if code in _CURES:
-        return f"Recording into {folder} stopped, {_CURES[code]}."
+    if match := _ERRNO.search(str(error)):
+        code = int(match.group(1))
+    if code in _REMEDIES:
+        return f"Recording into {folder} stopped, {_REMEDIES[code]}."
     detail = os.strerror(code) if code else f"{type(error).__name__}: {error}"
-    return f"Recording into {folder} stopped: {detail}. What was committed is kept."
+    return f"Recording into {folder} stopped: {detail}. Committed trials are safe."

@@ -10,7 +10,7 @@ import pytest
 from rigctl.acquisition.drum.poller import POLL_PERIOD_S
 from rigctl.acquisition.health.boards import LateTicks
 from rigctl.session.read.session import Session
-from rigctl.session.summary import info
+from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.taxels.frames import Flag
@@ -54,7 +54,7 @@ def test_a_session_tells_both_boards_at_its_start_and_end(tmp_path: Path, kind: 
     with read(floor.session) as session:
         told = [(e.data["board"], e.data["when"]) for e in session.events_of("board")]
     assert told == [("drum", "start"), ("taxels", "start"), ("drum", "end"), ("taxels", "end")]
-    summary = info(floor.session)["boards"]
+    summary = summarise_session(floor.session)["boards"]
     for name in ("drum", "taxels"):
         assert boards[name].late_ticks == summary[name]["late_ticks"] == 0
         assert boards[name].longest_isr_us == summary[name]["longest_isr_us"]

@@ -16,9 +16,9 @@ from rigctl.cli import main
 from rigctl.cli.rig.run import _rig
 from rigctl.config.rig_config import Ports, RigConfig, Signals
 from rigctl.rig import Rig, open_rig
-from rigctl.session.files.ground_truth import load_truth
+from rigctl.session.files.ground_truth_reader import TruthReader
 from rigctl.session.read.session import Session
-from rigctl.session.summary import info
+from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
 from rigctl.simulation.chips.rig import ChipSimulation
 from rigctl.simulation.virtual_rig import VirtualRig
@@ -48,16 +48,17 @@ def first_reading_ms(rig: Rig) -> Callable[[int], float]:
 
 def true_start_ms(session: Session, index: int) -> float:
     """World time at which the run-in was over, from the world's own log of the travel."""
-    (truth,) = load_truth(session.path)
+    with TruthReader(session.path / "world.h5") as truth:
+        first_ms, speed = truth.first_ms, truth.window("speed_mm_s", 0, truth.n_rows)
     polls = session.drum(index).polls
     last_still = int(np.flatnonzero(polls["state"] == State.RUN)[0]) - 1
-    first = int(polls["at_s"][last_still] * 1000) - truth.first_ms
-    travel_mm = np.cumsum(np.abs(truth.speed_mm_s[first:].astype(np.float64))) * 1e-3
+    first = int(polls["at_s"][last_still] * 1000) - first_ms
+    travel_mm = np.cumsum(np.abs(speed[first:].astype(np.float64))) * 1e-3
     run_in_mm = session.config.drum.run_in_mm
     behind = int(np.argmax(travel_mm >= run_in_mm - 1e-3))
     before_mm = travel_mm[behind - 1]
     share = (run_in_mm - before_mm) / (travel_mm[behind] - before_mm)
-    return truth.first_ms + first + behind + float(share)
+    return first_ms + first + behind + float(share)
 
 
 @pytest.mark.parametrize("kind", ["virtual", "firmware"])
@@ -89,7 +90,7 @@ def test_such_a_session_is_whole_and_of_use(tmp_path: Path) -> None:
     report = verify(floor.session)
     assert report.whole, report.problems
     assert any("cut by the drum's clock" in note for note in report.notes)
-    told = info(floor.session)
+    told = summarise_session(floor.session)
     assert told["cut_by"] == "drum clock"
     assert told["world"]["trials"] == 4
     assert told["world"]["max_speed_error_permille"] < 1

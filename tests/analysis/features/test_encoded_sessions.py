@@ -20,8 +20,8 @@ from rigctl.encoding.features import SPEED_SCALED, UNSCALED, trial_features
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters, changed, preset
 from rigctl.errors import WrongUse
-from rigctl.session.files.encoder_group import read_ranges
-from rigctl.session.files.force_matrix_file import take_force
+from rigctl.session.files.encoder_group import load_ranges
+from rigctl.session.files.force_matrix_file import read_force
 from rigctl.session.files.spike_file import train_names
 from tests.analysis.recordings import record
 
@@ -57,7 +57,7 @@ def test_spikes_windows_and_c_are_those_of_the_trials(
         samples = [reader.of(trial) for trial in trials.trials]
     ranges = Normalisation.over(samples, "")
     with encode(days, tmp_path / "out", scaled_by=scaled_by) as file:
-        force = take_force(file["c"])
+        force = read_force(file["c"])
         scale = None
         if scaled_by is not ScaledBy.NONE:
             scale = c_of_trials(trials, force, blind=scaled_by is ScaledBy.BLIND)
@@ -143,9 +143,9 @@ def test_ranges_come_from_all_from_training_or_from_a_file(
     words = ["encode", str(days[0]), "--no-cache", "--out"]
     assert main([*words, str(tmp_path / "training"), "--ranges", "training"]) == 0
     assert "readings outside are cut off" in capsys.readouterr().out
-    narrow = read_ranges(tmp_path / "training" / "spikes.h5")
+    narrow = load_ranges(tmp_path / "training" / "spikes.h5")
     assert main([*words, str(tmp_path / "all")]) == 0
-    wide = read_ranges(tmp_path / "all" / "spikes.h5")
+    wide = load_ranges(tmp_path / "all" / "spikes.h5")
     assert (wide.low <= narrow.low).all() and (wide.high > narrow.high).any()
     given = str(tmp_path / "training" / "spikes.h5")
     assert main([*words, str(tmp_path / "given"), "--ranges", given]) == 0

@@ -157,7 +157,7 @@ def opening(trials: TrialSet) -> dict[str, Any]:
     def ours() -> None:
         with Session.open(SET) as session:
             session.sample_files()
-            session.places(session.committed().tolist())
+            session.sample_ranges(session.committed().tolist())
 
     def theirs() -> None:
         for path in sorted(SET.glob("part-*.h5")):

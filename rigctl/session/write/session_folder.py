@@ -1,0 +1,106 @@
+"""Prepare a session's folder for a writer: create, resume or refuse it, then lock it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rigctl.errors import DiskFault, SessionError
+from rigctl.session.format import layout
+from rigctl.session.format.annotated_arrays import read_attributes, read_text
+from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.wiring import describe_mismatch, session_wiring, wirings_match
+from rigctl.session.format.writer_lock import WriterLock
+from rigctl.session.read.part_file import open_part, part_paths
+
+
+def prepare_folder(
+    folder: Path, header: SessionHeader, texts: tuple[str, str], resume: bool
+) -> WriterLock:
+    """Create the folder, lock it and write the protocol and rig ``texts`` into it.
+
+    Raises SessionError if the folder holds a session (without ``resume``), or holds none, one of
+    another plan or one of another order of taxels (with ``resume``), or has a living writer;
+    DiskFault if it is not writable.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise SessionError(f"{folder} is a file: a session needs a folder of its own") from error
+    except OSError as error:
+        raise DiskFault(f"cannot make {folder}: {error.strerror}; choose another folder") from error
+    lock = WriterLock(folder)
+    try:
+        _check_contents(folder, header, resume)
+        for name, text in zip((layout.PROTOCOL_FILE, layout.RIG_FILE), texts, strict=True):
+            _write_once(folder / name, text)
+    except BaseException:
+        lock.release()
+        raise
+    return lock
+
+
+def check_same_world(folder: Path, recorded: Mapping[str, Any], current: Mapping[str, Any]) -> None:
+    """Compare the ``world`` of a session's ``simulation`` header with that of the connected rig.
+
+    Both map parameter names to values; a real rig has none. Raises SessionError that names the
+    first parameter that differs.
+    """
+    there, here = recorded.get("world"), json.loads(json.dumps(current.get("world")))  # no tuples
+    if there == here:
+        return
+    if there is None or here is None:
+        raise SessionError(
+            f"{folder} does not say in which simulated world it was begun: start a new session"
+        )
+    name = next(n for n in {**there, **here} if there.get(n) != here.get(n))
+    raise SessionError(
+        f"{folder} was begun in another world, {name} is {_format(there, name)} there and "
+        f"{_format(here, name)} here: resume it in its own, which `rigctl world {folder}` prints, "
+        "or start a new session"
+    )
+
+
+def _format(world: Mapping[str, Any], name: str) -> str:
+    return json.dumps(world[name]) if name in world else "absent"
+
+
+def _write_once(path: Path, text: str) -> None:
+    """Write a text beside the parts; a resumed session keeps the first one."""
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        return
+    except OSError as error:
+        raise DiskFault(
+            f"cannot write {path}: {error.strerror}; make room or choose another disk"
+        ) from error
+
+
+def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
+    if resume:
+        _check_plan(part_paths(folder)[-1], header)
+    elif any(folder.glob(layout.PART_PATTERN)):
+        raise SessionError(
+            f"{folder} already holds a session: continue it with --resume, or choose another folder"
+        )
+
+
+def _check_plan(path: Path, header: SessionHeader) -> None:
+    with open_part(path) as file:
+        recorded = SessionHeader.from_attributes(read_attributes(file))
+        wiring = session_wiring(recorded, read_text(file, "/rig_toml"))
+    if (recorded.plan_hash, recorded.n_taxels) != (header.plan_hash, header.n_taxels):
+        raise SessionError(
+            f"{path.parent} was recorded with another protocol or seed: resume it with its own "
+            f"{layout.PROTOCOL_FILE}, or start a new session"
+        )
+    if not wirings_match(header.wiring, wiring):
+        raise SessionError(
+            f"{path.parent} has its taxels in another order than this rig has "
+            f"({describe_mismatch(wiring, header.wiring)}): resume it with its own wiring, "
+            "or start a new session"
+        )
