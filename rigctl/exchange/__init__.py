@@ -1,1 +1,1 @@
-"""Recordings from elsewhere into sessions, and sessions into the formats of others."""
+"""Import of recordings that another program wrote, as sessions."""

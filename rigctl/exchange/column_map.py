@@ -1,4 +1,4 @@
-"""``MAP.toml``: which column of a foreign recording is what, and what a file's name says."""
+"""The column map ``MAP.toml``: the columns of a recording, and the pattern of its file name."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 MM_PER_S = {"mm/s": 1.0, "cm/s": 10.0, "m/s": 1000.0}
 GRAMS = {"g": 1.0, "kg": 1000.0, "N": 101.971621, "mN": 0.101971621, "level": 1.0}
 LABELS = ("texture", "speed", "force", "repeat")
-FASTEST_HZ = 1e7
-LARGEST = 1e300
+MAX_RATE_HZ = 1e7
+MAX_VALUE = 1e300
 LOW_PASS_HZ, LOW_PASS_MAX_HZ = 400.0, 499.0
 
 
 @dataclass(frozen=True, slots=True)
 class ImportMap:
-    """One map, checked. Columns are named, counted from 1, or ranges ``first..last`` of these.
+    """A validated map. Columns are names, numbers from 1, or ranges ``first..last`` of these.
 
-    ``time_column`` is empty where ``rate_hz`` is given. Factors turn what stands in the file
-    into s, mm/s and g. ``texture``, ``speed_mm_s``, ``force_g`` hold where the pattern has no
-    such group. ``max_gap_s`` is 0 for three times the usual distance of rows.
+    ``time_column`` is empty where ``rate_hz`` is given. Factors convert the values of the file
+    to s, mm/s and g. ``texture``, ``speed_mm_s``, ``force_g`` apply where the pattern has no
+    such group. ``max_gap_s``: 0 for three times the median interval of rows.
     ``taxel_low``, ``taxel_high``: values that are stored as 0 and 65535; equal for each taxel's
-    own lowest and highest. ``low_pass_hz`` is 0 for no filter before rows faster than 1 kHz are
-    thinned out.
+    own lowest and highest. ``low_pass_hz``: cutoff of the filter before rows faster than 1 kHz
+    are decimated, 0 for none.
     """
 
     name: str
@@ -60,7 +60,7 @@ class ImportMap:
 
 
 def load_map(path: Path) -> ImportMap:
-    """Read a map. Raises ConfigError naming file, line and key."""
+    """Load and validate a map. Raises ConfigError naming file, line and key."""
     text = TomlText.read(path, ConfigError)
     root = text.root
     name, sensor = root.text("name", path.stem), root.text("sensor", "")
@@ -69,19 +69,19 @@ def load_map(path: Path) -> ImportMap:
     root.allow("extra")
     extra = root.table("extra").texts("columns") if "extra" in root else ()
     root.finish()
-    time_column, time_s, rate_hz = _time(time)
-    found = ImportMap(
+    time_column, time_s, rate_hz = _read_time(time)
+    mapping = ImportMap(
         name=name,
         text=text.source,
         sensor=sensor,
-        pattern=_pattern(files),
+        pattern=_read_pattern(files),
         variable=files.text("variable", ""),
         delimiter=files.text("delimiter", ""),
         transpose=files.flag("transpose", False),
         taxels=taxels.texts("columns"),
         unit=taxels.text("unit", ""),
-        taxel_low=taxels.number("low", 0.0, low=-LARGEST, high=LARGEST),
-        taxel_high=taxels.number("high", 0.0, low=-LARGEST, high=LARGEST),
+        taxel_low=taxels.number("low", 0.0, low=-MAX_VALUE, high=MAX_VALUE),
+        taxel_high=taxels.number("high", 0.0, low=-MAX_VALUE, high=MAX_VALUE),
         time_column=time_column,
         time_s=time_s,
         rate_hz=rate_hz,
@@ -103,36 +103,36 @@ def load_map(path: Path) -> ImportMap:
     )
     for table in (files, time, taxels, labels, loadcell, quality):
         table.finish()
-    _check_labels(found, files)
-    if found.taxel_low > found.taxel_high:
-        taxels.fail("high", "lies below low")
-    return found
+    _check_labels(mapping, files)
+    if mapping.taxel_low > mapping.taxel_high:
+        taxels.fail("high", "is below low")
+    return mapping
 
 
-def _time(table: TomlTable) -> tuple[str, float, float]:
-    """Column, seconds of its unit, rate."""
+def _read_time(table: TomlTable) -> tuple[str, float, float]:
+    """Return the time column, its unit in seconds, and the rate."""
     column = table.text("column", "")
-    rate_hz = table.number("rate_hz", 0.0, unit="Hz", low=0, high=FASTEST_HZ)
+    rate_hz = table.number("rate_hz", 0.0, unit="Hz", low=0, high=MAX_RATE_HZ)
     if bool(column) == bool(rate_hz):
-        table.fail("column", "give either a time column, or rate_hz of rows that are all there")
+        table.fail("column", "give either a time column, or rate_hz of rows without gaps")
     return column, SECONDS[table.choice("unit", SECONDS, "s")], rate_hz
 
 
-def _pattern(table: TomlTable) -> re.Pattern[str]:
+def _read_pattern(table: TomlTable) -> re.Pattern[str]:
     source = table.text("pattern", "")
     try:
         pattern = re.compile(source)
     except re.error as error:
-        table.fail("pattern", f"is no regular expression: {error}")
+        table.fail("pattern", f"is not a regular expression: {error}")
     for group in pattern.groupindex:
         if group not in LABELS:
-            table.fail("pattern", f"has a group {group!r}: known are {', '.join(LABELS)}")
+            table.fail("pattern", f"has a group {group!r}: groups are {', '.join(LABELS)}")
     return pattern
 
 
-def _check_labels(found: ImportMap, files: TomlTable) -> None:
-    groups = found.pattern.groupindex
-    if "texture" not in groups and not found.texture:
+def _check_labels(mapping: ImportMap, files: TomlTable) -> None:
+    groups = mapping.pattern.groupindex
+    if "texture" not in groups and not mapping.texture:
         files.fail("pattern", "has no group texture, and [labels] names none for all files")
-    if "speed" not in groups and not found.speed_mm_s:
+    if "speed" not in groups and not mapping.speed_mm_s:
         files.fail("pattern", "has no group speed, and [labels] has no speed_mm_s for all files")

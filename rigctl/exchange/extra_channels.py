@@ -19,17 +19,17 @@ DOC = (
 
 
 class ExtraChannels:
-    """Appends rows, float64 (n, channels), beside the session; no file without channels."""
+    """Writer of ``extra.h5`` beside the session, a no-op without channels."""
 
-    def __init__(self, folder: Path, wanted: Sequence[str]) -> None:
+    def __init__(self, folder: Path, names: Sequence[str]) -> None:
         self._file: Any = None
-        if wanted:
+        if names:
             self._file = h5py.File(folder / FILE, "x")
             self._file.attrs["doc"] = DOC
-            self._file.attrs["names"] = list(wanted)
+            self._file.attrs["names"] = list(names)
 
     def append(self, rows: Floats) -> None:
-        """Add the rows of one trial."""
+        """Append the rows of one trial, float64 (n, channels)."""
         if self._file is None:
             return
         width = rows.shape[1]
@@ -37,10 +37,10 @@ class ExtraChannels:
             self._file.create_dataset(
                 "values", (0, width), "f8", maxshape=(None, width), chunks=(4096, width)
             )
-        data = self._file["values"]
-        start = data.shape[0]
-        data.resize(start + len(rows), axis=0)
-        data[start:] = rows
+        values = self._file["values"]
+        start = values.shape[0]
+        values.resize(start + len(rows), axis=0)
+        values[start:] = rows
 
     def __enter__(self) -> ExtraChannels:
         return self

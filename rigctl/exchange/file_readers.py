@@ -1,4 +1,4 @@
-"""Foreign files to columns of numbers: CSV, TSV, MATLAB .mat (5 and 7.3), NumPy .npy and .npz."""
+"""Readers of CSV, TSV, MATLAB .mat (5 and 7.3), NumPy .npy and .npz files as columns of numbers."""
 
 from __future__ import annotations
 
@@ -23,56 +23,56 @@ RANGE = ".."
 
 @dataclass(frozen=True, slots=True)
 class FileColumns:
-    """One file: ``values`` float64 (n, m), NaN where a cell is empty; a name for each column.
+    """One file: ``values`` float64 (n, m), NaN for an empty cell, with the names of its columns.
 
-    ``first_row`` is what people call the first row of values; ``cut_short`` tells that the last
-    row was not whole and is left out.
+    ``first_row``: line number of the first row of values, from 1; ``truncated``: the last row is
+    incomplete and left out.
     """
 
     path: Path
     names: tuple[str, ...]
     values: Floats
     first_row: int = 1
-    cut_short: bool = False
+    truncated: bool = False
 
-    def places(self, wanted: Iterable[str]) -> list[int]:
-        """Places of named, numbered or ranged columns. Raises WrongUse for one not there."""
-        return [place for item in wanted for place in self._range(item)]
+    def indices(self, items: Iterable[str]) -> list[int]:
+        """Return the indices of names, numbers or ranges. Raises WrongUse for a missing column."""
+        return [index for item in items for index in self._range(item)]
 
     def _range(self, item: str) -> range:
         first, dots, last = item.partition(RANGE)
         if item in self.names or not dots:
-            place = self._place(item)
-            return range(place, place + 1)
-        start, stop = self._place(first.strip()), self._place(last.strip())
+            index = self._index(item)
+            return range(index, index + 1)
+        start, stop = self._index(first.strip()), self._index(last.strip())
         if stop < start:
-            raise WrongUse(f"{self.path}: column range {item} runs backwards: turn it round")
+            raise WrongUse(f"{self.path}: column range {item} runs backwards: swap its ends")
         return range(start, stop + 1)
 
-    def _place(self, name: str) -> int:
+    def _index(self, name: str) -> int:
         if name in self.names:
             return self.names.index(name)
         if name.isdigit() and 1 <= int(name) <= len(self.names):
             return int(name) - 1
         close = difflib.get_close_matches(name, self.names, 1)
-        hint = f"did you mean {close[0]!r}?" if close else f"it has {_listed(self.names)}"
+        hint = f"did you mean {close[0]!r}?" if close else f"it has {_format_names(self.names)}"
         raise WrongUse(f"{self.path} has no column {name!r}: {hint}")
 
 
 def read_columns(path: Path, mapping: ImportMap) -> FileColumns:
-    """Read one file by its ending. Raises WrongUse naming file, row and column."""
-    ending = path.suffix.lower()
+    """Read one file by its suffix. Raises WrongUse naming file, row and column."""
+    suffix = path.suffix.lower()
     try:
-        if ending in _DELIMITERS:
-            return _read_text(path, mapping.delimiter or _DELIMITERS[ending])
-        if ending == ".mat":
+        if suffix in _DELIMITERS:
+            return _read_text(path, mapping.delimiter or _DELIMITERS[suffix])
+        if suffix == ".mat":
             return _from_variables(path, read_mat(path), mapping)
-        if ending in (".npy", ".npz"):
-            return _from_variables(path, _numpy(path), mapping)
+        if suffix in (".npy", ".npz"):
+            return _from_variables(path, _read_numpy(path), mapping)
     except OSError as error:
         raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
-    known = ", ".join([*_DELIMITERS, ".mat", ".npy", ".npz"])
-    raise WrongUse(f"{path}: files that can be imported end in {known}")
+    suffixes = ", ".join([*_DELIMITERS, ".mat", ".npy", ".npz"])
+    raise WrongUse(f"{path}: files that can be imported end in {suffixes}")
 
 
 def _read_text(path: Path, delimiter: str) -> FileColumns:
@@ -90,15 +90,15 @@ def _read_text(path: Path, delimiter: str) -> FileColumns:
     named = not all(_is_number(cell) for cell in header)
     names = tuple(header) if named else tuple(str(k) for k in range(1, len(header) + 1))
     body = rows[1:] if named else rows
-    cut_short = bool(body) and len(body[-1][1]) < len(names)
-    body = body[:-1] if cut_short else body
+    truncated = bool(body) and len(body[-1][1]) < len(names)
+    body = body[:-1] if truncated else body
     if not body:
         raise WrongUse(f"{path} has no rows of values")
-    values = np.array([_numbers(path, number, row, names) for number, row in body])
-    return FileColumns(path, names, values, body[0][0], cut_short)
+    values = np.array([_parse_row(path, number, row, names) for number, row in body])
+    return FileColumns(path, names, values, body[0][0], truncated)
 
 
-def _numbers(path: Path, number: int, row: list[str], names: tuple[str, ...]) -> list[float]:
+def _parse_row(path: Path, number: int, row: list[str], names: tuple[str, ...]) -> list[float]:
     if len(row) != len(names):
         raise WrongUse(f"{path}, row {number}: has {len(row)} cells, the first has {len(names)}")
     try:
@@ -116,7 +116,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _numpy(path: Path) -> dict[str, Any]:
+def _read_numpy(path: Path) -> dict[str, Any]:
     try:
         loaded = np.load(path, allow_pickle=False)
         if isinstance(loaded, np.ndarray):
@@ -125,68 +125,70 @@ def _numpy(path: Path) -> dict[str, Any]:
             return {name: loaded[name] for name in loaded.files}
     except (ValueError, EOFError) as error:
         raise WrongUse(
-            f"{path} is no NumPy file of plain numbers, or is damaged: {error}"
+            f"{path} is not a NumPy file of plain numbers, or is damaged: {error}"
         ) from error
 
 
 def _from_variables(path: Path, variables: Mapping[str, Any], mapping: ImportMap) -> FileColumns:
-    """One chosen variable or structure, or all that the map names, as columns of one length."""
-    chosen = _chosen(path, variables, mapping.variable) if mapping.variable else variables
+    """Return the map's variable or structure, or all that the map names, as columns."""
+    if mapping.variable:
+        variables = _select_variable(path, variables, mapping.variable)
     names: list[str] = []
     columns: list[Floats] = []
-    for name, value in _asked_for(chosen, mapping).items():
-        for own, column in _columns_of(path, name, value, mapping.transpose):
-            names.append(own)
+    for name, value in _mapped_variables(variables, mapping).items():
+        for column_name, column in _split_columns(path, name, value, mapping.transpose):
+            names.append(column_name)
             columns.append(column)
     if not columns or len({len(column) for column in columns}) > 1:
         raise WrongUse(
-            f"{path}: its variables {_lengths(names, columns)} are not columns of one length: "
-            "name one with variable = in [files]"
+            f"{path}: its variables {_format_lengths(names, columns)} are not columns of one "
+            "length: name one with variable = in [files]"
         )
     return FileColumns(path, tuple(names), np.stack(columns, axis=1))
 
 
-def _lengths(names: Sequence[str], columns: Sequence[Floats]) -> str:
-    """Columns with their lengths, one of each length."""
+def _format_lengths(names: Sequence[str], columns: Sequence[Floats]) -> str:
+    """Return one column of each length, with that length."""
     by_length = {len(column): name for name, column in zip(names, columns, strict=True)}
-    return _listed(tuple(f"{name} ({n})" for n, name in by_length.items()))
+    return _format_names(tuple(f"{name} ({n})" for n, name in by_length.items()))
 
 
-def _chosen(path: Path, variables: Mapping[str, Any], wanted: str) -> dict[str, Any]:
-    """The variable of that name, or the fields of the structure of that name."""
+def _select_variable(path: Path, variables: Mapping[str, Any], wanted: str) -> dict[str, Any]:
+    """Return the variable of a name, or the fields of the structure of that name."""
     if wanted in variables:
         return {"": variables[wanted]}
-    start = f"{wanted}."
+    prefix = f"{wanted}."
     fields = {
-        name.removeprefix(start): value
+        name.removeprefix(prefix): value
         for name, value in variables.items()
-        if name.startswith(start)
+        if name.startswith(prefix)
     }
     if not fields:
-        raise WrongUse(f"{path} has no variable {wanted!r}: it has {_listed(tuple(variables))}")
+        raise WrongUse(
+            f"{path} has no variable {wanted!r}: it has {_format_names(tuple(variables))}"
+        )
     return fields
 
 
-def _asked_for(variables: Mapping[str, Any], mapping: ImportMap) -> Mapping[str, Any]:
-    """Variables that a column of the map names; all of them where it names none."""
-    wanted = (*mapping.taxels, mapping.time_column, mapping.loadcell, *mapping.extra)
-    ends = {end.strip() for item in wanted for end in (item, *item.split(RANGE)) if end.strip()}
-
+def _mapped_variables(variables: Mapping[str, Any], mapping: ImportMap) -> Mapping[str, Any]:
+    """Return the variables that a column of the map names, all of them where it names none."""
+    items = (*mapping.taxels, mapping.time_column, mapping.loadcell, *mapping.extra)
+    ends = {end.strip() for item in items for end in (item, *item.split(RANGE)) if end.strip()}
     if any(end.isdigit() for end in ends):
-        return variables  # numbers count the columns of all of them
+        return variables  # a number counts the columns of all variables
 
-    def named(name: str) -> bool:
+    def is_named(name: str) -> bool:
         return name in ends or any(
             end.startswith(name) and end[len(name) :].isdigit() for end in ends if name
         )
 
-    between = _between(tuple(variables), mapping.taxels)
-    found = {n: value for n, value in variables.items() if n in between or named(n)}
-    return found or variables
+    ranged = _ranged_variables(tuple(variables), mapping.taxels)
+    mapped = {n: value for n, value in variables.items() if n in ranged or is_named(n)}
+    return mapped or variables
 
 
-def _between(names: tuple[str, ...], items: tuple[str, ...]) -> set[str]:
-    """Variables that stand between the ends of a range."""
+def _ranged_variables(names: tuple[str, ...], items: tuple[str, ...]) -> set[str]:
+    """Return the variables between the ends of each range."""
     inside: set[str] = set()
     for item in items:
         first, dots, last = (part.strip() for part in item.partition(RANGE))
@@ -195,13 +197,14 @@ def _between(names: tuple[str, ...], items: tuple[str, ...]) -> set[str]:
     return inside
 
 
-def _columns_of(path: Path, name: str, value: Any, transpose: bool) -> list[tuple[str, Floats]]:
+def _split_columns(path: Path, name: str, value: Any, transpose: bool) -> list[tuple[str, Floats]]:
     array = np.asarray(value)
     if array.dtype.names:
         return [
-            (field, _plain(path, field, array[field].reshape(-1))) for field in array.dtype.names
+            (field, _as_floats(path, field, array[field].reshape(-1)))
+            for field in array.dtype.names
         ]
-    array = _plain(path, name, array)
+    array = _as_floats(path, name, array)
     if array.ndim == 0 or (array.ndim == 2 and 1 in array.shape):
         array = array.reshape(-1)
     if array.ndim == 1:
@@ -213,15 +216,15 @@ def _columns_of(path: Path, name: str, value: Any, transpose: bool) -> list[tupl
     return [(f"{name}{k + 1}", np.ascontiguousarray(table[:, k])) for k in range(table.shape[1])]
 
 
-def _plain(path: Path, name: str, array: NDArray[Any]) -> Floats:
+def _as_floats(path: Path, name: str, array: NDArray[Any]) -> Floats:
     if array.dtype.kind not in "biuf":
         raise WrongUse(
             f"{path}: {name or 'the array'} holds no plain numbers: name arrays of numbers in the "
-            "map, such as a field of a structure by structure.field"
+            "map, for example a field as structure.field"
         )
     return array.astype(np.float64)
 
 
-def _listed(names: tuple[str, ...], most: int = 12) -> str:
+def _format_names(names: tuple[str, ...], most: int = 12) -> str:
     shown = ", ".join(names[:most])
     return f"{shown}, … ({len(names)})" if len(names) > most else shown or "none"

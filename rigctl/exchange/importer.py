@@ -1,4 +1,4 @@
-"""Foreign recordings become a session: a file is a trial, a texture a part."""
+"""Import of recordings as a session: each file becomes a trial, each texture a part."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.extra_channels import ExtraChannels
 from rigctl.exchange.file_readers import read_columns
 from rigctl.exchange.inspection import (
-    COUNTS,
+    MAX_COUNT,
     InspectedFile,
     Inspection,
-    Scaling,
+    TaxelScaling,
+    extract_series,
     inspect_files,
-    track_of,
 )
-from rigctl.exchange.resampling import Floats, Resampled, Track, resample
+from rigctl.exchange.resampling import Floats, ResampledSeries, TimeSeries, resample
 from rigctl.session.format.header import IMPORTED, SessionHeader
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import (
@@ -51,37 +51,39 @@ def import_files(
     mapping: ImportMap,
     folder: Path,
     start_utc: str,
-    on_file: Callable[[str, int], None] = lambda what, done: None,
-    stop: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[str, int], None] = lambda stage, done: None,
+    is_cancelled: Callable[[], bool] = lambda: False,
 ) -> tuple[Inspection, bool]:
-    """Look at all files, then write them; the survey, and False when ``stop`` ended it.
+    """Inspect all files, then write them; return the inspection, and False if cancelled.
 
     Raises WrongUse before anything is written, SessionError and DiskFault.
     """
     if not paths:
-        raise WrongUse("there is no file to import: name some")
-    surveyed = inspect_files(paths, mapping, lambda done: on_file("looking at", done))
-    n_taxels = len(surveyed.scaling.names)
+        raise WrongUse("there is no file to import: name at least one")
+    inspection = inspect_files(paths, mapping, lambda done: on_progress("inspecting", done))
+    n_taxels = len(inspection.scaling.names)
     if n_taxels > MAX_TAXELS:
         raise WrongUse(f"{n_taxels} taxels are mapped, a session holds up to {MAX_TAXELS}")
-    trials = [file.label.trial(number, file.count) for number, file in enumerate(surveyed.files, 1)]
-    header = _header(mapping, surveyed.scaling, trials, start_utc)
+    trials = [
+        file.label.trial(number, file.count) for number, file in enumerate(inspection.files, 1)
+    ]
+    header = _header(mapping, inspection.scaling, trials, start_utc)
     config = _config(mapping, n_taxels)
     with Recorder(folder, header, "", config.to_toml()) as recorder:
         (folder / MAP_FILE).write_text(mapping.text, encoding="utf-8")
         with ExtraChannels(folder, mapping.extra) as extra:
-            book = _SessionWriter(recorder, mapping, surveyed, extra)
-            for done, (file, trial) in enumerate(zip(surveyed.files, trials, strict=True)):
-                on_file("writing", done)
-                if stop():
-                    return surveyed, False
-                book.write(file, trial)
-            book.check()
-    return surveyed, True
+            writer = _SessionWriter(recorder, mapping, inspection, extra)
+            for done, (file, trial) in enumerate(zip(inspection.files, trials, strict=True)):
+                on_progress("writing", done)
+                if is_cancelled():
+                    return inspection, False
+                writer.write(file, trial)
+            writer.check()
+    return inspection, True
 
 
 def _header(
-    mapping: ImportMap, scaling: Scaling, trials: Sequence[PlannedTrial], start_utc: str
+    mapping: ImportMap, scaling: TaxelScaling, trials: Sequence[PlannedTrial], start_utc: str
 ) -> SessionHeader:
     text = "\n".join(map(repr, trials))
     return SessionHeader(
@@ -97,7 +99,7 @@ def _header(
         software_commit=source_commit(),
         n_taxels=len(scaling.names),
         sample_unit=scaling.unit(mapping.unit),
-        highest_reading=COUNTS,
+        highest_reading=MAX_COUNT,
     )
 
 
@@ -111,34 +113,34 @@ def _config(mapping: ImportMap, n_taxels: int) -> RigConfig:
 
 
 class _SessionWriter:
-    """Writes trial after trial; the session's time is that of its samples."""
+    """Writes the trials of a session whose clock is its sample counter."""
 
     def __init__(
-        self, recorder: Recorder, mapping: ImportMap, surveyed: Inspection, extra: ExtraChannels
+        self, recorder: Recorder, mapping: ImportMap, inspection: Inspection, extra: ExtraChannels
     ) -> None:
         self._recorder = recorder
         self._mapping = mapping
-        self._survey = surveyed
+        self._inspection = inspection
         self._extra = extra
         self._counter = 0
         self._texture: str | None = None
         self._conversions = 0
 
     def write(self, file: InspectedFile, trial: PlannedTrial) -> None:
-        """One file's samples, load cell, row and origin."""
+        """Write one file's samples, load cell, extra channels, trial row and origin."""
         if file.label.texture != self._texture:
             self._begin_part(file.label.texture)
-        track, _ = track_of(read_columns(file.path, self._mapping), self._mapping)
-        grid, _ = resample(track, self._mapping.max_gap_s, self._mapping.low_pass_hz)
+        series, _ = extract_series(read_columns(file.path, self._mapping), self._mapping)
+        resampled, _ = resample(series, self._mapping.max_gap_s, self._mapping.low_pass_hz)
         first = self._counter
-        for block in self._blocks(grid):
+        for block in self._blocks(resampled):
             self._recorder.add_block(block)
             self.check()
-        self._counter += grid.count
-        self._extra.append(grid.values[:, self._n_taxels + bool(self._mapping.loadcell) :])
-        force_g = self._write_loadcell(track, trial, first, grid.count)
-        self._recorder.commit_trial(_row(trial, first, grid.count, force_g))
-        self._tell(
+        self._counter += resampled.count
+        self._extra.append(resampled.values[:, self._n_taxels + bool(self._mapping.loadcell) :])
+        force_g = self._write_loadcell(series, trial, first, resampled.count)
+        self._recorder.commit_trial(_trial_row(trial, first, resampled.count, force_g))
+        self._add_event(
             "trial",
             f"trial {trial.trial_id} is {file.path.name}",
             rows=file.rows,
@@ -147,7 +149,7 @@ class _SessionWriter:
         )
 
     def check(self) -> None:
-        """Let the disk catch up. Raises DiskFault."""
+        """Wait while the disk is behind. Raises DiskFault."""
         if self._recorder.status.queue_samples > BLOCK_ROWS:
             self._recorder.wait_written()
         failure = self._recorder.status.failure
@@ -156,7 +158,7 @@ class _SessionWriter:
 
     @property
     def _n_taxels(self) -> int:
-        return len(self._survey.scaling.names)
+        return len(self._inspection.scaling.names)
 
     @property
     def _now_s(self) -> float:
@@ -165,61 +167,63 @@ class _SessionWriter:
     def _begin_part(self, texture: str) -> None:
         self._recorder.begin_part("import", texture)
         if self._texture is None:
-            self._tell_all()
+            self._add_import_events()
         self._texture = texture
 
-    def _tell_all(self) -> None:
-        """The scaling and every line of the report, as events."""
-        scaling, unit = self._survey.scaling, self._mapping.unit
-        for place, name in enumerate(scaling.names):
-            offset, scale = float(scaling.offset[place]), float(scaling.scale[place])
+    def _add_import_events(self) -> None:
+        """Add the scaling of each taxel and every remark as events."""
+        scaling, unit = self._inspection.scaling, self._mapping.unit
+        for taxel, name in enumerate(scaling.names):
+            offset, scale = float(scaling.offset[taxel]), float(scaling.scale[taxel])
             text = f"{name} = {offset:.9g} + {scale:.9g} × stored {unit}".strip()
-            self._tell("scaling", text, taxel=place, name=name, offset=offset, scale=scale)
-        for line in self._survey.lines:
-            self._tell("import", line)
+            self._add_event("scaling", text, taxel=taxel, name=name, offset=offset, scale=scale)
+        for remark in self._inspection.remarks:
+            self._add_event("import", remark)
 
-    def _tell(self, kind: str, text: str, **data: Any) -> None:
+    def _add_event(self, kind: str, text: str, **data: Any) -> None:
         self._recorder.add_event(Event(self._now_s, kind, text, data))
 
-    def _blocks(self, grid: Resampled) -> Iterator[Block]:
-        counts = self._survey.scaling.counts(grid.values[:, : self._n_taxels])
+    def _blocks(self, resampled: ResampledSeries) -> Iterator[Block]:
+        counts = self._inspection.scaling.encode(resampled.values[:, : self._n_taxels])
         expected = 0
         for start in range(0, len(counts), BLOCK_ROWS):
             rows = slice(start, start + BLOCK_ROWS)
-            index = grid.index[rows]
-            before = np.concatenate([[expected - 1], index])
+            index = resampled.index[rows]
+            with_last = np.concatenate([[expected - 1], index])
             gaps = tuple(
                 Gap(
-                    self._counter + int(before[k]) + 1,
-                    int(before[k + 1] - before[k]) - 1,
+                    self._counter + int(with_last[k]) + 1,
+                    int(with_last[k + 1] - with_last[k]) - 1,
                     GAP_REASON,
                 )
-                for k in np.flatnonzero(np.diff(before) > 1)
+                for k in np.flatnonzero(np.diff(with_last) > 1)
             )
             expected = int(index[-1]) + 1
             zeros = np.zeros(len(index), np.uint8)
             end_s = (self._counter + expected) / SAMPLE_RATE_HZ
             yield Block(self._counter + index, counts[rows], zeros, zeros, gaps, end_s)
 
-    def _write_loadcell(self, track: Track, trial: PlannedTrial, first: int, count: int) -> float:
-        """The load cell at its own rows, handed out in polls; its mean, NaN without one."""
+    def _write_loadcell(
+        self, series: TimeSeries, trial: PlannedTrial, first: int, count: int
+    ) -> float:
+        """Write the load cell at its own rows, in polls; return its mean, NaN without one."""
         if not self._mapping.loadcell:
             return float("nan")
-        force_g = track.values[:, self._n_taxels] * self._mapping.loadcell_factor
-        there = np.isfinite(force_g)
-        time_us = np.rint((track.time_s + first / SAMPLE_RATE_HZ) * 1e6).astype(np.int64)
-        time_us, force_g = time_us[there], force_g[there]
+        force_g = series.values[:, self._n_taxels] * self._mapping.loadcell_factor
+        finite = np.isfinite(force_g)
+        time_us = np.rint((series.time_s + first / SAMPLE_RATE_HZ) * 1e6).astype(np.int64)
+        time_us, force_g = time_us[finite], force_g[finite]
         polls_s = np.append(np.arange(0, (count - 1) / SAMPLE_RATE_HZ, POLL_S), (count - 1) / 1e3)
         start_us = first * 1000
-        shares = np.searchsorted(time_us, start_us + np.rint(polls_s * 1e6), "right")
-        for poll_s, start, stop in zip(polls_s, np.append(0, shares), shares, strict=False):
-            samples = self._samples(time_us[start:stop], force_g[start:stop])
+        ends = np.searchsorted(time_us, start_us + np.rint(polls_s * 1e6), "right")
+        for poll_s, start, stop in zip(polls_s, np.append(0, ends), ends, strict=False):
+            samples = self._loadcell_samples(time_us[start:stop], force_g[start:stop])
             at_s = first / SAMPLE_RATE_HZ + float(poll_s)
-            state = _poll(at_s, trial, start_us, samples)
+            state = _drum_state(at_s, trial, start_us, samples)
             self._recorder.add_drum(state, trial.force_g, trial.speed_mm_s)
         return float(force_g.mean()) if len(force_g) else float("nan")
 
-    def _samples(self, time_us: Any, force_g: Floats) -> tuple[LoadcellSample, ...]:
+    def _loadcell_samples(self, time_us: Any, force_g: Floats) -> tuple[LoadcellSample, ...]:
         first = self._conversions + 1
         self._conversions += len(force_g)
         return tuple(
@@ -228,7 +232,7 @@ class _SessionWriter:
         )
 
 
-def _row(trial: PlannedTrial, first: int, count: int, force_g: float) -> TrialRow:
+def _trial_row(trial: PlannedTrial, first: int, count: int, force_g: float) -> TrialRow:
     return TrialRow(
         trial=trial,
         attempt=1,
@@ -245,7 +249,7 @@ def _row(trial: PlannedTrial, first: int, count: int, force_g: float) -> TrialRo
     )
 
 
-def _poll(
+def _drum_state(
     at_s: float, trial: PlannedTrial, start_us: int, samples: tuple[LoadcellSample, ...]
 ) -> DrumState:
     return DrumState(

@@ -1,11 +1,11 @@
-"""A first look at every file to be imported: whether it can be, what is wrong, its range."""
+"""Inspection of all files before an import: labels, defects, and the range of each taxel."""
 
 from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,29 +13,29 @@ import numpy as np
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.file_readers import FileColumns, read_columns
-from rigctl.exchange.filename_labels import Label, label_of, numbered
+from rigctl.exchange.filename_labels import FileLabel, number_repeats, parse_label
 from rigctl.exchange.resampling import (
     Floats,
-    Resampled,
-    Track,
-    is_fast,
-    outliers,
+    ResampledSeries,
+    TimeSeries,
+    clean_time_column,
+    find_outliers,
+    is_oversampled,
     resample,
-    sound_track,
 )
 from rigctl.values import SAMPLE_RATE_HZ
 
-COUNTS = 65535
-LONGEST_S = 24 * 3600.0
-ON_GRID = 1e-6
+MAX_COUNT = 65535
+MAX_DURATION_S = 24 * 3600.0
+GRID_TOLERANCE_ROWS = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class InspectedFile:
-    """One file: where its trial belongs and how many samples of 1 ms it makes."""
+    """One file with its label; ``count``: samples of 1 ms in its trial, gaps included."""
 
     path: Path
-    label: Label
+    label: FileLabel
     rows: int
     rate_hz: float
     count: int
@@ -43,191 +43,190 @@ class InspectedFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Scaling:
-    """How stored counts become what stood in the files: ``offset + scale × count``."""
+class TaxelScaling:
+    """The conversion of stored counts to values of the files: ``offset + scale × count``.
+
+    ``fixed``: the range is the map's own, not that of the files.
+    """
 
     names: tuple[str, ...]
     offset: Floats
     scale: Floats
-    given: bool = False
+    fixed: bool = False
 
-    @property
-    def is_plain(self) -> bool:
-        """Whether what is stored is what stood in the files."""
-        return bool(np.all(self.offset == 0) and np.all(self.scale == 1))
-
-    def unit(self, named: str) -> str:
-        """What a stored reading is, for the session; ``named``: the map's own unit."""
-        if self.is_plain:
-            return f"{named or 'as in the files'}, 0–{COUNTS}"
+    def unit(self, unit: str) -> str:
+        """Return the unit of a stored reading; ``unit``: that of the values in the files."""
+        if np.all(self.offset == 0) and np.all(self.scale == 1):
+            return f"{unit or 'as in the files'}, 0–{MAX_COUNT}"
         ends = (
             "the map's low to its high"
-            if self.given
+            if self.fixed
             else "each taxel's lowest to its highest value"
         )
         return (
-            f"0–{COUNTS} from {ends}; "
-            f"scaling events turn it into {named or 'what stood in the files'}"
+            f"0–{MAX_COUNT} from {ends}; "
+            f"scaling events turn it into {unit or 'what stood in the files'}"
         )
 
-    def counts(self, values: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
-        """Values (n, taxels) as stored, uint16."""
-        raw = np.rint((values - self.offset) / self.scale)
-        return np.clip(raw, 0, COUNTS).astype(np.uint16)
+    def encode(self, values: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
+        """Return the stored counts of values (n, taxels), uint16."""
+        counts = np.rint((values - self.offset) / self.scale)
+        return np.clip(counts, 0, MAX_COUNT).astype(np.uint16)
 
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """All files in the order in which they become trials, and what is to be said of them."""
+    """All files in the order of their trials, the scaling of taxels, and remarks on defects."""
 
     files: tuple[InspectedFile, ...]
-    scaling: Scaling
-    lines: tuple[str, ...]
+    scaling: TaxelScaling
+    remarks: tuple[str, ...]
 
 
-def track_of(columns: FileColumns, mapping: ImportMap) -> tuple[Track, list[str]]:
-    """One file's taxels, load cell and extra channels, in this order, in sound time."""
-    taxels = columns.places(mapping.taxels)
-    loadcell = columns.places([mapping.loadcell] if mapping.loadcell else [])
-    others = loadcell + columns.places(mapping.extra)
-    values = columns.values[:, taxels + others]
+def extract_series(columns: FileColumns, mapping: ImportMap) -> tuple[TimeSeries, list[str]]:
+    """Return one file's taxels, load cell and extra channels, in this order, and remarks."""
+    taxels = columns.indices(mapping.taxels)
+    loadcell = columns.indices([mapping.loadcell] if mapping.loadcell else [])
+    values = columns.values[:, taxels + loadcell + columns.indices(mapping.extra)]
     if mapping.time_column:
-        time_s = columns.values[:, columns.places([mapping.time_column])[0]] * mapping.time_s
+        time_s = columns.values[:, columns.indices([mapping.time_column])[0]] * mapping.time_s
     else:
         time_s = np.arange(len(values)) / mapping.rate_hz
-    track, lines = sound_track(time_s, values, columns.first_row, len(taxels))
-    if not len(track.time_s):
+    series, remarks = clean_time_column(time_s, values, columns.first_row, len(taxels))
+    if not len(series.time_s):
         raise WrongUse(f"{columns.path}: fewer than two rows have a time of their own")
-    if track.time_s[-1] > LONGEST_S:
+    if series.time_s[-1] > MAX_DURATION_S:
         raise WrongUse(
-            f"{columns.path}: its times span {track.time_s[-1]:.0f} s: check unit in [time]"
+            f"{columns.path}: its times span {series.time_s[-1]:.0f} s: check unit in [time]"
         )
-    if columns.cut_short:
-        lines.append("its last row is cut short: left out")
-    return track, lines
+    if columns.truncated:
+        remarks.append("its last row is cut short: left out")
+    return series, remarks
 
 
 def inspect_files(
-    paths: Sequence[Path], mapping: ImportMap, on_file: Callable[[int], None] = lambda done: None
+    paths: Sequence[Path], mapping: ImportMap, on_progress: Callable[[int], None]
 ) -> Inspection:
-    """Look at every file. Raises WrongUse for the first that cannot be imported."""
-    seen = _Seen(mapping)
+    """Inspect every file. Raises WrongUse for the first one that cannot be imported."""
+    inspector = _Inspector(mapping)
     for done, path in enumerate(paths):
-        on_file(done)
-        seen.look(path)
-    labels = numbered([file.label for file in seen.files])
+        on_progress(done)
+        inspector.inspect(path)
+    labels = number_repeats(file.label for file in inspector.files)
     files = [
-        InspectedFile(file.path, label, file.rows, file.rate_hz, file.count, file.sha256)
-        for file, label in zip(seen.files, labels, strict=True)
+        replace(file, label=label) for file, label in zip(inspector.files, labels, strict=True)
     ]
-    files.sort(key=lambda file: _order(file.label))
-    return Inspection(tuple(files), seen.scaling(), (*seen.lines, *_rate_lines(files, mapping)))
+    files.sort(key=lambda file: _sort_key(file.label))
+    scaling = inspector.scaling()
+    remarks = (*inspector.remarks, *_rate_remarks(files, mapping))
+    return Inspection(tuple(files), scaling, remarks)
 
 
-def _order(label: Label) -> tuple[str, float, float, str, int]:
+def _sort_key(label: FileLabel) -> tuple[str, float, float, str, int]:
     return label.texture, label.force_g, label.speed_mm_s, label.direction, label.repeat
 
 
-class _Seen:
-    """What the files seen so far have in common."""
+class _Inspector:
+    """Collects each file's properties, and the range of taxels over all files."""
 
     def __init__(self, mapping: ImportMap) -> None:
         self.files: list[InspectedFile] = []
-        self.lines: list[str] = []
+        self.remarks: list[str] = []
         self._mapping = mapping
         self._names: tuple[str, ...] = ()
         self._low = self._high = np.empty(0)
-        self._plain = True
+        self._integers_at_1_khz = True
 
-    def look(self, path: Path) -> None:
-        """Read one file and note what is of interest."""
-        label = label_of(path, self._mapping)
+    def inspect(self, path: Path) -> None:
+        """Read one file and add its properties."""
+        label = parse_label(path, self._mapping)
         columns = read_columns(path, self._mapping)
-        places = columns.places(self._mapping.taxels)
-        names = tuple(columns.names[place] for place in places)
+        names = tuple(columns.names[k] for k in columns.indices(self._mapping.taxels))
         if self._names and len(names) != len(self._names):
             raise WrongUse(
                 f"{path} has {len(names)} taxels, the files before it {len(self._names)}: "
                 "import them into sessions of their own"
             )
         self._names = self._names or names
-        track, lines = track_of(columns, self._mapping)
-        lines += self._outlier_lines(track)
-        grid, gaps = resample(track, self._mapping.max_gap_s, self._mapping.low_pass_hz)
-        lines += [f"gap from {start:.3f} to {end:.3f} s" for start, end in gaps]
-        self.lines += [f"{path.name}: {line}" for line in lines]
-        self._note_range(track, grid)
+        series, remarks = extract_series(columns, self._mapping)
+        remarks += self._outlier_remarks(series)
+        resampled, gaps = resample(series, self._mapping.max_gap_s, self._mapping.low_pass_hz)
+        remarks += [f"gap from {start:.3f} to {end:.3f} s" for start, end in gaps]
+        self.remarks += [f"{path.name}: {remark}" for remark in remarks]
+        self._extend_range(series, resampled)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        n_rows = len(series.time_s)
         self.files.append(
-            InspectedFile(path, label, len(track.time_s), track.rate_hz, grid.count, digest)
+            InspectedFile(path, label, n_rows, series.rate_hz, resampled.count, digest)
         )
 
-    def scaling(self) -> Scaling:
-        """Whole numbers at 1 kHz stay as they are; everything else fills the range of counts."""
+    def scaling(self) -> TaxelScaling:
+        """Return the scaling: integers at 1 kHz are stored unchanged, all else fills the range."""
         low, high = self._mapping.taxel_low, self._mapping.taxel_high
         if low < high:
-            return self._given(low, high)
-        fits = self._low.min() >= 0 and self._high.max() <= COUNTS
-        if self._plain and fits:
-            return Scaling(self._names, np.zeros(len(self._names)), np.ones(len(self._names)))
+            return self._fixed_scaling(low, high)
+        fits = self._low.min() >= 0 and self._high.max() <= MAX_COUNT
+        if self._integers_at_1_khz and fits:
+            return TaxelScaling(self._names, np.zeros(len(self._names)), np.ones(len(self._names)))
         for name in np.array(self._names)[self._high == self._low]:
-            self.lines.append(f"{name} never changes")
+            self.remarks.append(f"{name} never changes")
         span = self._high - self._low
-        return Scaling(self._names, self._low, np.where(span > 0, span / COUNTS, 1.0))
+        return TaxelScaling(self._names, self._low, np.where(span > 0, span / MAX_COUNT, 1.0))
 
-    def _given(self, low: float, high: float) -> Scaling:
-        """The map's own range, the same for every import with it."""
+    def _fixed_scaling(self, low: float, high: float) -> TaxelScaling:
+        """Return the map's own range, which is the same for every import with that map."""
         outside = (self._low < low) | (self._high > high)
         for name in np.array(self._names)[outside]:
-            self.lines.append(f"{name} goes beyond {low:g} to {high:g}: cut off there")
+            self.remarks.append(f"{name} goes beyond {low:g} to {high:g}: cut off there")
         n = len(self._names)
-        return Scaling(self._names, np.full(n, low), np.full(n, (high - low) / COUNTS), given=True)
+        scale = np.full(n, (high - low) / MAX_COUNT)
+        return TaxelScaling(self._names, np.full(n, low), scale, fixed=True)
 
-    def _outlier_lines(self, track: Track) -> list[str]:
-        taxels = Track(track.time_s, track.values[:, : len(self._names)])
-        found = outliers(taxels, self._mapping.outlier_sigma)
+    def _outlier_remarks(self, series: TimeSeries) -> list[str]:
+        taxels = TimeSeries(series.time_s, series.values[:, : len(self._names)])
+        found = find_outliers(taxels, self._mapping.outlier_sigma)
         if not found:
             return []
-        where = ", ".join(f"{self._names[column]} {count}" for column, count, _ in found)
-        first_s = track.time_s[min(row for *_, row in found)]
-        return [f"outliers from {first_s:.3f} s on, kept: {where}"]
+        listed = ", ".join(f"{self._names[column]} {count}" for column, count, _ in found)
+        first_s = series.time_s[min(row for *_, row in found)]
+        return [f"outliers from {first_s:.3f} s on, kept: {listed}"]
 
-    def _note_range(self, track: Track, grid: Resampled) -> None:
-        # What is filtered may swing past the rows that it is made of.
-        source = grid.values if is_fast(track.rate_hz) else track.values
+    def _extend_range(self, series: TimeSeries, resampled: ResampledSeries) -> None:
+        # A filter may overshoot the rows that it is given.
+        source = resampled.values if is_oversampled(series.rate_hz) else series.values
         values = source[:, : len(self._names)]
         low, high = values.min(axis=0), values.max(axis=0)
         self._low = np.minimum(self._low, low) if self._low.size else low
         self._high = np.maximum(self._high, high) if self._high.size else high
-        places = track.time_s * SAMPLE_RATE_HZ
-        on_grid = bool(np.all(np.abs(places - np.arange(len(places))) < ON_GRID))
-        self._plain = self._plain and on_grid and bool(np.all(values == np.rint(values)))
+        rows = series.time_s * SAMPLE_RATE_HZ
+        on_grid = bool(np.all(np.abs(rows - np.arange(len(rows))) < GRID_TOLERANCE_ROWS))
+        integers = bool(np.all(values == np.rint(values)))
+        self._integers_at_1_khz = self._integers_at_1_khz and on_grid and integers
 
 
-def _rate_lines(files: Sequence[InspectedFile], mapping: ImportMap) -> list[str]:
-    """Where rows come too seldom for the texture, or oftener than they are stored."""
+def _rate_remarks(files: Sequence[InspectedFile], mapping: ImportMap) -> list[str]:
+    """Return remarks on rates that are too low for the texture, or higher than 1 kHz."""
     slow: dict[float, list[float]] = defaultdict(list)
-    lines = []
     for file in files:
         if file.rate_hz * mapping.finest_mm < 2 * file.label.speed_mm_s:
             slow[file.label.speed_mm_s].append(file.rate_hz)
-    for speed, rates in sorted(slow.items()):
-        rate = min(rates)
-        lines.append(
-            f"sampled too slowly in {len(rates)} files at {speed:g} mm/s: {rate:.1f} Hz shows "
-            f"nothing finer than {2 * speed / rate:.2g} mm, {mapping.finest_mm:g} mm need "
-            f"{2 * speed / mapping.finest_mm:.0f} Hz"
+    remarks = [
+        f"sampled too slowly in {len(rates)} files at {speed:g} mm/s: {min(rates):.1f} Hz shows "
+        f"nothing finer than {2 * speed / min(rates):.2g} mm, {mapping.finest_mm:g} mm need "
+        f"{2 * speed / mapping.finest_mm:.0f} Hz"
+        for speed, rates in sorted(slow.items())
+    ]
+    n_fast = sum(is_oversampled(file.rate_hz) for file in files)
+    if n_fast:
+        filtered = (
+            f"behind a low-pass of {mapping.low_pass_hz:g} Hz"
+            if mapping.low_pass_hz
+            else "without a filter before, as the map says"
         )
-    fast = [file for file in files if is_fast(file.rate_hz)]
-    if fast:
-        lines.append(
-            f"{len(fast)} files have more than {SAMPLE_RATE_HZ} rows a second: taken at 1 kHz "
-            + (
-                f"behind a low-pass of {mapping.low_pass_hz:g} Hz"
-                if mapping.low_pass_hz
-                else "without a filter before, as the map says"
-            )
+        remarks.append(
+            f"{n_fast} files have more than {SAMPLE_RATE_HZ} rows a second: taken at 1 kHz "
+            + filtered
         )
     if mapping.force_unit == "level" and "force" in mapping.pattern.groupindex:
-        lines.append("forces are levels without a unit: they stand where grams do")
-    return lines
+        remarks.append("forces are levels without a unit, in the place of grams")
+    return remarks

@@ -1,7 +1,7 @@
-"""MATLAB files, 5 and 7.3, as variables by name: the fields of a structure have dotted names.
+"""MATLAB files, 5 and 7.3, read as variables by name; fields of structures have dotted names.
 
-``run.force`` is the field ``force`` of the structure ``run``; ``run.2.force`` that of the second
-one where ``run`` is an array of structures; ``cells.3`` is the third cell. Counted from 1.
+``run.force`` is the field ``force`` of the structure ``run``; ``run.2.force`` is that of the second
+element where ``run`` is an array of structures; ``cells.3`` is the third cell. Numbers start at 1.
 """
 
 from __future__ import annotations
@@ -20,39 +20,39 @@ _HIDDEN = ("#", "__")
 
 
 def read_mat(path: Path) -> dict[str, Any]:
-    """All variables; what is no array of numbers is there too, for whoever asks for it by name."""
+    """Return all variables by name, those that are not arrays of numbers included."""
     with path.open("rb") as file:
         start = file.read(_MATLAB_HEADER + len(_HDF5_MAGIC))
-    newer = _HDF5_MAGIC in (start[: len(_HDF5_MAGIC)], start[_MATLAB_HEADER:])
-    named = _mat73(path) if newer else _mat5(path)
-    return {name: value for name, value in named.items() if not name.startswith(_HIDDEN)}
+    is_hdf5 = _HDF5_MAGIC in (start[: len(_HDF5_MAGIC)], start[_MATLAB_HEADER:])
+    variables = _read_hdf5(path) if is_hdf5 else _read_mat5(path)
+    return {name: value for name, value in variables.items() if not name.startswith(_HIDDEN)}
 
 
-def _mat5(path: Path) -> dict[str, Any]:
+def _read_mat5(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
-    # SciPy says with these what it cannot read; NotImplementedError is its word for a newer format.
+    # SciPy raises these for what it cannot read, NotImplementedError for a newer format.
     try:
-        found = loadmat(str(path), simplify_cells=True)
+        variables = loadmat(str(path), simplify_cells=True)
     except (ValueError, TypeError, NotImplementedError, MatReadError, IndexError) as error:
-        raise WrongUse(f"{path} is no MATLAB file, or is damaged: {error}") from error
-    return dict(_flat("", found))
+        raise WrongUse(f"{path} is not a MATLAB file, or is damaged: {error}") from error
+    return dict(_flatten("", variables))
 
 
-def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Arrays below a value, with their dotted names."""
+def _flatten(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the arrays inside a value with their dotted names."""
     if isinstance(value, dict):
         for key, item in value.items():
-            yield from _flat(f"{name}.{key}" if name else str(key), item)
+            yield from _flatten(f"{name}.{key}" if name else str(key), item)
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for number, item in enumerate(np.asarray(value, dtype=object).ravel().tolist(), 1):
-            yield from _flat(f"{name}.{number}", item)
+            yield from _flatten(f"{name}.{number}", item)
     else:
         yield name, value
 
 
-def _mat73(path: Path) -> dict[str, Any]:
+def _read_hdf5(path: Path) -> dict[str, Any]:
     import h5py
 
     try:
@@ -61,43 +61,43 @@ def _mat73(path: Path) -> dict[str, Any]:
                 name: value
                 for key in file
                 if not key.startswith(_HIDDEN)
-                for name, value in _below(file, key, file[key])
+                for name, value in _walk(file, key, file[key])
             }
     except (OSError, RuntimeError, KeyError) as error:
-        raise WrongUse(f"{path} is no MATLAB 7.3 file, or is damaged: {error}") from error
+        raise WrongUse(f"{path} is not a MATLAB 7.3 file, or is damaged: {error}") from error
 
 
-def _below(file: Any, name: str, node: Any) -> Iterator[tuple[str, Any]]:
-    """Arrays below a node: a structure is a group, cells and its arrays are references."""
+def _walk(file: Any, name: str, node: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the arrays inside a node: structures are groups; cells and arrays are references."""
     import h5py
 
     if isinstance(node, h5py.Group):
         for key, item in node.items():
-            if _refers(item) and _class_of(item) != "cell":
-                for number, target in enumerate(_targets(file, item), 1):
-                    yield from _below(file, f"{name}.{number}.{key}", target)
+            if _is_reference(item) and _matlab_class(item) != "cell":
+                for number, target in enumerate(_dereference(file, item), 1):
+                    yield from _walk(file, f"{name}.{number}.{key}", target)
             else:
-                yield from _below(file, f"{name}.{key}", item)
-    elif _refers(node):
-        for number, target in enumerate(_targets(file, node), 1):
-            yield from _below(file, f"{name}.{number}", target)
-    elif _class_of(node) == "char":
+                yield from _walk(file, f"{name}.{key}", item)
+    elif _is_reference(node):
+        for number, target in enumerate(_dereference(file, node), 1):
+            yield from _walk(file, f"{name}.{number}", target)
+    elif _matlab_class(node) == "char":
         yield name, np.array("".join(map(chr, node[()].T.ravel())))
     else:
-        # MATLAB counts columns first, HDF5 rows.
+        # MATLAB stores columns first, HDF5 rows.
         yield name, np.asarray(node[()]).T
 
 
-def _refers(node: Any) -> bool:
+def _is_reference(node: Any) -> bool:
     import h5py
 
     return isinstance(node, h5py.Dataset) and h5py.check_ref_dtype(node.dtype) is not None
 
 
-def _class_of(node: Any) -> str:
-    said = node.attrs.get("MATLAB_class", b"")
-    return said.decode() if isinstance(said, bytes) else str(said)
+def _matlab_class(node: Any) -> str:
+    name = node.attrs.get("MATLAB_class", b"")
+    return name.decode() if isinstance(name, bytes) else str(name)
 
 
-def _targets(file: Any, node: Any) -> list[Any]:
+def _dereference(file: Any, node: Any) -> list[Any]:
     return [file[reference] for reference in node[()].T.ravel()]

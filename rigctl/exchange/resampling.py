@@ -1,8 +1,7 @@
-"""A foreign recording's times made sound, and its columns laid on a grid of one millisecond.
+"""Cleaning of a recording's time column, and resampling of its columns to a grid of 1 ms.
 
-Between two rows the value goes in a straight line. Across a gap nothing is made up: samples
-that fall into it are missing. Rows faster than 1 kHz pass a low-pass first, so that nothing folds
-back into what is kept.
+Values are interpolated linearly between two rows. Nothing is interpolated across a gap: its
+samples are missing. Rows faster than 1 kHz pass a low-pass filter first, against aliasing.
 """
 
 from __future__ import annotations
@@ -16,38 +15,38 @@ from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]
 GAP_PERIODS = 3.0
-NEIGHBOURS = 5
-LEAST_ROWS = 2
+MEDIAN_ROWS = 5
+MIN_ROWS = 2
 FAST_SHARE = 1.01
-ORDER = 8
+FILTER_ORDER = 8
 PAD_ROWS = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
-    """Rows in rising time from 0: ``time_s`` float64 (n,), ``values`` float64 (n, m)."""
+class TimeSeries:
+    """Rows in ascending time from 0: ``time_s`` float64 (n,), ``values`` float64 (n, m)."""
 
     time_s: Floats
     values: Floats
 
     @property
     def period_s(self) -> float:
-        """Usual distance of rows."""
+        """Median interval of rows."""
         return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else 0.0
 
     @property
     def rate_hz(self) -> float:
-        """Mean rows a second, pauses left out."""
+        """Mean rows a second, gaps left out."""
         steps = np.diff(self.time_s)
-        usual = steps[steps <= GAP_PERIODS * self.period_s]
-        return float(1.0 / usual.mean()) if usual.size else 0.0
+        regular = steps[steps <= GAP_PERIODS * self.period_s]
+        return float(1.0 / regular.mean()) if regular.size else 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class Resampled:
-    """``index`` int64 (k,): which millisecond each row is; ``values`` float64 (k, m).
+class ResampledSeries:
+    """``index`` int64 (k,): the millisecond of each row; ``values`` float64 (k, m).
 
-    ``count`` milliseconds in all, those in gaps included.
+    ``count``: milliseconds in all, those in gaps included.
     """
 
     index: NDArray[np.int64]
@@ -55,106 +54,106 @@ class Resampled:
     count: int
 
 
-def sound_track(
-    time_s: Floats, values: Floats, first_row: int, needed: int
-) -> tuple[Track, list[str]]:
-    """Drop what has no time or lies before a time already seen; one row for each time.
+def clean_time_column(
+    time_s: Floats, values: Floats, first_row: int, n_required: int
+) -> tuple[TimeSeries, list[str]]:
+    """Return rows in ascending time from 0, one for each time, and remarks on the others.
 
-    The first ``needed`` columns must be there in a row. Returns the track from time 0 on, and
-    what was wrong in sentences.
+    Drops rows without a time or without a value in one of the first ``n_required`` columns, and
+    rows earlier than a previous row; averages rows of one time.
     """
-    lines = []
-    holes = ~np.isfinite(time_s) | ~np.isfinite(values[:, :needed]).all(axis=1)
-    if holes.any():
-        row = first_row + int(np.argmax(holes))
-        lines.append(f"{holes.sum()} rows lack a value, the first is row {row}: left out")
-    rows = np.flatnonzero(~holes)
+    remarks = []
+    incomplete = ~np.isfinite(time_s) | ~np.isfinite(values[:, :n_required]).all(axis=1)
+    if incomplete.any():
+        row = first_row + int(np.argmax(incomplete))
+        remarks.append(f"{incomplete.sum()} rows lack a value, the first is row {row}: left out")
+    rows = np.flatnonzero(~incomplete)
     time_s = time_s[rows]
-    seen = np.maximum.accumulate(time_s) if len(time_s) else time_s
-    back = time_s < seen
+    latest = np.maximum.accumulate(time_s) if len(time_s) else time_s
+    back = time_s < latest
     if back.any():
         row = first_row + int(rows[np.argmax(back)])
-        lines.append(f"time runs backwards before {back.sum()} rows, first row {row}: left out")
+        remarks.append(f"time runs backwards before {back.sum()} rows, first row {row}: left out")
     rows, time_s = rows[~back], time_s[~back]
     starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > 0)
     repeated = len(time_s) - len(starts)
     if repeated:
         place = int(np.flatnonzero(np.diff(time_s) == 0)[0]) + 1
         row = first_row + int(rows[place])
-        lines.append(f"{repeated} rows repeat a time stamp, first row {row}: averaged with it")
-    if len(starts) < LEAST_ROWS:
-        return Track(time_s[:0], values[:0]), lines
+        remarks.append(f"{repeated} rows repeat a time stamp, first row {row}: averaged with it")
+    if len(starts) < MIN_ROWS:
+        return TimeSeries(time_s[:0], values[:0]), remarks
     counts = np.diff(np.append(starts, len(time_s)))
     means = np.add.reduceat(values[rows], starts, axis=0) / counts[:, None]
-    return Track(time_s[starts] - time_s[0], means), lines
+    return TimeSeries(time_s[starts] - time_s[0], means), remarks
 
 
-def outliers(track: Track, sigma: float) -> list[tuple[int, int, int]]:
-    """Column, count and first row of values that stand out from their neighbours.
+def find_outliers(series: TimeSeries, sigma: float) -> list[tuple[int, int, int]]:
+    """Return (column, count, first row) of the outliers in each column that has any.
 
-    Such a value is farther from the median of the five around it than the column usually goes
-    from end to end (1st to 99th percentile), and than ``sigma`` times the usual spread of these
-    differences, 1.4826 times their median.
+    An outlier differs from the median of the five values around it by more than the column's
+    range (1st to 99th percentile), and by more than ``sigma`` standard deviations of these
+    differences, estimated as 1.4826 times their median.
     """
     from scipy.ndimage import median_filter
 
     found = []
-    for column in range(track.values.shape[1]):
-        values = track.values[:, column]
-        away = np.abs(values - median_filter(values, NEIGHBOURS, mode="nearest"))
+    for column in range(series.values.shape[1]):
+        values = series.values[:, column]
+        distance = np.abs(values - median_filter(values, MEDIAN_ROWS, mode="nearest"))
         low, high = np.percentile(values, (1, 99))
-        far = away > max(sigma * 1.4826 * float(np.median(away)), float(high - low))
+        far = distance > max(sigma * 1.4826 * float(np.median(distance)), float(high - low))
         if far.any():
             found.append((column, int(far.sum()), int(np.argmax(far))))
     return found
 
 
-def is_fast(rate_hz: float) -> bool:
-    """Whether rows come oftener than they are kept."""
+def is_oversampled(rate_hz: float) -> bool:
+    """Return whether rows come faster than the samples of a session."""
     return rate_hz > FAST_SHARE * SAMPLE_RATE_HZ
 
 
 def resample(
-    track: Track, max_gap_s: float, low_pass_hz: float = 0.0
-) -> tuple[Resampled, list[tuple[float, float]]]:
-    """The track on a grid of 1 ms, and its gaps as (start, end) in seconds.
+    series: TimeSeries, max_gap_s: float, low_pass_hz: float = 0.0
+) -> tuple[ResampledSeries, list[tuple[float, float]]]:
+    """Return the series on a grid of 1 ms, and its gaps as (start, end) in seconds.
 
-    ``low_pass_hz``: of the filter before rows faster than 1 kHz are thinned out, 0 for none.
+    ``low_pass_hz``: cutoff of the filter for rows faster than 1 kHz, 0 for none.
     """
-    limit_s = max_gap_s or GAP_PERIODS * track.period_s
+    limit_s = max_gap_s or GAP_PERIODS * series.period_s
     step = 1.0 / SAMPLE_RATE_HZ
-    count = int(np.floor(track.time_s[-1] * SAMPLE_RATE_HZ + 1e-6)) + 1
+    count = int(np.floor(series.time_s[-1] * SAMPLE_RATE_HZ + 1e-6)) + 1
     index = np.arange(count, dtype=np.int64)
     grid = index / SAMPLE_RATE_HZ
-    breaks = np.flatnonzero(np.diff(track.time_s) > max(limit_s, 1.5 * step))
-    gaps = [(float(track.time_s[k]), float(track.time_s[k + 1])) for k in breaks]
-    if low_pass_hz and is_fast(track.rate_hz):
-        track = _low_passed(track, breaks + 1, low_pass_hz)
+    breaks = np.flatnonzero(np.diff(series.time_s) > max(limit_s, 1.5 * step))
+    gaps = [(float(series.time_s[k]), float(series.time_s[k + 1])) for k in breaks]
+    if low_pass_hz and is_oversampled(series.rate_hz):
+        series = _low_pass(series, breaks + 1, low_pass_hz)
     inside = np.ones(count, np.bool_)
     for start, end in gaps:
         inside &= (grid <= start + 1e-9) | (grid >= end - 1e-9)
     grid, index = grid[inside], index[inside]
-    columns = [np.interp(grid, track.time_s, column) for column in track.values.T]
-    return Resampled(index, np.stack(columns, axis=1), count), gaps
+    columns = [np.interp(grid, series.time_s, column) for column in series.values.T]
+    return ResampledSeries(index, np.stack(columns, axis=1), count), gaps
 
 
-def _low_passed(track: Track, cuts: NDArray[np.int64], low_pass_hz: float) -> Track:
-    """Each stretch without a gap through a Butterworth filter forward and backward: no delay.
+def _low_pass(series: TimeSeries, breaks: NDArray[np.int64], low_pass_hz: float) -> TimeSeries:
+    """Filter each stretch between gaps by a Butterworth low-pass, forward and backward: no delay.
 
-    A stretch is laid on even steps first. Columns with holes stay as they are.
+    A stretch is interpolated to even steps first. Columns with NaN stay as they are.
     """
     from scipy.signal import butter, sosfiltfilt
 
-    rate_hz = track.rate_hz
-    sections = butter(ORDER, low_pass_hz, fs=rate_hz, output="sos")
-    values = track.values.copy()
-    whole = np.flatnonzero(np.isfinite(values).all(axis=0))
-    for rows in np.split(np.arange(len(values)), cuts):
-        time_s = track.time_s[rows]
-        n = max(LEAST_ROWS, round(float(time_s[-1] - time_s[0]) * rate_hz) + 1)
+    rate_hz = series.rate_hz
+    sections = butter(FILTER_ORDER, low_pass_hz, fs=rate_hz, output="sos")
+    values = series.values.copy()
+    complete = np.flatnonzero(np.isfinite(values).all(axis=0))
+    for rows in np.split(np.arange(len(values)), breaks):
+        time_s = series.time_s[rows]
+        n = max(MIN_ROWS, round(float(time_s[-1] - time_s[0]) * rate_hz) + 1)
         even_s = np.linspace(time_s[0], time_s[-1], n)
-        for column in whole:
+        for column in complete:
             even = np.interp(even_s, time_s, values[rows, column])
             smooth = sosfiltfilt(sections, even, padlen=min(PAD_ROWS, n - 1))
             values[rows, column] = np.interp(time_s, even_s, smooth)
-    return Track(track.time_s, values)
+    return TimeSeries(series.time_s, values)

@@ -1,4 +1,4 @@
-"""Recordings from elsewhere: every format, every label, and every defect told of."""
+"""Recordings from elsewhere: every format, every label, and a remark on every defect."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ TIMED = PATTERN + '[time]\ncolumn = "t"\nunit = "ms"\n[taxels]\ncolumns = ["a..c
 RATED = PATTERN + '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["1..3"]\n'
 
 
-def bring(
+def run_import(
     folder: Path, text: str, files: Sequence[Path], out: str = "session"
 ) -> tuple[Path, Inspection]:
     path = folder / "map.toml"
     path.write_text(text)
     session = folder / out
-    surveyed, whole = import_files(files, load_map(path), session, "2026-01-02T03:04:05+00:00")
+    inspection, whole = import_files(files, load_map(path), session, "2026-01-02T03:04:05+00:00")
     assert whole
-    return session, surveyed
+    return session, inspection
 
 
 def write_csv(
@@ -63,7 +63,7 @@ def ramp(n: int, step: float = 1.0) -> NDArray[np.float64]:
 def test_rows_between_milliseconds_are_joined_by_straight_lines(tmp_path: Path) -> None:
     time_ms = 5000.0 + np.arange(101) * 10.0
     file = write_csv(tmp_path / "cotton_-5cm_2.5N_3.csv", time_ms, ramp(101))
-    folder, surveyed = bring(tmp_path, TIMED, [file])
+    folder, inspection = run_import(tmp_path, TIMED, [file])
     assert verify(folder).problems == []
     with Session.open(folder) as session:
         row = session.trial_row(0).trial
@@ -84,8 +84,8 @@ def test_rows_between_milliseconds_are_joined_by_straight_lines(tmp_path: Path) 
         )
         expected = np.arange(1001)[:, None] / 10 + np.array([0.0, 100.0, 200.0])
         np.testing.assert_allclose(restored, expected, atol=0.001)
-        told = [event.text for event in session.events if event.kind == "import"]
-        assert tuple(told) == surveyed.lines
+        remarks = [event.text for event in session.events if event.kind == "import"]
+        assert tuple(remarks) == inspection.remarks
     assert (folder / "import.toml").read_text() == TIMED
 
 
@@ -102,13 +102,13 @@ def test_every_format_gives_the_same_samples(tmp_path: Path) -> None:
     with h5py.File(files["v73"], "w", userblock_size=512) as file:
         file["table"] = table.T
     for name, path in files.items():
-        folder, surveyed = bring(tmp_path, RATED, [path], name)
-        assert surveyed.lines == ()
+        folder, inspection = run_import(tmp_path, RATED, [path], name)
+        assert inspection.remarks == ()
         with Session.open(folder) as session:
             assert np.array_equal(session.samples(0), table), name
 
 
-def test_defects_of_time_are_told_and_nothing_is_made_up_in_a_gap(tmp_path: Path) -> None:
+def test_defects_of_time_are_reported_and_gaps_are_not_interpolated(tmp_path: Path) -> None:
     time_ms = np.arange(200.0)
     time_ms[20] = time_ms[19]
     time_ms[30:33] -= 15.0
@@ -116,13 +116,13 @@ def test_defects_of_time_are_told_and_nothing_is_made_up_in_a_gap(tmp_path: Path
     columns = ramp(200)
     columns[150, 1] = 9000.0
     file = write_csv(tmp_path / "silk_6cm_5N_1.csv", time_ms, columns, "\n250,1")
-    folder, surveyed = bring(tmp_path, TIMED, [file])
-    told = "\n".join(surveyed.lines)
-    assert "time runs backwards before 3 rows, first row 32" in told
-    assert "1 rows repeat a time stamp, first row 22" in told
-    assert "gap from 0.099 to 0.150 s" in told
-    assert "outliers from 0.200 s on, kept: b 1" in told
-    assert "cut short" in told
+    folder, inspection = run_import(tmp_path, TIMED, [file])
+    remarks = "\n".join(inspection.remarks)
+    assert "time runs backwards before 3 rows, first row 32" in remarks
+    assert "1 rows repeat a time stamp, first row 22" in remarks
+    assert "gap from 0.099 to 0.150 s" in remarks
+    assert "outliers from 0.200 s on, kept: b 1" in remarks
+    assert "cut short" in remarks
     report = verify(folder)
     assert report.problems == []
     assert report.lost_samples == 53
@@ -136,8 +136,8 @@ def test_empty_cells_leave_their_row_out(tmp_path: Path) -> None:
     columns = ramp(50)
     columns[7, 0] = np.nan
     file = write_csv(tmp_path / "silk_6cm_5N_1.csv", np.arange(50.0), columns)
-    _, surveyed = bring(tmp_path, TIMED, [file])
-    assert surveyed.lines[0].endswith("1 rows lack a value, the first is row 9: left out")
+    _, inspection = run_import(tmp_path, TIMED, [file])
+    assert inspection.remarks[0].endswith("1 rows lack a value, the first is row 9: left out")
 
 
 def test_a_gap_at_a_block_edge_is_a_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,7 +145,7 @@ def test_a_gap_at_a_block_edge_is_a_gap(tmp_path: Path, monkeypatch: pytest.Monk
     time_ms = np.arange(300.0)
     time_ms[200:] += 40.0
     file = write_csv(tmp_path / "silk_6cm_5N_1.csv", time_ms, ramp(300))
-    folder, _ = bring(tmp_path, TIMED, [file])
+    folder, _ = run_import(tmp_path, TIMED, [file])
     report = verify(folder)
     assert (report.problems, report.lost_samples) == ([], 40)
 
@@ -169,16 +169,16 @@ def spectrum(session: Path) -> NDArray[np.float64]:
 
 def test_what_is_faster_than_1_khz_passes_a_low_pass_first(tmp_path: Path) -> None:
     file = fast_csv(tmp_path / "silk_6cm_5N_1.csv", 900)  # would fold back to 100 Hz
-    kept, surveyed = bring(tmp_path, TIMED, [file], "kept")
-    assert "taken at 1 kHz behind a low-pass of 400 Hz" in surveyed.lines[-1]
+    kept, inspection = run_import(tmp_path, TIMED, [file], "kept")
+    assert "taken at 1 kHz behind a low-pass of 400 Hz" in inspection.remarks[-1]
     filtered = spectrum(kept)
     assert filtered[10, 0] == pytest.approx(200, rel=0.02)  # 20 Hz stays: 2 Hz a line
     assert filtered[50, 1] < 1.0
-    raw, surveyed = bring(tmp_path, TIMED + "[quality]\nlow_pass_hz = 0\n", [file], "raw")
-    assert "without a filter before, as the map says" in surveyed.lines[-1]
+    raw, inspection = run_import(tmp_path, TIMED + "[quality]\nlow_pass_hz = 0\n", [file], "raw")
+    assert "without a filter before, as the map says" in inspection.remarks[-1]
     assert spectrum(raw)[50, 1] == pytest.approx(200, rel=0.05)
     slow = write_csv(tmp_path / "silk_6cm_5N_2.csv", np.arange(100.0), ramp(100))
-    assert bring(tmp_path, TIMED, [slow], "slow")[1].lines == ()
+    assert run_import(tmp_path, TIMED, [slow], "slow")[1].remarks == ()
 
 
 def test_a_filter_stops_at_gaps(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_a_filter_stops_at_gaps(tmp_path: Path) -> None:
     time_ms[1000:] += 100
     step = np.where(np.arange(2000) < 1000, 0.0, 1000.0)[:, None] * np.ones(3)
     file = write_csv(tmp_path / "silk_6cm_5N_1.csv", time_ms, step)
-    folder, _ = bring(tmp_path, TIMED, [file])
+    folder, _ = run_import(tmp_path, TIMED, [file])
     with Session.open(folder) as session:
         samples = session.samples(0)
     assert set(np.unique(samples)) == {0, 65535}
@@ -201,7 +201,7 @@ def test_the_session_says_what_a_reading_is(tmp_path: Path) -> None:
         ("scaled", scaled, "0–65535 from each taxel's lowest to its highest value; scaling events "
          "turn it into mV"),
     ):  # fmt: skip
-        folder, _ = bring(tmp_path, text, [file], name)
+        folder, _ = run_import(tmp_path, text, [file], name)
         with Session.open(folder) as session:
             assert session.header.sample_unit == unit
             assert session.parts[0].documentation()["/taxels/samples"]["unit"] == unit
@@ -214,12 +214,12 @@ def test_imports_apart_can_be_put_on_one_scale_and_are_not_mixed_otherwise(tmp_p
     for number in (1, 2):
         values = ramp(50) / 7 * number
         file = write_csv(tmp_path / f"silk_6cm_5N_{number}.csv", np.arange(50.0), values)
-        apart.append(bring(tmp_path, TIMED, [file], f"apart{number}")[0])
+        apart.append(run_import(tmp_path, TIMED, [file], f"apart{number}")[0])
         text = TIMED.replace("[taxels]\n", "[taxels]\nlow = -10\nhigh = 40\n")
-        folder, surveyed = bring(tmp_path, text, [file], f"alike{number}")
+        folder, inspection = run_import(tmp_path, text, [file], f"alike{number}")
         alike.append(folder)
-        said = "\n".join(surveyed.lines)
-        assert ("c goes beyond -10 to 40: cut off there" in said) == (number == 2)
+        remarks = "\n".join(inspection.remarks)
+        assert ("c goes beyond -10 to 40: cut off there" in remarks) == (number == 2)
         with Session.open(folder) as session:
             stored, scaling = session.samples(0), session.scaling
         assert scaling == ((-10.0, 50 / 65535),) * 3
@@ -232,10 +232,10 @@ def test_imports_apart_can_be_put_on_one_scale_and_are_not_mixed_otherwise(tmp_p
     assert len(join_sessions(alike).trials) == 2
 
 
-def test_sampling_too_slow_for_the_texture_is_told(tmp_path: Path) -> None:
+def test_sampling_too_slow_for_the_texture_is_reported(tmp_path: Path) -> None:
     file = write_csv(tmp_path / "silk_10cm_5N_1.csv", np.arange(100) * 28.0, ramp(100))
-    _, surveyed = bring(tmp_path, TIMED, [file])
-    assert "100 mm/s: 35.7 Hz shows nothing finer than 5.6 mm" in surveyed.lines[-1]
+    _, inspection = run_import(tmp_path, TIMED, [file])
+    assert "100 mm/s: 35.7 Hz shows nothing finer than 5.6 mm" in inspection.remarks[-1]
 
 
 def test_load_cell_and_extra_channels_come_along(tmp_path: Path) -> None:
@@ -247,7 +247,7 @@ def test_load_cell_and_extra_channels_come_along(tmp_path: Path) -> None:
     text = TIMED + '[loadcell]\ncolumn = "load"\nunit = "N"\n[extra]\ncolumns = ["heat"]\n'
     other = tmp_path / "silk_6cm_5N_2.csv"
     other.write_text(path.read_text())
-    folder, _ = bring(tmp_path, text, [path, other])
+    folder, _ = run_import(tmp_path, text, [path, other])
     assert verify(folder).problems == []
     with Session.open(folder) as session:
         for index in (0, 1):
@@ -270,7 +270,7 @@ def test_files_without_number_are_numbered_and_sorted_by_condition(tmp_path: Pat
     for name in ("b1", "a1", "b2"):
         files.append(tmp_path / f"{name}.npy")
         np.save(files[-1], ramp(40))
-    folder, _ = bring(tmp_path, text, files)
+    folder, _ = run_import(tmp_path, text, files)
     with Session.open(folder) as session:
         rows = [session.trial_row(k).trial for k in range(3)]
         assert [(row.texture, row.repeat) for row in rows] == [("a", 1), ("b", 1), ("b", 2)]
@@ -278,21 +278,21 @@ def test_files_without_number_are_numbered_and_sorted_by_condition(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ('"a..c"', '"a..d"', "no column 'd'"),
         (r"(?P<speed>-?\d+)cm", r"(?P<speed>[a-z]+)", "does not match the pattern"),
-        ("?P<repeat>", "?P<count>", "known are texture, speed, force, repeat"),
-        ("(?P<texture>", "(?P<texture>(", "no regular expression"),
+        ("?P<repeat>", "?P<count>", "groups are texture, speed, force, repeat"),
+        ("(?P<texture>", "(?P<texture>(", "not a regular expression"),
         ('unit = "ms"', 'unit = "min"', "must be one of s, ms, us, ns"),
         ('column = "t"', "rate_hz = 0", "either a time column, or rate_hz"),
         ("[taxels]", "[taxel]", "taxel"),
     ],
 )
-def test_a_wrong_map_is_a_sentence(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_a_wrong_map_is_a_sentence(tmp_path: Path, old: str, new: str, message: str) -> None:
     file = write_csv(tmp_path / "silk_6cm_5N_1.csv", np.arange(9.0), ramp(9))
-    with pytest.raises((WrongUse, ConfigError), match=said.replace("?", r"\?")):
-        bring(tmp_path, TIMED.replace(old, new), [file])
+    with pytest.raises((WrongUse, ConfigError), match=message.replace("?", r"\?")):
+        run_import(tmp_path, TIMED.replace(old, new), [file])
     assert not (tmp_path / "session").exists()
 
 
@@ -317,9 +317,9 @@ def test_wrong_files_are_sentences_and_nothing_is_written(tmp_path: Path) -> Non
     cases["broken"] = tmp_path / "broken" / f"{good}.npy", "is damaged"
     cases["gone"] = tmp_path / "gone" / f"{good}.csv", "cannot read"
     cases["odd"] = tmp_path / "odd" / f"{good}.xlsx", "can be imported end in"
-    for path, said in cases.values():
-        with pytest.raises(WrongUse, match=said):
-            bring(tmp_path, TIMED, [path])
+    for path, message in cases.values():
+        with pytest.raises(WrongUse, match=message):
+            run_import(tmp_path, TIMED, [path])
     assert not (tmp_path / "session").exists()
 
 
@@ -329,10 +329,10 @@ def test_files_of_other_width_are_refused(tmp_path: Path) -> None:
         files.append(tmp_path / f"silk_6cm_5N_{number}.npy")
         np.save(files[-1], np.zeros((20, width)))
     text = RATED.replace('"1..3"', '"1", "2", "3"')
-    bring(tmp_path, text, files)
+    run_import(tmp_path, text, files)
     named = PATTERN + '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["4"]\n'
     with pytest.raises(WrongUse, match="no column '4'"):
-        bring(tmp_path, named, files, "other")
+        run_import(tmp_path, named, files, "other")
 
 
 def test_the_command_prints_its_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -340,9 +340,9 @@ def test_the_command_prints_its_report(tmp_path: Path, capsys: pytest.CaptureFix
     (tmp_path / "map.toml").write_text(TIMED)
     words = ["import", "--map", str(tmp_path / "map.toml"), str(file), "--out"]
     assert main([*words, str(tmp_path / "one")]) == 0
-    said = capsys.readouterr()
-    assert "1 trials of 3 taxels" in said.out
-    assert "sampled too slowly" in said.err
+    captured = capsys.readouterr()
+    assert "1 trials of 3 taxels" in captured.out
+    assert "sampled too slowly" in captured.err
     assert main([*words, str(tmp_path / "two"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["trials"] == 1
     assert main([*words, str(tmp_path / "one")]) == 2

@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from rigctl.errors import WrongUse
 from rigctl.session.read.session import Session
-from tests.exchange.test_import import PATTERN, bring
+from tests.exchange.test_import import PATTERN, run_import
 
 N = 200
 TABLE = np.random.Generator(np.random.Philox(2)).integers(0, 1024, (N, 3)).astype(float)
@@ -83,8 +83,8 @@ def both(folder: Path, whole: dict[str, Any]) -> list[Path]:
 
 def test_fields_of_structures_are_named_with_dots(tmp_path: Path) -> None:
     for number, path in enumerate(both(tmp_path, WHOLE)):
-        folder, surveyed = bring(tmp_path, MAP, [path], f"s{number}")
-        assert surveyed.lines == ()
+        folder, inspection = run_import(tmp_path, MAP, [path], f"s{number}")
+        assert inspection.remarks == ()
         with Session.open(folder) as session:
             np.testing.assert_array_equal(session.samples(0), TABLE)
             assert session.drum(0).loadcell["force_g"].mean() == pytest.approx(203.94, abs=0.01)
@@ -94,7 +94,7 @@ def test_a_structure_can_be_the_variable(tmp_path: Path) -> None:
     text = PATTERN + ('[time]\ncolumn = "clock.t"\nunit = "ms"\n[taxels]\ncolumns = ["skin2"]\n')
     text = text.replace("[files]\n", '[files]\nvariable = "run"\n')
     for number, path in enumerate(both(tmp_path, WHOLE)):
-        folder, _ = bring(tmp_path, text, [path], f"s{number}")
+        folder, _ = run_import(tmp_path, text, [path], f"s{number}")
         with Session.open(folder) as session:
             np.testing.assert_array_equal(session.samples(0), TABLE[:, 1:2])
 
@@ -117,23 +117,23 @@ def test_arrays_of_structures_and_cells_are_numbered_from_one(tmp_path: Path) ->
     savemat(old, mat5)
     new = write_73(tmp_path / "new" / old.name, whole)
     for number, path in enumerate((old, new)):
-        folder, _ = bring(tmp_path, text, [path], f"s{number}")
+        folder, _ = run_import(tmp_path, text, [path], f"s{number}")
         with Session.open(folder) as session:
             np.testing.assert_array_equal(session.samples(0), TABLE)
 
 
 def test_what_a_matlab_file_lacks_is_named(tmp_path: Path) -> None:
     for number, path in enumerate(both(tmp_path, WHOLE)):
-        for old, new, said in (
+        for old, new, message in (
             ("run.skin1..run.skin3", "run.skin1..run.skin4", r"no column 'run\.skin4'"),
             ("run.skin1..run.skin3", "run.who", r"run\.who holds no plain numbers"),
             ("run.clock.t", "run.rate", "are not columns of one length"),
         ):
-            with pytest.raises(WrongUse, match=f"{path.parent.name}/silk.*{said}"):
-                bring(tmp_path, MAP.replace(old, new), [path], f"x{number}")
+            with pytest.raises(WrongUse, match=f"{path.parent.name}/silk.*{message}"):
+                run_import(tmp_path, MAP.replace(old, new), [path], f"x{number}")
         absent = MAP.replace("[files]\n", '[files]\nvariable = "walk"\n')
         with pytest.raises(WrongUse, match=r"no variable 'walk': it has .*run\.clock\.t"):
-            bring(tmp_path, absent, [path], f"x{number}")
+            run_import(tmp_path, absent, [path], f"x{number}")
 
 
 def test_cut_matlab_files_are_sentences(tmp_path: Path) -> None:
@@ -142,5 +142,5 @@ def test_cut_matlab_files_are_sentences(tmp_path: Path) -> None:
         for tenths in range(1, 10):
             path.write_bytes(whole[: len(whole) * tenths // 10])
             with pytest.raises(WrongUse, match=str(path)):
-                bring(tmp_path, MAP, [path], "cut")
+                run_import(tmp_path, MAP, [path], "cut")
     assert not (tmp_path / "cut").exists()

@@ -45,9 +45,9 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.json:
         answer = {"session": str(args.out), "trials": len(surveyed.files), "whole": whole}
-        print(json.dumps(answer | {"report": list(surveyed.lines)}, ensure_ascii=False))
+        print(json.dumps(answer | {"report": list(surveyed.remarks)}, ensure_ascii=False))
         return 0 if whole else INTERRUPTED
-    _show(surveyed.lines)
+    _show(surveyed.remarks)
     if not whole:
         print("rigctl: interrupted; the session holds what was written", file=sys.stderr)
         return INTERRUPTED
