@@ -128,9 +128,10 @@ attack: firmware
 	  $(BIN)/python -m pytest -q tests/attack
 
 docs: $(VENV)/.ready
-	$(SAY) "reference pages that are rendered from the code"
+	$(SAY) "pages and pictures that are rendered from the code"
 	@$(BIN)/python -m rigctl.wire.codegen
 	@$(BIN)/python -m rigctl.simulation.bench.parameter_tables
+	@$(BIN)/python -m tests.architecture.picture
 
 lock:
 	@$(BIN)/pip install --quiet uv

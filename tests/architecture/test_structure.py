@@ -1,0 +1,51 @@
+"""The house rules a reader relies on: small files and folders, no circles, one name once."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from statistics import median
+
+from tests.architecture import picture
+from tests.architecture.imports import import_cycles, import_graph, load_modules
+
+MOST_MODULES = 14
+MOST_LINES = 400
+MEDIAN_LINES = 150
+MODULES = load_modules()
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    assert import_cycles(import_graph(MODULES)) == []
+
+
+def test_a_circle_is_found() -> None:
+    graph = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}
+    assert import_cycles(graph) == [["a", "b", "c"]]
+
+
+def test_no_folder_holds_more_than_fourteen_modules() -> None:
+    sizes = Counter(str(m.path.parent) for m in MODULES.values() if not m.is_package)
+    assert {folder: n for folder, n in sizes.items() if n > MOST_MODULES} == {}
+
+
+def test_files_are_short() -> None:
+    long = {str(m.path): m.lines for m in MODULES.values() if m.lines > MOST_LINES}
+    assert long == {}
+    assert median(m.lines for m in MODULES.values() if not m.is_package) < MEDIAN_LINES
+
+
+def test_no_class_name_is_used_twice() -> None:
+    places: dict[str, list[str]] = defaultdict(list)
+    for module in MODULES.values():
+        for name in module.class_names():
+            places[name].append(module.name)
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
+def test_every_room_says_in_one_sentence_what_belongs_there() -> None:
+    silent = [str(m.path) for m in MODULES.values() if m.is_package and not m.summary]
+    assert silent == []
+
+
+def test_the_picture_of_the_rooms_is_up_to_date() -> None:
+    assert picture.main(["--check"]) == 0, "run make docs"
