@@ -16,7 +16,7 @@ from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.options.prompt import ask
 from rigctl.cli.rig import calibrate_wiring
 from rigctl.config.rig_config import parse_config
-from rigctl.config.toml_edit import Value, replace_text, with_keys
+from rigctl.config.toml_edit import Value, replace_file, set_keys
 from rigctl.errors import WrongUse
 from rigctl.rig import BENCH, Rig, open_rig
 
@@ -153,13 +153,12 @@ class _CalibrationSession:
         if self._args.dry:
             self._words.append("nothing was kept (--dry)")
             return
+        path = Path(self._args.rig) if values and self._rig.kind == BENCH else None
+        text = _edited(path, table, values) if path else ""
         await self.calibrator.save(**settings)
         places = ["the board's EEPROM"]
-        if values and self._rig.kind == BENCH:
-            path = Path(self._args.rig)
-            text = with_keys(path.read_text(encoding="utf-8"), table, values)
-            parse_config(text, str(path))
-            replace_text(path, text)
+        if path:
+            replace_file(path, text)
             places.append(str(path))
         self.said["kept_in"] = places
         self._words.append(f"kept in {' and '.join(places)}")
@@ -171,3 +170,12 @@ class _CalibrationSession:
     def _tell(self, text: str) -> None:
         if not self._args.json:
             print(text)
+
+
+def _edited(path: Path, table: str, values: dict[str, Value]) -> str:
+    """Return the description's text with new values. Raises ConfigError where it is not valid."""
+    source = path.read_text(encoding="utf-8")
+    parse_config(source, str(path))
+    text = set_keys(source, table, values)
+    parse_config(text, str(path))
+    return text

@@ -21,7 +21,7 @@ from rigctl.acquisition.taxels.wiring_identification import (
 )
 from rigctl.cli.options.prompt import ask
 from rigctl.config.rig_config import RigConfig, TaxelArray, load_config, parse_config
-from rigctl.config.toml_edit import Value, replace_text, with_keys
+from rigctl.config.toml_edit import Value, replace_file, set_keys
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import open_rig
@@ -138,7 +138,7 @@ def _keep(path: Path, before: TaxelArray, wiring: tuple[int, ...]) -> list[str]:
     elif before.low:
         values |= {"low": [], "high": []}
         words.append("low and high were taken in an order that was not written: take them again")
-    text = with_keys(path.read_text(encoding="utf-8"), "taxels", values)
+    text = set_keys(path.read_text(encoding="utf-8"), "taxels", values)
     parse_config(text, str(path))
-    replace_text(path, text)
+    replace_file(path, text)
     return words

@@ -9,8 +9,6 @@ import pytest
 
 from rigctl.acquisition.drum.calibration import Point, check_masses, scale_of
 from rigctl.cli import main
-from rigctl.config.rig_config import parse_config
-from rigctl.config.toml_edit import replace_text, with_keys
 from rigctl.errors import WrongUse
 
 MINE = """\
@@ -54,22 +52,6 @@ def test_nonsense_is_refused_in_a_sentence(points: list[Point], sentence: str) -
 def test_masses_that_say_nothing_are_refused(masses: list[float]) -> None:
     with pytest.raises(WrongUse, match="known mass"):
         check_masses(masses)
-
-
-def test_a_changed_key_leaves_the_rest_of_the_description_as_it_is(tmp_path: Path) -> None:
-    text = with_keys(MINE, "loadcell", {"scale_ug_per_count": 2400, "calibrated": "with # 500 g"})
-    assert text == MINE.replace(
-        "scale_ug_per_count = 2000  # µg/count: old\n",
-        'calibrated = "with # 500 g"\nscale_ug_per_count = 2400  # µg/count: old\n',
-    )
-    again = with_keys(text, "loadcell", {"calibrated": "anew"})
-    assert parse_config(again).loadcell.calibrated == "anew"
-    added = parse_config(with_keys(MINE, "actuator", {"gain_p_per_s": 5.5}))
-    assert (added.actuator.gain_p_per_s, added.about.name) == (5.5, "drum 2")
-    path = tmp_path / "rig.toml"
-    replace_text(path, text)
-    assert path.read_text(encoding="utf-8") == text
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def calibrated(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
