@@ -1,4 +1,4 @@
-"""The command line: one module a command, each with ``add_parser`` and ``run``."""
+"""The command line: one module for each command, with ``add_parser`` and ``run``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ INTERRUPTED = 130
 
 
 def parser(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
-    """The command line with these commands; one alone starts without loading the others."""
+    """Return the argument parser of these commands; one alone loads none of the others."""
     top = argparse.ArgumentParser(
         prog="rigctl", description="Drive the texture rig, record its taxels, watch its spikes."
     )
@@ -51,7 +51,7 @@ def parser(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return its exit code (0 done, 1 answer is no, 2 wrong use, 3 rig fault)."""
+    """Run one command; return its exit code: 0 done, 1 answer is no, 2 wrong use, 3 rig fault."""
     words = list(sys.argv[1:] if argv is None else argv)
     named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
     args = parser(named).parse_args(words)

@@ -140,7 +140,7 @@ def test_it_guides_through_unplugging_and_nine_presses_and_writes_the_order(
     said = capsys.readouterr().out
     assert "top layer: inputs A0, A1, A4; bottom layer: inputs A2, A3, A5" in said
     assert "row 1, column 1: D6·A4 by 300 counts, below it D6·A5 by 198 counts" in said
-    assert f"wiring = {list(SOLDERED)}\nkept in {rig}" in said
+    assert f"wiring = {list(SOLDERED)}\nsaved in {rig}" in said
     written = load_config(rig).taxels
     assert written.wiring == SOLDERED
     # Readings kept their ranges; their places are others.
@@ -195,7 +195,7 @@ def test_ranges_of_an_order_that_was_not_written_are_dropped(
 ) -> None:
     rig.write_text(f"[taxels]\nlow = {[1] * 18}\nhigh = {[2] * 18}\n")
     assert calibrate(rig, taxels, monkeypatch, list(range(9)))[0] == 0
-    assert "take them again" in capsys.readouterr().out
+    assert "calibrate them again" in capsys.readouterr().out
     assert (load_config(rig).taxels.low, load_config(rig).taxels.wiring) == ((), SOLDERED)
 
 
@@ -213,8 +213,8 @@ def test_a_board_that_is_lost_ends_it(
 @pytest.mark.parametrize(
     ("text", "words", "sentence"),
     [
-        ("", ["--yes"], "somebody has to unplug"),
-        ('[ports]\nsimulate = "virtual"', [], "nobody can unplug a simulated sensor"),
+        ("", ["--yes"], "needs a person who unplugs"),
+        ('[ports]\nsimulate = "virtual"', [], "a simulated sensor cannot be unplugged"),
         ("[taxels]\nrows = 1\ncolumns = 9", [], "3 × 3 taxels in two layers"),
     ],
 )
@@ -234,4 +234,4 @@ def test_the_drawings_order_is_said_to_be_that(
 ) -> None:
     taxels.sensor = PressedSensor(DRAWN_WIRING)
     assert calibrate(rig, taxels, monkeypatch, list(range(9)), "--dry")[0] == 0
-    assert "as drawn\nnothing was kept (--dry)" in capsys.readouterr().out
+    assert "as drawn\nnothing was saved (--dry)" in capsys.readouterr().out

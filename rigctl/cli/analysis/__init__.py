@@ -1,0 +1,1 @@
+"""Commands that encode, analyse and classify recorded sessions."""

@@ -1,4 +1,4 @@
-"""``rigctl analyse``: recorded sessions to the paper's figures and table, in one report folder."""
+"""``rigctl analyse``: make the paper's figures and table of sessions in one report folder."""
 
 from __future__ import annotations
 
@@ -10,44 +10,44 @@ from typing import Any
 
 from rigctl.cli.options.encoder import (
     add_encoder,
-    add_means,
+    add_resources,
     cache_of,
-    crew_of,
+    executor_of,
     parameters_of,
     ranges_of,
 )
-from rigctl.cli.options.stages import StageLine
+from rigctl.cli.options.progress import ProgressLine
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "analyse",
         help="encode sessions and classify their textures as the paper does",
-        description="Encode sessions in the paper's four representations and two whose force "
-        "scaling knows no texture, tell textures apart over 1 to 50 principal components in many "
-        "draws, and write a report: report.html, results.json, table1.csv and figures.",
+        description="Encode sessions in the paper's four representations and in two with a "
+        "texture-blind force scaling, classify the textures with 1 to 50 principal components in "
+        "many draws, and write a report: report.html, results.json, table1.csv and figures.",
     )
     parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
-    parser.add_argument("--out", required=True, metavar="REPORT", help="folder to be made")
+    parser.add_argument("--out", required=True, metavar="REPORT", help="new folder")
     parser.add_argument("--iterations", type=int, default=20, metavar="N", help="draws (20)")
     parser.add_argument("--k-max", type=int, default=50, metavar="K", help="components (50)")
     parser.add_argument(
         "--engine",
         choices=("own", "sklearn"),
         default="own",
-        help="own: one decomposition a fold; sklearn: a pipeline for each k (slow, equal)",
+        help="own: one decomposition for each fold; sklearn: a pipeline for each k (slow, equal)",
     )
     parser.add_argument(
         "--c",
         type=Path,
         metavar="FILE",
-        help="take C from a model or a spikes.h5, not from a search; its rate error is measured",
+        help="take C from a model or spikes.h5 instead of a search, and measure its rate error",
     )
     parser.add_argument(
         "--sensitivity",
         action="store_true",
-        help="a table over all encoder presets, with 10 components and the same draws",
+        help="add a table over all encoder presets, with 10 components and the same draws",
     )
     parser.add_argument(
         "--task",
@@ -57,17 +57,19 @@ def add_parser(subparsers: Any) -> None:
         help="textures, groups, extrapolation, leave-speed-out or leave-force-out; may be "
         "repeated (default: all that fit the set)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the draws (0)")
-    parser.add_argument("--trial", type=int, metavar="ID", help="trial of the figure of one taxel")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the draws (0)")
+    parser.add_argument("--trial", type=int, metavar="ID", help="trial in the figure of one taxel")
     parser.add_argument("--taxel", type=int, metavar="N", help="its taxel, from 1")
     add_encoder(parser)
-    add_means(parser)
+    add_resources(parser)
     _add_model(parser)
 
 
 def _add_model(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("a model to keep, for rigctl classify")
-    group.add_argument("--save-model", type=Path, metavar="FILE", help="learnt from all trials")
+    group = parser.add_argument_group("a model for rigctl classify")
+    group.add_argument(
+        "--save-model", type=Path, metavar="FILE", help="save a model trained on all trials"
+    )
     group.add_argument(
         "--representation", metavar="NAME", help='such as "Original" (default: "Speed Scaled")'
     )
@@ -75,7 +77,7 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the report; the last lines on standard output say where it is."""
+    """Make the report; the last lines on standard output name its files."""
     from rigctl.analysis.classification.sweep_engines import SweepEngine
     from rigctl.analysis.paper.tasks import SweepSettings
     from rigctl.analysis.report.report_folder import ReportRequest, ReportResult, make_report
@@ -94,12 +96,12 @@ def run(args: argparse.Namespace) -> int:
         args.sensitivity,
         ranges_of(args),
     )
-    kept, line = cache_of(args), StageLine(sys.stderr)
+    kept, line = cache_of(args), ProgressLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
-        with crew_of(args) as crew:
+        with executor_of(args) as crew:
             report: ReportResult = make_report(
-                request, now, kept=kept, crew=crew, progress=line.show
+                request, now, kept=kept, crew=crew, progress=line.show_stage
             )
     finally:
         line.end()
@@ -109,21 +111,21 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _model_of(args: argparse.Namespace) -> Any:
-    """The model that is asked for, None for none."""
+    """Return the requested model, None where none is."""
     from rigctl.analysis.classification.training import ModelRequest
     from rigctl.errors import WrongUse
 
-    said = {"representation": args.representation, "components": args.components}
-    given = {name: value for name, value in said.items() if value is not None}
+    options = {"representation": args.representation, "components": args.components}
+    given = {name: value for name, value in options.items() if value is not None}
     if args.save_model is not None:
         return ModelRequest(args.save_model, **given)
     if given:
-        raise WrongUse(f"--{next(iter(given))} is of a model to keep: name one with --save-model")
+        raise WrongUse(f"--{next(iter(given))} belongs to a model: name its file with --save-model")
     return None
 
 
 def summary(report: Any) -> str:
-    """Remarks, one line a task, and where the files are."""
+    """Return the remarks, one line for each task, and the paths of the files."""
     lines = [f"note: {remark}" for remark in report.remarks]
     for result in report.results:
         shares = (

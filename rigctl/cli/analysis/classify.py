@@ -1,4 +1,4 @@
-"""``rigctl classify MODEL SESSION…``: a trained model asked for every trial of some sessions."""
+"""``rigctl classify MODEL SESSION…``: predict the texture of every trial with a trained model."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rigctl.cli.options.stages import StageLine
+from rigctl.cli.options.progress import ProgressLine
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "classify",
-        help="ask a trained model for the textures of a session",
-        description="Encode the trials of sessions as the model's were and say which texture each "
-        "is of, with its posterior. Models are made by rigctl analyse --save-model.",
+        help="predict the textures of a session with a trained model",
+        description="Encode the trials of sessions as those of the model were encoded, and predict "
+        "the texture of each with its posterior. rigctl analyse --save-model makes models.",
     )
     parser.add_argument("model", type=Path, metavar="MODEL", help="a model file")
     parser.add_argument("sessions", nargs="+", type=Path, metavar="SESSION", help="folders")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument(
-        "--out", type=Path, metavar="FILE", help="write the answers: .json, or CSV for the rest"
+        "--out", type=Path, metavar="FILE", help="write the predictions: JSON to .json, else CSV"
     )
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (1)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print or write the answers; the last line says how many are right."""
+    """Print or write the predictions; the last line gives the share that is right."""
     from rigctl.analysis.classification.classify_sessions import classify
     from rigctl.analysis.classification.predictions import as_csv, as_lines, as_plain
     from rigctl.analysis.execution.executor import processes
@@ -41,10 +41,10 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         check_output_path(args.out)
     model = load_model(args.model)
-    line = StageLine(sys.stderr)
+    line = ProgressLine(sys.stderr)
     try:
         with processes(args.workers) as crew:
-            found = classify(model, args.sessions, crew=crew, progress=line.show)
+            found = classify(model, args.sessions, crew=crew, progress=line.show_stage)
     finally:
         line.end()
     plain = json.dumps(as_plain(found), allow_nan=False, ensure_ascii=False)
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write(path: Path, text: str) -> None:
-    """The file appears whole or not at all."""
+    """Write the file whole or not at all. Raises DiskFault."""
     from rigctl.errors import DiskFault
 
     partial = path.with_name(f"{path.name}.partial")

@@ -1,4 +1,4 @@
-"""``rigctl demo``: the main job with no hardware and no questions, from samples to figures."""
+"""``rigctl demo``: record, encode and classify without hardware and without questions."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli.data.world import add_world
-from rigctl.cli.options.progress import ProgressLine, clock
-from rigctl.cli.rig.run import EXIT_CODES, Watcher
+from rigctl.cli.options.progress import ProgressLine, remaining
+from rigctl.cli.rig.run import EXIT_CODES, RunWatcher
 from rigctl.errors import NegativeAnswer
 from rigctl.session.verify.session import verify
 
@@ -23,26 +24,28 @@ FIGURES = "figures"
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "demo",
         help="record, verify, encode and classify on the simulated bench",
-        description="Record a quick protocol on a simulated rig as fast as it goes, verify the "
-        "session, encode it to spikes, tell its textures apart on held-out trials, draw a raster "
-        "and an accuracy figure. Then open the window on a live rig where there is a display.",
+        description="Record a quick protocol on a simulated rig faster than real time, verify the "
+        "session, encode it to spikes, classify held-out trials, and draw a raster and an accuracy "
+        "figure. Then open the window on a live rig if there is a display.",
     )
-    parser.add_argument("--out", metavar="DIR", help="the folder that becomes the session")
-    parser.add_argument("--seed", type=int, default=1, help="of the simulated rig (default 1)")
+    parser.add_argument("--out", metavar="DIR", help="folder of the new session")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the simulated rig (1)")
     parser.add_argument("--rig", choices=("virtual", "firmware"), default="virtual")
     add_world(parser)
     parser.add_argument("--no-window", action="store_true", help="do not open the window")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do it all; the last lines on standard output say where the results are."""
+    """Run the demo; the last lines on standard output name the results."""
     from rigctl.analysis.report.demo import analyse_session
 
-    _say(f"recording {PROTOCOL}.toml on the {args.rig} rig, seed {args.seed}, as fast as it goes")
+    _say(
+        f"recording {PROTOCOL}.toml on the {args.rig} rig, seed {args.seed}, faster than real time"
+    )
     ended = _record(args)
     if ended.state != "done":
         print(f"the run ended early: {ended.text}\nsession: {ended.session}")
@@ -50,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     session = Path(ended.session or "")
     print(_verified(session))
     _say("encoding, classifying, drawing")
-    answer = analyse_session(session, session / FIGURES, progress=_Stages().show)
+    answer = analyse_session(session, session / FIGURES, progress=_stage_printer())
     for remark in answer.remarks:
         print(f"note: {remark}")
     print(f"{answer.sentence}; everything from the simulated bench")
@@ -59,17 +62,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def has_display() -> bool:
-    """Whether a window could be seen by somebody."""
+    """Return whether there is a display for a window."""
     named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return bool(named) or sys.platform in ("win32", "darwin")
 
 
 def _record(args: argparse.Namespace) -> RunStatus:
-    """Have an engine of our own run the protocol; the run's part of its last status."""
+    """Run the protocol on a new engine and return the run's part of the last status."""
     order = ["--protocol", PROTOCOL, "--yes", *(["--out", args.out] if args.out else [])]
     order += _world_words(args)
     client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=order)
-    watcher = Watcher(client, ProgressLine(sys.stderr))
+    watcher = RunWatcher(client, ProgressLine(sys.stderr))
     with watcher.interruptible():
         try:
             return watcher.watch()
@@ -92,7 +95,7 @@ def _verified(session: Path) -> str:
 
 
 def _open_window(rig: str, world: list[str]) -> int:
-    """The window in a process of its own: the job is done, and whatever Qt meets leaves it so."""
+    """Open the window in a process of its own, so that no failure of Qt affects the results."""
     _say(f"opening the window on a live {rig} rig; close it to end (--no-window leaves it out)")
     command = [sys.executable, "-m", "rigctl", "gui", "--rig", rig, *world]
     code = subprocess.run(command, check=False).returncode
@@ -105,19 +108,16 @@ def _open_window(rig: str, world: list[str]) -> int:
     return 0
 
 
-class _Stages:
-    """Says a stage when it begins, with the time left reckoned from the share done."""
+def _stage_printer() -> Callable[[str, float], None]:
+    """Return what prints a stage and, from the share done, the time left."""
+    began_s = time.monotonic()
 
-    def __init__(self) -> None:
-        self._started_s = time.monotonic()
-
-    def show(self, stage: str, share: float) -> None:
-        """One stage; ``share`` of the classification is done."""
-        left = ""
-        if 0.0 < share < 1.0:
-            elapsed_s = time.monotonic() - self._started_s
-            left = f", {clock(elapsed_s * (1.0 - share) / share)} left"
+    def show(stage: str, share: float) -> None:
+        elapsed_s = time.monotonic() - began_s
+        left = f", {remaining(elapsed_s, share)} left" if 0.0 < share < 1.0 else ""
         _say(f"  {stage}{left}")
+
+    return show
 
 
 def _say(sentence: str) -> None:

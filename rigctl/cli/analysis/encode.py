@@ -1,4 +1,4 @@
-"""``rigctl encode``: recorded sessions to a file of spikes, force matrix and window counts."""
+"""``rigctl encode``: write spikes, force matrix and window counts of sessions to one file."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from typing import Any
 
 from rigctl.cli.options.encoder import (
     add_encoder,
-    add_means,
+    add_resources,
     cache_of,
-    crew_of,
+    executor_of,
     parameters_of,
     ranges_of,
 )
-from rigctl.cli.options.stages import StageLine
+from rigctl.cli.options.progress import ProgressLine
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "encode",
-        help="spikes of sessions, with the force matrix C, in a file of plain arrays",
-        description="Encode the trials of sessions, of one day or several, into spikes: exact "
-        "samples in compressed sparse rows, with C, window counts, every parameter and where each "
-        "trial comes from. OUT/spikes.h5 appears whole or not at all; what was encoded before an "
-        "interruption is kept in the cache, so that the next run goes on from there.",
+        help="write the spikes of sessions and the force matrix C as plain arrays",
+        description="Encode the trials of one or several sessions into spikes: exact sample "
+        "indices in compressed sparse rows, with C, window counts, every parameter and the source "
+        "of each trial. OUT/spikes.h5 appears whole or not at all; after an interruption the next "
+        "run continues from the cache.",
     )
     parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder to be made")
+    parser.add_argument("--out", required=True, metavar="DIR", help="new folder")
     parser.add_argument(
         "--scaled-by",
         choices=("none", "texture", "blind"),
         default="none",
-        help="C on the SA current of the spikes: none; texture: of the trial's own texture; "
-        "blind: mean over textures (C itself is in the file in any case)",
+        help="factor on the SA current: none; texture: C of the trial's own texture; blind: mean "
+        "of C over textures (the file holds C in any case)",
     )
     add_encoder(parser)
-    add_means(parser)
+    add_resources(parser)
     parser.add_argument(
         "--trial", type=int, metavar="ID", help="also draw one taxel of this trial: DIR/taxel.*"
     )
@@ -47,7 +47,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the file; the last line on standard output says where it is."""
+    """Write the file; the last line on standard output names it."""
     from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
     from rigctl.analysis.features.spike_counts import Resources
 
@@ -61,11 +61,11 @@ def run(args: argparse.Namespace) -> int:
         args.trial,
         args.taxel,
     )
-    kept, line = cache_of(args), StageLine(sys.stderr)
+    kept, line = cache_of(args), ProgressLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
-        with crew_of(args) as crew:
-            found = encode_sessions(request, now, Resources(crew, kept, line.show))
+        with executor_of(args) as crew:
+            found = encode_sessions(request, now, Resources(crew, kept, line.show_stage))
     finally:
         line.end()
         kept.trim()
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def summary(found: Any, kept: Any) -> list[str]:
-    """Remarks, what C came to, what was done anew, and where the file is."""
+    """Return the remarks, a sentence about C, the work done, and the path of the file."""
     from rigctl.analysis.features.representations import force_sentence
 
     lines = [f"note: {remark}" for remark in found.remarks]
@@ -82,7 +82,5 @@ def summary(found: Any, kept: Any) -> list[str]:
         lines.append(force_sentence(found.force))
     pieces = kept.found + kept.missed
     lines.append(f"{found.trials:,} trials, {found.spikes:,} spikes")
-    lines.append(
-        f"{kept.missed} of {pieces} pieces of work done, {kept.found} taken from the cache"
-    )
+    lines.append(f"{kept.missed} of {pieces} tasks computed, {kept.found} read from the cache")
     return [*lines, f"spikes: {found.file}"]

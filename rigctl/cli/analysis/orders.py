@@ -1,4 +1,4 @@
-"""``rigctl orders``: whether the orders of the paper's Table 1 stand, over several reports."""
+"""``rigctl orders``: compare the paper's Table 1 with several reports."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from typing import Any
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "orders",
-        help="the orders of the paper's Table 1 over several reports of analyse",
-        description="Put reports of independent sets side by side: accuracies beside the paper's, "
-        "whether each order of its Table 1 stands in each set, and what was measured where not.",
+        help="compare the paper's Table 1 with several reports of analyse",
+        description="Show reports of independent sets side by side: accuracies beside the paper's, "
+        "whether each comparison of its Table 1 holds in each set, and measurements where not.",
     )
-    parser.add_argument("reports", nargs="+", metavar="REPORT", help="folders made by analyse")
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder to be made")
-    parser.add_argument("--json", action="store_true", help="the summary as JSON")
+    parser.add_argument("reports", nargs="+", metavar="REPORT", help="report folders of analyse")
+    parser.add_argument("--out", required=True, metavar="DIR", help="new folder")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the page; the lines on standard output say what stands and where it is."""
+    """Write the page and print what holds and the path of the page."""
     import json
 
     from rigctl import __version__

@@ -1,30 +1,28 @@
-"""``rigctl import --map MAP.toml FILES… --out DIR``: recordings from elsewhere into a session."""
+"""``rigctl import --map MAP.toml FILES… --out DIR``: import recordings into a session."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-import time
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.options.interrupt import Interrupt
-from rigctl.cli.options.progress import clock
+from rigctl.cli.options.progress import ProgressLine
 
-TELL_EVERY_S = 2.0
 LINES_SHOWN = 30
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "import",
-        help="bring recordings from elsewhere into a session",
+        help="import recordings from elsewhere into a session",
         description="Each file becomes a trial of 1 kHz samples, labelled by its name. The map "
-        "says which column is what. Reads .csv, .tsv, .txt, .mat, .npy and .npz.",
+        "names the columns. Reads .csv, .tsv, .txt, .mat, .npy and .npz.",
     )
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
     parser.add_argument("--map", required=True, type=Path, metavar="MAP", help="a TOML file")
@@ -33,15 +31,19 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Import; 0 when all files are in the session. Refuses before anything is written."""
+    """Import the files and return 0 when all are in the session; check all before writing any."""
     from rigctl.exchange.column_map import load_map
     from rigctl.exchange.importer import import_files
 
-    teller = ImportProgress(len(args.files), quiet=args.json)
+    line = ProgressLine(sys.stderr, quiet=args.json)
+
+    def show(stage: str, done: int) -> None:
+        line.show_stage(f"{stage} files", done, len(args.files))
+
     stamp = datetime.now(UTC).isoformat(timespec="seconds")
     with Interrupt() as interrupt:
         surveyed, whole = import_files(
-            args.files, load_map(args.map), args.out, stamp, teller.tell, interrupt.asked
+            args.files, load_map(args.map), args.out, stamp, show, interrupt.requested
         )
     if args.json:
         answer = {"session": str(args.out), "trials": len(surveyed.files), "whole": whole}
@@ -49,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         return 0 if whole else INTERRUPTED
     _show(surveyed.remarks)
     if not whole:
-        print("rigctl: interrupted; the session holds what was written", file=sys.stderr)
+        print("rigctl: interrupted; the session holds the files written so far", file=sys.stderr)
         return INTERRUPTED
     print(f"{len(surveyed.files)} trials of {len(surveyed.scaling.names)} taxels")
     print(f"session: {args.out}")
@@ -57,31 +59,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _show(lines: tuple[str, ...]) -> None:
-    """The last lines speak of all files, so they are shown whatever is left out."""
+    """Print the last remarks: those are about all files."""
     shown = lines[-LINES_SHOWN:]
     if len(shown) < len(lines):
         left = len(lines) - len(shown)
-        print(f"note: {left} more lines stand in the session's events", file=sys.stderr)
+        print(f"note: the session's events hold {left} more remarks", file=sys.stderr)
     for line in shown:
         print(f"note: {line}", file=sys.stderr)
-
-
-class ImportProgress:
-    """A line now and then for imports that last."""
-
-    def __init__(self, files: int, quiet: bool) -> None:
-        self._files = files
-        self._quiet = quiet
-        self._what = ""
-        self._began_s = self._told_s = 0.0
-
-    def tell(self, what: str, done: int) -> None:
-        """``done`` files are looked at, or written."""
-        now_s = time.monotonic()
-        if what != self._what:
-            self._what, self._began_s, self._told_s = what, now_s, now_s
-        if self._quiet or not done or now_s - self._told_s < TELL_EVERY_S:
-            return
-        self._told_s = now_s
-        left_s = (now_s - self._began_s) / done * (self._files - done)
-        print(f"{what} {done}/{self._files} files · {clock(left_s)} left", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""``rigctl info SESSION``: what a session is and holds."""
+"""``rigctl info SESSION``: summarise a session."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from rigctl.session.summary import summarise_session
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
-    parser = subparsers.add_parser("info", help="show what a session is and holds")
+    """Add the command to the parser."""
+    parser = subparsers.add_parser("info", help="summarise a session")
     parser.add_argument("session", type=Path, help="a session's folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print it; raises SessionError for a folder that is no session."""
+    """Print the summary. Raises SessionError for a folder that is not a session."""
     answer = summarise_session(args.session)
     if args.json:
         print(json.dumps(answer, ensure_ascii=False))

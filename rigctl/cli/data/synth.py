@@ -1,10 +1,9 @@
-"""``rigctl synth``: a virtual data set without waiting for time to pass."""
+"""``rigctl synth``: make a virtual data set faster than real time."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-import time
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,27 +11,34 @@ from typing import TYPE_CHECKING, Any
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.options.interrupt import Interrupt
-from rigctl.cli.options.progress import clock
+from rigctl.cli.options.progress import ProgressLine, remaining
 from rigctl.config.resources import find_protocol
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.synth.dataset import DatasetRequest
-
-TELL_EVERY_S = 2.0
+    from rigctl.synth.dataset import DatasetProgress, DatasetRequest
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "synth",
         help="make a virtual data set",
-        description="Take the trials of a protocol at the simulated bench, without wires and "
-        "without waiting, into a session that says that it is simulated.",
+        description="Record the trials of a protocol on the simulated bench, without serial links "
+        "and faster than real time, into a session that is labelled as simulated.",
     )
-    parser.add_argument("--plan", required=True, metavar="PROTOCOL", help="a file, or a name")
-    parser.add_argument("--repeats", type=int, metavar="N", help="instead of the protocol's")
-    parser.add_argument("--seed", type=int, required=True, help="of the world and the order")
+    parser.add_argument(
+        "--plan",
+        required=True,
+        metavar="PROTOCOL",
+        help="a file, or the name of a built-in protocol",
+    )
+    parser.add_argument(
+        "--repeats", type=int, metavar="N", help="number of repeats, instead of the protocol's"
+    )
+    parser.add_argument(
+        "--seed", type=int, required=True, help="seed of the simulated bench and of the trial order"
+    )
     add_world(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new session")
     parser.add_argument(
@@ -45,12 +51,12 @@ def add_parser(subparsers: Any) -> None:
         "--workers", type=int, default=2, metavar="N", help="processors to use (default 2)"
     )
     parser.add_argument(
-        "--resume", action="store_true", help="go on with what is in DIR, if something is"
+        "--resume", action="store_true", help="continue the data set in DIR, if there is one"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the data set; 0 when every trial is in it, 1 when some could not be committed."""
+    """Make the data set and return 0 if every trial is committed, 1 if some are not."""
     from rigctl.simulation.bench.world_file import NOMINAL
     from rigctl.synth.dataset import DatasetRequest, plan_of
 
@@ -59,25 +65,25 @@ def run(args: argparse.Namespace) -> int:
     plan = plan_of(path, args.repeats, args.seed, world)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     order = DatasetRequest(plan, args.seed, args.out, now, args.resume, world)
-    teller = SynthProgress(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
+    progress = SynthProgress(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
     with Interrupt() as interrupt:
-        whole = _make(args, path, order, teller, interrupt)
-    teller.finish()
+        whole = _make(args, path, order, progress, interrupt)
+    progress.finish()
     print(f"{'session' if args.sessions is None else 'sessions in'}: {args.out}")
     if not whole:
         print(
-            "rigctl: interrupted; what was made is kept, the same command with --resume goes on",
+            "rigctl: interrupted; the trials so far are kept, add --resume to continue",
             file=sys.stderr,
         )
         return INTERRUPTED
-    return 0 if teller.committed == len(plan.trials) else 1
+    return 0 if progress.committed == len(plan.trials) else 1
 
 
 def _make(
     args: argparse.Namespace,
     path: Path,
     order: DatasetRequest,
-    teller: SynthProgress,
+    progress: SynthProgress,
     interrupt: Interrupt,
 ) -> bool:
     from rigctl.synth.dataset import generate
@@ -86,36 +92,31 @@ def _make(
     if args.workers < 1:
         raise WrongUse(f"--workers {args.workers}: at least one is needed")
     if args.sessions is None:
-        return generate(order, teller.tell, interrupt.asked, args.workers)
+        return generate(order, progress.show, interrupt.requested, args.workers)
     split = orders(path, args.repeats, order, args.sessions)
-    return generate_all(split, teller.tell, interrupt.asked, args.workers)
+    return generate_all(split, progress.show, interrupt.requested, args.workers)
 
 
 class SynthProgress:
-    """Says how far it is, on a terminal in one line, elsewhere a line now and then."""
+    """Shows how many trials are made, the pace and the time left."""
 
     def __init__(self, trials: int, trial_s: float) -> None:
         self._trials = trials
         self._trial_s = trial_s
-        self._began_s = self._told_s = time.monotonic()
-        self._redraws = sys.stderr.isatty()
+        self._line = ProgressLine(sys.stderr)
         self.committed = 0
 
-    def tell(self, progress: Any) -> None:
-        """Take note of progress; show it if it is time to."""
+    def show(self, progress: DatasetProgress) -> None:
+        """Keep the count of committed trials, and show progress if it is time to."""
         self.committed = progress.committed
-        now_s = time.monotonic()
-        if now_s - self._told_s < (0.2 if self._redraws else TELL_EVERY_S):
-            return
-        self._told_s = now_s
-        pace = progress.trial_s / (now_s - self._began_s)
-        left_s = (self._trial_s - progress.trial_s) / pace
-        line = f"{progress.trials}/{self._trials} trials · {pace:.0f} × real time · "
-        line += f"{clock(left_s)} left"
-        start, end = ("\r", "  ") if self._redraws else ("", "\n")
-        print(f"{start}{line}", end=end, file=sys.stderr, flush=True)
+        elapsed_s = self._line.elapsed_s
+        left = remaining(elapsed_s, progress.trial_s / self._trial_s)
+        self._line.show(
+            f"{progress.trials}/{self._trials} trials · "
+            f"{progress.trial_s / elapsed_s:.0f} × real time · {left} left"
+        )
 
     def finish(self) -> None:
-        """Leave the line and say what came of it."""
-        end = "\n" if self._redraws else ""
-        print(f"{end}{self.committed} of {self._trials} trials committed", file=sys.stderr)
+        """End the line and print how many trials are committed."""
+        self._line.end()
+        print(f"{self.committed} of {self._trials} trials committed", file=sys.stderr)

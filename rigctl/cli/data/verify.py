@@ -1,51 +1,46 @@
-"""``rigctl verify SESSION``: is a session whole? Exit code 0 yes, 1 no, 2 not a session."""
+"""``rigctl verify SESSION``: check a session. Exit code 0 whole, 1 not, 2 not a session."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from rigctl.cli.options.progress import ProgressLine, remaining
 from rigctl.session.verify.session import VerifyReport, verify
 
 WHOLE, NOT_WHOLE = 0, 1
 QUIET_S = 2.0
+"""A check that takes no longer shows no progress."""
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
-    parser = subparsers.add_parser("verify", help="prove a session whole, or say what is wrong")
+    """Add the command to the parser."""
+    parser = subparsers.add_parser(
+        "verify", help="check that a session is whole, or name what is wrong"
+    )
     parser.add_argument("session", type=Path, help="a session's folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print one line a finding, then the answer."""
-    report = verify(args.session, _Progress())
+    """Print one line for each finding, then the answer."""
+    line = ProgressLine(sys.stderr)
+
+    def show(share: float, what: str) -> None:
+        if share and line.elapsed_s > QUIET_S:
+            line.show(f"{what}, {remaining(line.elapsed_s, share)} left")
+
+    report = verify(args.session, show)
+    line.end()
     if args.json:
         print(json.dumps({"whole": report.whole, **asdict(report)}, ensure_ascii=False))
     else:
         _print(report, args.session)
     return WHOLE if report.whole else NOT_WHOLE
-
-
-class _Progress:
-    """Says on the terminal how far a long check is and how long the rest takes."""
-
-    def __init__(self) -> None:
-        self._started_s = self._told_s = time.monotonic()
-
-    def __call__(self, share: float, what: str) -> None:
-        now_s = time.monotonic()
-        if now_s - self._told_s < QUIET_S or not share:
-            return
-        self._told_s = now_s
-        left_s = (now_s - self._started_s) / share * (1.0 - share)
-        print(f"{what}, about {left_s:.0f} s left", file=sys.stderr)
 
 
 def _print(report: VerifyReport, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""``rigctl world``: a simulated bench as a world file; and ``--world``, which takes one."""
+"""``rigctl world`` prints a simulated bench as a world file; ``--world`` reads one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def add_world(parser: argparse.ArgumentParser) -> None:
-    """Add ``--world FILE`` to a command that makes a simulated rig."""
+    """Add ``--world FILE`` to a command that opens a simulated rig."""
     parser.add_argument(
         "--world",
         type=Path,
@@ -23,14 +23,14 @@ def add_world(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen_world(path: Path | None) -> SimulatedWorld | None:
-    """Return the world of a file, None where none was named. Raises ConfigError."""
+    """Return the world of a file, None without a file. Raises ConfigError."""
     from rigctl.simulation.bench.world_file import load_world
 
     return None if path is None else load_world(path)
 
 
 def session_world(folder: Path) -> SimulatedWorld | None:
-    """Return the world that a session holds, None where it holds none. Raises SessionError."""
+    """Return the world of a session, None where it has none. Raises SessionError."""
     from rigctl.session.read.session import Session
     from rigctl.simulation.bench.world_file import recorded_world
 
@@ -39,7 +39,7 @@ def session_world(folder: Path) -> SimulatedWorld | None:
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "world",
         help="print a simulated bench as a world file",
@@ -51,7 +51,7 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         nargs="?",
         metavar="FILE|SESSION",
-        help="a world file to complete, or a session; the nominal bench where there is none",
+        help="a world file to complete, or a session; default: the nominal bench",
     )
 
 
@@ -62,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
     if args.source is not None and args.source.is_dir():
         world = session_world(args.source)
         if world is None:
-            raise SessionError(f"{args.source} holds no simulated bench: it was not made in one")
+            raise SessionError(
+                f"{args.source} holds no simulated bench: it was not recorded on one"
+            )
     else:
         world = chosen_world(args.source) or NOMINAL
     print(world_toml(world.parameters), end="")

@@ -1,0 +1,1 @@
+"""Options, progress lines and prompts that several commands share."""

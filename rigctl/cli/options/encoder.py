@@ -1,4 +1,4 @@
-"""Words that ``encode`` and ``analyse`` have in common: encoder, taxel ranges, cache, workers."""
+"""Options that ``encode`` and ``analyse`` share: encoder, taxel ranges, cache, workers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def add_encoder(parser: argparse.ArgumentParser) -> None:
-    """Preset, single parameters, force of reference and taxel ranges."""
+    """Add the encoder's preset and parameters, the reference force and the taxel ranges."""
     group = parser.add_argument_group("the encoder")
     group.add_argument("--preset", default="default", metavar="NAME", help="encoder preset")
     group.add_argument(
@@ -42,11 +42,11 @@ def add_encoder(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_means(parser: argparse.ArgumentParser) -> None:
-    """Workers and cache."""
-    crew = parser.add_mutually_exclusive_group()
-    crew.add_argument("--workers", type=int, default=1, metavar="N", help="processes here (1)")
-    crew.add_argument(
+def add_resources(parser: argparse.ArgumentParser) -> None:
+    """Add the workers and the cache."""
+    workers = parser.add_mutually_exclusive_group()
+    workers.add_argument("--workers", type=int, default=1, metavar="N", help="processes here (1)")
+    workers.add_argument(
         "--dask",
         metavar="ADDRESS",
         help="workers of a Dask scheduler, as tcp://host:8786; they must see the folders",
@@ -56,15 +56,16 @@ def add_means(parser: argparse.ArgumentParser) -> None:
         "--cache",
         type=Path,
         metavar="DIR",
-        help="where encoded conditions are kept, so that a second run repeats none of them (up to "
-        "4 GiB, the longest unused go first); default $XDG_CACHE_HOME/rigctl or ~/.cache/rigctl. "
+        help="folder for encoded conditions, which a second run does not encode again (at most "
+        "4 GiB, the least recently used go first); default $XDG_CACHE_HOME/rigctl or "
+        "~/.cache/rigctl. "
         "To clear it, remove the folder",
     )
-    cache.add_argument("--no-cache", action="store_true", help="neither use nor keep anything")
+    cache.add_argument("--no-cache", action="store_true", help="neither read nor write the cache")
 
 
 def parameters_of(args: argparse.Namespace) -> EncoderParameters:
-    """The encoder asked for. Raises WrongUse."""
+    """Return the chosen encoder parameters. Raises WrongUse."""
     from rigctl.encoding.parameters import changed, preset
 
     base = preset(args.preset)
@@ -72,9 +73,9 @@ def parameters_of(args: argparse.Namespace) -> EncoderParameters:
 
 
 def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
-    """The taxel ranges asked for.
+    """Return the chosen taxel ranges.
 
-    Raises SessionError for a file that has none, or whose taxels are in another order.
+    Raises SessionError for a file without ranges, or with another order of taxels.
     """
     from rigctl.analysis.data.wiring_check import check_file
     from rigctl.analysis.features.spike_counts import RangesOver
@@ -88,14 +89,14 @@ def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
 
 
 def cache_of(args: argparse.Namespace) -> Cache:
-    """The cache asked for."""
+    """Return the chosen cache."""
     from rigctl.analysis.data.cache import Cache, cache_folder
 
     return Cache(None if args.no_cache else args.cache or cache_folder())
 
 
-def crew_of(args: argparse.Namespace) -> AbstractContextManager[Executor]:
-    """Who does the work. Raises WrongUse."""
+def executor_of(args: argparse.Namespace) -> AbstractContextManager[Executor]:
+    """Return the executor of the chosen workers. Raises WrongUse."""
     from rigctl.errors import WrongUse
 
     if args.workers < 1:

@@ -1,4 +1,4 @@
-"""Ctrl-C for work that ends at its next good place."""
+"""Turn Ctrl-C into a request to end at the next safe place."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 
 
 class Interrupt:
-    """While entered, Ctrl-C and a polite kill are noted; a second one acts as ever."""
+    """Notes the first SIGINT or SIGTERM while entered; a second one acts as usual."""
 
     def __init__(self) -> None:
         self._before: dict[int, Any] = {}
-        self._asked = False
+        self._requested = False
 
-    def asked(self) -> bool:
-        """Whether somebody wants it to end."""
-        return self._asked
+    def requested(self) -> bool:
+        """Return whether a signal has asked the work to end."""
+        return self._requested
 
     def __enter__(self) -> Interrupt:
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -28,5 +28,5 @@ class Interrupt:
             signal.signal(number, handler)
 
     def _caught(self, number: int, frame: FrameType | None) -> None:
-        self._asked = True
+        self._requested = True
         signal.signal(number, self._before[number])

@@ -1,70 +1,75 @@
-"""One line that says how far a run is, how long the rest takes, and that it is being recorded."""
+"""The one line that tells how far a command is and how long the rest takes."""
 
 from __future__ import annotations
 
+import time
 from typing import TextIO
-
-from rigctl.acquisition.rpc.messages import EngineStatus
 
 LINE_EVERY_S = 5.0
 REDRAW_EVERY_S = 0.1
 
 
 class ProgressLine:
-    """Redraws its line on a terminal; elsewhere writes one every few seconds. Times: wall, s."""
+    """A line that is redrawn on a terminal, and printed every few seconds elsewhere.
+
+    ``quiet`` prints nothing at all.
+    """
 
     def __init__(self, out: TextIO, quiet: bool = False) -> None:
         self._out = out
         self._quiet = quiet
         self._redraws = out.isatty()
-        self._started_s: float | None = None
+        self._stage: str | None = None
+        self._began_s = time.monotonic()
         self._shown_s = float("-inf")
         self._width = 0
 
-    def show(self, status: EngineStatus, now_s: float) -> None:
-        """Show an engine's status, if it is time to."""
-        self._started_s = now_s if self._started_s is None else self._started_s
+    @property
+    def elapsed_s(self) -> float:
+        """Wall time since the line or its present stage began."""
+        return time.monotonic() - self._began_s
+
+    def show(self, text: str, last: bool = False) -> None:
+        """Show a text if it is time to, or if it is the ``last`` of its stage."""
+        now_s = time.monotonic()
         period_s = REDRAW_EVERY_S if self._redraws else LINE_EVERY_S
-        if self._quiet or now_s - self._shown_s < period_s:
+        if self._quiet or (now_s - self._shown_s < period_s and not (last and self._redraws)):
             return
         self._shown_s = now_s
-        line = progress_line(status, now_s - self._started_s)
-        self._write(line, "" if self._redraws else "\n")
+        self._write(text, "" if self._redraws else "\n")
+
+    def show_stage(self, stage: str, done: int, total: int) -> None:
+        """Show how much of a stage is done and how long it still takes; a new stage at once."""
+        if stage != self._stage:
+            self.end()
+            self._stage, self._began_s, self._shown_s = stage, time.monotonic(), float("-inf")
+        left = f", {remaining(self.elapsed_s, done / total)} left" if 0 < done < total else ""
+        self.show(f"{stage}: {done} of {total}{left}", last=done >= total)
 
     def say(self, sentence: str) -> None:
-        """Say something that stays."""
+        """Print a sentence that stays."""
         if not self._quiet:
             self._write(sentence, "\n")
 
     def end(self) -> None:
-        """Leave the line."""
-        if self._redraws and self._width:
-            self._write("", "")
+        """Leave the line as it is and begin a new one."""
+        if self._width:
+            self._out.write("\n")
+            self._width = 0
 
     def _write(self, text: str, end: str) -> None:
-        back = "\r" if self._redraws else ""
-        self._out.write(
-            f"{back}{text}{' ' * (self._width - len(text))}{back if not end else ''}{end}"
-        )
+        start = "\r" if self._redraws else ""
+        self._out.write(f"{start}{text}{' ' * (self._width - len(text))}{end}")
         self._out.flush()
-        self._width = len(text) if self._redraws and not end else 0
+        self._width = 0 if end else len(text)
 
 
-def progress_line(status: EngineStatus, elapsed_wall_s: float) -> str:
-    """The line for one status; loop time is turned into wall time by the pace so far."""
-    run = status.run
-    parts = [f"{run.trials_committed}/{run.trials_planned} trials", run.state]
-    if now := run.current:
-        parts.append(f"{now.texture} {now.speed_mm_s:g} mm/s {now.force_g:g} g")
-    if run.trials_rejected:
-        parts.append(f"{run.trials_rejected} rejected")
-    if run.eta_s is not None and run.elapsed_s > 0:
-        parts.append(f"{clock(run.eta_s * elapsed_wall_s / run.elapsed_s)} left")
-    parts.append(f"{status.recording.samples_on_disk} samples on disk")
-    return " · ".join(parts)
+def remaining(elapsed_s: float, share: float) -> str:
+    """Return the time left after ``share`` of the work took ``elapsed_s``."""
+    return clock(elapsed_s * (1.0 - share) / share)
 
 
 def clock(seconds: float) -> str:
-    """Hours, minutes and seconds: 1:02:03."""
+    """Return hours, minutes and seconds: 1:02:03."""
     whole = round(seconds)
     return f"{whole // 3600}:{whole // 60 % 60:02}:{whole % 60:02}"

@@ -1,4 +1,4 @@
-"""A person at the bench is asked to do something, and says when it is done."""
+"""Ask the person at the bench to do something and wait until it is done."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from rigctl.errors import WrongUse
 
 
 def ask(text: str, cure: str) -> None:
-    """Wait for Enter. Raises KeyboardInterrupt for a, WrongUse with ``cure`` where nobody is."""
+    """Print ``text`` and wait for Enter.
+
+    Raises KeyboardInterrupt for the answer a, and WrongUse with ``cure`` without a terminal.
+    """
     try:
         answer = input(f"{text} [Enter, or a to abort] ")
     except EOFError:
-        raise WrongUse(f"nobody is there to answer: {cure}") from None
+        raise WrongUse(f"there is no terminal to answer at: {cure}") from None
     if answer.strip().lower().startswith("a"):
         raise KeyboardInterrupt

@@ -1,0 +1,1 @@
+"""Commands that drive a rig, find its ports, calibrate it or judge it."""

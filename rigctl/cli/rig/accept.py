@@ -1,4 +1,4 @@
-"""``rigctl accept SESSION``: does a rig do what it should? Exit code 0 yes, 1 no."""
+"""``rigctl accept SESSION``: judge a rig. Exit code 0 accepted, 1 not."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ ACCEPTED, NOT_ACCEPTED = 0, 1
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "accept",
-        help="judge a rig by the session of its acceptance protocol",
+        help="judge a rig by a session of the acceptance protocol",
         description="Judge force, drift, speed, steps and losses of a rig from a session recorded "
         "with protocols/acceptance.toml. Exit code 0: accepted; 1: not; 2: no such session.",
     )
     parser.add_argument("session", type=Path, help="a session's folder")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="also make a report folder")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="also write a report to this new folder"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print a line a check, then the answer; make the report if asked to."""
+    """Print one line for each check, then the verdict; write a report with ``--out``."""
     from rigctl.analysis.acceptance.measurements import measure
     from rigctl.analysis.acceptance.report import accepted, as_plain, judge, write_report
 

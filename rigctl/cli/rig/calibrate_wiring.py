@@ -1,4 +1,4 @@
-"""``rigctl calibrate wiring``: which reading is which taxel, by unplugging and pressing."""
+"""``rigctl calibrate wiring``: find which reading is which taxel by unplugging and pressing."""
 
 from __future__ import annotations
 
@@ -28,90 +28,94 @@ from rigctl.rig import open_rig
 from rigctl.values import DRAWN_WIRING, N_TAXELS, Block
 
 STALE_S = 0.5
-"""What came while somebody was asked is of before; it is through after so long."""
+"""Samples this old were taken before the answer to a question; they are dropped."""
 SAMPLES = 1000
-LOOK_S = 0.05
+POLL_S = 0.05
 
 UNPLUG = (
-    "Unplug the three read lines of the bottom layer (A3, A4, A5 where the drawing was followed). "
-    "Touch nothing."
+    "Unplug the three read lines of the bottom layer (A3, A4, A5 if wired as drawn). "
+    "Do not touch the sensor."
 )
-FLAT = "Press the whole sensor flat, and hold it."
-PLUG = "Plug them in again. Touch nothing."
-PRESS = "Press {place}, with a blunt tip of about 3 mm, and hold it."
+FLAT = "Press the whole sensor flat and hold it."
+PLUG = "Plug the lines in again. Do not touch the sensor."
+PRESS = "Press {place} with a blunt tip of about 3 mm and hold it."
 
 
 def run(args: argparse.Namespace) -> int:
-    """Guide through it; the last lines say the order and where it is kept."""
+    """Guide the user; the last lines give the order and where it is saved."""
     path, config = _bench(args)
     taxels = replace(config.taxels, wiring=tuple(range(N_TAXELS)), pressure_raises=True)
     with closing(open_rig(args.rig, config=replace(config, taxels=taxels))) as rig:
-        sitting = _WiringSession(rig.taxels, print if not args.json else lambda text: None)
-        wiring = rig.loop.run_until_complete(sitting.find())
-    words = [f"wiring = {list(wiring)}{', as drawn' if wiring == DRAWN_WIRING else ''}"]
+        session = _WiringSession(rig.taxels, print if not args.json else lambda text: None)
+        wiring = rig.loop.run_until_complete(session.find())
+    lines = [f"wiring = {list(wiring)}{', as drawn' if wiring == DRAWN_WIRING else ''}"]
     if args.dry:
-        words.append("nothing was kept (--dry)")
+        lines.append("nothing was saved (--dry)")
     else:
-        words += _keep(path, config.taxels, wiring)
+        lines += _save(path, config.taxels, wiring)
     if args.json:
-        said = {"part": "wiring", "rig": args.rig, "wiring": wiring}
-        print(json.dumps(said if args.dry else said | {"kept_in": [str(path)]}))
+        result = {"part": "wiring", "rig": args.rig, "wiring": wiring}
+        print(json.dumps(result if args.dry else result | {"kept_in": [str(path)]}))
     else:
-        print("\n".join(words))
+        print("\n".join(lines))
     return 0
 
 
 def _bench(args: argparse.Namespace) -> tuple[Path, RigConfig]:
-    """The description of a sensor that somebody can unplug and press. Raises WrongUse."""
+    """Return path and description of a real sensor. Raises WrongUse for any other."""
     path = Path(args.rig)
     config = load_config(path) if path.is_file() else None
     if config is None or config.ports.simulate:
-        raise WrongUse("nobody can unplug a simulated sensor: name the rig.toml of a bench")
+        raise WrongUse("a simulated sensor cannot be unplugged: name the rig.toml of a bench")
     if args.yes:
-        raise WrongUse("somebody has to unplug wires and press taxels: leave --yes out")
+        raise WrongUse(
+            "this calibration needs a person who unplugs wires and presses taxels: leave out --yes"
+        )
     if (config.taxels.rows, config.taxels.columns, config.taxels.count) != (3, 3, N_TAXELS):
-        raise WrongUse(f"{path}: this finds the order of 3 × 3 taxels in two layers, write yours")
+        raise WrongUse(
+            f"{path}: only 3 × 3 taxels in two layers can be identified; write wiring by hand"
+        )
     return path, config
 
 
 class _WiringSession:
-    """Asks for each step until it is clear, and takes the mean of a second of it."""
+    """Repeats each step until its result is clear; each uses the mean of one second."""
 
-    def __init__(self, taxels: Taxels, tell: Callable[[str], None]) -> None:
+    def __init__(self, taxels: Taxels, print_line: Callable[[str], None]) -> None:
         self._taxels = taxels
-        self._tell = tell
+        self._print = print_line
         self._samples: list[NDArray[np.uint16]] = []
         self._failure: RigFault | None = None
 
     async def find(self) -> tuple[int, ...]:
-        """The reading at each place. Raises WrongUse for presses that contradict each other."""
+        """Return the reading at each place. Raises WrongUse for contradictory presses."""
         self._taxels.on_block(self._take)
         self._taxels.on_fault(self._fail)
         await self._taxels.connect()
         order = WiringIdentification()
         while not order.lower:
             rest = await self._mean(UNPLUG)
-            self._note(order.unplugged, rest, await self._mean(FLAT))
+            self._print_step(order.unplugged, rest, await self._mean(FLAT))
         rest = await self._mean(PLUG)
         while order.place < PER_LAYER:
-            asked = PRESS.format(place=place_words(order.place))
-            self._note(order.pressed, rest, await self._mean(asked))
+            question = PRESS.format(place=place_words(order.place))
+            self._print_step(order.pressed, rest, await self._mean(question))
         return order.wiring()
 
-    def _note(self, take: Callable[[Means, Means], str], rest: Means, pressed: Means) -> None:
-        """Say what was seen; what was not clear is asked for again."""
+    def _print_step(self, take: Callable[[Means, Means], str], rest: Means, pressed: Means) -> None:
+        """Print the result of a step, or why it was not clear."""
         try:
-            self._tell(take(rest, pressed))
+            self._print(take(rest, pressed))
         except WrongUse as unclear:
-            self._tell(f"not clear: {unclear}")
+            self._print(f"not clear: {unclear}")
 
-    async def _mean(self, asked: str) -> Means:
-        """Mean of a second of samples, float64 (18,). Raises RigFault where the board is lost."""
-        ask(asked, "run it at a terminal")
+    async def _mean(self, question: str) -> Means:
+        """Return the mean of one second, float64 (18,). Raises RigFault if the board is lost."""
+        ask(question, "run this command at a terminal")
         await self._pass_until(asyncio.get_running_loop().time() + STALE_S)
         self._samples.clear()
         while sum(map(len, self._samples)) < SAMPLES:
-            await self._pass_until(asyncio.get_running_loop().time() + LOOK_S)
+            await self._pass_until(asyncio.get_running_loop().time() + POLL_S)
         mean: Means = np.concatenate(self._samples).mean(axis=0)
         return mean
 
@@ -127,18 +131,20 @@ class _WiringSession:
         self._failure = fault
 
 
-def _keep(path: Path, before: TaxelArray, wiring: tuple[int, ...]) -> list[str]:
-    """Write the order into the description; sentences on what became of its ranges."""
+def _save(path: Path, before: TaxelArray, wiring: tuple[int, ...]) -> list[str]:
+    """Write the order into rig.toml; return sentences about its taxel ranges."""
     values: dict[str, Value] = {"wiring": list(wiring)}
-    words = [f"kept in {path}"]
+    lines = [f"saved in {path}"]
     if before.low and before.wiring:
         places = [before.wiring.index(reading) for reading in wiring]
         values["low"] = [before.low[place] for place in places]
         values["high"] = [before.high[place] for place in places]
     elif before.low:
         values |= {"low": [], "high": []}
-        words.append("low and high were taken in an order that was not written: take them again")
+        lines.append(
+            "low and high belong to an unknown order and were removed: calibrate them again"
+        )
     text = set_keys(path.read_text(encoding="utf-8"), "taxels", values)
     parse_config(text, str(path))
     replace_file(path, text)
-    return words
+    return lines

@@ -1,4 +1,4 @@
-"""``rigctl check PROTOCOL``: what a protocol would do, before anything moves."""
+"""``rigctl check PROTOCOL``: show what a protocol does and needs, without a rig."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ from rigctl.errors import NegativeAnswer
 from rigctl.protocol import Plan, load_protocol
 
 NOMINAL = ("virtual", "firmware")
-"""Simulated rigs are the nominal one."""
+"""Rigs that need no description: they have the nominal one."""
 
 
 def add_parser(subparsers: Any) -> None:
-    """Describe the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
-        "check", help="show trials, plate changes, time and disk need of a protocol"
+        "check", help="show the trials, plate changes, time and disk space of a protocol"
     )
-    parser.add_argument("protocol", help="a file, or the name of a protocol that comes with us")
-    parser.add_argument("--seed", type=int, help="order by this seed, not by the written one")
+    parser.add_argument("protocol", help="a file, or the name of a built-in protocol")
+    parser.add_argument(
+        "--seed", type=int, help="seed of the trial order, instead of the protocol's"
+    )
     parser.add_argument(
         "--rig", default=NOMINAL[0], metavar="RIG", help="virtual, firmware, or a rig.toml"
     )
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="answer no if the disk of DIR has too little room"
+        "--out", type=Path, metavar="DIR", help="exit with 1 if the disk of DIR is too small"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the answer; raises ProtocolError for a protocol that cannot be run."""
+    """Print the summary. Raises ProtocolError for a protocol that cannot be run."""
     config = RigConfig() if args.rig in NOMINAL else load_config(Path(args.rig))
     plan = load_protocol(find_protocol(args.protocol), config).plan(args.seed)
     answer = describe(plan)
@@ -48,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def describe(plan: Plan) -> dict[str, Any]:
-    """What there is to say about a plan, as plain values."""
+    """Return the summary of a plan as plain values."""
     protocol = plan.protocol
     return {
         "protocol": protocol.name,
@@ -74,7 +76,7 @@ def describe(plan: Plan) -> dict[str, Any]:
 
 
 def table(answer: dict[str, Any]) -> str:
-    """The answer for people, two columns."""
+    """Return the summary as a table of two columns."""
     presses = "forces_g" if answer["forces_g"] else "depths_mm"
     rows = (
         ("protocol", f"{answer['protocol']} – {answer['description']}".rstrip(" –")),

@@ -1,4 +1,4 @@
-"""``rigctl engine``: the process that holds a rig; started by other commands and by the window."""
+"""``rigctl engine``: the process that holds a rig. Other commands and the window start it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """``engine`` is hidden: people start it through run, gui and demo."""
+    """Add the command, hidden from the help: run, gui and demo start it."""
     parser = subparsers.add_parser("engine")
     parser.add_argument("--rig", required=True)
     parser.add_argument("--name", default=None)
@@ -42,9 +42,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Open the rig, announce the engine, wait for the client that wanted it, serve."""
+    """Open the rig, announce the engine, wait for its first client, serve."""
     folder, name, token = runtime_folder(), args.name or new_name(), secrets.token_urlsafe(24)
-    order = _order(args)
+    request = _request(args)
     rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
     with closing(rig), listen() as listener:
         live = LiveWriter(folder / f"{name}.live")
@@ -55,11 +55,11 @@ def run(args: argparse.Namespace) -> int:
             folder, EngineFile(name, os.getpid(), port, token, args.rig, str(live.path))
         )
         try:
-            # Simulated time has not begun yet, so when the client comes changes no sample.
-            doors = EngineAddress(listener, token, await_client(listener, token))
+            # Simulated time has not begun, so the moment of the client's arrival changes no sample.
+            address = EngineAddress(listener, token, await_client(listener, token))
             _end_on_signals(rig.loop, engine)
             return rig.loop.run_until_complete(
-                engine.serve(doors, CommandHandler(engine).handle, order)
+                engine.serve(address, CommandHandler(engine).handle, request)
             )
         finally:
             live.close()
@@ -67,24 +67,24 @@ def run(args: argparse.Namespace) -> int:
             path.unlink(missing_ok=True)
 
 
-def _order(args: argparse.Namespace) -> RunRequest | None:
+def _request(args: argparse.Namespace) -> RunRequest | None:
     if args.protocol is None and args.resume is None:
         return None
     return RunRequest(args.protocol, args.out, args.resume, args.order_seed, args.yes)
 
 
 def _world(args: argparse.Namespace) -> SimulatedWorld | None:
-    """The world of the file named, or else that of the session to go on with."""
+    """Return the world of the named file, or that of the session to resume."""
     if args.world is None and args.resume is not None:
         return session_world(Path(args.resume))
     return chosen_world(args.world)
 
 
 def _end_on_signals(loop: asyncio.AbstractEventLoop, engine: Engine) -> None:
-    """A signal ends the engine like a client would: run aborted, rig safe, session whole."""
+    """End the engine on a signal as a client does: run aborted, rig safe, session whole."""
 
     def end() -> None:
-        engine.end("the engine was told to end by a signal")
+        engine.end("a signal ended the engine")
 
     for number in (signal.SIGINT, signal.SIGTERM):
         if sys.platform == "win32":
@@ -94,7 +94,7 @@ def _end_on_signals(loop: asyncio.AbstractEventLoop, engine: Engine) -> None:
 
 
 def _drop_empty(log: Path) -> None:
-    """Whoever started us gave us a log; one in which nothing stands is of no use to anybody."""
+    """Remove the log that the starting process made for us, if nothing was written to it."""
     if sys.platform != "win32" and log.is_file() and log.stat().st_size == 0:
         log.unlink()
 

@@ -15,5 +15,5 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Show the window until it is closed. Raises WrongUse where Qt cannot show anything."""
+    """Show the window until it is closed. Raises WrongUse where Qt has no display."""
     return show(args.rig, args.world, args.theme)

@@ -1,4 +1,4 @@
-"""``rigctl ports``: which serial ports there are, and which board answers on each."""
+"""``rigctl ports``: list the serial ports and the board on each."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from rigctl.wire.drum.codes import SettingsFrom, reset_cause_text
 
 
 def add_parser(subparsers: Any) -> None:
-    """Add the command to the command line."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "ports",
         help="list serial ports and the board on each",
-        description="Ask every serial port which board is there. Opening a port resets its board.",
+        description="Query the board on every serial port. Opening a port resets its board.",
     )
-    parser.add_argument("port", nargs="*", help="ask these ports only")
-    parser.add_argument("--json", action="store_true", help="one JSON list")
+    parser.add_argument("port", nargs="*", help="query only these ports")
+    parser.add_argument("--json", action="store_true", help="print one JSON list")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask the ports and print what answered."""
+    """Query the ports and print one report for each."""
     with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
         reports = runner.run(_look(args.port))
     if args.json:

@@ -1,4 +1,4 @@
-"""``rigctl run``: a protocol from start to end, as a client of an engine of its own."""
+"""``rigctl run``: run a protocol from start to end on an engine of its own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import json
 import signal
 import sys
 import threading
-import time
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from types import FrameType
@@ -15,50 +14,60 @@ from typing import Any
 
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.messages import PromptStatus, RunStatus, as_dict, parse_status
+from rigctl.acquisition.rpc.messages import (
+    EngineStatus,
+    PromptStatus,
+    RunStatus,
+    as_dict,
+    parse_status,
+)
 from rigctl.cli.data.world import add_world
-from rigctl.cli.options.progress import ProgressLine
+from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.errors import WrongUse
 from rigctl.session.format.layout import RIG_FILE
 from rigctl.session.read.session import Session
 
 INTERRUPTED = 130
-LOOK_S = 0.1
+POLL_S = 0.1
 EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
 KEYS = "p pause · r resume · a abort · c clear a fault · each with Enter"
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """``run PROTOCOL`` or ``run --resume DIR``."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "run",
         help="run a protocol into a session",
         description="Run a protocol into a session. Exit code 0: every trial is committed; "
-        "1: the run ended and some could not be; 2: wrong use; 3: the rig or the disk failed; "
-        "130: stopped by somebody. The session is whole in every case.",
+        "1: the run ended without some trials; 2: wrong use; 3: the rig or the disk failed; "
+        "130: interrupted. The session is whole in every case.",
     )
-    parser.add_argument("protocol", nargs="?", metavar="PROTOCOL", help="a file, or a name")
+    parser.add_argument(
+        "protocol", nargs="?", metavar="PROTOCOL", help="a file, or the name of a built-in protocol"
+    )
     parser.add_argument("--rig", metavar="RIG", help="virtual, firmware, or a rig.toml")
     add_world(parser)
-    parser.add_argument("--out", metavar="DIR", help="the folder that becomes the session")
-    parser.add_argument("--resume", metavar="DIR", help="go on with a session")
-    parser.add_argument("--seed", type=int, help="of the order and of a simulated rig")
-    parser.add_argument("--yes", action="store_true", help="change simulated plates unasked")
-    parser.add_argument("--paced", action="store_true", help="simulated time in step with ours")
-    parser.add_argument("--json", action="store_true", help="one JSON line at the end")
+    parser.add_argument("--out", metavar="DIR", help="folder of the new session")
+    parser.add_argument("--resume", metavar="DIR", help="continue a session")
+    parser.add_argument("--seed", type=int, help="seed of the trial order and of a simulated rig")
+    parser.add_argument("--yes", action="store_true", help="change simulated plates without asking")
+    parser.add_argument(
+        "--paced", action="store_true", help="run simulated time at the speed of real time"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON line at the end")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Start an engine on the rig, have it run the protocol, watch it to the end."""
+    """Start an engine, let it run the protocol, and watch the run to its end."""
     if (args.protocol is None) == (args.resume is None):
-        raise WrongUse("give a protocol to run, or --resume with a session, not both")
+        raise WrongUse("give either a protocol, or --resume with a session")
     rig = _rig(args)
     if notice := wiring_notice(rig):
         print(f"rigctl: {notice}", file=sys.stderr, flush=True)
     client = EngineClient.start(
         rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
     )
-    watcher = Watcher(client, ProgressLine(sys.stderr, quiet=args.json))
+    watcher = RunWatcher(client, ProgressLine(sys.stderr, quiet=args.json))
     with watcher.interruptible():
         try:
             ended = watcher.watch()
@@ -70,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
     return EXIT_CODES[ended.state]
 
 
-class Watcher:
-    """Follows a run: shows it, passes on what is typed and what is interrupted."""
+class RunWatcher:
+    """Shows the progress of a run, and forwards typed commands and interrupts to the engine."""
 
     def __init__(self, client: EngineClient, progress: ProgressLine) -> None:
         self._client = client
@@ -82,26 +91,26 @@ class Watcher:
         self._no_more_answers = False
 
     def watch(self) -> RunStatus:
-        """Until the run has ended; its part of the last status."""
+        """Watch until the run ends; return its part of the last status."""
         threading.Thread(target=self._read_keys, daemon=True, name="keys").start()
-        told = 0
+        forwarded = 0
         while True:
-            for message in self._client.wait(LOOK_S):
+            for message in self._client.wait(POLL_S):
                 ended = self._take(message)
                 if ended is not None:
                     self._progress.end()
                     return ended
-            told = self._pass_on_interrupts(told)
-            self._pass_on_keys()
+            forwarded = self._forward_interrupts(forwarded)
+            self._forward_keys()
 
     def interruptible(self) -> _Signals:
-        """While entered, Ctrl-C and a polite kill stop the run safely instead of us."""
+        """Return a context in which SIGINT and SIGTERM stop the run safely, not this process."""
         return _Signals(self._interrupt)
 
     def _take(self, message: dict[str, Any]) -> RunStatus | None:
         if message.get("event") == "status":
             status = parse_status(message["data"])
-            self._progress.show(status, time.monotonic())
+            self._progress.show(_status_line(status, self._progress.elapsed_s))
             self._note_prompt(status.run.prompt)
             return status.run if status.run.has_ended else None
         if message.get("event") in ("fault", "link", "pause", "resume", "message", "stop"):
@@ -121,17 +130,19 @@ class Watcher:
             self._end_unanswered()
 
     def _end_unanswered(self) -> None:
-        self._progress.say("nobody is there to answer: the run ends; --yes answers by itself")
+        self._progress.say(
+            "there is no terminal to answer at, so the run ends; --yes answers automatically"
+        )
         self._client.send("abort")
 
-    def _pass_on_interrupts(self, told: int) -> int:
-        """The first one ends the run in order, every further one stops at once."""
-        if told < self._interrupts:
+    def _forward_interrupts(self, forwarded: int) -> int:
+        """Abort the run on the first interrupt, stop at once on every further one."""
+        if forwarded < self._interrupts:
             self._progress.say("stopping safely; the session is kept")
-            self._client.send("abort" if told == 0 else "stop")
+            self._client.send("abort" if forwarded == 0 else "stop")
         return self._interrupts
 
-    def _pass_on_keys(self) -> None:
+    def _forward_keys(self) -> None:
         try:
             key = self._typed.get_nowait()
         except Empty:
@@ -148,7 +159,7 @@ class Watcher:
             self._progress.say(KEYS)
 
     def _read_keys(self) -> None:
-        """A thread of its own: a line typed is waited for without holding anything up."""
+        """Read typed lines in a thread of its own, so that waiting for one delays nothing."""
         for line in sys.stdin:
             self._typed.put(line.strip().lower())
         self._typed.put("end")
@@ -161,7 +172,7 @@ _COMMANDS = {"p": "pause", "r": "resume", "a": "abort", "c": "clear_fault", "s":
 
 
 class _Signals:
-    """Has SIGINT and SIGTERM call ``action`` while entered."""
+    """Calls ``action`` on SIGINT and SIGTERM while entered."""
 
     def __init__(self, action: Any) -> None:
         self._action = action
@@ -179,8 +190,22 @@ class _Signals:
         self._action()
 
 
+def _status_line(status: EngineStatus, elapsed_wall_s: float) -> str:
+    """Return the line for one status; the pace so far turns loop time into wall time."""
+    run = status.run
+    parts = [f"{run.trials_committed}/{run.trials_planned} trials", run.state]
+    if now := run.current:
+        parts.append(f"{now.texture} {now.speed_mm_s:g} mm/s {now.force_g:g} g")
+    if run.trials_rejected:
+        parts.append(f"{run.trials_rejected} rejected")
+    if run.eta_s is not None and run.elapsed_s > 0:
+        parts.append(f"{clock(run.eta_s * elapsed_wall_s / run.elapsed_s)} left")
+    parts.append(f"{status.recording.samples_on_disk} samples on disk")
+    return " · ".join(parts)
+
+
 def _rig(args: argparse.Namespace) -> str:
-    """The rig named, or that of the session to go on with, or the virtual one."""
+    """Return the named rig, or that of the session to resume, or the virtual one."""
     if args.rig is not None:
         return str(args.rig)
     if args.resume is None:
@@ -190,7 +215,7 @@ def _rig(args: argparse.Namespace) -> str:
     if simulate:
         return str(Path(args.resume) / RIG_FILE)
     if kind not in ("virtual", "firmware"):
-        raise WrongUse("this session is of a real rig: name its description with --rig")
+        raise WrongUse("this session was recorded on a real rig: name its rig.toml with --rig")
     return kind
 
 

@@ -1,4 +1,4 @@
-"""``rigctl serve``: the simulated boards for outside programs, in real time."""
+"""``rigctl serve``: offer the simulated boards to other programs, in real time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rigctl.rig import FIRMWARE, VIRTUAL, Rig, open_rig
 
 
 def add_parser(subparsers: Any) -> None:
-    """``rigctl serve [--rig virtual|firmware] [--world FILE] [--plate A] [--seed N] [--json]``."""
+    """Add the command to the parser."""
     parser = subparsers.add_parser(
         "serve",
         help="offer the simulated boards to other programs",
@@ -28,13 +28,15 @@ def add_parser(subparsers: Any) -> None:
     add_world(parser)
     parser.add_argument("--plate", default="A", metavar="A–P", help="texture on the drum")
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulated world")
-    parser.add_argument("--json", action="store_true", help="one JSON line with the addresses")
+    parser.add_argument("--json", action="store_true", help="print the addresses as one JSON line")
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
     world = chosen_world(args.world)
-    print("getting the simulated bench ready: half a minute after an update", file=sys.stderr)
+    print(
+        "preparing the simulated bench; after an update this takes half a minute", file=sys.stderr
+    )
     rig = open_rig(args.rig, seed=args.seed, paced=True, world=world)
     try:
         rig.set_plate(args.plate)
@@ -62,5 +64,5 @@ def _say(boards: dict[str, Any], as_json: bool) -> None:
         lines = [json.dumps({name: asdict(addresses) for name, addresses in boards.items()})]
     else:
         lines = [f"{name}: tcp {at.tcp}  port {at.pty}" for name, at in boards.items()]
-        lines.append("Ctrl-C ends it")
+        lines.append("press Ctrl-C to end")
     print("\n".join(lines), flush=True)

@@ -9,12 +9,12 @@ from rigctl.errors import NegativeAnswer, RigFault
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """``stop`` takes no arguments: in a hurry there is nothing to choose."""
-    subparsers.add_parser("stop", help="stop the drum and lift off, whatever runs")
+    """Add the command to the parser; it takes no arguments, because it is used in a hurry."""
+    subparsers.add_parser("stop", help="stop and lift every running rig")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Stop each engine; a run ends with its session whole."""
+    """Stop every engine; a run ends with its session whole."""
     failures: list[str] = []
 
     def tell(stopped: StopResult) -> None:
@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"stopped: {stopped.name}", flush=True)
 
     if not stop_engines(tell):
-        raise NegativeAnswer("no engine is running: there is nothing to stop")
+        raise NegativeAnswer("no engine is running, so there is nothing to stop")
     if failures:
         raise RigFault("; ".join(failures))
     return 0

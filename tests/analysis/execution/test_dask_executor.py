@@ -18,7 +18,7 @@ from rigctl.analysis.execution import dask_executor
 from rigctl.analysis.features.representations import represent
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.cli import main
-from rigctl.cli.options.stages import StageLine
+from rigctl.cli.options.progress import ProgressLine
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import WorkersLost, WrongUse
 from tests.analysis.recordings import record
@@ -171,14 +171,14 @@ def test_a_lost_scheduler_is_one_sentence(
 ) -> None:
     """The last test of this file: nothing of the cluster is left."""
     out = session.parent / "lost"
-    shown = StageLine.show
+    shown = ProgressLine.show_stage
 
-    def show(line: StageLine, stage: str, done: int, all_: int) -> None:
+    def show(line: ProgressLine, stage: str, done: int, all_: int) -> None:
         shown(line, stage, done, all_)
         if stage.startswith("searching") and done == 1:
             cluster.process.kill()
 
-    monkeypatch.setattr(StageLine, "show", show)
+    monkeypatch.setattr(ProgressLine, "show_stage", show)
     assert main(["analyse", str(session), "--out", str(out), "--dask", cluster.two]) == 3
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith(f"rigctl: the Dask scheduler {cluster.two} is gone: start it again")

@@ -112,7 +112,7 @@ def test_a_second_run_takes_everything_from_the_cache(
     for name in ("one", "two"):
         assert main([*words, "--out", str(tmp_path / name)]) == 0
         said = capsys.readouterr().out
-    assert "0 of 9 pieces of work done, 9 taken from the cache" in said
+    assert "0 of 9 tasks computed, 9 read from the cache" in said
     with h5py.File(tmp_path / "one/spikes.h5") as one, h5py.File(tmp_path / "two/spikes.h5") as two:
         np.testing.assert_array_equal(one["spikes/sample"][:], two["spikes/sample"][:])
     assert main([*words, "--out", str(tmp_path / "two")]) == 2

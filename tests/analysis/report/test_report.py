@@ -19,7 +19,7 @@ from rigctl.analysis.paper.comparisons import compare_task, components_needed
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 from rigctl.analysis.report import report_folder
 from rigctl.cli import main
-from rigctl.cli.options.stages import StageLine
+from rigctl.cli.options.progress import ProgressLine
 from tests.analysis.recordings import record
 
 FILES = {
@@ -220,7 +220,7 @@ def test_components_needed_are_the_first_that_reach_it() -> None:
 def test_progress_says_how_long_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     import sys
 
-    line = StageLine(sys.stderr)
+    line = ProgressLine(sys.stderr)
     for done in range(3):
-        line.show("classifying", done, 2)
+        line.show_stage("classifying", done, 2)
     assert capsys.readouterr().err.splitlines() == ["classifying: 0 of 2"]
