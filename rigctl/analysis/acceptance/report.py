@@ -1,4 +1,4 @@
-"""An acceptance session judged: limits, what was found, and a report with its figure."""
+"""The acceptance report: measurements against their limits, as JSON, figure and page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigctl.analysis.acceptance.measurements import Acceptance, PressSeries
+from rigctl.analysis.acceptance.measurements import PressSeries, RigMeasurements
 from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.report.figures import MUTED, finish, save, tidy
 from rigctl.analysis.report.html_page import render_page
@@ -26,7 +26,7 @@ NOT_MEASURED = "not measured"
 
 @dataclass(frozen=True, slots=True)
 class AcceptanceCheck:
-    """One line of the answer. ``passed`` is None where the session cannot tell."""
+    """One line of the report; ``passed`` is None where the session has no measurement."""
 
     name: str
     found: str
@@ -35,25 +35,25 @@ class AcceptanceCheck:
     passed: bool | None
 
 
-def judge(found: Acceptance) -> tuple[AcceptanceCheck, ...]:
-    """Every check, in the order in which people read them."""
+def check_limits(found: RigMeasurements) -> tuple[AcceptanceCheck, ...]:
+    """Return all checks in the order of the report."""
     return (
         _worst(found, "settling time, 95 of 100 presses", _p95_settle, 1.0, "s"),
         _worst(found, "overshoot, highest of all presses", _overshoot, 5.0),
         _worst(found, "mean force in the window", _mean_error, 1.0),
         _worst(found, "drift, last ten less first ten", _drift, 0.5, earlier="3.4 % (SD 4.2 %)"),
         _worst(found, "speed by the travel window", _window_speed, 0.5, earlier="4.6 % (SD 2.6 %)"),
-        _index_speed(found),
-        _steps(found),
-        _count("lost taxel samples", found.lost_samples),
-        _count("lost load-cell samples", found.loadcell_lost),
-        _count("presses that were rejected or broken off", found.not_committed),
-        _count("faults", len(found.faults)),
+        _check_index_speed(found),
+        _check_steps(found),
+        _check_zero("lost taxel samples", found.lost_samples),
+        _check_zero("lost load-cell samples", found.loadcell_lost),
+        _check_zero("presses that were rejected or broken off", found.not_committed),
+        _check_zero("faults", len(found.faults)),
     )
 
 
-def accepted(checks: Sequence[AcceptanceCheck]) -> bool:
-    """Whether nothing failed; what could not be measured counts as failed."""
+def is_accepted(checks: Sequence[AcceptanceCheck]) -> bool:
+    """Return whether every check passed; a value that was not measured has not passed."""
     return all(check.passed for check in checks)
 
 
@@ -80,59 +80,59 @@ def _window_speed(condition: PressSeries) -> float:
 
 
 def _worst(
-    found: Acceptance,
+    found: RigMeasurements,
     name: str,
     value_of: Callable[[PressSeries], float],
     limit: float,
     unit: str = "%",
     earlier: str = "",
 ) -> AcceptanceCheck:
-    """The condition that is furthest off."""
+    """Return the check of the condition with the largest deviation."""
     values = [(value_of(c), c) for c in found.conditions]
     allowed = f"{limit:g} {unit}"
     if any(math.isnan(value) for value, _ in values):
         return AcceptanceCheck(name, NOT_MEASURED, allowed, earlier, None)
     worst, at = max(values, key=lambda pair: abs(pair[0]))
-    said = f"{worst:.2f} {unit} at {at.speed_mm_s:g} mm/s, {at.force_g:g} g"
-    return AcceptanceCheck(name, said, allowed, earlier, abs(worst) <= limit)
+    text = f"{worst:.2f} {unit} at {at.speed_mm_s:g} mm/s, {at.force_g:g} g"
+    return AcceptanceCheck(name, text, allowed, earlier, abs(worst) <= limit)
 
 
-def _index_speed(found: Acceptance) -> AcceptanceCheck:
+def _check_index_speed(found: RigMeasurements) -> AcceptanceCheck:
     name, limit = "speed by the index mark, lifted", 0.5
     if not found.turns:
         return AcceptanceCheck(name, NOT_MEASURED, f"{limit:g} %", "", None)
     worst = max(found.turns, key=lambda turns: float(np.abs(turns.errors).max()))
     percent = 100.0 * float(worst.errors[np.abs(worst.errors).argmax()])
-    said = f"{percent:.3f} % at {worst.speed_mm_s:g} mm/s"
-    return AcceptanceCheck(name, said, f"{limit:g} %", "", abs(percent) <= limit)
+    text = f"{percent:.3f} % at {worst.speed_mm_s:g} mm/s"
+    return AcceptanceCheck(name, text, f"{limit:g} %", "", abs(percent) <= limit)
 
 
-def _steps(found: Acceptance) -> AcceptanceCheck:
+def _check_steps(found: RigMeasurements) -> AcceptanceCheck:
     name, limit = "steps counted from mark to mark", 4
     if not found.index_errors_steps:
         return AcceptanceCheck(name, NOT_MEASURED, f"{limit} steps", "", None)
     worst = max(found.index_errors_steps, key=abs)
-    said = f"{worst} steps off, {len(found.index_errors_steps)} looks"
-    return AcceptanceCheck(name, said, f"{limit} steps", "", abs(worst) <= limit)
+    text = f"{worst} steps off in {len(found.index_errors_steps)} checks"
+    return AcceptanceCheck(name, text, f"{limit} steps", "", abs(worst) <= limit)
 
 
-def _count(name: str, number: int) -> AcceptanceCheck:
+def _check_zero(name: str, number: int) -> AcceptanceCheck:
     return AcceptanceCheck(name, f"{number}", "0", "", number == 0)
 
 
-def as_plain(found: Acceptance, checks: Sequence[AcceptanceCheck]) -> dict[str, Any]:
-    """Everything as JSON-able values; None where nothing was measured."""
+def as_dict(found: RigMeasurements, checks: Sequence[AcceptanceCheck]) -> dict[str, Any]:
+    """Return everything as values for JSON; None for a value that was not measured."""
     return {
         "session": str(found.path),
         "simulated": found.simulated,
         "rig": found.rig,
         "start_utc": found.start_utc,
-        "accepted": accepted(checks),
+        "accepted": is_accepted(checks),
         "checks": [
             {name: getattr(c, name) for name in ("name", "found", "limit", "earlier", "passed")}
             for c in checks
         ],
-        "conditions": [_plain_condition(c) for c in found.conditions],
+        "conditions": [_condition_dict(c) for c in found.conditions],
         "turns": [
             {"speed_mm_s": t.speed_mm_s, "errors_percent": (100.0 * t.errors).round(4).tolist()}
             for t in found.turns
@@ -141,7 +141,7 @@ def as_plain(found: Acceptance, checks: Sequence[AcceptanceCheck]) -> dict[str, 
     }
 
 
-def _plain_condition(condition: PressSeries) -> dict[str, Any]:
+def _condition_dict(condition: PressSeries) -> dict[str, Any]:
     errors, speeds = condition.column("error"), condition.column("speed_error")
     values = {
         "settle_p95_s": _p95_settle(condition),
@@ -152,31 +152,31 @@ def _plain_condition(condition: PressSeries) -> dict[str, Any]:
         "speed_error_percent": _window_speed(condition),
         "speed_sd_percent": 100.0 * float(speeds.std(ddof=1)) if len(speeds) > 1 else math.nan,
     }
-    known = {name: round(v, 4) if math.isfinite(v) else None for name, v in values.items()}
+    rounded = {name: round(v, 4) if math.isfinite(v) else None for name, v in values.items()}
     return {
         "speed_mm_s": condition.speed_mm_s,
         "force_g": condition.force_g,
         "presses": len(condition.presses),
-        **known,
+        **rounded,
     }
 
 
-def write_report(found: Acceptance, checks: Sequence[AcceptanceCheck], out: Path) -> Path:
-    """Make the folder ``out``: report.html, acceptance.json, the figure. Returns the page.
+def write_report(found: RigMeasurements, checks: Sequence[AcceptanceCheck], out: Path) -> Path:
+    """Write report.html, acceptance.json and the figure to a new folder; return the page.
 
-    Raises WrongUse where ``out`` is there already, DiskFault where it cannot be written.
+    Raises WrongUse where ``out`` exists, DiskFault where it cannot be written.
     """
     with atomic_directory(out) as folder:
-        plain = as_plain(found, checks)
-        text = json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)
+        values = as_dict(found, checks)
+        text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
         (folder / "acceptance.json").write_text(text + "\n", encoding="utf-8")
-        figure = _figure(found, folder / "acceptance")
-        page = render_page("acceptance.html", plain=plain, figure=figure, earlier_work=EARLIER)
+        figure = _draw_figure(found, folder / "acceptance")
+        page = render_page("acceptance.html", plain=values, figure=figure, earlier_work=EARLIER)
         (folder / "report.html").write_text(page, encoding="utf-8")
     return out / "report.html"
 
 
-def _figure(found: Acceptance, stem: Path) -> Path:
+def _draw_figure(found: RigMeasurements, stem: Path) -> Path:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 8.4), layout="constrained")
@@ -184,7 +184,7 @@ def _figure(found: Acceptance, stem: Path) -> Path:
     forces = sorted({c.force_g for c in found.conditions})
     colours = {force: COLOURS[i % len(COLOURS)] for i, force in enumerate(forces)}
     for condition in found.conditions:
-        _draw_traces(settle, condition, colours[condition.force_g])
+        _draw_settling(settle, condition, colours[condition.force_g])
         _draw_drift(drift, condition, colours[condition.force_g])
     _label(settle, "time since contact (s)", "force over set-point (%)")
     settle.set_ylim(0, 120)
@@ -205,7 +205,7 @@ def _label(axes: Axes, x: str, y: str) -> None:
     axes.set_ylabel(y)
 
 
-def _draw_traces(axes: Axes, condition: PressSeries, colour: str) -> None:
+def _draw_settling(axes: Axes, condition: PressSeries, colour: str) -> None:
     for press in condition.presses[:: max(1, len(condition.presses) // 10)]:
         percent = 100.0 * press.trace_g / condition.force_g
         axes.plot(press.trace_s, percent, color=colour, lw=0.6, alpha=0.5)
@@ -218,7 +218,7 @@ def _draw_drift(axes: Axes, condition: PressSeries, colour: str) -> None:
     axes.axhspan(-1, 1, color=MUTED, alpha=0.06, lw=0)
 
 
-def _draw_speed(axes: Axes, found: Acceptance) -> None:
+def _draw_speed(axes: Axes, found: RigMeasurements) -> None:
     for condition in found.conditions:
         errors = 100.0 * condition.column("speed_error")
         axes.plot(np.full(len(errors), condition.speed_mm_s), errors, ".", ms=3, color=MUTED)

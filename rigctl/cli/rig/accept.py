@@ -28,20 +28,20 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print one line for each check, then the verdict; write a report with ``--out``."""
     from rigctl.analysis.acceptance.measurements import measure
-    from rigctl.analysis.acceptance.report import accepted, as_plain, judge, write_report
+    from rigctl.analysis.acceptance.report import as_dict, check_limits, is_accepted, write_report
 
     found = measure(args.session)
-    checks = judge(found)
+    checks = check_limits(found)
     page = write_report(found, checks, args.out) if args.out else None
     if args.json:
-        print(json.dumps(as_plain(found, checks), ensure_ascii=False, allow_nan=False))
+        print(json.dumps(as_dict(found, checks), ensure_ascii=False, allow_nan=False))
     else:
         for check in checks:
             verdict = {True: "pass", False: "FAIL", None: "????"}[check.passed]
             earlier = f"; earlier rig {check.earlier}" if check.earlier else ""
             print(f"{verdict}  {check.name}: {check.found} (limit {check.limit}{earlier})")
         whose = "the simulated rig" if found.simulated else "the rig"
-        print(f"{whose} is {'accepted' if accepted(checks) else 'not accepted'}")
+        print(f"{whose} is {'accepted' if is_accepted(checks) else 'not accepted'}")
         if page is not None:
             print(f"report: {page}")
-    return ACCEPTED if accepted(checks) else NOT_ACCEPTED
+    return ACCEPTED if is_accepted(checks) else NOT_ACCEPTED

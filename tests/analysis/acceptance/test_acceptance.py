@@ -1,4 +1,4 @@
-"""An acceptance session on the virtual rig, measured and judged."""
+"""An acceptance session on the virtual rig, measured and checked."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.acceptance.measurements import Acceptance, measure, settle_s
-from rigctl.analysis.acceptance.report import accepted, judge
+from rigctl.analysis.acceptance.measurements import RigMeasurements, measure, settling_time_s
+from rigctl.analysis.acceptance.report import check_limits, is_accepted
 from rigctl.cli import main
 from rigctl.config.resources import find_protocol
 from rigctl.errors import SessionError
@@ -46,8 +46,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="module")
-def found(session: Path) -> Acceptance:
-    """What that session says."""
+def found(session: Path) -> RigMeasurements:
+    """The measurements of that session."""
     return measure(session)
 
 
@@ -58,16 +58,16 @@ def test_the_protocol_holds_a_hundred_presses_of_each_kind_and_turns() -> None:
     assert sorted(step.speed_mm_s for step in steps if isinstance(step, Turn)) == [40, 80, 120]
 
 
-def test_the_virtual_rig_is_accepted(found: Acceptance) -> None:
-    checks = judge(found)
-    assert accepted(checks), [check for check in checks if not check.passed]
+def test_the_virtual_rig_is_accepted(found: RigMeasurements) -> None:
+    checks = check_limits(found)
+    assert is_accepted(checks), [check for check in checks if not check.passed]
     (condition,) = found.conditions
     assert len(condition.presses) == 20
     assert abs(condition.drift) < 0.005
     assert 0.05 < np.median(condition.column("settle_s")) < 1.0
 
 
-def test_whole_turns_are_timed_by_the_mark(found: Acceptance) -> None:
+def test_whole_turns_are_timed_by_the_mark(found: RigMeasurements) -> None:
     (turns,) = found.turns
     assert len(turns.errors) == 2
     assert np.abs(turns.errors).max() < 0.001
@@ -75,27 +75,27 @@ def test_whole_turns_are_timed_by_the_mark(found: Acceptance) -> None:
     assert max(map(abs, found.index_errors_steps)) <= 1
 
 
-def test_a_rig_that_is_off_is_not_accepted(found: Acceptance) -> None:
+def test_a_rig_that_is_off_is_not_accepted(found: RigMeasurements) -> None:
     (condition,) = found.conditions
     presses = [replace(press, error=0.03 * i / 19) for i, press in enumerate(condition.presses)]
     worse = replace(found, conditions=(replace(condition, presses=tuple(presses)),), faults=("x",))
-    failed = [check.name for check in judge(worse) if not check.passed]
+    failed = [check.name for check in check_limits(worse) if not check.passed]
     assert failed == ["mean force in the window", "drift, last ten less first ten", "faults"]
 
 
-def test_what_cannot_be_measured_is_not_accepted(found: Acceptance) -> None:
+def test_what_cannot_be_measured_is_not_accepted(found: RigMeasurements) -> None:
     few = replace(found.conditions[0], presses=found.conditions[0].presses[:5])
-    checks = judge(replace(found, conditions=(few,), turns=()))
+    checks = check_limits(replace(found, conditions=(few,), turns=()))
     assert [check.found for check in checks if check.passed is None] == ["not measured"] * 2
-    assert not accepted(checks)
+    assert not is_accepted(checks)
 
 
 def test_settling_is_counted_to_the_last_mean_outside() -> None:
     times = np.arange(80) * 0.0125
     force = np.where(times < 0.2, 400.0, 500.0)
-    assert settle_s(times, force, 500.0) == pytest.approx(0.2, abs=0.026)
-    assert np.isnan(settle_s(times, np.full(80, 450.0), 500.0))
-    assert np.isnan(settle_s(times[:3], force[:3], 500.0))
+    assert settling_time_s(times, force, 500.0) == pytest.approx(0.2, abs=0.026)
+    assert np.isnan(settling_time_s(times, np.full(80, 450.0), 500.0))
+    assert np.isnan(settling_time_s(times[:3], force[:3], 500.0))
 
 
 def test_the_command_answers_with_its_exit_code_and_makes_a_report(
@@ -103,9 +103,9 @@ def test_the_command_answers_with_its_exit_code_and_makes_a_report(
 ) -> None:
     out = tmp_path / "report"
     assert main(["accept", str(session), "--out", str(out)]) == 0
-    said = capsys.readouterr().out
-    assert "pass  settling time" in said
-    assert "the simulated rig is accepted" in said
+    out_text = capsys.readouterr().out
+    assert "pass  settling time" in out_text
+    assert "the simulated rig is accepted" in out_text
     assert sorted(p.name for p in out.iterdir()) == [
         "acceptance.json",
         "acceptance.png",
