@@ -13,7 +13,7 @@ import numpy as np
 
 from rigctl.analysis.acceptance.measurements import PressSeries, RigMeasurements
 from rigctl.analysis.data.atomic_directory import atomic_directory
-from rigctl.analysis.report.figures import MUTED, finish, save, tidy
+from rigctl.analysis.report.figures import MUTED, add_titles, save_figure, style_axes
 from rigctl.analysis.report.html_page import render_page
 
 if TYPE_CHECKING:
@@ -195,12 +195,12 @@ def _draw_figure(found: RigMeasurements, stem: Path) -> Path:
     _draw_speed(speed, found)
     bench = "Simulated bench" if found.simulated else "Real bench"
     presses = sum(len(c.presses) for c in found.conditions)
-    finish(figure, "Acceptance", f"{bench} · session {found.path.name} · {presses:,} presses")
-    return save(figure, stem)
+    add_titles(figure, "Acceptance", f"{bench} · session {found.path.name} · {presses:,} presses")
+    return save_figure(figure, stem)
 
 
 def _label(axes: Axes, x: str, y: str) -> None:
-    tidy(axes)
+    style_axes(axes)
     axes.set_xlabel(x)
     axes.set_ylabel(y)
 

@@ -33,7 +33,7 @@ from rigctl.analysis.features.spike_counts import (
     with_own_c,
 )
 from rigctl.analysis.report.example_taxel import check_shown, taxel_picture, write_samples
-from rigctl.analysis.report.paper_figures import taxel_figure
+from rigctl.analysis.report.paper_figures import draw_taxel
 from rigctl.config.resources import source_commit
 from rigctl.encoding.batch import window_counts
 from rigctl.encoding.encoder import encode_trials
@@ -268,5 +268,5 @@ def _ints(values: Any) -> NDArray[np.int64]:
 def _show(request: EncodeRequest, ground: PreparedTrials, folder: Path) -> None:
     ways = (ground.normalisation, request.parameters, request.trial, request.taxel)
     picture = taxel_picture(ground.trials, *ways)
-    taxel_figure(picture, folder / "taxel")
+    draw_taxel(picture, folder / "taxel")
     write_samples(picture, folder / "taxel.csv")

@@ -1,4 +1,4 @@
-"""A recorded session to two figures and one sentence: encode, tell textures apart, draw."""
+"""The demo's analysis of a session: encode, classify held-out trials, draw two figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rigctl.analysis.classification.held_out import (
     classify_held_out,
 )
 from rigctl.analysis.paper.statistics import wilson_interval
-from rigctl.analysis.report.figures import TrialPicture, accuracy_figure, raster_figure
+from rigctl.analysis.report.figures import RasterData, draw_accuracy, draw_raster
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import SessionError, WrongUse
@@ -22,8 +22,8 @@ from rigctl.session.read.session import Session
 
 
 @dataclass(frozen=True, slots=True)
-class DemoAnswer:
-    """What came out: a sentence for people, the figures, the predictions, and remarks."""
+class DemoResult:
+    """A summary sentence, the figures, the predictions, and remarks."""
 
     sentence: str
     raster: Path
@@ -34,27 +34,27 @@ class DemoAnswer:
 
 def analyse_session(
     path: Path, figures: Path, *, progress: Progress = lambda stage, share: None
-) -> DemoAnswer:
-    """Classify a session's textures and draw; figures go into the folder ``figures``.
+) -> DemoResult:
+    """Classify a session's textures and draw the figures into the folder ``figures``.
 
-    Raises SessionError for what is no session or holds no complete trial, WrongUse where there
-    is nothing to tell apart.
+    Raises SessionError for a path that is not a session or has no complete trial, WrongUse for
+    fewer than two textures.
     """
     with Session.open(path) as session:
         progress("reading trials", 0.0)
         rows, remarks = _complete_trials(session)
-        trials = _labelled(session, rows)
+        trials = _labelled_trials(session, rows)
         held_out = classify_held_out(trials, seed=session.header.seed, progress=progress)
-        origin = origin_of(session)
+        origin = session_origin(session)
         progress("drawing", 1.0)
-        accuracy = accuracy_figure(held_out, origin, figures / "accuracy")
-        picture = _liveliest(session, rows, trials, origin)
-    raster = raster_figure(picture, figures / "raster")
-    return DemoAnswer(answer_sentence(held_out), raster, accuracy, held_out, remarks)
+        accuracy = draw_accuracy(held_out, origin, figures / "accuracy")
+        data = _most_active_trial(session, rows, trials, origin)
+    raster = draw_raster(data, figures / "raster")
+    return DemoResult(accuracy_sentence(held_out), raster, accuracy, held_out, remarks)
 
 
-def answer_sentence(held_out: HeldOutPredictions) -> str:
-    """Accuracy beside chance, with n and its interval."""
+def accuracy_sentence(held_out: HeldOutPredictions) -> str:
+    """Return the accuracy with n, its interval and chance in a sentence."""
     correct, n = int(held_out.correct_counts()[held_out.shown - 1]), held_out.n
     low, high = wilson_interval(correct, n)
     return (
@@ -65,8 +65,8 @@ def answer_sentence(held_out: HeldOutPredictions) -> str:
     )
 
 
-def origin_of(session: Session) -> str:
-    """Where a session's data come from, for the foot of a figure."""
+def session_origin(session: Session) -> str:
+    """Return the origin of a session's data, for the foot of a figure."""
     header = session.header
     bench = "Simulated bench" if header.simulated else "Real bench"
     seed = f", seed {header.simulation['seed']}" if "seed" in header.simulation else ""
@@ -74,7 +74,7 @@ def origin_of(session: Session) -> str:
 
 
 def _complete_trials(session: Session) -> tuple[list[int], tuple[str, ...]]:
-    """Rows of committed trials without a gap, and a remark on those left out."""
+    """Return the rows of committed trials without a gap, and a remark on the others."""
     committed = [int(row) for row in session.committed()]
     rows = [row for row in committed if len(session.samples(row)) == session.trials[row]["count"]]
     if not rows:
@@ -82,11 +82,11 @@ def _complete_trials(session: Session) -> tuple[list[int], tuple[str, ...]]:
     left_out = [int(session.trials[row]["trial_id"]) for row in committed if row not in rows]
     if not left_out:
         return rows, ()
-    named = ", ".join(map(str, left_out[:5])) + (" …" if len(left_out) > 5 else "")
-    return rows, (f"left out for gaps in their samples: trial {named}",)
+    listed = ", ".join(map(str, left_out[:5])) + (" …" if len(left_out) > 5 else "")
+    return rows, (f"left out for gaps in their samples: trial {listed}",)
 
 
-def _labelled(session: Session, rows: list[int]) -> LabelledTrials:
+def _labelled_trials(session: Session, rows: list[int]) -> LabelledTrials:
     table = session.trials[rows]
     speeds = [float(v) for v in table["speed_mm_s"]]
     if min(speeds) <= 0:
@@ -98,18 +98,18 @@ def _labelled(session: Session, rows: list[int]) -> LabelledTrials:
     )
 
 
-def _liveliest(
+def _most_active_trial(
     session: Session, rows: list[int], trials: LabelledTrials, origin: str
-) -> TrialPicture:
-    """The trial with the highest rate of RA spikes, with its force."""
+) -> RasterData:
+    """Return the trial with the highest rate of RA spikes, with its force."""
     ranges = Normalisation.over(trials.samples, "all trials of the session")
     spikes = encode_trials(trials.samples, ranges)
     half = spikes[0].n_trains // 2
-    fast = [(s.row_start[-1] - s.row_start[half]) / max(s.n_samples, 1) for s in spikes]
-    best = int(np.argmax(fast))
+    ra_rates = [(s.row_start[-1] - s.row_start[half]) / max(s.n_samples, 1) for s in spikes]
+    best = int(np.argmax(ra_rates))
     trial = session.trial_row(rows[best]).trial
     drum = session.drum(rows[best])
-    return TrialPicture(
+    return RasterData(
         f"Texture {trial.texture} at {trial.speed_mm_s:g} mm/s and {trial.force_g:g} g: "
         f"spikes of {spikes[best].n_trains} model neurons",
         f"{origin} · trial {trial.trial_id} · taxel ranges over the session",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet, opened
-from rigctl.analysis.report.paper_figures import TaxelPicture
+from rigctl.analysis.report.paper_figures import TaxelData
 from rigctl.encoding.encoder import encode_trial, membrane_mv
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
@@ -44,7 +44,7 @@ def taxel_picture(
     parameters: EncoderParameters,
     trial_id: int | None = None,
     taxel: int | None = None,
-) -> TaxelPicture:
+) -> TaxelData:
     """Reading, voltages and spikes of the trial and taxel asked for, or as in the paper's figure.
 
     Without a taxel, of the one that moves most. Raises WrongUse for a trial with gaps.
@@ -62,10 +62,10 @@ def taxel_picture(
         f"taxel {place + 1} of trial {trial.trial_id}, up to its first second (as Fig. 2C)"
     )
     trains = (spikes.train(place), spikes.train(n + place))
-    return TaxelPicture(title, origin_of(trials), x[:, place], voltage, trains)
+    return TaxelData(title, origin_of(trials), x[:, place], voltage, trains)
 
 
-def write_samples(picture: TaxelPicture, path: Path) -> None:
+def write_samples(picture: TaxelData, path: Path) -> None:
     """Every sample of a picture as a line of text: reading (0–1), v in mV, spikes."""
     n = len(picture.reading)
     counts = [np.bincount(train, minlength=n) for train in picture.spikes]

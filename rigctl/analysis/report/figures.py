@@ -1,11 +1,12 @@
 """Figures as SVG and PNG: the raster of a trial, the accuracy of a classification.
 
-Each is drawn on a ``Figure`` of its own without pyplot, so nothing here is global. Whatever comes
-from the simulated bench says so in the picture.
+Each is drawn on a ``Figure`` of its own without pyplot, so there is no global state. A figure of
+simulated data says so.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,23 +23,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 150
-MOST_LETTERS = 40
-"""So many letters stand side by side below a confusion matrix; more are turned."""
+MAX_LABEL_LETTERS = 40
+"""Letters of horizontal labels below a confusion matrix; longer labels are vertical."""
 TEXT, MUTED, FAINT = "#1b1f24", "#59636e", "#e6e9ed"
 
 
 @dataclass(frozen=True, slots=True)
 class TrainGroup:
-    """Nine trains that belong together: one channel (SA or RA) of one layer.
+    """The spike trains of one channel (SA or RA) of one layer.
 
-    Besides its colour a group has its place and the height of its ticks, for eyes or printers
-    that do not tell the colours apart.
+    Position and tick height mark a group too, for readers and printers without colours.
     """
 
     name: str
-    meaning: str
+    description: str
     colour: str
-    tick: float
+    tick_height: float
 
 
 GROUPS = (
@@ -50,11 +50,11 @@ GROUPS = (
 
 
 @dataclass(frozen=True, slots=True)
-class TrialPicture:
-    """What the raster figure shows of one trial.
+class RasterData:
+    """The contents of the raster figure of one trial.
 
     ``samples``: uint16 (n, n_taxels). ``force_s``, ``force_g``: float64 (m,), load cell, seconds
-    since the rise of sync. ``origin`` says where it comes from, in a few words.
+    since the rising edge of sync. ``origin``: the source of the data, in a few words.
     """
 
     title: str
@@ -67,85 +67,83 @@ class TrialPicture:
     force_g: NDArray[np.float64]
 
 
-def raster_figure(picture: TrialPicture, stem: Path) -> Path:
-    """Force, one taxel and all spikes of a trial; writes ``stem``.svg and .png, returns the PNG."""
+def draw_raster(data: RasterData, stem: Path) -> Path:
+    """Draw force, one taxel and all spikes of a trial to ``stem``.svg and .png; return the PNG."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 7.6), layout="constrained")
     rows = figure.subplots(
         3, 1, sharex=True, gridspec_kw={"height_ratios": [1, 1, 4.2], "hspace": 0.04}
     )
-    duration_s = len(picture.samples) / SAMPLE_RATE_HZ
-    _draw_force(rows[0], picture)
-    _draw_taxel(rows[1], picture)
-    _draw_spikes(rows[2], picture.spikes)
+    duration_s = len(data.samples) / SAMPLE_RATE_HZ
+    _plot_force(rows[0], data)
+    _plot_taxel(rows[1], data)
+    _plot_spikes(rows[2], data.spikes)
     rows[2].set_xlim(0, duration_s)
     rows[2].set_xlabel("time since the trial window opened (s)")
     travel = rows[0].secondary_xaxis(
-        "top", functions=(lambda t: t * picture.speed_mm_s, lambda x: x / picture.speed_mm_s)
+        "top", functions=(lambda t: t * data.speed_mm_s, lambda x: x / data.speed_mm_s)
     )
     travel.set_xlabel("texture travelled (mm)", color=MUTED)
     travel.tick_params(colors=MUTED)
-    finish(figure, picture.title, picture.origin)
-    return save(figure, stem)
+    add_titles(figure, data.title, data.origin)
+    return save_figure(figure, stem)
 
 
-def accuracy_figure(held_out: HeldOutPredictions, origin: str, stem: Path) -> Path:
-    """Held-out accuracy over components, and who is taken for whom; returns the PNG's path."""
+def draw_accuracy(held_out: HeldOutPredictions, origin: str, stem: Path) -> Path:
+    """Draw held-out accuracy over components and the confusion matrix; return the PNG's path."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.5, 4.9), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.35, 1])
-    _draw_accuracy(left, held_out)
-    _draw_confusion(right, held_out)
+    _plot_accuracy(left, held_out)
+    _plot_confusion(right, held_out)
     correct, n = int(held_out.correct_counts()[held_out.shown - 1]), held_out.n
     title = (
         f"Textures told apart on held-out trials: {correct} of {n} "
         f"({correct / n:.0%}) with {held_out.shown} components"
     )
-    finish(figure, title, origin)
-    return save(figure, stem)
+    add_titles(figure, title, origin)
+    return save_figure(figure, stem)
 
 
-def train_order(n_taxels: int) -> list[tuple[TrainGroup, list[int]]]:
-    """Encoder rows (SA 1 … n, RA 1 … n) of each group; the first half of the taxels is on top."""
+def grouped_trains(n_taxels: int) -> list[tuple[TrainGroup, list[int]]]:
+    """Return each group's encoder rows (SA 1 … n, RA 1 … n); the first half of taxels is on top."""
     half = n_taxels // 2
     top, bottom = list(range(half)), list(range(half, n_taxels))
     rows = (top, [n_taxels + i for i in top], bottom, [n_taxels + i for i in bottom])
     return list(zip(GROUPS, rows, strict=True))
 
 
-def _draw_force(axes: Axes, picture: TrialPicture) -> None:
-    inside = (picture.force_s >= -0.05) & (
-        picture.force_s <= len(picture.samples) / SAMPLE_RATE_HZ + 0.05
-    )
-    axes.axhline(picture.force_set_g, color=MUTED, lw=1, ls=(0, (4, 3)))
-    axes.plot(picture.force_s[inside], picture.force_g[inside], color=TEXT, lw=1.1)
-    shown = np.append(picture.force_g[inside], picture.force_set_g)
-    margin = max(0.02 * picture.force_set_g, 0.15 * float(np.ptp(shown)), 1.0)
+def _plot_force(axes: Axes, data: RasterData) -> None:
+    inside = (data.force_s >= -0.05) & (data.force_s <= len(data.samples) / SAMPLE_RATE_HZ + 0.05)
+    axes.axhline(data.force_set_g, color=MUTED, lw=1, ls=(0, (4, 3)))
+    axes.plot(data.force_s[inside], data.force_g[inside], color=TEXT, lw=1.1)
+    shown = np.append(data.force_g[inside], data.force_set_g)
+    margin = max(0.02 * data.force_set_g, 0.15 * float(np.ptp(shown)), 1.0)
     axes.set_ylim(float(shown.min()) - margin, float(shown.max()) + 2 * margin)
     axes.set_ylabel("force (g)")
-    _note(axes, f"load cell; dashed: set-point {picture.force_set_g:g} g")
-    tidy(axes)
+    _annotate(axes, f"load cell; dashed: set-point {data.force_set_g:g} g")
+    style_axes(axes)
 
 
-def _draw_taxel(axes: Axes, picture: TrialPicture) -> None:
-    """The reading that moves most."""
-    taxel = int(picture.samples.std(axis=0).argmax())
-    time_s = np.arange(len(picture.samples)) / SAMPLE_RATE_HZ
-    axes.plot(time_s, picture.samples[:, taxel], color=TEXT, lw=0.7)
+def _plot_taxel(axes: Axes, data: RasterData) -> None:
+    """Plot the reading with the largest standard deviation."""
+    taxel = int(data.samples.std(axis=0).argmax())
+    time_s = np.arange(len(data.samples)) / SAMPLE_RATE_HZ
+    axes.plot(time_s, data.samples[:, taxel], color=TEXT, lw=0.7)
     axes.set_ylabel("reading\n(counts)")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.3 * (high - low))
-    _note(axes, f"taxel {taxel + 1}, the liveliest of {picture.samples.shape[1]}")
-    tidy(axes)
+    _annotate(axes, f"taxel {taxel + 1}, the liveliest of {data.samples.shape[1]}")
+    style_axes(axes)
 
 
-def _draw_spikes(axes: Axes, spikes: Spikes) -> None:
+def _plot_spikes(axes: Axes, spikes: Spikes) -> None:
     y, ticks, names = 0.0, [], []
-    groups = train_order(spikes.n_trains // 2)
+    groups = grouped_trains(spikes.n_trains // 2)
     for group, rows in groups:
-        _draw_group(axes, spikes, group, rows, y)
+        _plot_group(axes, spikes, group, rows, y)
         ticks += [y, y + len(rows) - 1]
         n_taxels = spikes.n_trains // 2
         names += [str(rows[0] % n_taxels + 1), str(rows[-1] % n_taxels + 1)]
@@ -153,20 +151,20 @@ def _draw_spikes(axes: Axes, spikes: Spikes) -> None:
     axes.set_yticks(ticks, names)
     axes.set_ylim(y - 0.8, -0.8)
     axes.set_ylabel("taxel", labelpad=2)
-    tidy(axes)
+    style_axes(axes)
 
 
-def _draw_group(
+def _plot_group(
     axes: Axes, spikes: Spikes, group: TrainGroup, rows: list[int], first_y: float
 ) -> None:
-    """One broken line a group: thousands of single ticks would make a heavy drawing."""
+    """Plot a group as one broken line: thousands of single ticks would make a large file."""
     trains = [spikes.train(row) / SAMPLE_RATE_HZ for row in rows]
     at = np.concatenate(trains)
     y = np.repeat(first_y + np.arange(len(rows)), [len(train) for train in trains])
-    half = group.tick / 2
-    x3 = np.stack([at, at, np.full_like(at, np.nan)], axis=1).reshape(-1)
-    y3 = np.stack([y - half, y + half, np.full_like(at, np.nan)], axis=1).reshape(-1)
-    axes.plot(x3, y3, color=group.colour, lw=0.55, solid_capstyle="butt")
+    half = group.tick_height / 2
+    line_x = np.stack([at, at, np.full_like(at, np.nan)], axis=1).reshape(-1)
+    line_y = np.stack([y - half, y + half, np.full_like(at, np.nan)], axis=1).reshape(-1)
+    axes.plot(line_x, line_y, color=group.colour, lw=0.55, solid_capstyle="butt")
     middle = first_y + (len(rows) - 1) / 2
     duration_s = max(spikes.n_samples, 1) / SAMPLE_RATE_HZ
     rate_hz = len(at) / duration_s / len(rows)
@@ -176,10 +174,12 @@ def _draw_group(
         "va": "center",
     }
     axes.text(1.012, middle - 0.9, group.name, weight="bold", size=12, **style)
-    axes.text(1.012, middle + 1.2, f"{group.meaning}\n{rate_hz:.0f} spikes/s each", size=8, **style)
+    axes.text(
+        1.012, middle + 1.2, f"{group.description}\n{rate_hz:.0f} spikes/s each", size=8, **style
+    )
 
 
-def _draw_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
+def _plot_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
     from matplotlib.ticker import MaxNLocator
 
     k = np.arange(1, len(held_out.predictions) + 1)
@@ -208,51 +208,62 @@ def _draw_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
         color=MUTED,
         loc="left",
     )
-    tidy(axes)
+    style_axes(axes)
 
 
-def _draw_confusion(axes: Axes, held_out: HeldOutPredictions) -> None:
-    table = held_out.confusion(held_out.shown)
-    share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
-    axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
-    for (i, j), count in np.ndenumerate(table):
-        if count:
-            colour = "white" if share[i, j] > 0.55 else TEXT
-            axes.text(j, i, str(count), ha="center", va="center", color=colour)
-    places = range(len(held_out.classes))
-    longest = max(map(len, held_out.classes))
-    turned = 90 if longest * len(held_out.classes) > MOST_LETTERS else 0
-    axes.set_xticks(places, held_out.classes, rotation=turned)
-    axes.set_yticks(places, held_out.classes)
+def _plot_confusion(axes: Axes, held_out: HeldOutPredictions) -> None:
+    matrix = held_out.confusion(held_out.shown)
+    plot_matrix(axes, matrix, held_out.classes, lambda count, share: str(count) if count else "")
     axes.set_xlabel("predicted texture")
     axes.set_ylabel("true texture")
     axes.set_title(
         f"trials with {held_out.shown} components (dotted line)", size=9, color=MUTED, loc="left"
     )
+
+
+def plot_matrix(
+    axes: Axes,
+    counts: NDArray[np.int64],
+    classes: Sequence[str],
+    cell_text: Callable[[int, float], str],
+    **style: Any,
+) -> None:
+    """Plot a confusion matrix as shares of its rows; ``cell_text``: of count and share."""
+    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    axes.imshow(shares, cmap="Blues", vmin=0, vmax=1)
+    for (i, j), share in np.ndenumerate(shares):
+        colour = "white" if share > 0.55 else TEXT
+        text = cell_text(int(counts[i, j]), float(share))
+        if text:
+            axes.text(j, i, text, ha="center", va="center", color=colour, **style)
+    letters = max(map(len, classes)) * len(classes)
+    rotation = 90 if letters > MAX_LABEL_LETTERS else 0
+    axes.set_xticks(range(len(classes)), classes, rotation=rotation)
+    axes.set_yticks(range(len(classes)), classes)
     axes.tick_params(length=0)
 
 
-def _note(axes: Axes, text: str) -> None:
+def _annotate(axes: Axes, text: str) -> None:
     axes.text(
         0.995, 0.93, text, transform=axes.transAxes, ha="right", va="top", size=8, color=MUTED
     )
 
 
-def tidy(axes: Axes) -> None:
-    """Two spines, a faint grid behind."""
+def style_axes(axes: Axes) -> None:
+    """Show two spines and a faint grid in the background."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="x", color=FAINT, lw=0.6)
     axes.set_axisbelow(True)
 
 
-def finish(figure: Figure, title: str, origin: str) -> None:
-    """Title above, and below it where the data come from."""
+def add_titles(figure: Figure, title: str, origin: str) -> None:
+    """Set the title, and the origin of the data at the foot."""
     figure.suptitle(title, size=13, x=0.01, ha="left", color=TEXT)
     figure.supxlabel(origin, size=8.5, x=0.01, ha="left", color=MUTED)
 
 
-def save(figure: Figure, stem: Path) -> Path:
-    """Write both formats; equal data give equal files."""
+def save_figure(figure: Figure, stem: Path) -> Path:
+    """Save as SVG and PNG; equal data give equal files."""
     import matplotlib as mpl
 
     stem.parent.mkdir(parents=True, exist_ok=True)

@@ -12,18 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.paper.tasks import Curve, TaskResult
-from rigctl.analysis.report.figures import FAINT, MOST_LETTERS, MUTED, TEXT, finish, save, tidy
+from rigctl.analysis.report.figures import (
+    FAINT,
+    MUTED,
+    TEXT,
+    add_titles,
+    plot_matrix,
+    save_figure,
+    style_axes,
+)
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLUMNS = 3
-MOST_ANNOTATED = 16
+MAX_ANNOTATED_CLASSES = 16
 
 
 class CurveStyle(NamedTuple):
-    """How a representation is drawn: the paper's colours; dashed where C is texture-blind."""
+    """The line style of a representation: the paper's colours; dashed where C is texture-blind."""
 
     colour: str
     dashes: Any
@@ -41,8 +49,8 @@ STYLES = {
 
 
 @dataclass(frozen=True, slots=True)
-class TaxelPicture:
-    """What Figure 2C shows of one taxel of one trial.
+class TaxelData:
+    """The contents of Figure 2C: one taxel of one trial.
 
     ``reading``: float64 (n,), 0–1. ``membrane_mv``: float64 (n, 2), SA and RA. ``spikes``:
     int32 sample indices of SA and of RA.
@@ -56,8 +64,8 @@ class TaxelPicture:
     shown_s: float = 1.0
 
 
-def curves_figure(results: Sequence[TaskResult], origin: str, stem: Path) -> Path:
-    """Accuracy over components, a panel a task; writes SVG and PNG, returns the PNG's path."""
+def draw_curves(results: Sequence[TaskResult], origin: str, stem: Path) -> Path:
+    """Draw accuracy over components, a panel for each task, as SVG and PNG; return the PNG."""
     from matplotlib.figure import Figure
 
     columns = min(COLUMNS, len(results))
@@ -65,7 +73,7 @@ def curves_figure(results: Sequence[TaskResult], origin: str, stem: Path) -> Pat
     figure = Figure(figsize=(3.9 * columns + 0.4, 3.1 * rows + 1.1), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False)
     for result, axes in zip(results, panels.flat, strict=False):
-        _draw_curves(axes, result)
+        _plot_curves(axes, result)
     for axes in panels.flat[len(results) :]:
         axes.set_axis_off()
     lines, names = panels.flat[0].get_legend_handles_labels()
@@ -73,12 +81,12 @@ def curves_figure(results: Sequence[TaskResult], origin: str, stem: Path) -> Pat
     iterations = len(results[0].curves[0].accuracy)
     bars = "bars: standard deviation" if iterations > 1 else "one draw, no spread"
     title = f"Textures told apart: mean accuracy of {iterations} draws; {bars}"
-    finish(figure, title, origin)
-    return save(figure, stem)
+    add_titles(figure, title, origin)
+    return save_figure(figure, stem)
 
 
-def confusion_figure(result: TaskResult, origin: str, stem: Path) -> Path:
-    """Who is taken for whom, a panel a representation (the paper's S1 to S4)."""
+def draw_confusion(result: TaskResult, origin: str, stem: Path) -> Path:
+    """Draw confusion matrices, a panel for each representation (the paper's S1 to S4)."""
     from matplotlib.figure import Figure
 
     curves = [c for c in result.curves if c.representation.force != "blind"]
@@ -87,45 +95,45 @@ def confusion_figure(result: TaskResult, origin: str, stem: Path) -> Path:
     figure = Figure(figsize=(5.2 * columns, 5.0 * rows + 0.8), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False)
     for axes, curve in zip(panels.flat, curves, strict=False):
-        _draw_confusion(axes, curve, result)
+        _plot_confusion(axes, curve, result)
     for axes in panels.flat[len(curves) :]:
         axes.set_axis_off()
     title = f"{result.task.title}: who is taken for whom, {result.shown} components"
-    finish(figure, title, origin)
-    return save(figure, stem)
+    add_titles(figure, title, origin)
+    return save_figure(figure, stem)
 
 
-def taxel_figure(picture: TaxelPicture, stem: Path) -> Path:
-    """One taxel's reading, both neurons' voltage and their spikes."""
+def draw_taxel(data: TaxelData, stem: Path) -> Path:
+    """Draw one taxel's reading, the voltages of both neurons and their spikes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.5, 5.6), layout="constrained")
     rows = figure.subplots(5, 1, sharex=True, height_ratios=[2.2, 1.6, 0.5, 1.6, 0.5])
-    time_s = np.arange(len(picture.reading)) / SAMPLE_RATE_HZ
-    inside = time_s < picture.shown_s
-    rows[0].plot(time_s[inside], picture.reading[inside], color=TEXT, lw=1)
+    time_s = np.arange(len(data.reading)) / SAMPLE_RATE_HZ
+    inside = time_s < data.shown_s
+    rows[0].plot(time_s[inside], data.reading[inside], color=TEXT, lw=1)
     rows[0].set_ylabel("reading\n(0–1)")
     colours = (STYLES["speed"].colour, "#c24e00")
     for channel, (name, colour) in enumerate(zip(("SA", "RA"), colours, strict=True)):
         voltage, ticks = rows[1 + 2 * channel], rows[2 + 2 * channel]
-        voltage.plot(time_s[inside], picture.membrane_mv[inside, channel], color=colour, lw=0.7)
+        voltage.plot(time_s[inside], data.membrane_mv[inside, channel], color=colour, lw=0.7)
         voltage.set_ylabel(f"{name} v\n(mV)")
-        at = picture.spikes[channel] / SAMPLE_RATE_HZ
-        at = at[at < picture.shown_s]
+        at = data.spikes[channel] / SAMPLE_RATE_HZ
+        at = at[at < data.shown_s]
         ticks.vlines(at, 0, 1, color=colour, lw=0.9)
         ticks.set_ylim(-0.1, 1.1)
         ticks.set_yticks([])
         ticks.set_ylabel("spikes", rotation=0, ha="right", va="center", size=8, color=MUTED)
     for axes in rows:
-        tidy(axes)
+        style_axes(axes)
     figure.align_ylabels(rows)
-    rows[-1].set_xlim(0, min(picture.shown_s, len(picture.reading) / SAMPLE_RATE_HZ))
+    rows[-1].set_xlim(0, min(data.shown_s, len(data.reading) / SAMPLE_RATE_HZ))
     rows[-1].set_xlabel("time since the trial window opened (s)")
-    finish(figure, picture.title, picture.origin)
-    return save(figure, stem)
+    add_titles(figure, data.title, data.origin)
+    return save_figure(figure, stem)
 
 
-def _draw_curves(axes: Axes, result: TaskResult) -> None:
+def _plot_curves(axes: Axes, result: TaskResult) -> None:
     k = np.arange(1, result.k_max + 1)
     for curve in result.curves:
         style = STYLES[curve.representation.key]
@@ -149,30 +157,24 @@ def _draw_curves(axes: Axes, result: TaskResult) -> None:
     axes.set_ylabel("accuracy (%)")
     named = f"{result.task.figure}  {result.task.title}".strip()
     axes.set_title(named, size=9.5, loc="left", color=TEXT)
-    tidy(axes)
+    style_axes(axes)
     axes.grid(axis="y", color=FAINT, lw=0.6)
 
 
-def _draw_confusion(axes: Axes, curve: Curve, result: TaskResult) -> None:
-    asked = curve.confusion.sum(axis=1, keepdims=True)
-    share = curve.confusion / np.maximum(asked, 1)
-    axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
+def _plot_confusion(axes: Axes, curve: Curve, result: TaskResult) -> None:
+    tested = curve.confusion.sum(axis=1)
+    annotated = len(result.classes) <= MAX_ANNOTATED_CLASSES
+
+    def percent(count: int, share: float) -> str:
+        return f"{100 * share:.0f}" if annotated and share >= 0.005 else ""
+
     size = 9 if len(result.classes) <= 8 else 6
-    for (i, j), part in np.ndenumerate(share):
-        if part >= 0.005 and len(result.classes) <= MOST_ANNOTATED:
-            colour = "white" if part > 0.55 else TEXT
-            axes.text(j, i, f"{100 * part:.0f}", ha="center", va="center", color=colour, size=size)
-    places = range(len(result.classes))
-    longest = max(map(len, result.classes))
-    turned = 90 if longest * len(result.classes) > MOST_LETTERS else 0
-    axes.set_xticks(places, result.classes, rotation=turned)
-    axes.set_yticks(places, result.classes)
+    plot_matrix(axes, curve.confusion, result.classes, percent, size=size)
     axes.set_xlabel("predicted")
     axes.set_ylabel("true")
-    axes.tick_params(length=0)
     right = np.trace(curve.confusion) / max(int(curve.confusion.sum()), 1)
     note = "; C knew the texture" if curve.representation.sees_labels else ""
-    fewest, most = int(asked.min()), int(asked.max())
+    fewest, most = int(tested.min()), int(tested.max())
     trials = f"{most}" if fewest == most else f"{fewest}–{most}"
     axes.set_title(
         f"{curve.representation.name}: {right:.1%}\n% of {trials} trials a row{note}",

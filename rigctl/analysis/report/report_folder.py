@@ -26,7 +26,7 @@ from rigctl.analysis.paper.sensitivity import as_plain as sensitivity_table
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.analysis.report.example_taxel import check_shown, origin_of, taxel_picture
 from rigctl.analysis.report.html_report import html_report
-from rigctl.analysis.report.paper_figures import confusion_figure, curves_figure, taxel_figure
+from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves, draw_taxel
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
@@ -173,9 +173,9 @@ def _write(
     ways = (made.normalisation, made.parameters, request.trial, request.taxel)
     confused = next(r for key in CONFUSED for r in results if r.task.key == key)
     figures = {
-        "fig3": curves_figure(results, origin, folder / "fig3"),
-        "confusion": confusion_figure(confused, origin, folder / "confusion"),
-        "fig2c": taxel_figure(taxel_picture(made.trials, *ways), folder / "fig2c"),
+        "fig3": draw_curves(results, origin, folder / "fig3"),
+        "confusion": draw_confusion(confused, origin, folder / "confusion"),
+        "fig2c": draw_taxel(taxel_picture(made.trials, *ways), folder / "fig2c"),
     }
     plain = as_plain(made, request.settings, results, found.remarks, made_utc, found.evidence)
     plain["sensitivity"] = table = sensitivity_table(found.sensitivity)

@@ -13,7 +13,7 @@ from rigctl.analysis.classification.held_out import (
     LabelledTrials,
     classify_held_out,
 )
-from rigctl.analysis.report.demo import analyse_session, answer_sentence
+from rigctl.analysis.report.demo import accuracy_sentence, analyse_session
 from rigctl.errors import SessionError, WrongUse
 from tests.analysis.recordings import record
 
@@ -26,8 +26,8 @@ def test_the_answer_counts_as_one_would_by_hand() -> None:
     assert held_out.correct_counts().tolist() == [3, 5]
     assert held_out.chance == 0.6
     assert held_out.confusion(1).tolist() == [[2, 1], [1, 1]]
-    assert "60.0% (3 of n = 5 trials" in answer_sentence(held_out)
-    assert "chance 60.0%" in answer_sentence(held_out)
+    assert "60.0% (3 of n = 5 trials" in accuracy_sentence(held_out)
+    assert "chance 60.0%" in accuracy_sentence(held_out)
 
 
 def test_labels_that_mean_nothing_are_told_at_chance() -> None:
