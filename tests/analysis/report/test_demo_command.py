@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli import main
 from rigctl.cli.analysis import demo
 from rigctl.session.verify.session import VerifyReport
@@ -18,7 +18,7 @@ from tests.analysis.recordings import record
 def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A finished session in place of the engine's."""
     folder = record(tmp_path / "session", "AB", travel_mm=24.0)
-    ended = {"state": "done", "text": "", "session": str(folder)}
+    ended = RunStatus(state="done", session=str(folder))
     monkeypatch.setattr(demo, "_record", lambda *_: ended)
     monkeypatch.setattr(demo, "verify", lambda _: VerifyReport(samples=7, trials_committed=12))
     return folder
@@ -56,7 +56,7 @@ def test_a_window_opens_only_where_somebody_can_see_it(
     assert "libxcb-cursor0" in capsys.readouterr().err
 
 
-def test_a_damaged_session_is_told(
+def test_a_damaged_session_is_reported(
     session: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(demo, "verify", lambda _: VerifyReport(problems=["part-0001.h5: torn"]))
@@ -68,7 +68,7 @@ def test_a_damaged_session_is_told(
 def test_a_run_that_ends_early_says_where_its_session_is(
     state: str, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ended: dict[str, Any] = {"state": state, "text": "stopped", "session": "/x"}
+    ended = RunStatus(state=state, text="stopped", session="/x")
     monkeypatch.setattr(demo, "_record", lambda *_: ended)
     assert main(["demo"]) == code
     assert capsys.readouterr().out == "the run ended early: stopped\nsession: /x\n"
