@@ -1,4 +1,4 @@
-"""``rigctl-gui``: one window."""
+"""``rigctl-gui``: open the window."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pathlib import Path
 from rigctl.errors import RigctlError, WrongUse
 
 DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
-DESCRIPTION = "Open the window: work the rig, watch samples and spikes, run protocols."
+DESCRIPTION = "Open the window: operate the rig, watch samples and spikes, run protocols."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What may be said on the command line."""
+    """Add the options of the command line."""
     parser.add_argument(
         "--rig",
         metavar="RIG",
@@ -27,56 +27,56 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--world",
         type=Path,
         metavar="FILE",
-        help="a simulated rig's plates, sensor and mechanics; `rigctl world` prints them",
+        help="plates, sensor and mechanics of a simulated rig; `rigctl world` prints them",
     )
     parser.add_argument("--theme", choices=("system", "light", "dark"), default="system")
 
 
 def check_display() -> None:
-    """Raise WrongUse where Qt would end the process for want of a display or of libraries.
+    """Raise WrongUse if Qt cannot start because a display or libraries are missing.
 
-    Qt offers no question for that, it aborts: so another process tries.
+    Qt then aborts the process and cannot be queried before, so another process tries it.
     """
     if not sys.platform.startswith("linux"):
         return
-    tried = subprocess.run(
+    trial = subprocess.run(
         [sys.executable, "-c", "from PySide6.QtGui import QGuiApplication as A; A([])"],
         capture_output=True,
         text=True,
         check=False,
     )
-    if tried.returncode:
-        raise WrongUse(_why_not(tried.stderr))
+    if trial.returncode:
+        raise WrongUse(_start_failure(trial.stderr))
 
 
 def check_world(rig: str | None, world: Path | None) -> None:
-    """Raise WrongUse for a world file that no rig could have, before a window opens."""
+    """Raise WrongUse for an invalid world file before the window opens."""
     from gui.engine_link import JOIN
     from rigctl.simulation.bench.world_file import load_world
 
     if world is None:
         return
     if rig == JOIN:
-        raise WrongUse("the running engine has a world already: join it without --world")
+        raise WrongUse("the running engine already has a world: join it without --world")
     load_world(world)
 
 
-def _why_not(said: str) -> str:
-    shown = (os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"))
-    if not any(shown):
+def _start_failure(stderr: str) -> str:
+    displays = (os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"))
+    if not any(displays):
         return (
-            "the window needs a display and there is none here: log in at a desktop, use ssh -X, "
-            "or work without it (rigctl run, rigctl demo --no-window)"
+            "the window needs a display, but there is none: log in at a desktop, use ssh -X, "
+            "or work without the window (rigctl run, rigctl demo --no-window)"
         )
-    line = next((line for line in said.splitlines() if line.strip()), "no reason given")
+    line = next((line for line in stderr.splitlines() if line.strip()), "no reason given")
     return (
-        f"the window needs Qt, which does not start here ({line.strip()}): install "
+        f"the window needs Qt, but Qt does not start ({line.strip()}): install "
         f"PySide6-Essentials and, on Debian, {DEBIAN_PACKAGES}"
     )
 
 
 def show(rig: str | None, world: Path | None, theme: str) -> int:
-    """Show the window until it is closed; return the exit code. Raises WrongUse."""
+    """Show the window until it closes; return the exit code. Raises WrongUse."""
     check_display()
     check_world(rig, world)
     import pyqtgraph as pg
@@ -97,7 +97,7 @@ def show(rig: str | None, world: Path | None, theme: str) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The console script."""
+    """Run the console script; return the exit code."""
     parser = argparse.ArgumentParser(prog="rigctl-gui", description=DESCRIPTION)
     add_arguments(parser)
     args = parser.parse_args(argv)

@@ -1,4 +1,4 @@
-"""``python -m gui.screenshots FOLDER``: the README's pictures, from a live virtual rig at work."""
+"""``python -m gui.screenshots FOLDER``: render the README's images from a live virtual rig."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ speeds_mm_s = [40, 60]
 forces_g = [500]
 repeats = 6
 """
-LIMIT_S = 300.0
-TRIALS_BEFORE = 3
+TIMEOUT_S = 300.0
+MIN_TRIALS = 3
 RANGE_S = 2.0
 SETTLING_MS = 1500  # layouts settle, and traces reach the new width
 TABS = {"operate": 0, "protocol": 1, "analysis": 2}
 
 
 def main(argv: list[str]) -> int:
-    """Render everything into the folder; return the exit code."""
+    """Render all images into the folder; return the exit code."""
     if len(argv) != 1 or argv[0].startswith("-"):
         print("usage: python -m gui.screenshots FOLDER", file=sys.stderr)
         return 2
@@ -44,28 +44,28 @@ def main(argv: list[str]) -> int:
     with tempfile.TemporaryDirectory() as work:
         os.environ[FOLDER_VARIABLE] = work
         session = record_session(Path(work) / "quick")
-        take_all(folder, Path(work), session)
+        render_all(folder, Path(work), session)
     return 0
 
 
 def record_session(folder: Path) -> Path:
-    """Record the quick protocol as fast as the virtual rig goes, for the Analysis picture."""
+    """Record the quick protocol at the virtual rig's full speed, for the Analysis images."""
     from rigctl.acquisition.rpc.client import EngineClient
 
-    order = ["--protocol", PROTOCOL, "--yes", "--out", str(folder)]
-    client = EngineClient.start("virtual", paced=False, seed=1, run=order)
+    args = ["--protocol", PROTOCOL, "--yes", "--out", str(folder)]
+    client = EngineClient.start("virtual", paced=False, seed=1, run=args)
     try:
         states: list[str] = []
         while not states or states[-1] in ("idle", "running", "prompt", "paused"):
-            told = [m for m in client.wait(LIMIT_S) if m.get("event") == "status"]
-            states += [message["data"]["run"]["state"] for message in told]
+            statuses = [m for m in client.wait(TIMEOUT_S) if m.get("event") == "status"]
+            states += [message["data"]["run"]["state"] for message in statuses]
     finally:
         client.shut_down()
     return folder
 
 
-def take_all(folder: Path, work: Path, session: Path) -> None:
-    """Run a protocol in a window and take its pictures."""
+def render_all(folder: Path, work: Path, session: Path) -> None:
+    """Run a protocol in a window and render the images."""
     import pyqtgraph as pg
 
     from gui.main_window import MainWindow
@@ -75,82 +75,85 @@ def take_all(folder: Path, work: Path, session: Path) -> None:
     window = MainWindow(choice=ThemeChoice.LIGHT)
     try:
         window.show()
-        _begin_run(window, work)
-        _take_live(window, folder)
-        _take_analysis(window, folder, session)
+        _start_run(window, work)
+        _render_live(window, folder)
+        _render_analysis(window, folder, session)
     finally:
-        window.connection.ask("abort")
+        window.engine_link.request("abort")
         window.close()
 
 
-def _begin_run(window: MainWindow, work: Path) -> None:
-    """Connect, start the protocol, answer its questions until trials are on disk."""
+def _start_run(window: MainWindow, work: Path) -> None:
+    """Connect, start the protocol and confirm its prompts until trials are on disk."""
     window.connect_rig("virtual")
-    status = window.connection
-    _wait(window, lambda: status.status.drum_connected and status.status.taxels_connected)
-    window.protocol.set_out(str(work))
+    link, panel = window.engine_link, window.protocol_panel
+    _wait(window, lambda: link.status.drum_connected and link.status.taxels_connected)
+    panel.out.setText(str(work))
     ridges = work / "ridges.toml"
     ridges.write_text(RIDGES, encoding="utf-8")
     window.tabs.setCurrentIndex(TABS["protocol"])
-    window.protocol.add_protocol(str(ridges))
-    _wait(window, window.protocol.buttons["Start"].isEnabled)
-    window.protocol.buttons["Start"].click()
-    _wait(window, lambda: _go_on(window) and _is_turning(window))
-    status.ask("calibrate_range", seconds=RANGE_S)
-    _wait(window, lambda: _go_on(window) and status.status.run.trials_committed >= TRIALS_BEFORE)
+    panel.add_protocol(str(ridges))
+    _wait(window, panel.buttons["Start"].isEnabled)
+    panel.buttons["Start"].click()
+    _wait(window, lambda: _is_turning(window))
+    link.request("calibrate_range", seconds=RANGE_S)
+    _wait(window, lambda: _confirm(window) and link.status.run.trials_committed >= MIN_TRIALS)
 
 
-def _go_on(window: MainWindow) -> bool:
-    """Answer a question as soon as it is asked."""
-    if window.connection.status.run.prompt is not None and window.prompt.isVisible():
-        window.prompt.done.click()
+def _confirm(window: MainWindow) -> bool:
+    """Confirm a prompt as soon as the window shows it; return True."""
+    if window.engine_link.status.run.prompt is not None and window.prompt_panel.isVisible():
+        window.prompt_panel.confirm.click()
     return True
 
 
-def _take_live(window: MainWindow, folder: Path) -> None:
-    """The Operate tab in both themes and sizes, the Protocol tab once."""
+def _is_turning(window: MainWindow) -> bool:
+    """Confirm a prompt; return whether the drum turns under force at its set speed."""
+    status = window.engine_link.status
+    return (
+        _confirm(window)
+        and status.state is State.RUN
+        and status.speed_mm_s > 0.99 * status.speed_set_mm_s
+    )
+
+
+def _render_live(window: MainWindow, folder: Path) -> None:
+    """Render the Operate tab in both themes and sizes, and the Protocol tab once."""
     from gui.widgets.theme import ThemeChoice
 
-    def ready() -> bool:
-        return _go_on(window) and _is_turning(window)
-
     window.resize(*SIZES[0])
-    _save(window, folder / "protocol.png", ready)
+    _save(window, folder / "protocol.png", lambda: _is_turning(window))
     window.tabs.setCurrentIndex(TABS["operate"])
     for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
         window.set_theme(choice)
         for width, height in SIZES:
             window.resize(width, height)
-            _save(window, folder / f"window-{choice.name.lower()}-{width}x{height}.png", ready)
+            name = f"window-{choice.name.lower()}-{width}x{height}.png"
+            _save(window, folder / name, lambda: _is_turning(window))
 
 
-def _is_turning(window: MainWindow) -> bool:
-    """The drum turns under force at its set speed."""
-    status = window.connection.status
-    return status.state is State.RUN and status.speed_mm_s > 0.99 * status.speed_set_mm_s
-
-
-def _take_analysis(window: MainWindow, folder: Path, session: Path) -> None:
-    """A trial of the recorded session, and what the classification drew."""
+def _render_analysis(window: MainWindow, folder: Path, session: Path) -> None:
+    """Render a trial of the recorded session, and the figure of the quick check."""
     from gui.widgets.theme import ThemeChoice
 
-    panel = window.analysis.panel
+    tab = window.analysis_tab
+    panel = tab.panel
 
-    def idle() -> bool:
-        return not window.analysis.worker.is_busy
+    def is_idle() -> bool:
+        return not tab.worker.is_busy
 
     window.tabs.setCurrentIndex(TABS["analysis"])
-    panel.choose(str(session))
-    _wait(window, lambda: idle() and window.analysis.trial_view.data is not None)
+    panel.open_session(str(session))
+    _wait(window, lambda: is_idle() and tab.trial_view.data is not None)
     panel.table.selectRow(panel.model.rowCount() // 2)
-    _wait(window, idle)
-    panel.box.run.click()
-    _wait(window, idle)
+    _wait(window, is_idle)
+    panel.run_box.run_button.click()
+    _wait(window, is_idle)
     window.set_theme(ThemeChoice.LIGHT)
     window.resize(*SIZES[0])
     _save(window, folder / "classified.png")
     panel.table.selectRow(panel.model.rowCount() // 2 + 1)
-    _wait(window, idle)
+    _wait(window, is_idle)
     _save(window, folder / "analysis.png")
 
 
@@ -160,17 +163,18 @@ def _save(window: MainWindow, path: Path, ready: Callable[[], bool] = lambda: Tr
     QTest.qWait(SETTLING_MS)
     _wait(window, ready)
     if not window.grab().save(str(path)):
-        raise SystemExit(f"{path} cannot be written: choose another folder")
+        raise SystemExit(f"{path} is not writable: choose another folder")
     print(path, flush=True)
 
 
 def _wait(window: MainWindow, done: Callable[[], bool]) -> None:
     from PySide6.QtTest import QTest
 
-    end_s = time.monotonic() + LIMIT_S
+    end_s = time.monotonic() + TIMEOUT_S
     while not done():
         if time.monotonic() > end_s:
-            raise SystemExit(f"the rig did not get there:\n{window.log.toPlainText()}")
+            log = window.event_log.toPlainText()
+            raise SystemExit(f"the rig did not reach the expected state:\n{log}")
         QTest.qWait(30)
 
 

@@ -1,4 +1,4 @@
-"""The Analysis tab at work: its panel, its pages, and the process that reads and reckons."""
+"""The Analysis tab: its panel, the views of its results, and its worker process."""
 
 from __future__ import annotations
 
@@ -8,90 +8,92 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QWidget
 
 from gui.analysis.results import AnalysisResults
-from gui.analysis.results_view import ResultsView
+from gui.analysis.results_view import FigureView, ResultsView
 from gui.analysis.run_box import MODEL, PAPER
 from gui.analysis.session_panel import SessionPanel
 from gui.analysis.trial_view import TrialView
 from gui.analysis.worker import Worker
-from gui.analysis.worker_tasks import Classified
-from gui.widgets.figure_view import FigureView
+from gui.analysis.worker_tasks import QuickCheckResult
 from gui.widgets.theme import Theme
 
 
 class AnalysisTab(QObject):
-    """``said``: a kind and a sentence for the log. ``page_changed``: show :attr:`page`."""
+    """Runs the panel's requests in the worker process and shows the results."""
 
-    said = Signal(str, str)
-    page_changed = Signal()
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
+    view_changed = Signal()
+    """:attr:`view` is another one."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.panel, self.worker = SessionPanel(), Worker()
-        self.trial_view, self.figure = TrialView(theme), FigureView()
-        self.findings = ResultsView()
-        self.page: QWidget = self.trial_view
-        self._results: QWidget = self.figure
-        self._making = ""
+        self.trial_view, self.figure_view = TrialView(theme), FigureView()
+        self.results_view = ResultsView()
+        self.view: QWidget = self.trial_view
+        self._last_results: QWidget = self.figure_view
+        self._report_folder = ""
         panel, worker = self.panel, self.worker
-        panel.open_asked.connect(lambda path: worker.ask("open_session", path=path))
-        panel.trial_asked.connect(lambda row: worker.ask("load_trial", row=row))
-        panel.run_asked.connect(self._run)
-        panel.cancel_asked.connect(self._cancel)
-        panel.box.results_asked.connect(lambda: self._show(self._results))
-        worker.done.connect(self._done)
-        worker.progressed.connect(panel.box.show_progress)
-        worker.failed.connect(lambda _, sentence: self._failed(sentence))
+        panel.open_requested.connect(lambda path: worker.submit("open_session", path=path))
+        panel.trial_requested.connect(lambda row: worker.submit("load_trial", row=row))
+        panel.run_requested.connect(self._run)
+        panel.run_box.cancel_requested.connect(self._cancel)
+        panel.run_box.results_requested.connect(lambda: self._show(self._last_results))
+        worker.finished.connect(self._finish)
+        worker.progressed.connect(panel.run_box.show_progress)
+        worker.failed.connect(lambda _, sentence: self._fail(sentence))
 
     @property
-    def pages(self) -> tuple[QWidget, ...]:
-        """Everything that can stand in the middle of the window."""
-        return self.trial_view, self.figure, self.findings
+    def views(self) -> tuple[QWidget, ...]:
+        """Return all views that the middle of the window can show."""
+        return self.trial_view, self.figure_view, self.results_view
 
-    def _run(self, way: str, path: str) -> None:
-        box = self.panel.box
+    def _run(self, method: str, path: str) -> None:
+        run_box = self.panel.run_box
         self.panel.show_busy()
-        if way == PAPER:
-            order = box.form.order()
-            self._making = order.folder
-            self.worker.ask("analyse", order=order)
-        elif way == MODEL:
-            self.worker.ask("ask_model", model=box.model.text(), sessions=box.form.chosen)
+        if method == PAPER:
+            request = run_box.form.request()
+            self._report_folder = request.folder
+            self.worker.submit("analyse", request=request)
+        elif method == MODEL:
+            sessions = run_box.form.sessions
+            self.worker.submit("classify", model=run_box.model.text(), sessions=sessions)
         else:
-            self.worker.ask("classify", path=path)
+            self.worker.submit("quick_check", path=path)
 
     def _cancel(self) -> None:
         self.worker.cancel()
         self.panel.show_idle()
-        if self._making:
-            self.worker.ask("discard", folder=self._making)
-        self._making = ""
-        self.said.emit("analysis", "analysis cancelled")
+        if self._report_folder:
+            self.worker.submit("discard", folder=self._report_folder)
+        self._report_folder = ""
+        self.reported.emit("analysis", "analysis cancelled")
 
-    def _done(self, task: str, result: Any) -> None:
+    def _finish(self, task: str, result: Any) -> None:
         if task == "open_session":
             self.panel.show_session(result)
         elif task == "load_trial":
             self.trial_view.show_trial(result)
             self._show(self.trial_view)
-        elif isinstance(result, Classified):
-            self.figure.show_file(result.figure)
-            self._answered(result.sentence, self.figure)
+        elif isinstance(result, QuickCheckResult):
+            self.figure_view.show_file(result.figure)
+            self._show_results(result.sentence, self.figure_view)
         elif isinstance(result, AnalysisResults):
-            self._making = ""
-            self.findings.show_findings(result)
-            self._answered(result.sentence, self.findings)
+            self._report_folder = ""
+            self.results_view.show_results(result)
+            self._show_results(result.sentence, self.results_view)
 
-    def _answered(self, sentence: str, page: QWidget) -> None:
-        self.panel.show_answer(sentence)
-        self._results = page
-        self._show(page)
-        self.said.emit("analysis", sentence)
-
-    def _failed(self, sentence: str) -> None:
-        self._making = ""
+    def _fail(self, sentence: str) -> None:
+        self._report_folder = ""
         self.panel.show_failure(sentence)
-        self.said.emit("refused", sentence)
+        self.reported.emit("refused", sentence)
 
-    def _show(self, page: QWidget) -> None:
-        self.page = page
-        self.page_changed.emit()
+    def _show_results(self, sentence: str, view: QWidget) -> None:
+        self.panel.show_result(sentence)
+        self._last_results = view
+        self._show(view)
+        self.reported.emit("analysis", sentence)
+
+    def _show(self, view: QWidget) -> None:
+        self.view = view
+        self.view_changed.emit()

@@ -1,35 +1,27 @@
-"""What an analysis can be told: a form with the options of ``rigctl analyse``."""
+"""A form with the options of ``rigctl analyse``."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QComboBox,
-    QDoubleSpinBox,
-    QFormLayout,
-    QHBoxLayout,
-    QLineEdit,
-    QPushButton,
-    QSpinBox,
-    QWidget,
-)
+from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QWidget
 
 from gui.analysis.results import AnalysisRequest, model_path
+from gui.widgets.file_browser import PathKind
 from gui.widgets.labels import elastic, label, show_text
+from gui.widgets.layouts import combo_box, form_layout, hbox, small_button, spin_box
 from rigctl.encoding.parameters import PRESETS
 
 TASKS = {
-    "All that fit": "",
+    "All that fit the sessions": "",
     "Individual textures": "textures",
     "Texture groups": "groups",
-    "Extrapolation (3C–F)": "extrapolation",
-    "Each speed left out": "leave-speed-out",
-    "Each force left out": "leave-force-out",
+    "Extrapolation (Fig. 3C–F)": "extrapolation",
+    "Leave one speed out": "leave-speed-out",
+    "Leave one force out": "leave-force-out",
 }
-ENGINES = {"Own (fast)": "own", "scikit-learn": "sklearn"}
+ENGINES = {"Built-in (fast)": "own", "scikit-learn": "sklearn"}
 REPRESENTATIONS = {
     "Original": "original",
     "Speed Scaled": "speed",
@@ -42,59 +34,69 @@ MAX_SEED = 2**31 - 1
 
 
 class AnalysisOptionsForm(QWidget):
-    """The choices; :meth:`order` says them. The session that is open is always among them."""
+    """The sessions and options of an analysis; the open session is always the first one."""
 
-    session_asked = Signal()
-    c_asked = Signal()
+    path_requested = Signal(object, object)
+    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.sessions = elastic(label("–"))
-        self.add, self.forget = small("+", "Add another session"), small("−", "Only the open one")
-        self.task, self.engine = chooser(TASKS), chooser(ENGINES)
-        self.draws, self.components = number(1, 10_000, 20), number(1, 1000, 50)
-        self.preset = chooser({name: name for name in PRESETS})
+        self.session_names = elastic(label("–"))
+        self.add_button = small_button("+", "Add another session")
+        self.remove_button = small_button("−", "Remove the added sessions")
+        self.task, self.engine = combo_box(TASKS), combo_box(ENGINES)
+        self.draws, self.components = spin_box(1, 10_000, 20), spin_box(1, 1000, 50)
+        self.draws.setToolTip("Number of random splits into training and test trials")
+        self.components.setToolTip("Largest number of principal components")
+        self.preset = combo_box({name: name for name in PRESETS})
         self.reference = QDoubleSpinBox()
         self.reference.setRange(0.0, 1e6)
         self.reference.setDecimals(1)
         self.reference.setValue(500.0)
         self.reference.setSuffix(" g")
-        self.reference.setToolTip("The force whose SA rates the others are scaled to")
-        self.seed = number(0, MAX_SEED, 0)
-        self.sensitivity = QCheckBox("Try all encoder presets")
-        self.model = chooser({"None": "", **REPRESENTATIONS})
-        self.model.setToolTip("Learnt from all trials and kept beside the report")
+        self.reference.setToolTip("Force to which the SA rates of the other forces are scaled")
+        self.seed = spin_box(0, MAX_SEED, 0)
+        self.seed.setToolTip("Seed of the draws")
+        self.sensitivity = QCheckBox("Compare all encoder presets")
+        self.model = combo_box({"None": "", **REPRESENTATIONS})
+        self.model.setToolTip("Representation of a model that is trained on all trials")
         self.c = QLineEdit()
-        self.c.setPlaceholderText("searched")
-        self.c.setToolTip("A model file that C is taken from; its rate error is measured")
-        self.browse_c = small("…", "Choose a model file")
-        self._open = ""
-        self._more: list[str] = []
+        self.c.setPlaceholderText("found by a search")
+        self.c.setToolTip("Model file that C is taken from; the analysis measures its rate error")
+        self.c_button = small_button("…", "Choose a model file")
+        self._open_session = ""
+        self._added: list[str] = []
         self._lay_out()
-        self._connect()
+        self.add_button.clicked.connect(
+            lambda: self.path_requested.emit(PathKind.SESSION, self.add_session)
+        )
+        self.remove_button.clicked.connect(self._remove_added)
+        self.c_button.clicked.connect(
+            lambda: self.path_requested.emit(PathKind.MODEL, self.c.setText)
+        )
 
     def show_session(self, path: str) -> None:
-        """Another session is open."""
-        self._open = path
-        self._more = [more for more in self._more if more != path]
+        """Make another session the open one."""
+        self._open_session = path
+        self._added = [added for added in self._added if added != path]
         self._show_sessions()
 
     def add_session(self, path: str) -> None:
-        """Analyse this folder together with the open one."""
-        if path not in self.chosen:
-            self._more.append(path)
+        """Analyse this session together with the open one."""
+        if path not in self.sessions:
+            self._added.append(path)
         self._show_sessions()
 
     @property
-    def chosen(self) -> tuple[str, ...]:
-        """The sessions, the open one first."""
-        return (*((self._open,) if self._open else ()), *self._more)
+    def sessions(self) -> tuple[str, ...]:
+        """Return the session folders, the open one first."""
+        return (*((self._open_session,) if self._open_session else ()), *self._added)
 
-    def order(self) -> AnalysisRequest:
-        """Everything as it is chosen, with a new folder beside the open session."""
+    def request(self) -> AnalysisRequest:
+        """Return the present choices, with a new folder beside the open session."""
         return AnalysisRequest(
-            sessions=self.chosen,
-            folder=str(_new_folder(Path(self._open))),
+            sessions=self.sessions,
+            folder=str(_new_folder(Path(self._open_session))),
             task=self.task.currentData(),
             draws=self.draws.value(),
             components=self.components.value(),
@@ -108,82 +110,40 @@ class AnalysisOptionsForm(QWidget):
         )
 
     def _show_sessions(self) -> None:
-        show_text(self.sessions, ", ".join(Path(path).name for path in self.chosen) or "–")
-        self.sessions.setToolTip("\n".join(self.chosen))
-        self.forget.setEnabled(bool(self._more))
+        names = ", ".join(Path(path).name for path in self.sessions)
+        show_text(self.session_names, names or "–")
+        self.session_names.setToolTip("\n".join(self.sessions))
+        self.remove_button.setEnabled(bool(self._added))
 
-    def _forget(self) -> None:
-        self._more.clear()
+    def _remove_added(self) -> None:
+        self._added.clear()
         self._show_sessions()
 
-    def _connect(self) -> None:
-        self.add.clicked.connect(self.session_asked)
-        self.forget.clicked.connect(self._forget)
-        self.browse_c.clicked.connect(self.c_asked)
-
     def _lay_out(self) -> None:
-        form = QFormLayout(self)
-        form.setContentsMargins(0, 0, 0, 0)
-        form.setVerticalSpacing(4)
-        form.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.ExpandingFieldsGrow)
-        form.addRow("Sessions", beside(self.sessions, self.add, self.forget))
+        form = form_layout(4)
+        self.setLayout(form)
+        form.addRow("Sessions", hbox(self.session_names, self.add_button, self.remove_button))
         for name, widget in (
             ("Tasks", self.task),
             ("Draws", self.draws),
             ("Components", self.components),
             ("Encoder", self.preset),
-            ("Reference", self.reference),
+            ("Reference force", self.reference),
             ("Seed", self.seed),
             ("Engine", self.engine),
         ):
             form.addRow(name, widget)
-        form.addRow("C from", beside(self.c, self.browse_c))
-        form.addRow("Keep model", self.model)
+        form.addRow("C from", hbox(self.c, self.c_button))
+        form.addRow("Save model", self.model)
         form.addRow(self.sensitivity)
         self._show_sessions()
 
 
 def _new_folder(session: Path) -> Path:
-    """A name that is free: the session's with a number behind it."""
-    count = 1
+    """Return a free name: that of the session and a number."""
+    number = 1
     while True:
-        folder = session.with_name(f"{session.name}-report-{count}")
+        folder = session.with_name(f"{session.name}-report-{number}")
         if not folder.exists() and not model_path(folder).exists():
             return folder
-        count += 1
-
-
-def chooser(items: dict[str, str]) -> QComboBox:
-    """A list that may be narrower than its longest item; ``items``: what it says, what it means."""
-    made = QComboBox()
-    for text, data in items.items():
-        made.addItem(text, data)
-    made.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-    made.setMinimumContentsLength(8)
-    return made
-
-
-def number(low: int, high: int, value: int) -> QSpinBox:
-    """A whole number."""
-    made = QSpinBox()
-    made.setRange(low, high)
-    made.setValue(value)
-    return made
-
-
-def small(text: str, hint: str) -> QPushButton:
-    """A button of one sign."""
-    made = QPushButton(text)
-    made.setFixedWidth(34)
-    made.setToolTip(hint)
-    return made
-
-
-def beside(wide: QWidget, *narrow: QWidget) -> QHBoxLayout:
-    """A row."""
-    row = QHBoxLayout()
-    row.setSpacing(4)
-    row.addWidget(wide, 1)
-    for widget in narrow:
-        row.addWidget(widget)
-    return row
+        number += 1

@@ -1,4 +1,4 @@
-"""What an analysis came to, as pages that the window can show. No Qt in here."""
+"""Analyses and their results as pages for the window. This module does not import Qt."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ if TYPE_CHECKING:
     from rigctl.analysis.classification.classify_sessions import Classification
 
 Progress = Callable[[str, float], None]
+"""Takes the stage of the work and its progress from 0 to 1."""
 
 FIGURES = (("fig3", "Accuracy"), ("confusion", "Confusion"), ("fig2c", "One taxel"))
 
 
 class ResultsPage(NamedTuple):
-    """One page: a text in HTML, or the path of a figure, never both."""
+    """One page: an HTML text or the path of a figure."""
 
     name: str
     html: str = ""
@@ -25,7 +26,7 @@ class ResultsPage(NamedTuple):
 
 
 class AnalysisResults(NamedTuple):
-    """An answer in a sentence, its pages, and where everything was written."""
+    """The result in a sentence, its pages, and the folder of the report."""
 
     sentence: str
     pages: tuple[ResultsPage, ...]
@@ -33,10 +34,10 @@ class AnalysisResults(NamedTuple):
 
 
 class AnalysisRequest(NamedTuple):
-    """What is to be analysed, as the options of ``rigctl analyse``. ``task``: empty for all.
+    """The options of ``rigctl analyse``.
 
-    ``representation``: of a model to be kept beside the report, empty for none; ``c``: a model
-    file that C is taken from, empty for a search.
+    ``task``: empty for all. ``representation``: that of a model to save beside the report, empty
+    for none. ``c``: a model file that C is taken from, empty for a search.
     """
 
     sessions: tuple[str, ...]
@@ -53,8 +54,8 @@ class AnalysisRequest(NamedTuple):
     c: str = ""
 
 
-def analyse(order: AnalysisRequest, progress: Progress) -> AnalysisResults:
-    """Make a report as ``rigctl analyse`` does. Raises RigctlError."""
+def analyse(request: AnalysisRequest, progress: Progress) -> AnalysisResults:
+    """Write a report as ``rigctl analyse`` does. Raises RigctlError."""
     from rigctl.analysis.classification.sweep_engines import SweepEngine
     from rigctl.analysis.classification.training import ModelRequest
     from rigctl.analysis.data.cache import Cache, cache_folder
@@ -62,62 +63,65 @@ def analyse(order: AnalysisRequest, progress: Progress) -> AnalysisResults:
     from rigctl.analysis.report.report_folder import ReportRequest, make_report
     from rigctl.encoding.parameters import preset
 
-    out = Path(order.folder)
-    tasks = (order.task,) if order.task else ()
+    out = Path(request.folder)
+    tasks = (request.task,) if request.task else ()
+    engine = SweepEngine(request.engine)
     model = None
-    if order.representation:
-        model = ModelRequest(model_path(out), order.representation, order.components)
-    request = ReportRequest(
-        tuple(map(Path, order.sessions)),
+    if request.representation:
+        model = ModelRequest(model_path(out), request.representation, request.components)
+    report_request = ReportRequest(
+        tuple(map(Path, request.sessions)),
         out,
-        SweepSettings(order.draws, order.components, order.seed, SweepEngine(order.engine), tasks),
-        preset(order.preset),
-        order.reference_g,
+        SweepSettings(request.draws, request.components, request.seed, engine, tasks),
+        preset(request.preset),
+        request.reference_g,
         model=model,
-        c=Path(order.c).expanduser() if order.c else None,
-        sensitivity=order.sensitivity,
+        c=Path(request.c).expanduser() if request.c else None,
+        sensitivity=request.sensitivity,
     )
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-    def tell(stage: str, done: int, all_: int) -> None:
-        progress(stage, done / max(all_, 1))
-
-    kept = Cache(cache_folder())
-    report = make_report(request, now, kept=kept, progress=tell)
-    kept.trim()
-    return _report_findings(report, out)
+    cache = Cache(cache_folder())
+    report = make_report(report_request, now, kept=cache, progress=_counted(progress))
+    cache.trim()
+    return _report_results(report, out)
 
 
-def ask_model(model: str, sessions: tuple[str, ...], progress: Progress) -> AnalysisResults:
+def classify_sessions(model: str, sessions: tuple[str, ...], progress: Progress) -> AnalysisResults:
     """Classify sessions as ``rigctl classify`` does. Raises RigctlError."""
     from rigctl.analysis.classification.classify_sessions import classify
     from rigctl.analysis.classification.predictions import rows, sentence
     from rigctl.session.files.model_file import load_model
 
-    def tell(stage: str, done: int, all_: int) -> None:
-        progress(stage, done / max(all_, 1))
-
-    found = classify(
-        load_model(Path(model).expanduser()), tuple(map(Path, sessions)), progress=tell
-    )
-    marks = {True: "right", False: "<b>wrong</b>", None: "not known to the model"}
-    head = ["trial", "true", "mm/s", "g", "answer", "", "posterior", "then", "margin"]
+    loaded = load_model(Path(model).expanduser())
+    found = classify(loaded, tuple(map(Path, sessions)), progress=_counted(progress))
+    verdicts = {True: "correct", False: "<b>wrong</b>", None: "unknown to the model"}
+    head = [
+        "Trial", "True", "mm/s", "g", "Predicted", "", "Posterior", "Runner-up", "Margin",
+    ]  # fmt: skip
     cells = [
         [
             f"{row['trial_id']}", escape(row["texture"]), f"{row['speed_mm_s']:g}",
-            f"{row['force_g']:g}", f"<b>{escape(row['predicted'])}</b>", marks[row["right"]],
+            f"{row['force_g']:g}", f"<b>{escape(row['predicted'])}</b>", verdicts[row["right"]],
             f"{row['posterior']:.1%}", escape(row["runner_up"]), f"{row['margin']:.2f}",
         ]
         for row in rows(found)
     ]  # fmt: skip
-    answers = f"<h3>{escape(sentence(found))}</h3>{table(head, cells)}"
-    said = [ResultsPage("Answers", answers), ResultsPage("Confusion", _confusion(found))]
-    said.append(ResultsPage("Remarks", _listed(found.remarks)))
-    return AnalysisResults(sentence(found), tuple(said))
+    predictions = f"<h3>{escape(sentence(found))}</h3>{table(head, cells)}"
+    pages = (
+        ResultsPage("Predictions", predictions),
+        ResultsPage("Confusion", _confusion(found)),
+        ResultsPage("Remarks", _bullets(found.remarks)),
+    )
+    return AnalysisResults(sentence(found), pages)
+
+
+def _counted(progress: Progress) -> Callable[[str, int, int], None]:
+    """Return a callback that takes a count and its total instead of a share."""
+    return lambda stage, n_done, n_total: progress(stage, n_done / max(n_total, 1))
 
 
 def discard(folder: str) -> None:
-    """Remove what a cancelled analysis left: its process was ended before it could."""
+    """Remove the partial report of a cancelled analysis, whose process could not do so itself."""
     import shutil
 
     from rigctl.analysis.data.atomic_directory import PARTIAL
@@ -127,18 +131,37 @@ def discard(folder: str) -> None:
 
 
 def model_path(out: Path) -> Path:
-    """Where the model of a report is kept: beside its folder."""
+    """Return the path of a report's model: beside its folder."""
     return out.with_name(f"{out.name}-model.h5")
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
-    """A plain table; cells are HTML."""
-    top = "".join(f'<th align="left">{cell}</th>' for cell in head)
+    """Return an HTML table; the cells are HTML, too."""
+    header = "".join(f'<th align="left">{cell}</th>' for cell in head)
     body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f'<table cellspacing="0" cellpadding="5"><tr>{top}</tr>{body}</table>'
+    return f'<table cellspacing="0" cellpadding="5"><tr>{header}</tr>{body}</table>'
 
 
-def _report_findings(report: Any, out: Path) -> AnalysisResults:
+def _report_results(report: Any, out: Path) -> AnalysisResults:
+    pages = [ResultsPage("Table 1", _table_1(report))]
+    pages += [ResultsPage(title, figure=str(out / f"{stem}.png")) for stem, title in FIGURES]
+    if (out / "sensitivity.csv").exists():
+        pages.append(ResultsPage("Presets", _csv_table(out / "sensitivity.csv")))
+    pages.append(ResultsPage("Remarks", _bullets(report.remarks)))
+    first = report.results[0]
+    means = {curve.representation.name: curve.mean[first.shown - 1] for curve in first.curves}
+    best = max(means, key=lambda name: means[name])
+    sentence = (
+        f"{first.task.title}: {best} {means[best]:.1%}, chance {first.chance:.1%}. "
+        f"The report is {out / 'report.html'}"
+    )
+    if report.model is not None:
+        sentence += f"; the model is {report.model}"
+    return AnalysisResults(sentence, tuple(pages), str(out))
+
+
+def _table_1(report: Any) -> str:
+    """Return our accuracies above the paper's: one row per task, one column per representation."""
     from rigctl.analysis.paper.result_tables import table_rows
     from rigctl.analysis.report.html_page import ABSENT
 
@@ -149,36 +172,23 @@ def _report_findings(report: Any, out: Path) -> AnalysisResults:
         task = ", ".join(filter(None, (row["task"], row["figure"].replace(" ", "\u00a0"))))
         by_task.setdefault(task, {})[row["representation"]] = row
     cells = []
-    for task, ours in by_task.items():
-        one = next(iter(ours.values()))
-        said = f"{escape(task)}<br><small>{one['components']} components</small>"
-        cells.append([said, *(_percent(ours.get(name), ABSENT) for name in names)])
-    note = "<p>Ours, mean ± standard deviation in %; below, the paper's.</p>"
+    for task, accuracies in by_task.items():
+        components = next(iter(accuracies.values()))["components"]
+        title = f"{escape(task)}<br><small>{components} components</small>"
+        cells.append([title, *(_percent(accuracies.get(name), ABSENT) for name in names)])
     origin = "<p><b>Simulated.</b></p>" if report.made.trials.simulated else ""
-    pages = [ResultsPage("Table 1", origin + table(["task", *map(escape, names)], cells) + note)]
-    pages += [ResultsPage(title, figure=str(out / f"{stem}.png")) for stem, title in FIGURES]
-    if (out / "sensitivity.csv").exists():
-        pages.append(ResultsPage("Presets", _csv_table(out / "sensitivity.csv")))
-    pages.append(ResultsPage("Remarks", _listed(report.remarks)))
-    best = max(report.results[0].curves, key=lambda c: c.mean[report.results[0].shown - 1])
-    sentence = (
-        f"{report.results[0].task.title}: {best.representation.name} "
-        f"{best.mean[report.results[0].shown - 1]:.1%}, chance {report.results[0].chance:.1%}. "
-        f"The report is {out / 'report.html'}"
-    )
-    if report.model is not None:
-        sentence += f"; the model is {report.model}"
-    return AnalysisResults(sentence, tuple(pages), str(out))
+    note = "<p>Mean ± standard deviation in %; in small type those of the paper.</p>"
+    return origin + table(["Task", *map(escape, names)], cells) + note
 
 
 def _percent(row: dict[str, Any] | None, absent: str) -> str:
     if row is None:
         return absent
     sd = "" if row["sd_percent"] is None else f" ± {row['sd_percent']:.2f}"
-    theirs = absent
+    paper = absent
     if row["paper_mean_percent"] is not None:
-        theirs = f"{row['paper_mean_percent']:.2f} ± {row['paper_sd_percent']:.2f}"
-    return f"{row['mean_percent']:.2f}{sd}<br><small>{theirs}</small>"
+        paper = f"{row['paper_mean_percent']:.2f} ± {row['paper_sd_percent']:.2f}"
+    return f"{row['mean_percent']:.2f}{sd}<br><small>{paper}</small>"
 
 
 def _confusion(found: Classification) -> str:
@@ -187,7 +197,8 @@ def _confusion(found: Classification) -> str:
         [f"<b>{escape(name)}</b>", *(str(count or "·") for count in row)]
         for name, row in zip(names, found.confusion.tolist(), strict=True)
     ]
-    return f"<p>Rows: true; columns: answered.</p>{table(['', *map(escape, names)], rows)}"
+    note = "<p>Rows: true texture; columns: predicted texture.</p>"
+    return note + table(["", *map(escape, names)], rows)
 
 
 def _csv_table(path: Path) -> str:
@@ -201,6 +212,6 @@ def _csv_table(path: Path) -> str:
     )
 
 
-def _listed(sentences: tuple[str, ...]) -> str:
+def _bullets(sentences: tuple[str, ...]) -> str:
     items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
-    return f"<ul>{items}</ul>" if items else "<p>Nothing to remark.</p>"
+    return f"<ul>{items}</ul>" if items else "<p>No remarks.</p>"

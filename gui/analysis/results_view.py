@@ -1,15 +1,47 @@
-"""The results of an analysis: a tab for each table, figure and list of remarks."""
+"""Views of analysis results: a figure, and tabs for tables, figures and remarks."""
 
 from __future__ import annotations
 
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QPainter, QPaintEvent, QPixmap
 from PySide6.QtWidgets import QTabWidget, QTextBrowser, QVBoxLayout, QWidget
 
 from gui.analysis.results import AnalysisResults, ResultsPage
-from gui.widgets.figure_view import FigureView
+
+
+class FigureView(QWidget):
+    """A PNG at the largest undistorted size, on white."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pixmap = QPixmap()
+
+    def show_file(self, path: str) -> None:
+        """Show another figure."""
+        self.pixmap = QPixmap(path)
+        self.setToolTip(path)
+        self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Scale the original, so that the figure is sharp at every size."""
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), Qt.GlobalColor.white)
+        if self.pixmap.isNull():
+            return
+        ratio = self.devicePixelRatioF()
+        scaled = self.pixmap.scaled(
+            self.size() * ratio,
+            Qt.AspectRatioMode.KeepAspectRatio,
+            Qt.TransformationMode.SmoothTransformation,
+        )
+        scaled.setDevicePixelRatio(ratio)
+        size = scaled.deviceIndependentSize()
+        left, top = (self.width() - size.width()) / 2, (self.height() - size.height()) / 2
+        painter.drawPixmap(round(left), round(top), scaled)
 
 
 class ResultsView(QWidget):
-    """Shows the pages of one answer at a time."""
+    """One tab per page of the latest results."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -19,24 +51,24 @@ class ResultsView(QWidget):
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(self.tabs)
 
-    def show_findings(self, found: AnalysisResults) -> None:
-        """Show another answer, its first page in front."""
-        while (old := self.tabs.widget(0)) is not None:
+    def show_results(self, results: AnalysisResults) -> None:
+        """Replace the tabs; the first page comes to the front."""
+        while (page := self.tabs.widget(0)) is not None:
             self.tabs.removeTab(0)
-            old.deleteLater()
-        for page in found.pages:
-            self.tabs.addTab(_widget(page), page.name)
+            page.deleteLater()
+        for result in results.pages:
+            self.tabs.addTab(_view(result), result.name)
 
     def text(self, name: str) -> str:
-        """Plain text of a page, empty for a figure."""
-        for place in range(self.tabs.count()):
-            page = self.tabs.widget(place)
-            if self.tabs.tabText(place) == name and isinstance(page, QTextBrowser):
+        """Return the plain text of a page; empty for a figure."""
+        for index in range(self.tabs.count()):
+            page = self.tabs.widget(index)
+            if self.tabs.tabText(index) == name and isinstance(page, QTextBrowser):
                 return page.toPlainText()
         return ""
 
 
-def _widget(page: ResultsPage) -> QWidget:
+def _view(page: ResultsPage) -> QWidget:
     if page.figure:
         figure = FigureView()
         figure.show_file(page.figure)

@@ -1,113 +1,127 @@
-"""Telling textures apart: which way, with what options, how far it is, what came out."""
+"""Classification of textures: choice of the method, its options, progress and result."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import QElapsedTimer, Signal
-from PySide6.QtWidgets import (
-    QGroupBox,
-    QHBoxLayout,
-    QLineEdit,
-    QProgressBar,
-    QPushButton,
-    QVBoxLayout,
-    QWidget,
-)
+from typing import NamedTuple
 
-from gui.analysis.options_form import AnalysisOptionsForm, beside, chooser, small
+from PySide6.QtCore import QElapsedTimer, Signal
+from PySide6.QtWidgets import QGroupBox, QHBoxLayout, QLineEdit, QProgressBar, QPushButton
+
+from gui.analysis.options_form import AnalysisOptionsForm
+from gui.widgets.file_browser import PathKind
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label
+from gui.widgets.layouts import combo_box, container, hbox, small_button, vbox
+
+
+class _Method(NamedTuple):
+    name: str
+    description: str
+    button: str
+
 
 QUICK, PAPER, MODEL = "quick", "paper", "model"
-WAYS = {"Quick check": QUICK, "The paper's analysis": PAPER, "A trained model": MODEL}
-HINTS = {
-    QUICK: "PCA and LDA on speed-scaled features, tested on trials held out from training.",
-    PAPER: "All representations and tasks of the paper; a report beside the session.",
-    MODEL: "Ask a model that an analysis kept; the answers appear at the right.",
+METHODS = {
+    QUICK: _Method(
+        "Quick check",
+        "PCA and LDA on speed-scaled features, tested on held-out trials.",
+        "Classify",
+    ),
+    PAPER: _Method(
+        "The paper's analysis",
+        "All representations and tasks of the paper. Writes a report beside the session.",
+        "Analyse",
+    ),
+    MODEL: _Method(
+        "A trained model",
+        "Classifies each trial with a saved model. The predictions appear on the right.",
+        "Classify",
+    ),
 }
-RUN_WORDS = {QUICK: "Classify", PAPER: "Analyse", MODEL: "Ask"}
 
 
 class AnalysisRunBox(QGroupBox):
-    """``run_asked``: with the way that is chosen."""
+    """The method and its options, Run and Cancel, progress and result."""
 
-    run_asked = Signal(str)
-    cancel_asked = Signal()
-    results_asked = Signal()
-    model_asked = Signal()
+    run_requested = Signal(str)
+    """The key of the method."""
+    cancel_requested = Signal()
+    results_requested = Signal()
+    path_requested = Signal(object, object)
+    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self) -> None:
-        super().__init__("Tell textures apart")
-        self.way, self.hint = chooser(WAYS), label("", "muted", wraps=True)
+        super().__init__("Classify textures")
+        self.method = combo_box({method.name: key for key, method in METHODS.items()})
+        self.description = label("", "muted", wraps=True)
         self.form = AnalysisOptionsForm()
         self.model = QLineEdit()
-        self.model.setPlaceholderText("A model file")
-        self.browse_model = small("…", "Choose a model file")
-        self.model_row = QWidget()
-        self.run, self.cancel = QPushButton("Classify"), QPushButton("Cancel")
-        self.results = QPushButton("Results")
-        self.results.setToolTip("Show the last results again")
+        self.model.setPlaceholderText("Model file")
+        self.model_button = small_button("…", "Choose a model file")
+        self.model_row = container(hbox(self.model, self.model_button))
+        self.run_button, self.cancel_button = QPushButton("Classify"), QPushButton("Cancel")
+        self.results_button = QPushButton("Results")
+        self.results_button.setToolTip("Show the last results again")
         self.bar, self.stage = QProgressBar(), label("", "muted", wraps=True)
-        self.answer = label("", wraps=True)
-        self._since = QElapsedTimer()
+        self.result = label("", wraps=True)
+        self._since_stage = QElapsedTimer()
         self._stage, self._first_share = "", 0.0
         self._lay_out()
         self._connect()
-        self._choose()
+        self._show_method()
 
     def show_progress(self, stage: str, share: float) -> None:
-        """How far the work is, and how long this stage still takes."""
-        if stage != self._stage or not self._since.isValid():
+        """Show the progress, 0 to 1, and the remaining time of a stage."""
+        if stage != self._stage or not self._since_stage.isValid():
             self._stage, self._first_share = stage, share
-            self._since.start()
+            self._since_stage.start()
         gained = share - self._first_share
         left = ""
         if gained > 0 and share < 1:
-            left_s = self._since.elapsed() / 1000 * (1 - share) / gained
+            left_s = self._since_stage.elapsed() / 1000 * (1 - share) / gained
             left = f", {duration(left_s)} left"
         self.stage.setText(f"{stage}{left}")
         self.bar.setValue(round(100 * share))
 
     def show_busy(self, busy: bool, runnable: bool) -> None:
-        """Whether something is going; ``runnable``: there is something to run on."""
+        """Show whether an analysis runs; ``runnable`` says whether one can start."""
         if busy:
             self.bar.setValue(0)
-            self._since.invalidate()
+            self._since_stage.invalidate()
         else:
             self.stage.clear()
-        self.run.setEnabled(runnable and not busy)
-        self.cancel.setEnabled(busy)
-        for widget in (self.way, self.form, self.model_row):
+        self.run_button.setEnabled(runnable and not busy)
+        self.cancel_button.setEnabled(busy)
+        for widget in (self.method, self.form, self.model_row):
             widget.setEnabled(not busy)
         self.bar.setVisible(busy)
         self.stage.setVisible(busy)
 
-    def _choose(self) -> None:
-        way = self.way.currentData()
-        self.hint.setText(HINTS[way])
-        self.form.setVisible(way == PAPER)
-        self.model_row.setVisible(way == MODEL)
-        self.run.setText(RUN_WORDS[way])
+    def _show_method(self) -> None:
+        key = self.method.currentData()
+        self.description.setText(METHODS[key].description)
+        self.form.setVisible(key == PAPER)
+        self.model_row.setVisible(key == MODEL)
+        self.run_button.setText(METHODS[key].button)
 
     def _connect(self) -> None:
-        self.way.currentIndexChanged.connect(lambda _: self._choose())
-        self.run.clicked.connect(lambda: self.run_asked.emit(self.way.currentData()))
-        self.cancel.clicked.connect(self.cancel_asked)
-        self.results.clicked.connect(self.results_asked)
-        self.browse_model.clicked.connect(self.model_asked)
+        self.method.currentIndexChanged.connect(lambda _: self._show_method())
+        self.run_button.clicked.connect(lambda: self.run_requested.emit(self.method.currentData()))
+        self.cancel_button.clicked.connect(self.cancel_requested)
+        self.results_button.clicked.connect(self.results_requested)
+        self.model_button.clicked.connect(
+            lambda: self.path_requested.emit(PathKind.MODEL, self.model.setText)
+        )
+        self.form.path_requested.connect(self.path_requested)
 
     def _lay_out(self) -> None:
-        column = QVBoxLayout(self)
+        column = vbox(self.method, self.description, self.model_row, spacing=5)
         column.setContentsMargins(8, 6, 8, 8)
-        column.setSpacing(5)
-        row = beside(self.model, self.browse_model)
-        row.setContentsMargins(0, 0, 0, 0)
-        self.model_row.setLayout(row)
-        for widget in (self.way, self.hint, self.model_row):
-            column.addWidget(widget)
         buttons = QHBoxLayout()
-        for button in (self.run, self.cancel, self.results):
+        for button in (self.run_button, self.cancel_button, self.results_button):
             buttons.addWidget(button)
         column.addLayout(buttons)
-        # The form is long and comes last: Cancel and the bar stay in sight.
-        for widget in (self.stage, self.bar, self.answer, self.form):
+        # The form is long and comes last: Cancel and the bar stay visible.
+        for widget in (self.stage, self.bar, self.result, self.form):
             column.addWidget(widget)
+        self.setLayout(column)

@@ -1,4 +1,4 @@
-"""Looking at a recorded session: its trials, and how well textures can be told apart."""
+"""The Analysis tab's panel: a session's trials, and the classification of its textures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from PySide6.QtCore import (
 )
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QHBoxLayout,
     QHeaderView,
     QLineEdit,
     QPushButton,
@@ -23,35 +22,37 @@ from PySide6.QtWidgets import (
 
 from gui.analysis.run_box import AnalysisRunBox
 from gui.analysis.worker_tasks import SessionTable
+from gui.widgets.file_browser import PathKind
 from gui.widgets.labels import label, set_property
+from gui.widgets.layouts import hbox, small_button
 
 _Index = QModelIndex | QPersistentModelIndex
 _ROOT = QModelIndex()
 
 
 class TrialModel(QAbstractTableModel):
-    """The rows of a session's trial table."""
+    """A Qt model of a session's trial table."""
 
     def __init__(self) -> None:
         super().__init__()
         self._table = SessionTable()
 
-    def show(self, table: SessionTable) -> None:
-        """Show another session."""
+    def set_table(self, table: SessionTable) -> None:
+        """Show the trials of another session."""
         self.beginResetModel()
         self._table = table
         self.endResetModel()
 
     def rowCount(self, parent: _Index = _ROOT) -> int:
-        """Trials."""
+        """Return the number of trials."""
         return len(self._table.rows)
 
     def columnCount(self, parent: _Index = _ROOT) -> int:
-        """Figures a trial."""
+        """Return the number of columns."""
         return len(self._table.columns)
 
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
-        """A cell's text; figures stand at the right."""
+        """Return the text of a cell, or its alignment."""
         if role == Qt.ItemDataRole.DisplayRole:
             return self._table.rows[index.row()][index.column()]
         if role == Qt.ItemDataRole.TextAlignmentRole:
@@ -64,83 +65,83 @@ class TrialModel(QAbstractTableModel):
         orientation: Qt.Orientation,
         role: int = Qt.ItemDataRole.DisplayRole,
     ) -> object:
-        """Names of the columns, with units."""
+        """Return the name of a column."""
         if role == Qt.ItemDataRole.DisplayRole and orientation is Qt.Orientation.Horizontal:
             return self._table.columns[section]
         return None
 
 
 class SessionPanel(QWidget):
-    """Emits what is asked for; answers come from the analysis process through the window."""
+    """Controls for a session; emits requests for the worker process, and shows its results."""
 
-    browse_asked = Signal()
-    open_asked = Signal(str)
-    trial_asked = Signal(int)
-    run_asked = Signal(str, str)
-    cancel_asked = Signal()
+    open_requested = Signal(str)
+    trial_requested = Signal(int)
+    run_requested = Signal(str, str)
+    """The key of the method, and the session folder."""
+    path_requested = Signal(object, object)
+    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self) -> None:
         super().__init__()
         self.folder = QLineEdit()
-        self.folder.setPlaceholderText("A session's folder")
-        self.browse, self.open = QPushButton("…"), QPushButton("Open")
+        self.folder.setPlaceholderText("Session folder")
+        self.folder_button = small_button("…", "Choose a session folder")
+        self.open_button = QPushButton("Open")
         self.about = label("No session is open.", "muted", wraps=True)
         self.model = TrialModel()
         self.table = QTableView()
-        self.box = AnalysisRunBox()
+        self.run_box = AnalysisRunBox()
         self._path = ""
         self._set_up()
         self._lay_out()
         self.show_idle()
 
-    def choose(self, folder: str) -> None:
-        """Open a session's folder."""
+    def open_session(self, folder: str) -> None:
+        """Request the trials of a session folder."""
         self.folder.setText(folder)
-        self.open_asked.emit(folder)
+        self.open_requested.emit(folder)
 
     def show_session(self, table: SessionTable) -> None:
-        """A session was read."""
+        """Show a session and its first trial."""
         self._path = table.path
-        self.model.show(table)
+        self.model.set_table(table)
         header = self.table.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         header.setSectionResizeMode(len(table.columns) - 1, QHeaderView.ResizeMode.Fixed)
         self.table.setColumnWidth(len(table.columns) - 1, 84)
         self.about.setText(table.about)
         set_property(self.about, "role", "muted")
-        self.box.form.show_session(table.path)
-        self.box.answer.clear()
-        self.box.results.setEnabled(False)
+        self.run_box.form.show_session(table.path)
+        self.run_box.result.clear()
+        self.run_box.results_button.setEnabled(False)
         self.show_idle()
         if table.rows:
             self.table.selectRow(0)
 
     def show_failure(self, sentence: str) -> None:
-        """What could not be read or classified, and why."""
+        """Show why the worker could not read or classify a session."""
         self.show_idle()
         self.about.setText(sentence)
         set_property(self.about, "role", "bad")
 
-    def show_answer(self, sentence: str) -> None:
-        """What came out."""
+    def show_result(self, sentence: str) -> None:
+        """Show the result of an analysis."""
         self.show_idle()
-        self.box.answer.setText(sentence)
-        self.box.results.setEnabled(True)
+        self.run_box.result.setText(sentence)
+        self.run_box.results_button.setEnabled(True)
 
     def show_busy(self) -> None:
-        """An analysis is going."""
+        """Show that an analysis runs."""
         set_property(self.about, "role", "muted")
-        self.box.show_busy(True, self.model.rowCount() > 0)
+        self.run_box.show_busy(True, self.model.rowCount() > 0)
 
     def show_idle(self) -> None:
-        """Nothing is going."""
-        self.box.show_busy(False, self.model.rowCount() > 0)
+        """Show that no analysis runs."""
+        self.run_box.show_busy(False, self.model.rowCount() > 0)
 
     def _set_up(self) -> None:
-        self.browse.setFixedWidth(34)
-        self.browse.setToolTip("Choose a session's folder")
-        self.open.setFixedWidth(56)
-        self.box.results.setEnabled(False)
+        self.open_button.setFixedWidth(56)
+        self.run_box.results_button.setEnabled(False)
         self.table.setModel(self.model)
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setDefaultSectionSize(20)
@@ -149,27 +150,24 @@ class SessionPanel(QWidget):
         self.table.setMinimumHeight(120)
         self.table.setAlternatingRowColors(True)
         self.table.setShowGrid(False)
-        self.browse.clicked.connect(self.browse_asked)
-        self.open.clicked.connect(lambda: self.open_asked.emit(self.folder.text()))
-        self.folder.returnPressed.connect(lambda: self.open_asked.emit(self.folder.text()))
-        self.table.selectionModel().selectionChanged.connect(self._selected)
-        self.box.run_asked.connect(lambda way: self.run_asked.emit(way, self._path))
-        self.box.cancel_asked.connect(self.cancel_asked)
+        self.folder_button.clicked.connect(
+            lambda: self.path_requested.emit(PathKind.SESSION, self.open_session)
+        )
+        for signal in (self.open_button.clicked, self.folder.returnPressed):
+            signal.connect(lambda: self.open_requested.emit(self.folder.text()))
+        self.table.selectionModel().selectionChanged.connect(self._request_trial)
+        self.run_box.run_requested.connect(lambda key: self.run_requested.emit(key, self._path))
+        self.run_box.path_requested.connect(self.path_requested)
 
-    def _selected(self, selected: QItemSelection) -> None:
-        rows = selected.indexes()
-        if rows:
-            self.trial_asked.emit(rows[0].row())
+    def _request_trial(self, selected: QItemSelection) -> None:
+        if indexes := selected.indexes():
+            self.trial_requested.emit(indexes[0].row())
 
     def _lay_out(self) -> None:
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 8, 6, 6)
         column.setSpacing(5)
-        row = QHBoxLayout()
-        row.addWidget(self.folder, 1)
-        row.addWidget(self.browse)
-        row.addWidget(self.open)
-        column.addLayout(row)
+        column.addLayout(hbox(self.folder, self.folder_button, self.open_button))
         column.addWidget(self.about)
         column.addWidget(self.table, 1)
-        column.addWidget(self.box)
+        column.addWidget(self.run_box)

@@ -1,4 +1,4 @@
-"""One recorded trial: eighteen readings and thirty-six spike trains over one time axis."""
+"""One recorded trial: eighteen traces and thirty-six spike trains over one time axis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 
 class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
-    """Drag to move, wheel to zoom in time; both plots move together."""
+    """Traces and spikes of a trial; drag moves and the wheel zooms both in time."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -26,22 +26,21 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self.data: TrialData | None = None
         self.samples_plot = time_plot(self.ci, 0, "Taxels (own range)", last=False)
         self.spikes_plot = time_plot(self.ci, 1, "Spikes", last=True)
-        self.spikes_plot.setLabel("bottom", "time in the trial (s)")
+        self.spikes_plot.setLabel("bottom", "Time in the trial (s)")
         self.spikes_plot.setXLink(self.samples_plot)
         self.samples_plot.setYRange(-N_TAXELS, 0, padding=0)
         self.spikes_plot.setYRange(-N_ROWS, 0, padding=0)
         for plot in (self.samples_plot, self.spikes_plot):
             plot.setMouseEnabled(x=True, y=False)
-        ticks = [(-place, text) for place, text in taxel_ticks()]
+        ticks = [(-y, name) for y, name in taxel_ticks()]
         self.samples_plot.getAxis("left").setTicks([ticks, []])
         groups = [(-(i + 0.5) * PER_GROUP, name) for i, name in enumerate(GROUPS)]
         self.spikes_plot.getAxis("left").setTicks([groups, []])
-        self._title = self.samples_plot.titleLabel
         self.set_theme(theme)
         self.show_trial(None)
 
     def set_theme(self, theme: Theme) -> None:
-        """Draw in other colours."""
+        """Apply a theme."""
         self._theme = theme
         self.setBackground(theme.panel)
         for plot in (self.samples_plot, self.spikes_plot):
@@ -49,11 +48,11 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self.show_trial(self.data)
 
     def show_trial(self, data: TrialData | None) -> None:
-        """Show another trial, or say that none is chosen."""
+        """Show a trial, or a hint without one."""
         self.data = data
         for plot in (self.samples_plot, self.spikes_plot):
             plot.clear()
-        title = data.title if data is not None else "Open a session at the left, choose a trial"
+        title = data.title if data is not None else "Open a session and choose a trial on the left"
         self.samples_plot.setTitle(title, color=self._theme.muted, size="10pt")
         if data is None or not len(data.samples):
             return
@@ -63,12 +62,12 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
 
     def _draw_samples(self, samples: NDArray[np.uint16]) -> None:
         low = samples.min(axis=0).astype(float)
-        room = np.maximum(samples.max(axis=0) - low, 1.0)
+        span = np.maximum(samples.max(axis=0) - low, 1.0)
         time_s = np.arange(len(samples)) / SAMPLE_RATE_HZ
         half = N_TAXELS // 2
         for layer in range(2):
             taxels = np.arange(layer * half, (layer + 1) * half)
-            share = (samples[:, taxels] - low[taxels]) / room[taxels]
+            share = (samples[:, taxels] - low[taxels]) / span[taxels]
             curve = pg.PlotCurveItem(
                 pen=pg.mkPen(self._theme.layers[layer], width=1), skipFiniteCheck=True
             )
@@ -83,16 +82,16 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
 
     def _draw_spikes(self, data: TrialData) -> None:
         shown_row = np.argsort(ROW_ORDER)[data.spike_row]
-        time_s = data.spike_sample / SAMPLE_RATE_HZ
+        time_s, length_s = data.spike_sample / SAMPLE_RATE_HZ, len(data.samples) / SAMPLE_RATE_HZ
         for group, colour in enumerate(self._theme.groups):
-            mine = shown_row // PER_GROUP == group
+            in_group = shown_row // PER_GROUP == group
             self.spikes_plot.addItem(
-                Ticks(time_s[mine], shown_row[mine], colour, len(data.samples) / SAMPLE_RATE_HZ)
+                SpikeTicks(time_s[in_group], shown_row[in_group], colour, length_s)
             )
 
 
-class Ticks(QGraphicsItem):
-    """Spikes as short vertical lines, drawn in one call."""
+class SpikeTicks(QGraphicsItem):
+    """Spikes as short vertical lines, painted in one call."""
 
     def __init__(
         self,
@@ -110,7 +109,7 @@ class Ticks(QGraphicsItem):
         ]
 
     def boundingRect(self) -> QRectF:
-        """The whole raster."""
+        """Return the rectangle of the whole raster."""
         return QRectF(0.0, -N_ROWS, self._length_s, N_ROWS)
 
     def paint(
@@ -119,6 +118,6 @@ class Ticks(QGraphicsItem):
         option: QStyleOptionGraphicsItem,
         widget: QWidget | None = None,
     ) -> None:
-        """Draw them."""
+        """Draw the lines."""
         painter.setPen(self._pen)
         painter.drawLines(self._lines)

@@ -1,4 +1,4 @@
-"""A process for what takes long, so that the window never waits: reading, encoding, classifying."""
+"""A process for slow tasks, so that the window never waits."""
 
 from __future__ import annotations
 
@@ -11,57 +11,62 @@ from PySide6.QtCore import QObject, Signal
 
 from gui.analysis import worker_tasks
 
-_END_LIMIT_S = 5.0
+_JOIN_TIMEOUT_S = 5.0
 
 
 class Worker(QObject):
-    """One spawned process, started at the first request; answers come through :meth:`poll`."""
+    """One spawned process, started by the first task; :meth:`poll` emits all signals."""
 
     progressed = Signal(str, float)
-    done = Signal(str, object)
+    """The stage of the task, and its progress from 0 to 1."""
+    finished = Signal(str, object)
+    """The name of the task, and its result."""
     failed = Signal(str, str)
+    """The name of the task, and the error message."""
 
     def __init__(self) -> None:
         super().__init__()
         self._process: BaseProcess | None = None
         self._pipe: Pipe | None = None
-        self._waiting: list[str] = []
+        self._pending: list[str] = []
 
     @property
     def is_busy(self) -> bool:
-        """Whether an answer is still to come."""
-        return bool(self._waiting)
+        """Whether a task is pending."""
+        return bool(self._pending)
 
-    def ask(self, task: str, **args: Any) -> None:
-        """Have a function of :mod:`gui.analysis.worker_tasks` called in the process."""
+    def submit(self, task: str, **args: Any) -> None:
+        """Run a method of :class:`gui.analysis.worker_tasks.WorkerTasks` in the process."""
         if self._pipe is None:
             self._start()
         assert self._pipe is not None
-        self._waiting.append(task)
+        self._pending.append(task)
         self._pipe.send((task, args))
 
     def poll(self) -> None:
-        """Hand on what the process said since the last call."""
-        while self._pipe is not None and self._waiting:
+        """Emit the signals for everything that the process sent since the last call."""
+        while self._pipe is not None and self._pending:
             try:
                 if not self._pipe.poll():
                     return
-                kind, *rest = self._pipe.recv()
+                kind, *values = self._pipe.recv()
             except (EOFError, OSError):
-                self._lose()
+                task = self._pending[0]
+                self.cancel()
+                self.failed.emit(task, "the analysis process ended unexpectedly: try again")
                 return
-            self._take(kind, rest)
+            self._dispatch(kind, values)
 
     def cancel(self) -> None:
-        """End the process and whatever it does; the next request starts another."""
-        self._waiting.clear()
+        """End the process and its task; the next task starts another process."""
+        self._pending.clear()
         process, self._process = self._process, None
         pipe, self._pipe = self._pipe, None
         if pipe is not None:
             pipe.close()
         if process is not None:
             process.terminate()
-            process.join(_END_LIMIT_S)
+            process.join(_JOIN_TIMEOUT_S)
             process.close()
 
     def _start(self) -> None:
@@ -71,17 +76,9 @@ class Worker(QObject):
         self._process.start()
         far_end.close()
 
-    def _take(self, kind: str, rest: list[Any]) -> None:
+    def _dispatch(self, kind: str, values: list[Any]) -> None:
         if kind == "progress":
-            self.progressed.emit(*rest)
+            self.progressed.emit(*values)
             return
-        task = self._waiting.pop(0)
-        if kind == "done":
-            self.done.emit(task, rest[0])
-        else:
-            self.failed.emit(task, rest[0])
-
-    def _lose(self) -> None:
-        task = self._waiting[0]
-        self.cancel()
-        self.failed.emit(task, "the analysis process ended unexpectedly: try again")
+        task = self._pending.pop(0)
+        (self.finished if kind == "done" else self.failed).emit(task, values[0])

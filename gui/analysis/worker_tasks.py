@@ -1,6 +1,6 @@
-"""What the window has done in other processes: planning, reading, encoding, classifying.
+"""The tasks of the window's worker processes: planning, reading, encoding, classifying.
 
-No Qt in here, and what is slow to import is imported by the task that needs it.
+This module does not import Qt, and each task imports its own slow modules.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.analysis import results
-from gui.analysis.results import AnalysisRequest, AnalysisResults
+from gui.analysis.results import AnalysisRequest, AnalysisResults, Progress
 from gui.widgets.formatting import duration, size
 from rigctl.errors import RigctlError
 
@@ -22,11 +22,13 @@ if TYPE_CHECKING:
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.session.read.session import Session
 
-Progress = Callable[[str, float], None]
+FIGURES = "figures"
+COLUMNS = ("Trial", "Plate", "mm/s", "g", "Verdict")
+_RANGE_TRIALS = 100
 
 
 class SessionTable(NamedTuple):
-    """A session's trials as text, ready to be shown; ``about`` says what it is."""
+    """A session's trials as text, and a sentence about the session."""
 
     path: str = ""
     about: str = ""
@@ -35,9 +37,9 @@ class SessionTable(NamedTuple):
 
 
 class TrialData(NamedTuple):
-    """One trial: readings and spikes.
+    """Readings and spikes of one trial.
 
-    ``samples``: uint16 (n, 18). ``spike_row`` and ``spike_sample``: int64 (k,), one entry a
+    ``samples``: uint16 (n, 18). ``spike_row`` and ``spike_sample``: int64 (k,), one entry per
     spike; rows are SA taxel 1 … 18, then RA 1 … 18.
     """
 
@@ -47,39 +49,39 @@ class TrialData(NamedTuple):
     spike_sample: NDArray[np.int64]
 
 
-class Classified(NamedTuple):
-    """The classification's answer in a sentence, and the path of its figure."""
+class QuickCheckResult(NamedTuple):
+    """The accuracy in a sentence, and the path of its figure."""
 
     sentence: str
     figure: str
 
 
-class Summary(NamedTuple):
-    """What a protocol asks for, in words, and the seed of its order.
+class PlanSummary(NamedTuple):
+    """The plan of a protocol as text, and the seed of its order.
 
-    ``problem`` is the sentence that says why it cannot be run, empty where it can.
+    ``problem`` says why the protocol cannot run; it is empty if it can.
     """
 
     trials: str = "–"
-    plates: str = "–"
-    time: str = "–"
-    disk: str = "–"
+    plate_changes: str = "–"
+    duration: str = "–"
+    disk_space: str = "–"
     seed: int = 0
     problem: str = ""
 
 
 def serve(pipe: Connection) -> None:
-    """Answer (task, args) with ("done", result) or ("failed", sentence) until the window goes."""
-    analyst = Analyst(lambda stage, share: pipe.send(("progress", stage, share)))
+    """Answer (task, args) with ("done", result) or ("failed", sentence) until the pipe closes."""
+    tasks = WorkerTasks(lambda stage, share: pipe.send(("progress", stage, share)))
     while True:
         try:
             task, args = pipe.recv()
         except (EOFError, KeyboardInterrupt):
             return
-        pipe.send(_answer(getattr(analyst, task), args))
+        pipe.send(_run(getattr(tasks, task), args))
 
 
-def _answer(task: Callable[..., Any], args: dict[str, Any]) -> tuple[str, Any]:
+def _run(task: Callable[..., Any], args: dict[str, Any]) -> tuple[str, Any]:
     try:
         return "done", task(**args)
     except RigctlError as error:
@@ -88,24 +90,24 @@ def _answer(task: Callable[..., Any], args: dict[str, Any]) -> tuple[str, Any]:
         return "failed", f"{type(error).__name__} in the analysis: {error}"
 
 
-class Analyst:
-    """Keeps the last session in mind; ``progress`` is told a stage and a share of 1."""
+class WorkerTasks:
+    """The tasks of one process, which remembers the open session."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
         self._path = Path()
         self._range: Normalisation | None = None
 
-    def summarise(self, path: str, seed: int | None) -> Summary:
-        """Plan a protocol as ``rigctl check`` does; by its own seed where None is given."""
+    def plan_protocol(self, path: str, seed: int | None) -> PlanSummary:
+        """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed."""
         from rigctl.protocol import load_protocol
 
         try:
             plan = load_protocol(Path(path)).plan(seed)
         except RigctlError as error:
-            return Summary(problem=str(error))
+            return PlanSummary(problem=str(error))
         time, disk = duration(plan.duration_s), size(plan.bytes_estimate)
-        return Summary(f"{len(plan.trials)}", f"{plan.plate_changes}", time, disk, plan.seed)
+        return PlanSummary(f"{len(plan.trials)}", f"{plan.plate_changes}", time, disk, plan.seed)
 
     def open_session(self, path: str) -> SessionTable:
         """Read a session's trial table. Raises SessionError."""
@@ -113,16 +115,16 @@ class Analyst:
 
         self._path, self._range = Path(path).expanduser(), None
         with Session.open(self._path) as session:
-            header, committed = session.header, len(session.committed())
+            header, n_committed = session.header, len(session.committed())
             rows = tuple(map(_trial_texts, session.trials))
         about = (
-            f"{self._path.name}: {committed} of {header.trials_planned} trials committed, "
-            f"{'simulated' if header.simulated else 'real'} rig, begun {header.start_utc}"
+            f"{self._path.name}: {n_committed} of {header.trials_planned} trials committed, "
+            f"{'simulated' if header.simulated else 'real'} rig, started {header.start_utc}"
         )
         return SessionTable(str(self._path), about, COLUMNS, rows)
 
     def load_trial(self, row: int) -> TrialData:
-        """Readings of one attempt and the spikes that the live encoder makes of them."""
+        """Read the samples of one attempt and encode them as the live encoder does."""
         from rigctl.encoding.encoder import Encoder
         from rigctl.session.read.session import Session
 
@@ -137,29 +139,25 @@ class Analyst:
         times = counts[at, lane]
         return TrialData(title, samples, np.repeat(lane, times), np.repeat(at, times))
 
-    def classify(self, path: str) -> Classified:
-        """The demo's classification of a session's textures; its figures lie in the session."""
+    def quick_check(self, path: str) -> QuickCheckResult:
+        """Classify a session's textures as the demo does; write the figures into the session."""
         from rigctl.analysis.report.demo import analyse_session
 
         answer = analyse_session(Path(path), Path(path) / FIGURES, progress=self._progress)
         sentence = ". ".join((answer.sentence, *answer.remarks))
-        return Classified(sentence, str(answer.accuracy.with_suffix(".png")))
+        return QuickCheckResult(sentence, str(answer.accuracy.with_suffix(".png")))
 
-    def analyse(self, order: AnalysisRequest) -> AnalysisResults:
-        """A report of chosen sessions, as ``rigctl analyse`` makes it."""
-        return results.analyse(order, self._progress)
+    def analyse(self, request: AnalysisRequest) -> AnalysisResults:
+        """Write a report on sessions as ``rigctl analyse`` does."""
+        return results.analyse(request, self._progress)
 
-    def ask_model(self, model: str, sessions: tuple[str, ...]) -> AnalysisResults:
-        """What a trained model says of chosen sessions, as ``rigctl classify`` asks it."""
-        return results.ask_model(model, sessions, self._progress)
+    def classify(self, model: str, sessions: tuple[str, ...]) -> AnalysisResults:
+        """Classify sessions with a trained model as ``rigctl classify`` does."""
+        return results.classify_sessions(model, sessions, self._progress)
 
     def discard(self, folder: str) -> None:
-        """Remove what a cancelled analysis left."""
+        """Remove the partial report of a cancelled analysis."""
         results.discard(folder)
-
-
-FIGURES = "figures"
-COLUMNS = ("Trial", "Plate", "mm/s", "g", "Verdict")
 
 
 def _trial_texts(row: Any) -> tuple[str, ...]:
@@ -173,7 +171,7 @@ def _trial_texts(row: Any) -> tuple[str, ...]:
 
 
 def _taxel_range(session: Session) -> Normalisation:
-    """The calibrated range that stands in the session, else that of trials spread over it."""
+    """Return the calibrated range of the session, else that of evenly chosen trials."""
     from rigctl.encoding.normalisation import Normalisation
 
     header = session.header
@@ -181,8 +179,5 @@ def _taxel_range(session: Session) -> Normalisation:
         low, high = (np.array(side, np.uint16) for side in (header.taxel_low, header.taxel_high))
         return Normalisation(low, high, "calibration of the session")
     committed = session.committed()
-    spread = committed[:: max(1, len(committed) // _RANGE_TRIALS)]
-    return Normalisation.over(map(session.samples, spread.tolist()), "trials of the session")
-
-
-_RANGE_TRIALS = 100
+    chosen = committed[:: max(1, len(committed) // _RANGE_TRIALS)]
+    return Normalisation.over(map(session.samples, chosen.tolist()), "trials of the session")

@@ -1,4 +1,4 @@
-"""Force and speed of the drum against time, each with its set-point."""
+"""Plots of the drum's force and speed over time, each with its set-point."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gui.live.history import SPAN_S
 from gui.widgets.theme import Theme
 
 _HEADROOM = 1.1
-_NICE = (50, 100, 150, 200, 300, 400, 600, 800, 1200, 1600, 2000, 3000)
+_ROUND_TOPS = (50, 100, 150, 200, 300, 400, 600, 800, 1200, 1600, 2000, 3000)
 
 
 class PlotLine(QGraphicsItem):
-    """A line through points. Its place is fixed, so that new points cost their drawing only."""
+    """A polyline with a fixed bounding rectangle, so that new points cost only their drawing."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -26,22 +26,22 @@ class PlotLine(QGraphicsItem):
         self._top = 1.0
 
     def set_pen(self, colour: str) -> None:
-        """Draw in another colour."""
+        """Set the colour of the line."""
         self._pen = pg.mkPen(colour, width=1)
         self.update()
 
     def set_top(self, top: float) -> None:
-        """Reach from a little below 0 to ``top``."""
+        """Set the upper end of the bounding rectangle; it begins a little below 0."""
         self.prepareGeometryChange()
         self._top = top
 
     def set_points(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
-        """Go through other points, (n,) each."""
+        """Set the points, (n,) each."""
         self._points = pg.functions.arrayToQPolygonF(x, y) if len(x) else QPolygonF()
         self.update()
 
     def boundingRect(self) -> QRectF:
-        """The whole plot."""
+        """Return the rectangle of the whole plot."""
         return QRectF(-float(SPAN_S), -0.1 * self._top, float(SPAN_S), 1.2 * self._top)
 
     def paint(
@@ -50,44 +50,44 @@ class PlotLine(QGraphicsItem):
         option: QStyleOptionGraphicsItem,
         widget: QWidget | None = None,
     ) -> None:
-        """Draw it; a polyline with a thin pen costs a fifth of a path."""
+        """Draw the line; a polyline with a thin pen costs a fifth of a path."""
         painter.setPen(self._pen)
         painter.drawPolyline(self._points)
 
 
 class SetPointPlot:
-    """A measured quantity over its set-point; the scale moves in round steps only."""
+    """A measured quantity over its set-point; the scale changes in round steps only."""
 
-    def __init__(self, plot: pg.PlotItem, colour_of: str, theme: Theme) -> None:
+    def __init__(self, plot: pg.PlotItem, colour: str, theme: Theme) -> None:
         self._plot = plot
-        self._colour_of = colour_of
+        self._colour = colour
         self._set_point, self._measured = PlotLine(), PlotLine()
         for line in (self._set_point, self._measured):
             plot.addItem(line)
         self._top = 0.0
-        self._scale(0.0)
+        self._set_scale(0.0)
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Draw in other colours."""
+        """Apply a theme."""
         self._set_point.set_pen(theme.set_point)
-        self._measured.set_pen(getattr(theme, self._colour_of))
+        self._measured.set_pen(getattr(theme, self._colour))
 
     def refresh(
         self,
-        ago_s: NDArray[np.float64],
+        time_s: NDArray[np.float64],
         measured: NDArray[np.float64],
         set_point: NDArray[np.float64],
     ) -> None:
-        """Show (n,) values at ``ago_s`` (negative, newest last)."""
-        self._measured.set_points(ago_s, measured)
-        self._set_point.set_points(ago_s, set_point)
-        if len(ago_s):
-            self._scale(float(max(measured.max(), set_point.max())))
+        """Show (n,) values at times relative to now, ``time_s`` (negative, newest last)."""
+        self._measured.set_points(time_s, measured)
+        self._set_point.set_points(time_s, set_point)
+        if len(time_s):
+            self._set_scale(float(max(measured.max(), set_point.max())))
 
-    def _scale(self, highest: float) -> None:
-        wanted = highest * _HEADROOM
-        top = float(next((nice for nice in _NICE if nice >= wanted), wanted))
+    def _set_scale(self, highest: float) -> None:
+        least = highest * _HEADROOM
+        top = float(next((top for top in _ROUND_TOPS if top >= least), least))
         if top == self._top:
             return
         self._top = top

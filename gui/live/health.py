@@ -1,16 +1,16 @@
-"""The health strip: the numbers that tell a good recording from a bad one, each with a verdict."""
+"""The health strip: the figures that tell a good recording from a bad one, each with a verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from PySide6.QtCore import QElapsedTimer
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QWidget
 
 from gui.widgets.formatting import age, duration, size
 from gui.widgets.labels import elastic, label, set_property
 from gui.widgets.status_lamp import Level, StatusLamp
-from gui.widgets.theme import Theme
 from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus, RecordingStatus
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -22,39 +22,42 @@ DISK_HOURS_LIMIT = 1.0
 DISK_FREE_LIMIT_BYTES = 2_000_000_000
 TRIAL_AGE_LIMIT_S = 180.0
 SUPPLY_LIMITS_V = (4.6, 5.4)
-STACK_LEAST_PERCENT = 25
-"""Of a chip's RAM that its program never used; below it the next call may write over data."""
+MIN_FREE_STACK_PERCENT = 25
+"""Of a chip's RAM that its program never used; below it the next call may overwrite data."""
 
 
 class Reading(NamedTuple):
-    """One cell: what it shows and how well that is."""
+    """Text and verdict of one cell."""
 
     text: str
     level: Level
 
 
 CELLS = {
-    "rate": ("Frame rate", "Taxel frames received in the last second; 1000 Hz within 2 %"),
-    "gaps": ("Gaps", "Places in the taxel stream where samples are missing, since connecting"),
-    "lost": ("Lost", "Taxel samples taken by the board that never arrived"),
-    "block": ("Block age", "Time since the last taxel samples arrived; up to 300 ms"),
+    "rate": ("Frame rate", "Taxel frames in the last second: 1000 Hz ± 2 %"),
+    "gaps": ("Gaps", "Gaps in the stream of taxel samples since connecting: 0"),
+    "lost": ("Lost", "Taxel samples that the board took and the computer never received: 0"),
+    "block": ("Block age", "Time since the last taxel samples arrived: at most 300 ms"),
     "poll": (
         "Poll age",
-        "Time since the drum answered; up to 300 ms; 3×: polls asked again",
+        "Time since the drum last answered: at most 300 ms; 3× means three repeated polls",
     ),
-    "loadcell": ("Cell lost", "Load-cell samples that never arrived"),
-    "disk": ("Disk left", "Free space, and how long it lasts at the rate now being written"),
-    "clock": ("Clock ppm", "How fast the clocks of drum and taxel board run; up to ±5000 ppm"),
+    "loadcell": ("Cell lost", "Load-cell samples that the computer never received: 0"),
+    "disk": ("Disk left", "Free disk space, and how long it lasts at the present recording rate"),
+    "clock": (
+        "Clock ppm",
+        "Rate errors of the drum's and the taxel board's clocks: at most ±5000 ppm",
+    ),
     "boards": (
         "Boards",
-        "Supply of the taxel board, its self-test, why the boards restarted, and the stack that "
-        "their programs never used: at least 25 % of the RAM",
+        "Supply of the taxel board, its self-test, the causes of the boards' resets, and the "
+        "stack that their programs never used: at least 25 % of the RAM",
     ),
     "ticks": (
         "Ticks",
-        "Ticks that both boards began late, since connecting: 0; and the longest interrupt",
+        "Late ticks of both boards since connecting: 0; and their longest interrupt",
     ),
-    "trial": ("Last trial", "Time since a trial was committed; during a run up to 3 min"),
+    "trial": ("Last trial", "Time since the last committed trial: at most 3 min during a run"),
 }
 
 WIDTHS = {
@@ -70,44 +73,51 @@ WIDTHS = {
     "ticks": 118,
     "trial": 113,
 }
-"""Shares of the strip's width: its pixels where the window is at its smallest."""
+"""Stretch of each cell: its width in pixels in the smallest window."""
 
 
 class HealthStrip(QWidget):
-    """One cell a figure: name, value with unit, a lamp whose shape tells as much as its colour."""
+    """One cell per figure: name, value with unit, verdict, and a lamp."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self) -> None:
         super().__init__()
         row = QHBoxLayout(self)
         row.setContentsMargins(8, 0, 8, 0)
         row.setSpacing(4)
-        self.cells = {key: _Cell(name, hint, theme) for key, (name, hint) in CELLS.items()}
+        self.cells = {key: _Cell(name, tooltip) for key, (name, tooltip) in CELLS.items()}
         for key, cell in self.cells.items():
             row.addWidget(cell, WIDTHS[key])
+        self._since_trial = QElapsedTimer()
+        self._trials_committed = 0
+        self.show_nothing()
 
-    def set_theme(self, theme: Theme) -> None:
-        """Shine in other colours."""
-        for cell in self.cells.values():
-            cell.lamp.set_theme(theme)
+    def reset(self) -> None:
+        """Forget the last trial, as when another rig is connected."""
+        self._trials_committed = 0
+        self._since_trial.invalidate()
 
     def show_nothing(self) -> None:
-        """Nothing is known."""
+        """Show that no figure is known."""
         for cell in self.cells.values():
             cell.show_reading(Reading("–", Level.OFF))
 
-    def show_status(self, status: EngineStatus, since_trial_s: float | None) -> None:
-        """Judge a fresh status."""
-        for key, reading in readings(status, since_trial_s).items():
+    def show_status(self, status: EngineStatus) -> None:
+        """Show and judge the figures of a status."""
+        if status.run.trials_committed > self._trials_committed:
+            self._since_trial.start()
+        self._trials_committed = status.run.trials_committed
+        trial_age_s = self._since_trial.elapsed() / 1000 if self._since_trial.isValid() else None
+        for key, reading in readings(status, trial_age_s).items():
             self.cells[key].show_reading(reading)
         for key, lines in (
             ("boards", board_lines(status.boards)),
             ("ticks", tick_lines(status.boards)),
         ):
-            self.cells[key].show_hint("\n".join([CELLS[key][1], *lines]))
+            self.cells[key].setToolTip("\n".join([CELLS[key][1], *lines]))
 
 
-def readings(status: EngineStatus, since_trial_s: float | None) -> dict[str, Reading]:
-    """What each cell shows for a status."""
+def readings(status: EngineStatus, trial_age_s: float | None) -> dict[str, Reading]:
+    """Return the reading of each cell; ``trial_age_s`` is None before the first trial."""
     return {
         "rate": _frame_rate(status),
         "gaps": _count(status.gaps, status.taxels_connected),
@@ -119,17 +129,17 @@ def readings(status: EngineStatus, since_trial_s: float | None) -> dict[str, Rea
         "clock": _clock(status.clock_ppm),
         "boards": _boards(status.boards),
         "ticks": _ticks(status.boards),
-        "trial": _trial(since_trial_s, status.run.state == "running"),
+        "trial": _trial(trial_age_s, status.run.state == "running"),
     }
 
 
-def _judge(good: bool) -> Level:
-    return Level.OK if good else Level.BAD
+def _judge(is_good: bool) -> Level:
+    return Level.OK if is_good else Level.BAD
 
 
 def _frame_rate(status: EngineStatus) -> Reading:
-    off = abs(status.frame_rate_hz - SAMPLE_RATE_HZ) / SAMPLE_RATE_HZ
-    level = _judge(off <= RATE_TOLERANCE) if status.taxels_connected else Level.BAD
+    error = abs(status.frame_rate_hz - SAMPLE_RATE_HZ) / SAMPLE_RATE_HZ
+    level = _judge(status.taxels_connected and error <= RATE_TOLERANCE)
     return Reading(f"{status.frame_rate_hz:.0f} Hz", level)
 
 
@@ -137,14 +147,14 @@ def _count(count: int, connected: bool) -> Reading:
     return Reading(f"{count}", _judge(count == 0) if connected else Level.OFF)
 
 
-def _age(seconds: float | None, limit_s: float, connected: bool) -> Reading:
-    if seconds is None:
-        return Reading("–", Level.BAD if not connected else Level.OFF)
-    return Reading(age(seconds), _judge(connected and seconds <= limit_s))
+def _age(age_s: float | None, limit_s: float, connected: bool) -> Reading:
+    if age_s is None:
+        return Reading("–", Level.OFF if connected else Level.BAD)
+    return Reading(age(age_s), _judge(connected and age_s <= limit_s))
 
 
 def _poll(status: EngineStatus) -> Reading:
-    """A poll asked again cost nothing: it is told, and judged by the age alone."""
+    """Return the age and the retries; only the age is judged, as a retry loses no data."""
     text, level = _age(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected)
     return Reading(f"{text}, {status.poll_retries}×" if status.poll_retries else text, level)
 
@@ -152,43 +162,39 @@ def _poll(status: EngineStatus) -> Reading:
 def _disk(recording: RecordingStatus) -> Reading:
     if not recording.disk_free_bytes:
         return Reading("–", Level.OFF)
-    hours = recording.hours_left
-    enough = recording.disk_free_bytes > DISK_FREE_LIMIT_BYTES
+    free, hours = size(recording.disk_free_bytes), recording.hours_left
     if recording.active and hours is not None:
         left = f"{hours / 24:.0f} d" if hours >= 48 else f"{hours:.0f} h"
-        text = f"{size(recording.disk_free_bytes)}, {left}"
-        return Reading(text, _judge(hours > DISK_HOURS_LIMIT))
-    return Reading(size(recording.disk_free_bytes), _judge(enough))
+        return Reading(f"{free}, {left}", _judge(hours > DISK_HOURS_LIMIT))
+    return Reading(free, _judge(recording.disk_free_bytes > DISK_FREE_LIMIT_BYTES))
 
 
 def _clock(ppm: Mapping[str, float | None]) -> Reading:
-    known = [value for value in (ppm.get("drum"), ppm.get("taxels")) if value is not None]
-    if not known:
+    errors = [error for error in (ppm.get("drum"), ppm.get("taxels")) if error is not None]
+    if not errors:
         return Reading("–", Level.OFF)
-    text = ", ".join(f"{value:+.0f}" for value in known).replace("-", "−")
-    return Reading(text, _judge(max(map(abs, known)) <= CLOCK_LIMIT_PPM))
+    text = ", ".join(f"{error:+.0f}" for error in errors).replace("-", "−")
+    return Reading(text, _judge(max(map(abs, errors)) <= CLOCK_LIMIT_PPM))
 
 
 def _boards(boards: Mapping[str, BoardStatus]) -> Reading:
-    """The worst that the boards say of themselves, else the supply."""
+    """Return the worst problem of the boards, else the supply."""
     supply_v = boards["taxels"].supply_v if "taxels" in boards else None
-    if not boards:
-        return Reading("–", Level.OFF)
-    if found := sum(len(board.self_test or ()) for board in boards.values()):
-        return Reading(f"{found} found", Level.BAD)
+    if n_findings := sum(len(board.self_test or ()) for board in boards.values()):
+        return Reading(f"{n_findings} finding{'s' if n_findings > 1 else ''}", Level.BAD)
     if any(board.unwanted for board in boards.values()):
         return Reading("restarted", Level.BAD)
     low_v, high_v = SUPPLY_LIMITS_V
     if supply_v is not None and not low_v <= supply_v <= high_v:
         return Reading(f"{supply_v:.2f} V", Level.BAD)
     stacks = [b.stack_free_percent for b in boards.values() if b.stack_free_percent is not None]
-    if stacks and min(stacks) < STACK_LEAST_PERCENT:
+    if stacks and min(stacks) < MIN_FREE_STACK_PERCENT:
         return Reading(f"stack {min(stacks)} %", Level.WARN)
     return Reading("–", Level.OFF) if supply_v is None else Reading(f"{supply_v:.2f} V", Level.OK)
 
 
 def _ticks(boards: Mapping[str, BoardStatus]) -> Reading:
-    """Late ticks of both boards together, and the longest interrupt of either."""
+    """Return the late ticks of both boards, and the longest interrupt of either."""
     late = [board.late_ticks for board in boards.values() if board.late_ticks is not None]
     longest = [board.longest_isr_us for board in boards.values() if board.longest_isr_us]
     if not late:
@@ -198,12 +204,12 @@ def _ticks(boards: Mapping[str, BoardStatus]) -> Reading:
 
 
 def board_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
-    """All that each board says of itself, and what its self-test found, a line each."""
+    """Return lines on each board's identity, reset, supply, stack and self-test."""
     lines = []
     for name, board in boards.items():
         supply = "" if board.supply_v is None else f", supply {board.supply_v:.2f} V"
         lines.append(
-            f"{name}: firmware {board.firmware}, start {board.boot_count} by {board.reset}{supply}"
+            f"{name}: firmware {board.firmware}, boot {board.boot_count} by {board.reset}{supply}"
         )
         if board.stack_free_percent is not None:
             lines.append(
@@ -211,12 +217,12 @@ def board_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
                 f"{board.stack_free_percent} % of its RAM"
             )
         if board.self_test is not None:
-            lines += board.self_test or ["self-test: nothing found"]
+            lines += board.self_test or [f"{name}: the self-test found no fault"]
     return lines
 
 
 def tick_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
-    """How each board keeps time, a line each."""
+    """Return a line on the timing of each board."""
     return [
         f"{name}: {board.late_ticks} late ticks, longest interrupt {board.longest_isr_us:g} µs, "
         f"idle {board.idle_percent:g} %"
@@ -225,19 +231,19 @@ def tick_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
     ]
 
 
-def _trial(seconds: float | None, running: bool) -> Reading:
-    if seconds is None:
+def _trial(age_s: float | None, running: bool) -> Reading:
+    if age_s is None:
         return Reading("–", Level.OFF)
-    late = seconds > TRIAL_AGE_LIMIT_S
-    return Reading(f"{duration(seconds)} ago", _judge(not late) if running else Level.OFF)
+    level = _judge(age_s <= TRIAL_AGE_LIMIT_S) if running else Level.OFF
+    return Reading(f"{duration(age_s)} ago", level)
 
 
 class _Cell(QFrame):
-    def __init__(self, name: str, hint: str, theme: Theme) -> None:
+    def __init__(self, name: str, tooltip: str) -> None:
         super().__init__()
         self.setProperty("role", "card")
-        self.setToolTip(hint)
-        self.lamp = StatusLamp(theme, 13)
+        self.setToolTip(tooltip)
+        self.lamp = StatusLamp(13)
         self.verdict = label("", "muted")
         self.value = elastic(label("–", "value"))
         grid = QGridLayout(self)
@@ -250,20 +256,12 @@ class _Cell(QFrame):
         grid.addWidget(self.value, 1, 0, 1, 3)
         grid.setColumnStretch(0, 1)
 
-    def show_hint(self, hint: str) -> None:
-        """Say more where the pointer rests."""
-        if self.toolTip() != hint:
-            self.setToolTip(hint)
-
     def show_reading(self, reading: Reading) -> None:
-        """Show another value and verdict."""
-        if self.value.text() != reading.text:
-            self.value.setText(reading.text)
+        """Show a value and its verdict."""
+        self.value.setText(reading.text)
         self.lamp.set_level(reading.level)
-        verdict = "" if reading.level is Level.OFF else reading.level.value.upper()
-        if self.verdict.text() != verdict:
-            self.verdict.setText(verdict)
-        set_property(self, "level", reading.level.value)
-        shouts = reading.level in (Level.WARN, Level.BAD)
-        set_property(self.verdict, "role", reading.level.value if shouts else "muted")
+        self.verdict.setText("" if reading.level is Level.OFF else reading.level.value.upper())
+        is_alert = reading.level in (Level.WARN, Level.BAD)
+        set_property(self.verdict, "role", reading.level.value if is_alert else "muted")
         set_property(self.value, "level", reading.level.value)
+        set_property(self, "level", reading.level.value)

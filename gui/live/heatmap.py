@@ -1,4 +1,4 @@
-"""Both sensor layers as they are pressed now: two 3 × 3 maps with the readings in counts."""
+"""The present readings of both sensor layers as two 3 × 3 maps, in counts."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from PySide6.QtWidgets import QGraphicsWidget, QStyleOptionGraphicsItem, QWidget
 from gui.widgets.theme import Theme
 from rigctl.values import N_TAXELS
 
-TITLES = ("Type I, top layer", "Type II, bottom layer")
+TITLES = ("Top layer (type I), counts", "Bottom layer (type II), counts")
 SIDE = 3
 _TITLE_PX = 18
-_MEAN_OF = 32
+_MEAN_SAMPLES = 32
 
 
 class HeatMap(QGraphicsWidget):
-    """Colour is the place in each taxel's own range, the number the reading in counts."""
+    """Each cell shows a taxel's reading in counts, and by colour its place in the taxel's range."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.theme = theme
         self._counts = np.zeros(N_TAXELS)
         self._share = np.zeros(N_TAXELS)
-        self._known = False
+        self._has_samples = False
         table = pg.colormap.get("viridis").getLookupTable(nPts=256)
         self._colours = [QColor(*map(int, entry)) for entry in table]
         self.setMinimumSize(120, 200)
 
     def set_theme(self, theme: Theme) -> None:
-        """Draw titles and frames in other colours."""
+        """Apply a theme to titles and frames."""
         self.theme = theme
         self.update()
 
@@ -42,12 +42,12 @@ class HeatMap(QGraphicsWidget):
         low: NDArray[np.float64],
         high: NDArray[np.float64],
     ) -> None:
-        """Show the mean of the newest samples, (n, 18), against each taxel's range (18,)."""
-        self._known = len(samples) > 0
-        if self._known:
-            counts = samples[-_MEAN_OF:].mean(axis=0)
-            self._share = np.clip((counts - low) / np.maximum(high - low, 1.0), 0.0, 1.0)
-            self._counts = counts
+        """Show the mean of the newest of (n, 18) samples in each taxel's range, (18,)."""
+        self._has_samples = len(samples) > 0
+        if self._has_samples:
+            self._counts = samples[-_MEAN_SAMPLES:].mean(axis=0)
+            share = (self._counts - low) / np.maximum(high - low, 1.0)
+            self._share = np.clip(share, 0.0, 1.0)
         self.update()
 
     def paint(
@@ -56,7 +56,7 @@ class HeatMap(QGraphicsWidget):
         option: QStyleOptionGraphicsItem,
         widget: QWidget | None = None,
     ) -> None:
-        """Draw both layers under each other, as large as the place allows."""
+        """Draw the top layer above the bottom layer, as large as possible."""
         area = self.rect()
         cell = min(area.width() / SIDE, (area.height() / 2 - _TITLE_PX - 4) / SIDE)
         left = area.left() + (area.width() - SIDE * cell) / 2
@@ -76,7 +76,7 @@ class HeatMap(QGraphicsWidget):
             self._paint_cell(painter, layer * SIDE * SIDE + place, cell.adjusted(1, 1, -1, -1))
 
     def _paint_cell(self, painter: QPainter, taxel: int, cell: QRectF) -> None:
-        if not self._known:
+        if not self._has_samples:
             painter.setPen(QColor(self.theme.line))
             painter.drawRect(cell)
             return

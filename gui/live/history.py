@@ -1,4 +1,4 @@
-"""The last seconds of samples and spikes, pulled from the engine's live window."""
+"""The last seconds of samples and spikes, pulled from the engine's live buffer."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 N_ROWS = 2 * N_TAXELS
 SPAN_S = 10
-_MARGIN = 256  # rows that may arrive between asking for the head and copying
+_MARGIN = 256  # rows that may arrive between reading the head and copying
 
 
 class History:
-    """A contiguous window over the newest samples.
+    """A contiguous buffer of the newest samples.
 
-    Each array has twice the room it needs: when the end is reached the newest half moves to
-    the front, so that a slice is always contiguous and a pull costs what is new.
-    ``generation`` changes whenever the past was forgotten.
+    Each array has twice the necessary length: at its end the newest half moves to the front, so
+    that a slice is always contiguous and the cost of a pull depends only on the new samples.
+    ``generation`` changes whenever the buffer is cleared.
     """
 
     def __init__(self, capacity: int = SPAN_S * SAMPLE_RATE_HZ) -> None:
@@ -30,9 +30,9 @@ class History:
         self.clear()
 
     def clear(self) -> None:
-        """Forget everything, as after a reconnection."""
+        """Remove all samples, as after a reconnection."""
         self._end = 0
-        self._seen = 0
+        self._head = 0
         self.newest_s = 0.0
         self.generation += 1
 
@@ -41,55 +41,54 @@ class History:
 
     @property
     def counters(self) -> NDArray[np.int64]:
-        """Board counters, int64 (n,), ascending."""
+        """Return the board's counters, int64 (n,), ascending."""
         return self._counters[self._end - len(self) : self._end]
 
     @property
     def samples(self) -> NDArray[np.uint16]:
-        """Readings in counts, uint16 (n, 18)."""
+        """Return the readings in counts, uint16 (n, 18)."""
         return self._samples[self._end - len(self) : self._end]
 
     @property
     def spikes(self) -> NDArray[np.uint8]:
-        """Spikes in each sample, uint8 (n, 36), rows SA 1–18 then RA 1–18."""
+        """Return the spikes of each sample, uint8 (n, 36), columns SA 1–18 then RA 1–18."""
         return self._spikes[self._end - len(self) : self._end]
 
     def pull(self, live: LiveView) -> int:
-        """Take what the engine wrote since the last pull; return the number of samples."""
-        waiting = live.heads.taxels - self._seen
-        if waiting <= 0:
+        """Append what the engine wrote since the last pull; return the number of samples."""
+        n_new = live.heads.taxels - self._head
+        if n_new <= 0:
             return 0
-        window = live.taxels(min(waiting + _MARGIN, self.capacity))
-        known = max(0, self._seen - window.first)
-        self._seen = window.first + len(window)
-        return self._take(window, self._after_reboot(window, known))
+        window = live.taxels(min(n_new + _MARGIN, self.capacity))
+        first = max(0, self._head - window.first)
+        self._head = window.first + len(window)
+        return self._append(window, self._skip_reboot(window, first))
 
-    def _after_reboot(self, window: TaxelWindow, known: int) -> int:
-        """First row to take: where the board's counter goes back, only what follows counts."""
-        counters = window.counters[known:]
-        back = np.flatnonzero(np.diff(counters) <= 0)
-        if len(back):
-            known += int(back[-1]) + 1
-        begins_anew = (
+    def _skip_reboot(self, window: TaxelWindow, first: int) -> int:
+        """Return the first row after a reboot, at which the counter jumps back; clear the past."""
+        jumps = np.flatnonzero(np.diff(window.counters[first:]) <= 0)
+        if len(jumps):
+            first += int(jumps[-1]) + 1
+        has_rebooted = (
             self._end > 0
-            and known < len(window)
-            and (len(back) > 0 or window.counters[known] <= self._counters[self._end - 1])
+            and first < len(window)
+            and (len(jumps) > 0 or window.counters[first] <= self._counters[self._end - 1])
         )
-        if begins_anew:
+        if has_rebooted:
             self._end = 0
             self.generation += 1
-        return known
+        return first
 
-    def _take(self, window: TaxelWindow, first: int) -> int:
+    def _append(self, window: TaxelWindow, first: int) -> int:
         n = len(window) - first
         if n <= 0:
             return 0
         if self._end + n > 2 * self.capacity:
             self._move_to_front()
-        stretch = slice(self._end, self._end + n)
-        self._counters[stretch] = window.counters[first:]
-        self._samples[stretch] = window.samples[first:]
-        self._spikes[stretch] = window.spikes[first:]
+        rows = slice(self._end, self._end + n)
+        self._counters[rows] = window.counters[first:]
+        self._samples[rows] = window.samples[first:]
+        self._spikes[rows] = window.spikes[first:]
         self._end += n
         self.newest_s = float(window.time_s[-1])
         return n

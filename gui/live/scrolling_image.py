@@ -1,8 +1,8 @@
-"""A picture that scrolls: every pixel column belongs to a span of samples and is drawn once.
+"""A scrolling image: every pixel column belongs to a span of samples and is drawn once.
 
-A redraw costs what is new, not what is shown: new columns are computed with NumPy into a ring
-of columns and the picture is put on the screen in two pieces. Each column shows the minimum
-and maximum of its samples (or whether any spike fell into it), so nothing short is ever lost.
+The cost of a redraw depends only on the new columns: NumPy computes them into a ring of columns,
+and Qt paints the ring in two pieces. Each column shows the minimum and maximum of its samples
+(or whether it has a spike), so that short events stay visible.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ _T = TypeVar("_T", np.uint8, np.uint16)
 
 @dataclass(frozen=True, slots=True)
 class PixelColumns:
-    """Neighbouring pixel columns, each standing for the samples ``start[i]:start[i + 1]``.
+    """Adjacent pixel columns; column ``i`` shows the samples ``start[i]:start[i + 1]``.
 
     ``number``: int64 (k,), absolute column numbers, ascending by one.
     ``start``: int64 (k + 1,), rows of the history.
-    ``missing``: bool (k,), columns whose samples were lost.
+    ``missing``: bool (k,), columns whose samples are lost.
     """
 
     number: NDArray[np.int64]
     start: NDArray[np.int64]
     missing: NDArray[np.bool_]
 
-    def reduce(self, values: NDArray[_T], how: np.ufunc) -> NDArray[_T]:
-        """One row a column: ``how`` over its samples; an empty column repeats the one before."""
+    def reduce(self, values: NDArray[_T], ufunc: np.ufunc) -> NDArray[_T]:
+        """Return one row per column, reduced by ``ufunc``; an empty column repeats the last."""
         filled = np.flatnonzero(np.diff(self.start))
         if not len(filled):
             return np.zeros((len(self.number), values.shape[1]), values.dtype)
         first = self.start[0]
-        reduced = how.reduceat(values[first : self.start[-1]], self.start[filled] - first, axis=0)
+        reduced = ufunc.reduceat(values[first : self.start[-1]], self.start[filled] - first, axis=0)
         source = np.searchsorted(filled, np.arange(len(self.number)), side="right") - 1
         return np.asarray(reduced[np.maximum(source, 0)], values.dtype)
 
@@ -50,9 +50,9 @@ class PixelColumns:
 def columns_between(
     counters: NDArray[np.int64], first: int, width: int, span_samples: int
 ) -> PixelColumns:
-    """The columns from absolute number ``first`` to the newest sample's.
+    """Return the columns from absolute number ``first`` to that of the newest sample.
 
-    A column number is ``counter * width // span_samples``, so that it never moves.
+    A column number is ``counter * width // span_samples``, so that it never changes.
     """
     last = int(counters[-1]) * width // span_samples
     number = np.arange(first, last + 1, dtype=np.int64)
@@ -65,10 +65,10 @@ def columns_between(
 
 
 class ScrollingImage(QGraphicsItem):
-    """Rows of history against time, newest at the right; subclasses say what a column shows.
+    """Rows of history over time, newest on the right; subclasses render the columns.
 
-    Its rectangle in plot units is ``-span_s … 0`` by ``0 … n_rows``, row 0 at the top (the
-    view that holds it has an inverted y axis).
+    Its rectangle in plot units is ``-span_s … 0`` by ``0 … n_rows``, row 0 at the top (its view
+    has an inverted y axis).
     """
 
     def __init__(self, n_rows: int, theme: Theme) -> None:
@@ -78,33 +78,33 @@ class ScrollingImage(QGraphicsItem):
         self.span_s = float(SPAN_S)
         self._pixels = np.zeros((1, 1), np.uint32)
         self._head = 0
-        self._drawn = -1
+        self._last_drawn = -1
         self._ratio = 1.0
         self._generation = -1
-        self._stale = True
+        self._is_stale = True
 
     def set_theme(self, theme: Theme) -> None:
-        """Draw everything anew in other colours."""
+        """Apply a theme; the next refresh redraws everything."""
         self.theme = theme
-        self._stale = True
+        self._is_stale = True
 
     def set_span(self, span_s: float) -> None:
-        """Show another stretch of time."""
+        """Set the length of the time axis."""
         self.prepareGeometryChange()
         self.span_s = span_s
-        self._stale = True
+        self._is_stale = True
 
     def refresh(self, history: History, width: int, height: int, ratio: float) -> None:
-        """Bring the picture up to date for a view of ``width`` × ``height`` logical pixels."""
+        """Draw the new columns for a view of ``width`` × ``height`` logical pixels."""
         shape = (max(1, round(height * ratio)), max(1, round(width * ratio)))
-        if self._stale or shape != self._pixels.shape or history.generation != self._generation:
-            self._start_anew(shape, ratio, history.generation)
+        if self._is_stale or shape != self._pixels.shape or history.generation != self._generation:
+            self._reset(shape, ratio, history.generation)
         if len(history):
             self._draw_new(history)
         self.update()
 
     def boundingRect(self) -> QRectF:
-        """The strip's place in plot units."""
+        """Return the image's rectangle in plot units."""
         return QRectF(-self.span_s, 0.0, self.span_s, float(self.n_rows))
 
     def paint(
@@ -113,9 +113,9 @@ class ScrollingImage(QGraphicsItem):
         option: QStyleOptionGraphicsItem,
         widget: QWidget | None = None,
     ) -> None:
-        """Put the ring on the screen: what lies behind the head is older and comes first."""
-        place = painter.worldTransform().mapRect(self.boundingRect())
-        left, top = round(place.left()), round(place.top())
+        """Paint the ring of columns, first the older ones behind the head."""
+        area = painter.worldTransform().mapRect(self.boundingRect())
+        left, top = round(area.left()), round(area.top())
         height, width = self._pixels.shape
         image = QImage(self._pixels.data, width, height, 4 * width, QImage.Format.Format_RGB32)
         image.setDevicePixelRatio(self._ratio)
@@ -129,51 +129,51 @@ class ScrollingImage(QGraphicsItem):
         painter.restore()
 
     def render_columns(self, history: History, columns: PixelColumns) -> NDArray[np.uint32]:
-        """Pixels of some columns, uint32 (height, k); for subclasses to say."""
+        """Return the pixels of some columns, uint32 (height, k); subclasses implement it."""
         # Qt's metaclass and ABCMeta do not combine, so the method cannot be declared abstract.
         raise NotImplementedError
 
-    def laid_out(self, height: int) -> None:
-        """Prepare for pictures of another height; for subclasses that need tables."""
+    def prepare(self, height: int) -> None:
+        """Compute tables for another height or theme; subclasses that need them implement it."""
 
-    def _start_anew(self, shape: tuple[int, int], ratio: float, generation: int) -> None:
+    def _reset(self, shape: tuple[int, int], ratio: float, generation: int) -> None:
         self._pixels = np.full(shape, rgb(self.theme.plot), np.uint32)
-        self._drawn = -1
+        self._last_drawn = -1
         self._ratio = ratio
         self._generation = generation
-        self._stale = False
-        self.laid_out(shape[0])
+        self._is_stale = False
+        self.prepare(shape[0])
 
     def _draw_new(self, history: History) -> None:
         width, span = self._pixels.shape[1], round(self.span_s * SAMPLE_RATE_HZ)
         counters = history.counters
         self._head = int(counters[-1]) * width // span
         oldest = max(self._head - width + 1, int(counters[0]) * width // span)
-        # The newest column may have been drawn half full: begin with it again.
-        columns = columns_between(counters, max(oldest, self._drawn), width, span)
+        # The last column may have been drawn before it was complete: draw it again.
+        columns = columns_between(counters, max(oldest, self._last_drawn), width, span)
         pixels = self.render_columns(history, columns)
         pixels[:, columns.missing] = rgb(self.theme.gap)
         self._clear_skipped(columns)
         self._pixels[:, columns.number % width] = pixels
-        self._drawn = self._head
+        self._last_drawn = self._head
 
     def _clear_skipped(self, columns: PixelColumns) -> None:
-        """Blank the columns between the last drawn and the oldest still in the history."""
+        """Mark the columns between the last drawn and the oldest in the history as lost."""
         width = self._pixels.shape[1]
         first = int(columns.number[0])
-        if self._drawn < 0 or first - self._drawn <= 1:
+        if self._last_drawn < 0 or first - self._last_drawn <= 1:
             return
-        skipped = np.arange(max(self._drawn + 1, first - width), first) % width
+        skipped = np.arange(max(self._last_drawn + 1, first - width), first) % width
         self._pixels[:, skipped] = rgb(self.theme.gap)
 
 
 def rgb(colour: str) -> int:
-    """A colour as the 32-bit pixel that QImage's RGB32 wants."""
+    """Return a colour as a 32-bit pixel of QImage's RGB32 format."""
     return int(QColor(colour).rgb())
 
 
 def blend(colour: str, background: str, share: float) -> str:
-    """``colour`` laid over ``background`` with opacity ``share``."""
+    """Return ``colour`` over ``background`` with opacity ``share``."""
     over, under = QColor(colour), QColor(background)
     # PySide6 declares getRgb() to return an object; it is a tuple of four integers.
     mixed = [

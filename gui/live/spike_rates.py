@@ -1,4 +1,4 @@
-"""Spike rates of the last second, one bar a raster row, at the raster's own height."""
+"""Spike rates of the last second: one bar per raster row, beside it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WINDOW_S = 1.0
 
 
 class RateBars(QGraphicsItem):
-    """Bars from 0 to the rate in Hz; rows as in the raster."""
+    """Horizontal bars from 0 to the rate in Hz, in the raster's row order."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -27,19 +27,19 @@ class RateBars(QGraphicsItem):
         self.rates_hz = np.zeros(N_ROWS)
 
     def set_theme(self, theme: Theme) -> None:
-        """Draw in other colours."""
+        """Apply a theme."""
         self.theme = theme
         self.update()
 
     def refresh(self, spikes: NDArray[np.uint8]) -> None:
-        """Count the spikes of the newest second, uint8 (n, 36) in the encoder's row order."""
+        """Show the rates of the newest second of spikes, uint8 (n, 36) in the encoder's order."""
         newest = spikes[-round(WINDOW_S * SAMPLE_RATE_HZ) :]
         seconds = max(len(newest), 1) / SAMPLE_RATE_HZ
         self.rates_hz = newest.sum(axis=0, dtype=np.int64)[ROW_ORDER] / seconds
         self.update()
 
     def boundingRect(self) -> QRectF:
-        """All rows, up to the full scale."""
+        """Return the rectangle of all rows up to the full scale."""
         return QRectF(0.0, 0.0, FULL_SCALE_HZ, float(N_ROWS))
 
     def paint(
@@ -48,7 +48,7 @@ class RateBars(QGraphicsItem):
         option: QStyleOptionGraphicsItem,
         widget: QWidget | None = None,
     ) -> None:
-        """One rectangle a row."""
+        """Draw one rectangle per row."""
         for row, rate in enumerate(np.minimum(self.rates_hz, FULL_SCALE_HZ)):
             colour = QColor(self.theme.groups[row // PER_GROUP])
             painter.fillRect(QRectF(0.0, row + 0.12, float(rate), 0.76), colour)

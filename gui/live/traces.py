@@ -1,4 +1,4 @@
-"""Eighteen taxel traces under each other, minimum and maximum of every pixel column."""
+"""Eighteen stacked taxel traces: minimum and maximum of every pixel column."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PER_LAYER = N_TAXELS // 2
 
 
 class Traces(ScrollingImage):
-    """Each taxel in a band of its own, scaled to its range; the layers differ in colour."""
+    """One band per taxel, scaled to its range; the layers differ in colour."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(N_TAXELS, theme)
@@ -23,53 +23,56 @@ class Traces(ScrollingImage):
         self._high = np.full(N_TAXELS, float(FULL_SCALE))
 
     def set_range(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
-        """Scale each band to ``low … high`` counts, (18,); redraw if that is visibly other."""
+        """Scale the bands to ``low … high`` counts, (18,); redraw if the change is visible."""
         low, high = np.asarray(low, float), np.asarray(high, float)
-        unusable = high - low < 1
-        low, high = np.where(unusable, 0.0, low), np.where(unusable, FULL_SCALE, high)
-        span = np.maximum(self._high - self._low, 1.0)
-        if max(np.abs(low - self._low).max(), np.abs(high - self._high).max()) == 0:
+        is_empty = high - low < 1
+        low, high = np.where(is_empty, 0.0, low), np.where(is_empty, FULL_SCALE, high)
+        change = np.maximum(np.abs(low - self._low), np.abs(high - self._high))
+        if change.max() == 0:
             return
-        moved = np.maximum(np.abs(low - self._low), np.abs(high - self._high)) / span
+        span = np.maximum(self._high - self._low, 1.0)
         self._low, self._high = low, high
-        self._stale = self._stale or bool(moved.max() > 0.02)
+        self._is_stale = self._is_stale or bool((change / span).max() > 0.02)
 
-    def laid_out(self, height: int) -> None:
-        """Where each band begins and ends, and the colour of every pixel row."""
+    def prepare(self, height: int) -> None:
+        """Assign every pixel row its band and colours."""
         edges = np.arange(N_TAXELS + 1) * height // N_TAXELS
         self._top = edges[:-1] + 1
-        self._room = np.maximum(np.diff(edges) - 3, 1)
+        self._band_height = np.maximum(np.diff(edges) - 3, 1)
         self._band = np.minimum(np.searchsorted(edges, np.arange(height), "right") - 1, 17)
         colours = [rgb(self.theme.layers[taxel // PER_LAYER]) for taxel in range(N_TAXELS)]
         self._ink = np.array(colours, np.uint32)[self._band][:, None]
-        paper = np.full(height, rgb(self.theme.plot), np.uint32)
-        paper[edges[PER_LAYER]] = rgb(blend(self.theme.muted, self.theme.plot, 0.5))
-        self._paper = paper[:, None]
+        background = np.full(height, rgb(self.theme.plot), np.uint32)
+        background[edges[PER_LAYER]] = rgb(blend(self.theme.muted, self.theme.plot, 0.5))
+        self._background = background[:, None]
         self._row = np.arange(height, dtype=np.int32)[:, None]
 
     def render_columns(self, history: History, columns: PixelColumns) -> NDArray[np.uint32]:
-        """A vertical run of ink in each band from the column's least to its greatest reading."""
-        before = max(int(columns.start[0]) - 1, 0)
-        joined = _with_last_before(columns, history.samples, before)
-        top = self._pixel_row(joined[1])[:, self._band].T
-        bottom = self._pixel_row(joined[0])[:, self._band].T
-        inked = (self._row >= top) & (self._row <= bottom)
-        return np.where(inked, self._ink, self._paper)
+        """Return a vertical line in each band from the column's lowest to its highest reading."""
+        low, high = _joined_extremes(columns, history.samples)
+        top = self._pixel_row(high)[:, self._band].T
+        bottom = self._pixel_row(low)[:, self._band].T
+        is_ink = (self._row >= top) & (self._row <= bottom)
+        return np.where(is_ink, self._ink, self._background)
 
     def _pixel_row(self, counts: NDArray[np.uint16]) -> NDArray[np.int32]:
         share = (counts - self._low) / (self._high - self._low)
-        down = (1.0 - np.clip(share, 0.0, 1.0)) * self._room
+        down = (1.0 - np.clip(share, 0.0, 1.0)) * self._band_height
         return np.asarray(self._top + down, np.int32)
 
 
-def _with_last_before(
-    columns: PixelColumns, samples: NDArray[np.uint16], before: int
+def _joined_extremes(
+    columns: PixelColumns, samples: NDArray[np.uint16]
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """Least and greatest reading a column, the sample before it included so that lines join."""
+    """Return the lowest and highest reading per column.
+
+    They include the sample before the column, so that the lines of adjacent columns join.
+    """
+    before = max(int(columns.start[0]) - 1, 0)
     low = columns.reduce(samples, np.minimum)
     high = columns.reduce(samples, np.maximum)
     previous = samples[np.maximum(columns.start[:-1] - 1, before)]
-    joins = ~(columns.missing | np.concatenate([[False], columns.missing[:-1]]))[:, None]
-    low = np.where(joins, np.minimum(low, previous), low)
-    high = np.where(joins, np.maximum(high, previous), high)
+    is_joined = ~(columns.missing | np.concatenate([[False], columns.missing[:-1]]))[:, None]
+    low = np.where(is_joined, np.minimum(low, previous), low)
+    high = np.where(is_joined, np.maximum(high, previous), high)
     return low.astype(np.uint16), high.astype(np.uint16)

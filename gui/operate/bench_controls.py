@@ -1,4 +1,4 @@
-"""What only the bench itself can do: which plate is on, and the simulated bench's faults."""
+"""Controls of the bench: the mounted plate, and faults of a simulated bench."""
 
 from __future__ import annotations
 
@@ -11,55 +11,57 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QPushBu
 from rigctl.acquisition.rpc.messages import EngineStatus
 
 TEXTURES = tuple(ascii_uppercase[:16])
-FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
-    "Press the E-stop": ("press_estop", {}),
-    "Release the E-stop": ("release_estop", {}),
-    "Silence the load cell": ("loadcell_silent", {"on": True}),
-    "Load cell speaks again": ("loadcell_silent", {"on": False}),
-    "Push with 2 kg": ("push", {"force_g": 2000.0}),
-    "Stop pushing": ("push", {"force_g": 0.0}),
-    "Jam the motor": ("jam_motor", {"on": True}),
-    "Free the motor": ("jam_motor", {"on": False}),
-    "Unplug the drum": ("unplug", {"board": "drum"}),
-    "Plug the drum in": ("replug", {"board": "drum"}),
-    "Unplug the taxels": ("unplug", {"board": "taxels"}),
-    "Plug the taxels in": ("replug", {"board": "taxels"}),
+FAULTS: dict[str, dict[str, Any]] = {
+    "Press the E-stop": {"fault": "press_estop"},
+    "Release the E-stop": {"fault": "release_estop"},
+    "Silence the load cell": {"fault": "loadcell_silent", "on": True},
+    "Restore the load cell": {"fault": "loadcell_silent", "on": False},
+    "Push with 2 kg": {"fault": "push", "force_g": 2000.0},
+    "Stop pushing": {"fault": "push", "force_g": 0.0},
+    "Jam the motor": {"fault": "jam_motor", "on": True},
+    "Free the motor": {"fault": "jam_motor", "on": False},
+    "Unplug the drum": {"fault": "unplug", "board": "drum"},
+    "Plug in the drum": {"fault": "replug", "board": "drum"},
+    "Unplug the taxels": {"fault": "unplug", "board": "taxels"},
+    "Plug in the taxels": {"fault": "replug", "board": "taxels"},
 }
-"""What can be made to happen: the words, the engine's name for it and its arguments."""
+"""Text of each fault that can be injected, and the arguments of the engine's command."""
 
 
 class BenchControls(QGroupBox):
-    """The plate in use; on a simulated rig also things that go wrong, to rehearse them."""
+    """The mounted plate; on a simulated rig also faults to rehearse."""
 
-    plate_asked = Signal(str)
-    inject_asked = Signal(str, dict)
+    command_requested = Signal(str, dict)
 
     def __init__(self) -> None:
         super().__init__("Bench")
         self.plate = QComboBox()
         self.plate.addItems(list(TEXTURES))
-        self.plate.setToolTip("Texture plate that is on the drum")
-        self.plate.activated.connect(lambda: self.plate_asked.emit(self.plate.currentText()))
+        self.plate.setToolTip("Texture plate on the drum")
+        self.plate.activated.connect(self._send_plate)
         self.fault = QComboBox()
         self.fault.addItems(list(FAULTS))
-        self.inject = QPushButton("Do it")
-        self.inject.clicked.connect(self._inject_clicked)
+        self.inject = QPushButton("Inject")
+        self.inject.clicked.connect(self._inject)
+        self._fault_row = (QLabel("Fault"), self.fault, self.inject)
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 8)
         grid.addWidget(QLabel("Plate"), 0, 0)
         grid.addWidget(self.plate, 0, 1, 1, 2)
-        self._simulated_name = QLabel("Fault")
-        for place, widget in enumerate((self._simulated_name, self.fault, self.inject)):
-            grid.addWidget(widget, 1, place)
+        for column, widget in enumerate(self._fault_row):
+            grid.addWidget(widget, 1, column)
         grid.setColumnStretch(1, 1)
 
-    def _inject_clicked(self) -> None:
-        self.inject_asked.emit(*FAULTS[self.fault.currentText()])
-
     def show_status(self, status: EngineStatus) -> None:
-        """Show the plate; offer faults where they are only simulated."""
+        """Show the plate, and the faults on a simulated rig."""
         self.plate.setEnabled(status.drum_connected and not status.run.is_active)
-        for widget in (self._simulated_name, self.fault, self.inject):
+        for widget in self._fault_row:
             widget.setVisible(status.simulated)
         if status.texture and not self.plate.view().isVisible():
             self.plate.setCurrentText(status.texture)
+
+    def _send_plate(self) -> None:
+        self.command_requested.emit("plate", {"texture": self.plate.currentText()})
+
+    def _inject(self) -> None:
+        self.command_requested.emit("inject", FAULTS[self.fault.currentText()])

@@ -1,4 +1,4 @@
-"""Turning the lifted drum by hand: four buttons, and Alt with the arrow keys."""
+"""Buttons and keys that jog the lifted drum."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.states import State
 
 STEPS_MM = {-10: "Alt+Shift+Left", -1: "Alt+Left", 1: "Alt+Right", 10: "Alt+Shift+Right"}
-"""Texture travel of each button, and its keys."""
+"""Texture travel of each button, and its shortcut."""
 
-_WHY_NOT = {
+_NOT_CONNECTED = "no drum is connected"
+_OBSTACLES = {
     State.IDLE: "arm the drum first",
     State.POSITION: "the drum is moving",
     State.RETRACT: "the drum is lifting off",
@@ -25,27 +26,27 @@ _WHY_NOT = {
 }
 
 
-def why_not(status: EngineStatus) -> str:
-    """Why the drum cannot be jogged now; empty where it can."""
+def jog_obstacle(status: EngineStatus) -> str:
+    """Return why the drum cannot jog now; empty if it can."""
     if not status.drum_connected or status.state is None:
-        return "no drum is connected"
+        return _NOT_CONNECTED
     if status.run.is_active:
-        return "a protocol has the rig"
+        return "a protocol is running"
     if status.state is State.ARMED:
         return ""
-    return _WHY_NOT.get(status.state, "the drum is starting")
+    return _OBSTACLES.get(status.state, "the drum is starting")
 
 
 class JogButtons(QWidget):
-    """Emits mm of texture travel; one jog at a time, so that two clicks are never one too many."""
+    """Buttons for mm of texture travel; disabled during a jog, so that clicks never queue up."""
 
-    asked = Signal(float)
+    command_requested = Signal(str, dict)
 
     def __init__(self) -> None:
         super().__init__()
         self.buttons = {mm: self._button(mm, keys) for mm, keys in STEPS_MM.items()}
-        self._why_not = "no drum is connected"
-        self._is_asked = False
+        self._obstacle = _NOT_CONNECTED
+        self._is_jogging = False
         self._focused: QPushButton | None = None
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
@@ -54,36 +55,40 @@ class JogButtons(QWidget):
         for button in self.buttons.values():
             row.addWidget(button, 1)
         row.addWidget(label("mm", "muted"))
-        self._show()
+        self._update_buttons()
 
     def show_status(self, status: EngineStatus) -> None:
-        """Enable what is possible, else say why it is not."""
-        self._why_not = why_not(status)
-        self._show()
+        """Enable the buttons if a jog is possible; otherwise their tooltips say why not."""
+        self._obstacle = jog_obstacle(status)
+        self._update_buttons()
 
-    def ended(self) -> None:
-        """The engine answered: the drum stands, or the jog was refused."""
-        self._is_asked = False
-        self._show()
+    def finish(self) -> None:
+        """End a jog: the engine has executed or refused it."""
+        self._is_jogging = False
+        self._update_buttons()
 
-    def _ask(self, mm: int) -> None:
-        self._is_asked = True
-        self._show()
-        self.asked.emit(float(mm))
+    def _request(self, mm: int) -> None:
+        self._is_jogging = True
+        self._update_buttons()
+        self.command_requested.emit("jog", {"mm": float(mm)})
 
-    def _show(self) -> None:
-        reason = self._why_not or ("the drum is moving" if self._is_asked else "")
-        self._keep_focus(bool(reason))
+    def _update_buttons(self) -> None:
+        obstacle = self._obstacle or ("the drum is moving" if self._is_jogging else "")
+        if obstacle:
+            self._hold_focus()
         for mm, button in self.buttons.items():
-            button.setEnabled(not reason)
-            button.setToolTip(_hint(mm, reason))
-        if self._focused is not None and self.hasFocus() and not reason:
+            button.setEnabled(not obstacle)
+            button.setToolTip(_tooltip(mm, obstacle))
+        if self._focused is not None and self.hasFocus() and not obstacle:
             self._focused.setFocus()
 
-    def _keep_focus(self, disabling: bool) -> None:
-        """A disabled button gives its focus away; the next key must not press another one."""
+    def _hold_focus(self) -> None:
+        """Take the focus from a button before it is disabled: the next key must not press another.
+
+        Qt moves the focus of a disabled button to the next one.
+        """
         for button in self.buttons.values():
-            if disabling and button.hasFocus():
+            if button.hasFocus():
                 self._focused = button
                 self.setFocus()
 
@@ -91,14 +96,14 @@ class JogButtons(QWidget):
         button = QPushButton(f"{mm:+d}".replace("-", "−"))
         button.setMinimumWidth(30)
         button.setAccessibleName(f"Jog {mm:+d} mm")
-        button.clicked.connect(lambda: self._ask(mm))
+        button.clicked.connect(lambda: self._request(mm))
         shortcut = QShortcut(QKeySequence(keys), self)
         shortcut.setAutoRepeat(False)
         shortcut.activated.connect(button.click)
         return button
 
 
-def _hint(mm: int, reason: str) -> str:
-    way = "forwards, as a forward trial does" if mm > 0 else "backwards"
-    hint = f"Turn the lifted drum {abs(mm)} mm of texture {way} ({STEPS_MM[mm]})"
-    return f"{hint}. Not now: {reason}" if reason else hint
+def _tooltip(mm: int, obstacle: str) -> str:
+    direction = "forward, as in a forward trial" if mm > 0 else "backward"
+    text = f"Turn the lifted drum by {abs(mm)} mm of texture {direction} ({STEPS_MM[mm]})"
+    return f"{text}. Unavailable: {obstacle}" if obstacle else text

@@ -1,4 +1,4 @@
-"""Working the rig by hand: arm, jog, set-points, approach, run, retract, clear a fault."""
+"""The Operate tab: arm, jog, set-points, approach, run, retract, clear a fault."""
 
 from __future__ import annotations
 
@@ -20,48 +20,54 @@ from gui.operate.bench_controls import BenchControls
 from gui.operate.jog import JogButtons
 from gui.widgets.formatting import fault_sentence
 from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.layouts import group_box
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State, StateEvent, next_state
 
 
 class Action(NamedTuple):
-    """A button: the engine's command, what it says, the event that must be possible, a hint."""
+    """A button: the engine's command, the text, the event that must be possible, the tooltip."""
 
     command: str
     text: str
     event: StateEvent
-    hint: str
+    tooltip: str
 
 
 ARM = Action("arm", "Arm", StateEvent.ARM, "Lift the drum and switch the motors on")
 DISARM = Action("disarm", "Disarm", StateEvent.DISARM, "Switch the motors off")
-TARE = Action("tare", "Tare", StateEvent.MOVE, "Take the load cell's reading, lifted, as 0 g")
-HOME = Action("home", "Home", StateEvent.MOVE, "Turn, lifted, to the drum's index mark")
+TARE = Action(
+    "tare", "Tare", StateEvent.MOVE, "Set the load cell's reading of the lifted drum to 0 g"
+)
+HOME = Action("home", "Home", StateEvent.MOVE, "Turn the lifted drum to its index mark")
 RANGE = Action(
     "calibrate_range",
     "Taxel range",
     StateEvent.STOP,
-    "Take what the taxels show in the next 10 s as their range for traces and spikes",
+    "Measure each taxel's range over the next 10 s; traces and spikes are scaled to it",
 )
 TEST = Action(
     "test_taxels",
     "Taxel test",
     StateEvent.STOP,
-    "Look for broken lines and taxels, with nothing on the sensor; the log says what was found",
+    "Find broken lines, inputs and taxels; nothing may touch the sensor; the log lists the results",
 )
 APPROACH = Action(
-    "approach", "Approach", StateEvent.APPROACH, "Press on until the set force is held"
+    "approach", "Approach", StateEvent.APPROACH, "Press until the drum holds the set force"
 )
-RUN = Action("run", "Run", StateEvent.RUN, "Turn the drum once over the plate at the set speed")
-RETRACT = Action("retract", "Retract", StateEvent.RETRACT, "Slow down and lift")
-TARE_FIRST = "Tare first: without a zero no force can be held"
-CLEAR = Action("clear_fault", "Clear fault", StateEvent.CLEAR, "Once the cause is gone")
+RUN = Action("run", "Run", StateEvent.RUN, "Turn the drum over the plate once at the set speed")
+RETRACT = Action("retract", "Retract", StateEvent.RETRACT, "Slow down and lift the drum")
+TARE_FIRST = "Tare first: without a zero the drum cannot hold a force"
+CLEAR = Action(
+    "clear_fault", "Clear fault", StateEvent.CLEAR, "Clear the fault after its cause is removed"
+)
 ACTIONS = (ARM, DISARM, HOME, TARE, RANGE, TEST, APPROACH, RUN, RETRACT, CLEAR)
+_READINGS = ("Force", "Speed", "Actuator", "Angle", "Tared", "Homed")
 
 
 def is_possible(action: Action, status: EngineStatus) -> bool:
-    """Whether the command would change something now, and no protocol has the rig."""
+    """Return whether the command would change something now, and no protocol runs."""
     if action is RANGE:
         return status.taxels_connected
     if action is TEST:
@@ -76,147 +82,136 @@ def is_possible(action: Action, status: EngineStatus) -> bool:
 
 
 class OperatePanel(QWidget):
-    """Emits commands by name; what the board refuses is said in the status line."""
+    """Controls for one drum; emits engine commands, and shows what the engine reports."""
 
-    asked = Signal(str)
-    set_asked = Signal(float, float)
-    plate_asked = Signal(str)
-    inject_asked = Signal(str, dict)
+    command_requested = Signal(str, dict)
+    """The engine's command and its arguments."""
 
     def __init__(self) -> None:
         super().__init__()
         self.buttons = {action.command: self._button(action) for action in ACTIONS}
-        self.speed = _spin("speed_set", " mm/s", 5.0)
-        self.force = _spin("force_set", " g", 50.0)
-        self.apply = QPushButton("Set")
-        self.apply.setToolTip("Send speed and force to the drum; the answer is shown above")
-        self.apply.clicked.connect(self._set_clicked)
-        self.read_back = elastic(label("–", "muted"))
-        self.now = {name: elastic(label("–", "heading")) for name in _NOW}
+        self.speed = _register_spin_box("speed_set", " mm/s", 5.0)
+        self.force = _register_spin_box("force_set", " g", 50.0)
+        self.set_button = QPushButton("Set")
+        self.set_button.setToolTip("Send speed and force to the drum, which then reports them back")
+        self.set_button.clicked.connect(self._send_set_points)
+        self.set_points = elastic(label("–", "muted"))
+        self.readings = {name: elastic(label("–", "heading")) for name in _READINGS}
         self.fault = label("no fault", "muted", wraps=True)
-        self.jog = JogButtons()
-        self.bench = BenchControls()
-        self.bench.plate_asked.connect(self.plate_asked)
-        self.bench.inject_asked.connect(self.inject_asked)
+        self.jog, self.bench = JogButtons(), BenchControls()
+        self.jog.command_requested.connect(self.command_requested)
+        self.bench.command_requested.connect(self.command_requested)
         self._lay_out()
         self.show_nothing()
 
     def show_nothing(self) -> None:
-        """No rig: nothing can be asked for."""
+        """Disable everything: there is no rig."""
         self.show_status(EngineStatus())
-        for shown in self.now.values():
-            shown.setText("–")
-        self.read_back.setText("–")
+        for reading in (*self.readings.values(), self.set_points):
+            reading.setText("–")
+        self.jog.finish()
+
+    def finish_command(self, command: str) -> None:
+        """End a command that the engine has executed or refused."""
+        if command == "jog":
+            self.jog.finish()
 
     def show_status(self, status: EngineStatus) -> None:
-        """Enable what is possible, show what is."""
+        """Enable the commands that are possible and show the drum's readings."""
         for action in ACTIONS:
             self.buttons[action.command].setEnabled(is_possible(action, status))
-        untared = status.state is State.ARMED and not status.tared
-        self.buttons["approach"].setToolTip(TARE_FIRST if untared else APPROACH.hint)
-        self.apply.setEnabled(status.drum_connected and not status.run.is_active)
+        is_untared = status.state is State.ARMED and not status.tared
+        self.buttons["approach"].setToolTip(TARE_FIRST if is_untared else APPROACH.tooltip)
+        self.set_button.setEnabled(status.drum_connected and not status.run.is_active)
         self.jog.show_status(status)
         self.bench.show_status(status)
         sentence = status.fault_words if status.fault else "no fault"
         show_text(self.fault, sentence or fault_sentence(status.fault))
         set_property(self.fault, "role", "bad" if status.fault else "muted")
         if status.drum_connected:
-            self._show_numbers(status)
+            self._show_readings(status)
 
-    def _show_numbers(self, status: EngineStatus) -> None:
-        self.now["Force"].setText(f"{status.force_g:.1f} g")
-        self.now["Speed"].setText(f"{status.speed_mm_s:.1f} mm/s")
-        self.now["Angle"].setText(f"{status.angle_deg:.1f} °")
-        self.now["Actuator"].setText(f"{status.actuator_position_um / 1000:.2f} mm")
-        self.now["Tared"].setText("yes" if status.tared else "no")
-        self.now["Homed"].setText("yes" if status.homed else "no")
-        show_text(self.read_back, f"{status.speed_set_mm_s:.1f} mm/s, {status.force_set_g:.0f} g")
+    def _show_readings(self, status: EngineStatus) -> None:
+        texts = {
+            "Force": f"{status.force_g:.1f} g",
+            "Speed": f"{status.speed_mm_s:.1f} mm/s",
+            "Actuator": f"{status.actuator_position_um / 1000:.2f} mm",
+            "Angle": f"{status.angle_deg:.1f}°",
+            "Tared": "yes" if status.tared else "no",
+            "Homed": "yes" if status.homed else "no",
+        }
+        for name, text in texts.items():
+            self.readings[name].setText(text)
+        show_text(self.set_points, f"{status.speed_set_mm_s:.1f} mm/s, {status.force_set_g:.0f} g")
 
-    def _set_clicked(self) -> None:
-        self.set_asked.emit(self.speed.value(), self.force.value())
+    def _send_set_points(self) -> None:
+        args = {"speed_mm_s": self.speed.value(), "force_g": self.force.value()}
+        self.command_requested.emit("set", args)
 
     def _button(self, action: Action) -> QPushButton:
         button = QPushButton(action.text)
-        button.setToolTip(action.hint)
-        button.clicked.connect(lambda: self.asked.emit(action.command))
+        button.setToolTip(action.tooltip)
+        button.clicked.connect(lambda: self.command_requested.emit(action.command, {}))
         return button
 
     def _lay_out(self) -> None:
+        drum, grid = self._action_box("Drum", (ARM, DISARM, HOME, TARE, RANGE, TEST))
+        grid.addWidget(self.jog, grid.rowCount(), 0, 1, 3)
+        contact, _ = self._action_box("Contact", (APPROACH, RUN, RETRACT))
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 4, 6, 6)
         column.setSpacing(4)
-        column.addWidget(self._drum_box())
-        column.addWidget(self._set_points())
-        column.addWidget(self._actions("Contact", (APPROACH, RUN, RETRACT)))
-        column.addWidget(self._fault_box())
-        column.addWidget(self._now_box())
-        column.addWidget(self.bench)
+        boxes = (drum, self._set_point_box(), contact, self._fault_box(), self._reading_box())
+        for box in (*boxes, self.bench):
+            column.addWidget(box)
         column.addStretch(1)
 
-    def _drum_box(self) -> QGroupBox:
-        box = self._actions("Drum", (ARM, DISARM, HOME, TARE, RANGE, TEST))
-        grid = box.layout()
-        assert isinstance(grid, QGridLayout)
-        grid.addWidget(self.jog, grid.rowCount(), 0, 1, 3)
-        return box
-
-    def _actions(self, title: str, actions: tuple[Action, ...]) -> QGroupBox:
-        box = QGroupBox(title)
-        grid = QGridLayout(box)
-        grid.setContentsMargins(8, 6, 8, 8)
+    def _action_box(self, title: str, actions: tuple[Action, ...]) -> tuple[QGroupBox, QGridLayout]:
+        box, grid = group_box(title, QGridLayout())
         for place, action in enumerate(actions):
             grid.addWidget(self.buttons[action.command], place // 3, place % 3)
-        return box
+        return box, grid
 
-    def _set_points(self) -> QGroupBox:
-        box = QGroupBox("Set-points")
-        grid = QGridLayout(box)
-        grid.setContentsMargins(8, 6, 8, 8)
-        for row, (name, spin) in enumerate((("Speed", self.speed), ("Force", self.force))):
+    def _set_point_box(self) -> QGroupBox:
+        box, grid = group_box("Set-points", QGridLayout())
+        for row, (name, spin_box) in enumerate((("Speed", self.speed), ("Force", self.force))):
             grid.addWidget(QLabel(name), row, 0)
-            grid.addWidget(spin, row, 1)
-            low, high = spin.minimum(), spin.maximum()
-            grid.addWidget(label(f"{low:.0f}–{high:.0f}", "muted"), row, 2)
-        grid.addWidget(label("Drum has", "muted"), 2, 0)
-        grid.addWidget(self.read_back, 2, 1)
-        grid.addWidget(self.apply, 2, 2)
+            grid.addWidget(spin_box, row, 1)
+            limits = f"{spin_box.minimum():.0f}–{spin_box.maximum():.0f}{spin_box.suffix()}"
+            grid.addWidget(label(limits, "muted"), row, 2)
+        grid.addWidget(label("In use", "muted"), 2, 0)
+        grid.addWidget(self.set_points, 2, 1)
+        grid.addWidget(self.set_button, 2, 2)
         grid.setColumnStretch(1, 1)
         return box
 
     def _fault_box(self) -> QGroupBox:
-        box = QGroupBox("Fault")
-        row = QHBoxLayout(box)
-        row.setContentsMargins(8, 6, 8, 8)
+        box, row = group_box("Fault", QHBoxLayout())
         self.fault.setMinimumHeight(3 * self.fault.fontMetrics().height())
         self.fault.setAlignment(Qt.AlignmentFlag.AlignTop)
         row.addWidget(self.fault, 1)
         row.addWidget(self.buttons[CLEAR.command], 0, Qt.AlignmentFlag.AlignTop)
         return box
 
-    def _now_box(self) -> QGroupBox:
-        box = QGroupBox("Now")
-        grid = QGridLayout(box)
-        grid.setContentsMargins(8, 6, 8, 8)
+    def _reading_box(self) -> QGroupBox:
+        box, grid = group_box("Readings", QGridLayout())
         grid.setVerticalSpacing(2)
-        for place, (name, shown) in enumerate(self.now.items()):
+        for place, (name, reading) in enumerate(self.readings.items()):
             grid.addWidget(label(name, "muted"), place // 2, place % 2 * 2)
-            grid.addWidget(shown, place // 2, place % 2 * 2 + 1)
+            grid.addWidget(reading, place // 2, place % 2 * 2 + 1)
         grid.setColumnStretch(1, 1)
         grid.setColumnStretch(3, 1)
         return box
 
 
-_NOW = ("Force", "Speed", "Actuator", "Angle", "Tared", "Homed")
-
-
-def _spin(register_name: str, suffix: str, step: float) -> QDoubleSpinBox:
-    """A box with the limits that the board itself enforces, starting at its default."""
+def _register_spin_box(register_name: str, suffix: str, step: float) -> QDoubleSpinBox:
+    """Return a field with the limits and the default of the board's register."""
     register = BY_NAME[register_name]
-    spin = QDoubleSpinBox()
-    spin.setRange(register.low * register.scale, register.high * register.scale)
-    spin.setValue(register.default * register.scale)
-    spin.setSuffix(suffix)
-    spin.setSingleStep(step)
-    spin.setDecimals(1 if register.scale < 0.1 else 0)
-    spin.setAlignment(Qt.AlignmentFlag.AlignRight)
-    return spin
+    spin_box = QDoubleSpinBox()
+    spin_box.setRange(register.low * register.scale, register.high * register.scale)
+    spin_box.setValue(register.default * register.scale)
+    spin_box.setSuffix(suffix)
+    spin_box.setSingleStep(step)
+    spin_box.setDecimals(1 if register.scale < 0.1 else 0)
+    spin_box.setAlignment(Qt.AlignmentFlag.AlignRight)
+    return spin_box

@@ -7,44 +7,42 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton
 
 from gui.widgets.labels import label
 from gui.widgets.status_lamp import Level, StatusLamp
-from gui.widgets.theme import Theme
 from rigctl.acquisition.rpc.messages import PromptStatus
 
 
 class PromptPanel(QFrame):
-    """Hidden while there is nothing to answer."""
+    """A question and its two answers; hidden without a question."""
 
-    answered = Signal(int, str)
+    command_requested = Signal(str, dict)
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.setProperty("role", "prompt")
         self._prompt_id = 0
-        self.lamp = StatusLamp(theme, 18)
-        self.lamp.set_level(Level.WARN)
+        lamp = StatusLamp(18)
+        lamp.set_level(Level.WARN)
         self.text = label("", "heading", wraps=True)
-        self.done = QPushButton("Done, go on")
+        self.confirm = QPushButton("Done, continue")
         self.abort = QPushButton("Abort the run")
-        self.done.clicked.connect(lambda: self.answered.emit(self._prompt_id, "ok"))
-        self.abort.clicked.connect(lambda: self.answered.emit(self._prompt_id, "abort"))
+        self.confirm.clicked.connect(lambda: self._answer("ok"))
+        self.abort.clicked.connect(lambda: self._answer("abort"))
         row = QHBoxLayout(self)
         row.setContentsMargins(10, 6, 10, 6)
-        row.addWidget(self.lamp)
+        row.addWidget(lamp)
         row.addWidget(self.text, 1)
-        row.addWidget(self.done)
+        row.addWidget(self.confirm)
         row.addWidget(self.abort)
         self.hide()
 
-    def set_theme(self, theme: Theme) -> None:
-        """Shine in other colours."""
-        self.lamp.set_theme(theme)
-
     def show_prompt(self, prompt: PromptStatus | None) -> None:
-        """Show a question, or hide when there is none."""
+        """Show a question, or hide the panel without one."""
         if prompt is None:
             self.hide()
-            return
-        if prompt.id != self._prompt_id or self.isHidden():
+        elif prompt.id != self._prompt_id or self.isHidden():
             self._prompt_id = prompt.id
             self.text.setText(prompt.text)
             self.show()
+
+    def _answer(self, answer: str) -> None:
+        args = {"prompt_id": self._prompt_id, "answer": answer}
+        self.command_requested.emit("answer", args)

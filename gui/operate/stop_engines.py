@@ -1,4 +1,4 @@
-"""STOP for all engines of this user, in a thread: the window waits for nothing."""
+"""STOP for all engines of this user, in threads: the window never waits."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from PySide6.QtCore import QObject, Signal
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import RigctlError
 
-NOTHING = "STOP: no engine is running; use the rig's emergency stop if it moves"
+NO_ENGINE = "STOP: no engine is running; press the rig's emergency stop if the drum moves"
 
 
 class EngineStopper(QObject):
-    """Stops engines; :meth:`poll`, in the window's thread, says which were reached."""
+    """Stops engines; :meth:`poll`, in the window's thread, reports each result."""
 
-    said = Signal(str, str)
-    """Kind and text for the window's log."""
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._said: SimpleQueue[tuple[str, str]] = SimpleQueue()
+        self._reports: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._threads: list[threading.Thread] = []
 
-    def stop(self, but: Collection[str] = ()) -> None:
-        """Stop every engine but those named, which somebody else has stopped; returns at once."""
+    def stop(self, exclude: Collection[str] = ()) -> None:
+        """Stop every engine except those that the caller has stopped; returns at once."""
         self._threads = [thread for thread in self._threads if thread.is_alive()]
-        thread = threading.Thread(target=self._stop, args=(but,), name="rigctl-stop")
+        thread = threading.Thread(target=self._stop, args=(exclude,), name="rigctl-stop")
         self._threads.append(thread)
         thread.start()
 
     def poll(self) -> None:
-        """Hand on what was reached since the last call."""
+        """Report the results since the last call."""
         while True:
             try:
-                self.said.emit(*self._said.get_nowait())
+                self.reported.emit(*self._reports.get_nowait())
             except Empty:
                 return
 
@@ -45,16 +45,16 @@ class EngineStopper(QObject):
         for thread in self._threads:
             thread.join()
 
-    def _stop(self, but: Collection[str]) -> None:
+    def _stop(self, exclude: Collection[str]) -> None:
         try:
-            if not stop_engines(self._tell, but) and not but:
-                self._said.put(("stop", NOTHING))
+            if not stop_engines(self._report, exclude) and not exclude:
+                self._reports.put(("stop", NO_ENGINE))
         except RigctlError as error:
-            self._said.put(("lost", f"STOP reached no engine: {error}"))
+            self._reports.put(("lost", f"STOP reached no engine: {error}"))
 
-    def _tell(self, stopped: StopResult) -> None:
-        if stopped.failure:
-            text = f"STOP did not reach {stopped.name}, press its emergency stop: {stopped.failure}"
-            self._said.put(("lost", text))
+    def _report(self, result: StopResult) -> None:
+        if result.failure:
+            text = f"STOP did not reach {result.name}: press its emergency stop ({result.failure})"
+            self._reports.put(("lost", text))
         else:
-            self._said.put(("stop", f"STOP reached {stopped.name}"))
+            self._reports.put(("stop", f"STOP reached {result.name}"))

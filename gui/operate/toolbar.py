@@ -1,128 +1,146 @@
-"""The top bar: which rig, connected or not, its state in words, recording truth, STOP."""
+"""The toolbar: choice of the rig, connection, drum state, recording lamp and STOP."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import (
-    QFrame,
-    QHBoxLayout,
-    QPushButton,
-    QSizePolicy,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QPushButton
 
-from gui.engine_link import JOIN
-from gui.operate.rig_choice import FileChoice
+from gui.engine_link import JOIN, NOT_CONNECTED
+from gui.widgets.file_browser import PathKind
 from gui.widgets.formatting import fault_sentence
 from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.layouts import container, vbox
 from gui.widgets.status_lamp import Level, StatusLamp
-from gui.widgets.theme import Theme
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus
 
-RIGS = (
-    ("Virtual rig", "virtual"),
-    ("Firmware on simulated chips", "firmware"),
-    ("Join the running engine", JOIN),
-)
-WORLDS = (("Nominal world", ""),)
+RIGS = {
+    "Virtual rig": "virtual",
+    "Firmware on simulated chips": "firmware",
+    "Join the running engine": JOIN,
+}
+WORLDS = {"Nominal world": ""}
 UNRECORDED_LIMIT = 12  # statuses, ten a second: the engine judges by the last second itself
 
 
-class Toolbar(QFrame):
-    """Emits what was asked for; knows no engine."""
+class FileComboBox(QComboBox):
+    """A list of named items that also takes files; its last item opens the file browser."""
 
-    connect_asked = Signal(str, str)
-    disconnect_asked = Signal()
-    stop_asked = Signal()
+    path_requested = Signal(object, object)
+    """The :class:`PathKind`, and the function that takes the path."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, items: dict[str, str], kind: PathKind, browse: str, width_px: int) -> None:
         super().__init__()
-        self.rig = FileChoice(RIGS, "open a rig.toml …", 205)
-        self.rig.setToolTip("Which rig to connect to")
-        self.world = FileChoice(WORLDS, "open a world file …", 145)
-        self.world.setToolTip("Plates, sensor and mechanics of a simulated rig")
-        self.rig.currentIndexChanged.connect(lambda _: self._offer_world())
+        for text, data in items.items():
+            self.addItem(text, data)
+        self.addItem(browse, None)
+        self._kind = kind
+        # A long file name is cut off; it must not push STOP out of the window.
+        self.setSizeAdjustPolicy(self.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.setMinimumWidth(width_px)
+        self.activated.connect(self._browse)
+
+    def choose(self, data: str) -> None:
+        """Choose the item with this data; add a file that is not in the list yet."""
+        if (index := self.findData(data)) < 0:
+            index = self.count() - 1
+            self.insertItem(index, data.rsplit("/", 1)[-1], data)
+            self.setItemData(index, data, Qt.ItemDataRole.ToolTipRole)
+        self.setCurrentIndex(index)
+
+    def _browse(self, index: int) -> None:
+        if self.itemData(index) is None:
+            self.setCurrentIndex(0)
+            self.path_requested.emit(self._kind, self.choose)
+
+
+class Toolbar(QFrame):
+    """A bar whose buttons only emit signals; it does not know the engine."""
+
+    connect_requested = Signal(str, str)
+    """The rig, and the world file of a simulated one."""
+    disconnect_requested = Signal()
+    stop_requested = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rig = FileComboBox(RIGS, PathKind.RIG_FILE, "Open a rig.toml …", 205)
+        self.rig.setToolTip("Rig to connect to")
+        self.world = FileComboBox(WORLDS, PathKind.WORLD_FILE, "Open a world file …", 145)
+        self.world.setToolTip("World of a simulated rig: its plates, sensor and mechanics")
+        # A running engine that the window joins already has its world.
+        self.rig.currentIndexChanged.connect(lambda _: self.world.setHidden(self._joins))
         self.connect_button = QPushButton("Connect")
         self.connect_button.setMinimumWidth(104)
-        self.connect_button.clicked.connect(self._connect_clicked)
-        self.state, self.words = label("–", "state"), elastic(label("not connected", "muted"))
-        self.lamp = StatusLamp(theme, 18)
+        self.connect_button.clicked.connect(self._toggle_connection)
+        self.state, self.state_words = label("–", "state"), elastic(label(NOT_CONNECTED, "muted"))
+        self.recording_lamp = StatusLamp(18)
         self.recording, self.samples = label("Not recording", "heading"), label("", "muted")
-        self.stop = QPushButton("STOP")
-        self.stop.setObjectName("stop")
-        self.stop.setMinimumSize(150, 46)
-        self.stop.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.stop.setToolTip("Stop the drum and lift it, from any state (Esc)")
-        self.stop.pressed.connect(self.stop_asked)
-        self._connected = False
+        self.stop_button = QPushButton("STOP")
+        self.stop_button.setObjectName("stop")
+        self.stop_button.setMinimumSize(150, 46)
+        self.stop_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.stop_button.setToolTip("Stop and lift the drum, from any state (Esc)")
+        self.stop_button.pressed.connect(self.stop_requested)
+        self._is_connected = False
         self._unrecorded = 0
         self._lay_out()
 
-    def set_theme(self, theme: Theme) -> None:
-        """Shine in other colours."""
-        self.lamp.set_theme(theme)
+    @property
+    def _joins(self) -> bool:
+        return bool(self.rig.currentData() == JOIN)
 
-    def show_connecting(self, spec: str) -> None:
-        """The engine is starting."""
-        self._connected = False
-        self.connect_button.setText("Connecting …")
+    def show_connecting(self) -> None:
+        """Show that the chosen rig's engine is starting."""
+        self._show_connection("Connecting …", connected=False, locked=True)
         self.connect_button.setEnabled(False)
-        self._lock(True)
-        show_text(self.words, f"starting the engine for {spec} …")
-
-    def show_disconnected(self, words: str = "not connected") -> None:
-        """No engine."""
-        self._connected = False
-        self.connect_button.setText("Connect")
-        self.connect_button.setEnabled(True)
-        self._lock(False)
-        self.state.setText("–")
-        set_property(self.state, "level", "ok")
-        show_text(self.words, words)
-        self._show_recording(Level.OFF, "Not recording", "")
+        starting = f"starting the engine for {self.rig.currentText()} …"
+        show_text(self.state_words, "joining the running engine …" if self._joins else starting)
 
     def show_connected(self) -> None:
-        """The engine answers."""
-        self._connected = True
-        self.connect_button.setText("Disconnect")
-        self.connect_button.setEnabled(True)
-        self._lock(True)
+        """Show that the engine answers."""
+        self._show_connection("Disconnect", connected=True, locked=True)
+
+    def show_disconnected(self, reason: str) -> None:
+        """Show that there is no engine, and why."""
+        self._show_connection("Connect", connected=False, locked=False)
+        self.state.setText("–")
+        set_property(self.state, "level", "ok")
+        show_text(self.state_words, reason)
+        self._show_recording(Level.OFF, "Not recording", "")
 
     def show_silent(self, seconds: float) -> None:
-        """The engine said nothing for a while: what was shown is no longer true."""
+        """Show that the last status is out of date: the engine does not answer."""
         self.state.setText("?")
         set_property(self.state, "level", "bad")
-        show_text(self.words, f"the engine has not answered for {seconds:.0f} s")
+        show_text(self.state_words, f"the engine has not answered for {seconds:.0f} s")
         self._show_recording(Level.BAD, "Recording: unknown", "the engine does not answer")
 
     def show_status(self, status: EngineStatus) -> None:
-        """State and recording light of a fresh status."""
+        """Show the drum's state and the recording lamp."""
         name = status.state.name.replace("_", " ") if status.state is not None else "–"
         self.state.setText(name)
         set_property(self.state, "level", "bad" if status.fault else "ok")
-        show_text(self.words, _state_words(status))
-        missing = status.run.state == "running" and not status.recording.active
-        self._unrecorded = self._unrecorded + 1 if missing else 0
-        self._show_recording(*recording_truth(status.recording, self._unrecorded))
+        show_text(self.state_words, _state_words(status))
+        is_missing = status.run.state == "running" and not status.recording.active
+        self._unrecorded = self._unrecorded + 1 if is_missing else 0
+        self._show_recording(*judge_recording(status.recording, self._unrecorded))
 
-    def _lock(self, locked: bool) -> None:
+    def _show_connection(self, button: str, *, connected: bool, locked: bool) -> None:
+        self._is_connected = connected
+        self.connect_button.setText(button)
+        self.connect_button.setEnabled(True)
         self.rig.setEnabled(not locked)
         self.world.setEnabled(not locked)
 
-    def _offer_world(self) -> None:
-        """An engine that is joined has its world already."""
-        self.world.setVisible(self.rig.currentData() != JOIN)
-
-    def _connect_clicked(self) -> None:
-        if self._connected:
-            self.disconnect_asked.emit()
+    def _toggle_connection(self) -> None:
+        if self._is_connected:
+            self.disconnect_requested.emit()
         else:
-            world = "" if self.rig.currentData() == JOIN else self.world.currentData()
-            self.connect_asked.emit(self.rig.currentData(), world)
+            world = "" if self._joins else self.world.currentData()
+            self.connect_requested.emit(self.rig.currentData(), world)
 
     def _show_recording(self, level: Level, title: str, detail: str) -> None:
-        self.lamp.set_level(level)
+        self.recording_lamp.set_level(level)
         show_text(self.recording, title)
         show_text(self.samples, detail)
         set_property(self.recording, "role", "bad" if level is Level.BAD else "heading")
@@ -135,22 +153,18 @@ class Toolbar(QFrame):
         row.addWidget(self.world)
         row.addWidget(self.connect_button)
         row.addSpacing(10)
-        row.addLayout(_two_lines(self.state, self.words), 1)
-        row.addWidget(self.lamp)
-        record = QWidget()
-        record.setFixedWidth(230)
-        record.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Preferred)
-        lines = _two_lines(self.recording, self.samples)
-        lines.setContentsMargins(0, 0, 0, 0)
-        record.setLayout(lines)
-        row.addWidget(record)
-        row.addWidget(self.stop)
+        row.addLayout(vbox(self.state, self.state_words), 1)
+        row.addWidget(self.recording_lamp)
+        recording = container(vbox(self.recording, self.samples))
+        recording.setFixedWidth(230)
+        row.addWidget(recording)
+        row.addWidget(self.stop_button)
 
 
-def recording_truth(recording: RecordingStatus, unrecorded: int) -> tuple[Level, str, str]:
-    """Level, title and detail of the light; only samples that reached the disk make it green.
+def judge_recording(recording: RecordingStatus, unrecorded: int) -> tuple[Level, str, str]:
+    """Return the lamp's level, title and detail; only samples on the disk make it green.
 
-    ``unrecorded``: how many statuses in a row told of a running protocol and an idle disk.
+    ``unrecorded`` counts the successive statuses of a running protocol without a recording.
     """
     if recording.failure:
         return Level.BAD, "NOT RECORDING", recording.failure
@@ -158,21 +172,13 @@ def recording_truth(recording: RecordingStatus, unrecorded: int) -> tuple[Level,
         total = f"{recording.samples_on_disk:,} samples".replace(",", "\u202f")
         return Level.OK, "Recording", f"{total}, {recording.samples_last_s}/s to disk"
     if unrecorded > UNRECORDED_LIMIT:
-        return Level.BAD, "NOT RECORDING", "a run is going, but nothing reaches the disk"
-    return Level.OFF, "Not recording", "no trials are being run"
+        return Level.BAD, "NOT RECORDING", "a protocol is running, but no samples reach the disk"
+    return Level.OFF, "Not recording", "no trials are running"
 
 
 def _state_words(status: EngineStatus) -> str:
     if status.fault:
         return status.fault_words or fault_sentence(status.fault)
     if not status.drum_connected:
-        return "the drum's board is not connected"
+        return "the drum board is not connected"
     return status.state_words
-
-
-def _two_lines(upper: QWidget, lower: QWidget) -> QVBoxLayout:
-    lines = QVBoxLayout()
-    lines.setSpacing(0)
-    lines.addWidget(upper)
-    lines.addWidget(lower)
-    return lines

@@ -1,37 +1,38 @@
-"""Planning protocols in a process of its own: the paper's 24,000 trials take seconds."""
+"""Planning of protocols in a worker process: the paper's 24,000 trials take seconds."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, Signal
 
 from gui.analysis.worker import Worker
-from gui.analysis.worker_tasks import Summary
-from gui.protocol.protocol_panel import ProtocolPanel
+from gui.analysis.worker_tasks import PlanSummary
 
 
 class Planner(QObject):
-    """Answers the panel's last question; earlier ones that wait are forgotten."""
+    """Plans the latest requested protocol; a newer request replaces one that waits."""
 
-    def __init__(self, panel: ProtocolPanel) -> None:
+    planned = Signal(object)
+    """The :class:`PlanSummary` of the latest request."""
+
+    def __init__(self) -> None:
         super().__init__()
         self.worker = Worker()
-        self._panel = panel
-        self._wanted: tuple[str, int | None] | None = None
-        panel.summary_asked.connect(self._ask)
-        self.worker.done.connect(lambda _, summary: self._show(summary))
-        self.worker.failed.connect(lambda _, sentence: self._show(Summary(problem=sentence)))
+        self._next: tuple[str, int | None] | None = None
+        self.worker.finished.connect(lambda _, summary: self._finish(summary))
+        self.worker.failed.connect(lambda _, sentence: self._finish(PlanSummary(problem=sentence)))
 
-    def _ask(self, path: str, seed: int | None) -> None:
-        self._wanted = (path, seed)
-        self._next()
+    def request(self, path: str, seed: int | None) -> None:
+        """Plan the protocol of a file; without a seed, with its own."""
+        self._next = (path, seed)
+        self._submit()
 
-    def _next(self) -> None:
-        if self._wanted is None or self.worker.is_busy:
+    def _submit(self) -> None:
+        if self._next is None or self.worker.is_busy:
             return
-        (path, seed), self._wanted = self._wanted, None
-        self.worker.ask("summarise", path=path, seed=seed)
+        (path, seed), self._next = self._next, None
+        self.worker.submit("plan_protocol", path=path, seed=seed)
 
-    def _show(self, summary: Summary) -> None:
-        if self._wanted is None:
-            self._panel.show_summary(summary)
-        self._next()
+    def _finish(self, summary: PlanSummary) -> None:
+        if self._next is None:
+            self.planned.emit(summary)
+        self._submit()

@@ -1,4 +1,4 @@
-"""Choosing a protocol, seeing what it asks for, starting it and watching it go."""
+"""The Protocol tab: choose a protocol, check its plan, start it and follow the run."""
 
 from __future__ import annotations
 
@@ -11,224 +11,217 @@ from PySide6.QtWidgets import (
     QFormLayout,
     QGridLayout,
     QGroupBox,
-    QHBoxLayout,
     QLineEdit,
     QProgressBar,
     QPushButton,
-    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
 
-from gui.analysis.worker_tasks import Summary
+from gui.analysis.worker_tasks import PlanSummary
+from gui.protocol.planner import Planner
+from gui.widgets.file_browser import PathKind
 from gui.widgets.formatting import duration
 from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.layouts import form_layout, group_box, hbox, small_button, spin_box
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.config import resources
 
 MAX_SEED = 2**31 - 1
+_PLAN_ROWS = ("Trials", "Plate changes", "Duration", "Disk space")
+_RUN_ROWS = ("Progress", "Trial", "Rejected", "Session")
+_STATES = {
+    "idle": "No run",
+    "running": "Running",
+    "prompt": "Waiting for your answer above",
+    "paused": "Paused, drum lifted",
+    "done": "Done: all trials are on disk",
+    "aborted": "Aborted: committed trials are kept",
+    "failed": "Failed: committed trials are kept",
+}
 
 
 class ProtocolPanel(QWidget):
-    """Emits what is asked for; a running protocol is shown from the engine's status alone."""
+    """Controls for protocols; emits engine commands, and shows the run that the engine reports."""
 
-    start_asked = Signal(str, str, int)
-    asked = Signal(str)
-    summary_asked = Signal(str, object)
-    session_asked = Signal()
-    file_asked = Signal()
-    folder_asked = Signal()
+    command_requested = Signal(str, dict)
+    """The engine's command and its arguments."""
+    path_requested = Signal(object, object)
+    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.choice = QComboBox()
+        self.planner = Planner()
+        self.protocol = QComboBox()
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
-        self.out.setToolTip("A new folder is made in here for every session")
-        self.seed = QSpinBox()
-        self.seed.setRange(0, MAX_SEED)
-        self.seed.setToolTip("Decides the order of shuffled trials; stored with the session")
-        self.summary = {name: label("–") for name in ("Trials", "Plate changes", "Time", "Disk")}
+        self.out.setToolTip("Every session gets a new folder in here")
+        self.seed = spin_box(0, MAX_SEED, 0)
+        self.seed.setToolTip("Seed of the random order of trials; stored with the session")
+        self.open_button = small_button("…", "Open a protocol file")
+        self.out_button = small_button("…", "Choose a folder")
+        self.plan_rows = {name: label("–") for name in _PLAN_ROWS}
         self.problem = label("", "bad", wraps=True)
         self.buttons = {name: QPushButton(name) for name in ("Start", "Pause", "Resume", "Abort")}
-        self.go_on = QPushButton("Continue a session …")
-        self.go_on.setToolTip("Run the trials that an interrupted session still lacks")
+        self.continue_button = QPushButton("Continue a session …")
+        self.continue_button.setToolTip("Run the remaining trials of an interrupted session")
         self.bar = QProgressBar()
-        self.bar.setTextVisible(True)
-        self.lines = {name: elastic(label("–")) for name in _LINES}
+        self.bar.setFormat("%p %")
+        self.run_rows = {name: elastic(label("–")) for name in _RUN_ROWS}
         self.state = label("No run", "heading", wraps=True)
-        self._startable = False
+        self._is_planned = False
         self._lay_out()
         self._connect()
-        self.show_protocols()
+        self._list_protocols()
         self.show_status(EngineStatus())
 
-    def show_protocols(self) -> None:
-        """List the protocols that come with the program; the quick one first."""
-        paths = resources.protocols().glob("*.toml")
-        self.choice.clear()
-        for path in sorted(paths, key=lambda path: (path.stem != "quick", path.stem)):
-            self.choice.addItem(path.stem, str(path))
-            self.choice.setItemData(self.choice.count() - 1, str(path), Qt.ItemDataRole.ToolTipRole)
-
     def add_protocol(self, path: str) -> None:
-        """Offer a file and choose it."""
-        if self.choice.findData(path) < 0:
-            self.choice.addItem(Path(path).name, path)
-        self.choice.setCurrentIndex(self.choice.findData(path))
+        """Add a file to the list and choose it."""
+        if self.protocol.findData(path) < 0:
+            self.protocol.addItem(Path(path).name, path)
+        self.protocol.setCurrentIndex(self.protocol.findData(path))
 
-    def set_out(self, folder: str) -> None:
-        """Put sessions into another folder."""
-        self.out.setText(folder)
+    def continue_session(self, folder: str) -> None:
+        """Run the remaining trials of a session."""
+        self.command_requested.emit("start", {"resume": folder, "yes": False})
 
     def show_status(self, status: EngineStatus) -> None:
-        """Buttons by what is possible, progress as the engine counts it."""
+        """Enable the commands that are possible and show the run's progress."""
         run = status.run
-        ready = status.drum_connected and status.taxels_connected and not status.fault
-        self.buttons["Start"].setEnabled(self._startable and ready and not run.is_active)
-        self.go_on.setEnabled(ready and not run.is_active)
+        is_ready = (
+            status.drum_connected
+            and status.taxels_connected
+            and not status.fault
+            and not run.is_active
+        )
+        self.buttons["Start"].setEnabled(self._is_planned and is_ready)
+        self.continue_button.setEnabled(is_ready)
         self.buttons["Pause"].setEnabled(run.state == "running")
         self.buttons["Resume"].setEnabled(run.state == "paused")
         self.buttons["Abort"].setEnabled(run.is_active)
-        for widget in (self.choice, self.out, self.seed, self._open, self._browse):
+        inputs = (self.protocol, self.out, self.seed, self.open_button, self.out_button)
+        for widget in inputs:
             widget.setEnabled(not run.is_active)
-        self._show_progress(run)
+        self._show_run(run)
 
-    def _show_progress(self, run: RunStatus) -> None:
+    def show_plan(self, plan: PlanSummary) -> None:
+        """Show the plan of the chosen protocol, or why it cannot run."""
+        texts = (plan.trials, plan.plate_changes, plan.duration, plan.disk_space)
+        for row, text in zip(self.plan_rows.values(), texts, strict=True):
+            row.setText(text)
+        self.problem.setText(plan.problem)
+        self.problem.setVisible(bool(plan.problem))
+        self._is_planned = not plan.problem
+        with QSignalBlocker(self.seed):
+            self.seed.setValue(plan.seed)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Plan the protocol when the panel is visible for the first time."""
+        super().showEvent(event)
+        if not self._is_planned and not self.problem.text():
+            self._request_plan()
+
+    def _list_protocols(self) -> None:
+        """List the protocols of the program, the quick one first."""
+        paths = resources.protocols().glob("*.toml")
+        for path in sorted(paths, key=lambda path: (path.stem != "quick", path.stem)):
+            self.protocol.addItem(path.stem, str(path))
+            index = self.protocol.count() - 1
+            self.protocol.setItemData(index, str(path), Qt.ItemDataRole.ToolTipRole)
+
+    def _show_run(self, run: RunStatus) -> None:
         show_text(self.state, run_sentence(run))
         set_property(self.state, "role", "bad" if run.state == "failed" else "heading")
         self.bar.setMaximum(max(run.trials_planned, 1))
         self.bar.setValue(run.trials_committed)
-        self.bar.setFormat("%p %")
         left = f", {duration(run.eta_s)} left" if run.is_active and run.eta_s is not None else ""
-        planned = f"{run.trials_committed} of {run.trials_planned} trials{left}"
-        show_text(self.lines["Progress"], planned if run.trials_planned else "–")
-        show_text(self.lines["Now"], trial_words(run))
-        show_text(self.lines["Rejected"], f"{run.trials_rejected}" if run.trials_planned else "–")
-        self.lines["Session"].setText(Path(run.session).name if run.session else "–")
-        self.lines["Session"].setToolTip(run.session or "")
+        progress = f"{run.trials_committed} of {run.trials_planned} trials{left}"
+        show_text(self.run_rows["Progress"], progress if run.trials_planned else "–")
+        show_text(self.run_rows["Trial"], trial_sentence(run))
+        rejected = f"{run.trials_rejected}" if run.trials_planned else "–"
+        show_text(self.run_rows["Rejected"], rejected)
+        self.run_rows["Session"].setText(Path(run.session).name if run.session else "–")
+        self.run_rows["Session"].setToolTip(run.session or "")
 
-    def show_summary(self, found: Summary) -> None:
-        """What the chosen protocol asks for."""
-        for made, text in zip(self.summary.values(), found[:4], strict=True):
-            made.setText(text)
-        self.problem.setText(found.problem)
-        self.problem.setVisible(bool(found.problem))
-        self._startable = not found.problem
-        with QSignalBlocker(self.seed):
-            self.seed.setValue(found.seed)
-
-    def showEvent(self, event: QShowEvent) -> None:
-        """Plan the protocol when it can be seen for the first time."""
-        super().showEvent(event)
-        if not self._startable and not self.problem.text():
-            self._choose()
-
-    def _choose(self, seed: int | None = None) -> None:
-        """Ask for a summary; until it is there nothing can be started."""
-        self._startable = False
-        if path := self.choice.currentData():
-            self.summary_asked.emit(path, seed)
+    def _request_plan(self, seed: int | None = None) -> None:
+        """Request a plan; until it is there, Start stays disabled."""
+        self._is_planned = False
+        if path := self.protocol.currentData():
+            self.planner.request(path, seed)
 
     def _start(self) -> None:
-        stamp = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
-        folder = (
-            Path(self.out.text()).expanduser() / f"{Path(self.choice.currentText()).stem}-{stamp}"
-        )
-        self.start_asked.emit(self.choice.currentData(), str(folder), self.seed.value())
+        path = self.protocol.currentData()
+        time = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
+        folder = f"{Path(self.protocol.currentText()).stem}-{time}"
+        out = str(Path(self.out.text()).expanduser() / folder)
+        args = {"protocol": path, "out": out, "seed": self.seed.value(), "yes": False}
+        self.command_requested.emit("start", args)
 
     def _connect(self) -> None:
-        self.choice.currentIndexChanged.connect(lambda _: self._choose())
-        self.seed.valueChanged.connect(self._choose)
-        self._open.clicked.connect(self.file_asked)
-        self._browse.clicked.connect(self.folder_asked)
+        self.planner.planned.connect(self.show_plan)
+        self.protocol.currentIndexChanged.connect(lambda _: self._request_plan())
+        self.seed.valueChanged.connect(self._request_plan)
+        for button, kind, selected in (
+            (self.open_button, PathKind.PROTOCOL, self.add_protocol),
+            (self.out_button, PathKind.OUTPUT, self.out.setText),
+            (self.continue_button, PathKind.INTERRUPTED, self.continue_session),
+        ):
+            button.clicked.connect(lambda _, k=kind, s=selected: self.path_requested.emit(k, s))
         self.buttons["Start"].clicked.connect(self._start)
-        self.go_on.clicked.connect(self.session_asked)
         for name in ("Pause", "Resume", "Abort"):
-            self.buttons[name].clicked.connect(lambda _=False, n=name: self.asked.emit(n.lower()))
+            command = name.lower()
+            self.buttons[name].clicked.connect(
+                lambda _, c=command: self.command_requested.emit(c, {})
+            )
 
     def _lay_out(self) -> None:
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 4, 6, 6)
         column.setSpacing(4)
-        column.addWidget(self._choice_box())
+        column.addWidget(self._protocol_box())
         column.addWidget(self._run_box())
         column.addStretch(1)
 
-    def _choice_box(self) -> QGroupBox:
-        self._open, self._browse = _small("Open another protocol"), _small("Choose another folder")
-        box = QGroupBox("Protocol")
-        form = QFormLayout(box)
-        form.setContentsMargins(8, 6, 8, 8)
-        form.setVerticalSpacing(5)
-        form.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.ExpandingFieldsGrow)
-        form.addRow("File", _beside(self.choice, self._open))
-        form.addRow("Save in", _beside(self.out, self._browse))
+    def _protocol_box(self) -> QGroupBox:
+        box, form = group_box("Protocol", form_layout(5))
+        form.addRow("File", hbox(self.protocol, self.open_button))
+        form.addRow("Save in", hbox(self.out, self.out_button))
         form.addRow("Seed", self.seed)
-        for name, shown in self.summary.items():
-            form.addRow(label(name, "muted"), shown)
+        for name, text in self.plan_rows.items():
+            form.addRow(label(name, "muted"), text)
         form.addRow(self.problem)
         return box
 
     def _run_box(self) -> QGroupBox:
-        box = QGroupBox("Run")
-        column = QVBoxLayout(box)
-        column.setContentsMargins(8, 6, 8, 8)
+        box, column = group_box("Run", QVBoxLayout())
         grid = QGridLayout()
         for place, button in enumerate(self.buttons.values()):
             grid.addWidget(button, place // 2, place % 2)
-        grid.addWidget(self.go_on, 2, 0, 1, 2)
+        grid.addWidget(self.continue_button, 2, 0, 1, 2)
         column.addLayout(grid)
         column.addWidget(self.state)
         column.addWidget(self.bar)
         form = QFormLayout()
         form.setVerticalSpacing(3)
-        for name, shown in self.lines.items():
-            form.addRow(label(name, "muted"), shown)
+        for name, text in self.run_rows.items():
+            form.addRow(label(name, "muted"), text)
         column.addLayout(form)
         return box
 
 
-_LINES = ("Progress", "Now", "Rejected", "Session")
-_STATES = {
-    "idle": "No run",
-    "running": "Running",
-    "prompt": "Waiting for you: answer above",
-    "paused": "Paused, lifted",
-    "done": "Done: every trial is on disk",
-    "aborted": "Aborted: what was committed is kept",
-    "failed": "Failed: what was committed is kept",
-}
-
-
 def run_sentence(run: RunStatus) -> str:
-    """How the run stands, with the reasons of a pause."""
+    """Return the run's state, with the reasons of a pause."""
     if run.text:
         return run.text
     words = _STATES.get(run.state, run.state)
     return f"{words} ({', '.join(run.reasons)})" if run.reasons else words
 
 
-def trial_words(run: RunStatus) -> str:
-    """The trial that runs now."""
+def trial_sentence(run: RunStatus) -> str:
+    """Return the conditions of the present trial."""
     if not run.current:
         return "–"
-    now = run.current
+    trial = run.current
     return (
-        f"#{run.trial_id or 0}: {now.texture}, {now.speed_mm_s:g} mm/s, "
-        f"{now.force_g:g} g, repeat {now.repeat}"
+        f"#{run.trial_id or 0}: {trial.texture}, {trial.speed_mm_s:g} mm/s, "
+        f"{trial.force_g:g} g, repeat {trial.repeat}"
     )
-
-
-def _small(hint: str) -> QPushButton:
-    button = QPushButton("…")
-    button.setFixedWidth(34)
-    button.setToolTip(hint)
-    return button
-
-
-def _beside(wide: QWidget, narrow: QWidget) -> QHBoxLayout:
-    row = QHBoxLayout()
-    row.setSpacing(4)
-    row.addWidget(wide, 1)
-    row.addWidget(narrow)
-    return row

@@ -1,4 +1,4 @@
-"""Choosing a file or folder inside the window, where no dialog can cover STOP."""
+"""A file dialog inside the window, where no dialog can cover STOP."""
 
 from __future__ import annotations
 
@@ -9,21 +9,23 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QVBoxLayout, QWidget
 
+_FILE, _FOLDER = QFileDialog.FileMode.ExistingFile, QFileDialog.FileMode.Directory
 
-class Pick(Enum):
-    """What is looked for: window title of the page and Qt's file mode."""
 
-    RIG_FILE = ("Rig description (rig.toml)", QFileDialog.FileMode.ExistingFile)
-    WORLD_FILE = ("World of a simulated rig (*.toml)", QFileDialog.FileMode.ExistingFile)
-    PROTOCOL = ("Protocol (*.toml)", QFileDialog.FileMode.ExistingFile)
-    OUTPUT = ("Folder that will hold the new session", QFileDialog.FileMode.Directory)
-    SESSION = ("Folder of a session", QFileDialog.FileMode.Directory)
-    MODEL = ("Model file (*.h5)", QFileDialog.FileMode.ExistingFile)
-    INTERRUPTED = ("Folder of the session to go on with", QFileDialog.FileMode.Directory)
+class PathKind(Enum):
+    """What the user chooses: the title of the dialog and Qt's file mode."""
+
+    RIG_FILE = ("Rig description (rig.toml)", _FILE)
+    WORLD_FILE = ("World of a simulated rig (*.toml)", _FILE)
+    PROTOCOL = ("Protocol (*.toml)", _FILE)
+    OUTPUT = ("Folder for new sessions", _FOLDER)
+    SESSION = ("Session folder", _FOLDER)
+    MODEL = ("Model file (*.h5)", _FILE)
+    INTERRUPTED = ("Folder of the session to continue", _FOLDER)
 
 
 class FileBrowser(QWidget):
-    """A page with Qt's own file chooser as a plain widget."""
+    """A page that holds Qt's own file dialog as a plain widget."""
 
     closed = Signal()
 
@@ -33,27 +35,28 @@ class FileBrowser(QWidget):
         self._column.setContentsMargins(0, 0, 0, 0)
         self.dialog: QFileDialog | None = None
 
-    def ask(self, pick: Pick, start: Path, done: Callable[[str], None]) -> None:
-        """Show the chooser; ``done`` gets the path unless it is cancelled."""
+    def open(self, kind: PathKind, selected: Callable[[str], None]) -> None:
+        """Show the dialog; ``selected`` gets the path unless the user cancels."""
         self.dismiss()
-        title, mode = pick.value
-        dialog = QFileDialog(self, title, str(start))
+        title, mode = kind.value
+        dialog = QFileDialog(self, title, str(Path.home()))
         dialog.setWindowFlags(Qt.WindowType.Widget)
         dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
-        dialog.setOption(QFileDialog.Option.ShowDirsOnly, mode is QFileDialog.FileMode.Directory)
+        dialog.setOption(QFileDialog.Option.ShowDirsOnly, mode is _FOLDER)
         dialog.setSizeGripEnabled(False)
         dialog.setFileMode(mode)
-        if mode is QFileDialog.FileMode.ExistingFile:
-            ours = "Models (*.h5)" if pick is Pick.MODEL else "TOML files (*.toml)"
-            dialog.setNameFilters([ours, "All files (*)"])
-        dialog.fileSelected.connect(done)
+        if mode is _FILE:
+            models = kind is PathKind.MODEL
+            name_filter = "Models (*.h5)" if models else "TOML files (*.toml)"
+            dialog.setNameFilters([name_filter, "All files (*)"])
+        dialog.fileSelected.connect(selected)
         dialog.finished.connect(lambda _: self.dismiss())
         self.dialog = dialog
         self._column.addWidget(dialog)
         dialog.show()
 
     def dismiss(self) -> None:
-        """Close the chooser."""
+        """Close the dialog."""
         if self.dialog is None:
             return
         dialog, self.dialog = self.dialog, None

@@ -1,4 +1,4 @@
-"""Numbers and states as a person reads them."""
+"""Text for numbers, durations and faults."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from rigctl.wire.drum.states import FAULT_TEXT, Fault
 
 
 def fault_sentence(fault: int) -> str:
-    """What the board's fault number means and what to do; empty for no fault."""
+    """Return the meaning and remedy of the board's fault number; empty for no fault."""
     if not fault:
         return ""
     if fault in Fault._value2member_map_:
@@ -15,7 +15,7 @@ def fault_sentence(fault: int) -> str:
 
 
 def duration(seconds: float | None) -> str:
-    """A stretch of time with its two largest units."""
+    """Return a duration in its two largest units."""
     if seconds is None:
         return "–"
     whole = max(0, round(seconds))
@@ -28,7 +28,7 @@ def duration(seconds: float | None) -> str:
 
 
 def size(n_bytes: float) -> str:
-    """A number of bytes in decimal units."""
+    """Return a number of bytes in decimal units."""
     for unit in ("B", "kB", "MB"):
         if n_bytes < 1000:
             return f"{n_bytes:.0f} {unit}"
@@ -38,8 +38,6 @@ def size(n_bytes: float) -> str:
     return f"{n_bytes / 1000:.1f} TB"
 
 
-def age(seconds: float | None) -> str:
-    """How long ago, in ms while that is readable."""
-    if seconds is None:
-        return "–"
+def age(seconds: float) -> str:
+    """Return an age, in ms below one second."""
     return f"{seconds * 1000:.0f} ms" if seconds < 1 else duration(seconds)

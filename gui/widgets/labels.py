@@ -1,4 +1,4 @@
-"""Small widgets that several panels are made of."""
+"""Labels, and the style properties of widgets."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 
 def label(text: str = "", role: str = "", wraps: bool = False) -> QLabel:
-    """A text; ``role`` picks its look from the theme (muted, heading, value, state, bad)."""
-    made = QLabel(text)
-    made.setProperty("role", role)
-    made.setWordWrap(wraps)
-    made.setTextFormat(Qt.TextFormat.PlainText)
-    return made
+    """Return a label; the theme styles its ``role`` (muted, heading, value, state, bad)."""
+    widget = QLabel(text)
+    widget.setProperty("role", role)
+    widget.setWordWrap(wraps)
+    widget.setTextFormat(Qt.TextFormat.PlainText)
+    return widget
 
 
-def elastic(made: QLabel) -> QLabel:
-    """Let a label become as narrow as the place; what does not fit is in its tool tip."""
-    made.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-    return made
+def elastic(widget: QLabel) -> QLabel:
+    """Let a label shrink below the width of its text; the tooltip then shows the rest."""
+    widget.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+    return widget
 
 
-def show_text(made: QLabel, text: str) -> None:
-    """Set a text and the same as tool tip, only when it changed."""
-    if made.text() != text:
-        made.setText(text)
-        made.setToolTip(text)
+def show_text(widget: QLabel, text: str) -> None:
+    """Set a label's text and tooltip, only if the text changed."""
+    if widget.text() != text:
+        widget.setText(text)
+        widget.setToolTip(text)
 
 
 def set_property(widget: QWidget, name: str, value: str) -> None:
-    """Change a property that the style sheet looks at."""
+    """Change a property that the style sheet selects by."""
     if widget.property(name) != value:
         widget.setProperty(name, value)
         widget.style().unpolish(widget)

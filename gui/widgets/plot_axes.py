@@ -1,4 +1,4 @@
-"""Plots as this window wants them: fixed ranges, no menus, axes that line up."""
+"""Plots with fixed ranges, without menus, whose axes line up."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ LEFT_PX = 62
 _BOTTOM_PX = 34
 
 
-def quiet_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
-    """A plot that nobody can drag by accident and that never rescales itself."""
+def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
+    """Return a plot that the mouse cannot move and that never rescales itself."""
     plot = layout.addPlot(row=row, col=column, enableMenu=False)
     plot.hideButtons()
     plot.setMouseEnabled(x=False, y=False)
@@ -27,13 +27,13 @@ def quiet_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
 
 
 def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> pg.PlotItem:
-    """A plot against time whose left axis is as wide as its neighbours'."""
-    plot = quiet_plot(layout, row, 0)
+    """Return a plot over time; all have equally wide left axes, the last shows the time."""
+    plot = fixed_plot(layout, row, 0)
     plot.setLabel("left", label)
     plot.getAxis("left").setWidth(LEFT_PX)
     plot.getAxis("bottom").setStyle(showValues=last)
     if last:
-        plot.setLabel("bottom", "time before now (s)")
+        plot.setLabel("bottom", "Time relative to now (s)")
         plot.getAxis("bottom").setHeight(_BOTTOM_PX)
     else:
         plot.getAxis("bottom").setHeight(6)
@@ -41,7 +41,7 @@ def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> pg
 
 
 def colour_axes(plot: pg.PlotItem, theme: Theme) -> None:
-    """Give a plot's axes, labels and paper the theme's colours."""
+    """Apply a theme to a plot's axes, labels and background."""
     plot.getViewBox().setBackgroundColor(theme.plot)
     for side in ("left", "bottom"):
         axis = plot.getAxis(side)
@@ -51,5 +51,5 @@ def colour_axes(plot: pg.PlotItem, theme: Theme) -> None:
 
 
 def taxel_ticks() -> list[tuple[float, str]]:
-    """Names of every second taxel at the middle of its band."""
+    """Return the name of every second taxel at the middle of its band."""
     return [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(0, N_TAXELS, 2)]

@@ -1,4 +1,4 @@
-"""A light that says its level by shape as well as by colour."""
+"""A lamp that shows its level by shape as well as by colour."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from gui.widgets.theme import Theme
+from gui.widgets.theme import applied_theme
 
 
 class Level(StrEnum):
-    """How well something is."""
+    """The verdict on a value."""
 
     OFF = "off"
     OK = "ok"
@@ -21,19 +21,13 @@ class Level(StrEnum):
 
 
 class StatusLamp(QWidget):
-    """Ring: unknown or off. Disc: good. Diamond: look. Triangle: bad."""
+    """A ring (off or unknown), a disc (OK), a diamond (WARN) or a triangle (BAD)."""
 
-    def __init__(self, theme: Theme, side_px: int = 14) -> None:
+    def __init__(self, side_px: int) -> None:
         super().__init__()
-        self._theme = theme
         self._side_px = side_px
         self.level = Level.OFF
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-
-    def set_theme(self, theme: Theme) -> None:
-        """Shine in other colours."""
-        self._theme = theme
-        self.update()
 
     def set_level(self, level: Level) -> None:
         """Show another level."""
@@ -42,20 +36,21 @@ class StatusLamp(QWidget):
             self.update()
 
     def sizeHint(self) -> QSize:
-        """A square."""
+        """Return the size of a square."""
         return QSize(self._side_px, self._side_px)
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw the level's shape."""
+        """Draw the level's shape in the colours of the applied theme."""
+        theme = applied_theme()
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         box = QRectF(self.rect()).adjusted(1.5, 1.5, -1.5, -1.5)
         if self.level is Level.OFF:
-            painter.setPen(QPen(QColor(self._theme.muted), 1.6))
+            painter.setPen(QPen(QColor(theme.muted), 1.6))
             painter.drawEllipse(box)
             return
         painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(getattr(self._theme, self.level.value)))
+        painter.setBrush(QColor(getattr(theme, self.level.value)))
         if self.level is Level.OK:
             painter.drawEllipse(box)
         else:
@@ -63,13 +58,13 @@ class StatusLamp(QWidget):
 
 
 def _diamond(box: QRectF) -> QPolygonF:
-    middle = box.center()
+    x, y = box.center().x(), box.center().y()
     return QPolygonF(
         [
-            QPointF(middle.x(), box.top()),
-            QPointF(box.right(), middle.y()),
-            QPointF(middle.x(), box.bottom()),
-            QPointF(box.left(), middle.y()),
+            QPointF(x, box.top()),
+            QPointF(box.right(), y),
+            QPointF(x, box.bottom()),
+            QPointF(box.left(), y),
         ]
     )
 

@@ -1,4 +1,4 @@
-"""Esc means STOP wherever the focus is: in a spin box, in a list, in an open menu."""
+"""Esc is STOP wherever the focus is: in a spin box, a list or an open menu."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 
 class StopKey(QObject):
-    """Sees every key before the widget that has the focus does."""
+    """An event filter that gets every key before the focused widget does."""
 
     def __init__(self, window: QWidget, stop: Callable[[], None]) -> None:
         super().__init__(window)
@@ -20,7 +20,7 @@ class StopKey(QObject):
         app.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Act on Esc; an open menu or list still gets it, so that it closes as well."""
+        """Stop on Esc; an open menu or list still gets the key, so that it closes as well."""
         if event.type() != QEvent.Type.KeyPress or not isinstance(watched, QWidget):
             return False
         if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:

@@ -1,4 +1,4 @@
-"""The window's two sets of colours, and how Qt and the plots are told of them."""
+"""The light and the dark theme, and their application to Qt."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 
 
 class ThemeChoice(StrEnum):
-    """What the View menu offers."""
+    """The choices of the View menu."""
 
     SYSTEM = "Follow system"
     LIGHT = "Light"
@@ -20,7 +20,7 @@ class ThemeChoice(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Theme:
-    """Colours by what they mean.
+    """Colours by their meaning.
 
     The four row groups differ in hue between SA (cool) and RA (warm) and in lightness between
     the layers, so that they stay apart for the colour-blind (after Okabe and Ito, 2008).
@@ -89,25 +89,31 @@ DARK = Theme(
 )
 
 
-def chosen(choice: ThemeChoice) -> Theme:
-    """The theme that a choice stands for; the system's where it says one, else light."""
+_APPLIED = "rigctl_theme"
+
+
+def resolve(choice: ThemeChoice) -> Theme:
+    """Return the theme of a choice; the system's scheme decides for SYSTEM, else light."""
     if choice is ThemeChoice.SYSTEM:
         dark = QApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark
         return DARK if dark else LIGHT
     return DARK if choice is ThemeChoice.DARK else LIGHT
 
 
-_APPLIED = "rigctl_theme"
-
-
 def apply(app: QApplication, theme: Theme) -> None:
-    """Give all widgets of the application the colours of ``theme``, if they have others."""
+    """Set the colours of all widgets of the application, if they have others."""
     if app.property(_APPLIED) == theme.name:
-        return  # polishing every widget anew takes seconds
+        return  # polishing every widget again takes seconds
     app.setProperty(_APPLIED, theme.name)
     app.setStyle("Fusion")
     app.setPalette(_palette(theme))
     app.setStyleSheet(_style_sheet(theme))
+
+
+def applied_theme() -> Theme:
+    """Return the theme of the running application."""
+    app = QApplication.instance()
+    return DARK if app is not None and app.property(_APPLIED) == DARK.name else LIGHT
 
 
 def _palette(theme: Theme) -> QPalette:

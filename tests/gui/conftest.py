@@ -54,10 +54,10 @@ def bench(shown: Shown, engine: FakeEngine) -> Iterator[Bench]:
     """A window as it was opened, connected to the engine."""
     window, shown.engine = shown.window, engine
     window.tabs.setCurrentIndex(0)
-    window.log.clear()
+    window.event_log.clear()
     window.connect_rig("virtual")
-    wait_until(lambda: window.connection.is_open)
+    wait_until(lambda: window.engine_link.is_open)
     yield Bench(window, engine)
-    window.connection.close()
-    window.connection.wait_closed()
+    window.engine_link.close()
+    window.engine_link.wait_closed()
     assert engine.is_closed

@@ -9,7 +9,6 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from gui.engine_link import Client
 from gui.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
@@ -25,7 +24,7 @@ class Shown:
         self.engine: FakeEngine | None = None
         self.window = MainWindow(self._open, ThemeChoice.LIGHT)
 
-    def _open(self, rig: str, world: str) -> Client:
+    def _open(self, rig: str, world: str) -> FakeEngine:
         assert self.engine is not None
         return self.engine
 
@@ -39,7 +38,7 @@ class Bench(NamedTuple):
     def see(self, **changes: Any) -> None:
         """Have the engine say a status and the window take it."""
         self.engine.say_status(**changes)
-        self.window.tick()
+        self.window.poll()
 
 
 def wait_until(done: Callable[[], bool], limit_ms: int = LIMIT_MS) -> None:

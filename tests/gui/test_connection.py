@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.engine_link import JOIN, Client
+from gui.engine_link import JOIN
 from gui.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost, WrongUse
@@ -19,7 +19,7 @@ from tests.gui.steps import Bench, click, wait_until
 def test_the_chosen_rig_is_connected(app: QApplication, tmp_path: Path) -> None:
     asked: list[tuple[str, str]] = []
 
-    def open_client(rig: str, world: str) -> Client:
+    def open_client(rig: str, world: str) -> FakeEngine:
         asked.append((rig, world))
         return FakeEngine(tmp_path)
 
@@ -28,7 +28,7 @@ def test_the_chosen_rig_is_connected(app: QApplication, tmp_path: Path) -> None:
     window.toolbar.rig.choose("firmware")
     click(window.toolbar.connect_button)
     assert not window.toolbar.connect_button.isEnabled()
-    wait_until(lambda: window.connection.is_open)
+    wait_until(lambda: window.engine_link.is_open)
     assert asked == [("firmware", "")]
     assert window.toolbar.connect_button.text() == "Disconnect"
     window.close()
@@ -40,7 +40,7 @@ def test_a_simulated_rig_is_connected_in_the_world_of_a_file(
 ) -> None:
     asked: list[tuple[str, str]] = []
 
-    def open_client(rig: str, world: str) -> Client:
+    def open_client(rig: str, world: str) -> FakeEngine:
         asked.append((rig, world))
         raise WrongUse("lab.toml, line 1: top_gain: 9 is outside 0.5 to 1.5 1/mm")
 
@@ -49,11 +49,11 @@ def test_a_simulated_rig_is_connected_in_the_world_of_a_file(
     toolbar = window.toolbar
     toolbar.world.setCurrentIndex(toolbar.world.count() - 1)
     toolbar.world.activated.emit(toolbar.world.count() - 1)
-    assert window.browser.dialog is not None
-    window.browser.dialog.fileSelected.emit("/home/lab/lab.toml")
+    assert window.file_browser.dialog is not None
+    window.file_browser.dialog.fileSelected.emit("/home/lab/lab.toml")
     assert toolbar.world.currentText() == "lab.toml"
     click(toolbar.connect_button)
-    wait_until(lambda: "line 1" in toolbar.words.text())
+    wait_until(lambda: "line 1" in toolbar.state_words.text())
     assert asked == [("virtual", "/home/lab/lab.toml")]
     assert toolbar.world.isEnabled()
     window.close()
@@ -63,7 +63,7 @@ def test_a_simulated_rig_is_connected_in_the_world_of_a_file(
 def test_an_engine_that_is_joined_keeps_its_own_world(app: QApplication, tmp_path: Path) -> None:
     asked: list[tuple[str, str]] = []
 
-    def open_client(rig: str, world: str) -> Client:
+    def open_client(rig: str, world: str) -> FakeEngine:
         asked.append((rig, world))
         return FakeEngine(tmp_path)
 
@@ -73,7 +73,7 @@ def test_an_engine_that_is_joined_keeps_its_own_world(app: QApplication, tmp_pat
     window.toolbar.rig.choose(JOIN)
     assert not window.toolbar.world.isVisible()
     click(window.toolbar.connect_button)
-    wait_until(lambda: window.connection.is_open)
+    wait_until(lambda: window.engine_link.is_open)
     assert asked == [(JOIN, "")]
     window.close()
     delete(window)
@@ -88,21 +88,23 @@ def test_a_bench_without_a_wiring_is_told_once_what_that_means(
     for times in (1, 0):
         window = MainWindow(lambda rig, world: FakeEngine(tmp_path))
         window.connect_rig(str(rig))
-        wait_until(lambda: window.connection.is_open)  # noqa: B023
-        assert window.log.toPlainText().count("[taxels] wiring is empty") == times
+        wait_until(lambda: window.engine_link.is_open)  # noqa: B023
+        assert window.event_log.toPlainText().count("[taxels] wiring is empty") == times
         window.close()
         delete(window)
 
 
 def test_a_rig_that_does_not_open_says_why(app: QApplication) -> None:
-    def open_client(rig: str, world: str) -> Client:
+    def open_client(rig: str, world: str) -> FakeEngine:
         raise WrongUse("port /dev/ttyACM0 is in use: close the other program")
 
     window = MainWindow(open_client)
     window.connect_rig("/etc/rig.toml")
-    wait_until(lambda: "in use" in window.sentence.text())
+    wait_until(lambda: "in use" in window.status_line.text())
     assert window.toolbar.connect_button.isEnabled()
-    assert window.toolbar.words.text() == "port /dev/ttyACM0 is in use: close the other program"
+    assert (
+        window.toolbar.state_words.text() == "port /dev/ttyACM0 is in use: close the other program"
+    )
     window.close()
     delete(window)
 
@@ -119,17 +121,17 @@ def test_closing_while_connecting_leaves_no_engine(app: QApplication, tmp_path: 
 def test_an_engine_that_ends_is_reported(bench: Bench) -> None:
     bench.see()
     bench.engine.lost = LinkLost("the engine ended (its end of the connection closed)")
-    bench.window.tick()
-    assert "the engine ended" in bench.window.sentence.text()
+    bench.window.poll()
+    assert "the engine ended" in bench.window.status_line.text()
     assert bench.window.toolbar.connect_button.text() == "Connect"
-    assert not any(button.isEnabled() for button in bench.window.operate.buttons.values())
+    assert not any(button.isEnabled() for button in bench.window.operate_panel.buttons.values())
 
 
 def test_a_silent_engine_turns_the_recording_light_bad(bench: Bench) -> None:
     bench.see(recording={"active": True, "samples_last_s": 1000, "folder": "/s"})
-    assert bench.window.toolbar.lamp.level is Level.OK
-    wait_until(lambda: bench.window.toolbar.lamp.level is Level.BAD)
-    assert "does not answer" in bench.window.sentence.text()
+    assert bench.window.toolbar.recording_lamp.level is Level.OK
+    wait_until(lambda: bench.window.toolbar.recording_lamp.level is Level.BAD)
+    assert "does not answer" in bench.window.status_line.text()
 
 
 @pytest.mark.parametrize(
@@ -145,16 +147,16 @@ def test_the_recording_light_tells_the_truth(
     bench: Bench, recording: dict[str, object], level: Level, title: str
 ) -> None:
     bench.see(recording=recording)
-    assert bench.window.toolbar.lamp.level is level
+    assert bench.window.toolbar.recording_lamp.level is level
     assert bench.window.toolbar.recording.text() == title
 
 
 def test_a_run_that_reaches_no_disk_is_told_loudly(bench: Bench) -> None:
     for _ in range(20):
         bench.see(run={"state": "running"}, recording={"active": False, "folder": "/s"})
-    assert bench.window.toolbar.lamp.level is Level.BAD
+    assert bench.window.toolbar.recording_lamp.level is Level.BAD
     bench.see(run={"state": "prompt"})
-    assert bench.window.toolbar.lamp.level is Level.OFF
+    assert bench.window.toolbar.recording_lamp.level is Level.OFF
 
 
 def test_a_run_goes_on_without_the_window(app: QApplication, tmp_path: Path) -> None:
@@ -168,7 +170,7 @@ def test_a_run_goes_on_without_the_window(app: QApplication, tmp_path: Path) -> 
     engine = Watched(tmp_path)
     window = MainWindow(lambda rig, world: engine)
     window.connect_rig("virtual")
-    wait_until(lambda: window.connection.is_open)
+    wait_until(lambda: window.engine_link.is_open)
     Bench(window, engine).see(run={"state": "running"})
     window.close()
     delete(window)

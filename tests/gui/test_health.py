@@ -37,7 +37,7 @@ def _read(**changes: Any) -> dict[str, Any]:
         ("boards", {}, "5.01 V", Level.OK),
         ("boards", {"boards": {}}, "–", Level.OFF),
         ("boards", {"boards": {"taxels": {"supply_v": 4.21}}}, "4.21 V", Level.BAD),
-        ("boards", {"boards": {"taxels": {"self_test": ["a", "b"]}}}, "2 found", Level.BAD),
+        ("boards", {"boards": {"taxels": {"self_test": ["a", "b"]}}}, "2 findings", Level.BAD),
         ("boards", {"boards": {"drum": {"unwanted": True}}}, "restarted", Level.BAD),
         ("boards", {"boards": {"drum": {"stack_free_percent": 24}}}, "stack 24 %", Level.WARN),
         ("boards", {"boards": {"drum": {"stack_free_percent": 25}}}, "–", Level.OFF),
@@ -60,7 +60,7 @@ def test_the_disk_is_judged_by_the_time_it_lasts() -> None:
 
 def test_bad_is_said_in_words_and_shape_too(bench: Bench) -> None:
     bench.see(gaps=1)
-    cell = bench.window.health.cells["gaps"]
+    cell = bench.window.health_strip.cells["gaps"]
     assert cell.verdict.text() == "BAD"
     assert cell.lamp.level is Level.BAD
 
@@ -69,7 +69,7 @@ def test_a_late_tick_is_a_warning_in_words_and_shape(bench: Bench) -> None:
     boards = deepcopy(STATUS["boards"])
     boards["taxels"]["late_ticks"] = 3
     bench.see(boards=boards)
-    cell = bench.window.health.cells["ticks"]
+    cell = bench.window.health_strip.cells["ticks"]
     assert (cell.value.text(), cell.verdict.text()) == ("3 late, 25 µs", "WARN")
     assert cell.lamp.level is Level.WARN
     assert "taxels: 3 late ticks, longest interrupt 22.56 µs, idle 52.5 %" in cell.toolTip()
@@ -85,9 +85,9 @@ def test_what_each_board_says_of_itself_is_readable() -> None:
     said["taxels"]["self_test"] = ["line D5 stays low: it is connected to ground; free it"]
     lines = board_lines(parse_status({**STATUS, "boards": said}).boards)
     assert lines == [
-        "drum: firmware 0.1, start 4 by power-up",
+        "drum: firmware 0.1, boot 4 by power-up",
         "drum: 5386 bytes of stack never used, 66 % of its RAM",
-        "taxels: firmware 1.1, start 7 by its reset pin, supply 5.01 V",
+        "taxels: firmware 1.1, boot 7 by its reset pin, supply 5.01 V",
         "taxels: 1344 bytes of stack never used, 66 % of its RAM",
         "line D5 stays low: it is connected to ground; free it",
     ]

@@ -21,28 +21,28 @@ RUN = {
 
 def _panel(bench: Bench) -> ProtocolPanel:
     bench.window.tabs.setCurrentIndex(1)
-    panel = bench.window.protocol
-    if panel.choice.currentText() != "quick":
-        panel.choice.setCurrentIndex(panel.choice.findText("quick"))
+    panel = bench.window.protocol_panel
+    if panel.protocol.currentText() != "quick":
+        panel.protocol.setCurrentIndex(panel.protocol.findText("quick"))
     planned(bench)
     return panel
 
 
 def planned(bench: Bench) -> None:
     """Wait for the plan of what is chosen."""
-    wait_until(lambda: not bench.window.planner.worker.is_busy)
+    wait_until(lambda: not bench.window.protocol_panel.planner.worker.is_busy)
 
 
 def test_the_quick_protocol_is_offered_with_its_count(bench: Bench) -> None:
     panel = _panel(bench)
-    assert panel.choice.currentText() == "quick"
-    assert int(panel.summary["Trials"].text()) > 0
-    assert panel.summary["Disk"].text().endswith("MB")
+    assert panel.protocol.currentText() == "quick"
+    assert int(panel.plan_rows["Trials"].text()) > 0
+    assert panel.plan_rows["Disk space"].text().endswith("MB")
 
 
 def test_start_sends_file_folder_and_seed(bench: Bench, tmp_path: Path) -> None:
     panel = _panel(bench)
-    panel.set_out(str(tmp_path))
+    panel.out.setText(str(tmp_path))
     panel.seed.setValue(7)
     planned(bench)
     bench.see()
@@ -56,10 +56,10 @@ def test_start_sends_file_folder_and_seed(bench: Bench, tmp_path: Path) -> None:
 def test_an_interrupted_session_goes_on_where_it_stopped(bench: Bench, tmp_path: Path) -> None:
     panel = _panel(bench)
     bench.see(run={"state": "running"})
-    assert not panel.go_on.isEnabled()
+    assert not panel.continue_button.isEnabled()
     bench.see(run={"state": "idle"})
-    click(panel.go_on)
-    chooser = bench.window.browser.dialog
+    click(panel.continue_button)
+    chooser = bench.window.file_browser.dialog
     assert chooser is not None
     chooser.fileSelected.emit(str(tmp_path))
     assert bench.engine.asked[-1] == ("start", {"resume": str(tmp_path), "yes": False})
@@ -79,9 +79,9 @@ def test_a_bad_protocol_cannot_be_started_and_says_why(bench: Bench, tmp_path: P
 def test_progress_is_the_engines(bench: Bench) -> None:
     panel = _panel(bench)
     bench.see(run=RUN)
-    assert panel.lines["Progress"].text() == "37 of 96 trials, 6 min 40 s left"
-    assert panel.lines["Now"].text() == "#38: C, 80 mm/s, 500 g, repeat 2"
-    assert panel.lines["Session"].text() == "quick-20260101"
+    assert panel.run_rows["Progress"].text() == "37 of 96 trials, 6 min 40 s left"
+    assert panel.run_rows["Trial"].text() == "#38: C, 80 mm/s, 500 g, repeat 2"
+    assert panel.run_rows["Session"].text() == "quick-20260101"
     assert panel.bar.value() == 37 and panel.bar.maximum() == 96
 
 
@@ -103,7 +103,7 @@ def test_pause_resume_abort_reach_the_engine(bench: Bench) -> None:
     bench.see(run={**RUN, "state": "running"})
     click(panel.buttons["Pause"])
     bench.see(run={"state": "paused", "reasons": ["operator"]})
-    assert panel.state.text() == "Paused, lifted (operator)"
+    assert panel.state.text() == "Paused, drum lifted (operator)"
     click(panel.buttons["Resume"])
     click(panel.buttons["Abort"])
     assert bench.engine.commands == ["pause", "resume", "abort"]
@@ -112,21 +112,21 @@ def test_pause_resume_abort_reach_the_engine(bench: Bench) -> None:
 def test_a_prompt_is_answered_in_the_window(bench: Bench) -> None:
     prompt = {"id": 4, "text": "Mount plate B, then confirm.", "texture": "B"}
     bench.see(run={"state": "prompt", "prompt": prompt})
-    assert bench.window.prompt.text.text() == "Mount plate B, then confirm."
-    click(bench.window.prompt.done)
+    assert bench.window.prompt_panel.text.text() == "Mount plate B, then confirm."
+    click(bench.window.prompt_panel.confirm)
     assert bench.engine.asked[-1] == ("answer", {"prompt_id": 4, "answer": "ok"})
     bench.see(run={"state": "running", "prompt": None})
-    assert bench.window.prompt.isHidden()
+    assert bench.window.prompt_panel.isHidden()
 
 
 def test_a_prompt_can_end_the_run(bench: Bench) -> None:
     bench.see(run={"state": "prompt", "prompt": {"id": 5, "text": "?", "texture": None}})
-    click(bench.window.prompt.abort)
+    click(bench.window.prompt_panel.abort)
     assert bench.engine.asked[-1] == ("answer", {"prompt_id": 5, "answer": "abort"})
 
 
 def test_time_since_the_last_trial_is_shown(bench: Bench) -> None:
     bench.see(run={**RUN, "trials_committed": 0})
-    assert bench.window.health.cells["trial"].value.text() == "–"
+    assert bench.window.health_strip.cells["trial"].value.text() == "–"
     bench.see(run={**RUN, "trials_committed": 1})
-    assert bench.window.health.cells["trial"].value.text().endswith("ago")
+    assert bench.window.health_strip.cells["trial"].value.text().endswith("ago")

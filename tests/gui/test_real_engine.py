@@ -50,22 +50,22 @@ def window(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 
 def _wait(window: MainWindow, *states: State) -> None:
-    wait_until(lambda: window.connection.status.state in states, LIMIT_MS)
+    wait_until(lambda: window.engine_link.status.state in states, LIMIT_MS)
 
 
 def _arm(window: MainWindow) -> None:
     """Armed, whatever the tests before left."""
-    if window.connection.status.state is State.IDLE:
-        click(window.operate.buttons["arm"])
+    if window.engine_link.status.state is State.IDLE:
+        click(window.operate_panel.buttons["arm"])
     _wait(window, State.ARMED)
 
 
 def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: MainWindow) -> None:
-    buttons = window.operate.buttons
+    buttons = window.operate_panel.buttons
     _arm(window)
-    window.operate.speed.setValue(40.0)
-    click(window.operate.apply)
-    wait_until(lambda: window.operate.read_back.text() == "40.0 mm/s, 500 g")
+    window.operate_panel.speed.setValue(40.0)
+    click(window.operate_panel.set_button)
+    wait_until(lambda: window.operate_panel.set_points.text() == "40.0 mm/s, 500 g")
     assert not buttons["approach"].isEnabled() and "Tare first" in buttons["approach"].toolTip()
     click(buttons["tare"])
     wait_until(buttons["approach"].isEnabled)
@@ -73,17 +73,17 @@ def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: MainWindow) -
     _wait(window, State.HOLD)
     click(buttons["run"])
     _wait(window, State.RUN)
-    wait_until(lambda: window.connection.status.speed_mm_s > 20)
-    click(window.toolbar.stop)
+    wait_until(lambda: window.engine_link.status.speed_mm_s > 20)
+    click(window.toolbar.stop_button)
     _wait(window, State.RETRACT, State.ARMED)
     _wait(window, State.ARMED)
-    assert window.connection.status.speed_mm_s == 0
-    assert len(window.scene.history) > 1000
-    assert window.scene.bars.rates_hz.shape == (36,)
+    assert window.engine_link.status.speed_mm_s == 0
+    assert len(window.live_plots.history) > 1000
+    assert window.live_plots.rate_bars.rates_hz.shape == (36,)
 
 
 def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: MainWindow) -> None:
-    jog, link = window.operate.jog, window.connection
+    jog, link = window.operate_panel.jog, window.engine_link
     _arm(window)
     turn_steps, step_mm = 12800, 0.03125
 
@@ -103,7 +103,7 @@ def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: MainWindow) ->
     wait_until(jog.buttons[1].isEnabled)
     QTest.keyClick(window, Qt.Key.Key_Right, Qt.KeyboardModifier.AltModifier)
     wait_until(lambda: moved(before) == 1)
-    link.ask("jog", mm=turn_steps * step_mm)
+    link.request("jog", mm=turn_steps * step_mm)
     wait_until(lambda: link.status.speed_mm_s > 100)
     press_escape(window)
     _wait(window, State.RETRACT, State.ARMED)
@@ -112,44 +112,44 @@ def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: MainWindow) ->
 
 
 def test_a_refusal_of_the_board_is_a_sentence(window: MainWindow) -> None:
-    window.connection.ask("run")
-    wait_until(lambda: window.log.toPlainText().count("refused") > 0)
-    assert "Traceback" not in window.log.toPlainText()
+    window.engine_link.request("run")
+    wait_until(lambda: window.event_log.toPlainText().count("refused") > 0)
+    assert "Traceback" not in window.event_log.toPlainText()
 
 
 def test_a_protocol_from_prompt_to_disk_ended_by_escape(window: MainWindow, tmp_path: Path) -> None:
     path = tmp_path / "ridges.toml"
     path.write_text(RIDGES)
     window.tabs.setCurrentIndex(1)
-    panel, status = window.protocol, window.connection
+    panel, status = window.protocol_panel, window.engine_link
     panel.add_protocol(str(path))
-    panel.set_out(str(tmp_path))
+    panel.out.setText(str(tmp_path))
     wait_until(panel.buttons["Start"].isEnabled, LIMIT_MS)
     click(panel.buttons["Start"])
-    wait_until(window.prompt.isVisible, LIMIT_MS)
-    click(window.prompt.done)
+    wait_until(window.prompt_panel.isVisible, LIMIT_MS)
+    click(window.prompt_panel.confirm)
     wait_until(lambda: status.status.run.trials_committed == 1, LIMIT_MS)
-    wait_until(lambda: window.toolbar.lamp.level is Level.OK)
+    wait_until(lambda: window.toolbar.recording_lamp.level is Level.OK)
     _wait(window, State.RUN)
     press_escape(panel.out)
     wait_until(lambda: status.status.run.state == "aborted", LIMIT_MS)
     with Session.open(Path(status.status.run.session)) as session:
         assert session.trials["verdict"].tolist()[0] == "committed"
         assert np.all(session.window(0).flags & 1)
-    wait_until(lambda: window.toolbar.lamp.level is Level.OFF)
-    _go_on_from(window, Path(status.status.run.session))
+    wait_until(lambda: window.toolbar.recording_lamp.level is Level.OFF)
+    _continue(window, Path(status.status.run.session))
 
 
-def _go_on_from(window: MainWindow, session: Path) -> None:
+def _continue(window: MainWindow, session: Path) -> None:
     """Continue the interrupted session through the chooser, see it count on, stop it again."""
-    run = window.connection
-    wait_until(window.protocol.go_on.isEnabled, LIMIT_MS)
-    click(window.protocol.go_on)
-    assert window.browser.dialog is not None
-    window.browser.dialog.fileSelected.emit(str(session))
-    window.browser.dismiss()
-    wait_until(window.prompt.isVisible, LIMIT_MS)
-    click(window.prompt.done)
+    run = window.engine_link
+    wait_until(window.protocol_panel.continue_button.isEnabled, LIMIT_MS)
+    click(window.protocol_panel.continue_button)
+    assert window.file_browser.dialog is not None
+    window.file_browser.dialog.fileSelected.emit(str(session))
+    window.file_browser.dismiss()
+    wait_until(window.prompt_panel.isVisible, LIMIT_MS)
+    click(window.prompt_panel.confirm)
     wait_until(lambda: run.status.run.trials_committed == 2, LIMIT_MS)
     press_escape(window)
     wait_until(lambda: run.status.run.state == "aborted", LIMIT_MS)
@@ -158,12 +158,12 @@ def _go_on_from(window: MainWindow, session: Path) -> None:
 
 
 def test_a_pulled_plug_is_seen_and_said(window: MainWindow) -> None:
-    bench = window.operate.bench
+    bench = window.operate_panel.bench
     window.tabs.setCurrentIndex(0)
     bench.fault.setCurrentText("Unplug the taxels")
     click(bench.inject)
-    wait_until(lambda: not window.connection.status.taxels_connected, LIMIT_MS)
-    assert window.health.cells["rate"].lamp.level is Level.BAD
-    bench.fault.setCurrentText("Plug the taxels in")
+    wait_until(lambda: not window.engine_link.status.taxels_connected, LIMIT_MS)
+    assert window.health_strip.cells["rate"].lamp.level is Level.BAD
+    bench.fault.setCurrentText("Plug in the taxels")
     click(bench.inject)
-    wait_until(lambda: window.connection.status.taxels_connected, LIMIT_MS)
+    wait_until(lambda: window.engine_link.status.taxels_connected, LIMIT_MS)

@@ -74,7 +74,7 @@ def ages_ms(seconds: float = SECONDS) -> list[float]:
         window.show()
         watch = _Ages(window)
         window.timer.timeout.connect(lambda: QTimer.singleShot(0, watch.painted))
-        window.connection.heard.connect(watch.heard)
+        window.engine_link.status_received.connect(watch.heard)
         window.connect_rig("virtual")
         while not watch.offsets_s:
             QTest.qWait(50)
@@ -87,7 +87,7 @@ class _Ages:
     """Collects when each sample was there and when it was painted."""
 
     def __init__(self, window: MainWindow) -> None:
-        self._scene = window.scene
+        self._plots = window.live_plots
         self._seen_s = 0.0
         self._painted: list[tuple[float, float, float]] = []
         self.offsets_s: list[float] = []
@@ -98,7 +98,7 @@ class _Ages:
 
     def painted(self) -> None:
         """A paint is through: what the history holds is on the screen."""
-        newest_s = self._scene.history.newest_s
+        newest_s = self._plots.history.newest_s
         if newest_s > self._seen_s > 0 and self.offsets_s:
             self._painted.append((self._seen_s, newest_s, time.monotonic()))
         self._seen_s = newest_s
@@ -117,7 +117,7 @@ def redraw_costs_ms(frames: int = FRAMES) -> list[float]:
     """Wall time of each redraw: pull what is new, prepare it, paint it."""
     import pyqtgraph as pg
 
-    from gui.live.live_plots import LiveView
+    from gui.live.live_plots import LivePlots
     from gui.widgets import theme
     from tests.gui.fake_engine import FakeEngine
 
@@ -126,7 +126,7 @@ def redraw_costs_ms(frames: int = FRAMES) -> list[float]:
     with tempfile.TemporaryDirectory() as folder:
         engine = FakeEngine(Path(folder))
         engine.produce(11_000, SPIKES_A_SAMPLE)
-        scene = LiveView(theme.LIGHT)
+        scene = LivePlots(theme.LIGHT)
         scene.resize(*SIZE)
         scene.show()
         costs_ms = []
