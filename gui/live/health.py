@@ -35,7 +35,7 @@ class Reading(NamedTuple):
 
 CELLS = {
     "rate": ("Frame rate", "Taxel frames in the last second: 1000 Hz ± 2 %"),
-    "gaps": ("Gaps", "Gaps in the stream of taxel samples since connecting: 0"),
+    "gaps": ("Gaps", "Gaps in the stream of taxel samples since the engine started: 0"),
     "lost": ("Lost", "Taxel samples that the board took and the computer never received: 0"),
     "block": ("Block age", "Time since the last taxel samples arrived: at most 300 ms"),
     "poll": (

@@ -1,1 +1,1 @@
-"""The window, driven by clicks, without a display."""
+"""Tests of the window, driven by clicks, without a display."""

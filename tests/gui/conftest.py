@@ -1,4 +1,4 @@
-"""Windows without a display; Qt must be told before it is imported."""
+"""Windows without a display; the platform must be set before Qt is imported."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from shiboken6 import delete
 
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Bench, Shown, wait_until
+from tests.gui.steps import Bench, SharedWindow, wait_until
 
 
 @pytest.fixture(autouse=True, scope="session")
 def own_engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A STOP in a test reaches no engine of whoever runs the tests."""
+    """Keep the STOP of a test from the engines of the user who runs the tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(tmp_path_factory.mktemp("runtime")))
         yield
@@ -28,31 +28,31 @@ def own_engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def app() -> QApplication:
-    """The one application of this process."""
-    found = QApplication.instance()
-    return found if isinstance(found, QApplication) else QApplication([])
+    """Return the application of this process."""
+    instance = QApplication.instance()
+    return instance if isinstance(instance, QApplication) else QApplication([])
 
 
 @pytest.fixture
 def engine(tmp_path: Path) -> FakeEngine:
-    """An engine that does what the test says."""
+    """Return an engine that the test controls."""
     return FakeEngine(tmp_path)
 
 
 @pytest.fixture(scope="session")
-def shown(app: QApplication) -> Iterator[Shown]:
-    """A window that connects to whatever engine is put behind it; building one takes a second."""
-    shown = Shown()
-    shown.window.show()
-    yield shown
-    shown.window.close()
-    delete(shown.window)
+def shared(app: QApplication) -> Iterator[SharedWindow]:
+    """Yield a window that connects to any engine; building a window takes a second."""
+    shared = SharedWindow()
+    shared.window.show()
+    yield shared
+    shared.window.close()
+    delete(shared.window)
 
 
 @pytest.fixture
-def bench(shown: Shown, engine: FakeEngine) -> Iterator[Bench]:
-    """A window as it was opened, connected to the engine."""
-    window, shown.engine = shown.window, engine
+def bench(shared: SharedWindow, engine: FakeEngine) -> Iterator[Bench]:
+    """Yield a window in its initial state, connected to the engine."""
+    window, shared.engine = shared.window, engine
     window.tabs.setCurrentIndex(0)
     window.event_log.clear()
     window.connect_rig("virtual")

@@ -1,5 +1,4 @@
-"""An engine without a rig: remembers what it was asked, says what the test wants, writes real
-live data."""
+"""An engine without a rig: records requests, sends what the test wants, writes real live data."""
 
 from __future__ import annotations
 
@@ -95,15 +94,15 @@ STATUS: dict[str, Any] = {
 
 
 class FakeEngine:
-    """Stands where an EngineClient stands."""
+    """A replacement for EngineClient."""
 
     def __init__(self, folder: Path, seed: int = 0) -> None:
         self.announcement = EngineFile("fake", 1, 9, "", "virtual", "")
-        self.asked: list[tuple[str, dict[str, Any]]] = []
+        self.requests: list[tuple[str, dict[str, Any]]] = []
         self.status = deepcopy(STATUS)
         self.refusals: dict[str, str] = {}
-        self.answers = True
-        self.lost: RigctlError | None = None
+        self.replies = True
+        self.failure: RigctlError | None = None
         self.is_closed = False
         self._messages: list[dict[str, Any]] = []
         self._random = np.random.default_rng(seed)
@@ -114,38 +113,38 @@ class FakeEngine:
 
     @property
     def commands(self) -> list[str]:
-        """Names of what was asked for."""
-        return [command for command, _ in self.asked]
+        """Return the commands of all requests."""
+        return [command for command, _ in self.requests]
 
     def send(self, command: str, **args: Any) -> int:
-        """Remember a request and answer it unless told not to."""
-        self.asked.append((command, args))
-        number = len(self.asked)
-        if self.answers:
+        """Record a request, and reply to it unless ``replies`` is False."""
+        self.requests.append((command, args))
+        number = len(self.requests)
+        if self.replies:
             self._messages.append(self._reply(number, command))
         return number
 
     def drain(self) -> list[dict[str, Any]]:
-        """What was said since the last call."""
+        """Return the messages since the last call."""
         messages, self._messages = self._messages, []
-        if self.lost is not None and not messages:
-            raise self.lost
+        if self.failure is not None and not messages:
+            raise self.failure
         return messages
 
     def close(self) -> None:
-        """Let go."""
+        """Close the live buffer."""
         if not self.is_closed:
             self.is_closed = True
             self.live.close()
             self._writer.close()
 
     def shut_down(self, limit_s: float = 30.0) -> int | None:
-        """End."""
+        """Close, as the engine would end."""
         self.close()
         return 0
 
-    def say_status(self, **changes: Any) -> None:
-        """Tell the status, some fields changed for good; ``run`` and ``recording`` merge."""
+    def send_status(self, **changes: Any) -> None:
+        """Send the status after changing some fields; ``run`` and ``recording`` merge."""
         for name, value in changes.items():
             if isinstance(value, dict) and name in ("run", "recording"):
                 self.status[name].update(value)
@@ -154,24 +153,24 @@ class FakeEngine:
         data = deepcopy(self.status)
         self._messages.append({"event": "status", "at_s": 1.0, "text": "", "data": data})
 
-    def say(self, kind: str, text: str) -> None:
-        """Tell an event."""
+    def send_event(self, kind: str, text: str) -> None:
+        """Send an event."""
         self._messages.append({"event": kind, "at_s": 1.0, "text": text, "data": {}})
 
-    def produce(self, n: int, dense: float = 0.05, skip: int = 0) -> None:
-        """Add ``n`` samples, and the load cell's; ``skip`` samples are lost before them."""
+    def write_samples(self, n: int, dense: float = 0.05, skip: int = 0) -> None:
+        """Write ``n`` taxel samples and those of the load cell; ``skip`` lost samples precede."""
         self._counter += skip
         counters = np.arange(self._counter, self._counter + n, dtype=np.int64)
         time_s = counters / 1000.0
-        beat = np.sin(2 * np.pi * time_s[:, None] * np.linspace(4, 21, 18) / 3)
+        wave = np.sin(2 * np.pi * time_s[:, None] * np.linspace(4, 21, 18) / 3)
         noise = self._random.standard_normal((n, 18))
-        samples = (500 + 180 * beat + 12 * noise).astype(np.uint16)
+        samples = (500 + 180 * wave + 12 * noise).astype(np.uint16)
         rate = dense * (1 + np.sin(2 * np.pi * 0.7 * time_s))[:, None]
         spikes = (self._random.random((n, 36)) < rate).astype(np.uint8)
         self._writer.add_taxels(time_s, counters, samples, np.zeros(n, np.uint8), spikes)
-        beats = time_s[::12]
-        force = 500 + 4 * self._random.standard_normal(len(beats))
-        self._writer.add_drum(beats, force, 500.0, 80.0, 80.0, int(State.RUN))
+        drum_s = time_s[::12]
+        force = 500 + 4 * self._random.standard_normal(len(drum_s))
+        self._writer.add_drum(drum_s, force, 500.0, 80.0, 80.0, int(State.RUN))
         self._counter += n
 
     def _reply(self, number: int, command: str) -> dict[str, Any]:

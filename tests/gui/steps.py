@@ -1,4 +1,4 @@
-"""What a person at the window does, in a line each."""
+"""The user's actions as functions."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from gui.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
 
-LIMIT_MS = 20_000
-_LOOK_MS = 5
+TIMEOUT_MS = 20_000
+_POLL_MS = 5
 
 
-class Shown:
-    """A window whose rig is whatever engine is put here before it connects."""
+class SharedWindow:
+    """A window that connects to ``engine``, which each test sets."""
 
     def __init__(self) -> None:
         self.engine: FakeEngine | None = None
@@ -30,28 +30,28 @@ class Shown:
 
 
 class Bench(NamedTuple):
-    """A window and the engine behind it."""
+    """A window and its engine."""
 
     window: MainWindow
     engine: FakeEngine
 
-    def see(self, **changes: Any) -> None:
-        """Have the engine say a status and the window take it."""
-        self.engine.say_status(**changes)
+    def update(self, **changes: Any) -> None:
+        """Send a status with some changes to the window."""
+        self.engine.send_status(**changes)
         self.window.poll()
 
 
-def wait_until(done: Callable[[], bool], limit_ms: int = LIMIT_MS) -> None:
-    """Let Qt work until something is so."""
-    for _ in range(limit_ms // _LOOK_MS):
+def wait_until(done: Callable[[], bool], timeout_ms: int = TIMEOUT_MS) -> None:
+    """Process Qt events until a condition is true."""
+    for _ in range(timeout_ms // _POLL_MS):
         if done():
             return
-        QTest.qWait(_LOOK_MS)
-    raise AssertionError(f"did not come about within {limit_ms} ms")
+        QTest.qWait(_POLL_MS)
+    raise AssertionError(f"the condition is not true after {timeout_ms} ms")
 
 
 def click(button: QPushButton) -> None:
-    """Press a button with the left mouse button."""
+    """Click a button with the left mouse button."""
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
 
 

@@ -1,4 +1,4 @@
-"""A recorded session is opened, looked at and classified without holding up the window."""
+"""The Analysis tab opens, shows and classifies a recorded session without blocking the window."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tests.gui.steps import Bench, click, wait_until
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four textures, a few dozen trials."""
+    """Return a session with four textures and 48 trials."""
     return record(tmp_path_factory.mktemp("recorded") / "session", repeats=2)
 
 
 @pytest.fixture
 def opened(bench: Bench, session: Path) -> Bench:
-    """The window with that session open."""
+    """Return the window with that session open."""
     bench.window.tabs.setCurrentIndex(2)
     panel = bench.window.analysis_tab.panel
     panel.run_box.method.setCurrentIndex(0)
@@ -34,11 +34,10 @@ def opened(bench: Bench, session: Path) -> Bench:
     click(panel.open_button)
     wait_until(lambda: not bench.window.analysis_tab.worker.is_busy)
     assert bench.window.analysis_tab.trial_view.data is not None
-    assert bench.window.analysis_tab.trial_view.data is not None
     return bench
 
 
-def test_the_trials_and_the_first_ones_spikes_are_shown(opened: Bench) -> None:
+def test_trials_and_spikes_of_first_trial_are_shown(opened: Bench) -> None:
     panel, view = opened.window.analysis_tab.panel, opened.window.analysis_tab.trial_view
     assert panel.model.rowCount() == 48
     assert "48 of 48 trials committed, simulated rig" in panel.about.text()
@@ -58,7 +57,7 @@ def test_classify_shows_a_sentence_and_a_figure(opened: Bench, session: Path) ->
     panel = opened.window.analysis_tab.panel
     click(panel.run_box.run_button)
     assert not panel.run_box.run_button.isEnabled() and panel.run_box.cancel_button.isEnabled()
-    wait_until(lambda: bool(panel.run_box.result.text()), limit_ms=60_000)
+    wait_until(lambda: bool(panel.run_box.result.text()), timeout_ms=60_000)
     assert "chance" in panel.run_box.result.text()
     assert not opened.window.analysis_tab.figure_view.pixmap.isNull()
     assert panel.run_box.run_button.isEnabled() and not panel.run_box.cancel_button.isEnabled()
@@ -72,7 +71,7 @@ def test_classify_can_be_cancelled(opened: Bench) -> None:
     assert "cancelled" in opened.window.event_log.toPlainText()
 
 
-def test_a_folder_that_is_no_session_is_refused(bench: Bench, tmp_path: Path) -> None:
+def test_folder_without_session_is_refused(bench: Bench, tmp_path: Path) -> None:
     bench.window.tabs.setCurrentIndex(2)
     panel = bench.window.analysis_tab.panel
     panel.folder.setText(str(tmp_path))
@@ -81,7 +80,7 @@ def test_a_folder_that_is_no_session_is_refused(bench: Bench, tmp_path: Path) ->
 
 
 def choose(box: QComboBox, text: str) -> None:
-    """Pick an entry of a list with the keyboard, as it stands."""
+    """Choose an item of a list with the keyboard."""
     place = box.findText(text)
     assert place >= 0, text
     QTest.keyClick(box, Qt.Key.Key_Home)
@@ -90,9 +89,7 @@ def choose(box: QComboBox, text: str) -> None:
     assert box.currentText() == text
 
 
-def test_the_papers_analysis_runs_with_the_options_of_the_command_line(
-    opened: Bench, session: Path
-) -> None:
+def test_paper_analysis_has_options_of_command_line(opened: Bench, session: Path) -> None:
     box, tab = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab
     choose(box.method, "The paper's analysis")
     assert box.run_button.text() == "Analyse" and box.form.isVisible()
@@ -104,7 +101,7 @@ def test_the_papers_analysis_runs_with_the_options_of_the_command_line(
     assert box.cancel_button.isEnabled() and not box.form.isEnabled()
     stages: set[str] = set()
     tab.worker.progressed.connect(lambda stage, _: stages.add(stage))
-    wait_until(lambda: bool(box.result.text()), limit_ms=180_000)
+    wait_until(lambda: bool(box.result.text()), timeout_ms=180_000)
     assert "classifying" in stages and "Individual textures: " in box.result.text()
     report = session.with_name("session-report-1")
     assert (report / "report.html").exists()
@@ -123,7 +120,7 @@ def test_the_papers_analysis_runs_with_the_options_of_the_command_line(
     choose(box.method, "A trained model")
     box.model.setText(str(session.with_name("session-report-1-model.h5")))
     click(box.run_button)
-    wait_until(lambda: "trials told right" in box.result.text(), limit_ms=60_000)
+    wait_until(lambda: "trials told right" in box.result.text(), timeout_ms=60_000)
     assert "of 48 trials told right" in view.text("Predictions")
     assert "Rows: true" in view.text("Confusion")
     assert "none lies outside them" in view.text("Remarks")
@@ -133,7 +130,7 @@ def test_the_papers_analysis_runs_with_the_options_of_the_command_line(
     assert opened.window.stack.currentWidget() is view
 
 
-def test_a_cancelled_analysis_leaves_nothing(opened: Bench, session: Path) -> None:
+def test_cancelled_analysis_leaves_no_files(opened: Bench, session: Path) -> None:
     box, tab = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab
     choose(box.method, "The paper's analysis")
     before = sorted(path.name for path in session.parent.iterdir())
@@ -145,7 +142,7 @@ def test_a_cancelled_analysis_leaves_nothing(opened: Bench, session: Path) -> No
     assert box.run_button.isEnabled() and box.form.isEnabled()
 
 
-def test_what_cannot_be_analysed_is_said(opened: Bench, tmp_path: Path) -> None:
+def test_failed_analysis_shows_the_reason(opened: Bench, tmp_path: Path) -> None:
     box, panel = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab.panel
     choose(box.method, "A trained model")
     box.model.setText(str(tmp_path / "none.h5"))
@@ -160,7 +157,7 @@ def test_what_cannot_be_analysed_is_said(opened: Bench, tmp_path: Path) -> None:
     assert len(box.form.sessions) == 1
 
 
-def test_the_form_knows_what_the_analysis_knows() -> None:
+def test_form_offers_all_options_of_the_analysis() -> None:
     assert {r.name: r.key for r in representations.REPRESENTATIONS} == REPRESENTATIONS
     assert tuple(key for key in TASKS.values() if key) == tasks.CHOICES
     assert set(ENGINES.values()) == set(sweep_engines.SweepEngine)

@@ -1,4 +1,4 @@
-"""Starting the window where there is nothing to show it on."""
+"""Start of the window without a display."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import pytest
 from rigctl.cli import main
 
 
-def test_no_display_is_one_sentence(
+def test_missing_display_is_one_sentence(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"):
         monkeypatch.delenv(name, raising=False)
     assert main(["gui"]) == 2
-    said = capsys.readouterr().err
-    assert "needs a display" in said and said.count("\n") == 1
+    text = capsys.readouterr().err
+    assert "needs a display" in text and text.count("\n") == 1
 
 
 def test_missing_libraries_are_named(

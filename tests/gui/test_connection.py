@@ -1,4 +1,4 @@
-"""Connecting, losing and leaving an engine."""
+"""Connecting to an engine, losing it and leaving it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Bench, click, wait_until
 
 
-def test_the_chosen_rig_is_connected(app: QApplication, tmp_path: Path) -> None:
+def test_connect_button_opens_the_chosen_rig(app: QApplication, tmp_path: Path) -> None:
     asked: list[tuple[str, str]] = []
 
     def open_client(rig: str, world: str) -> FakeEngine:
@@ -35,9 +35,7 @@ def test_the_chosen_rig_is_connected(app: QApplication, tmp_path: Path) -> None:
     delete(window)
 
 
-def test_a_simulated_rig_is_connected_in_the_world_of_a_file(
-    app: QApplication, tmp_path: Path
-) -> None:
+def test_simulated_rig_is_opened_with_a_world_file(app: QApplication, tmp_path: Path) -> None:
     asked: list[tuple[str, str]] = []
 
     def open_client(rig: str, world: str) -> FakeEngine:
@@ -60,7 +58,7 @@ def test_a_simulated_rig_is_connected_in_the_world_of_a_file(
     delete(window)
 
 
-def test_an_engine_that_is_joined_keeps_its_own_world(app: QApplication, tmp_path: Path) -> None:
+def test_joined_engine_keeps_its_world(app: QApplication, tmp_path: Path) -> None:
     asked: list[tuple[str, str]] = []
 
     def open_client(rig: str, world: str) -> FakeEngine:
@@ -79,7 +77,7 @@ def test_an_engine_that_is_joined_keeps_its_own_world(app: QApplication, tmp_pat
     delete(window)
 
 
-def test_a_bench_without_a_wiring_is_told_once_what_that_means(
+def test_empty_wiring_is_explained_once(
     app: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -94,7 +92,7 @@ def test_a_bench_without_a_wiring_is_told_once_what_that_means(
         delete(window)
 
 
-def test_a_rig_that_does_not_open_says_why(app: QApplication) -> None:
+def test_failed_connection_shows_the_reason(app: QApplication) -> None:
     def open_client(rig: str, world: str) -> FakeEngine:
         raise WrongUse("port /dev/ttyACM0 is in use: close the other program")
 
@@ -109,7 +107,7 @@ def test_a_rig_that_does_not_open_says_why(app: QApplication) -> None:
     delete(window)
 
 
-def test_closing_while_connecting_leaves_no_engine(app: QApplication, tmp_path: Path) -> None:
+def test_closing_during_connection_leaves_no_engine(app: QApplication, tmp_path: Path) -> None:
     engine = FakeEngine(tmp_path)
     window = MainWindow(lambda rig, world: engine)
     window.connect_rig("virtual")
@@ -118,17 +116,17 @@ def test_closing_while_connecting_leaves_no_engine(app: QApplication, tmp_path: 
     assert engine.is_closed
 
 
-def test_an_engine_that_ends_is_reported(bench: Bench) -> None:
-    bench.see()
-    bench.engine.lost = LinkLost("the engine ended (its end of the connection closed)")
+def test_end_of_the_engine_is_reported(bench: Bench) -> None:
+    bench.update()
+    bench.engine.failure = LinkLost("the engine ended (its end of the connection closed)")
     bench.window.poll()
     assert "the engine ended" in bench.window.status_line.text()
     assert bench.window.toolbar.connect_button.text() == "Connect"
     assert not any(button.isEnabled() for button in bench.window.operate_panel.buttons.values())
 
 
-def test_a_silent_engine_turns_the_recording_light_bad(bench: Bench) -> None:
-    bench.see(recording={"active": True, "samples_last_s": 1000, "folder": "/s"})
+def test_silent_engine_turns_the_recording_lamp_bad(bench: Bench) -> None:
+    bench.update(recording={"active": True, "samples_last_s": 1000, "folder": "/s"})
     assert bench.window.toolbar.recording_lamp.level is Level.OK
     wait_until(lambda: bench.window.toolbar.recording_lamp.level is Level.BAD)
     assert "does not answer" in bench.window.status_line.text()
@@ -143,23 +141,23 @@ def test_a_silent_engine_turns_the_recording_light_bad(bench: Bench) -> None:
         ({"active": True, "failure": "disk full", "folder": "/s"}, Level.BAD, "NOT RECORDING"),
     ],
 )
-def test_the_recording_light_tells_the_truth(
+def test_recording_lamp_shows_the_recording(
     bench: Bench, recording: dict[str, object], level: Level, title: str
 ) -> None:
-    bench.see(recording=recording)
+    bench.update(recording=recording)
     assert bench.window.toolbar.recording_lamp.level is level
     assert bench.window.toolbar.recording.text() == title
 
 
-def test_a_run_that_reaches_no_disk_is_told_loudly(bench: Bench) -> None:
+def test_run_without_recording_turns_the_lamp_bad(bench: Bench) -> None:
     for _ in range(20):
-        bench.see(run={"state": "running"}, recording={"active": False, "folder": "/s"})
+        bench.update(run={"state": "running"}, recording={"active": False, "folder": "/s"})
     assert bench.window.toolbar.recording_lamp.level is Level.BAD
-    bench.see(run={"state": "prompt"})
+    bench.update(run={"state": "prompt"})
     assert bench.window.toolbar.recording_lamp.level is Level.OFF
 
 
-def test_a_run_goes_on_without_the_window(app: QApplication, tmp_path: Path) -> None:
+def test_run_continues_without_the_window(app: QApplication, tmp_path: Path) -> None:
     class Watched(FakeEngine):
         shut = False
 
@@ -171,7 +169,7 @@ def test_a_run_goes_on_without_the_window(app: QApplication, tmp_path: Path) -> 
     window = MainWindow(lambda rig, world: engine)
     window.connect_rig("virtual")
     wait_until(lambda: window.engine_link.is_open)
-    Bench(window, engine).see(run={"state": "running"})
+    Bench(window, engine).update(run={"state": "running"})
     window.close()
     delete(window)
     assert engine.is_closed and not engine.shut

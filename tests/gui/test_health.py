@@ -53,37 +53,37 @@ def test_each_figure_has_a_verdict(
     assert tuple(_read(**changes)[cell]) == (text, level)
 
 
-def test_the_disk_is_judged_by_the_time_it_lasts() -> None:
+def test_disk_is_judged_by_the_remaining_time() -> None:
     recording = {**STATUS["recording"], "active": True, "hours_left": 0.4}
     assert _read(recording=recording)["disk"].level is Level.BAD
 
 
-def test_bad_is_said_in_words_and_shape_too(bench: Bench) -> None:
-    bench.see(gaps=1)
+def test_bad_is_shown_in_words_and_shape(bench: Bench) -> None:
+    bench.update(gaps=1)
     cell = bench.window.health_strip.cells["gaps"]
     assert cell.verdict.text() == "BAD"
     assert cell.lamp.level is Level.BAD
 
 
-def test_a_late_tick_is_a_warning_in_words_and_shape(bench: Bench) -> None:
+def test_late_tick_is_a_warning_in_words_and_shape(bench: Bench) -> None:
     boards = deepcopy(STATUS["boards"])
     boards["taxels"]["late_ticks"] = 3
-    bench.see(boards=boards)
+    bench.update(boards=boards)
     cell = bench.window.health_strip.cells["ticks"]
     assert (cell.value.text(), cell.verdict.text()) == ("3 late, 25 µs", "WARN")
     assert cell.lamp.level is Level.WARN
     assert "taxels: 3 late ticks, longest interrupt 22.56 µs, idle 52.5 %" in cell.toolTip()
 
 
-def test_missing_fields_are_survived() -> None:
+def test_missing_fields_have_defaults() -> None:
     status = parse_status({"state": 99, "run": None, "novel": 1})
     assert status.state is None and status.run.state == "idle"
 
 
-def test_what_each_board_says_of_itself_is_readable() -> None:
-    said = deepcopy(STATUS["boards"])
-    said["taxels"]["self_test"] = ["line D5 stays low: it is connected to ground; free it"]
-    lines = board_lines(parse_status({**STATUS, "boards": said}).boards)
+def test_tooltip_describes_each_board() -> None:
+    text = deepcopy(STATUS["boards"])
+    text["taxels"]["self_test"] = ["line D5 stays low: it is connected to ground; free it"]
+    lines = board_lines(parse_status({**STATUS, "boards": text}).boards)
     assert lines == [
         "drum: firmware 0.1, boot 4 by power-up",
         "drum: 5386 bytes of stack never used, 66 % of its RAM",

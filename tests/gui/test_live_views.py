@@ -1,4 +1,4 @@
-"""What the live views show is what the engine wrote: nothing short is lost, gaps are seen."""
+"""The live plots show what the engine wrote, with every short event and every gap."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ def _write(
 
 @pytest.fixture
 def writer(tmp_path: Path):  # type: ignore[no-untyped-def]
-    made = LiveWriter(tmp_path / "live")
-    yield made
-    made.close()
+    buffer = LiveWriter(tmp_path / "live")
+    yield buffer
+    buffer.close()
 
 
 @pytest.fixture
 def view(writer: LiveWriter):  # type: ignore[no-untyped-def]
-    made = LiveView(writer.path)
-    yield made
-    made.close()
+    buffer = LiveView(writer.path)
+    yield buffer
+    buffer.close()
 
 
 def test_pulls_of_any_length_give_the_same_history(engine: FakeEngine) -> None:
     whole, pieces = History(capacity=3000), History(capacity=3000)
     for n in (1, 7, 500, 2999, 3000, 4500, 10):
-        engine.produce(n)
+        engine.write_samples(n)
         pieces.pull(engine.live)
     whole.pull(engine.live)
     assert np.array_equal(whole.counters, pieces.counters)
@@ -62,7 +62,7 @@ def test_pulls_of_any_length_give_the_same_history(engine: FakeEngine) -> None:
     assert len(whole) == 3000
 
 
-def test_a_rebooted_board_begins_anew(writer: LiveWriter, view: LiveView) -> None:
+def test_reboot_of_the_board_clears_the_history(writer: LiveWriter, view: LiveView) -> None:
     history = History()
     _write(writer, 5000, np.ones((100, 18)))
     history.pull(view)
@@ -123,11 +123,11 @@ def test_every_spike_is_a_tick_in_its_row(
         assert lit and all(y * 36 // HEIGHT == shown for y in lit)
 
 
-def test_drawing_in_steps_gives_the_same_picture(app: QApplication, engine: FakeEngine) -> None:
+def test_incremental_drawing_gives_the_same_image(app: QApplication, engine: FakeEngine) -> None:
     history, steps, once = History(), Raster(LIGHT), Raster(LIGHT)
-    engine.produce(9000)
+    engine.write_samples(9000)
     for n in (33, 1, 700, 5000, 40):
-        engine.produce(n, skip=n // 30)
+        engine.write_samples(n, skip=n // 30)
         history.pull(engine.live)
         steps.refresh(history, WIDTH, HEIGHT, 1.0)
     once.refresh(history, WIDTH, HEIGHT, 1.0)
@@ -136,8 +136,8 @@ def test_drawing_in_steps_gives_the_same_picture(app: QApplication, engine: Fake
 
 def test_gaps_are_coloured(app: QApplication, engine: FakeEngine) -> None:
     history, traces = History(), Traces(LIGHT)
-    engine.produce(3000)
-    engine.produce(3000, skip=400)
+    engine.write_samples(3000)
+    engine.write_samples(3000, skip=400)
     history.pull(engine.live)
     traces.refresh(history, WIDTH, HEIGHT, 1.0)
     gap = np.all(traces._pixels == rgb(LIGHT.gap), axis=0)
@@ -150,7 +150,7 @@ def test_rows_are_named_and_ordered_as_in_the_paper() -> None:
     assert names[18] == "SA-10" and names[35] == "RA-18"
 
 
-def test_rates_are_spikes_a_second(app: QApplication) -> None:
+def test_rates_are_spikes_per_second(app: QApplication) -> None:
     bars = RateBars(LIGHT)
     spikes = np.zeros((3000, 36), np.uint8)
     spikes[2000::10, 0] = 1
@@ -159,10 +159,10 @@ def test_rates_are_spikes_a_second(app: QApplication) -> None:
     assert bars.rates_hz[0] == 100.0 and bars.rates_hz[1:].sum() == 0
 
 
-def test_the_whole_scene_draws_in_both_themes(app: QApplication, engine: FakeEngine) -> None:
+def test_live_plots_draw_in_both_themes(app: QApplication, engine: FakeEngine) -> None:
     scene = LivePlots(LIGHT)
     scene.resize(900, 600)
-    engine.produce(4000)
+    engine.write_samples(4000)
     for theme in (LIGHT, DARK):
         scene.set_theme(theme)
         scene.refresh(engine.live)

@@ -1,4 +1,4 @@
-"""A protocol is chosen, understood, started, watched, and answered."""
+"""A protocol is chosen, planned, started and followed, and its prompts are answered."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def _panel(bench: Bench) -> ProtocolPanel:
     panel = bench.window.protocol_panel
     if panel.protocol.currentText() != "quick":
         panel.protocol.setCurrentIndex(panel.protocol.findText("quick"))
-    planned(bench)
+    wait_planned(bench)
     return panel
 
 
-def planned(bench: Bench) -> None:
-    """Wait for the plan of what is chosen."""
+def wait_planned(bench: Bench) -> None:
+    """Wait for the plan of the chosen protocol."""
     wait_until(lambda: not bench.window.protocol_panel.planner.worker.is_busy)
 
 
@@ -44,41 +44,41 @@ def test_start_sends_file_folder_and_seed(bench: Bench, tmp_path: Path) -> None:
     panel = _panel(bench)
     panel.out.setText(str(tmp_path))
     panel.seed.setValue(7)
-    planned(bench)
-    bench.see()
+    wait_planned(bench)
+    bench.update()
     click(panel.buttons["Start"])
-    command, args = bench.engine.asked[-1]
+    command, args = bench.engine.requests[-1]
     assert command == "start" and args["seed"] == 7 and args["yes"] is False
     assert args["protocol"].endswith("quick.toml")
     assert Path(args["out"]).parent == tmp_path
 
 
-def test_an_interrupted_session_goes_on_where_it_stopped(bench: Bench, tmp_path: Path) -> None:
+def test_interrupted_session_continues(bench: Bench, tmp_path: Path) -> None:
     panel = _panel(bench)
-    bench.see(run={"state": "running"})
+    bench.update(run={"state": "running"})
     assert not panel.continue_button.isEnabled()
-    bench.see(run={"state": "idle"})
+    bench.update(run={"state": "idle"})
     click(panel.continue_button)
-    chooser = bench.window.file_browser.dialog
-    assert chooser is not None
-    chooser.fileSelected.emit(str(tmp_path))
-    assert bench.engine.asked[-1] == ("start", {"resume": str(tmp_path), "yes": False})
+    dialog = bench.window.file_browser.dialog
+    assert dialog is not None
+    dialog.fileSelected.emit(str(tmp_path))
+    assert bench.engine.requests[-1] == ("start", {"resume": str(tmp_path), "yes": False})
 
 
-def test_a_bad_protocol_cannot_be_started_and_says_why(bench: Bench, tmp_path: Path) -> None:
+def test_invalid_protocol_cannot_start_and_shows_the_reason(bench: Bench, tmp_path: Path) -> None:
     panel = _panel(bench)
     bad = tmp_path / "bad.toml"
     bad.write_text('textures = ["A"]\nspeed_mm_s = [80]\n')
     panel.add_protocol(str(bad))
-    planned(bench)
-    bench.see()
+    wait_planned(bench)
+    bench.update()
     assert "bad.toml" in panel.problem.text()
     assert not panel.buttons["Start"].isEnabled()
 
 
-def test_progress_is_the_engines(bench: Bench) -> None:
+def test_progress_is_that_of_the_engine(bench: Bench) -> None:
     panel = _panel(bench)
-    bench.see(run=RUN)
+    bench.update(run=RUN)
     assert panel.run_rows["Progress"].text() == "37 of 96 trials, 6 min 40 s left"
     assert panel.run_rows["Trial"].text() == "#38: C, 80 mm/s, 500 g, repeat 2"
     assert panel.run_rows["Session"].text() == "quick-20260101"
@@ -94,39 +94,39 @@ def test_buttons_follow_the_run(bench: Bench) -> None:
         ("prompt", {"Abort"}),
         ("done", {"Start"}),
     ):
-        bench.see(run={"state": state})
+        bench.update(run={"state": state})
         assert {n for n, b in panel.buttons.items() if b.isEnabled()} == offered
 
 
 def test_pause_resume_abort_reach_the_engine(bench: Bench) -> None:
     panel = _panel(bench)
-    bench.see(run={**RUN, "state": "running"})
+    bench.update(run={**RUN, "state": "running"})
     click(panel.buttons["Pause"])
-    bench.see(run={"state": "paused", "reasons": ["operator"]})
+    bench.update(run={"state": "paused", "reasons": ["operator"]})
     assert panel.state.text() == "Paused, drum lifted (operator)"
     click(panel.buttons["Resume"])
     click(panel.buttons["Abort"])
     assert bench.engine.commands == ["pause", "resume", "abort"]
 
 
-def test_a_prompt_is_answered_in_the_window(bench: Bench) -> None:
+def test_prompt_is_answered_in_the_window(bench: Bench) -> None:
     prompt = {"id": 4, "text": "Mount plate B, then confirm.", "texture": "B"}
-    bench.see(run={"state": "prompt", "prompt": prompt})
+    bench.update(run={"state": "prompt", "prompt": prompt})
     assert bench.window.prompt_panel.text.text() == "Mount plate B, then confirm."
     click(bench.window.prompt_panel.confirm)
-    assert bench.engine.asked[-1] == ("answer", {"prompt_id": 4, "answer": "ok"})
-    bench.see(run={"state": "running", "prompt": None})
+    assert bench.engine.requests[-1] == ("answer", {"prompt_id": 4, "answer": "ok"})
+    bench.update(run={"state": "running", "prompt": None})
     assert bench.window.prompt_panel.isHidden()
 
 
-def test_a_prompt_can_end_the_run(bench: Bench) -> None:
-    bench.see(run={"state": "prompt", "prompt": {"id": 5, "text": "?", "texture": None}})
+def test_prompt_can_abort_the_run(bench: Bench) -> None:
+    bench.update(run={"state": "prompt", "prompt": {"id": 5, "text": "?", "texture": None}})
     click(bench.window.prompt_panel.abort)
-    assert bench.engine.asked[-1] == ("answer", {"prompt_id": 5, "answer": "abort"})
+    assert bench.engine.requests[-1] == ("answer", {"prompt_id": 5, "answer": "abort"})
 
 
 def test_time_since_the_last_trial_is_shown(bench: Bench) -> None:
-    bench.see(run={**RUN, "trials_committed": 0})
+    bench.update(run={**RUN, "trials_committed": 0})
     assert bench.window.health_strip.cells["trial"].value.text() == "–"
-    bench.see(run={**RUN, "trials_committed": 1})
+    bench.update(run={**RUN, "trials_committed": 1})
     assert bench.window.health_strip.cells["trial"].value.text().endswith("ago")

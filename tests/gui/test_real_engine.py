@@ -1,4 +1,4 @@
-"""The window on a real engine with the virtual rig: by hand, then a protocol, stopped both ways."""
+"""The window with a real engine and the virtual rig: manual commands, then a protocol."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rigctl.session.read.session import Session
 from rigctl.wire.drum.states import State
 from tests.gui.steps import click, press_escape, wait_until
 
-LIMIT_MS = 120_000
+TIMEOUT_MS = 120_000
 RIDGES = """
 name = "ridges"
 textures = ["D"]
@@ -33,7 +33,7 @@ repeats = 3
 
 @pytest.fixture(scope="module")
 def window(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
-    """A window with an engine of its own, started by pressing Connect."""
+    """Yield a window whose Connect button has started an engine."""
     before = os.environ.get(FOLDER_VARIABLE)
     os.environ[FOLDER_VARIABLE] = str(tmp_path_factory.mktemp("runtime"))
     window = MainWindow()
@@ -50,17 +50,17 @@ def window(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 
 def _wait(window: MainWindow, *states: State) -> None:
-    wait_until(lambda: window.engine_link.status.state in states, LIMIT_MS)
+    wait_until(lambda: window.engine_link.status.state in states, TIMEOUT_MS)
 
 
 def _arm(window: MainWindow) -> None:
-    """Armed, whatever the tests before left."""
+    """Arm the drum unless it is armed already."""
     if window.engine_link.status.state is State.IDLE:
         click(window.operate_panel.buttons["arm"])
     _wait(window, State.ARMED)
 
 
-def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: MainWindow) -> None:
+def test_manual_run_stops_by_the_button(window: MainWindow) -> None:
     buttons = window.operate_panel.buttons
     _arm(window)
     window.operate_panel.speed.setValue(40.0)
@@ -82,7 +82,7 @@ def test_a_pass_over_the_plate_by_hand_ended_by_the_button(window: MainWindow) -
     assert window.live_plots.rate_bars.rates_hz.shape == (36,)
 
 
-def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: MainWindow) -> None:
+def test_drum_jogs_by_mouse_and_keys_and_stops(window: MainWindow) -> None:
     jog, link = window.operate_panel.jog, window.engine_link
     _arm(window)
     turn_steps, step_mm = 12800, 0.03125
@@ -111,28 +111,28 @@ def test_the_drum_is_jogged_by_mouse_and_keys_and_stopped(window: MainWindow) ->
     assert 1 < moved(before) < 300 and link.status.speed_mm_s == 0
 
 
-def test_a_refusal_of_the_board_is_a_sentence(window: MainWindow) -> None:
+def test_refusal_of_the_board_is_a_sentence(window: MainWindow) -> None:
     window.engine_link.request("run")
     wait_until(lambda: window.event_log.toPlainText().count("refused") > 0)
     assert "Traceback" not in window.event_log.toPlainText()
 
 
-def test_a_protocol_from_prompt_to_disk_ended_by_escape(window: MainWindow, tmp_path: Path) -> None:
+def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path: Path) -> None:
     path = tmp_path / "ridges.toml"
     path.write_text(RIDGES)
     window.tabs.setCurrentIndex(1)
     panel, status = window.protocol_panel, window.engine_link
     panel.add_protocol(str(path))
     panel.out.setText(str(tmp_path))
-    wait_until(panel.buttons["Start"].isEnabled, LIMIT_MS)
+    wait_until(panel.buttons["Start"].isEnabled, TIMEOUT_MS)
     click(panel.buttons["Start"])
-    wait_until(window.prompt_panel.isVisible, LIMIT_MS)
+    wait_until(window.prompt_panel.isVisible, TIMEOUT_MS)
     click(window.prompt_panel.confirm)
-    wait_until(lambda: status.status.run.trials_committed == 1, LIMIT_MS)
+    wait_until(lambda: status.status.run.trials_committed == 1, TIMEOUT_MS)
     wait_until(lambda: window.toolbar.recording_lamp.level is Level.OK)
     _wait(window, State.RUN)
     press_escape(panel.out)
-    wait_until(lambda: status.status.run.state == "aborted", LIMIT_MS)
+    wait_until(lambda: status.status.run.state == "aborted", TIMEOUT_MS)
     with Session.open(Path(status.status.run.session)) as session:
         assert session.trials["verdict"].tolist()[0] == "committed"
         assert np.all(session.window(0).flags & 1)
@@ -141,29 +141,29 @@ def test_a_protocol_from_prompt_to_disk_ended_by_escape(window: MainWindow, tmp_
 
 
 def _continue(window: MainWindow, session: Path) -> None:
-    """Continue the interrupted session through the chooser, see it count on, stop it again."""
+    """Continue the interrupted session through the file browser, and stop it after one trial."""
     run = window.engine_link
-    wait_until(window.protocol_panel.continue_button.isEnabled, LIMIT_MS)
+    wait_until(window.protocol_panel.continue_button.isEnabled, TIMEOUT_MS)
     click(window.protocol_panel.continue_button)
     assert window.file_browser.dialog is not None
     window.file_browser.dialog.fileSelected.emit(str(session))
     window.file_browser.dismiss()
-    wait_until(window.prompt_panel.isVisible, LIMIT_MS)
+    wait_until(window.prompt_panel.isVisible, TIMEOUT_MS)
     click(window.prompt_panel.confirm)
-    wait_until(lambda: run.status.run.trials_committed == 2, LIMIT_MS)
+    wait_until(lambda: run.status.run.trials_committed == 2, TIMEOUT_MS)
     press_escape(window)
-    wait_until(lambda: run.status.run.state == "aborted", LIMIT_MS)
+    wait_until(lambda: run.status.run.state == "aborted", TIMEOUT_MS)
     with Session.open(session) as reopened:
         assert len(reopened.parts) == 2 and len(reopened.committed()) == 2
 
 
-def test_a_pulled_plug_is_seen_and_said(window: MainWindow) -> None:
+def test_unplugged_board_is_reported(window: MainWindow) -> None:
     bench = window.operate_panel.bench
     window.tabs.setCurrentIndex(0)
     bench.fault.setCurrentText("Unplug the taxels")
     click(bench.inject)
-    wait_until(lambda: not window.engine_link.status.taxels_connected, LIMIT_MS)
+    wait_until(lambda: not window.engine_link.status.taxels_connected, TIMEOUT_MS)
     assert window.health_strip.cells["rate"].lamp.level is Level.BAD
     bench.fault.setCurrentText("Plug in the taxels")
     click(bench.inject)
-    wait_until(lambda: window.engine_link.status.taxels_connected, LIMIT_MS)
+    wait_until(lambda: window.engine_link.status.taxels_connected, TIMEOUT_MS)

@@ -1,4 +1,4 @@
-"""STOP works always: by mouse, by Esc, whatever has the focus, whatever is shown."""
+"""STOP works by mouse and by Esc with every focus and in every view."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ repeats = 500
 """
 
 
-def test_the_button_stops(bench: Bench) -> None:
+def test_button_stops(bench: Bench) -> None:
     click(bench.window.toolbar.stop_button)
     assert bench.engine.commands == ["stop"]
 
 
-def test_it_can_be_pressed_in_every_state(bench: Bench) -> None:
+def test_button_stops_in_every_state(bench: Bench) -> None:
     for state in State:
-        bench.see(state=int(state))
+        bench.update(state=int(state))
         click(bench.window.toolbar.stop_button)
     assert bench.engine.commands == ["stop"] * len(State)
 
@@ -69,7 +69,7 @@ def test_escape_stops_and_closes_an_open_menu(bench: Bench) -> None:
 
 
 def test_escape_stops_from_an_open_list(bench: Bench) -> None:
-    bench.see()
+    bench.update()
     plate = bench.window.operate_panel.bench.plate
     plate.showPopup()
     press_escape(plate.view())
@@ -77,7 +77,7 @@ def test_escape_stops_from_an_open_list(bench: Bench) -> None:
     assert set(bench.engine.commands) == {"stop"}
 
 
-def test_escape_stops_from_the_file_chooser_which_covers_nothing(bench: Bench) -> None:
+def test_escape_stops_from_the_file_browser_which_covers_nothing(bench: Bench) -> None:
     window = bench.window
     window.tabs.setCurrentIndex(1)
     window.protocol_panel.out_button.click()
@@ -93,20 +93,20 @@ def test_escape_stops_from_the_file_chooser_which_covers_nothing(bench: Bench) -
 
 def test_a_prompt_leaves_stop_uncovered(bench: Bench) -> None:
     prompt = {"id": 3, "text": "Mount plate B, then confirm.", "texture": "B"}
-    bench.see(run={"state": "prompt", "prompt": prompt})
+    bench.update(run={"state": "prompt", "prompt": prompt})
     window = bench.window
     assert window.prompt_panel.isVisibleTo(window)
     place = window.toolbar.stop_button.mapTo(window, window.toolbar.stop_button.rect().center())
     assert window.childAt(place) is window.toolbar.stop_button
 
 
-def test_an_engine_that_does_not_answer_stop_is_reported(bench: Bench) -> None:
-    bench.engine.answers = False
+def test_unanswered_stop_is_reported(bench: Bench) -> None:
+    bench.engine.replies = False
     click(bench.window.toolbar.stop_button)
     wait_until(lambda: "press the emergency stop" in bench.window.status_line.text())
 
 
-def test_stop_where_nothing_runs_says_so(bench: Bench) -> None:
+def test_stop_without_an_engine_is_reported(bench: Bench) -> None:
     click(bench.window.toolbar.connect_button)
     click(bench.window.toolbar.stop_button)
     wait_until(lambda: "no engine is running" in bench.window.status_line.text())
@@ -114,40 +114,40 @@ def test_stop_where_nothing_runs_says_so(bench: Bench) -> None:
     assert bench.engine.commands == []
 
 
-def test_a_window_that_joined_none_stops_a_protocol_that_runs(
+def test_window_without_connection_stops_a_running_protocol(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
     click(bench.window.toolbar.connect_button)
-    engine = protocol_running(tmp_path)
+    engine = start_protocol(tmp_path)
     try:
         press_escape(bench.window)
-        said = f"STOP reached virtual (process {engine.announcement.pid})"
-        wait_until(lambda: bench.window.status_line.text() == said)
-        assert ended(engine)["state"] == "aborted"
+        text = f"STOP reached virtual (process {engine.announcement.pid})"
+        wait_until(lambda: bench.window.status_line.text() == text)
+        assert wait_ended(engine)["state"] == "aborted"
     finally:
         engine.shut_down()
     assert bench.engine.commands == []
 
 
-def test_a_window_with_a_rig_stops_it_first_and_every_other_engine_too(
+def test_window_stops_its_own_engine_first_then_all_others(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
     announce(runtime_folder(), replace(bench.engine.announcement, pid=os.getpid()))
-    engine = protocol_running(tmp_path)
+    engine = start_protocol(tmp_path)
     try:
         click(bench.window.toolbar.stop_button)
         assert bench.engine.commands == ["stop"]
         wait_until(lambda: "STOP reached virtual" in bench.window.event_log.toPlainText())
-        assert ended(engine)["state"] == "aborted"
+        assert wait_ended(engine)["state"] == "aborted"
     finally:
         engine.shut_down()
     assert bench.engine.commands == ["stop"]
     assert "did not reach" not in bench.window.event_log.toPlainText()
 
 
-def test_an_engine_that_hangs_is_told_of_and_the_window_goes_on(
+def test_hanging_engine_is_reported_without_blocking_the_window(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
@@ -162,8 +162,8 @@ def test_an_engine_that_hangs_is_told_of_and_the_window_goes_on(
         assert "press its emergency stop" in bench.window.status_line.text()
 
 
-def protocol_running(folder: Path) -> EngineClient:
-    """An engine of somebody else that is in the middle of a protocol."""
+def start_protocol(folder: Path) -> EngineClient:
+    """Start another engine, and return its client once its protocol runs."""
     protocol = folder / "long.toml"
     protocol.write_text(LONG)
     words = ["--protocol", str(protocol), "--out", str(folder / "session"), "--yes"]
@@ -173,8 +173,8 @@ def protocol_running(folder: Path) -> EngineClient:
     return engine
 
 
-def ended(engine: EngineClient) -> dict[str, Any]:
-    """The run as it ended."""
+def wait_ended(engine: EngineClient) -> dict[str, Any]:
+    """Wait for the end of the run; return its last status."""
     while (run := engine.request("status")["run"])["state"] not in ("done", "aborted", "failed"):
         pass
     return dict(run)

@@ -125,13 +125,13 @@ def redraw_costs_ms(frames: int = FRAMES) -> list[float]:
     theme.apply(app, theme.LIGHT)
     with tempfile.TemporaryDirectory() as folder:
         engine = FakeEngine(Path(folder))
-        engine.produce(11_000, SPIKES_A_SAMPLE)
+        engine.write_samples(11_000, SPIKES_A_SAMPLE)
         scene = LivePlots(theme.LIGHT)
         scene.resize(*SIZE)
         scene.show()
         costs_ms = []
         for _ in range(frames + WARM_UP):
-            engine.produce(SAMPLES_A_FRAME, SPIKES_A_SAMPLE)
+            engine.write_samples(SAMPLES_A_FRAME, SPIKES_A_SAMPLE)
             began_s = time.perf_counter()
             scene.refresh(engine.live)
             app.processEvents()
