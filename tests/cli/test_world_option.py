@@ -93,7 +93,7 @@ def test_a_wrong_world_is_refused_at_its_line_before_anything_is_written(
     ("args", "words"),
     [
         (["--world", "wrong.toml"], "wrong.toml, line 2: start_inch"),
-        (["--world", "lab.toml", "--rig", "join"], "has a world already"),
+        (["--world", "lab.toml", "--rig", "join"], "already has a world"),
     ],
 )
 def test_the_window_does_not_open_on_a_wrong_world(
