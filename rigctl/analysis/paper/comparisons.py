@@ -1,4 +1,4 @@
-"""What the curves say: components needed, differences from Original, orders beside the paper's."""
+"""Comparisons of representations: with Original, by components needed, with the paper's Table 1."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from rigctl.analysis.paper.statistics import Difference, welch
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 
 THRESHOLDS = (0.80, 0.90, 0.95)
-SEPARATE = 2.0
+SEPARATION_SDS = 2.0
 CEILING = 0.99
-LEARNT = {"folds": 6000, "extrapolation": 7200}
-SMALL_SHARE = 0.5
+TRAINING_TRIALS = {"folds": 6000, "extrapolation": 7200}
+SMALL_TRAINING_SHARE = 0.5
 NAME_OF = {representation.key: representation.name for representation in REPRESENTATIONS}
 
 
 @dataclass(frozen=True, slots=True)
 class ComponentsNeeded:
-    """Fewest components for a mean accuracy; None where it is never reached.
+    """Fewest components that reach a mean accuracy, None where no number reaches it.
 
-    ``thresholds``: by share. ``as_original``: for Original's accuracy with the shown components.
+    ``thresholds``: by accuracy. ``as_original``: for Original's accuracy with shown components.
     """
 
     thresholds: dict[float, int | None]
@@ -37,7 +37,7 @@ class ComponentsNeeded:
 
 
 class Agreement(StrEnum):
-    """How a difference of the paper stands in our results."""
+    """Whether our results confirm a difference of the paper."""
 
     HOLDS = "holds"
     TIED = "cannot be told apart"
@@ -45,16 +45,16 @@ class Agreement(StrEnum):
 
 
 class RepresentationPair(NamedTuple):
-    """Two representations that the paper keeps apart; ``better`` by the paper.
+    """Two representations with different accuracies in the paper; ``better``: by the paper.
 
-    ``gap``: ours, better less worse, as a share; ``spread``: two standard deviations of the pair,
-    None for a single draw; ``paper_gap``: theirs. ``holds_at``: numbers of components at which the
-    order holds.
+    ``gap``: our accuracy, better less worse; ``spread``: two standard deviations of the pair,
+    None for a single draw; ``paper_gap``: the paper's. ``holds_at``: numbers of components with
+    which the comparison holds.
     """
 
     better: Curve
     worse: Curve
-    verdict: Agreement
+    agreement: Agreement
     gap: float
     spread: float | None
     paper_gap: float
@@ -62,71 +62,56 @@ class RepresentationPair(NamedTuple):
 
     @property
     def keys(self) -> tuple[str, str]:
-        """Of both representations."""
+        """Keys of both representations."""
         return self.better.representation.key, self.worse.representation.key
 
 
 @dataclass(frozen=True, slots=True)
 class TaskComparison:
-    """Table 1's order in one task: of the pairs that the paper separates, how ours fall.
+    """The pairs of Table 1 that the paper separates, in one task.
 
-    ``reasons``: what makes this set another experiment, where not all hold.
+    ``caveats``: differences from the paper's experiment, empty where all pairs hold.
     """
 
-    compared: tuple[RepresentationPair, ...]
-    reasons: tuple[str, ...]
+    pairs: tuple[RepresentationPair, ...]
+    caveats: tuple[str, ...]
 
-    @property
-    def pairs(self) -> int:
-        """How many pairs the paper separates."""
-        return len(self.compared)
-
-    @property
-    def held(self) -> int:
-        """How many of them hold."""
-        return len(self._with(Agreement.HOLDS))
-
-    @property
-    def ties(self) -> tuple[tuple[str, str], ...]:
-        """Pairs that cannot be told apart, (better, worse) by the paper."""
-        return self._with(Agreement.TIED)
-
-    @property
-    def reversed_pairs(self) -> tuple[tuple[str, str], ...]:
-        """Pairs that fall the other way."""
-        return self._with(Agreement.REVERSED)
-
-    def _with(self, verdict: Agreement) -> tuple[tuple[str, str], ...]:
-        return tuple(pair.keys for pair in self.compared if pair.verdict is verdict)
+    def keys(self, agreement: Agreement) -> list[tuple[str, str]]:
+        """Return the pairs with an agreement as (better, worse) by the paper."""
+        return [pair.keys for pair in self.pairs if pair.agreement is agreement]
 
     @property
     def sentence(self) -> str:
-        """The verdict in words."""
+        """How many pairs hold, and which do not."""
         if not self.pairs:
             return "The paper's own spreads separate no pair here."
-        said = [f"{self.held} of the {self.pairs} differences that the paper separates hold"]
-        for pairs, what in ((self.ties, "Within the spread"), (self.reversed_pairs, "Reversed")):
-            if pairs:
-                named = "; ".join(f"{NAME_OF[a]} over {NAME_OF[b]}" for a, b in pairs)
-                said.append(f"{what}: {named}")
-        return ". ".join(said) + "."
+        n_held = len(self.keys(Agreement.HOLDS))
+        sentences = [f"{n_held} of the {len(self.pairs)} differences that the paper separates hold"]
+        for agreement, title in (
+            (Agreement.TIED, "Within the spread"),
+            (Agreement.REVERSED, "Reversed"),
+        ):
+            listed = "; ".join(f"{NAME_OF[a]} over {NAME_OF[b]}" for a, b in self.keys(agreement))
+            if listed:
+                sentences.append(f"{title}: {listed}")
+        return ". ".join(sentences) + "."
 
 
 def components_needed(result: TaskResult) -> dict[str, ComponentsNeeded]:
-    """For each representation, by key."""
+    """Return the components that each representation needs, by its key."""
     original = result.curve("original")
     goal = original.mean[result.shown - 1] if original else None
     return {
         curve.representation.key: ComponentsNeeded(
-            {share: _first(curve.mean, share) for share in THRESHOLDS},
-            None if goal is None else _first(curve.mean, float(goal)),
+            {share: _first_reaching(curve.mean, share) for share in THRESHOLDS},
+            None if goal is None else _first_reaching(curve.mean, float(goal)),
         )
         for curve in result.curves
     }
 
 
 def differences(result: TaskResult) -> dict[str, Difference]:
-    """Welch's test of each representation against Original with the shown components."""
+    """Return Welch's test of each representation against Original with the shown components."""
     original = result.curve("original")
     if original is None:
         return {}
@@ -139,70 +124,71 @@ def differences(result: TaskResult) -> dict[str, Difference]:
 
 
 def compare_task(result: TaskResult, *, simulated: bool) -> TaskComparison | None:
-    """Ours beside Table 1's; None for a task that it does not have."""
+    """Compare a task with Table 1; None for a task that Table 1 does not have."""
     table = published.TABLE_1.get(result.task.key)
     if table is None:
         return None
-    compared = tuple(_pairs(result, table))
+    pairs = tuple(_separated_pairs(result, table))
+    if all(pair.agreement is Agreement.HOLDS for pair in pairs):
+        return TaskComparison(pairs, ())
     k = result.shown - 1
     near_ceiling = any(
-        pair.verdict is Agreement.TIED and bool(pair.better.mean[k] > CEILING) for pair in compared
+        pair.agreement is Agreement.TIED and bool(pair.better.mean[k] > CEILING) for pair in pairs
     )
-    held = all(pair.verdict is Agreement.HOLDS for pair in compared)
-    return TaskComparison(compared, () if held else _reasons(result, near_ceiling, simulated))
+    return TaskComparison(pairs, _caveats(result, near_ceiling, simulated))
 
 
-def _pairs(
+def _separated_pairs(
     result: TaskResult, table: dict[str, tuple[float, float]]
 ) -> Iterator[RepresentationPair]:
-    """Pairs of our curves, better first by the paper, where its spreads keep them apart."""
+    """Yield the pairs of our curves that the paper's spreads separate, its better one first."""
     for first, second in combinations(table, 2):
         (mean_a, sd_a), (mean_b, sd_b) = table[first], table[second]
         one, other = result.curve(first), result.curve(second)
         if one is None or other is None:
             continue
-        if abs(mean_a - mean_b) > SEPARATE * hypot(sd_a, sd_b):
+        if abs(mean_a - mean_b) > SEPARATION_SDS * hypot(sd_a, sd_b):
             both = (one, other) if mean_a > mean_b else (other, one)
-            yield _pair(*both, result.shown, abs(mean_a - mean_b) / 100)
+            yield _compare_pair(*both, result.shown, abs(mean_a - mean_b) / 100)
 
 
-def _pair(better: Curve, worse: Curve, shown: int, paper_gap: float) -> RepresentationPair:
+def _compare_pair(better: Curve, worse: Curve, shown: int, paper_gap: float) -> RepresentationPair:
     gaps = better.mean - worse.mean
     gap = float(gaps[shown - 1])
     if better.deviation is None or worse.deviation is None:
         return RepresentationPair(better, worse, Agreement.TIED, gap, None, paper_gap, ())
-    spreads = SEPARATE * np.hypot(better.deviation, worse.deviation)
+    spreads = SEPARATION_SDS * np.hypot(better.deviation, worse.deviation)
     spread = float(spreads[shown - 1])
-    verdict = Agreement.HOLDS if gap > 0 else Agreement.REVERSED
+    agreement = Agreement.HOLDS if gap > 0 else Agreement.REVERSED
     if abs(gap) <= spread:
-        verdict = Agreement.TIED
+        agreement = Agreement.TIED
     holds_at = tuple(int(k) + 1 for k in np.flatnonzero(gaps > spreads))
-    return RepresentationPair(better, worse, verdict, gap, spread, paper_gap, holds_at)
+    return RepresentationPair(better, worse, agreement, gap, spread, paper_gap, holds_at)
 
 
-def _reasons(result: TaskResult, near_ceiling: bool, simulated: bool) -> tuple[str, ...]:
-    said = []
+def _caveats(result: TaskResult, near_ceiling: bool, simulated: bool) -> tuple[str, ...]:
+    caveats = []
     if near_ceiling:
-        said.append("accuracies near 100 % leave no room for a difference")
+        caveats.append("accuracies near 100 % leave no room for a difference")
     if result.shown < published.K_MAX:
-        said.append(f"{result.shown} components were used instead of {published.K_MAX}")
+        caveats.append(f"{result.shown} components were used instead of {published.K_MAX}")
     if len(result.classes) != (4 if result.task.grouped else 16):
-        said.append(f"{len(result.classes)} classes are told apart, not the paper's")
-    if result.learnt < SMALL_SHARE * LEARNT[result.task.family]:
-        said.append(
-            f"the classifier learns from {result.learnt:,} trials, the paper's from "
-            f"{LEARNT[result.task.family]:,}"
+        caveats.append(f"the number of classes is {len(result.classes)}, not the paper's")
+    if result.learnt < SMALL_TRAINING_SHARE * TRAINING_TRIALS[result.task.family]:
+        caveats.append(
+            f"the classifier is trained on {result.learnt:,} trials, the paper's on "
+            f"{TRAINING_TRIALS[result.task.family]:,}"
         )
     if simulated:
-        said.append(
+        caveats.append(
             "the simulated sensor and plates are a model: heights, spacings and the sensor's "
             "nonlinearity are not published"
         )
     else:
-        said.append("another sensor, other plates or another bench")
-    return tuple(said)
+        caveats.append("another sensor, other plates or another bench")
+    return tuple(caveats)
 
 
-def _first(mean: NDArray[np.float64], goal: float) -> int | None:
+def _first_reaching(mean: NDArray[np.float64], goal: float) -> int | None:
     reached = np.flatnonzero(mean >= goal)
     return int(reached[0]) + 1 if len(reached) else None

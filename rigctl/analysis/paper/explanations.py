@@ -1,4 +1,4 @@
-"""Why an order of the paper's Table 1 may not stand here: sentences made of measured numbers."""
+"""Measured numbers, as sentences, that may explain why a comparison of Table 1 does not hold."""
 
 from __future__ import annotations
 
@@ -13,84 +13,85 @@ NEAR_CHANCE = 1.5
 
 
 def explain(
-    pair: RepresentationPair, result: TaskResult, evidence: Ablations | None
+    pair: RepresentationPair, result: TaskResult, ablations: Ablations | None
 ) -> tuple[str, ...]:
-    """What was measured beside a pair that does not hold; nothing for one that does."""
-    if pair.verdict is Agreement.HOLDS:
+    """Return what was measured on a pair that does not hold; nothing for one that holds."""
+    if pair.agreement is Agreement.HOLDS:
         return ()
-    said = [_of_the_gap(pair, result), *_of_the_level(pair, result)]
-    if evidence is not None:
-        said += _of_halves(pair, result, evidence)
+    sentences = [_gap_sentence(pair, result), *_level_sentences(pair, result)]
+    if ablations is not None:
+        sentences += _half_sentences(pair, result, ablations)
         for factor in ("speed", "force"):
-            said += _of_factor(pair, factor, evidence)
-    blind = _blind(pair.better.representation, result)
+            sentences += _factor_sentences(pair, factor, ablations)
+    blind = _blind_curve(pair.better.representation, result)
     if blind is not None:
         share = _percent(float(blind.mean[result.shown - 1]))
         name = pair.better.representation.name
-        said.append(f"with C that knows no texture {name} reaches {share}")
-    return tuple(said)
+        sentences.append(f"with a texture-blind C {name} reaches {share}")
+    return tuple(sentences)
 
 
-def _of_the_gap(pair: RepresentationPair, result: TaskResult) -> str:
+def _gap_sentence(pair: RepresentationPair, result: TaskResult) -> str:
     if pair.spread is None:
         return "a single draw has no spread to compare with"
     gap = f"ours differ by {_points(pair.gap)}, two standard deviations are {_points(pair.spread)}"
     if not pair.holds_at:
         return f"{gap}; it holds with no number of components up to {result.k_max}"
-    where = f"{_ranges(pair.holds_at)} components"
-    return f"{gap}; it holds with {where}"
+    return f"{gap}; it holds with {_format_ranges(pair.holds_at)} components"
 
 
-def _of_the_level(pair: RepresentationPair, result: TaskResult) -> list[str]:
+def _level_sentences(pair: RepresentationPair, result: TaskResult) -> list[str]:
     k = result.shown - 1
     better, worse = float(pair.better.mean[k]), float(pair.worse.mean[k])
     if min(better, worse) > CEILING:
         return [f"both are above {CEILING:.0%}, which leaves no room for a difference"]
     if max(better, worse) < NEAR_CHANCE * result.chance:
-        return [f"both are near chance ({_percent(result.chance)}), where nothing is told apart"]
+        return [f"both are near chance ({_percent(result.chance)}), where no class is recognised"]
     return []
 
 
-def _of_halves(pair: RepresentationPair, result: TaskResult, evidence: Ablations) -> list[str]:
-    """Accuracies from one half alone, and where the order is there in it."""
-    alone = evidence.alone.get(result.task.key, {})
+def _half_sentences(
+    pair: RepresentationPair, result: TaskResult, ablations: Ablations
+) -> list[str]:
+    """Return the accuracies of both representations from one half of the features alone."""
+    alone = ablations.alone.get(result.task.key, {})
     better, worse = (alone.get(key) for key in pair.keys)
     if better is None or worse is None:
         return []
     names = [curve.representation.name for curve in (pair.better, pair.worse)]
-    told = [
+    sentences = [
         f"from {what} alone {names[0]} reaches {_percent(better[half])}, {names[1]} "
         f"{_percent(worse[half])}"
         for half, what in (("SA", "SA rates"), ("RA", "RA counts"))
     ]
-    return ["; ".join(told)]
+    return ["; ".join(sentences)]
 
 
-def _of_factor(pair: RepresentationPair, factor: str, evidence: Ablations) -> list[str]:
-    """What speed or force explains, where one of the pair is scaled for it and the other is not."""
+def _factor_sentences(pair: RepresentationPair, factor: str, ablations: Ablations) -> list[str]:
+    """Return what speed or force explains, where only one of the pair is scaled for it."""
     both = pair.better.representation, pair.worse.representation
     scaled = [r for r in both if (r.speed_scaled if factor == "speed" else r.force)]
-    if len(scaled) != 1 or any(r.key not in evidence.halves for r in both):
+    if len(scaled) != 1 or any(r.key not in ablations.halves for r in both):
         return []
-    halves = [evidence.halves[r.key] for r in both]
-    told = " and ".join(
+    halves = [ablations.halves[r.key] for r in both]
+    shares = " and ".join(
         f"{_percent(getattr(halves[0][half], factor))} of the variance of {what} in "
         f"{both[0].name}, {_percent(getattr(halves[1][half], factor))} in {both[1].name}"
         for half, what in (("SA", "SA rates"), ("RA", "RA counts"))
     )
-    said = [f"{factor} explains {told}"]
-    of_scaled = evidence.halves[scaled[0].key]
+    sentences = [f"{factor} explains {shares}"]
+    of_scaled = ablations.halves[scaled[0].key]
     if factor == "force":
-        said.append(_of_ra(of_scaled["RA"], evidence.forces_g))
+        sentences.append(_ra_sentence(of_scaled["RA"], ablations.forces_g))
     else:
-        said.append(
+        sentences.append(
             f"{_percent(of_scaled['SA'].first_window)} of what speed explains of SA rates in "
             f"{scaled[0].name} lies in the first window, where each neuron starts from rest"
         )
-    return said
+    return sentences
 
 
-def _of_ra(half: FeatureHalf, forces_g: Sequence[float]) -> str:
+def _ra_sentence(half: FeatureHalf, forces_g: Sequence[float]) -> str:
     low, high = half.mean_by_force[0], half.mean_by_force[-1]
     ratio = f"{high / low:.2f} times" if low > 0 else "not to be compared with"
     return (
@@ -99,12 +100,12 @@ def _of_ra(half: FeatureHalf, forces_g: Sequence[float]) -> str:
     )
 
 
-def _blind(better: Representation, result: TaskResult) -> Curve | None:
+def _blind_curve(better: Representation, result: TaskResult) -> Curve | None:
     return result.curve(f"{better.key}_blind") if better.sees_labels else None
 
 
-def _ranges(numbers: Sequence[int]) -> str:
-    """As 3–7, 12."""
+def _format_ranges(numbers: Sequence[int]) -> str:
+    """Format ascending numbers, for example as 3–7, 12."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

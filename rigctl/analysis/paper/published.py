@@ -1,4 +1,4 @@
-"""What the paper says of its own experiment: tasks, texture groups, trained conditions, Table 1."""
+"""The paper's experiment as published: tasks, texture groups, trained conditions, Table 1."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ GROUPS = {"A": "smooth"} | {
 
 
 class Task(NamedTuple):
-    """One question put to the classifier. ``family``: the splits that it shares with others."""
+    """A classification task. ``family``: the splits that it shares with other tasks."""
 
     key: str
     title: str

@@ -16,6 +16,7 @@ from rigctl.analysis.features.representations import (
 from rigctl.analysis.paper import published
 from rigctl.analysis.paper.ablations import Ablations
 from rigctl.analysis.paper.comparisons import (
+    Agreement,
     ComponentsNeeded,
     RepresentationPair,
     compare_task,
@@ -175,12 +176,12 @@ def _task(result: TaskResult, simulated: bool, evidence: Ablations | None) -> di
         if found is None
         else {
             "sentence": found.sentence,
-            "pairs": found.pairs,
-            "held": found.held,
-            "within_spread": [list(pair) for pair in found.ties],
-            "reversed": [list(pair) for pair in found.reversed_pairs],
-            "reasons": list(found.reasons),
-            "compared": [_pair(pair, result, evidence) for pair in found.compared],
+            "pairs": len(found.pairs),
+            "held": len(found.keys(Agreement.HOLDS)),
+            "within_spread": [list(keys) for keys in found.keys(Agreement.TIED)],
+            "reversed": [list(keys) for keys in found.keys(Agreement.REVERSED)],
+            "reasons": list(found.caveats),
+            "compared": [_pair(pair, result, evidence) for pair in found.pairs],
         },
     }
 
@@ -192,7 +193,7 @@ def _pair(
     return {
         "better": pair.keys[0],
         "worse": pair.keys[1],
-        "verdict": pair.verdict.value,
+        "verdict": pair.agreement.value,
         "points": round(100 * pair.gap, DECIMALS),
         "spread_points": spread,
         "paper_points": round(100 * pair.paper_gap, DECIMALS),

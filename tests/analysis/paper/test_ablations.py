@@ -1,4 +1,4 @@
-"""What is measured beside an order that does not stand, and what is said of it."""
+"""Measurements on a comparison that does not hold, and the sentences made of them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def curve(key: str, at_three: float, before: float, spread: float) -> Curve:
     return Curve(BY_KEY[key], draws, np.eye(16, dtype=np.int64), 800, 0, 0)
 
 
-def judged(task: str, *curves: Curve) -> tuple[TaskComparison, TaskResult]:
+def compare(task: str, *curves: Curve) -> tuple[TaskComparison, TaskResult]:
     classes = tuple("ABCDEFGHIJKLMNOP")
     result = TaskResult(published.TASK_OF[task], classes, 3, 7200, 1 / 16, curves)
     found = compare_task(result, simulated=True)
@@ -62,15 +62,15 @@ def evidence() -> Ablations:
     return Ablations((250.0, 500.0, 1000.0), {key: {"SA": sa, "RA": ra} for key in keys}, alone, 3)
 
 
-def test_a_reversed_order_has_numbers_beside_it() -> None:
-    found, result = judged(
+def test_a_reversed_pair_is_explained_by_numbers() -> None:
+    found, result = compare(
         "untrained-force",
         curve("speed", 0.58, 0.3, 0.01), curve("force", 0.44, 0.5, 0.01),
         curve("force_blind", 0.27, 0.2, 0.01),
     )  # fmt: skip
-    (pair,) = found.compared
-    assert pair.keys == ("force", "speed") and pair.verdict is Agreement.REVERSED
-    said = "; ".join(explain(pair, result, evidence()))
+    (pair,) = found.pairs
+    assert pair.keys == ("force", "speed") and pair.agreement is Agreement.REVERSED
+    sentences = "; ".join(explain(pair, result, evidence()))
     for words in (
         "ours differ by -14.0 points, two standard deviations are 4.0 points",
         "it holds with 1–2 components",
@@ -78,23 +78,21 @@ def test_a_reversed_order_has_numbers_beside_it() -> None:
         "force explains 30.0 % of the variance of SA rates in Force Scaled",
         "C acts on the SA current only: the mean RA count at 1000 g is 0.50 times that at 250 g",
         "40.0 % of what speed explains of SA rates in Speed Scaled lies in the first window",
-        "with C that knows no texture Force Scaled reaches 27.0 %",
+        "with a texture-blind C Force Scaled reaches 27.0 %",
     ):
-        assert words in said
+        assert words in sentences
 
 
-def test_no_room_for_a_difference_is_not_called_its_contrary() -> None:
+def test_no_room_for_a_difference_is_not_a_reversal() -> None:
     high, low = curve("speed", 0.998, 0.99, 0.002), curve("original", 0.997, 0.9, 0.002)
-    found, result = judged("textures", high, low)
-    assert found.compared[0].verdict is Agreement.TIED and found.held == 0
-    said = "; ".join(explain(found.compared[0], result, None))
-    assert "both are above 99%, which leaves no room for a difference" in said
-    chance = judged(
+    found, result = compare("textures", high, low)
+    assert found.pairs[0].agreement is Agreement.TIED and not found.keys(Agreement.HOLDS)
+    sentences = "; ".join(explain(found.pairs[0], result, None))
+    assert "both are above 99%, which leaves no room for a difference" in sentences
+    chance = compare(
         "untrained-both", curve("force", 0.06, 0.06, 0.02), curve("original", 0.07, 0.07, 0.01)
     )
-    assert "both are near chance (6.2 %)" in "; ".join(
-        explain(chance[0].compared[0], chance[1], None)
-    )
+    assert "both are near chance (6.2 %)" in "; ".join(explain(chance[0].pairs[0], chance[1], None))
 
 
 def test_a_single_draw_decides_nothing() -> None:
@@ -102,21 +100,21 @@ def test_a_single_draw_decides_nothing() -> None:
         Curve(BY_KEY[key], np.full((1, 3), share), np.eye(16, dtype=np.int64), 800, 0, 0)
         for key, share in (("speed", 0.9), ("original", 0.2))
     ]
-    found, result = judged("textures", *one)
-    assert found.compared[0].verdict is Agreement.TIED
-    assert (
-        explain(found.compared[0], result, None)[0] == "a single draw has no spread to compare with"
-    )
+    found, result = compare("textures", *one)
+    assert found.pairs[0].agreement is Agreement.TIED
+    assert explain(found.pairs[0], result, None)[0] == "a single draw has no spread to compare with"
 
 
-def test_an_order_that_holds_needs_no_reason() -> None:
-    found, result = judged(
+def test_a_pair_that_holds_needs_no_explanation() -> None:
+    found, result = compare(
         "textures", curve("speed", 0.9, 0.9, 0.01), curve("original", 0.5, 0.5, 0.01)
     )
-    assert found.held == 1 and explain(found.compared[0], result, evidence()) == ()
+    assert (
+        len(found.keys(Agreement.HOLDS)) == 1 and explain(found.pairs[0], result, evidence()) == ()
+    )
 
 
-def test_what_cannot_be_told_apart_is_not_counted_as_contrary() -> None:
+def test_tied_pairs_are_not_counted_as_reversed() -> None:
     pairs = [
         {"verdicts": [a, b]}
         for a, b in (
@@ -125,8 +123,8 @@ def test_what_cannot_be_told_apart_is_not_counted_as_contrary() -> None:
             (Agreement.REVERSED, Agreement.REVERSED),
         )
     ]  # fmt: skip
-    (said,) = summary_sentences({"textures": {"title": "Individual textures", "pairs": pairs}})
-    assert said == (
+    (sentences,) = summary_sentences({"textures": {"title": "Individual textures", "pairs": pairs}})
+    assert sentences == (
         "Individual textures: of 5 comparisons 1 hold in every set, 1 hold in some, 1 cannot be "
         "told apart in any, 1 do not hold in some and cannot be told apart in others, "
         "1 hold in none"

@@ -63,7 +63,7 @@ def test_asterisks_need_both_bounds(
     assert rule.stars(p, effect) == stars
 
 
-def test_what_is_not_defined_is_said_and_never_a_number() -> None:
+def test_an_undefined_test_has_a_sentence_and_no_number() -> None:
     alike = np.full(20, 0.1 + 0.2)
     found = welch(alike, alike - 0.1)
     assert (found.statistic, found.p, found.effect, found.stars) == (None, None, None, "")
@@ -73,13 +73,13 @@ def test_what_is_not_defined_is_said_and_never_a_number() -> None:
     assert lonely.p is None and any("One value" in s for s in lonely.assumptions)
     certain = two_proportions((20, 30), (20, 30))
     assert certain.p is None and certain.effect == 0.0
-    with pytest.raises(WrongUse, match="no number"):
+    with pytest.raises(WrongUse, match="not a number"):
         welch(np.array([0.5, np.nan]), np.array([0.6, 0.7]))
     with pytest.raises(WrongUse, match="cannot be compared"):
         two_proportions((3, 1), (2, 5))
 
 
-def test_weak_assumptions_are_said() -> None:
+def test_weak_assumptions_are_reported() -> None:
     high = welch(np.array([0.991, 0.993, 0.995]), np.array([0.90, 0.91, 0.92]))
     assert any("close to 100 %" in s for s in high.assumptions)
     assert any("not independent" in s for s in high.assumptions)

@@ -15,7 +15,7 @@ import pytest
 
 from rigctl.analysis.features.representations import REPRESENTATIONS
 from rigctl.analysis.paper import published
-from rigctl.analysis.paper.comparisons import compare_task, components_needed
+from rigctl.analysis.paper.comparisons import Agreement, compare_task, components_needed
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 from rigctl.analysis.report import report_folder
 from rigctl.cli import main
@@ -197,17 +197,17 @@ def result(**shares: list[float]) -> TaskResult:
     return TaskResult(task, tuple("ABCDEFGHIJKLMNOP"), 2, 7200, 1 / 16, curves)
 
 
-def test_orders_are_read_as_the_paper_separates_them() -> None:
+def test_pairs_are_compared_where_the_paper_separates_them() -> None:
     found = compare_task(
         result(original=[0.2, 0.4], speed=[0.5, 0.7], force=[0.5, 0.75], speed_force=[0.6, 0.75]),
         simulated=True,
     )
     assert found is not None
-    assert (found.pairs, found.held) == (6, 4)
-    assert found.reversed_pairs == (("speed", "force"),)
-    assert found.ties == (("speed_force", "force"),)
+    assert (len(found.pairs), len(found.keys(Agreement.HOLDS))) == (6, 4)
+    assert found.keys(Agreement.REVERSED) == [("speed", "force")]
+    assert found.keys(Agreement.TIED) == [("speed_force", "force")]
     assert "Reversed: Speed Scaled over Force Scaled" in found.sentence
-    assert any("model" in reason for reason in found.reasons)
+    assert any("model" in reason for reason in found.caveats)
 
 
 def test_components_needed_are_the_first_that_reach_it() -> None:
