@@ -58,7 +58,7 @@ def analyse(request: AnalysisRequest, progress: Progress) -> AnalysisResults:
     """Write a report as ``rigctl analyse`` does. Raises RigctlError."""
     from rigctl.analysis.classification.sweep_engines import SweepEngine
     from rigctl.analysis.classification.training import ModelRequest
-    from rigctl.analysis.data.cache import Cache, cache_folder
+    from rigctl.analysis.data.cache import Cache, Resources, cache_folder
     from rigctl.analysis.paper.tasks import SweepSettings
     from rigctl.analysis.report.report_folder import ReportRequest, make_report
     from rigctl.encoding.parameters import preset
@@ -81,7 +81,7 @@ def analyse(request: AnalysisRequest, progress: Progress) -> AnalysisResults:
     )
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     cache = Cache(cache_folder())
-    report = make_report(report_request, now, kept=cache, progress=_counted(progress))
+    report = make_report(report_request, now, Resources(cache=cache, progress=_counted(progress)))
     cache.trim()
     return _report_results(report, out)
 
@@ -89,7 +89,7 @@ def analyse(request: AnalysisRequest, progress: Progress) -> AnalysisResults:
 def classify_sessions(model: str, sessions: tuple[str, ...], progress: Progress) -> AnalysisResults:
     """Classify sessions as ``rigctl classify`` does. Raises RigctlError."""
     from rigctl.analysis.classification.classify_sessions import classify
-    from rigctl.analysis.classification.predictions import rows, sentence
+    from rigctl.analysis.classification.predictions import prediction_rows, summary
     from rigctl.session.files.model_file import load_model
 
     loaded = load_model(Path(model).expanduser())
@@ -104,15 +104,15 @@ def classify_sessions(model: str, sessions: tuple[str, ...], progress: Progress)
             f"{row['force_g']:g}", f"<b>{escape(row['predicted'])}</b>", verdicts[row["right"]],
             f"{row['posterior']:.1%}", escape(row["runner_up"]), f"{row['margin']:.2f}",
         ]
-        for row in rows(found)
+        for row in prediction_rows(found)
     ]  # fmt: skip
-    predictions = f"<h3>{escape(sentence(found))}</h3>{table(head, cells)}"
+    predictions = f"<h3>{escape(summary(found))}</h3>{table(head, cells)}"
     pages = (
         ResultsPage("Predictions", predictions),
         ResultsPage("Confusion", _confusion(found)),
         ResultsPage("Remarks", _bullets(found.remarks)),
     )
-    return AnalysisResults(sentence(found), pages)
+    return AnalysisResults(summary(found), pages)
 
 
 def _counted(progress: Progress) -> Callable[[str, int, int], None]:

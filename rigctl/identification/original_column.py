@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.splits import Design, Split, splits, stratified_folds
-from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
+from rigctl.analysis.classification.splits import Design, Split, make_splits, stratified_folds
+from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.analysis.paper import published
 from rigctl.encoding.batch import cuts_of, features_of, stretch_counts
 from rigctl.encoding.features import UNSCALED
@@ -28,11 +28,11 @@ def accuracies(slides: Slides, seed: int) -> dict[str, float]:
     """Accuracy of each task with 50 components, per cent."""
     features, design = features_of_slides(slides), slides.design
     fits = [_folds(design, seed)]
-    fits += [splits(design, "extrapolation", seed, draw) for draw in range(DRAWS)]
+    fits += [make_splits(design, "extrapolation", seed, draw) for draw in range(DRAWS)]
     right: dict[str, list[NDArray[np.bool_]]] = {task.key: [] for task in TASKS}
     labels = {task.key: design.labels(task) for task in TASKS}
     for some in fits:
-        answers = answer(features, labels, some, published.K_MAX, SweepEngine.OWN)
+        answers = predict_splits(features, labels, some, published.K_MAX, SweepEngine.OWN)
         for fit, found in zip(some, answers, strict=True):
             for key, said in found.predictions.items():
                 right[key].append(said[-1] == labels[key][fit.tests[key]])

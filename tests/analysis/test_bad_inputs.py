@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.trial_set import TrialSet, join_sessions, opened
+from rigctl.analysis.data.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.analysis.features.representations import RepresentationSet, represent
 from rigctl.analysis.paper.result_tables import as_plain
 from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
@@ -249,9 +249,9 @@ def test_files_cut_short_are_read_as_far_as_they_go_or_refused(good: Path, tmp_p
 
 
 def assert_readable(joined: TrialSet) -> None:
-    with opened(joined.files) as reader:
+    with open_trials(joined.files) as reader:
         for trial in joined.trials:
-            reader.of(trial)
+            reader.read(trial)
 
 
 def test_a_trial_whose_samples_cannot_be_read_is_named(good: Path, tmp_path: Path) -> None:
@@ -263,11 +263,11 @@ def test_a_trial_whose_samples_cannot_be_read_is_named(good: Path, tmp_path: Pat
     with part.open("r+b") as file:
         file.truncate(end // 2)  # a disk that fails while the analysis runs
     told = f"{copy}: trial \\d+ cannot be read"
-    with opened(again.files) as reader, pytest.raises(SessionError, match=told):
+    with open_trials(again.files) as reader, pytest.raises(SessionError, match=told):
         for trial in joined.trials:
-            reader.of(trial)
-    with opened(again.files) as reader, pytest.raises(SessionError, match=told):
-        reader.all_of(joined.trials)
+            reader.read(trial)
+    with open_trials(again.files) as reader, pytest.raises(SessionError, match=told):
+        reader.read_block(joined.trials)
 
 
 @pytest.mark.parametrize(

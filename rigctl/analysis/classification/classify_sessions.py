@@ -1,4 +1,4 @@
-"""Sessions asked of a model: a prediction a trial, and what is to be said of it."""
+"""Predictions of a model for the trials of sessions: ``rigctl classify``."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
-from rigctl.analysis.classification.posteriors import log_posteriors
-from rigctl.analysis.classification.prediction_remarks import sentences
-from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, opened
-from rigctl.analysis.data.wiring_check import check_learnt
-from rigctl.analysis.execution.executor import HERE, Executor, Progress, work_through
+from rigctl.analysis.classification.prediction_remarks import prediction_remarks
+from rigctl.analysis.data.condition_tasks import c_per_trial
+from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, open_trials
+from rigctl.analysis.data.wiring_check import check_source_wiring
+from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, map_with_progress
 from rigctl.analysis.features.transferred_c import (
     RateError,
-    check_covers,
-    rate_errors,
+    check_c_covers,
+    measure_rate_errors,
+    transfer_warning,
     unseen_sessions,
-    warning,
 )
 from rigctl.encoding.features import feature_matrices
 from rigctl.errors import SessionError
@@ -31,9 +32,11 @@ from rigctl.session.read.session import Session
 CHUNK = 64
 STAGE = "encoding and classifying"
 
+Floats = NDArray[np.float64]
+
 
 class Prediction(NamedTuple):
-    """One trial's answer. ``margin``: ln of the posterior over that of the runner-up."""
+    """The prediction for one trial; ``margin``: log posterior less that of the runner-up."""
 
     session: str
     trial_id: int
@@ -44,18 +47,20 @@ class Prediction(NamedTuple):
     posterior: float
     runner_up: str
     margin: float
-    known: bool
+    in_model: bool
 
     @property
     def right(self) -> bool | None:
-        """Whether it is the true texture; None where the model does not know that texture."""
-        return self.predicted == self.texture if self.known else None
+        """Whether it is the true texture; None for a texture that is not in the model."""
+        return self.predicted == self.texture if self.in_model else None
 
 
 @dataclass(frozen=True, slots=True)
 class Classification:
-    """Answers for all trials. ``confusion``: int64 (classes, classes), rows the truth, of trials
-    whose texture the model knows. ``clipped``: share of each taxel's readings outside its range.
+    """Predictions for all trials; ``clipped``: share of each taxel's readings outside its range.
+
+    ``confusion``: int64 (classes, classes), rows the truth, of trials whose texture is in the
+    model.
     """
 
     model: Model
@@ -63,78 +68,102 @@ class Classification:
     predictions: tuple[Prediction, ...]
     confusion: NDArray[np.int64]
     clipped: tuple[float, ...]
-    misses: tuple[RateError, ...]
+    rate_errors: tuple[RateError, ...]
     remarks: tuple[str, ...]
 
     @property
-    def asked(self) -> int:
-        """Trials whose texture the model knows."""
+    def n_scored(self) -> int:
+        """Trials whose texture is in the model."""
         return int(self.confusion.sum())
 
     @property
-    def correct(self) -> int:
-        """How many of these were told right."""
+    def n_correct(self) -> int:
+        """Scored trials with the right prediction."""
         return int(np.trace(self.confusion))
 
 
-class _PredictionJob(NamedTuple):
+class _PredictionTask(NamedTuple):
     files: tuple[SampleFile, ...]
     trials: tuple[TrialRef, ...]
     model: Model
 
 
-class _Answered(NamedTuple):
-    """``logs``: float64 (trials, classes); ``clipped``: int64 (taxels,), of ``read`` samples."""
+class _Posteriors(NamedTuple):
+    """``logs``: float64 (trials, classes); ``clipped``: clipped samples, int64 (taxels,)."""
 
-    logs: NDArray[np.float64]
+    logs: Floats
     lengths: list[int]
     clipped: NDArray[np.int64]
-    read: int
 
 
 def classify(
     model: Model,
     paths: Sequence[Path],
     *,
-    crew: Executor = HERE,
-    progress: Progress = lambda stage, done, all_: None,
+    executor: Executor = SERIAL,
+    progress: Progress = lambda stage, done, total: None,
 ) -> Classification:
-    """Ask a model for every complete trial of some sessions.
+    """Predict the texture of every complete trial of some sessions.
 
-    Raises WrongUse or SessionError where it cannot answer: another number of taxels or sample
-    rate, no motion, a speed, force or texture that its C lacks, no complete trial.
+    Raises WrongUse or SessionError for another number of taxels or sample rate, no motion, no
+    complete trial, or a speed, force or texture that the model's C lacks.
     """
     _check_sensor(model, paths)
     trials = join_sessions(paths)
     if model.c is not None:
-        check_covers(trials, model.c, by_texture=model.force == "texture")
-    torn = [i for i, trial in enumerate(trials.trials) if not trial.place.complete]
-    kept = trials.without(torn, "gaps in their samples")
-    chunks = [kept.trials[at : at + CHUNK] for at in range(0, len(kept.trials), CHUNK)]
-    jobs = [_PredictionJob(kept.files, chunk, model) for chunk in chunks]
-    parts = list(work_through(_answered, jobs, crew=crew, stage=STAGE, progress=progress))
-    predictions = _predictions(model, kept, np.concatenate([part.logs for part in parts]))
-    clipped = np.sum([p.clipped for p in parts], axis=0) / max(1, sum(p.read for p in parts))
-    misses, warned = _carried(model, kept, crew, progress)
+        check_c_covers(trials, model.c, by_texture=model.force == "texture")
+    trials = trials.without_gaps()
+    chunks = [trials.trials[at : at + CHUNK] for at in range(0, len(trials.trials), CHUNK)]
+    tasks = [_PredictionTask(trials.files, chunk, model) for chunk in chunks]
+    parts = list(
+        map_with_progress(_posteriors, tasks, executor=executor, stage=STAGE, progress=progress)
+    )
+    logs = np.concatenate([part.logs for part in parts])
+    pairs = zip(trials.trials, logs, strict=True)
+    predictions = tuple(_prediction(model, trials, trial, row) for trial, row in pairs)
     lengths = [n for part in parts for n in part.lengths]
-    new = [answer.texture for answer in predictions if not answer.known]
-    remarks = (*warned, *kept.remarks, *sentences(model, kept, new, clipped, lengths))
+    clipped = np.sum([part.clipped for part in parts], axis=0) / max(1, sum(lengths))
+    errors, warnings = _rate_errors(model, trials, executor, progress)
+    new = [found.texture for found in predictions if not found.in_model]
+    remarks = prediction_remarks(model, trials, new, clipped, lengths)
     return Classification(
         model,
-        kept,
+        trials,
         predictions,
         _confusion(model, predictions),
         tuple(clipped.tolist()),
-        misses,
-        remarks,
+        errors,
+        (*warnings, *trials.remarks, *remarks),
     )
 
 
+def log_posteriors(model: Model, features: Floats) -> Floats:
+    """Return the log posterior of each class: features float64 (n, p) → (n, classes)."""
+    factor, used = model.factor.copy(), np.ones(model.components)
+    # Components without within-class variance take no part.
+    factor[model.dropped, model.dropped] = 1.0
+    used[model.dropped] = 0.0
+    offset = model.mean @ model.axes
+    means = model.whitened_means
+    constant = model.log_priors - 0.5 * (means * means).sum(axis=0)
+    logs = np.empty((len(features), len(model.classes)))
+    # One row at a time: a matrix product may round a row differently beside other rows.
+    for row, trial in enumerate(np.ascontiguousarray(features, np.float64)):
+        scores = (trial @ model.axes - offset) * used
+        white = linalg.solve_triangular(factor, scores, lower=True, check_finite=False)
+        logs[row] = white @ means + constant
+    top = logs.max(axis=1, keepdims=True)
+    normal: Floats = logs - top - np.log(np.exp(logs - top).sum(axis=1, keepdims=True))
+    return normal
+
+
 def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
+    inputs = model.training.inputs
+    model_scaling: list[list[float]] = inputs[0].get("scaling", []) if inputs else []
     for path in paths:
         with Session.open(path) as session:
             header, scaling = session.header, [list(pair) for pair in session.scaling]
-            order = {"path": str(path), "wiring": session.wiring}
+            source = {"path": str(path), "wiring": session.wiring}
         for theirs, ours, what in (
             (header.n_taxels, model.n_taxels, "taxels"),
             (header.sample_rate_hz, model.sample_rate_hz, "samples a second"),
@@ -144,89 +173,67 @@ def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
                     f"{path} has {theirs} {what}, the model was trained with {ours}: "
                     "train one on recordings of this kind"
                 )
-        check_learnt("the model", model.training.inputs, [order])
-        if scaling != _scaling_of(model):
+        check_source_wiring("the model", inputs, [source])
+        if scaling != model_scaling:
             raise SessionError(
                 f"{path} stores readings on another scale than the sessions of the model: import "
                 "it with the same low and high under [taxels] as theirs"
             )
 
 
-def _scaling_of(model: Model) -> list[list[float]]:
-    """What the stored counts of the sessions that were learnt from are."""
-    return next((source.get("scaling", []) for source in model.training.inputs), [])
+def _posteriors(task: _PredictionTask) -> _Posteriors:
+    model = task.model
+    with open_trials(task.files) as reader:
+        samples = [reader.read(trial) for trial in task.trials]
+    clipped = np.sum([model.normalisation.clipped(readings) for readings in samples], axis=0)
+    scale = None
+    if model.c is not None:
+        scale = c_per_trial(task.trials, model.c, blind=model.force == "blind")
+    speeds = [trial.speed_mm_s for trial in task.trials]
+    encoder = (model.normalisation, [model.features], model.parameters)
+    (features,) = feature_matrices(samples, speeds, *encoder, sa_scale=scale)
+    return _Posteriors(log_posteriors(model, features), list(map(len, samples)), clipped)
 
 
-def _answered(job: _PredictionJob) -> _Answered:
-    model = job.model
-    with opened(job.files) as reader:
-        samples = [reader.of(trial) for trial in job.trials]
-    clipped = np.zeros(model.n_taxels, np.int64)
-    for readings in samples:
-        clipped += model.normalisation.clipped(readings)
-    speeds = [trial.speed_mm_s for trial in job.trials]
-    ways = (model.normalisation, [model.features], model.parameters)
-    features = feature_matrices(samples, speeds, *ways, sa_scale=_scale(model, job.trials))[0]
-    lengths = [len(readings) for readings in samples]
-    return _Answered(log_posteriors(model, features), lengths, clipped, sum(lengths))
-
-
-def _scale(model: Model, trials: Sequence[TrialRef]) -> NDArray[np.float64] | None:
-    """Factor on the SA current of each trial and taxel, None for 1."""
-    c = model.c
-    if c is None:
-        return None
-    if model.force == "texture":
-        return np.array([c.of(t.texture, t.speed_mm_s, t.force_g) for t in trials])
-    return np.array([c.texture_blind(t.speed_mm_s, t.force_g) for t in trials])
-
-
-def _predictions(
-    model: Model, trials: TrialSet, logs: NDArray[np.float64]
-) -> tuple[Prediction, ...]:
-    answers = []
-    for trial, row in zip(trials.trials, logs, strict=True):
-        best = int(row.argmax())
-        others = row.copy()
-        others[best] = -np.inf
-        second = int(others.argmax())
-        answers.append(
-            Prediction(
-                str(trials.paths[trial.session]),
-                trial.trial_id,
-                trial.texture,
-                trial.speed_mm_s,
-                trial.force_g,
-                model.classes[best],
-                float(np.exp(row[best])),
-                model.classes[second],
-                float(row[best] - row[second]),
-                trial.texture in model.classes,
-            )
-        )
-    return tuple(answers)
+def _prediction(model: Model, trials: TrialSet, trial: TrialRef, logs: Floats) -> Prediction:
+    best = int(logs.argmax())
+    others = logs.copy()
+    others[best] = -np.inf
+    second = int(others.argmax())
+    return Prediction(
+        str(trials.paths[trial.session]),
+        trial.trial_id,
+        trial.texture,
+        trial.speed_mm_s,
+        trial.force_g,
+        model.classes[best],
+        float(np.exp(logs[best])),
+        model.classes[second],
+        float(logs[best] - logs[second]),
+        trial.texture in model.classes,
+    )
 
 
 def _confusion(model: Model, predictions: Sequence[Prediction]) -> NDArray[np.int64]:
     table = np.zeros((len(model.classes), len(model.classes)), np.int64)
-    place = {name: i for i, name in enumerate(model.classes)}
-    for answer in predictions:
-        if answer.known:
-            table[place[answer.texture], place[answer.predicted]] += 1
+    index = {name: i for i, name in enumerate(model.classes)}
+    for found in predictions:
+        if found.in_model:
+            table[index[found.texture], index[found.predicted]] += 1
     return table
 
 
-def _carried(
-    model: Model, trials: TrialSet, crew: Executor, progress: Progress
+def _rate_errors(
+    model: Model, trials: TrialSet, executor: Executor, progress: Progress
 ) -> tuple[tuple[RateError, ...], list[str]]:
-    """The rate error of C and its warning, where a session is none of those learnt from."""
+    """Return the rate errors of C and a warning, where the model was not trained on a session."""
     if model.c is None:
         return (), []
-    foreign = unseen_sessions(trials, model.training.inputs, progress)
-    if not foreign:
+    unseen = unseen_sessions(trials, model.training.inputs, progress)
+    if not unseen:
         return (), []
-    blind = model.force == "blind"
-    ways = (model.c, model.normalisation, model.parameters)
-    misses = rate_errors(trials, *ways, blind=blind, crew=crew, progress=progress)
-    where = ", ".join(map(str, foreign))
-    return tuple(misses), [warning(misses, model.c, where)]
+    encoder = (model.c, model.normalisation, model.parameters)
+    errors = measure_rate_errors(
+        trials, *encoder, blind=model.force == "blind", executor=executor, progress=progress
+    )
+    return tuple(errors), [transfer_warning(errors, model.c, unseen)]

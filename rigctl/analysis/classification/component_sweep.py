@@ -1,4 +1,4 @@
-"""PCA and LDA for every number of components at once, exactly as if each were fitted alone.
+"""PCA and LDA for every number of components at once, exactly as separate fits give them.
 
 Principal components are nested: the first k of fifty are the fifty's first k. So are the Cholesky
 factor of the within-class covariance of their scores and the forward substitution through it.
@@ -31,16 +31,16 @@ NO_VARIANCE = 1e-12
 LANCZOS_FEATURES = 600
 LANCZOS_SHARE = 8
 
-# Components are taken from products of rows where the last has at least this part of the first's
-# variance: then their axes are right to ten digits.
+# Components come from products of rows where the last has at least this part of the first's
+# variance: then their axes are correct to ten digits.
 FINE_SHARE = 1e-6
 
-# Folds whose scatters, p × p each, are kept side by side.
+# Folds whose scatters, p × p each, are in memory at once.
 FOLDS_IN_MEMORY = 8
 
 
 class ScatterDivisor(StrEnum):
-    """What the pooled within-class scatter is divided by: samples, or samples less classes."""
+    """The divisor of the pooled within-class scatter: samples, or samples less classes."""
 
     N = "n"
     N_LESS_CLASSES = "n-k"
@@ -58,8 +58,8 @@ class PrincipalComponents:
     axes: Matrix
     variance: Matrix
 
-    def scores(self, features: Matrix) -> Matrix:
-        """Coordinates of feature rows, float64 (n, k)."""
+    def transform(self, features: Matrix) -> Matrix:
+        """Return the scores of feature rows, float64 (n, k)."""
         projected: Matrix = features @ self.axes - self.mean @ self.axes
         return projected
 
@@ -80,8 +80,8 @@ class NestedLda:
     log_priors: Matrix
     dropped: tuple[int, ...]
 
-    def predictions(self, scores: Matrix) -> Labels:
-        """Label of each row for each k: scores float64 (n, k_max) → (k_max, n), row k − 1 for k."""
+    def predict(self, scores: Matrix) -> Labels:
+        """Return the label of each row for each k: float64 (n, k_max) → (k_max, n), row k − 1."""
         white = _forward(self.factor, scores.T, self.dropped)
         total = np.tile(self.log_priors, (scores.shape[0], 1))
         winners = np.empty((scores.shape[1], scores.shape[0]), np.int64)
@@ -92,8 +92,8 @@ class NestedLda:
         return self.classes[winners]
 
 
-def fit_principal(features: Matrix, k_max: int) -> PrincipalComponents:
-    """Exact leading principal components of features float64 (n, p).
+def fit_pca(features: Matrix, k_max: int) -> PrincipalComponents:
+    """Return the exact leading principal components of features float64 (n, p).
 
     Raises :class:`WrongUse` for fewer than two rows or k_max beyond min(n − 1, p).
     """
@@ -109,14 +109,14 @@ def fit_principal(features: Matrix, k_max: int) -> PrincipalComponents:
 def fit_nested_lda(
     scores: Matrix, labels: Labels, divisor: ScatterDivisor = ScatterDivisor.N_LESS_CLASSES
 ) -> NestedLda:
-    """Discriminants for every leading subset of coordinates: scores float64 (n, k_max).
+    """Return the discriminants of all leading subsets of coordinates: scores float64 (n, k_max).
 
     Raises :class:`WrongUse` for fewer than two classes, or no more rows than classes.
     """
     classes, index, counts = np.unique(labels, return_inverse=True, return_counts=True)
     n, n_classes = len(labels), len(classes)
     if n_classes < 2:
-        raise WrongUse("a classifier needs trials of at least two classes to learn from")
+        raise WrongUse("a classifier needs training trials of at least two classes")
     if n <= n_classes:
         raise WrongUse(f"{n} training trials are too few for {n_classes} classes")
     means = np.zeros((n_classes, scores.shape[1]))
@@ -136,64 +136,60 @@ def predict_folds(
     k_max: int,
     divisor: ScatterDivisor = ScatterDivisor.N_LESS_CLASSES,
 ) -> list[Labels]:
-    """Predictions of PCA + LDA for k = 1 … k_max, each fold trained and tested in turn.
+    """Return the predictions of PCA + LDA for k = 1 … k_max, for each fold in turn.
 
     ``features`` float64 (n, p); ``folds``: (training rows, test rows) each. Returns for each fold
     an array (k_max, n_test). Raises :class:`WrongUse` where a fold is too small for k_max.
     """
-    principals = fold_principals(features, folds, k_max)
     results = []
-    for (train, test), principal in zip(folds, principals, strict=True):
-        lda = fit_nested_lda(principal.scores(features[train]), labels[train], divisor)
-        results.append(lda.predictions(principal.scores(features[test])))
+    for (train, test), pca in zip(folds, fit_fold_pcas(features, folds, k_max), strict=True):
+        lda = fit_nested_lda(pca.transform(features[train]), labels[train], divisor)
+        results.append(lda.predict(pca.transform(features[test])))
     return results
 
 
-def fold_principals(
-    features: Matrix, folds: Sequence[Fold], k_max: int
-) -> list[PrincipalComponents]:
-    """Principal components of each fold's training rows; see :func:`predict_folds`."""
+def fit_fold_pcas(features: Matrix, folds: Sequence[Fold], k_max: int) -> list[PrincipalComponents]:
+    """Return the principal components of each fold's training rows; see :func:`predict_folds`."""
     if not np.isfinite(features).all():
         row = int(np.flatnonzero(~np.isfinite(features).all(axis=1))[0])
-        raise WrongUse(f"the features of trial {row + 1} of the set hold a value that is no number")
+        raise WrongUse(f"the features of trial {row + 1} of the set are not all finite")
     smallest = min(len(train) for train, _ in folds)
     _check_components(smallest, features.shape[1], k_max)
     if features.shape[1] > smallest:
-        return [fit_principal(features[train], k_max) for train, _ in folds]
-    return _principals_by_difference(features, folds, k_max)
+        return [fit_pca(features[train], k_max) for train, _ in folds]
+    return _fold_pcas_by_difference(features, folds, k_max)
 
 
-def _principals_by_difference(
+def _fold_pcas_by_difference(
     features: Matrix, folds: Sequence[Fold], k_max: int
 ) -> list[PrincipalComponents]:
-    """Each fold's components from the total scatter less that of the rows it leaves out."""
-    everything = np.arange(len(features))
+    """Return each fold's components from the total scatter less that of its left-out rows."""
     offset = features.mean(axis=0)
     centred = features - offset
-    left_out = [np.setdiff1d(everything, train) for train, _ in folds]
+    left_out = [np.setdiff1d(np.arange(len(features)), train) for train, _ in folds]
     total, scatters = _scatters(centred, left_out)
-    total_sum, principals = centred.sum(axis=0), []
+    total_sum, pcas = centred.sum(axis=0), []
     for (train, _), rows, scatter in zip(folds, left_out, scatters, strict=True):
         n = len(train)
         mean = (total_sum - centred[rows].sum(axis=0)) / n
         within = total - scatter - n * np.outer(mean, mean)
-        principals.append(_from_covariance(offset + mean, within / (n - 1), k_max))
-    return principals
+        pcas.append(_from_covariance(offset + mean, within / (n - 1), k_max))
+    return pcas
 
 
 def _scatters(
     centred: Matrix, left_out: Sequence[NDArray[np.intp]]
 ) -> tuple[Matrix, Iterable[Matrix]]:
-    """Scatter of all rows, and of those that each fold leaves out, float64 (p, p) each.
+    """Return the scatter of all rows, and of each fold's left-out rows, float64 (p, p) each.
 
-    Where few folds leave out other rows each, the total is the sum of theirs and of what is left.
+    Where few folds leave out disjoint rows, the total is the sum of theirs and of the rest.
     """
     times = np.bincount(np.concatenate(left_out), minlength=len(centred))
     parts = (_scatter(centred[rows]) for rows in left_out)
     if len(left_out) > FOLDS_IN_MEMORY or times.max() > 1:
         return _scatter(centred), parts
-    kept = list(parts)
-    return _scatter(centred[times == 0]) + sum(kept), kept
+    scatters = list(parts)
+    return _scatter(centred[times == 0]) + sum(scatters), scatters
 
 
 def _scatter(centred: Matrix) -> Matrix:
@@ -207,13 +203,13 @@ def _from_covariance(mean: Matrix, covariance: Matrix, k_max: int) -> PrincipalC
 
 
 def _from_rows(mean: Matrix, centred: Matrix, k_max: int) -> PrincipalComponents:
-    """Of fewer rows than features: from the products of the rows with one another.
+    """Return the components of fewer rows than features, from the products of the rows.
 
-    Their eigenvectors are the scores. Squares lose what is too small beside the largest; where
-    that is asked for, the rows themselves are decomposed.
+    Their eigenvectors are the scores. The squares lose components that are too small beside the
+    largest; where k_max includes such components, an SVD of the rows gives them.
     """
     n = len(centred)
-    # Ones would be no start: centred rows sum up to nothing.
+    # A start of ones would fail: centred rows sum to zero.
     start = np.random.default_rng(0).normal(size=n)
     variance, scores = _leading(centred @ centred.T / (n - 1), k_max, start)
     if variance[-1] > FINE_SHARE * variance[0]:
@@ -223,7 +219,7 @@ def _from_rows(mean: Matrix, centred: Matrix, k_max: int) -> PrincipalComponents
 
 
 def _leading(symmetric: Matrix, k_max: int, start: Matrix) -> tuple[Matrix, Matrix]:
-    """Leading eigenvalues, float64 (k_max,), falling, and eigenvectors, float64 (p, k_max)."""
+    """Return the leading eigenvalues (k_max,), falling, and eigenvectors (p, k_max), float64."""
     p = len(symmetric)
     if p >= LANCZOS_FEATURES and k_max <= p // LANCZOS_SHARE:
         values, vectors = _leading_by_lanczos(symmetric, k_max, start)
@@ -235,9 +231,9 @@ def _leading(symmetric: Matrix, k_max: int, start: Matrix) -> tuple[Matrix, Matr
 
 
 def _leading_by_lanczos(symmetric: Matrix, k_max: int, start: Matrix) -> tuple[Matrix, Matrix]:
-    """Leading eigenpairs to machine precision, ascending, for a few out of very many.
+    """Return a few leading eigenpairs out of very many, ascending, to machine precision.
 
-    The start vector is given, so that equal data give equal bits.
+    A fixed start vector makes equal data give equal bits.
     """
     from scipy.sparse.linalg import eigsh
 
@@ -248,7 +244,7 @@ def _leading_by_lanczos(symmetric: Matrix, k_max: int, start: Matrix) -> tuple[M
 
 
 def _factor(covariance: Matrix, variance: Matrix) -> tuple[Matrix, tuple[int, ...]]:
-    """Lower Cholesky factor; a coordinate without variance of its own becomes an empty row."""
+    """Return the lower Cholesky factor; a coordinate without own variance becomes an empty row."""
     size = len(covariance)
     factor = np.zeros((size, size))
     dropped: list[int] = []
@@ -264,7 +260,7 @@ def _factor(covariance: Matrix, variance: Matrix) -> tuple[Matrix, tuple[int, ..
 
 
 def _forward(factor: Matrix, columns: Matrix, dropped: tuple[int, ...]) -> Matrix:
-    """Solve factor · white = columns; dropped coordinates come out as 0."""
+    """Solve factor · white = columns; dropped coordinates give 0."""
     solvable = factor.copy()
     right = columns.copy()
     for k in dropped:
@@ -280,6 +276,6 @@ def _check_components(n: int, p: int, k_max: int) -> None:
     most = min(n - 1, p)
     if not 1 <= k_max <= most:
         raise WrongUse(
-            f"{k_max} principal components asked for: {n} training trials with {p} features "
+            f"{k_max} principal components requested: {n} training trials with {p} features "
             f"allow 1 to {most}"
         )

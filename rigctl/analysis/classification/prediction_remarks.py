@@ -1,4 +1,4 @@
-"""What is to be said of a model's answers: ranges, clipping, what it never learnt."""
+"""Remarks on predictions: taxel ranges, clipping, and conditions that are not in the model."""
 
 from __future__ import annotations
 
@@ -10,55 +10,56 @@ from numpy.typing import NDArray
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.session.files.model import Model
 
-LOUD_SHARE = 0.01
-NAMED_TAXELS = 6
+MANY_CLIPPED = 0.01
+MAX_LISTED_TAXELS = 6
 
 
-def sentences(
+def prediction_remarks(
     model: Model,
     trials: TrialSet,
     new: Sequence[str],
     clipped: NDArray[np.float64],
     lengths: Sequence[int],
 ) -> list[str]:
-    """All that goes with the answers. ``new``: the texture of each trial that the model does not
-    know; ``clipped``: share of each taxel's readings; ``lengths``: samples of each trial.
+    """Return all remarks. ``new``: the texture of each trial whose texture is not in the model;
+    ``clipped``: share of each taxel's readings; ``lengths``: samples of each trial.
     """
-    said = [_clip_sentence(model, clipped)]
+    remarks = [_clipping_remark(model, clipped)]
     if new:
-        named = ", ".join(sorted(set(new)))
-        said.append(
-            f"{len(new)} trials are of textures that the model does not know ({named}): they are "
-            "answered, but not counted as right or wrong"
+        listed = ", ".join(sorted(set(new)))
+        remarks.append(
+            f"{len(new)} trials are of textures that are not in the model ({listed}): they have "
+            "predictions, but do not count as right or wrong"
         )
-    said += _length_sentences(model, trials, lengths)
-    said += _new_conditions(model, trials)
+    remarks += _length_remarks(model, trials, lengths)
+    remarks += _condition_remarks(model, trials)
     if model.force == "texture":
-        said.append(
+        remarks.append(
             "each trial's SA current was scaled by the C of its own true texture: "
-            "the model was told part of the answer"
+            "the model has part of the answer"
         )
     if model.training.simulated != trials.simulated:
-        whose = "simulated" if model.training.simulated else "real"
-        said.append(f"the model was trained on {whose} recordings, these are not")
-    return said
+        origin = "simulated" if model.training.simulated else "real"
+        remarks.append(f"the model was trained on {origin} recordings, these are not")
+    return remarks
 
 
-def _clip_sentence(model: Model, clipped: NDArray[np.float64]) -> str:
+def _clipping_remark(model: Model, clipped: NDArray[np.float64]) -> str:
     start = (
         "readings are scaled by the model's taxel ranges "
         f"({model.normalisation.source}), not by these sessions' own"
     )
-    worst = [i for i in np.argsort(-clipped, kind="stable") if clipped[i] > 0][:NAMED_TAXELS]
+    worst = [i for i in np.argsort(-clipped, kind="stable") if clipped[i] > 0][:MAX_LISTED_TAXELS]
     if not worst:
-        return f"{start}; none lies outside them"
+        return f"{start}; no reading is outside them"
     parts = ", ".join(f"taxel {i + 1} {clipped[i]:.2%}" for i in worst)
-    more = " (many: the sensor or its gain may have changed)" if clipped.max() > LOUD_SHARE else ""
-    return f"{start}; {clipped.mean():.2%} lie outside and are clipped: {parts}{more}"
+    many = clipped.max() > MANY_CLIPPED
+    cause = " (many: the sensor or its gain may have changed)" if many else ""
+    return f"{start}; {clipped.mean():.2%} are outside and are clipped: {parts}{cause}"
 
 
-def _length_sentences(model: Model, trials: TrialSet, lengths: Sequence[int]) -> list[str]:
-    """Trials that fill fewer or more windows than a vector has."""
+def _length_remarks(model: Model, trials: TrialSet, lengths: Sequence[int]) -> list[str]:
+    """Return remarks on trials that fill fewer or more windows than the features have."""
     layout = model.features
     spans = [
         int(layout.windows(n, trial.speed_mm_s)[-1]) + 1
@@ -66,28 +67,27 @@ def _length_sentences(model: Model, trials: TrialSet, lengths: Sequence[int]) ->
     ]
     longer = sum(span > layout.n_windows + 1 for span in spans)
     shorter = sum(span < layout.n_windows for span in spans) if layout.scaled else 0
-    said = []
+    remarks = []
     if longer:
-        said.append(
+        remarks.append(
             f"{longer} trials are longer than the model's {layout.n_windows} windows: "
-            "the rest of them is dropped"
+            "their ends are dropped"
         )
     if shorter:
-        said.append(
+        remarks.append(
             f"{shorter} trials cover less texture than the model's {layout.n_windows} windows: "
-            "what is missing reads 0"
+            "the missing windows read 0"
         )
-    return said
+    return remarks
 
 
-def _new_conditions(model: Model, trials: TrialSet) -> list[str]:
-    learnt = model.training
-    said = []
-    for values, known, unit in (
-        (trials.speeds_mm_s, learnt.speeds_mm_s, "mm/s"),
-        (trials.forces_g, learnt.forces_g, "g"),
+def _condition_remarks(model: Model, trials: TrialSet) -> list[str]:
+    remarks = []
+    for values, trained, unit in (
+        (trials.speeds_mm_s, model.training.speeds_mm_s, "mm/s"),
+        (trials.forces_g, model.training.forces_g, "g"),
     ):
-        new = [f"{v:g}" for v in values if v not in known]
+        new = [f"{value:g}" for value in values if value not in trained]
         if new:
-            said.append(f"the model learnt from no trial at {', '.join(new)} {unit}")
-    return said
+            remarks.append(f"the model was trained on no trial at {', '.join(new)} {unit}")
+    return remarks

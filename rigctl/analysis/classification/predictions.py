@@ -1,4 +1,4 @@
-"""A model's answers as plain values, as CSV, and as lines for people."""
+"""Predictions as JSON, as CSV and as text."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ COLUMNS = (
 DECIMALS = 6
 
 
-def rows(found: Classification) -> list[dict[str, Any]]:
-    """One mapping a trial; ``right`` is None where the model does not know the texture."""
+def prediction_rows(found: Classification) -> list[dict[str, Any]]:
+    """Return a mapping for each trial; ``right`` is None for a texture not in the model."""
     return [
         {
-            **{name: getattr(answer, name) for name in COLUMNS},
-            "posterior": round(answer.posterior, DECIMALS),
-            "margin": round(answer.margin, DECIMALS),
+            **{name: getattr(prediction, name) for name in COLUMNS},
+            "posterior": round(prediction.posterior, DECIMALS),
+            "margin": round(prediction.margin, DECIMALS),
         }
-        for answer in found.predictions
+        for prediction in found.predictions
     ]
 
 
-def as_plain(found: Classification) -> dict[str, Any]:
-    """Everything, as JSON can hold it."""
-    model = found.model
+def as_dict(found: Classification) -> dict[str, Any]:
+    """Return everything as plain values for JSON."""
+    model, scored, correct = found.model, found.n_scored, found.n_correct
     return {
         "program": {"name": "rigctl", "version": __version__},
         "simulated": found.trials.simulated or model.training.simulated,
@@ -46,62 +46,62 @@ def as_plain(found: Classification) -> dict[str, Any]:
         },
         "inputs": list(found.trials.provenance),
         "trials": len(found.predictions),
-        "asked": found.asked,
-        "correct": found.correct,
-        "accuracy": found.correct / found.asked if found.asked else None,
-        "interval_95": list(wilson_interval(found.correct, found.asked)) if found.asked else None,
+        "asked": scored,
+        "correct": correct,
+        "accuracy": correct / scored if scored else None,
+        "interval_95": list(wilson_interval(correct, scored)) if scored else None,
         "confusion": found.confusion.tolist(),
         "clipped_share": list(found.clipped),
-        "rate_error_of_c": [miss.as_dict() for miss in found.misses],
+        "rate_error_of_c": [error.as_dict() for error in found.rate_errors],
         "remarks": list(found.remarks),
-        "predictions": rows(found),
+        "predictions": prediction_rows(found),
     }
 
 
 def as_csv(found: Classification) -> str:
-    """A row a trial; what is not known is empty."""
+    """Return a table with a row for each trial; an unknown value is empty."""
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
     writer.writeheader()
-    for row in rows(found):
+    for row in prediction_rows(found):
         right = row["right"]
         writer.writerow(row | {"right": "" if right is None else "yes" if right else "no"})
     return out.getvalue()
 
 
-def as_lines(found: Classification, *, every_trial: bool = True) -> str:
-    """Notes, a line a trial, the confusion, and the accuracy."""
+def as_text(found: Classification, *, every_trial: bool = True) -> str:
+    """Return remarks, a line for each trial, the confusion and the accuracy."""
     lines = [f"note: {remark}" for remark in found.remarks]
     if every_trial:
         lines += _trial_lines(found)
-    if found.asked:
+    if found.n_scored:
         lines += _confusion_lines(found)
-    return "\n".join([*lines, sentence(found)])
+    return "\n".join([*lines, summary(found)])
 
 
-def sentence(found: Classification) -> str:
-    """The answer in words."""
+def summary(found: Classification) -> str:
+    """Return the accuracy in a sentence."""
     start = "Simulated: " if found.trials.simulated else ""
-    correct, asked = found.correct, found.asked
-    if not asked:
+    correct, scored = found.n_correct, found.n_scored
+    if not scored:
         n = len(found.predictions)
-        return f"{start}{n} trials answered; the model knows none of their textures"
-    low, high = wilson_interval(correct, asked)
+        return f"{start}{n} trials classified; none of their textures is in the model"
+    low, high = wilson_interval(correct, scored)
     return (
-        f"{start}{correct} of {asked} trials told right ({correct / asked:.1%}, 95 % interval "
+        f"{start}{correct} of {scored} trials right ({correct / scored:.1%}, 95 % interval "
         f"{low:.0%}–{high:.0%}; chance {1 / len(found.model.classes):.1%}) by "
         f"{found.model.representation} with {found.model.components} components"
     )
 
 
 def _trial_lines(found: Classification) -> list[str]:
-    marks = {True: "right", False: "WRONG", None: "not known"}
+    marks = {True: "right", False: "WRONG", None: "not in the model"}
     several = len(found.trials.paths) > 1
     return [
-        f"{answer.session + ' ' if several else ''}trial {answer.trial_id}: "
-        f"{answer.predicted} ({answer.posterior:.1%}, then {answer.runner_up}, margin "
-        f"{answer.margin:.2f}); true {answer.texture}: {marks[answer.right]}"
-        for answer in found.predictions
+        f"{p.session + ' ' if several else ''}trial {p.trial_id}: "
+        f"{p.predicted} ({p.posterior:.1%}, then {p.runner_up}, margin "
+        f"{p.margin:.2f}); true {p.texture}: {marks[p.right]}"
+        for p in found.predictions
     ]
 
 

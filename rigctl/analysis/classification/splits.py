@@ -1,4 +1,4 @@
-"""Which trials are learnt from and which are asked: the paper's draws, folds and extrapolation."""
+"""Training and test trials: the paper's draws, folds and extrapolation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FAMILIES = ("folds", "extrapolation", "leave-speed-out", "leave-force-out")
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """Labels and conditions of a set's trials, an element a trial.
+    """Labels and conditions of a set's trials, an element for each trial.
 
     ``texture``: int64 index into ``textures``; ``speed_mm_s``, ``force_g``: float64.
     """
@@ -31,8 +31,8 @@ class Design:
     force_g: NDArray[np.float64]
 
     @classmethod
-    def of(cls, trials: TrialSet) -> Design:
-        """The design of a set of trials."""
+    def from_trials(cls, trials: TrialSet) -> Design:
+        """Return the design of a set of trials."""
         names = trials.textures
         return cls(
             names,
@@ -43,24 +43,24 @@ class Design:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The paper's texture groups that are there; empty where a texture has none."""
+        """The paper's texture groups in the set; empty where a texture has none."""
         if not all(name in published.GROUPS for name in self.textures):
             return ()
         return tuple(dict.fromkeys(published.GROUPS[name] for name in self.textures))
 
     def classes(self, task: published.Task) -> tuple[str, ...]:
-        """Names of what a task tells apart."""
+        """Return the class names of a task."""
         return self.groups if task.grouped else self.textures
 
     def labels(self, task: published.Task) -> NDArray[np.int64]:
-        """Index of each trial's class in :meth:`classes`, int64."""
+        """Return the index of each trial's class in :meth:`classes`, int64."""
         if not task.grouped:
             return self.texture
-        of = [self.groups.index(published.GROUPS[name]) for name in self.textures]
-        return np.array(of, np.int64)[self.texture]
+        group = [self.groups.index(published.GROUPS[name]) for name in self.textures]
+        return np.array(group, np.int64)[self.texture]
 
     def conditions(self) -> list[Rows]:
-        """Rows of each texture × speed × force that is there, in a fixed order."""
+        """Return the rows of each texture × speed × force in the set, in a fixed order."""
         keys = np.stack([self.texture, self.speed_mm_s, self.force_g], axis=1)
         _, which = np.unique(keys, axis=0, return_inverse=True)
         order = np.argsort(which.reshape(-1), kind="stable")
@@ -69,16 +69,16 @@ class Design:
 
 
 class Split(NamedTuple):
-    """One fit: rows to learn from, and rows to ask for each task's key."""
+    """The training rows of one fit, and its test rows by task key."""
 
     train: Rows
     tests: dict[str, Rows]
 
 
-def splits(design: Design, family: str, seed: int, iteration: int) -> list[Split]:
-    """The fits of one iteration; equal for every representation.
+def make_splits(design: Design, family: str, seed: int, iteration: int) -> list[Split]:
+    """Return the splits of one iteration, equal for every representation.
 
-    Raises :class:`WrongUse`, saying why, where the trials do not allow them.
+    Raises :class:`WrongUse`, with the reason, where the trials do not allow them.
     """
     random = np.random.default_rng([seed, iteration, FAMILIES.index(family)])
     if family == "folds":
@@ -86,11 +86,11 @@ def splits(design: Design, family: str, seed: int, iteration: int) -> list[Split
     if family == "extrapolation":
         return [_extrapolation(design, random)]
     levels = design.speed_mm_s if family == "leave-speed-out" else design.force_g
-    return _one_left_out(design, random, family, levels)
+    return _leave_one_out(design, random, family, levels)
 
 
 def extrapolation_fits(design: Design) -> bool:
-    """Whether the paper's trained speeds and forces are there, and others to ask."""
+    """Return whether the set has the paper's trained speeds and forces, and others to test."""
     speeds, forces = set(design.speed_mm_s.tolist()), set(design.force_g.tolist())
     trained = _trained(design)
     return (
@@ -101,7 +101,7 @@ def extrapolation_fits(design: Design) -> bool:
 
 
 def _folds(design: Design, random: np.random.Generator) -> list[Split]:
-    """A third of each texture's trials, dealt into four folds."""
+    """Return the folds over a random third of each texture's trials."""
     counts = np.bincount(design.texture, minlength=len(design.textures))
     n_folds = int(min(published.N_FOLDS, counts.min()))
     if len(design.textures) < 2 or n_folds < 2:
@@ -140,14 +140,14 @@ def stratified_folds(labels: Labels, n_folds: int, seed: int) -> list[Fold]:
 
 
 def _drawn(n: int, n_folds: int) -> int:
-    """A third, but never fewer than a fold each can have."""
+    """Return the size of a third, but at least one trial for each fold."""
     return max(round(n * published.DRAWN_SHARE), n_folds)
 
 
 def _extrapolation(design: Design, random: np.random.Generator) -> Split:
     if not extrapolation_fits(design):
         raise WrongUse(
-            "it needs 40, 60, 80 mm/s and 250, 500 g of every texture, and a speed and a force more"
+            "it needs 40, 60, 80 mm/s and 250, 500 g of every texture, and another speed and force"
         )
     trained = _trained(design)
     train: list[Rows] = []
@@ -162,7 +162,7 @@ def _extrapolation(design: Design, random: np.random.Generator) -> Split:
             tests["trained-both"].append(mixed[n_train:])
         else:
             n_test = max(1, round(n * published.TESTED_SHARE))
-            tests[_kind_of_new(design, int(rows[0]))].append(mixed[:n_test])
+            tests[_untrained_kind(design, int(rows[0]))].append(mixed[:n_test])
     joined = {key: np.concatenate(rows) for key, rows in tests.items() if rows}
     return Split(np.concatenate(train), {key: rows for key, rows in joined.items() if len(rows)})
 
@@ -174,7 +174,7 @@ def _trained(design: Design) -> NDArray[np.bool_]:
     return mask
 
 
-def _kind_of_new(design: Design, row: int) -> str:
+def _untrained_kind(design: Design, row: int) -> str:
     new_speed = design.speed_mm_s[row] not in published.TRAINED_SPEEDS_MM_S
     new_force = design.force_g[row] not in published.TRAINED_FORCES_G
     if new_speed and new_force:
@@ -182,12 +182,12 @@ def _kind_of_new(design: Design, row: int) -> str:
     return "untrained-speed" if new_speed else "untrained-force"
 
 
-def _one_left_out(
+def _leave_one_out(
     design: Design, random: np.random.Generator, family: str, levels: NDArray[np.float64]
 ) -> list[Split]:
-    """Three quarters of each condition drawn; each level asked in turn of the others' fit."""
+    """Draw three quarters of each condition; test each level on a fit of the other levels."""
     if len(np.unique(levels)) < 2:
-        raise WrongUse("it needs two levels or more, one to leave out and one to learn from")
+        raise WrongUse("it needs two levels or more, one to leave out and one to train on")
     if len(design.textures) < 2:
         raise WrongUse("it needs two textures or more")
     drawn = np.concatenate(

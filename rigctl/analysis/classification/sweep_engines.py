@@ -1,4 +1,4 @@
-"""PCA + LDA for every number of components: our nested sweep, or scikit-learn fitted anew."""
+"""PCA + LDA for every number of components: our nested sweep, or a scikit-learn fit for each."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from rigctl.analysis.classification.component_sweep import (
     Labels,
     Matrix,
     PrincipalComponents,
-    ScatterDivisor,
+    fit_fold_pcas,
     fit_nested_lda,
-    fit_principal,
-    fold_principals,
+    fit_pca,
 )
 from rigctl.analysis.classification.splits import Rows, Split
 
@@ -25,14 +24,14 @@ RANK_SHARE = 1e-12
 
 
 class SweepEngine(StrEnum):
-    """Who computes."""
+    """The implementation that computes a sweep."""
 
     OWN = "own"
     SKLEARN = "sklearn"
 
 
 class SweepPredictions(NamedTuple):
-    """Predictions int64 (k_max, n_test) of each task, and how many components were set aside.
+    """Predictions int64 (k_max, n_test) of each task, and the numbers of unused components.
 
     ``without_variance``: components in which the trials of each class are all equal;
     ``beyond_rank``: components that the training trials do not have.
@@ -43,86 +42,82 @@ class SweepPredictions(NamedTuple):
     beyond_rank: int
 
 
-def answer(
+def predict_splits(
     features: Matrix,
     labels: Mapping[str, Labels],
-    fits: Sequence[Split],
+    splits: Sequence[Split],
     k_max: int,
     engine: SweepEngine,
 ) -> list[SweepPredictions]:
-    """Fit each split and ask its tests. ``labels``: of all rows of ``features``, by task key."""
-    rows = np.unique(np.concatenate([_rows_of(fit) for fit in fits]))
-    near = np.ascontiguousarray(features[rows])
-    place = np.full(len(features), -1, np.intp)
-    place[rows] = np.arange(len(rows))
+    """Fit each split and predict its tests; ``labels``: of all feature rows, by task key."""
+    rows = np.unique(np.concatenate([row for s in splits for row in (s.train, *s.tests.values())]))
+    dense = np.ascontiguousarray(features[rows])
+    position = np.full(len(features), -1, np.intp)
+    position[rows] = np.arange(len(rows))
     local = [
-        Split(place[fit.train], {key: place[test] for key, test in fit.tests.items()})
-        for fit in fits
+        Split(position[split.train], {key: position[test] for key, test in split.tests.items()})
+        for split in splits
     ]
-    known = {key: values[rows] for key, values in labels.items()}
+    local_labels = {key: values[rows] for key, values in labels.items()}
     return [
-        _asked(near, known, fit, principal, engine)
-        for fit, principal in zip(local, _principals(near, local, k_max), strict=True)
+        _predict_split(dense, local_labels, split, pca, engine)
+        for split, pca in zip(local, _fit_pcas(dense, local, k_max), strict=True)
     ]
 
 
-def _rows_of(fit: Split) -> Rows:
-    return np.concatenate([fit.train, *fit.tests.values()])
+def _fit_pcas(features: Matrix, splits: Sequence[Split], k_max: int) -> list[PrincipalComponents]:
+    if len(splits) == 1:
+        return [fit_pca(features[splits[0].train], k_max)]
+    return fit_fold_pcas(features, [(split.train, split.train[:0]) for split in splits], k_max)
 
 
-def _principals(features: Matrix, fits: Sequence[Split], k_max: int) -> list[PrincipalComponents]:
-    if len(fits) == 1:
-        return [fit_principal(features[fits[0].train], k_max)]
-    return fold_principals(features, [(fit.train, fit.train[:0]) for fit in fits], k_max)
-
-
-def _asked(
+def _predict_split(
     features: Matrix,
     labels: Mapping[str, Labels],
-    fit: Split,
-    principal: PrincipalComponents,
+    split: Split,
+    pca: PrincipalComponents,
     engine: SweepEngine,
 ) -> SweepPredictions:
-    rank = _rank(principal)
-    k_max = len(principal.variance)
-    tests = {key: test for key, test in fit.tests.items() if key in labels}
+    rank = _rank(pca)
+    k_max = len(pca.variance)
+    tests = {key: test for key, test in split.tests.items() if key in labels}
     if engine is SweepEngine.SKLEARN:
-        found = {
-            key: _by_sklearn(features, labels[key], fit.train, test, rank, k_max)
+        predictions = {
+            key: _predict_with_sklearn(features, labels[key], split.train, test, rank, k_max)
             for key, test in tests.items()
         }
-        return SweepPredictions(found, 0, k_max - rank)
-    learnt = _scores(principal, features[fit.train], rank)
+        return SweepPredictions(predictions, 0, k_max - rank)
+    train_scores = _scores(pca, features[split.train], rank)
     predictions, dropped = {}, 0
     for key, test in tests.items():
-        lda = fit_nested_lda(learnt, labels[key][fit.train], ScatterDivisor.N_LESS_CLASSES)
-        predictions[key] = lda.predictions(_scores(principal, features[test], rank))
+        lda = fit_nested_lda(train_scores, labels[key][split.train])
+        predictions[key] = lda.predict(_scores(pca, features[test], rank))
         dropped = max(dropped, len(lda.dropped) - (k_max - rank))
     return SweepPredictions(predictions, dropped, k_max - rank)
 
 
-def _rank(principal: PrincipalComponents) -> int:
-    real = principal.variance > RANK_SHARE * max(float(principal.variance[0]), 0.0)
+def _rank(pca: PrincipalComponents) -> int:
+    real = pca.variance > RANK_SHARE * max(float(pca.variance[0]), 0.0)
     return max(1, int(real.sum()))
 
 
-def _scores(principal: PrincipalComponents, features: Matrix, rank: int) -> Matrix:
-    """Scores; components beyond the rank are 0 and so take no part."""
-    scores = principal.scores(features)
+def _scores(pca: PrincipalComponents, features: Matrix, rank: int) -> Matrix:
+    """Return the scores, with 0 beyond the rank, so that those components take no part."""
+    scores = pca.transform(features)
     scores[:, rank:] = 0.0
     return scores
 
 
-def _by_sklearn(
+def _predict_with_sklearn(
     features: Matrix, labels: Labels, train: Rows, test: Rows, rank: int, k_max: int
 ) -> Labels:
-    """A pipeline of exact PCA and LDA for each k; beyond the rank the answer stays."""
+    """Fit exact PCA and LDA for each k; beyond the rank the prediction does not change."""
     from sklearn.decomposition import PCA
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
     tall = features.shape[1] <= len(train)
     n, n_classes = len(train), len(np.unique(labels[train]))
-    pooled = _pooled_over_n_less_classes(n / (n - n_classes))
+    pooled = _scaled_covariance(n / (n - n_classes))
     rows = []
     for k in range(1, rank + 1):
         pca = PCA(k, svd_solver="covariance_eigh" if tall else "full").fit(features[train])
@@ -133,8 +128,8 @@ def _by_sklearn(
     return np.array(rows, np.int64)
 
 
-def _pooled_over_n_less_classes(factor: float) -> Any:
-    """A covariance estimator for scikit-learn, whose own divides by n instead of n − classes."""
+def _scaled_covariance(factor: float) -> Any:
+    """Return a covariance estimator for scikit-learn, which divides by n, not by n − classes."""
     from sklearn.base import BaseEstimator
 
     class ScaledCovariance(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
@@ -144,7 +139,7 @@ def _pooled_over_n_less_classes(factor: float) -> Any:
             self.factor = factor
 
         def fit(self, rows: NDArray[np.float64]) -> ScaledCovariance:
-            """Learn from the rows of one class."""
+            """Fit the rows of one class."""
             centred = rows - rows.mean(axis=0)
             self.covariance_ = self.factor * centred.T @ centred / len(rows)
             return self

@@ -1,4 +1,4 @@
-"""A model out of an analysed set: every trial is learnt from, and nothing is drawn."""
+"""A model that is trained on every trial of an analysed set, without a draw."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rigctl import __version__
-from rigctl.analysis.classification.component_sweep import fit_nested_lda, fit_principal
+from rigctl.analysis.classification.component_sweep import fit_nested_lda, fit_pca
 from rigctl.analysis.classification.splits import Design
 from rigctl.analysis.classification.sweep_engines import RANK_SHARE
 from rigctl.analysis.execution.executor import Progress
@@ -28,7 +28,7 @@ STAGE = "training the model, noting its sessions by content"
 
 @dataclass(frozen=True, slots=True)
 class ModelRequest:
-    """Which model is to be kept: a representation by name or key, and how many components."""
+    """The model to save: a representation by name or key, and the number of components."""
 
     path: Path
     representation: str = "speed"
@@ -36,75 +36,75 @@ class ModelRequest:
 
     def __post_init__(self) -> None:
         if self.components < 1:
-            raise WrongUse("a model has one component or more")
-        named(self.representation)
+            raise WrongUse("a model needs one component or more")
+        find_representation(self.representation)
 
 
-def named(words: str) -> Representation:
-    """A representation by its name or its key. Raises WrongUse with those there are."""
-    plain = words.strip().lower()
+def find_representation(name: str) -> Representation:
+    """Return a representation by name or key. Raises WrongUse with a list of the names."""
+    plain = name.strip().lower()
     for representation in REPRESENTATIONS:
         if plain in (representation.key, representation.name.lower()):
             return representation
-    known = ", ".join(f"{r.name!r}" for r in REPRESENTATIONS)
-    raise WrongUse(f"there is no representation {words!r}: choose one of {known}")
+    names = ", ".join(f"{r.name!r}" for r in REPRESENTATIONS)
+    raise WrongUse(f"there is no representation {name!r}: choose one of {names}")
 
 
-def train(
-    made: RepresentationSet,
+def train_model(
+    encoded: RepresentationSet,
     request: ModelRequest,
     made_utc: str,
     seed: int,
-    progress: Progress = lambda stage, done, all_: None,
+    progress: Progress = lambda stage, done, total: None,
 ) -> tuple[Model, str]:
-    """Fit PCA and LDA on all trials of a set; the model, and a sentence on it.
+    """Fit PCA and LDA on all trials of a set; return the model and a sentence on it.
 
-    There are as many components as asked for, or as the trials carry. Raises WrongUse where the
-    set does not have the representation, or too few trials of too few textures.
+    The model has the requested number of components, or fewer where the trials do not allow it.
+    Raises WrongUse where the set lacks the representation, or has too few trials or textures.
     """
-    representation = named(request.representation)
-    if representation not in made.present:
+    representation = find_representation(request.representation)
+    if representation not in encoded.present:
         raise WrongUse(
-            f"no model can be made: the set has no {representation.name} representation, "
+            f"cannot train a model: the set has no {representation.name} representation, "
             "the remarks say why"
         )
-    design = Design.of(made.trials)
+    design = Design.from_trials(encoded.trials)
     n, n_classes = len(design.texture), len(design.textures)
-    features = made.features(representation)
+    features = encoded.features(representation)
     most = min(n - n_classes, features.shape[1], request.components)
     if n_classes < 2 or most < 1:
-        raise WrongUse(f"no model can be made of {n} trials of {n_classes} textures: record more")
-    principal = fit_principal(np.asarray(features), most)
-    # A component that the trials do not have is rounding; it would only add noise.
-    k = max(1, int((principal.variance > RANK_SHARE * principal.variance[0]).sum()))
-    # Another order in memory would let the last bit of a product differ after reading it back.
-    axes = np.ascontiguousarray(principal.axes[:, :k])
-    lda = fit_nested_lda(principal.scores(features)[:, :k], design.texture)
+        raise WrongUse(f"cannot train a model on {n} trials of {n_classes} textures: record more")
+    pca = fit_pca(np.asarray(features), most)
+    # A component beyond the rank of the trials is rounding; it would only add noise.
+    k = max(1, int((pca.variance > RANK_SHARE * pca.variance[0]).sum()))
+    # Another memory order could change the last bit of a product after the file is read.
+    axes = np.ascontiguousarray(pca.axes[:, :k])
+    lda = fit_nested_lda(pca.transform(features)[:, :k], design.texture)
     model = Model(
         representation.name,
         representation.key,
         representation.force,
         design.textures,
-        made.parameters,
-        made.normalisation,
-        made.scaled if representation.speed_scaled else made.unscaled,
-        np.ascontiguousarray(principal.mean),
+        encoded.parameters,
+        encoded.normalisation,
+        encoded.scaled if representation.speed_scaled else encoded.unscaled,
+        np.ascontiguousarray(pca.mean),
         axes,
-        np.ascontiguousarray(principal.variance[:k]),
+        np.ascontiguousarray(pca.variance[:k]),
         np.ascontiguousarray(lda.factor),
         np.ascontiguousarray(lda.whitened_means),
         np.ascontiguousarray(lda.log_priors),
         np.array(lda.dropped, np.int64),
-        made.force if representation.force else None,
-        _training(made, made_utc, seed, progress),
+        encoded.force if representation.force else None,
+        _training(encoded, made_utc, seed, progress),
     )
     return model, _sentence(model, request)
 
 
 def _training(
-    made: RepresentationSet, made_utc: str, seed: int, progress: Progress
+    encoded: RepresentationSet, made_utc: str, seed: int, progress: Progress
 ) -> TrainingInfo:
-    trials = made.trials
+    trials = encoded.trials
     inputs = []
     for number, (path, source) in enumerate(zip(trials.paths, trials.provenance, strict=True)):
         progress(STAGE, number, len(trials.paths))
@@ -126,15 +126,15 @@ def _training(
 def _sentence(model: Model, request: ModelRequest) -> str:
     fewer = ""
     if model.components < request.components:
-        fewer = f" (of {request.components} asked for, as many as its trials carry)"
-    knows = ""
+        fewer = f" (of {request.components} requested, as many as its trials allow)"
+    caution = ""
     if model.force == "texture":
-        knows = (
-            "; its C is indexed by the true texture, so it answers only for trials whose texture "
-            "is known, and has been told part of the answer"
+        caution = (
+            "; its C depends on the true texture, so it classifies only trials of known texture, "
+            "and has part of the answer"
         )
     return (
         f"model {request.path}: {model.representation}, {model.components} components{fewer}, "
-        f"{len(model.classes)} textures, learnt from all {model.training.trials} trials; the "
-        f"accuracies of this report are of other fits, each tested on trials it had not seen{knows}"
+        f"{len(model.classes)} textures, trained on all {model.training.trials} trials; the "
+        f"accuracies of this report are of other fits, each tested on unseen trials{caution}"
     )

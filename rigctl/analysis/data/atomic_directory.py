@@ -1,4 +1,4 @@
-"""A folder of results that appears whole or not at all."""
+"""A folder of results that appears whole or not at all, as a rename makes it."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ PARTIAL = "{name}.partial"
 
 @contextmanager
 def atomic_directory(out: Path) -> Iterator[Path]:
-    """A folder beside ``out`` that takes its name at the end; otherwise nothing stays.
+    """Yield a folder that is renamed to ``out`` at the end, or removed after an error.
 
-    Raises WrongUse where ``out`` is there already, DiskFault where it cannot be written.
+    Raises WrongUse where ``out`` exists, DiskFault where it cannot be written.
     """
     if out.exists():
         raise WrongUse(f"{out} is there already: name another folder, or remove it")

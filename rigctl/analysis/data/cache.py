@@ -1,88 +1,84 @@
-"""What was worked out before, kept in files that are found again by what they were made from.
+"""A cache of computed arrays in files, and what an analysis computes with.
 
-An entry's name is a digest of all that decides its content, so nothing in it can be out of date.
-Entries appear whole: they are written under another name first. One that cannot be read or does
-not match its own hash is removed and worked out again. Use puts an entry last in the queue of
-those that go when the folder has grown too large.
+The key of an entry is a digest of everything that determines its content, so no entry is ever out
+of date. Entries appear atomically: they are written under a temporary name and renamed. An entry
+that is damaged, or of an older format, is computed again and replaced. Reading an entry marks it
+as recently used; the least recently used entries go first when the folder has grown too large.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
+import io
 import os
-import struct
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
+import platformdirs
 from numpy.typing import NDArray
 
 import rigctl.encoding
-from rigctl.analysis.data.fingerprint import hash_of
-from rigctl.analysis.execution.executor import HERE, Executor, Progress
+from rigctl.analysis.data.fingerprint import hash_array
+from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, T
 
 Arrays = dict[str, NDArray[Any]]
-Job = TypeVar("Job")
 
-MAGIC = b"rigctl entry 1\n\0"
-HEAD = struct.Struct("<QI")
-MOST_BYTES = 4 * 2**30
-FRESH_NS = 2 * 10**9
-"""A file changed so shortly ago may change again without showing another time."""
+MAX_BYTES = 4 * 2**30
+RACY_NS = 2 * 10**9
+"""A file modified so recently may change again without a new time of modification."""
+DIGEST_BYTES = 8
+"""Behind the archive of an entry stands its XXH3: zipfile misses some damage to the directory."""
 
 
 def cache_folder() -> Path:
-    """Where entries lie unless somebody says otherwise: in $XDG_CACHE_HOME or in ~/.cache."""
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if base else Path.home() / ".cache") / "rigctl"
+    """Return the default folder of entries: in $XDG_CACHE_HOME or ~/.cache on Linux."""
+    return Path(platformdirs.user_cache_dir("rigctl", appauthor=False))
 
 
 class Cache:
-    """Entries in a folder, or none at all where ``folder`` is None.
+    """Entries in a folder; a cache without a ``folder`` stores nothing.
 
-    ``found`` and ``missed`` count what was asked for. What cannot be written is not kept, and
-    :attr:`remarks` says so: a full disk must not end an analysis.
+    ``hits`` and ``misses`` count the requests. A full disk must not end an analysis: the first
+    entry that cannot be written ends the writing, and :attr:`remarks` says so.
     """
 
-    found = missed = 0
+    hits = misses = 0
 
-    def __init__(self, folder: Path | None = None, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, folder: Path | None = None, max_bytes: int = MAX_BYTES) -> None:
         self._folder = folder
-        self._most_bytes = most_bytes
+        self._max_bytes = max_bytes
         self._failure = ""
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """A sentence where nothing could be kept."""
+        """A sentence where entries could not be written."""
         return (self._failure,) if self._failure else ()
 
-    def holds(self, key: str) -> bool:
-        """Whether there is an entry of that key, whole or not."""
+    def __contains__(self, key: str) -> bool:
+        """Return whether there is a file for the key, whole or not."""
         return self._folder is not None and self._path(key).is_file()
 
     def get(self, key: str) -> Arrays | None:
-        """The entry of that key, None where there is none."""
+        """Return the entry of the key, None where there is no whole one."""
         if self._folder is None:
             return None
         path = self._path(key)
         try:
-            entry = _unpacked(path.read_bytes())
-        except OSError:
+            entry = _read(path)
+        except (OSError, ValueError):
             return None
-        except (ValueError, KeyError, TypeError, struct.error):
-            path.unlink(missing_ok=True)
-            return None
-        with suppress(OSError):  # somebody removed it meanwhile, or we may only read it
+        with suppress(OSError):  # another process removed it, or the folder is read-only
             os.utime(path)
         return entry
 
     def put(self, key: str, arrays: Arrays) -> None:
-        """Keep an entry."""
+        """Write an entry."""
         if self._folder is None or self._failure:
             return
         path = self._path(key)
@@ -90,27 +86,26 @@ class Cache:
             path.parent.mkdir(parents=True, exist_ok=True)
             _write(path, arrays)
         except OSError as error:
-            self._failure = f"nothing more was kept in {self._folder} ({error}): see --cache"
+            self._failure = f"the cache {self._folder} cannot be written ({error}): see --cache"
 
     def trim(self) -> None:
-        """Remove the entries whose last use is longest ago, until the others are small enough."""
+        """Remove the least recently used entries until the others are small enough."""
         if self._folder is None:
             return
-        held = sorted(_sizes(self._folder), reverse=True)
         total = 0
-        for _, size, path in held:
+        for _, size, path in sorted(_entries(self._folder), reverse=True):
             total += size
-            if total > self._most_bytes:
+            if total > self._max_bytes:
                 path.unlink(missing_ok=True)
 
-    def is_settled(self, changed_ns: int) -> bool:
-        """Whether a file with that time of change is old enough to be known by it."""
+    def trusts_mtime(self, modified_ns: int) -> bool:
+        """Return whether a file modified then can no longer change within the clock's steps."""
         if self._folder is None:
             return False
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=self._folder) as now:
-                return changed_ns < os.fstat(now.fileno()).st_mtime_ns - FRESH_NS
+                return modified_ns < os.fstat(now.fileno()).st_mtime_ns - RACY_NS
         except OSError:
             return False
 
@@ -118,22 +113,54 @@ class Cache:
         return (self._folder or Path()) / key[:2] / f"{key}.entry"
 
 
-def key_of(*parts: Any) -> str:
-    """A digest of plain values, byte strings and arrays, and of the code that encodes."""
+@dataclass(frozen=True, slots=True)
+class Resources:
+    """What an analysis computes with: an executor, a cache and a progress callback."""
+
+    executor: Executor = SERIAL
+    cache: Cache = field(default_factory=Cache)
+    progress: Progress = lambda stage, done, total: None
+
+    def map_cached(
+        self, function: Callable[[T], Arrays], tasks: Sequence[T], keys: Sequence[str], stage: str
+    ) -> Iterator[Arrays]:
+        """Yield the results in task order, from the cache where it has them.
+
+        ``function`` releases the interpreter's lock. A result with an empty key is not cached.
+        """
+        self.progress(stage, 0, len(tasks))
+        cached = [bool(key) and key in self.cache for key in keys]
+        missing = [task for task, found in zip(tasks, cached, strict=True) if not found]
+        computed = self.executor.map_nogil(function, missing)
+        for done, (task, key, found) in enumerate(zip(tasks, keys, cached, strict=True), start=1):
+            result = self.cache.get(key) if found else None
+            if result is None:
+                self.cache.misses += 1
+                result = function(task) if found else next(computed)
+                if key:
+                    self.cache.put(key, result)
+            else:
+                self.cache.hits += 1
+            self.progress(stage, done, len(tasks))
+            yield result
+
+
+def cache_key(*parts: Any) -> str:
+    """Return a digest of plain values, byte strings and arrays, and of the encoder's source."""
     digest = hashlib.sha256(code_digest())
     for part in parts:
         if isinstance(part, np.ndarray):
             data = np.ascontiguousarray(part)
-            told = f"{data.dtype.str}{data.shape}".encode() + data.tobytes()
+            encoded = f"{data.dtype.str}{data.shape}".encode() + data.tobytes()
         else:
-            told = part if isinstance(part, bytes) else repr(part).encode()
-        digest.update(len(told).to_bytes(8, "little") + told)
+            encoded = part if isinstance(part, bytes) else repr(part).encode()
+        digest.update(len(encoded).to_bytes(8, "little") + encoded)
     return digest.hexdigest()
 
 
 @cache
 def code_digest() -> bytes:
-    """Of the source of the encoder and of what counts its spikes: other code, other entries."""
+    """Return the SHA-256 of the source that encodes and counts: other code, other entries."""
     digest = hashlib.sha256()
     here = Path(__file__).parent
     sources = sorted(Path(rigctl.encoding.__path__[0]).rglob("*.py"))
@@ -142,75 +169,39 @@ def code_digest() -> bytes:
     return digest.digest()
 
 
-def remembered(
-    work: Callable[[Job], Arrays],
-    jobs: Sequence[Job],
-    keys: Sequence[str],
-    *,
-    kept: Cache,
-    crew: Executor = HERE,
-    stage: str = "",
-    progress: Progress = lambda stage, done, all_: None,
-) -> Iterator[Arrays]:
-    """Results in the order of the jobs: those that are kept, and the others worked out and kept.
-
-    ``work`` spends its time without the interpreter's lock. An empty key is never kept.
-    """
-    progress(stage, 0, len(jobs))
-    known = [bool(key) and kept.holds(key) for key in keys]
-    missing = [job for job, there in zip(jobs, known, strict=True) if not there]
-    found = crew.map_unlocked(work, missing)
-    for number, (job, key, there) in enumerate(zip(jobs, keys, known, strict=True), start=1):
-        result = kept.get(key) if there else None
-        if result is None:
-            kept.missed += 1
-            result = work(job) if there else next(found)
-            if key:
-                kept.put(key, result)
-        else:
-            kept.found += 1
-        progress(stage, number, len(jobs))
-        yield result
-
-
 def _write(path: Path, arrays: Arrays) -> None:
+    archive = io.BytesIO()
+    np.savez(archive, **arrays)  # type: ignore[arg-type]  # taken for its own keyword
     handle, name = tempfile.mkstemp(dir=path.parent, suffix=".new")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(_packed(arrays))
+            file.write(archive.getbuffer())
+            file.write(_digest(archive.getbuffer()))
         Path(name).replace(path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
 
 
-def _packed(arrays: Arrays) -> bytes:
-    told = [(name, a.dtype.str, a.shape) for name, a in arrays.items()]
-    head = json.dumps(told).encode()
-    body = head + b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())
-    return MAGIC + HEAD.pack(hash_of(np.frombuffer(body, np.uint8)), len(head)) + body
+def _read(path: Path) -> Arrays:
+    """Return the arrays of an entry. Raises ValueError for one that is damaged or older."""
+    content = path.read_bytes()
+    archive, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
+    if _digest(archive) != digest:
+        raise ValueError(f"{path} is not a whole entry")
+    with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
+        return dict(arrays)
 
 
-def _unpacked(content: bytes) -> Arrays:
-    """Raises ValueError and its like for what :func:`_packed` did not make."""
-    hashed, length = HEAD.unpack_from(content, len(MAGIC))
-    body = np.frombuffer(content, np.uint8)[len(MAGIC) + HEAD.size :]
-    if not content.startswith(MAGIC) or hash_of(body) != hashed:
-        raise ValueError("not a whole entry")
-    at, arrays = length, {}
-    for name, kind, shape in json.loads(body[:length].tobytes()):
-        dtype = np.dtype(kind)
-        size = dtype.itemsize * int(np.prod(shape, dtype=np.int64))
-        arrays[name] = body[at : at + size].copy().view(dtype).reshape(shape)
-        at += size
-    return arrays
+def _digest(archive: bytes | memoryview) -> bytes:
+    return hash_array(np.frombuffer(archive, np.uint8)).to_bytes(DIGEST_BYTES, "little")
 
 
-def _sizes(folder: Path) -> Iterator[tuple[float, int, Path]]:
-    """Last use, size and path of each entry, and of what a killed process left half-written."""
+def _entries(folder: Path) -> Iterator[tuple[float, int, Path]]:
+    """Yield last use, size and path of each entry, and of what a killed process left behind."""
     for path in (*folder.glob("??/*.entry"), *folder.glob("??/*.new")):
         try:
-            seen = path.stat()
+            status = path.stat()
         except FileNotFoundError:
             continue
-        yield seen.st_mtime, seen.st_size, path
+        yield status.st_mtime, status.st_size, path

@@ -1,4 +1,4 @@
-"""Pieces of the way from sessions to features, each of which can run in a process of its own."""
+"""Tasks from sessions to spike counts, each of which can run in its own process."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.fingerprint import look_at
-from rigctl.analysis.data.trial_set import ScratchMemory, TrialReader, TrialRef, opened
+from rigctl.analysis.data.fingerprint import fingerprint
+from rigctl.analysis.data.trial_set import ScratchMemory, TrialReader, TrialRef, open_trials
 from rigctl.encoding.batch import (
     Counts,
     counts_without_and_with,
@@ -29,7 +29,11 @@ from rigctl.session.read.sample_index import SampleFile, SampleFiles
 
 
 class ConditionTask(NamedTuple):
-    """All trials of one texture at one speed; ``given``: C by force instead of a search."""
+    """The trials of one texture at one speed, to be encoded.
+
+    ``forces_g``: levels of force that need a C, none for counts without C. ``given_c``: the C of
+    each of them, float64 (n_taxels,), or empty for a search.
+    """
 
     files: SampleFiles
     trials: tuple[TrialRef, ...]
@@ -38,80 +42,81 @@ class ConditionTask(NamedTuple):
     layouts: tuple[FeatureLayout, FeatureLayout]
     forces_g: tuple[float, ...]
     reference_g: float
-    given: tuple[NDArray[np.float64], ...]
+    given_c: tuple[NDArray[np.float64], ...]
 
     @property
     def lengths(self) -> list[int]:
         """Samples of each trial."""
-        return [trial.place.stop - trial.place.start for trial in self.trials]
+        return [trial.n_samples for trial in self.trials]
 
     @property
     def cuts(self) -> NDArray[np.int64]:
-        """Of the stretches in which the spikes are counted."""
+        """Limits of the stretches in which the spikes are counted."""
         return cuts_of(self.layouts, max(self.lengths), self.trials[0].speed_mm_s)
 
     def rows_at(self, force_g: float) -> list[int]:
-        """Trials made at one force."""
+        """Return the rows of the trials at one force."""
         return [i for i, trial in enumerate(self.trials) if trial.force_g == force_g]
 
     @property
     def scaled_rows(self) -> list[int]:
-        """Trials whose SA current a C changes."""
-        if self.given:
-            ones = {f for f, c in zip(self.forces_g, self.given, strict=True) if (c == 1.0).all()}
+        """Rows of the trials whose SA current a C changes."""
+        if self.given_c:
+            pairs = zip(self.forces_g, self.given_c, strict=True)
+            unscaled = {force_g for force_g, c in pairs if (c == 1.0).all()}
         else:
-            ones = {self.reference_g}
-        return [i for i, trial in enumerate(self.trials) if trial.force_g not in ones]
+            unscaled = {self.reference_g}
+        return [i for i, trial in enumerate(self.trials) if trial.force_g not in unscaled]
 
 
 Arrays = dict[str, NDArray[Any]]
 SCRATCH = ScratchMemory()
-AT_A_LOOK = 32
-"""Trials that are read before they are looked at: so few are still in the processor's cache."""
+TRIALS_PER_READ = 32
+"""Trials read before their fingerprints are taken: so few are still in the processor's cache."""
 
 
-def fingerprints_of(job: tuple[dict[int, SampleFile], tuple[TrialRef, ...]]) -> Arrays:
-    """Of some trials: ``hashes`` uint64 (n,); ``low``, ``high`` uint16 (n, n_taxels)."""
-    files, trials = job
-    with opened(files) as samples:
-        looks = [
-            look_at(*samples.block_of(trials[first : first + AT_A_LOOK], SCRATCH))
-            for first in range(0, len(trials), AT_A_LOOK)
+def fingerprint_trials(task: tuple[dict[int, SampleFile], tuple[TrialRef, ...]]) -> Arrays:
+    """Return ``hashes`` uint64 (n,); ``low``, ``high`` uint16 (n, n_taxels) of some trials."""
+    files, trials = task
+    with open_trials(files) as reader:
+        parts = [
+            fingerprint(*reader.read_block(trials[first : first + TRIALS_PER_READ], SCRATCH))
+            for first in range(0, len(trials), TRIALS_PER_READ)
         ]
-    hashes, low, high = (np.concatenate(parts) for parts in zip(*looks, strict=True))
+    hashes, low, high = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return {"hashes": hashes, "low": low, "high": high}
 
 
-def counted_condition(condition: ConditionTask) -> Arrays:
-    """Spikes of one texture and speed in stretches of time.
+def count_condition(condition: ConditionTask) -> Arrays:
+    """Return the spike counts of one condition in stretches of time.
 
-    With a C that is given: ``forced``, SA counts of :attr:`ConditionTask.scaled_rows` alone. Else
-    ``plain``, counts of all trials; and where there are forces, ``forced`` with the C found, and
-    that C: ``c``, ``status``, ``residual_hz``, ``evaluations``, each (n_taxels, n_forces).
-    Counts are (trials, trains, stretches) in the narrowest type that holds them.
+    With a given C: ``forced``, the SA counts of :attr:`ConditionTask.scaled_rows` alone. Without:
+    ``plain``, the counts of all trials; and where there are forces, ``forced`` with the C found,
+    and that C: ``c``, ``status``, ``residual_hz``, ``evaluations``, each (n_taxels, n_forces).
+    Counts are (trials, trains, stretches) in the smallest dtype that holds them.
     """
-    with opened(condition.files) as samples:
-        if condition.given:
-            return {"forced": _narrow(_given(condition, samples))}
+    with open_trials(condition.files) as reader:
+        if condition.given_c:
+            return {"forced": _downcast(_count_with_given_c(condition, reader))}
         if condition.forces_g:
-            return _searched(condition, samples)
+            return _search_c(condition, reader)
         every = range(len(condition.trials))
-        return {"plain": _narrow(_counts(condition, _read(condition, samples, every)))}
+        return {"plain": _downcast(_count(condition, _read(condition, reader, every)))}
 
 
-def _read(condition: ConditionTask, samples: TrialReader, which: Sequence[int]) -> TrialRows:
-    """Readings of some trials, in memory that the next call in this thread takes back."""
-    if not which:
+def _read(condition: ConditionTask, reader: TrialReader, rows: Sequence[int]) -> TrialRows:
+    """Return the samples of some trials, in memory that the next call in this thread reuses."""
+    if not rows:
         return TrialRows.of([])
-    return TrialRows.within(*samples.block_of([condition.trials[i] for i in which], SCRATCH))
+    return TrialRows.within(*reader.read_block([condition.trials[i] for i in rows], SCRATCH))
 
 
-def _counts(
-    condition: ConditionTask, rows: TrialRows, scale: NDArray[np.float64] | None = None
+def _count(
+    condition: ConditionTask, trials: TrialRows, scale: NDArray[np.float64] | None = None
 ) -> Counts:
-    """Counts of both channels, or with a C of SA alone: it changes nothing in RA."""
+    """Return the counts of both channels, or with a C of SA alone: C does not change RA."""
     return stretch_counts(
-        rows,
+        trials,
         condition.cuts,
         condition.normalisation,
         condition.parameters,
@@ -120,27 +125,27 @@ def _counts(
     )
 
 
-def _given(condition: ConditionTask, samples: TrialReader) -> Counts:
-    """SA counts of the trials that a C changes, with the C that is given."""
-    by_force = dict(zip(condition.forces_g, condition.given, strict=True))
-    which = condition.scaled_rows
-    scale = np.array([by_force[condition.trials[i].force_g] for i in which])
-    return _counts(condition, _read(condition, samples, which), scale)
+def _count_with_given_c(condition: ConditionTask, reader: TrialReader) -> Counts:
+    """Return the SA counts of the trials that the given C changes."""
+    by_force = dict(zip(condition.forces_g, condition.given_c, strict=True))
+    rows = condition.scaled_rows
+    scale = np.array([by_force[condition.trials[i].force_g] for i in rows])
+    return _count(condition, _read(condition, reader, rows), scale)
 
 
-def _searched(condition: ConditionTask, samples: TrialReader) -> Arrays:
-    """Counts without C; C at each force, and the SA counts that it makes.
+def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
+    """Return the counts without C, the C at each force, and the SA counts with it.
 
     The trials of one force are read at a time: so many stay in the processor's last cache.
     """
     n_taxels, n_trials = condition.normalisation.n_taxels, len(condition.trials)
     plain = np.empty((n_trials, 2 * n_taxels, len(condition.cuts) - 1), np.uint32)
-    which = condition.rows_at(condition.reference_g)
-    reference = _read(condition, samples, which)
-    plain[which] = _counts(condition, reference)
+    rows = condition.rows_at(condition.reference_g)
+    reference = _read(condition, reader, rows)
+    plain[rows] = _count(condition, reference)
     lengths = reference.lengths.tolist()
-    target = sa_rates_hz(plain[which, :n_taxels], lengths, condition.parameters)
-    goal = mean_level(reference, condition.normalisation)
+    target = sa_rates_hz(plain[rows, :n_taxels], lengths, condition.parameters)
+    level = mean_level(reference, condition.normalisation)
     forced = np.empty_like(plain[:, :n_taxels])
     shape = (n_taxels, len(condition.forces_g))
     found: Arrays = {"c": np.ones(shape), "status": np.zeros(shape, np.int8)}
@@ -148,63 +153,85 @@ def _searched(condition: ConditionTask, samples: TrialReader) -> Arrays:
     for f, force in enumerate(condition.forces_g):
         if force == condition.reference_g:
             continue
-        which = condition.rows_at(force)
-        rows = _read(condition, samples, which)
-        plain[which], search = _search(condition, rows, goal, target)
-        forced[which] = search.counts
+        rows = condition.rows_at(force)
+        plain[rows], search = _search_at_force(
+            condition, _read(condition, reader, rows), level, target
+        )
+        forced[rows] = search.counts
         found["c"][:, f], found["status"][:, f] = search.c, search.status
         found["residual_hz"][:, f] = search.rate_hz - target
         found["evaluations"][:, f] = search.evaluations
-    return {"plain": _narrow(plain), "forced": _narrow(forced[condition.scaled_rows]), **found}
+    forced = forced[condition.scaled_rows]
+    return {"plain": _downcast(plain), "forced": _downcast(forced), **found}
 
 
-def _search(
+def _search_at_force(
     condition: ConditionTask,
-    rows: TrialRows,
-    goal: NDArray[np.float64],
+    trials: TrialRows,
+    level: NDArray[np.float64],
     target: NDArray[np.float64],
 ) -> tuple[Counts, ForceSearch]:
-    """Counts without C at one force, and its C: the first of them is tried along with none."""
+    """Return the counts without C and the search, whose first C is counted along with none."""
     plain: list[Counts] = []
-    cuts, ways = condition.cuts, (condition.normalisation, condition.parameters)
+    cuts, encoder = condition.cuts, (condition.normalisation, condition.parameters)
 
-    def first(c: NDArray[np.float64]) -> Counts:
-        scale = np.tile(c, (len(rows), 1))
-        without, with_c = counts_without_and_with(rows, cuts, *ways, scale)
+    def count_first(c: NDArray[np.float64]) -> Counts:
+        scale = np.tile(c, (len(trials), 1))
+        without, with_c = counts_without_and_with(trials, cuts, *encoder, scale)
         plain.append(without)
         return with_c
 
-    search = search_to(rows, goal, target, *ways, cuts=cuts, first=first)
+    search = search_to(trials, level, target, *encoder, cuts=cuts, first=count_first)
     return plain[0], search
 
 
-def _narrow(counts: Counts) -> NDArray[Any]:
-    """Counts in as few bytes as they need: they travel between processes and stay in files."""
+def _downcast(counts: Counts) -> NDArray[Any]:
+    """Return counts in the smallest dtype: processes exchange them and the cache stores them."""
     return counts.astype(np.min_scalar_type(counts.max(initial=0)))
 
 
-def with_force(plain: NDArray[Any], forced: NDArray[Any], rows: Sequence[int]) -> NDArray[Any]:
-    """Counts of both channels where SA counts of some trials are others."""
+def replace_sa_counts(
+    plain: NDArray[Any], forced: NDArray[Any], rows: Sequence[int]
+) -> NDArray[Any]:
+    """Return the counts of both channels with other SA counts in some rows."""
     n_taxels = plain.shape[1] // 2
     counts: NDArray[Any] = plain.astype(np.uint32)
     counts[list(rows), :n_taxels] = forced
     return counts
 
 
-def piece_of(condition: ConditionTask, found: Arrays) -> ForceMatrix:
-    """The C of one texture and speed."""
+def select_c(
+    force: ForceMatrix, texture: str, speed_mm_s: float, force_g: float, *, blind: bool
+) -> NDArray[np.float64]:
+    """Return the C of a texture, or ``blind`` the mean over textures, float64 (n_taxels,)."""
+    if blind:
+        return force.texture_blind(speed_mm_s, force_g)
+    return force.of(texture, speed_mm_s, force_g)
+
+
+def c_per_trial(
+    trials: Sequence[TrialRef], force: ForceMatrix, *, blind: bool
+) -> NDArray[np.float64]:
+    """Return the factor on each trial's SA current, float64 (n_trials, n_taxels)."""
+    return np.array(
+        [select_c(force, t.texture, t.speed_mm_s, t.force_g, blind=blind) for t in trials]
+    )
+
+
+def condition_force_matrix(condition: ConditionTask, found: Arrays) -> ForceMatrix:
+    """Return the C of one texture and speed."""
     texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
     names = ("c", "status", "residual_hz", "evaluations")
     parts = [found[name][None, :, None, :] for name in names]
     return ForceMatrix((texture,), (speed,), condition.forces_g, condition.reference_g, *parts)
 
 
-def joined_matrix(pieces: Sequence[ForceMatrix]) -> ForceMatrix:
-    """One matrix out of those of single textures and speeds, which come in sorted order."""
+def join_force_matrices(pieces: Sequence[ForceMatrix]) -> ForceMatrix:
+    """Return one matrix from those of single textures and speeds, which come in sorted order."""
     textures = tuple(sorted({piece.textures[0] for piece in pieces}))
     speeds = tuple(sorted({piece.speeds_mm_s[0] for piece in pieces}))
     if len(textures) * len(speeds) != len(pieces):
-        raise WrongUse("the force matrix lacks a texture at some speed")
+        raise WrongUse("the force matrix lacks a texture at one of the speeds")
 
     def joined(name: str) -> NDArray[np.float64]:
         rows = [

@@ -1,6 +1,7 @@
-"""What a trial's samples are, in few bytes: their range, and a hash by which they are known again.
+"""Fingerprints of trials: the range of their samples, and a hash that identifies them.
 
-The hash is XXH3, which is faster than memory is read; nobody forges recordings to deceive a cache.
+The hash is XXH3, which is faster than memory is read; a cache of recordings needs no protection
+against forgery.
 """
 
 from __future__ import annotations
@@ -13,37 +14,37 @@ from numpy.typing import NDArray
 from xxhash import xxh3_64_intdigest
 
 LANES = 32
-"""Rows whose readings are compared side by side, so that any number of taxels fills a vector."""
+"""Rows compared side by side, so that any number of taxels fills a vector register."""
 
 
-def hash_of(data: NDArray[Any]) -> int:
-    """XXH3 of 64 bits, with seed 0, of an array's bytes."""
+def hash_array(data: NDArray[Any]) -> int:
+    """Return the XXH3 (64 bits, seed 0) of an array's bytes."""
     return xxh3_64_intdigest(np.ascontiguousarray(data).data)
 
 
-def look_at(
-    memory: NDArray[np.uint16], begins: NDArray[np.int64], lengths: NDArray[np.int64]
+def fingerprint(
+    samples: NDArray[np.uint16], starts: NDArray[np.int64], lengths: NDArray[np.int64]
 ) -> tuple[NDArray[np.uint64], NDArray[np.uint16], NDArray[np.uint16]]:
-    """Hash, lowest and highest readings of trials: uint64 (n,), twice uint16 (n, n_taxels).
+    """Return hash, minimum and maximum of trials: uint64 (n,), twice uint16 (n, n_taxels).
 
-    Each trial is ``lengths`` rows, at least one, of the contiguous ``memory`` (rows, n_taxels)
-    from ``begins`` on.
+    Each trial is ``lengths`` rows, at least one, of the contiguous ``samples`` (rows, n_taxels),
+    from row ``starts`` on.
     """
-    spans = zip(begins.tolist(), lengths.tolist(), strict=True)
-    hashes = [hash_of(memory[begin : begin + n]) for begin, n in spans]
-    low, high = (np.empty((len(lengths), memory.shape[1]), np.uint16) for _ in range(2))
-    _ranges_compiled(memory, begins, lengths, low, high)
+    spans = zip(starts.tolist(), lengths.tolist(), strict=True)
+    hashes = [hash_array(samples[start : start + n]) for start, n in spans]
+    low, high = (np.empty((len(lengths), samples.shape[1]), np.uint16) for _ in range(2))
+    _ranges_compiled(samples, starts, lengths, low, high)
     return np.array(hashes, np.uint64), low, high
 
 
-def _ranges(memory: Any, begins: Any, lengths: Any, low: Any, high: Any) -> None:
+def _ranges(samples: Any, starts: Any, lengths: Any, low: Any, high: Any) -> None:
     for i in range(len(lengths)):
-        samples = memory[begins[i] : begins[i] + lengths[i]]
-        _range_compiled(samples.reshape(-1), memory.shape[1], low[i], high[i])
+        trial = samples[starts[i] : starts[i] + lengths[i]]
+        _range_compiled(trial.reshape(-1), samples.shape[1], low[i], high[i])
 
 
 def _range(flat: Any, width: Any, low: Any, high: Any) -> None:
-    """Lowest and highest of each column of rows that lie one behind the other."""
+    """Write the minimum and maximum of each of ``width`` columns of the flattened rows."""
     period = width * LANES
     lows, highs = np.empty(period, np.uint16), np.empty(period, np.uint16)
     for j in range(period):

@@ -1,4 +1,4 @@
-"""Several sessions joined into one set of labelled trials, and what was left out of it."""
+"""A set of labelled trials from one session or several, and the readers of their samples."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.wiring_check import check_alike
+from rigctl.analysis.data.wiring_check import check_same_wiring
 from rigctl.errors import SessionError
 from rigctl.session.read.sample_index import SampleFile, SampleFiles, SampleRange, SampleReader
 from rigctl.session.read.session import Session
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
-NAMED_IDS = 5
+MAX_LISTED_IDS = 5
 
 
 class TrialRef(NamedTuple):
-    """One trial: which session and row it is, and what was under the sensor, as planned.
+    """One trial: its session, its row in /trials, and its planned conditions.
 
-    ``place``: where its samples lie in the ``files`` of the set.
+    ``sample_range``: the place of its samples in the ``files`` of the set.
     """
 
     session: int
@@ -35,15 +35,20 @@ class TrialRef(NamedTuple):
     speed_mm_s: float
     force_g: float
     n_planned: int
-    place: SampleRange
+    sample_range: SampleRange
+
+    @property
+    def n_samples(self) -> int:
+        """Samples that were recorded."""
+        return self.sample_range.stop - self.sample_range.start
 
 
 @dataclass(frozen=True, slots=True)
 class TrialSet:
-    """Committed trials with motion, out of one session or several of one layout.
+    """Committed trials with motion, from one session or several of the same layout.
 
-    ``paths``: absolute, as other processes open them too. ``provenance``: a plain mapping for each
-    session; ``files``: parts of all sessions; ``remarks``: sentences on what was left out.
+    ``paths``: absolute, as other processes open them too. ``provenance``: a mapping of plain
+    values for each session; ``files``: parts of all sessions; ``remarks``: sentences on omissions.
     """
 
     paths: tuple[Path, ...]
@@ -55,7 +60,7 @@ class TrialSet:
 
     @property
     def textures(self) -> tuple[str, ...]:
-        """Names, sorted."""
+        """Names in sorted order."""
         return tuple(sorted({trial.texture for trial in self.trials}))
 
     @property
@@ -73,126 +78,122 @@ class TrialSet:
         """Whether any of it comes from a simulated bench."""
         return any(source["simulated"] for source in self.provenance)
 
-    def without(self, rows: Sequence[int], why: str) -> TrialSet:
-        """The set less some trials (indices into ``trials``), with a remark that names them."""
-        if not rows:
+    def without_gaps(self) -> TrialSet:
+        """Return the set without the trials that lack samples, and a remark that lists those.
+
+        Raises SessionError where no complete trial is left.
+        """
+        complete = tuple(trial for trial in self.trials if trial.sample_range.complete)
+        if len(complete) == len(self.trials):
             return self
-        gone = set(rows)
-        kept = tuple(trial for i, trial in enumerate(self.trials) if i not in gone)
         remarks = list(self.remarks)
         for number, path in enumerate(self.paths):
-            ids = [self.trials[i].trial_id for i in rows if self.trials[i].session == number]
-            if ids:
-                remarks.append(f"{path}: {_plural(len(ids))} left out for {why}: {_named(ids)}")
-        if not kept:
+            torn = (t for t in self.trials if not t.sample_range.complete and t.session == number)
+            if ids := [trial.trial_id for trial in torn]:
+                remarks.append(f"{path}: {_left_out(ids, 'gaps in their samples')}")
+        if not complete:
             raise SessionError(f"{remarks[-1]}; no complete trial is left, record some first")
-        return replace(self, trials=kept, remarks=tuple(remarks))
+        return replace(self, trials=complete, remarks=tuple(remarks))
 
 
 class ScratchMemory(threading.local):
-    """Memory of each thread that is used again: fresh memory costs as much as to read into it."""
+    """Memory that each thread reuses: fresh memory costs as much as to read into it."""
 
     def __init__(self) -> None:
         self._memory = np.empty(0, np.uint16)
 
-    def room(self, n: int, n_taxels: int) -> NDArray[np.uint16]:
-        """Memory uint16 (n, n_taxels), which the next call in this thread takes back."""
+    def array(self, n: int, n_taxels: int) -> NDArray[np.uint16]:
+        """Return memory uint16 (n, n_taxels), which the next call in this thread reuses."""
         if len(self._memory) < n * n_taxels:
             self._memory = np.empty(n * n_taxels, np.uint16)
         return self._memory[: n * n_taxels].reshape(n, n_taxels)
 
 
 class TrialBlock(NamedTuple):
-    """Readings of several trials in one ``memory``, uint16 (n, n_taxels).
+    """Samples of several trials in one array, uint16 (n, n_taxels).
 
-    Each has ``lengths`` rows from ``begins`` on, int64 (n_trials,).
+    Each trial has ``lengths`` rows from row ``starts`` on, int64 (n_trials,).
     """
 
-    memory: NDArray[np.uint16]
-    begins: NDArray[np.int64]
+    samples: NDArray[np.uint16]
+    starts: NDArray[np.int64]
     lengths: NDArray[np.int64]
 
     @property
     def arrays(self) -> list[NDArray[np.uint16]]:
-        """Of each trial, (n, n_taxels)."""
-        pairs = zip(self.begins.tolist(), self.lengths.tolist(), strict=True)
-        return [self.memory[begin : begin + n] for begin, n in pairs]
+        """Samples of each trial, uint16 (n_i, n_taxels)."""
+        pairs = zip(self.starts.tolist(), self.lengths.tolist(), strict=True)
+        return [self.samples[start : start + n] for start, n in pairs]
 
 
 class TrialReader:
-    """Reads the samples of trials, in one thread, while it is open."""
+    """A reader of the samples of trials, for one thread; see :func:`open_trials`."""
 
     def __init__(self, reader: SampleReader, files: SampleFiles) -> None:
         self._reader = reader
         self._files = files
 
-    def of(self, trial: TrialRef, out: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
-        """Readings uint16 (n, n_taxels), in ``out`` where it is given.
+    def read(self, trial: TrialRef, out: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
+        """Return the samples of a trial, uint16 (n, n_taxels), in ``out`` if given.
 
         Raises SessionError naming the trial.
         """
         try:
-            return self._reader.read(trial.place, out)
+            return self._reader.read(trial.sample_range, out)
         except (OSError, SessionError) as error:
             raise SessionError(
-                f"{self._files[trial.place.file].path.parent}: trial {trial.trial_id} cannot be "
-                f"read ({error}); rigctl verify says what is left of the session"
+                f"{self._files[trial.sample_range.file].path.parent}: trial {trial.trial_id} "
+                f"cannot be read ({error}); rigctl verify says what is left of the session"
             ) from error
 
-    def all_of(
-        self, trials: Sequence[TrialRef], scratch: ScratchMemory | None = None
-    ) -> list[NDArray[np.uint16]]:
-        """Readings of several trials, in one memory, ``scratch`` if given."""
-        return self.block_of(trials, scratch).arrays if trials else []
-
-    def block_of(
+    def read_block(
         self, trials: Sequence[TrialRef], scratch: ScratchMemory | None = None
     ) -> TrialBlock:
-        """Readings of at least one trial, in one memory, ``scratch`` if given.
+        """Return the samples of at least one trial in one array, in ``scratch`` if given.
 
         Raises SessionError naming the trial that cannot be read.
         """
-        places = [trial.place for trial in trials]
-        lengths = np.array([place.stop - place.start for place in places])
-        begins = np.cumsum(lengths) - lengths
-        n_taxels = self._files[places[0].file].n_taxels
-        block = TrialBlock(
-            (scratch or ScratchMemory()).room(int(lengths.sum()), n_taxels), begins, lengths
+        ranges = [trial.sample_range for trial in trials]
+        lengths = np.array([trial.n_samples for trial in trials])
+        starts = np.cumsum(lengths) - lengths
+        samples = (scratch or ScratchMemory()).array(
+            int(lengths.sum()), self._files[ranges[0].file].n_taxels
         )
+        block = TrialBlock(samples, starts, lengths)
         try:
-            self._reader.read_all(places, block.memory, begins.tolist())
+            self._reader.read_all(ranges, samples, starts.tolist())
         except (OSError, SessionError):
-            for trial, samples in zip(trials, block.arrays, strict=True):
-                self.of(trial, samples)  # one by one, so that the error names the trial
+            for trial, out in zip(trials, block.arrays, strict=True):
+                self.read(trial, out)  # one by one, so that the error names the trial
         return block
 
 
 @contextmanager
-def opened(files: SampleFiles) -> Iterator[TrialReader]:
-    """The files of a set (:attr:`TrialSet.files`) for reading."""
+def open_trials(files: SampleFiles) -> Iterator[TrialReader]:
+    """Yield a reader of the files of a set (:attr:`TrialSet.files`)."""
     with SampleReader(files) as reader:
         yield TrialReader(reader, files)
 
 
 def join_sessions(paths: Sequence[Path]) -> TrialSet:
-    """One set out of session folders. Raises SessionError for mixed layouts or no trial at all."""
+    """Return one set from session folders. Raises SessionError for mixed layouts or no trial."""
     trials: list[TrialRef] = []
     remarks: list[str] = []
     sources: list[dict[str, Any]] = []
     files: list[SampleFile] = []
     for number, path in enumerate(paths):
         if path.resolve() in {p.resolve() for p in paths[:number]}:
-            raise SessionError(f"{path} is named twice: its trials would be both learnt and tested")
+            raise SessionError(
+                f"{path} is named twice: its trials would be in both training and test"
+            )
         with Session.open(path) as session:
             sources.append(_provenance(session))
-            _same_layout(sources)
-            found, said = _trials_of(session, number, len(files))
+            _check_layout(sources[0], sources[-1])
+            trials += _moving_trials(session, number, len(files), remarks)
             files += session.sample_files()
-        trials += found
-        remarks += said
     if not trials:
-        told = "; ".join(remarks) or ", ".join(map(str, paths))
-        raise SessionError(f"there is no committed trial with motion: {told}")
+        details = "; ".join(remarks) or ", ".join(map(str, paths))
+        raise SessionError(f"there is no committed trial with motion: {details}")
     return TrialSet(
         tuple(path.absolute() for path in paths),
         tuple(trials),
@@ -203,20 +204,20 @@ def join_sessions(paths: Sequence[Path]) -> TrialSet:
     )
 
 
-def _same_layout(sources: Sequence[dict[str, Any]]) -> None:
-    first, last = sources[0], sources[-1]
+def _check_layout(first: dict[str, Any], last: dict[str, Any]) -> None:
+    """Raise SessionError where two sessions differ in taxels, sample rate, scale or wiring."""
     for key, what in (("n_taxels", "taxels"), ("sample_rate_hz", "samples a second")):
         if first[key] != last[key]:
             raise SessionError(
                 f"{last['path']} has {last[key]} {what}, {first['path']} has {first[key]}: "
-                "sessions of different layout cannot be analysed together"
+                "sessions of different layouts cannot be analysed together"
             )
     if first["scaling"] != last["scaling"]:
         raise SessionError(
             f"{last['path']} stores readings on another scale than {first['path']}: import both "
             "at once, or with the same low and high under [taxels]"
         )
-    check_alike(first, last)
+    check_same_wiring(first, last)
     if last["sample_rate_hz"] != SAMPLE_RATE_HZ:
         raise SessionError(
             f"{last['path']} has {last['sample_rate_hz']} samples a second, not {SAMPLE_RATE_HZ}: "
@@ -224,14 +225,16 @@ def _same_layout(sources: Sequence[dict[str, Any]]) -> None:
         )
 
 
-def _trials_of(session: Session, number: int, first_file: int) -> tuple[list[TrialRef], list[str]]:
+def _moving_trials(
+    session: Session, number: int, first_file: int, remarks: list[str]
+) -> list[TrialRef]:
+    """Return the committed trials with motion; append remarks on the others."""
     table = session.trials
-    remarks = []
     verdicts = Counter(table["verdict"].tolist())
-    ill = {v: n for v, n in verdicts.items() if v != Verdict.COMMITTED.value}
-    if ill:
-        told = ", ".join(f"{n} {verdict}" for verdict, n in sorted(ill.items()))
-        remarks.append(f"{session.path}: attempts left out: {told}")
+    del verdicts[Verdict.COMMITTED.value]
+    if verdicts:
+        counts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(verdicts.items()))
+        remarks.append(f"{session.path}: attempts left out: {counts}")
     if not session.finished:
         remarks.append(
             f"{session.path} is still being written or was not closed: trials committed so far"
@@ -240,8 +243,8 @@ def _trials_of(session: Session, number: int, first_file: int) -> tuple[list[Tri
     still = (table["speed_mm_s"][rows] <= 0) | (table["travel_mm"][rows] <= 0)
     if still.any():
         ids = table["trial_id"][rows[still]].tolist()
-        remarks.append(f"{session.path}: {_plural(len(ids))} left out for no motion: {_named(ids)}")
-    return _references(session, rows[~still], number, first_file), remarks
+        remarks.append(f"{session.path}: {_left_out(ids, 'no motion')}")
+    return _references(session, rows[~still], number, first_file)
 
 
 def _references(
@@ -249,11 +252,10 @@ def _references(
 ) -> list[TrialRef]:
     table = session.trials[rows]
     planned = np.rint(table["travel_mm"] / table["speed_mm_s"] * SAMPLE_RATE_HZ).astype(np.int64)
-    named = ("trial_id", "texture", "speed_mm_s", "force_g")
-    columns = (rows, *(table[name] for name in named), planned)
+    names = ("trial_id", "texture", "speed_mm_s", "force_g")
+    columns = [column.tolist() for column in (rows, *(table[name] for name in names), planned)]
     places = session.sample_ranges(rows.tolist(), first_file)
-    told = (column.tolist() for column in columns)
-    return list(map(TrialRef, [number] * len(rows), *told, places))
+    return list(map(TrialRef, [number] * len(rows), *columns, places))
 
 
 def _provenance(session: Session) -> dict[str, Any]:
@@ -285,9 +287,7 @@ def _provenance(session: Session) -> dict[str, Any]:
     }
 
 
-def _plural(n: int) -> str:
-    return f"{n} trial" if n == 1 else f"{n} trials"
-
-
-def _named(ids: Sequence[int]) -> str:
-    return ", ".join(map(str, ids[:NAMED_IDS])) + (" …" if len(ids) > NAMED_IDS else "")
+def _left_out(ids: Sequence[int], reason: str) -> str:
+    trials = "1 trial" if len(ids) == 1 else f"{len(ids)} trials"
+    listed = ", ".join(map(str, ids[:MAX_LISTED_IDS])) + (" …" if len(ids) > MAX_LISTED_IDS else "")
+    return f"{trials} left out for {reason}: {listed}"

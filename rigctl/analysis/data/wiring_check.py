@@ -1,4 +1,4 @@
-"""Refuses what would mix taxels up: sessions, models, C and ranges of two orders of taxels."""
+"""Checks that sessions, models, C and taxel ranges have their taxels in the same order."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rigctl.session.format.wiring import describe_mismatch, source_wiring, wirin
 from rigctl.session.read.session import Session
 
 Sources = Sequence[Mapping[str, Any]]
-"""A plain mapping for each session, with its ``path`` and its ``wiring``."""
+"""For each session a mapping with its ``path`` and its ``wiring``."""
 
 
-def check_alike(first: Mapping[str, Any], other: Mapping[str, Any]) -> None:
+def check_same_wiring(first: Mapping[str, Any], other: Mapping[str, Any]) -> None:
     """Raise SessionError where two sessions have their taxels in another order."""
     ours, theirs = source_wiring(other), source_wiring(first)
     if not wirings_match(ours, theirs):
@@ -25,10 +25,10 @@ def check_alike(first: Mapping[str, Any], other: Mapping[str, Any]) -> None:
         )
 
 
-def check_learnt(file: Path | str, learnt: Sources, sessions: Sources) -> None:
-    """Raise SessionError where a session has another order than those that ``file`` is made of."""
+def check_source_wiring(file: Path | str, sources: Sources, sessions: Sources) -> None:
+    """Raise SessionError where a session has another order than the sources of ``file``."""
     for session in sessions:
-        for source in learnt:
+        for source in sources:
             ours, theirs = source_wiring(session), source_wiring(source)
             if not wirings_match(ours, theirs):
                 raise SessionError(
@@ -38,9 +38,9 @@ def check_learnt(file: Path | str, learnt: Sources, sessions: Sources) -> None:
                 )
 
 
-def check_file(file: Path, sessions: Sequence[Path]) -> None:
-    """Raise SessionError where a session has another order than those of a model or spikes.h5."""
-    check_learnt(file, load_inputs(file), [_source(path) for path in sessions])
+def check_file_wiring(file: Path, sessions: Sequence[Path]) -> None:
+    """Raise SessionError where a session has another order than a model or a spikes.h5."""
+    check_source_wiring(file, load_inputs(file), [_source(path) for path in sessions])
 
 
 def _source(path: Path) -> Mapping[str, Any]:

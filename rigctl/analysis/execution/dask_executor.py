@@ -1,4 +1,4 @@
-"""A crew of Dask workers, on this machine or others. The only place that knows Dask."""
+"""An executor over Dask workers on any machines; the only module that imports Dask."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from urllib.parse import urlsplit
 from threadpoolctl import threadpool_info
 
 from rigctl import __version__
-from rigctl.analysis.execution.executor import Executor, Job, Result, one_blas_thread
+from rigctl.analysis.execution.executor import Executor, R, T, limit_blas_threads
 from rigctl.config.resources import source_commit
 from rigctl.errors import WorkersLost, WrongUse
 
 CONNECT_S = 10.0
-AHEAD = 4
-"""Jobs handed out for each thread of the workers, so that none waits for this process."""
-LOOK_EVERY_S = 5.0
-LOOKS_WITHOUT_WORKERS = 12
-ROUNDING = ("numpy", "scipy", "numba", "scikit-learn")
-"""Libraries whose other version may give other bits."""
+TASKS_PER_THREAD = 4
+"""Tasks submitted ahead for each worker thread, so that none waits for this process."""
+POLL_S = 5.0
+POLLS_WITHOUT_WORKERS = 12
+NUMERICAL_LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")
+"""Libraries of which another version may give other bits."""
 # A draw names every trial of the set, which Dask would take for data sent by mistake.
-CONFIG = {"distributed.admin.large-graph-warning-threshold": "1GB"}
+DASK_CONFIG = {"distributed.admin.large-graph-warning-threshold": "1GB"}
 
 Versions = tuple[tuple[str, str], ...]
 Listings = dict[str, tuple[tuple[str, int], ...] | None]
 
 
 class WorkerBuild(NamedTuple):
-    """What decides on a process's bits, and on which machine it runs."""
+    """What determines the bits that a process computes, and the machine that it runs on."""
 
     versions: Versions
     kernels: str
@@ -45,7 +45,7 @@ class WorkerBuild(NamedTuple):
 
 
 class DaskExecutor:
-    """Workers of one scheduler; made by :func:`dask_executor`. They may come, die and come back."""
+    """Workers of one scheduler, which may join, die and return; see :func:`dask_executor`."""
 
     def __init__(self, client: Any, builds: Mapping[str, WorkerBuild]) -> None:
         self._client = client
@@ -53,14 +53,14 @@ class DaskExecutor:
         self._scheduler = str(client.scheduler.address)
 
     @property
-    def shares_disk(self) -> bool:
+    def is_local(self) -> bool:
         """Whether all workers run on this machine."""
-        return {build.host for build in self._builds.values()} == {_build().host}
+        return {build.host for build in self._builds.values()} == {_own_build().host}
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """A sentence where a worker's processor may round otherwise than this machine's."""
-        ours = _build().kernels
+        """A sentence where a worker's processor may round differently from this machine's."""
+        ours = _own_build().kernels
         for name, build in self._builds.items():
             if build.kernels != ours:
                 return (
@@ -69,10 +69,10 @@ class DaskExecutor:
                 )
         return ()
 
-    def must_see(self, folders: Sequence[Path]) -> None:
-        """Raises WrongUse where a worker does not see a folder as this process does."""
-        ours = _listings(folders)
-        for name, theirs in _asked(self._client, _listings, list(folders)).items():
+    def check_visible(self, folders: Sequence[Path]) -> None:
+        """Raise WrongUse where a worker does not see a folder as this process does."""
+        ours = _list_folders(folders)
+        for name, theirs in _run_on_workers(self._client, _list_folders, list(folders)).items():
             for folder, files in theirs.items():
                 if files is None:
                     raise WrongUse(
@@ -85,41 +85,41 @@ class DaskExecutor:
                         "share the folder, and let a session end first that is being written"
                     )
 
-    def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """Raises CrewLost where scheduler or workers are gone for good.
+    def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """Yield the results in task order. Raises WorkersLost where scheduler or workers are gone.
 
-        The job of a worker that dies is done by another. What is still to be done when the
-        iterator is closed is cancelled.
+        Another worker repeats the task of a worker that dies. Closing the iterator cancels the
+        remaining tasks.
         """
-        todo, waiting = iter(jobs), deque[Any]()
+        remaining, pending = iter(tasks), deque[Any]()
         try:
-            with self._reachable():
-                ahead = AHEAD * max(1, sum(self._client.nthreads().values()))
-            for _ in jobs:
-                with self._reachable():
-                    for job in islice(todo, ahead - len(waiting)):
-                        waiting.append(self._submitted(work, job))
-                yield self._result(waiting[0])
-                waiting.popleft().release()
+            with self._translate_errors():
+                ahead = TASKS_PER_THREAD * max(1, sum(self._client.nthreads().values()))
+            for _ in tasks:
+                with self._translate_errors():
+                    for task in islice(remaining, ahead - len(pending)):
+                        pending.append(self._submit(function, task))
+                yield self._result(pending[0])
+                pending.popleft().release()
         finally:
-            if waiting and self._client.status == "running":
-                self._client.cancel(list(waiting), force=True)
+            if pending and self._client.status == "running":
+                self._client.cancel(list(pending), force=True)
 
-    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """As :meth:`map`: workers may have threads."""
-        return self.map(work, jobs)
+    def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """Do as :meth:`map`: workers may have threads."""
+        return self.map(function, tasks)
 
-    def _submitted(self, work: Callable[[Job], Result], job: Job) -> Any:
-        # The version goes with each job, as a worker may have joined after the first look.
-        return self._client.submit(_done, work, job, _build().versions, pure=False)
+    def _submit(self, function: Callable[[T], R], task: T) -> Any:
+        # The versions go with each task, as a worker may have joined after the first check.
+        return self._client.submit(_run_task, function, task, _own_build().versions, pure=False)
 
     def _result(self, future: Any) -> Any:
-        """The result of one future, with a look at the workers while it takes long."""
-        for _ in range(LOOKS_WITHOUT_WORKERS):
+        """Return the result of one future; poll the workers while it takes long."""
+        for _ in range(POLLS_WITHOUT_WORKERS):
             while True:
-                with self._reachable(future):
+                with self._translate_errors(future):
                     try:
-                        return future.result(timeout=LOOK_EVERY_S)
+                        return future.result(timeout=POLL_S)
                     except TimeoutError:
                         if future.status == "error":
                             raise
@@ -127,12 +127,12 @@ class DaskExecutor:
                         break
         raise WorkersLost(
             f"the Dask scheduler {self._scheduler} has had no worker for "
-            f"{LOOK_EVERY_S * LOOKS_WITHOUT_WORKERS:g} s: start some and repeat the analysis"
+            f"{POLL_S * POLLS_WITHOUT_WORKERS:g} s: start some and repeat the analysis"
         )
 
     @contextmanager
-    def _reachable(self, future: Any = None) -> Iterator[None]:
-        """Turn what Dask raises for lost machines into words; a job's own errors pass."""
+    def _translate_errors(self, future: Any = None) -> Iterator[None]:
+        """Raise WorkersLost for Dask's errors about lost machines; a task's own errors pass."""
         from distributed.client import ClosedClientError, FutureCancelledError
         from distributed.scheduler import KilledWorker
 
@@ -140,7 +140,7 @@ class DaskExecutor:
             yield
         except KilledWorker as error:
             raise WorkersLost(
-                f"a piece of the analysis brought {error.allowed_failures + 1} Dask workers down, "
+                f"a task of the analysis killed {error.allowed_failures + 1} Dask workers, "
                 "perhaps for want of memory: give each more, or fewer threads"
             ) from error
         except (FutureCancelledError, ClosedClientError, OSError) as error:
@@ -154,32 +154,32 @@ class DaskExecutor:
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[Executor]:
-    """The workers of the scheduler at ``address``, such as tcp://host:8786.
+    """Yield an executor over the workers of the scheduler at ``address``, as tcp://host:8786.
 
-    Raises WrongUse where Dask is not installed, nobody answers, there is no worker, or a worker
-    has other versions than this process.
+    Raises WrongUse where Dask is not installed, no scheduler answers, there is no worker, or a
+    worker has other versions than this process.
     """
     try:
         import dask
         import distributed
     except ImportError:
         raise WrongUse("--dask needs Dask: pip install 'rigctl[dask]'") from None
-    _check_answers(address)
-    # Its own words would come between ours, and before the sentence that says the same.
+    _check_connection(address)
+    # Dask's own messages would mix with ours and precede the sentence that says the same.
     logger = logging.getLogger("distributed.client")
     level = logger.level
     logger.setLevel(logging.CRITICAL)
-    with dask.config.set(CONFIG):
+    with dask.config.set(DASK_CONFIG):
         client = distributed.Client(address, set_as_default=False, timeout=CONNECT_S)
         try:
-            yield DaskExecutor(client, _equal_builds(client, address))
+            yield DaskExecutor(client, _matching_builds(client, address))
         finally:
             client.close()
             logger.setLevel(level)
 
 
-def _check_answers(address: str) -> None:
-    """A plain connection first: Dask's own failed start leaves a thread behind."""
+def _check_connection(address: str) -> None:
+    """Raise WrongUse where no plain connection opens: Dask's failed start leaves a thread."""
     cure = "name a scheduler, as --dask tcp://host:8786 (dask scheduler starts one)"
     try:
         parts = urlsplit(address)
@@ -187,37 +187,37 @@ def _check_answers(address: str) -> None:
     except ValueError:
         host = port = None
     if parts.scheme not in ("tcp", "tls") or not host or not port:
-        raise WrongUse(f"{address!r} is no address of a Dask scheduler: {cure}")
+        raise WrongUse(f"{address!r} is not the address of a Dask scheduler: {cure}")
     try:
         socket.create_connection((host, port), CONNECT_S).close()
     except OSError as error:
-        raise WrongUse(f"nobody answers at {address} ({error}): {cure}") from error
+        raise WrongUse(f"no scheduler answers at {address} ({error}): {cure}") from error
 
 
-def _equal_builds(client: Any, address: str) -> dict[str, WorkerBuild]:
-    """The builds of all workers. Raises WrongUse where there is none, or one of other versions."""
+def _matching_builds(client: Any, address: str) -> dict[str, WorkerBuild]:
+    """Return the build of each worker. Raises WrongUse for no worker, or one of other versions."""
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
     except TimeoutError:
         raise WrongUse(
             f"the Dask scheduler {address} has no workers: start some (dask worker {address})"
         ) from None
-    builds: dict[str, WorkerBuild] = _asked(client, _build)
+    builds: dict[str, WorkerBuild] = _run_on_workers(client, _own_build)
     for name, build in builds.items():
-        _check_versions(build.versions, _build().versions, name)
+        _check_versions(build.versions, _own_build().versions, name)
     return builds
 
 
-def _asked(client: Any, question: Callable[..., Any], *args: Any) -> dict[str, Any]:
-    """Every worker's answer, by its name."""
-    answers: dict[str, Any] = client.run(question, *args, on_error="return")
-    for name, answer in answers.items():
-        if isinstance(answer, Exception):
+def _run_on_workers(client: Any, function: Callable[..., Any], *args: Any) -> dict[str, Any]:
+    """Run a function on every worker and return the results by worker name."""
+    results: dict[str, Any] = client.run(function, *args, on_error="return")
+    for name, result in results.items():
+        if isinstance(result, Exception):
             raise WrongUse(
-                f"Dask worker {name} cannot work for rigctl ({answer}): install rigctl "
+                f"Dask worker {name} cannot run rigctl ({result}): install rigctl "
                 f"{__version__} there"
-            ) from answer
-    return answers
+            ) from result
+    return results
 
 
 def _check_versions(theirs: Versions, ours: Versions, name: str) -> None:
@@ -229,46 +229,47 @@ def _check_versions(theirs: Versions, ours: Versions, name: str) -> None:
             )
 
 
-def _done(work: Callable[[Job], Result], job: Job, versions: Versions) -> Result:
-    """In a worker: the job, with one thread for linear algebra and the versions of who asks."""
+def _run_task(function: Callable[[T], R], task: T, versions: Versions) -> R:
+    """Run a task in a worker, with one BLAS thread, if it has the ``versions`` of the client."""
     from distributed import get_worker
 
-    _one_blas_thread()
-    _check_versions(_build().versions, versions, get_worker().address)
-    return work(job)
+    _limit_blas_threads_once()
+    _check_versions(_own_build().versions, versions, get_worker().address)
+    return function(task)
 
 
 @cache
-def _one_blas_thread() -> None:
-    # For good, as the limit is the process's: jobs in other threads would feel it lifted.
-    one_blas_thread()
+def _limit_blas_threads_once() -> None:
+    # For good, as the limit is the process's: tasks in other threads would lose it too.
+    limit_blas_threads()
 
 
 @cache
-def _build() -> WorkerBuild:
-    """Of this process, with every BLAS loaded that an analysis uses."""
+def _own_build() -> WorkerBuild:
+    """Return the build of this process, with every BLAS loaded that an analysis uses."""
     import scipy.linalg  # noqa: F401
     from llvmlite.binding import get_host_cpu_name
 
     commit = source_commit()
     own = f"{__version__} {commit[:12]}".strip()
     python = ".".join(platform.python_version_tuple()[:2])
-    versions = [("rigctl", own), ("Python", python), *((n, version(n)) for n in ROUNDING)]
+    libraries = ((name, version(name)) for name in NUMERICAL_LIBRARIES)
+    versions = (("rigctl", own), ("Python", python), *libraries)
     blas = {
         f"{pool['internal_api']} {pool['version']} for {pool.get('architecture', 'any')}"
         for pool in threadpool_info()
         if pool["user_api"] == "blas"
     }
     kernels = [*sorted(blas), f"Numba for {get_host_cpu_name()}"]
-    return WorkerBuild(tuple(versions), ", ".join(kernels), socket.gethostname())
+    return WorkerBuild(versions, ", ".join(kernels), socket.gethostname())
 
 
-def _listings(folders: Sequence[Path]) -> Listings:
-    """Names and sizes of the files in each folder, None for a folder that is not there."""
-    return {str(folder): _listing(folder) for folder in folders}
+def _list_folders(folders: Sequence[Path]) -> Listings:
+    """Return names and sizes of the files in each folder, None for a folder that is absent."""
+    return {str(folder): _list_folder(folder) for folder in folders}
 
 
-def _listing(folder: Path) -> tuple[tuple[str, int], ...] | None:
+def _list_folder(folder: Path) -> tuple[tuple[str, int], ...] | None:
     if not folder.is_dir():
         return None
     return tuple(sorted((f.name, f.stat().st_size * f.is_file()) for f in folder.iterdir()))

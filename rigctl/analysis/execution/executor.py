@@ -1,4 +1,4 @@
-"""Independent pieces of work and the crew that does them, with equal results whoever it is."""
+"""Executors that run independent tasks; the results do not depend on which one runs them."""
 
 from __future__ import annotations
 
@@ -16,136 +16,136 @@ from threadpoolctl import threadpool_limits
 
 from rigctl.errors import WorkersLost
 
-Job = TypeVar("Job")
-Result = TypeVar("Result")
+T = TypeVar("T")
+R = TypeVar("R")
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how many pieces are finished, and how many there are."""
+"""Called with the name of the stage, the number of finished tasks and the number of tasks."""
 
 
 class Executor(Protocol):
-    """Who does pieces of work. Linear algebra keeps to one thread each, so no bit depends on it."""
+    """Workers that run tasks, each with one BLAS thread, so that no bit depends on their number."""
 
     @property
-    def shares_disk(self) -> bool:
-        """Whether everybody in it runs on this machine, and so may write into one mapped file."""
+    def is_local(self) -> bool:
+        """Whether all workers run on this machine and so may write into one mapped file."""
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences for the report on what this crew may change."""
+        """Sentences for the report on what these workers may change in the results."""
 
-    def must_see(self, folders: Sequence[Path]) -> None:
-        """Raises WrongUse where somebody in it does not see one of the folders."""
+    def check_visible(self, folders: Sequence[Path]) -> None:
+        """Raise WrongUse where a worker does not see one of the folders."""
 
-    def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """Results in the order of the jobs. ``work`` must be a module's function (it is pickled).
+    def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """Yield the results in task order. ``function`` must be a module's (it is pickled).
 
-        Whoever stops asking for results should close the iterator: what is left is not done then.
+        A caller that stops early closes the iterator, which cancels the remaining tasks.
         """
 
-    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """The same for work that spends its time without the interpreter's lock, in any thread."""
+    def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """Do the same, in any thread, for a function that releases the interpreter's lock."""
 
 
-class _OnThisMachine:
-    shares_disk = True
+class _LocalExecutor:
+    is_local = True
     remarks: tuple[str, ...] = ()
 
-    def must_see(self, folders: Sequence[Path]) -> None:
-        """Everybody here does."""
+    def check_visible(self, folders: Sequence[Path]) -> None:
+        """Accept all folders: every worker runs on this machine."""
 
 
-class ThreadExecutor(_OnThisMachine):
-    """This process, one job after another."""
+class SerialExecutor(_LocalExecutor):
+    """This process, which runs each task when its result is requested."""
 
-    def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """Each result is worked out when it is asked for."""
-        for job in jobs:
-            with one_blas_thread():
-                result = work(job)
+    def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """Yield the results in task order."""
+        for task in tasks:
+            with limit_blas_threads():
+                result = function(task)
             yield result
 
-    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """Each result is worked out when it is asked for."""
-        yield from map(work, jobs)
+    def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """Yield the results in task order."""
+        yield from map(function, tasks)
 
 
-HERE: Final[Executor] = ThreadExecutor()
+SERIAL: Final[Executor] = SerialExecutor()
 
 
-class ProcessExecutor(_OnThisMachine):
-    """Processes on this machine, started when first needed and kept; see :func:`processes`."""
+class ProcessExecutor(_LocalExecutor):
+    """Processes on this machine that start at the first task; see :func:`local_executor`."""
 
-    def __init__(self, pool: ProcessPoolExecutor, n: int) -> None:
+    def __init__(self, pool: ProcessPoolExecutor, n_workers: int) -> None:
         self._pool = pool
-        self._n = n
+        self._n_workers = n_workers
 
-    def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """Raises CrewLost where a process died."""
-        waiting: deque[Future[Result]] = deque()
+    def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """Yield the results in task order. Raises WorkersLost where a process died."""
+        pending: deque[Future[R]] = deque()
         try:
-            waiting.extend(self._pool.submit(work, job) for job in jobs)
-            while waiting:
-                yield waiting.popleft().result()
+            pending.extend(self._pool.submit(function, task) for task in tasks)
+            while pending:
+                yield pending.popleft().result()
         except BrokenProcessPool as error:
             raise WorkersLost(
                 "a process of the analysis died, perhaps for want of memory: "
                 "free some, or use fewer --workers"
             ) from error
         finally:
-            for future in waiting:
+            for future in pending:
                 future.cancel()
 
-    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """In threads of this process: they start at once, and nothing is pickled."""
-        if len(jobs) < 2:
-            yield from map(work, jobs)
+    def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """Yield the results from threads of this process: they start at once, without pickling."""
+        if len(tasks) < 2:
+            yield from map(function, tasks)
             return
-        pool = ThreadPoolExecutor(min(self._n, len(jobs)))
+        pool = ThreadPoolExecutor(min(self._n_workers, len(tasks)))
         try:
-            yield from pool.map(work, jobs)
+            yield from pool.map(function, tasks)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
 @contextmanager
-def processes(n: int) -> Iterator[Executor]:
-    """A crew of ``n`` processes, or this one alone for ``n`` = 1; gone at the end."""
-    if n == 1:
-        yield HERE
+def local_executor(n_workers: int) -> Iterator[Executor]:
+    """Yield an executor of ``n_workers`` processes, or this process alone for 1."""
+    if n_workers == 1:
+        yield SERIAL
         return
     # Forked processes would inherit threads and open files; fresh ones start clean everywhere.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(n, context, initializer=_one_thread)
+    pool = ProcessPoolExecutor(n_workers, context, initializer=_initialize_worker)
     try:
-        yield ProcessExecutor(pool, n)
+        yield ProcessExecutor(pool, n_workers)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def work_through(
-    work: Callable[[Job], Result],
-    jobs: Sequence[Job],
+def map_with_progress(
+    function: Callable[[T], R],
+    tasks: Sequence[T],
     *,
-    crew: Executor = HERE,
+    executor: Executor = SERIAL,
     stage: str = "",
-    progress: Progress = lambda stage, done, all_: None,
-) -> Iterator[Result]:
-    """What :meth:`Executor.map` gives, telling how far it is."""
-    progress(stage, 0, len(jobs))
-    for number, result in enumerate(crew.map(work, jobs), start=1):
-        progress(stage, number, len(jobs))
+    progress: Progress = lambda stage, done, total: None,
+) -> Iterator[R]:
+    """Yield what :meth:`Executor.map` yields and report progress."""
+    progress(stage, 0, len(tasks))
+    for done, result in enumerate(executor.map(function, tasks), start=1):
+        progress(stage, done, len(tasks))
         yield result
 
 
-def one_blas_thread() -> threadpool_limits:
-    """Have linear algebra keep to one thread in this process, for good or in a ``with``."""
+def limit_blas_threads() -> threadpool_limits:
+    """Limit BLAS to one thread in this process, for good or within a ``with``."""
     # Only libraries that are loaded can be limited, and SciPy brings one of its own.
     import scipy.linalg  # noqa: F401
 
     return threadpool_limits(1, "blas")
 
 
-def _one_thread() -> None:
+def _initialize_worker() -> None:
     # Ctrl-C reaches every process of a terminal; the first one alone decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    one_blas_thread()
+    limit_blas_threads()

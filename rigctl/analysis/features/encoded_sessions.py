@@ -1,4 +1,4 @@
-"""Sessions to a file of spikes, C and windows: ``rigctl encode``."""
+"""The spikes of sessions, with C and window counts, in one file: ``rigctl encode``."""
 
 from __future__ import annotations
 
@@ -13,24 +13,23 @@ from numpy.typing import NDArray
 
 from rigctl import __version__
 from rigctl.analysis.data.atomic_directory import atomic_directory
-from rigctl.analysis.data.cache import Arrays, key_of
-from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, opened
-from rigctl.analysis.features.representations import why_no_force
+from rigctl.analysis.data.cache import Arrays, Resources, cache_key
+from rigctl.analysis.data.condition_tasks import c_per_trial
+from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, open_trials
+from rigctl.analysis.features.representations import force_scaling_obstacle
 from rigctl.analysis.features.spike_counts import (
     ConditionGroup,
     PreparedTrials,
     RangesOver,
-    Resources,
-    c_of,
-    c_of_trials,
-    count,
-    count_with,
-    groups_of,
-    only_files,
-    prepare,
-    through,
-    with_c,
-    with_own_c,
+    count_spikes,
+    count_spikes_with_c,
+    counts_with_searched_c,
+    encoder_items,
+    files_of_trials,
+    group_by_condition,
+    join_searched_c,
+    prepare_trials,
+    with_given_c,
 )
 from rigctl.analysis.report.example_taxel import check_shown, taxel_picture, write_samples
 from rigctl.analysis.report.paper_figures import draw_taxel
@@ -50,7 +49,7 @@ FILE = "spikes.h5"
 
 
 class ScaledBy(StrEnum):
-    """Which C multiplies the SA current of the spikes that are written."""
+    """The C that multiplies the SA current of the spikes in the file."""
 
     NONE = "none"
     TEXTURE = "texture"
@@ -59,7 +58,7 @@ class ScaledBy(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EncodeRequest:
-    """What is to be encoded and how. ``trial``, ``taxel``: of a figure and a table, or None."""
+    """What to encode and how. ``trial``, ``taxel``: of a figure and a table, or None."""
 
     sessions: tuple[Path, ...]
     out: Path
@@ -72,7 +71,7 @@ class EncodeRequest:
 
 
 class Encoded(NamedTuple):
-    """Where the file is, what it holds, and what is to be said."""
+    """The file of spikes, its content, and remarks on it."""
 
     file: Path
     trials: int
@@ -81,8 +80,8 @@ class Encoded(NamedTuple):
     remarks: tuple[str, ...]
 
 
-class SpikeJob(NamedTuple):
-    """Some trials to be encoded; ``scale``: float64 (n, n_taxels) on the SA current, or None."""
+class _SpikeTask(NamedTuple):
+    """Trials to encode; ``scale``: factors on the SA current, float64 (n, n_taxels), or None."""
 
     files: SampleFiles
     trials: tuple[TrialRef, ...]
@@ -91,41 +90,43 @@ class SpikeJob(NamedTuple):
     scale: NDArray[np.float64] | None
 
 
-def encode_sessions(request: EncodeRequest, made_utc: str, means: Resources) -> Encoded:
-    """Encode and write the folder ``request.out``, which appears whole or not at all.
+def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources) -> Encoded:
+    """Encode sessions and write the folder ``request.out``, which appears whole or not at all.
 
-    Raises SessionError or WrongUse for what cannot be encoded, DiskFault where nothing can be
-    written. What was finished before an interruption is kept.
+    Raises SessionError or WrongUse for what cannot be encoded, DiskFault where the folder cannot
+    be written. The cache keeps the results of an interrupted run.
     """
     trials = join_sessions(request.sessions)
     check_shown(trials, request.trial, request.taxel)
-    means.crew.must_see(trials.paths)
+    resources.executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:
-        ground = prepare(trials, means, request.ranges)
-        lacking = why_no_force(ground.trials, request.reference_g)
-        if lacking and request.scaled_by is not ScaledBy.NONE:
-            raise WrongUse(f"--scaled-by {request.scaled_by} needs C. {lacking}")
-        groups = groups_of(ground, request.parameters, request.reference_g, with_c=not lacking)
-        counted = list(count(ground, groups, means))
-        force = c_of(groups, counted)
-        remarks = tuple(filter(None, (*ground.trials.remarks, lacking)))
-        encoding = _encoding(request, ground, force, remarks, made_utc)
+        prepared = prepare_trials(trials, resources, request.ranges)
+        obstacle = force_scaling_obstacle(prepared.trials, request.reference_g)
+        if obstacle and request.scaled_by is not ScaledBy.NONE:
+            raise WrongUse(f"--scaled-by {request.scaled_by} needs C. {obstacle}")
+        groups = group_by_condition(
+            prepared, request.parameters, request.reference_g, search_c=not obstacle
+        )
+        counted = list(count_spikes(prepared, groups, resources))
+        force = join_searched_c(groups, counted)
+        remarks = tuple(filter(None, (*prepared.trials.remarks, obstacle)))
+        encoding = _encoding(request, prepared, force, remarks, made_utc)
         with SpikeFileWriter(folder / FILE, encoding) as file:
-            n_spikes = _write_spikes(file, request, ground, force, means)
-            counts = _scaled(request, ground, groups, counted, force, means)
-            _write_windows(file, ground, groups, counts)
+            n_spikes = _write_spikes(file, request, prepared, force, resources)
+            counts = _scaled_counts(request, prepared, groups, counted, force, resources)
+            _write_windows(file, prepared, groups, counts)
         if request.trial is not None or request.taxel is not None:
-            _show(request, ground, folder)
-    remarks = (*remarks, *means.kept.remarks, *means.crew.remarks)
-    return Encoded(request.out / FILE, len(ground.trials.trials), n_spikes, force, remarks)
+            _write_picture(request, prepared, folder)
+    remarks = (*remarks, *resources.cache.remarks, *resources.executor.remarks)
+    return Encoded(request.out / FILE, len(prepared.trials.trials), n_spikes, force, remarks)
 
 
-def spikes_of(job: SpikeJob) -> Arrays:
-    """``counts`` (n, n_trains), spikes of each train in the file's order; ``samples``: theirs."""
-    with opened(job.files) as reader:
-        samples = reader.all_of(job.trials)
-    order = [row for _, row in train_names(job.normalisation.n_taxels)]
-    found = encode_trials(samples, job.normalisation, job.parameters, sa_scale=job.scale)
+def _encode(task: _SpikeTask) -> Arrays:
+    """Return ``counts`` (n, n_trains) and ``samples`` of the spikes, trains in the file's order."""
+    with open_trials(task.files) as reader:
+        samples = reader.read_block(task.trials).arrays
+    order = [row for _, row in train_names(task.normalisation.n_taxels)]
+    found = encode_trials(samples, task.normalisation, task.parameters, sa_scale=task.scale)
     counts = np.array([np.diff(spikes.row_start)[order] for spikes in found])
     trains = [spikes.train(row) for spikes in found for row in order]
     longest = max(map(len, samples))
@@ -138,68 +139,57 @@ def spikes_of(job: SpikeJob) -> Arrays:
 def _write_spikes(
     file: SpikeFileWriter,
     request: EncodeRequest,
-    ground: PreparedTrials,
+    prepared: PreparedTrials,
     force: ForceMatrix | None,
-    means: Resources,
+    resources: Resources,
 ) -> int:
-    trials, scale = ground.trials.trials, None
+    """Write the spikes of all trials and return their number."""
+    trials, ranges, parameters = prepared.trials.trials, prepared.normalisation, request.parameters
+    scale = None
     if force is not None and request.scaled_by is not ScaledBy.NONE:
-        scale = c_of_trials(ground.trials, force, blind=request.scaled_by is ScaledBy.BLIND)
-    jobs, keys = [], []
+        scale = c_per_trial(trials, force, blind=request.scaled_by is ScaledBy.BLIND)
+    tasks, keys = [], []
     for first in range(0, len(trials), CHUNK):
         rows = slice(first, first + CHUNK)
-        of_rows = None if scale is None else scale[rows]
-        files = only_files(ground.trials.files, trials[rows])
-        jobs.append(
-            SpikeJob(files, trials[rows], ground.normalisation, request.parameters, of_rows)
-        )
-        keys.append(_key(ground, request.parameters, rows, of_rows))
+        c = None if scale is None else scale[rows]
+        files = files_of_trials(prepared.trials.files, trials[rows])
+        tasks.append(_SpikeTask(files, trials[rows], ranges, parameters, c))
+        encoder = (ranges.low, ranges.high, encoder_items(parameters), c)
+        keys.append(cache_key("spikes", prepared.hashes[rows], *encoder))
     total = 0
-    for found in through(spikes_of, jobs, keys, "writing spikes", means):
+    for found in resources.map_cached(_encode, tasks, keys, "writing spikes"):
         file.add(found["counts"], found["samples"])
         total += len(found["samples"])
     return total
 
 
-def _key(
-    ground: PreparedTrials,
-    parameters: EncoderParameters,
-    rows: slice,
-    scale: NDArray[np.float64] | None,
-) -> str:
-    plain = parameters.as_dict()
-    del plain["name"]
-    ranges = ground.normalisation
-    ways = (ranges.low, ranges.high, sorted(plain.items()), scale)
-    return key_of("spikes", ground.hashes[rows], *ways)
-
-
-def _scaled(
+def _scaled_counts(
     request: EncodeRequest,
-    ground: PreparedTrials,
+    prepared: PreparedTrials,
     groups: Sequence[ConditionGroup],
     counted: Sequence[Arrays],
     force: ForceMatrix | None,
-    means: Resources,
+    resources: Resources,
 ) -> Iterator[NDArray[Any]]:
-    """Counts of each group with the C that the spikes were made with."""
+    """Yield the counts of each group with the C of the spikes."""
     if force is None or request.scaled_by is ScaledBy.NONE:
         yield from (found["plain"] for found in counted)
     elif request.scaled_by is ScaledBy.TEXTURE:
-        yield from (with_own_c(*both) for both in zip(groups, counted, strict=True))
+        yield from map(counts_with_searched_c, groups, counted)
     else:
-        yield from count_with(ground, with_c(groups, force, blind=True), counted, means)
+        scaled = with_given_c(groups, force, blind=True)
+        yield from count_spikes_with_c(prepared, scaled, counted, resources)
 
 
 def _write_windows(
     file: SpikeFileWriter,
-    ground: PreparedTrials,
+    prepared: PreparedTrials,
     groups: Sequence[ConditionGroup],
     counts: Iterator[NDArray[Any]],
 ) -> None:
-    n, n_taxels = len(ground.trials.trials), ground.trials.n_taxels
+    n, n_taxels = len(prepared.trials.trials), prepared.trials.n_taxels
     order = [row for _, row in train_names(n_taxels)]
-    layouts = _layouts(ground)
+    layouts = _layouts(prepared)
     tables = {
         name: (
             np.zeros((n, 2 * n_taxels, windows.n_windows), np.uint16),
@@ -213,42 +203,42 @@ def _write_windows(
             spikes, seconds = tables[name]
             spikes[group.rows] = window_counts(found, condition.cuts, speed, windows)[:, order]
             seconds[group.rows] = windows.seconds(condition.lengths, speed)
-    for name, both in tables.items():
-        file.add_windows(name, *both)
+    for name, (spikes, seconds) in tables.items():
+        file.add_windows(name, spikes, seconds)
 
 
-def _layouts(ground: PreparedTrials) -> dict[str, FeatureLayout]:
-    return dict(zip(("unscaled", "speed_scaled"), ground.layouts, strict=True))
+def _layouts(prepared: PreparedTrials) -> dict[str, FeatureLayout]:
+    return dict(zip(("unscaled", "speed_scaled"), prepared.layouts, strict=True))
 
 
 def _encoding(
     request: EncodeRequest,
-    ground: PreparedTrials,
+    prepared: PreparedTrials,
     force: ForceMatrix | None,
     remarks: Sequence[str],
     made_utc: str,
 ) -> EncodingInfo:
-    trials = ground.trials
+    trials = prepared.trials
     return EncodingInfo(
         made_utc,
         f"{__version__} {source_commit()}".strip(),
         trials.simulated,
         trials.provenance,
         remarks,
-        _columns(trials, ground.hashes),
+        _columns(trials, prepared.hashes),
         [name for name, _ in train_names(trials.n_taxels)],
         request.parameters,
-        ground.normalisation,
+        prepared.normalisation,
         request.scaled_by,
         force,
-        _layouts(ground),
+        _layouts(prepared),
     )
 
 
 def _columns(trials: TrialSet, hashes: NDArray[np.uint64]) -> dict[str, Any]:
-    """Columns of /trials: unit, meaning, values."""
+    """Return the columns of /trials: unit, meaning, values."""
     table = trials.trials
-    lengths = [trial.place.stop - trial.place.start for trial in table]
+    lengths = [trial.n_samples for trial in table]
     return {
         "session": ("", "number of its session in /inputs", _ints(t.session for t in table)),
         "row": ("", "its row in that session's /trials, from 0", _ints(t.row for t in table)),
@@ -265,8 +255,9 @@ def _ints(values: Any) -> NDArray[np.int64]:
     return np.fromiter(values, np.int64)
 
 
-def _show(request: EncodeRequest, ground: PreparedTrials, folder: Path) -> None:
-    ways = (ground.normalisation, request.parameters, request.trial, request.taxel)
-    picture = taxel_picture(ground.trials, *ways)
+def _write_picture(request: EncodeRequest, prepared: PreparedTrials, folder: Path) -> None:
+    picture = taxel_picture(
+        prepared.trials, prepared.normalisation, request.parameters, request.trial, request.taxel
+    )
     draw_taxel(picture, folder / "taxel")
     write_samples(picture, folder / "taxel.csv")

@@ -1,26 +1,29 @@
-"""Sessions to spike counts: taxel ranges, the search for C, and what is not done a second time."""
+"""Spike counts of sessions: taxel ranges, the search for C, and counts with a given C.
+
+Every step goes through the cache, so that nothing is computed twice.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.cache import Arrays, Cache, Job, key_of, remembered
+from rigctl.analysis.data.cache import Arrays, Cache, Resources, cache_key
 from rigctl.analysis.data.condition_tasks import (
     ConditionTask,
-    counted_condition,
-    fingerprints_of,
-    joined_matrix,
-    piece_of,
-    with_force,
+    condition_force_matrix,
+    count_condition,
+    fingerprint_trials,
+    join_force_matrices,
+    replace_sa_counts,
+    select_c,
 )
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet
-from rigctl.analysis.execution.executor import HERE, Executor, Progress
 from rigctl.analysis.paper import published
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
@@ -30,237 +33,202 @@ from rigctl.errors import WrongUse
 from rigctl.session.read.sample_index import SampleFile
 
 CHUNK = 256
-"""Trials that are read in one piece of work."""
-
-Layouts = tuple[FeatureLayout, FeatureLayout]
+"""Trials that one task reads."""
 
 
 class RangesOver(StrEnum):
-    """Which trials the taxel ranges are taken over."""
+    """The trials that determine the taxel ranges."""
 
     ALL = "all"
     TRAINING = "training"
 
 
-@dataclass(frozen=True, slots=True)
-class Resources:
-    """Who works, what is kept of it, and who is told how far it is."""
-
-    crew: Executor = HERE
-    kept: Cache = field(default_factory=Cache)
-    progress: Progress = lambda stage, done, all_: None
-
-
 class PreparedTrials(NamedTuple):
-    """What every later step stands on.
-
-    ``trials``: the complete ones; ``hashes``: uint64 (n,), their contents' names.
-    """
+    """Complete trials with all that later steps need; ``hashes``: of their samples, uint64 (n,)."""
 
     trials: TrialSet
     hashes: NDArray[np.uint64]
     normalisation: Normalisation
-    layouts: Layouts
+    layouts: tuple[FeatureLayout, FeatureLayout]
 
 
 class ConditionGroup(NamedTuple):
-    """The trials of one texture and speed: their rows in the set, and the work to be done."""
+    """The trials of one texture and speed: their rows in the set, and the task that counts them."""
 
     rows: list[int]
     condition: ConditionTask
 
 
-def prepare(
-    trials: TrialSet, means: Resources, ranges: RangesOver | Normalisation = RangesOver.ALL
+def prepare_trials(
+    trials: TrialSet, resources: Resources, ranges: RangesOver | Normalisation = RangesOver.ALL
 ) -> PreparedTrials:
-    """Leave out trials with gaps; find ranges and layouts for the others.
+    """Leave out trials with gaps; compute hashes, taxel ranges and layouts of the others.
 
     Raises SessionError where no complete trial is left, WrongUse where ``ranges`` do not fit.
     """
-    torn = [i for i, trial in enumerate(trials.trials) if not trial.place.complete]
-    trials = trials.without(torn, "gaps in their samples")
-    hashes, low, high = _fingerprints(trials, means)
+    trials = trials.without_gaps()
+    hashes, low, high = _fingerprints(trials, resources)
     normalisation = _ranges(trials, low, high, ranges)
     outside = np.any((low < normalisation.low) | (high > normalisation.high), axis=1)
-    said = list(trials.remarks)
+    remarks = list(trials.remarks)
     if np.any(outside):
-        said.append(
-            f"taxel ranges are {normalisation.source}: readings outside are cut off, "
+        remarks.append(
+            f"taxel ranges are {normalisation.source}: readings outside are clipped, "
             f"which {np.count_nonzero(outside)} of {len(low)} trials have"
         )
     if normalisation.constant_taxels:
-        named = ", ".join(map(str, normalisation.constant_taxels))
-        said.append(f"constant taxels, which read 0 and never spike: {named}")
+        listed = ", ".join(map(str, normalisation.constant_taxels))
+        remarks.append(f"constant taxels, which read 0 and never spike: {listed}")
     lengths = [trial.n_planned for trial in trials.trials]
     speeds = [trial.speed_mm_s for trial in trials.trials]
     layouts = (
         FeatureLayout.covering(lengths, speeds, scaled=False),
         FeatureLayout.covering(lengths, speeds, scaled=True),
     )
-    return PreparedTrials(replace(trials, remarks=tuple(said)), hashes, normalisation, layouts)
+    return PreparedTrials(replace(trials, remarks=tuple(remarks)), hashes, normalisation, layouts)
 
 
-def groups_of(
-    ground: PreparedTrials, parameters: EncoderParameters, reference_g: float, *, with_c: bool
+def group_by_condition(
+    prepared: PreparedTrials, parameters: EncoderParameters, reference_g: float, *, search_c: bool
 ) -> list[ConditionGroup]:
-    """The set by texture and speed, in sorted order; ``with_c``: C is to be searched."""
+    """Return the set by texture and speed, in sorted order, with or without a search for C."""
+    trials, files = prepared.trials.trials, prepared.trials.files
     rows: dict[tuple[str, float], list[int]] = {}
-    for i, trial in enumerate(ground.trials.trials):
+    for i, trial in enumerate(trials):
         rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
-    forces = ground.trials.forces_g if with_c else ()
-    ways = (ground.normalisation, parameters, ground.layouts, forces, reference_g, ())
-    return [ConditionGroup(rows[key], _condition(ground, rows[key], *ways)) for key in sorted(rows)]
+    forces = prepared.trials.forces_g if search_c else ()
+    encoder = (prepared.normalisation, parameters, prepared.layouts)
+    groups = []
+    for key in sorted(rows):
+        members = tuple(trials[i] for i in rows[key])
+        task = ConditionTask(
+            files_of_trials(files, members), members, *encoder, forces, reference_g, ()
+        )
+        groups.append(ConditionGroup(rows[key], task))
+    return groups
 
 
-def count(
-    ground: PreparedTrials, groups: Sequence[ConditionGroup], means: Resources
+def count_spikes(
+    prepared: PreparedTrials, groups: Sequence[ConditionGroup], resources: Resources
 ) -> Iterator[Arrays]:
-    """Counts without C of each group, and where it is to be searched C and the counts with it."""
-    return _remembered(ground, groups, "searching C, encoding", means)
+    """Yield the counts without C of each group; after a search also C and the counts with it."""
+    return _count_groups(prepared, groups, "searching C, encoding", resources)
 
 
-def c_of(groups: Sequence[ConditionGroup], counted: Sequence[Arrays]) -> ForceMatrix | None:
-    """The C that :func:`count` found, None where it was not to be searched."""
+def join_searched_c(
+    groups: Sequence[ConditionGroup], counted: Sequence[Arrays]
+) -> ForceMatrix | None:
+    """Return the C that :func:`count_spikes` found, None without a search."""
     pieces = [
-        piece_of(group.condition, found)
+        condition_force_matrix(group.condition, found)
         for group, found in zip(groups, counted, strict=True)
         if "c" in found
     ]
-    return joined_matrix(pieces) if pieces else None
+    return join_force_matrices(pieces) if pieces else None
 
 
-def with_own_c(group: ConditionGroup, counted: Arrays) -> NDArray[Any]:
-    """Counts of a group with the C that was found for it."""
-    return with_force(counted["plain"], counted["forced"], group.condition.scaled_rows)
+def counts_with_searched_c(group: ConditionGroup, counted: Arrays) -> NDArray[Any]:
+    """Return the counts of a group with the C that the search found for it."""
+    return replace_sa_counts(counted["plain"], counted["forced"], group.condition.scaled_rows)
 
 
-def with_c(
+def with_given_c(
     groups: Sequence[ConditionGroup], force: ForceMatrix, *, blind: bool
 ) -> list[ConditionGroup]:
-    """Groups with a C that is known: their texture's own, or ``blind`` the mean over textures."""
-    return [
-        ConditionGroup(rows, condition._replace(**_given(condition, force, blind)))
-        for rows, condition in groups
-    ]
+    """Return the groups with a given C: their texture's own, or ``blind`` the textures' mean."""
+    found = []
+    for rows, condition in groups:
+        texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
+        forces = tuple(sorted({trial.force_g for trial in condition.trials}))
+        c = tuple(select_c(force, texture, speed, f, blind=blind) for f in forces)
+        found.append(ConditionGroup(rows, condition._replace(forces_g=forces, given_c=c)))
+    return found
 
 
-def count_with(
-    ground: PreparedTrials,
-    known: Sequence[ConditionGroup],
+def count_spikes_with_c(
+    prepared: PreparedTrials,
+    groups: Sequence[ConditionGroup],
     plain: Sequence[Arrays],
-    means: Resources,
+    resources: Resources,
 ) -> Iterator[NDArray[Any]]:
-    """Counts of groups whose C is known; ``plain``: what :func:`count` gave for them."""
-    found = _remembered(ground, known, "encoding with a C that is known", means)
-    for group, counted, forced in zip(known, plain, found, strict=True):
-        yield with_force(counted["plain"], forced["forced"], group.condition.scaled_rows)
+    """Yield the counts of groups with a given C; ``plain``: what :func:`count_spikes` gave."""
+    found = _count_groups(prepared, groups, "encoding with a C that is known", resources)
+    for group, counted, forced in zip(groups, plain, found, strict=True):
+        yield replace_sa_counts(counted["plain"], forced["forced"], group.condition.scaled_rows)
 
 
-def c_of_trials(trials: TrialSet, force: ForceMatrix, *, blind: bool) -> NDArray[np.float64]:
-    """The factor on each trial's SA current, float64 (n_trials, n_taxels)."""
-    return np.array(
-        [
-            force.texture_blind(t.speed_mm_s, t.force_g)
-            if blind
-            else force.of(t.texture, t.speed_mm_s, t.force_g)
-            for t in trials.trials
-        ]
-    )
+def files_of_trials(
+    files: Sequence[SampleFile], trials: Sequence[TrialRef]
+) -> dict[int, SampleFile]:
+    """Return the files that hold some trials, by their number in the set."""
+    return {number: files[number] for number in sorted({t.sample_range.file for t in trials})}
 
 
-def _condition(ground: PreparedTrials, rows: Sequence[int], *ways: Any) -> ConditionTask:
-    trials = tuple(ground.trials.trials[i] for i in rows)
-    return ConditionTask(only_files(ground.trials.files, trials), trials, *ways)
+def encoder_items(parameters: EncoderParameters) -> list[tuple[str, Any]]:
+    """Return the parameters that determine spikes, as a part of a cache key."""
+    return sorted((name, value) for name, value in parameters.as_dict().items() if name != "name")
 
 
-def only_files(files: Sequence[SampleFile], trials: Sequence[TrialRef]) -> dict[int, SampleFile]:
-    """The files that some trials lie in, by the number that their places tell."""
-    return {number: files[number] for number in sorted({t.place.file for t in trials})}
-
-
-def _given(condition: ConditionTask, force: ForceMatrix, blind: bool) -> dict[str, Any]:
-    texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
-    forces = tuple(sorted({trial.force_g for trial in condition.trials}))
-    given = tuple(
-        force.texture_blind(speed, f) if blind else force.of(texture, speed, f) for f in forces
-    )
-    return {"forces_g": forces, "given": given}
-
-
-def _remembered(
-    ground: PreparedTrials, groups: Sequence[ConditionGroup], stage: str, means: Resources
+def _count_groups(
+    prepared: PreparedTrials, groups: Sequence[ConditionGroup], stage: str, resources: Resources
 ) -> Iterator[Arrays]:
-    jobs = [group.condition for group in groups]
-    keys = [_key(group.condition, ground.hashes[group.rows]) for group in groups]
-    return through(counted_condition, jobs, keys, stage, means)
+    tasks = [group.condition for group in groups]
+    keys = [_condition_key(group.condition, prepared.hashes[group.rows]) for group in groups]
+    return resources.map_cached(count_condition, tasks, keys, stage)
 
 
-def through(
-    work: Callable[[Job], Arrays],
-    jobs: Sequence[Job],
-    keys: Sequence[str],
-    stage: str,
-    means: Resources,
-) -> Iterator[Arrays]:
-    """:func:`remembered` with these means."""
-    kept, crew, progress = means.kept, means.crew, means.progress
-    return remembered(work, jobs, keys, kept=kept, crew=crew, stage=stage, progress=progress)
-
-
-def _key(condition: ConditionTask, hashes: NDArray[np.uint64]) -> str:
-    plain = condition.parameters.as_dict()
-    del plain["name"]
-    return key_of(
+def _condition_key(condition: ConditionTask, hashes: NDArray[np.uint64]) -> str:
+    return cache_key(
         "counts",
         hashes,
         [(trial.force_g, trial.speed_mm_s) for trial in condition.trials],
         condition.normalisation.low,
         condition.normalisation.high,
-        sorted(plain.items()),
+        encoder_items(condition.parameters),
         condition.layouts,
         condition.forces_g,
         condition.reference_g,
-        *condition.given,
+        *condition.given_c,
     )
 
 
 def _fingerprints(
-    trials: TrialSet, means: Resources
+    trials: TrialSet, resources: Resources
 ) -> tuple[NDArray[np.uint64], NDArray[np.uint16], NDArray[np.uint16]]:
-    """Hash, lowest and highest reading of each trial."""
+    """Return hash, minimum and maximum of each trial."""
     chunks = _chunks(trials)
-    some = [tuple(trials.trials[i] for i in rows) for rows in chunks]
-    jobs = [(only_files(trials.files, chunk), chunk) for chunk in some]
-    keys = [_file_key(*job, means.kept) for job in jobs]
+    parts = [tuple(trials.trials[i] for i in rows) for rows in chunks]
+    tasks = [(files_of_trials(trials.files, part), part) for part in parts]
+    keys = [_file_key(*task, resources.cache) for task in tasks]
     stage = "reading trials for the taxel ranges"
-    found = through(fingerprints_of, jobs, keys, stage, means)
     n = len(trials.trials)
     hashes = np.empty(n, np.uint64)
     low, high = (np.empty((n, trials.n_taxels), np.uint16) for _ in range(2))
-    for rows, prints in zip(chunks, found, strict=True):
-        hashes[rows], low[rows], high[rows] = prints["hashes"], prints["low"], prints["high"]
+    results = resources.map_cached(fingerprint_trials, tasks, keys, stage)
+    for rows, found in zip(chunks, results, strict=True):
+        hashes[rows], low[rows], high[rows] = found["hashes"], found["low"], found["high"]
     return hashes, low, high
 
 
 def _chunks(trials: TrialSet) -> list[list[int]]:
-    """Rows of trials that lie in one file, some at a time."""
+    """Return rows of trials, each chunk from one file."""
     by_file: dict[int, list[int]] = {}
     for i, trial in enumerate(trials.trials):
-        by_file.setdefault(trial.place.file, []).append(i)
+        by_file.setdefault(trial.sample_range.file, []).append(i)
     return [rows[at : at + CHUNK] for rows in by_file.values() for at in range(0, len(rows), CHUNK)]
 
 
-def _file_key(files: dict[int, SampleFile], trials: Sequence[TrialRef], kept: Cache) -> str:
-    """A file that has its old name, size, age and number has its old content."""
+def _file_key(files: dict[int, SampleFile], trials: Sequence[TrialRef], cache: Cache) -> str:
+    """Return a key of path, size, mtime and inode, which determine the content; "" for no cache."""
     (file,) = files.values()
     if file.offsets is None:
-        return ""  # it grows, or is not as we write it
-    seen = file.path.stat()
-    if not kept.is_settled(seen.st_mtime_ns):
+        return ""  # the file still grows, or another program wrote it
+    status = file.path.stat()
+    if not cache.trusts_mtime(status.st_mtime_ns):
         return ""
-    rows = np.array([(trial.place.start, trial.place.stop) for trial in trials])
-    known = (str(file.path.resolve()), seen.st_size, seen.st_mtime_ns, seen.st_ino)
-    return key_of("fingerprints", known, rows)
+    rows = np.array([(trial.sample_range.start, trial.sample_range.stop) for trial in trials])
+    identity = (str(file.path.resolve()), status.st_size, status.st_mtime_ns, status.st_ino)
+    return cache_key("fingerprints", identity, rows)
 
 
 def _ranges(
@@ -286,8 +254,8 @@ def _ranges(
     ]
     if not trained:
         raise WrongUse(
-            "no trial was made at a training speed and force of the paper (40, 60, 80 mm/s and "
+            "no trial has a training speed and force of the paper (40, 60, 80 mm/s and "
             "250, 500 g): take the ranges over all"
         )
-    words = "minimum and maximum over the trials at 40, 60, 80 mm/s and 250, 500 g"
-    return Normalisation.over([low[trained], high[trained]], words)
+    source = "minimum and maximum over the trials at 40, 60, 80 mm/s and 250, 500 g"
+    return Normalisation.over([low[trained], high[trained]], source)

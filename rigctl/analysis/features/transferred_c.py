@@ -1,8 +1,8 @@
-"""C from another session: what it is worth here, measured by the SA rates that it was made for.
+"""A C that was searched on other recordings, and its SA rate error on the present ones.
 
-A change of the sensor voids C, so one that was searched on other recordings is never used without
-a warning. C was made to bring each taxel's SA rate at a force to its rate at the reference force;
-how far it misses that on the trials at hand is measured, beside the same without any C.
+A change of the sensor voids C, so a C from other recordings is never used without a warning. C
+brings each taxel's SA rate at a force to its rate at the reference force; the rate error is the
+remaining difference on the present trials, with C and without.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.trial_set import TrialRef, TrialSet, opened
-from rigctl.analysis.data.wiring_check import check_learnt
-from rigctl.analysis.execution.executor import HERE, Executor, Progress, work_through
+from rigctl.analysis.data.condition_tasks import select_c
+from rigctl.analysis.data.trial_set import TrialRef, TrialSet, open_trials
+from rigctl.analysis.data.wiring_check import check_source_wiring
+from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, map_with_progress
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.force_search import TOLERANCE_HZ, mean_sa_rates_hz
 from rigctl.encoding.normalisation import Normalisation
@@ -32,10 +33,10 @@ COMPARING = "comparing sessions with those that C was searched on"
 
 
 class RateError(NamedTuple):
-    """SA rates at one speed and force against those at the reference, over textures and taxels.
+    """SA rates at one speed and force less those at the reference, over textures and taxels.
 
-    Means of the absolute differences in Hz with C and without, the largest with C, the mean rate
-    aimed at, and from how many pairs of texture and taxel.
+    Means of the absolute differences in Hz with C and without, the largest with C, the mean
+    target rate, and the number of pairs of texture and taxel.
     """
 
     speed_mm_s: float
@@ -47,27 +48,27 @@ class RateError(NamedTuple):
     pairs: int
 
     def as_dict(self) -> dict[str, float]:
-        """By name, as JSON can hold it."""
+        """Return the values by name, for JSON."""
         return {k: round(float(v), 4) for k, v in self._asdict().items()}
 
 
 class ForceMatrixSource(NamedTuple):
-    """Where a C is from that was not searched here; ``foreign``: sessions it has not seen."""
+    """The file of a C; ``unseen``: the present sessions that it was not searched on."""
 
     file: Path
     force: ForceMatrix
-    foreign: tuple[Path, ...]
+    unseen: tuple[Path, ...]
 
 
 class TransferredC(NamedTuple):
-    """A C from elsewhere in use, with what it is worth here, in figures and in a sentence."""
+    """A C from other recordings, with its rate errors here and a sentence on them."""
 
     source: ForceMatrixSource
-    misses: tuple[RateError, ...]
+    rate_errors: tuple[RateError, ...]
     sentence: str
 
 
-class _RateJob(NamedTuple):
+class _RateTask(NamedTuple):
     """The trials of one texture and speed."""
 
     files: tuple[SampleFile, ...]
@@ -78,112 +79,115 @@ class _RateJob(NamedTuple):
     reference_g: float
 
 
-def c_of(
-    file: Path, trials: TrialSet, progress: Progress = lambda stage, done, all_: None
+def load_c(
+    file: Path, trials: TrialSet, progress: Progress = lambda stage, done, total: None
 ) -> ForceMatrixSource:
-    """C of a model or a spikes.h5, checked against a set. Raises SessionError and WrongUse."""
+    """Return the C of a model or a spikes.h5. Raises SessionError or WrongUse where it misfits."""
     force, inputs = load_force(file)
-    check_learnt(file, inputs, trials.provenance)
-    check_covers(trials, force, by_texture=True)
+    check_source_wiring(file, inputs, trials.provenance)
+    check_c_covers(trials, force, by_texture=True)
     return ForceMatrixSource(file, force, unseen_sessions(trials, inputs, progress))
 
 
 def unseen_sessions(
     trials: TrialSet,
-    learnt: Sequence[Mapping[str, Any]],
-    progress: Progress = lambda stage, done, all_: None,
+    sources: Sequence[Mapping[str, Any]],
+    progress: Progress = lambda stage, done, total: None,
 ) -> tuple[Path, ...]:
-    """Sessions of a set that are none of those ``learnt`` from, by content where that was noted."""
-    contents = {source["content"] for source in learnt if "content" in source}
-    names = {_name_of(source) for source in learnt if "content" not in source}
-    found = []
+    """Return the sessions of a set that are not in ``sources``, compared by content digest.
+
+    Sources without a digest are compared by what identifies their recording.
+    """
+    contents = {source["content"] for source in sources if "content" in source}
+    identities = {_identity(source) for source in sources if "content" not in source}
+    unseen = []
     n = len(trials.paths)
     for number, (path, source) in enumerate(zip(trials.paths, trials.provenance, strict=True)):
         progress(COMPARING, number, n)
-        if _name_of(source) not in names and content_digest(path) not in contents:
-            found.append(path)
+        if _identity(source) not in identities and content_digest(path) not in contents:
+            unseen.append(path)
     progress(COMPARING, n, n)
-    return tuple(found)
+    return tuple(unseen)
 
 
-def _name_of(source: Mapping[str, Any]) -> tuple[Any, ...]:
-    """What tells a session from others where no digest was kept."""
+def _identity(source: Mapping[str, Any]) -> tuple[Any, ...]:
     keys = ("plan_hash", "begun_utc", "seed", "simulation_seed", "trials_committed")
     return tuple(source.get(key) for key in keys)
 
 
-def transferred_c(
+def measure_transferred_c(
     source: ForceMatrixSource,
     trials: TrialSet,
     normalisation: Normalisation,
     parameters: EncoderParameters,
     *,
-    crew: Executor = HERE,
-    progress: Progress = lambda stage, done, all_: None,
+    executor: Executor = SERIAL,
+    progress: Progress = lambda stage, done, total: None,
 ) -> TransferredC:
-    """Measure a C from elsewhere on the trials that it is to scale."""
-    ways = (source.force, normalisation, parameters)
-    misses = rate_errors(trials, *ways, crew=crew, progress=progress)
-    said = f"C is taken from {source.file} and was not searched"
-    if source.foreign:
-        where = ", ".join(map(str, source.foreign))
-        said = f"{warning(misses, source.force, where)}. {said}"
-    return TransferredC(source, tuple(misses), said)
+    """Measure the rate errors of a C from other recordings on the trials that it scales."""
+    encoder = (source.force, normalisation, parameters)
+    errors = measure_rate_errors(trials, *encoder, executor=executor, progress=progress)
+    sentence = f"C is taken from {source.file} and was not searched"
+    if source.unseen:
+        sentence = f"{transfer_warning(errors, source.force, source.unseen)}. {sentence}"
+    return TransferredC(source, tuple(errors), sentence)
 
 
-def check_covers(trials: TrialSet, force: ForceMatrix, *, by_texture: bool) -> None:
-    """Raise WrongUse, naming session and trial, where C lacks what a trial needs."""
+def check_c_covers(trials: TrialSet, force: ForceMatrix, *, by_texture: bool) -> None:
+    """Raise WrongUse, naming session and trial, where C lacks the conditions of a trial."""
     if force.c.shape[1] != trials.n_taxels:
         raise WrongUse(
             f"{trials.paths[0]} has {trials.n_taxels} taxels, C was made for {force.c.shape[1]}"
         )
     for trial in trials.trials:
-        lacks = ""
+        mismatch = ""
         if trial.speed_mm_s not in force.speeds_mm_s:
-            known = ", ".join(f"{v:g}" for v in force.speeds_mm_s)
-            lacks = f"was made at {trial.speed_mm_s:g} mm/s, C at {known} mm/s"
+            levels = ", ".join(f"{v:g}" for v in force.speeds_mm_s)
+            mismatch = f"was made at {trial.speed_mm_s:g} mm/s, C at {levels} mm/s"
         elif trial.force_g not in force.forces_g:
-            known = ", ".join(f"{f:g}" for f in force.forces_g)
-            lacks = f"was made at {trial.force_g:g} g, C at {known} g"
+            levels = ", ".join(f"{f:g}" for f in force.forces_g)
+            mismatch = f"was made at {trial.force_g:g} g, C at {levels} g"
         elif by_texture and trial.texture not in force.textures:
-            lacks = f"has texture {trial.texture!r}, C is for {', '.join(force.textures)}"
-        if lacks:
+            mismatch = f"has texture {trial.texture!r}, C is for {', '.join(force.textures)}"
+        if mismatch:
             raise WrongUse(
-                f"{trials.paths[trial.session]}: trial {trial.trial_id} {lacks}: "
-                "it cannot be scaled to force"
+                f"{trials.paths[trial.session]}: trial {trial.trial_id} {mismatch}: "
+                "C cannot scale it"
             )
 
 
-def rate_errors(
+def measure_rate_errors(
     trials: TrialSet,
     force: ForceMatrix,
     normalisation: Normalisation,
     parameters: EncoderParameters,
     *,
     blind: bool = False,
-    crew: Executor = HERE,
-    progress: Progress = lambda stage, done, all_: None,
+    executor: Executor = SERIAL,
+    progress: Progress = lambda stage, done, total: None,
 ) -> list[RateError]:
-    """How far C misses at each speed and force that has trials at the reference force too.
+    """Return the rate errors at each speed and force that also has trials at the reference force.
 
-    ``blind``: the mean of C over its textures instead of the trial's own.
+    ``blind``: with the mean of C over its textures instead of the trial's own.
     """
-    jobs = _jobs(trials, force, normalisation, parameters, blind)
-    found = work_through(_misses_of, jobs, crew=crew, stage=STAGE, progress=progress)
+    tasks = _tasks(trials, force, normalisation, parameters, blind)
+    found = map_with_progress(_rates, tasks, executor=executor, stage=STAGE, progress=progress)
     pooled: dict[tuple[float, float], list[Floats]] = {}
-    for job, rates in zip(jobs, found, strict=True):
-        for force_g, three in rates.items():
-            pooled.setdefault((job.trials[0].speed_mm_s, force_g), []).append(three)
-    return [_miss(*key, np.concatenate(parts, axis=1)) for key, parts in sorted(pooled.items())]
+    for task, by_force in zip(tasks, found, strict=True):
+        for force_g, rates in by_force.items():
+            pooled.setdefault((task.trials[0].speed_mm_s, force_g), []).append(rates)
+    return [_error(*key, np.concatenate(parts, axis=1)) for key, parts in sorted(pooled.items())]
 
 
-def warning(misses: Sequence[RateError], force: ForceMatrix, where: str) -> str:
-    """The sentence that goes with every use of a C that was searched elsewhere."""
+def transfer_warning(
+    errors: Sequence[RateError], force: ForceMatrix, unseen: Sequence[Path]
+) -> str:
+    """Return the warning for a C that was not searched on the ``unseen`` sessions."""
     start = (
-        f"WARNING: C was searched on other recordings than {where}, and any change of the sensor "
-        "voids it. "
+        f"WARNING: C was searched on other recordings than {', '.join(map(str, unseen))}, and any "
+        "change of the sensor voids it. "
     )
-    if not misses:
+    if not errors:
         return start + (
             f"Its rate error cannot be measured here: no speed has trials both at "
             f"{force.reference_g:g} g and at another force"
@@ -191,70 +195,65 @@ def warning(misses: Sequence[RateError], force: ForceMatrix, where: str) -> str:
     parts = "; ".join(
         f"{m.speed_mm_s:g} mm/s, {m.force_g:g} g: {m.with_c_hz:.2f} Hz with C (at most "
         f"{m.largest_hz:.1f}), {m.without_c_hz:.2f} without, of {m.aimed_hz:.1f} Hz"
-        for m in misses
+        for m in errors
     )
-    worst = max(misses, key=lambda m: m.with_c_hz)
-    helps = sum(m.with_c_hz < m.without_c_hz for m in misses)
+    worst = max(errors, key=lambda m: m.with_c_hz)
+    helps = sum(m.with_c_hz < m.without_c_hz for m in errors)
     return start + (
-        f"Mean miss of the SA rates at {force.reference_g:g} g: {parts}. A search on these "
+        f"Mean error of the SA rates at {force.reference_g:g} g: {parts}. A search on these "
         f"recordings would come within {TOLERANCE_HZ:g} Hz; the worst here is "
-        f"{worst.with_c_hz:.2f} Hz, and C brings the rates nearer at {helps} of "
-        f"{len(misses)} levels"
+        f"{worst.with_c_hz:.2f} Hz, and C reduces the error at {helps} of {len(errors)} levels"
     )
 
 
-def _jobs(
+def _tasks(
     trials: TrialSet,
     force: ForceMatrix,
     normalisation: Normalisation,
     parameters: EncoderParameters,
     blind: bool,
-) -> list[_RateJob]:
+) -> list[_RateTask]:
     groups: dict[tuple[str, float], list[TrialRef]] = {}
     for trial in trials.trials:
         groups.setdefault((trial.texture, trial.speed_mm_s), []).append(trial)
-    jobs = []
+    tasks = []
     for (texture, speed), members in sorted(groups.items()):
-        if len({t.force_g for t in members}) < 2 or not (blind or texture in force.textures):
+        forces = sorted({trial.force_g for trial in members})
+        if len(forces) < 2 or force.reference_g not in forces:
             continue
-        if force.reference_g not in {t.force_g for t in members}:
-            continue
-        c = {
-            f: force.texture_blind(speed, f) if blind else force.of(texture, speed, f)
-            for f in sorted({t.force_g for t in members})
-        }
-        jobs.append(
-            _RateJob(trials.files, tuple(members), normalisation, parameters, c, force.reference_g)
-        )
-    return jobs
+        if blind or texture in force.textures:
+            c = {f: select_c(force, texture, speed, f, blind=blind) for f in forces}
+            encoder = (normalisation, parameters, c, force.reference_g)
+            tasks.append(_RateTask(trials.files, tuple(members), *encoder))
+    return tasks
 
 
-def _misses_of(job: _RateJob) -> dict[float, Floats]:
-    """By force other than the reference: rates aimed at, with C, without, float64 (3, n_taxels)."""
-    with opened(job.files) as reader:
-        samples = [(trial.force_g, reader.of(trial)) for trial in job.trials]
-    ways = (job.normalisation, job.parameters)
+def _rates(task: _RateTask) -> dict[float, Floats]:
+    """Return target rates, rates with C and without at each force, float64 (3, n_taxels)."""
+    with open_trials(task.files) as reader:
+        samples = [(trial.force_g, reader.read(trial)) for trial in task.trials]
 
     def rates(force_g: float, c: Any = None) -> Floats:
-        return mean_sa_rates_hz([s for f, s in samples if f == force_g], *ways, c)
+        at_force = [array for f, array in samples if f == force_g]
+        return mean_sa_rates_hz(at_force, task.normalisation, task.parameters, c)
 
-    aimed = rates(job.reference_g)
+    target = rates(task.reference_g)
     return {
-        f: np.stack([aimed, rates(f, c), rates(f)])
-        for f, c in job.c.items()
-        if f != job.reference_g
+        f: np.stack([target, rates(f, c), rates(f)])
+        for f, c in task.c.items()
+        if f != task.reference_g
     }
 
 
-def _miss(speed: float, force_g: float, rates: Floats) -> RateError:
-    aimed, with_c, without = rates
-    away = np.abs(with_c - aimed)
+def _error(speed_mm_s: float, force_g: float, rates: Floats) -> RateError:
+    target, with_c, without = rates
+    error = np.abs(with_c - target)
     return RateError(
-        speed,
+        speed_mm_s,
         force_g,
-        float(away.mean()),
-        float(np.abs(without - aimed).mean()),
-        float(away.max()),
-        float(aimed.mean()),
+        float(error.mean()),
+        float(np.abs(without - target).mean()),
+        float(error.max()),
+        float(target.mean()),
         rates.shape[1],
     )

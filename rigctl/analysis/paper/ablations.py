@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.splits import Design, splits
-from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
-from rigctl.analysis.execution.executor import HERE, Executor, Progress, work_through
+from rigctl.analysis.classification.splits import Design, make_splits
+from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
+from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, map_with_progress
 from rigctl.analysis.features.representations import RepresentationSet
 from rigctl.analysis.paper import published
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult
@@ -79,7 +79,7 @@ def measure(
     results: Sequence[TaskResult],
     settings: SweepSettings,
     *,
-    crew: Executor = HERE,
+    executor: Executor = SERIAL,
     progress: Progress = lambda stage, done, all_: None,
 ) -> Ablations | None:
     """Evidence for the tasks of Table 1; None where none of them was run.
@@ -89,18 +89,18 @@ def measure(
     asked = [result for result in results if result.task.key in published.TABLE_1]
     if not asked:
         return None
-    design = Design.of(made.trials)
+    design = Design.from_trials(made.trials)
     looks = [
         _Look(made.files[r.key], design, layout.n_windows)
         for r in made.present
         for layout in [made.scaled if r.speed_scaled else made.unscaled]
     ]
-    found = work_through(
-        _halves, looks, crew=crew, stage="what explains the features", progress=progress
+    found = map_with_progress(
+        _halves, looks, executor=executor, stage="what explains the features", progress=progress
     )
     halves = {r.key: both for r, both in zip(made.present, found, strict=True)}
     draws = min(DRAWS, settings.iterations)
-    alone = _alone(made, design, asked, (settings.seed, draws), crew, progress)
+    alone = _alone(made, design, asked, (settings.seed, draws), executor, progress)
     return Ablations(made.trials.forces_g, halves, alone, draws)
 
 
@@ -190,7 +190,7 @@ def _alone(
     design: Design,
     asked: Sequence[TaskResult],
     draws: tuple[int, int],
-    crew: Executor,
+    executor: Executor,
     progress: Progress,
 ) -> dict[str, dict[str, dict[str, float]]]:
     """``draws``: seed, and how many."""
@@ -206,7 +206,9 @@ def _alone(
                     names.append((r.key, name))
     shares: dict[tuple[str, str, str], list[float]] = {}
     stage = "asking SA rates and RA counts alone"
-    scores = work_through(_asked_alone, jobs, crew=crew, stage=stage, progress=progress)
+    scores = map_with_progress(
+        _asked_alone, jobs, executor=executor, stage=stage, progress=progress
+    )
     for (key, name), score in zip(names, scores, strict=True):
         for task, share in score.items():
             shares.setdefault((task, key, name), []).append(share)
@@ -221,9 +223,9 @@ def _asked_alone(ask: _Ask) -> dict[str, float]:
     features = np.load(ask.features, mmap_mode="r")
     width = features.shape[1] // 2
     half = features[:, ask.half * width : (ask.half + 1) * width]
-    fits = splits(ask.design, ask.family, ask.seed, ask.draw)
+    fits = make_splits(ask.design, ask.family, ask.seed, ask.draw)
     labels = {task.key: ask.design.labels(task) for task in ask.tasks}
-    answers = answer(half, labels, fits, min(ask.k, width), SweepEngine.OWN)
+    answers = predict_splits(half, labels, fits, min(ask.k, width), SweepEngine.OWN)
     right, asked = dict.fromkeys(labels, 0), dict.fromkeys(labels, 0)
     for fit, found in zip(fits, answers, strict=True):
         for key, said in found.predictions.items():

@@ -10,8 +10,8 @@ from typing import Any
 from rigctl import __version__
 from rigctl.analysis.features.representations import (
     RepresentationSet,
+    count_search_statuses,
     force_sentence,
-    status_counts,
 )
 from rigctl.analysis.paper import published
 from rigctl.analysis.paper.ablations import Ablations
@@ -140,11 +140,11 @@ def _force(made: RepresentationSet) -> dict[str, Any] | None:
         if made.transferred_c
         else force_sentence(made.force),
         "from_file": str(made.transferred_c.source.file) if made.transferred_c else None,
-        "rate_error": [m.as_dict() for m in made.transferred_c.misses]
+        "rate_error": [m.as_dict() for m in made.transferred_c.rate_errors]
         if made.transferred_c
         else None,
         "labels_seen": LABELS_SEEN,
-        "status": status_counts(made.force),
+        "status": count_search_statuses(made.force),
         "unconverged": made.force.unconverged,
         "paper": {"unconverged": 62, "of": 4320},
         "mean_evaluations": round(float(searched.mean()), DECIMALS) if len(searched) else 0.0,

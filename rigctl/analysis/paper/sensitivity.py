@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigctl.analysis.data.cache import Cache
+from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.trial_set import TrialSet
-from rigctl.analysis.execution.executor import HERE, Executor, Progress
+from rigctl.analysis.execution.executor import Progress
 from rigctl.analysis.features.representations import Representation, RepresentationSet, represent
 from rigctl.analysis.features.spike_counts import RangesOver
 from rigctl.analysis.features.transferred_c import ForceMatrixSource
@@ -64,9 +64,7 @@ def sensitivity(
     reference_g: float,
     source: ForceMatrixSource | None = None,
     ranges: RangesOver | Normalisation = RangesOver.ALL,
-    kept: Cache | None = None,
-    crew: Executor = HERE,
-    progress: Progress = lambda stage, done, all_: None,
+    resources: Resources,
 ) -> list[SensitivityRow]:
     """A line for each preset, representation and task; ``base`` stands for its own preset.
 
@@ -75,6 +73,7 @@ def sensitivity(
     """
     mine = replace(settings, k_max=min(COMPONENTS, settings.k_max))
     lines, number = [], 0
+    executor, progress = resources.executor, resources.progress
     presets = sum(PRESETS[name] != base[0].parameters for name in ORDER)
     for name in ORDER:
         if PRESETS[name] == base[0].parameters:
@@ -90,11 +89,11 @@ def sensitivity(
             reference_g=reference_g,
             source=source,
             ranges=ranges,
-            kept=kept,
-            crew=crew,
-            progress=share.show,
+            resources=replace(resources, progress=share.show),
         )
-        lines += _lines(name, made, run_tasks(made, mine, crew=crew, progress=share.show)[0])
+        lines += _lines(
+            name, made, run_tasks(made, mine, executor=executor, progress=share.show)[0]
+        )
         shutil.rmtree(part)
     progress(STAGE, STEPS * presets, STEPS * presets)
     return lines

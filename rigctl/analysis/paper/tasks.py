@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.splits import Design, extrapolation_fits, splits
-from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
-from rigctl.analysis.execution.executor import HERE, Executor, Progress, work_through
+from rigctl.analysis.classification.splits import Design, extrapolation_fits, make_splits
+from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
+from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, map_with_progress
 from rigctl.analysis.features.representations import Representation, RepresentationSet
 from rigctl.analysis.paper import published
 from rigctl.errors import WrongUse
@@ -127,14 +127,14 @@ def run_tasks(
     made: RepresentationSet,
     settings: SweepSettings,
     *,
-    crew: Executor = HERE,
+    executor: Executor = SERIAL,
     progress: Progress = lambda stage, done, all_: None,
 ) -> tuple[list[TaskResult], tuple[str, ...]]:
     """Results of the tasks that the trials allow, and sentences on what was left out or changed.
 
     Raises :class:`WrongUse` where no task is left.
     """
-    design = Design.of(made.trials)
+    design = Design.from_trials(made.trials)
     plans, remarks = _plans(design, made, settings)
     ways = [(plan, representation) for plan in plans for representation in made.present]
     jobs = [
@@ -142,7 +142,9 @@ def run_tasks(
         for plan, representation in ways
         for iteration in range(settings.iterations)
     ]
-    scores = work_through(_scored, jobs, crew=crew, stage="classifying", progress=progress)
+    scores = map_with_progress(
+        _scored, jobs, executor=executor, stage="classifying", progress=progress
+    )
     curves: dict[str, list[Curve]] = {task.key: [] for plan in plans for task in plan.tasks}
     for plan, representation in ways:
         several = [next(scores) for _ in range(settings.iterations)]
@@ -226,7 +228,7 @@ def _plan(
     tasks: tuple[published.Task, ...],
 ) -> _Plan:
     """The family with as many components as its smallest fit carries. Raises WrongUse."""
-    fits = splits(design, family, settings.seed, 0)
+    fits = make_splits(design, family, settings.seed, 0)
     learnt = min(len(fit.train) for fit in fits)
     narrowest = min(layout.width(made.trials.n_taxels) for layout in (made.unscaled, made.scaled))
     k_max = min(settings.k_max, learnt - len(design.textures), narrowest)
@@ -242,9 +244,9 @@ def _plan(
 def _scored(job: _SweepJob) -> dict[str, _Score]:
     """One iteration of a family on one representation."""
     features = np.load(job.features, mmap_mode="r")
-    fits = splits(job.design, job.plan.family, job.settings.seed, job.iteration)
+    fits = make_splits(job.design, job.plan.family, job.settings.seed, job.iteration)
     labels = {task.key: job.design.labels(task) for task in job.plan.tasks}
-    answers = answer(features, labels, fits, job.plan.k_max, job.settings.engine)
+    answers = predict_splits(features, labels, fits, job.plan.k_max, job.settings.engine)
     scores = {}
     for task in job.plan.tasks:
         n_classes = len(job.design.classes(task))

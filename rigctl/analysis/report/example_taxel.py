@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.analysis.data.trial_set import TrialRef, TrialSet, opened
+from rigctl.analysis.data.trial_set import TrialRef, TrialSet, open_trials
 from rigctl.analysis.report.paper_figures import TaxelData
 from rigctl.encoding.encoder import encode_trial, membrane_mv
 from rigctl.encoding.normalisation import Normalisation
@@ -50,8 +50,8 @@ def taxel_picture(
     Without a taxel, of the one that moves most. Raises WrongUse for a trial with gaps.
     """
     trial = _shown_trial(trials, trial_id)
-    with opened(trials.files) as reader:
-        samples = reader.of(trial)
+    with open_trials(trials.files) as reader:
+        samples = reader.read(trial)
     x = (samples.astype(np.float64) - ranges.low) * ranges.scale
     place = taxel - 1 if taxel else int(x.std(axis=0).argmax())
     n = trials.n_taxels

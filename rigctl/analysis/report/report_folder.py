@@ -9,15 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from rigctl.analysis.classification.training import ModelRequest, train
+from rigctl.analysis.classification.training import ModelRequest, train_model
 from rigctl.analysis.data.atomic_directory import atomic_directory
-from rigctl.analysis.data.cache import Cache
+from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.import_remarks import imported_remarks
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions
-from rigctl.analysis.execution.executor import HERE, Executor, Progress
 from rigctl.analysis.features.representations import RepresentationSet, represent
 from rigctl.analysis.features.spike_counts import RangesOver
-from rigctl.analysis.features.transferred_c import ForceMatrixSource, c_of
+from rigctl.analysis.features.transferred_c import ForceMatrixSource, load_c
 from rigctl.analysis.paper.ablations import Ablations, measure
 from rigctl.analysis.paper.result_tables import as_plain, table_csv
 from rigctl.analysis.paper.sensitivity import SensitivityRow, sensitivity
@@ -72,28 +71,24 @@ class ReportResult:
 def make_report(
     request: ReportRequest,
     made_utc: str,
-    *,
-    kept: Cache | None = None,
-    crew: Executor = HERE,
-    progress: Progress = lambda stage, done, all_: None,
+    resources: Resources | None = None,
 ) -> ReportResult:
-    """Analyse and write. ``made_utc``: wall-clock stamp for the report's foot; ``crew``: who works;
-    ``kept``: what was worked out before.
+    """Analyse and write. ``made_utc``: wall-clock stamp for the report's foot.
 
     Raises SessionError or WrongUse for what cannot be analysed, DiskFault where nothing can be
     written; then no report folder is left.
     """
+    resources = resources or Resources()
+    executor, progress = resources.executor, resources.progress
     trials = join_sessions(request.sessions)
     check_shown(trials, request.trial, request.taxel)
     if request.model is not None:
         check_output_path(request.model.path)
-    source = None if request.c is None else c_of(request.c, trials, progress)
-    crew.must_see(trials.paths)
+    source = None if request.c is None else load_c(request.c, trials, progress)
+    executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:
-        crew.must_see([folder])
-        found = _find(
-            request, trials, source, folder / FEATURES, made_utc, kept or Cache(), crew, progress
-        )
+        executor.check_visible([folder])
+        found = _find(request, trials, source, folder / FEATURES, made_utc, resources)
         progress("writing the report", 0, 1)
         _write(folder, request, found, made_utc)
         shutil.rmtree(folder / FEATURES)
@@ -121,13 +116,12 @@ def _find(
     source: ForceMatrixSource | None,
     features: Path,
     made_utc: str,
-    kept: Cache,
-    crew: Executor,
-    progress: Progress,
+    resources: Resources,
 ) -> _Found:
     """Encode, classify and train; feature files go into the new folder ``features``."""
     features.mkdir()
     reference_g = request.reference_g
+    executor, progress = resources.executor, resources.progress
     made = represent(
         trials,
         request.parameters,
@@ -135,13 +129,11 @@ def _find(
         reference_g=reference_g,
         source=source,
         ranges=request.ranges,
-        kept=kept,
-        crew=crew,
-        progress=progress,
+        resources=resources,
     )
-    results, said = run_tasks(made, request.settings, crew=crew, progress=progress)
-    evidence = measure(made, results, request.settings, crew=crew, progress=progress)
-    remarks = (*imported_remarks(trials), *made.remarks, *said, *_aside(results), *crew.remarks)
+    results, said = run_tasks(made, request.settings, executor=executor, progress=progress)
+    evidence = measure(made, results, request.settings, executor=executor, progress=progress)
+    remarks = (*imported_remarks(trials), *made.remarks, *said, *_aside(results), *executor.remarks)
     lines: list[SensitivityRow] = []
     if request.sensitivity:
         lines = sensitivity(
@@ -152,13 +144,11 @@ def _find(
             reference_g=reference_g,
             source=source,
             ranges=request.ranges,
-            kept=kept,
-            crew=crew,
-            progress=progress,
+            resources=resources,
         )
     if request.model is None:
         return _Found(made, tuple(results), remarks, lines, evidence, None)
-    model, words = train(made, request.model, made_utc, request.settings.seed, progress)
+    model, words = train_model(made, request.model, made_utc, request.settings.seed, progress)
     return _Found(made, tuple(results), (*remarks, words), lines, evidence, model)
 
 

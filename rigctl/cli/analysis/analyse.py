@@ -79,6 +79,7 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the report; the last lines on standard output name its files."""
     from rigctl.analysis.classification.sweep_engines import SweepEngine
+    from rigctl.analysis.data.cache import Resources
     from rigctl.analysis.paper.tasks import SweepSettings
     from rigctl.analysis.report.report_folder import ReportRequest, ReportResult, make_report
 
@@ -96,16 +97,15 @@ def run(args: argparse.Namespace) -> int:
         args.sensitivity,
         ranges_of(args),
     )
-    kept, line = cache_of(args), ProgressLine(sys.stderr)
+    cache, line = cache_of(args), ProgressLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
-        with executor_of(args) as crew:
-            report: ReportResult = make_report(
-                request, now, kept=kept, crew=crew, progress=line.show_stage
-            )
+        with executor_of(args) as executor:
+            resources = Resources(executor, cache, line.show_stage)
+            report: ReportResult = make_report(request, now, resources)
     finally:
         line.end()
-        kept.trim()
+        cache.trim()
     print(summary(report), flush=True)
     return 0
 

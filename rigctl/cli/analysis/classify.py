@@ -31,8 +31,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print or write the predictions; the last line gives the share that is right."""
     from rigctl.analysis.classification.classify_sessions import classify
-    from rigctl.analysis.classification.predictions import as_csv, as_lines, as_plain
-    from rigctl.analysis.execution.executor import processes
+    from rigctl.analysis.classification.predictions import as_csv, as_dict, as_text
+    from rigctl.analysis.execution.executor import local_executor
     from rigctl.errors import WrongUse
     from rigctl.session.files.model_file import check_output_path, load_model
 
@@ -43,14 +43,14 @@ def run(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     line = ProgressLine(sys.stderr)
     try:
-        with processes(args.workers) as crew:
-            found = classify(model, args.sessions, crew=crew, progress=line.show_stage)
+        with local_executor(args.workers) as executor:
+            found = classify(model, args.sessions, executor=executor, progress=line.show_stage)
     finally:
         line.end()
-    plain = json.dumps(as_plain(found), allow_nan=False, ensure_ascii=False)
+    plain = json.dumps(as_dict(found), allow_nan=False, ensure_ascii=False)
     if args.out is not None:
         _write(args.out, plain + "\n" if args.out.suffix == ".json" else as_csv(found))
-    print(plain if args.json else as_lines(found, every_trial=args.out is None))
+    print(plain if args.json else as_text(found, every_trial=args.out is None))
     if args.out is not None and not args.json:
         print(f"answers: {args.out}")
     return 0

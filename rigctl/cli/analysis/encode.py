@@ -48,8 +48,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the file; the last line on standard output names it."""
+    from rigctl.analysis.data.cache import Resources
     from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
-    from rigctl.analysis.features.spike_counts import Resources
 
     request = EncodeRequest(
         tuple(Path(name) for name in args.sessions),
@@ -61,26 +61,26 @@ def run(args: argparse.Namespace) -> int:
         args.trial,
         args.taxel,
     )
-    kept, line = cache_of(args), ProgressLine(sys.stderr)
+    cache, line = cache_of(args), ProgressLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
-        with executor_of(args) as crew:
-            found = encode_sessions(request, now, Resources(crew, kept, line.show_stage))
+        with executor_of(args) as executor:
+            found = encode_sessions(request, now, Resources(executor, cache, line.show_stage))
     finally:
         line.end()
-        kept.trim()
-    print("\n".join(summary(found, kept)), flush=True)
+        cache.trim()
+    print("\n".join(summary(found, cache)), flush=True)
     return 0
 
 
-def summary(found: Any, kept: Any) -> list[str]:
+def summary(found: Any, cache: Any) -> list[str]:
     """Return the remarks, a sentence about C, the work done, and the path of the file."""
     from rigctl.analysis.features.representations import force_sentence
 
     lines = [f"note: {remark}" for remark in found.remarks]
     if found.force is not None:
         lines.append(force_sentence(found.force))
-    pieces = kept.found + kept.missed
+    pieces = cache.hits + cache.misses
     lines.append(f"{found.trials:,} trials, {found.spikes:,} spikes")
-    lines.append(f"{kept.missed} of {pieces} tasks computed, {kept.found} read from the cache")
+    lines.append(f"{cache.misses} of {pieces} tasks computed, {cache.hits} read from the cache")
     return [*lines, f"spikes: {found.file}"]

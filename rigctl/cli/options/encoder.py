@@ -77,14 +77,14 @@ def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
 
     Raises SessionError for a file without ranges, or with another order of taxels.
     """
-    from rigctl.analysis.data.wiring_check import check_file
+    from rigctl.analysis.data.wiring_check import check_file_wiring
     from rigctl.analysis.features.spike_counts import RangesOver
     from rigctl.session.files.encoder_group import load_ranges
 
     if args.ranges in list(RangesOver):
         return RangesOver(args.ranges)
     ranges = load_ranges(Path(args.ranges))
-    check_file(Path(args.ranges), [Path(name) for name in args.sessions])
+    check_file_wiring(Path(args.ranges), [Path(name) for name in args.sessions])
     return ranges
 
 
@@ -105,6 +105,6 @@ def executor_of(args: argparse.Namespace) -> AbstractContextManager[Executor]:
         from rigctl.analysis.execution.dask_executor import dask_executor
 
         return dask_executor(args.dask)
-    from rigctl.analysis.execution.executor import processes
+    from rigctl.analysis.execution.executor import local_executor
 
-    return processes(args.workers)
+    return local_executor(args.workers)

@@ -17,7 +17,7 @@ from rigctl.analysis.classification.component_sweep import (
     Fold,
     ScatterDivisor,
     fit_nested_lda,
-    fit_principal,
+    fit_pca,
     predict_folds,
 )
 from rigctl.errors import WrongUse
@@ -109,7 +109,7 @@ def test_components_of_fewer_trials_than_features_are_those_of_an_svd(
     left, _ = np.linalg.qr(rng.normal(size=(n, 40)))
     right, _ = np.linalg.qr(rng.normal(size=(n + 100, 40)))
     features = 5 + left * np.geomspace(1.0, faintest, 40) @ right.T
-    found = fit_principal(features, 30)
+    found = fit_pca(features, 30)
     _, s, axes = np.linalg.svd(features - features.mean(axis=0), full_matrices=False)
     np.testing.assert_allclose(found.variance, s[:30] ** 2 / (n - 1), rtol=1e-9)
     np.testing.assert_allclose(np.abs(np.sum(found.axes * axes[:30].T, axis=0)), 1, atol=1e-12)
@@ -135,18 +135,18 @@ def test_a_coordinate_without_within_class_variance_is_set_aside() -> None:
     scores[:, 3] = scores[:, 0] + scores[:, 2]
     lda = fit_nested_lda(scores, labels)
     assert lda.dropped == (1, 3)
-    kept = fit_nested_lda(scores[:, [0, 2]], labels)
-    predictions = lda.predictions(scores)
-    np.testing.assert_array_equal(predictions[3], kept.predictions(scores[:, [0, 2]])[1])
+    reduced = fit_nested_lda(scores[:, [0, 2]], labels)
+    predictions = lda.predict(scores)
+    np.testing.assert_array_equal(predictions[3], reduced.predict(scores[:, [0, 2]])[1])
     np.testing.assert_array_equal(predictions[1], predictions[0])
 
 
 def test_components_are_ordered_and_orthonormal() -> None:
     for features, _ in (unequal_set(), wide_set()):
-        principal = fit_principal(features, 20)
+        principal = fit_pca(features, 20)
         assert (np.diff(principal.variance) <= 0).all()
         np.testing.assert_allclose(principal.axes.T @ principal.axes, np.eye(20), atol=1e-10)
-        scores = principal.scores(features)
+        scores = principal.transform(features)
         np.testing.assert_allclose(scores.mean(axis=0), 0, atol=1e-9 * abs(features).max())
         np.testing.assert_allclose(scores.var(axis=0, ddof=1), principal.variance, rtol=1e-8)
 

@@ -1,4 +1,4 @@
-"""A model is kept, read by anyone, and answers as it did when it was made, or says why not."""
+"""A saved model predicts as it did when it was trained, or refuses with a reason."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.classify_sessions import classify
-from rigctl.analysis.classification.posteriors import log_posteriors
+from rigctl.analysis.classification.classify_sessions import classify, log_posteriors
 from rigctl.analysis.classification.splits import Design
-from rigctl.analysis.classification.training import ModelRequest, train
+from rigctl.analysis.classification.training import ModelRequest, train_model
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.features.representations import REPRESENTATIONS, RepresentationSet, represent
-from rigctl.analysis.features.transferred_c import c_of
+from rigctl.analysis.features.transferred_c import load_c
 from rigctl.cli import main
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import SessionError, WrongUse
@@ -47,17 +46,17 @@ def made(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Representat
     return represent(join_sessions([session]), EncoderParameters(), folder)
 
 
-def kept(made: RepresentationSet, path: Path, representation: str, components: int = 12) -> Path:
-    model, _ = train(made, ModelRequest(path, representation, components), UTC, 7)
+def saved(made: RepresentationSet, path: Path, representation: str, components: int = 12) -> Path:
+    model, _ = train_model(made, ModelRequest(path, representation, components), UTC, 7)
     save_model(model, path)
     return path
 
 
 @pytest.mark.parametrize("key", [r.key for r in REPRESENTATIONS])
-def test_read_back_it_answers_bit_for_bit(
+def test_a_loaded_model_predicts_bit_for_bit(
     made: RepresentationSet, tmp_path: Path, key: str
 ) -> None:
-    model, _ = train(made, ModelRequest(tmp_path / "m.h5", key, 12), UTC, 7)
+    model, _ = train_model(made, ModelRequest(tmp_path / "m.h5", key, 12), UTC, 7)
     save_model(model, tmp_path / "m.h5")
     read = load_model(tmp_path / "m.h5")
     (representation,) = (r for r in REPRESENTATIONS if r.key == key)
@@ -70,18 +69,18 @@ def test_read_back_it_answers_bit_for_bit(
     np.testing.assert_allclose(np.exp(after).sum(axis=1), 1.0)
 
 
-def test_answers_are_those_of_exact_scikit_learn(made: RepresentationSet, tmp_path: Path) -> None:
+def test_posteriors_equal_those_of_scikit_learn(made: RepresentationSet, tmp_path: Path) -> None:
     from sklearn.decomposition import PCA
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
-    from rigctl.analysis.classification.sweep_engines import _pooled_over_n_less_classes
+    from rigctl.analysis.classification.sweep_engines import _scaled_covariance
 
-    labels = Design.of(made.trials).texture
+    labels = Design.from_trials(made.trials).texture
     for representation in REPRESENTATIONS[:4]:
-        model, _ = train(made, ModelRequest(tmp_path / "m", representation.key, 12), UTC, 0)
+        model, _ = train_model(made, ModelRequest(tmp_path / "m", representation.key, 12), UTC, 0)
         features = np.asarray(made.features(representation))
         scores = PCA(12, svd_solver="full").fit(features)
-        pooled = _pooled_over_n_less_classes(len(labels) / (len(labels) - 3))
+        pooled = _scaled_covariance(len(labels) / (len(labels) - 3))
         lda = LinearDiscriminantAnalysis(solver="lsqr", covariance_estimator=pooled)
         lda.fit(scores.transform(features), labels)
         new = features + np.random.default_rng(1).normal(0, 20, features.shape)
@@ -91,8 +90,8 @@ def test_answers_are_those_of_exact_scikit_learn(made: RepresentationSet, tmp_pa
         np.testing.assert_allclose(np.exp(ours), theirs, atol=1e-8)
 
 
-def test_a_model_needs_no_rigctl_to_answer(made: RepresentationSet, tmp_path: Path) -> None:
-    path = kept(made, tmp_path / "m.h5", "Speed Scaled")
+def test_a_model_file_predicts_without_rigctl(made: RepresentationSet, tmp_path: Path) -> None:
+    path = saved(made, tmp_path / "m.h5", "Speed Scaled")
     features = np.asarray(made.features(REPRESENTATIONS[1]))
     with h5py.File(path) as f:
         pca, lda = f["pca"], f["lda"]
@@ -112,44 +111,44 @@ def test_a_model_needs_no_rigctl_to_answer(made: RepresentationSet, tmp_path: Pa
     np.testing.assert_array_equal(by_hand.argmax(axis=1), ours.argmax(axis=1))
 
 
-def test_another_session_is_answered_and_everything_about_it_said(
+def test_another_session_is_classified_with_all_remarks(
     made: RepresentationSet, other: Path, tmp_path: Path
 ) -> None:
-    model = load_model(kept(made, tmp_path / "m.h5", "Speed Scaled"))
+    model = load_model(saved(made, tmp_path / "m.h5", "Speed Scaled"))
     found = classify(model, [other])
     assert len(found.predictions) == 15  # one of sixteen is torn
-    assert found.asked == 11 and found.correct >= 10
+    assert found.n_scored == 11 and found.n_correct >= 10
     assert {p.right for p in found.predictions if p.texture == "X"} == {None}
     assert all(0 < p.posterior <= 1 and p.margin >= 0 for p in found.predictions)
-    told = "\n".join(found.remarks)
-    assert "the model's taxel ranges" in told and "lie outside and are clipped" in told
-    assert "1 trial left out for gaps in their samples: 3" in told
-    assert "textures that the model does not know (X)" in told
-    assert "WARNING" not in told and found.misses == ()
+    remarks = "\n".join(found.remarks)
+    assert "the model's taxel ranges" in remarks and "are outside and are clipped" in remarks
+    assert "1 trial left out for gaps in their samples: 3" in remarks
+    assert "textures that are not in the model (X)" in remarks
+    assert "WARNING" not in remarks and found.rate_errors == ()
 
 
-def test_c_of_another_session_warns_with_its_measured_rate_error(
+def test_c_of_another_session_gives_a_warning_with_its_rate_error(
     made: RepresentationSet, session: Path, other: Path, tmp_path: Path
 ) -> None:
-    model = load_model(kept(made, tmp_path / "m.h5", "Speed and Force Scaled, texture-blind"))
+    model = load_model(saved(made, tmp_path / "m.h5", "Speed and Force Scaled, texture-blind"))
     at_home = classify(model, [session])
-    assert at_home.misses == () and not any("WARNING" in r for r in at_home.remarks)
+    assert at_home.rate_errors == () and not any("WARNING" in r for r in at_home.remarks)
     found = classify(model, [other])
     assert "any change of the sensor voids it" in found.remarks[0]
-    assert [(m.speed_mm_s, m.force_g) for m in found.misses] == [(40.0, 250.0), (80.0, 250.0)]
-    for miss in found.misses:
+    assert [(m.speed_mm_s, m.force_g) for m in found.rate_errors] == [(40.0, 250.0), (80.0, 250.0)]
+    for miss in found.rate_errors:
         assert 0 < miss.with_c_hz < miss.without_c_hz
         assert f"{miss.with_c_hz:.2f} Hz with C" in found.remarks[0]
-    own = load_model(kept(made, tmp_path / "own.h5", "Force Scaled"))
+    own = load_model(saved(made, tmp_path / "own.h5", "Force Scaled"))
     with pytest.raises(WrongUse, match=r"other: trial \d+ has texture 'X', C is for A, B, G"):
         classify(own, [other])
 
 
-def test_what_it_cannot_answer_is_refused_in_a_sentence(
+def test_sessions_that_do_not_fit_are_refused_with_a_reason(
     made: RepresentationSet, session: Path, tmp_path: Path
 ) -> None:
-    speed = load_model(kept(made, tmp_path / "speed.h5", "Speed Scaled"))
-    blind = load_model(kept(made, tmp_path / "blind.h5", "Force Scaled, texture-blind"))
+    speed = load_model(saved(made, tmp_path / "speed.h5", "Speed Scaled"))
+    blind = load_model(saved(made, tmp_path / "blind.h5", "Force Scaled, texture-blind"))
     fast = record(tmp_path / "fast", "AB", travel_mm=24.0, speeds=(120,))
     with pytest.raises(WrongUse, match=r"fast: trial 1 was made at 120 mm/s, C at 40, 80 mm/s"):
         classify(blind, [fast])
@@ -170,14 +169,14 @@ def test_what_it_cannot_answer_is_refused_in_a_sentence(
 
 
 def test_readings_on_another_scale_are_refused(made: RepresentationSet, tmp_path: Path) -> None:
-    model, _ = train(made, ModelRequest(tmp_path / "m.h5", "Speed Scaled", 4), UTC, 0)
+    model, _ = train_model(made, ModelRequest(tmp_path / "m.h5", "Speed Scaled", 4), UTC, 0)
     foreign = imported(tmp_path, 18, scale=0.1)
     with pytest.raises(SessionError, match=f"{foreign} stores readings on another scale"):
         classify(model, [foreign])
 
 
 def imported(folder: Path, n_taxels: int, scale: float = 1.0) -> Path:
-    """A session of another sensor."""
+    """Import a session of another sensor."""
     np.save(folder / "A_1.npy", scale * np.arange(60 * n_taxels).reshape(60, n_taxels))
     columns = ", ".join(f'"{i + 1}"' for i in range(n_taxels))
     (folder / "map.toml").write_text(
@@ -190,7 +189,7 @@ def imported(folder: Path, n_taxels: int, scale: float = 1.0) -> Path:
 
 
 def test_files_that_are_no_model_are_sentences(made: RepresentationSet, tmp_path: Path) -> None:
-    good = kept(made, tmp_path / "good.h5", "Speed Scaled")
+    good = saved(made, tmp_path / "good.h5", "Speed Scaled")
     with pytest.raises(SessionError, match="there is no file"):
         load_model(tmp_path / "none.h5")
     (tmp_path / "text.h5").write_text("not HDF5")
@@ -221,13 +220,13 @@ def test_files_that_are_no_model_are_sentences(made: RepresentationSet, tmp_path
         del file["encoder/reset"]
         file["encoder/reset"] = b"never"
 
-    for name, change, said in (
+    for name, change, message in (
         ("newer", newer, f"layout version {LAYOUT_VERSION + 1}, this program reads"),
         ("lacking", lacking, "is damaged, it lacks what a model has"),
         ("holed", holed, r"factor should be \(12, 12\) finite numbers"),
         ("unknown", unknown, "encoder parameter reset is 'never'"),
     ):
-        with pytest.raises(SessionError, match=said):
+        with pytest.raises(SessionError, match=message):
             load_model(changed(name, change))
     size = good.stat().st_size
     for part in range(1, 10):
@@ -237,7 +236,7 @@ def test_files_that_are_no_model_are_sentences(made: RepresentationSet, tmp_path
             load_model(cut)
 
 
-def test_the_commands_train_keep_and_ask(
+def test_the_commands_train_save_and_classify(
     session: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     model, report = tmp_path / "model.h5", tmp_path / "report"
@@ -249,8 +248,8 @@ def test_the_commands_train_keep_and_ask(
     blind = "Speed and Force Scaled, texture-blind"
     words += ["--save-model", str(model), "--representation", blind]
     assert main([*words, "--components", "9", "--task", "textures"]) == 0
-    said = capsys.readouterr().out
-    assert f"model: {model}" in said and "9 components, 3 textures, learnt from all 36" in said
+    output = capsys.readouterr().out
+    assert f"model: {model}" in output and "9 components, 3 textures, trained on all 36" in output
     assert main([*words, "--task", "textures"]) == 2
     assert "is there already" in capsys.readouterr().err
 
@@ -261,22 +260,22 @@ def test_the_commands_train_keep_and_ask(
     assert answer["model"]["trained_on"][0]["content"]
     out = tmp_path / "answers.csv"
     assert main(["classify", str(model), str(other), "--out", str(out)]) == 0
-    assert "trials told right" in capsys.readouterr().out
+    assert " of 11 trials right (" in capsys.readouterr().out
     with out.open() as file:
         rows = list(csv.DictReader(file))
     assert [row["predicted"] for row in rows] == [p["predicted"] for p in answer["predictions"]]
     assert {row["right"] for row in rows if row["texture"] == "X"} == {""}
     assert main(["classify", str(model), str(other)]) == 0
-    said = capsys.readouterr().out
-    assert "trial 1: " in said and "rows: true, columns: predicted" in said
+    output = capsys.readouterr().out
+    assert "trial 1: " in output and "rows: true, columns: predicted" in output
     assert main(["classify", str(session), str(other)]) == 2
     assert "rigctl: " in capsys.readouterr().err
 
 
-def test_analyse_takes_c_from_a_model_and_says_what_it_is_worth(
+def test_analyse_takes_c_from_a_model_and_reports_its_rate_error(
     made: RepresentationSet, session: Path, tmp_path: Path
 ) -> None:
-    model = kept(made, tmp_path / "m.h5", "Force Scaled")
+    model = saved(made, tmp_path / "m.h5", "Force Scaled")
     day = record(tmp_path / "day", "AB", repeats=2, travel_mm=24.0, speeds=(40, 80), seed=11)
     words = ["--iterations", "1", "--k-max", "3", "--task", "textures", "--c", str(model)]
     assert main(["analyse", str(day), "--out", str(tmp_path / "r"), *words]) == 0
@@ -288,8 +287,8 @@ def test_analyse_takes_c_from_a_model_and_says_what_it_is_worth(
     assert "any change of the sensor voids it" in (tmp_path / "r" / "report.html").read_text()
     (tmp_path / "home").mkdir()
     trials = join_sessions([session])
-    home = represent(trials, made.parameters, tmp_path / "home", source=c_of(model, trials))
-    assert home.transferred_c is not None and home.transferred_c.misses
+    home = represent(trials, made.parameters, tmp_path / "home", source=load_c(model, trials))
+    assert home.transferred_c is not None and home.transferred_c.rate_errors
     sentence = home.transferred_c.sentence
     assert "WARNING" not in sentence and "was not searched" in sentence
     for representation in REPRESENTATIONS:
@@ -297,10 +296,10 @@ def test_analyse_takes_c_from_a_model_and_says_what_it_is_worth(
         np.testing.assert_array_equal(ours, theirs)
     assert main(["encode", str(session), "--no-cache", "--out", str(tmp_path / "spikes")]) == 0
     spikes = tmp_path / "spikes" / "spikes.h5"
-    of_spikes = c_of(spikes, trials)
-    np.testing.assert_array_equal(of_spikes.force.c, c_of(model, trials).force.c)
-    assert of_spikes.foreign == () and c_of(spikes, join_sessions([day])).foreign == (day,)
+    of_spikes = load_c(spikes, trials)
+    np.testing.assert_array_equal(of_spikes.force.c, load_c(model, trials).force.c)
+    assert of_spikes.unseen == () and load_c(spikes, join_sessions([day])).unseen == (day,)
     with pytest.raises(SessionError, match=r"is no model and no spikes\.h5"):
-        c_of(next(day.glob("part-*.h5")), trials)
-    plainly = kept(made, tmp_path / "plain.h5", "Original")
+        load_c(next(day.glob("part-*.h5")), trials)
+    plainly = saved(made, tmp_path / "plain.h5", "Original")
     assert main(["analyse", str(day), "--out", str(tmp_path / "x"), "--c", str(plainly)]) == 2

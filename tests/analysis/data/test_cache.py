@@ -1,18 +1,21 @@
-"""What was worked out is not worked out again, and nothing stale or broken is taken for it."""
+"""The cache: a second run computes nothing, and no stale or damaged entry is used."""
 
 from __future__ import annotations
 
+import json
 import os
+import struct
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.cache import Cache, cache_folder, key_of
-from rigctl.analysis.data.fingerprint import hash_of, look_at
+from rigctl.analysis.data.cache import Cache, Resources, cache_folder, cache_key
+from rigctl.analysis.data.fingerprint import fingerprint, hash_array
 from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.execution.executor import processes
+from rigctl.analysis.execution.executor import local_executor
 from rigctl.analysis.features.representations import RepresentationSet, represent
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from tests.analysis.recordings import record
@@ -28,97 +31,124 @@ def session(tmp_path: Path) -> Path:
 
 
 def settle(folder: Path) -> None:
-    """Files just written are not known by their time of change; make them older."""
+    """Make the files older: the cache does not trust the mtime of a file just written."""
     for part in folder.glob("part-*.h5"):
         os.utime(part, ns=(10**18, 10**18 + part.stat().st_mtime_ns % 10**9))
 
 
-def made(
+def analyse(
     session: Path, out: Path, cache: Cache, parameters: EncoderParameters = DEFAULT
 ) -> RepresentationSet:
     out.mkdir()
-    return represent(join_sessions([session]), parameters, out, kept=cache)
+    return represent(join_sessions([session]), parameters, out, resources=Resources(cache=cache))
 
 
-def same(one: RepresentationSet, two: RepresentationSet) -> None:
+def assert_equal(one: RepresentationSet, two: RepresentationSet) -> None:
     assert one.files.keys() == two.files.keys()
     for key in one.files:
         assert one.files[key].read_bytes() == two.files[key].read_bytes()
 
 
+def entry_of_format_1(arrays: dict[str, np.ndarray[Any, Any]]) -> bytes:
+    """Return an entry as older versions wrote it: a hash, a list of arrays, and their bytes."""
+    listing = json.dumps([(name, a.dtype.str, a.shape) for name, a in arrays.items()]).encode()
+    body = listing + b"".join(array.tobytes() for array in arrays.values())
+    checksum = hash_array(np.frombuffer(body, np.uint8))
+    return b"rigctl entry 1\n\0" + struct.pack("<QI", checksum, len(listing)) + body
+
+
 def test_a_second_run_encodes_nothing(session: Path, tmp_path: Path) -> None:
     first, second = Cache(tmp_path / "cache"), Cache(tmp_path / "cache")
-    fresh = made(session, tmp_path / "one", first)
+    fresh = analyse(session, tmp_path / "one", first)
     conditions = len(TEXTURES) * len(SPEEDS)
-    assert (first.found, first.missed) == (0, 1 + 2 * conditions)
-    again = made(session, tmp_path / "two", second)
-    assert (second.found, second.missed) == (1 + 2 * conditions, 0)
-    same(fresh, again)
-    same(fresh, made(session, tmp_path / "three", Cache()))
+    assert (first.hits, first.misses) == (0, 1 + 2 * conditions)
+    again = analyse(session, tmp_path / "two", second)
+    assert (second.hits, second.misses) == (1 + 2 * conditions, 0)
+    assert_equal(fresh, again)
+    assert_equal(fresh, analyse(session, tmp_path / "three", Cache()))
     assert fresh.force is not None and again.force is not None
     np.testing.assert_array_equal(fresh.force.evaluations, again.force.evaluations)
 
 
-def test_other_numbers_and_other_bytes_are_encoded_anew(session: Path, tmp_path: Path) -> None:
-    made(session, tmp_path / "one", Cache(tmp_path / "cache"))
+def test_other_parameters_and_samples_are_encoded_again(session: Path, tmp_path: Path) -> None:
+    analyse(session, tmp_path / "one", Cache(tmp_path / "cache"))
     other = Cache(tmp_path / "cache")
-    made(session, tmp_path / "two", other, PRESETS["explicit"])
-    assert (other.found, other.missed) == (1, 2 * len(TEXTURES) * len(SPEEDS))
+    analyse(session, tmp_path / "two", other, PRESETS["explicit"])
+    assert (other.hits, other.misses) == (1, 2 * len(TEXTURES) * len(SPEEDS))
     with h5py.File(session / "part-0001.h5", "r+") as part:
         first, samples = int(part["trials"][0]["first_sample"]), part["taxels/samples"]
         samples[first + 5 : first + 55] = np.sort(samples[first + 5 : first + 55], axis=0)
     settle(session)
     changed = Cache(tmp_path / "cache")
-    fresh = made(session, tmp_path / "three", changed)
+    fresh = analyse(session, tmp_path / "three", changed)
     # One file's ranges, the trial's own condition, and the mean of C over textures at its speed.
-    assert changed.missed == 1 + 1 + len(TEXTURES)
-    same(fresh, made(session, tmp_path / "four", Cache()))
+    assert changed.misses == 1 + 1 + len(TEXTURES)
+    assert_equal(fresh, analyse(session, tmp_path / "four", Cache()))
 
 
-def test_a_broken_entry_is_worked_out_again(session: Path, tmp_path: Path) -> None:
+def test_a_damaged_or_old_entry_is_computed_and_replaced(session: Path, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
-    fresh = made(session, tmp_path / "one", Cache(cache))
+    fresh = analyse(session, tmp_path / "one", Cache(cache))
     entries = sorted(cache.glob("??/*.entry"))
     entries[0].write_bytes(b"")
     entries[1].write_bytes(entries[1].read_bytes()[:-1])
-    broken = bytearray(entries[2].read_bytes())
-    broken[-1] ^= 1
-    entries[2].write_bytes(broken)
+    damaged = bytearray(entries[2].read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    entries[2].write_bytes(damaged)
     entries[3].write_bytes(b"something else entirely")
+    entries[4].write_bytes(entry_of_format_1({"plain": np.zeros((2, 36, 5), np.uint8)}))
     again = Cache(cache)
-    same(fresh, made(session, tmp_path / "two", again))
-    assert again.missed == 4
+    assert_equal(fresh, analyse(session, tmp_path / "two", again))
+    assert again.misses == 5
     last = Cache(cache)
-    same(fresh, made(session, tmp_path / "three", last))
-    assert last.missed == 0
+    assert_equal(fresh, analyse(session, tmp_path / "three", last))
+    assert last.misses == 0
 
 
-def test_what_was_done_before_an_interruption_is_kept(session: Path, tmp_path: Path) -> None:
+def test_results_before_an_interruption_stay_in_the_cache(session: Path, tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
 
     def interrupt(stage: str, done: int, all_: int) -> None:
         if stage.startswith("searching") and done == 3:
             raise KeyboardInterrupt
 
-    with processes(2) as crew, pytest.raises(KeyboardInterrupt):
+    with local_executor(2) as executor, pytest.raises(KeyboardInterrupt):
         joined, cache = join_sessions([session]), Cache(tmp_path / "cache")
-        represent(joined, DEFAULT, tmp_path / "one", kept=cache, crew=crew, progress=interrupt)
+        resources = Resources(executor, cache, interrupt)
+        represent(joined, DEFAULT, tmp_path / "one", resources=resources)
     resumed = Cache(tmp_path / "cache")
-    fresh = made(session, tmp_path / "two", resumed)
-    assert resumed.found == 1 + 3
-    same(fresh, made(session, tmp_path / "three", Cache()))
+    fresh = analyse(session, tmp_path / "two", resumed)
+    assert resumed.hits == 1 + 3
+    assert_equal(fresh, analyse(session, tmp_path / "three", Cache()))
 
 
 def test_a_file_that_was_just_written_is_read_again(session: Path, tmp_path: Path) -> None:
-    made(session, tmp_path / "one", Cache(tmp_path / "cache"))
+    analyse(session, tmp_path / "one", Cache(tmp_path / "cache"))
     (session / "part-0001.h5").touch()
     again = Cache(tmp_path / "cache")
-    made(session, tmp_path / "two", again)
-    assert again.missed == 1
+    analyse(session, tmp_path / "two", again)
+    assert again.misses == 1
 
 
-def test_the_longest_unused_goes_first(tmp_path: Path) -> None:
-    cache = Cache(tmp_path, most_bytes=3000)
+def test_an_entry_is_read_whole_or_not_at_all(tmp_path: Path) -> None:
+    cache = Cache(tmp_path)
+    arrays = {"counts": np.arange(40, dtype=np.uint8).reshape(4, 10), "c": np.ones(2)}
+    cache.put("aa", arrays)
+    entry = tmp_path / "aa" / "aa.entry"
+    with np.load(entry, allow_pickle=False) as archive:
+        np.testing.assert_array_equal(archive["counts"], arrays["counts"])
+    whole = entry.read_bytes()
+    for place in range(len(whole)):
+        entry.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+        assert cache.get("aa") is None, place
+    entry.write_bytes(whole)
+    found = cache.get("aa")
+    assert found is not None and list(found) == list(arrays)
+    assert found["counts"].dtype == np.uint8 and "aa" in cache
+
+
+def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:
+    cache = Cache(tmp_path, max_bytes=3000)
     for number, name in enumerate(("aa", "bb", "cc")):
         cache.put(name, {"x": np.zeros(1000, np.uint8)})
         os.utime(tmp_path / name / f"{name}.entry", (number, number))
@@ -130,18 +160,23 @@ def test_the_longest_unused_goes_first(tmp_path: Path) -> None:
     assert cache.get("aa") is not None and cache.get("cc") is not None
 
 
-def test_a_cache_that_cannot_be_written_ends_nothing(session: Path, tmp_path: Path) -> None:
+def test_an_unwritable_cache_does_not_end_the_analysis(session: Path, tmp_path: Path) -> None:
     (tmp_path / "cache").write_text("a file, not a folder")
     cache = Cache(tmp_path / "cache")
-    result = made(session, tmp_path / "one", cache)
-    assert "nothing more was kept" in result.remarks[-1]
+    result = analyse(session, tmp_path / "one", cache)
+    assert "cannot be written" in result.remarks[-1]
     cache.trim()
 
 
-def test_keys_tell_parts_and_types_apart() -> None:
+def test_keys_distinguish_parts_and_types() -> None:
     zero = np.zeros(2, np.uint8)
-    keys = [key_of("ab", "c"), key_of("a", "bc"), key_of(zero), key_of(zero.view(np.int8))]
-    assert len({*keys, key_of(zero.reshape(1, 2)), key_of()}) == 6
+    keys = [
+        cache_key("ab", "c"),
+        cache_key("a", "bc"),
+        cache_key(zero),
+        cache_key(zero.view(np.int8)),
+    ]
+    assert len({*keys, cache_key(zero.reshape(1, 2)), cache_key()}) == 6
 
 
 def test_the_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,19 +190,19 @@ def test_the_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> 
     ("text", "expected"),
     [(b"", 0x2D06800538D394C2), (b"a", 0xE6C632B61E964E1F), (b"abc", 0x78AF5F94892F3950)],
 )
-def test_contents_have_the_same_name_for_good(text: bytes, expected: int) -> None:
-    """The names stand in files of spikes."""
-    assert hash_of(np.frombuffer(text, np.uint8)) == expected
+def test_hashes_never_change(text: bytes, expected: int) -> None:
+    """Files of spikes hold them."""
+    assert hash_array(np.frombuffer(text, np.uint8)) == expected
 
 
 @pytest.mark.parametrize("n_taxels", [1, 5, 18])
 @pytest.mark.parametrize("n", [1, 2, 31, 33, 700])
-def test_a_look_gives_range_and_hash(n: int, n_taxels: int) -> None:
+def test_a_fingerprint_is_range_and_hash(n: int, n_taxels: int) -> None:
     samples = np.random.default_rng(n).integers(0, 1024, (n, n_taxels)).astype(np.uint16)
-    memory = np.zeros((4 + n, n_taxels), np.uint16)
-    memory[4:] = samples
-    hashes, low, high = look_at(memory, np.array([0, 4]), np.array([3, n]))
-    assert hashes.tolist() == [hash_of(memory[:3]), hash_of(samples)]
+    block = np.zeros((4 + n, n_taxels), np.uint16)
+    block[4:] = samples
+    hashes, low, high = fingerprint(block, np.array([0, 4]), np.array([3, n]))
+    assert hashes.tolist() == [hash_array(block[:3]), hash_array(samples)]
     assert low[0].max() == high[0].max() == 0
     np.testing.assert_array_equal(low[1], samples.min(axis=0))
     np.testing.assert_array_equal(high[1], samples.max(axis=0))

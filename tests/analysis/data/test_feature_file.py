@@ -14,10 +14,10 @@ def test_rows_are_read_where_they_were_written_and_others_are_zero(tmp_path: Pat
     expected = np.zeros((12, 7))
     file = FeatureFile(path, 12, 7)
     for seed, rows in enumerate(([1, 2, 3], [0, 5, 6, 9], [11])):
-        room = file.room(len(rows))
-        room[:] = expected[rows] = np.random.default_rng(seed).normal(size=(len(rows), 7))
-        file.write(rows, room)
-    file.close(for_others=True)
+        buffer = file.buffer(len(rows))
+        buffer[:] = expected[rows] = np.random.default_rng(seed).normal(size=(len(rows), 7))
+        file.write(rows, buffer)
+    file.close(sync=True)
     for mode in (None, "r"):
         found = np.load(path, mmap_mode=mode)
         assert found.dtype == np.float64

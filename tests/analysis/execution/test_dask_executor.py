@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.execution import dask_executor
 from rigctl.analysis.features.representations import represent
@@ -80,11 +81,13 @@ def test_results_are_equal_although_a_worker_is_killed(
             os.kill(cluster.pids[0], signal.SIGKILL)
         steps.append((stage, done))
 
-    with dask_executor.dask_executor(cluster.two) as crew:
-        assert crew.shares_disk and crew.remarks == ()
-        crew.must_see([session, tmp_path])
-        together = represent(trials, DEFAULT, folders[1], crew=crew, progress=progress)
-        results, _ = run_tasks(together, SETTINGS, crew=crew, progress=progress)
+    with dask_executor.dask_executor(cluster.two) as executor:
+        assert executor.is_local and executor.remarks == ()
+        executor.check_visible([session, tmp_path])
+        together = represent(
+            trials, DEFAULT, folders[1], resources=Resources(executor, progress=progress)
+        )
+        results, _ = run_tasks(together, SETTINGS, executor=executor, progress=progress)
     assert {key: path.read_bytes() for key, path in alone.files.items()} == {
         key: path.read_bytes() for key, path in together.files.items()
     }
@@ -96,16 +99,16 @@ def test_who_does_not_fit_is_refused_by_name(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nowhere = tmp_path / "nowhere"
-    with dask_executor.dask_executor(cluster.two) as crew:
+    with dask_executor.dask_executor(cluster.two) as executor:
         with pytest.raises(WrongUse, match=f"worker tcp://.* does not see {nowhere}"):
-            crew.must_see([tmp_path, nowhere])
+            executor.check_visible([tmp_path, nowhere])
         monkeypatch.setattr(dask_executor, "_listing", lambda folder: (("part-0001.h5", 7),))
         with pytest.raises(WrongUse, match=f"sees other files in {tmp_path}"):
-            crew.must_see([tmp_path])
+            executor.check_visible([tmp_path])
         monkeypatch.setattr(dask_executor, "__version__", "9.9.9")
         dask_executor._build.cache_clear()
         with pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl .*, this machine 9\.9\.9"):
-            list(crew.map(abs, [-1]))
+            list(executor.map(abs, [-1]))
     with (
         pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl"),
         dask_executor.dask_executor(cluster.two),
@@ -116,10 +119,10 @@ def test_who_does_not_fit_is_refused_by_name(
 
 def test_a_jobs_own_failure_is_told_as_it_is(cluster: Cluster) -> None:
     with (
-        dask_executor.dask_executor(cluster.two) as crew,
+        dask_executor.dask_executor(cluster.two) as executor,
         pytest.raises(FileNotFoundError, match="no-such-folder"),
     ):
-        list(crew.map(os.listdir, ["/no-such-folder"]))
+        list(executor.map(os.listdir, ["/no-such-folder"]))
 
 
 def test_interrupted_it_leaves_nothing_to_do(cluster: Cluster, session: Path) -> None:
@@ -130,8 +133,9 @@ def test_interrupted_it_leaves_nothing_to_do(cluster: Cluster, session: Path) ->
             raise KeyboardInterrupt
 
     trials = join_sessions([session])
-    with pytest.raises(KeyboardInterrupt), dask_executor.dask_executor(cluster.two) as crew:
-        represent(trials, DEFAULT, session.parent, crew=crew, progress=interrupt)
+    with pytest.raises(KeyboardInterrupt), dask_executor.dask_executor(cluster.two) as executor:
+        resources = Resources(executor, progress=interrupt)
+        represent(trials, DEFAULT, session.parent, resources=resources)
     with Client(cluster.two, set_as_default=False) as client:
         assert not any(client.who_has().values())
         assert client.submit(abs, -1).result() == 1
@@ -159,11 +163,11 @@ def test_workers_that_stay_away_end_the_wait(
 ) -> None:
     from distributed import Client
 
-    monkeypatch.setattr(dask_executor, "LOOK_EVERY_S", 0.05)
+    monkeypatch.setattr(dask_executor, "POLL_S", 0.05)
     with Client(cluster.none, set_as_default=False) as client:
-        crew = dask_executor.DaskExecutor(client, {})
+        executor = dask_executor.DaskExecutor(client, {})
         with pytest.raises(WorkersLost, match="has had no worker"):
-            list(crew.map(abs, [-1]))
+            list(executor.map(abs, [-1]))
 
 
 def test_a_lost_scheduler_is_one_sentence(

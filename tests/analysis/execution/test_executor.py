@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from threadpoolctl import threadpool_info
 
-from rigctl.analysis.execution.executor import HERE, processes
+from rigctl.analysis.execution.executor import SERIAL, local_executor
 
 
 def blas_threads(_job: int) -> list[int]:
@@ -16,7 +16,7 @@ def blas_threads(_job: int) -> list[int]:
 
 
 def test_linear_algebra_keeps_to_one_thread_in_every_process() -> None:
-    with processes(2) as crew:
-        found = list(crew.map(blas_threads, range(4)))
+    with local_executor(2) as executor:
+        found = list(executor.map(blas_threads, range(4)))
     assert found == [[1, 1]] * 4
-    assert list(HERE.map(blas_threads, [0])) == [[1, 1]]
+    assert list(SERIAL.map(blas_threads, [0])) == [[1, 1]]

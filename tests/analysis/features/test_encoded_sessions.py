@@ -10,10 +10,10 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.cache import Cache
-from rigctl.analysis.data.trial_set import join_sessions, opened
+from rigctl.analysis.data.cache import Cache, Resources
+from rigctl.analysis.data.condition_tasks import c_per_trial
+from rigctl.analysis.data.trial_set import join_sessions, open_trials
 from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
-from rigctl.analysis.features.spike_counts import Resources, c_of_trials
 from rigctl.cli import main
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED, trial_features
@@ -50,17 +50,15 @@ def test_spikes_windows_and_c_are_those_of_the_trials(
     days: list[Path], tmp_path: Path, scaled_by: ScaledBy
 ) -> None:
     trials = join_sessions(days)
-    trials = trials.without(
-        [i for i, t in enumerate(trials.trials) if not t.place.complete], "gaps"
-    )
-    with opened(trials.files) as reader:
-        samples = [reader.of(trial) for trial in trials.trials]
+    trials = trials.without_gaps()
+    with open_trials(trials.files) as reader:
+        samples = [reader.read(trial) for trial in trials.trials]
     ranges = Normalisation.over(samples, "")
     with encode(days, tmp_path / "out", scaled_by=scaled_by) as file:
         force = read_force(file["c"])
         scale = None
         if scaled_by is not ScaledBy.NONE:
-            scale = c_of_trials(trials, force, blind=scaled_by is ScaledBy.BLIND)
+            scale = c_per_trial(trials.trials, force, blind=scaled_by is ScaledBy.BLIND)
         expected = encode_trials(samples, ranges, sa_scale=scale)
         ptr, sample = file["spikes/ptr"][:], file["spikes/sample"][:]
         assert ptr.dtype == np.int64 and sample.dtype == np.int32
@@ -129,12 +127,12 @@ def test_an_interruption_leaves_no_folder_and_is_gone_on_from(
     request = EncodeRequest(tuple(days), tmp_path / "out")
     with pytest.raises(KeyboardInterrupt):
         encode_sessions(
-            request, WHEN, Resources(kept=Cache(tmp_path / "cache"), progress=interrupt)
+            request, WHEN, Resources(cache=Cache(tmp_path / "cache"), progress=interrupt)
         )
     assert not (tmp_path / "out").exists() and not (tmp_path / "out.partial").exists()
     again = Cache(tmp_path / "cache")
-    encode_sessions(request, WHEN, Resources(kept=again))
-    assert again.found == 2 + 6 and (tmp_path / "out" / "spikes.h5").is_file()
+    encode_sessions(request, WHEN, Resources(cache=again))
+    assert again.hits == 2 + 6 and (tmp_path / "out" / "spikes.h5").is_file()
 
 
 def test_ranges_come_from_all_from_training_or_from_a_file(
@@ -142,7 +140,7 @@ def test_ranges_come_from_all_from_training_or_from_a_file(
 ) -> None:
     words = ["encode", str(days[0]), "--no-cache", "--out"]
     assert main([*words, str(tmp_path / "training"), "--ranges", "training"]) == 0
-    assert "readings outside are cut off" in capsys.readouterr().out
+    assert "readings outside are clipped" in capsys.readouterr().out
     narrow = load_ranges(tmp_path / "training" / "spikes.h5")
     assert main([*words, str(tmp_path / "all")]) == 0
     wide = load_ranges(tmp_path / "all" / "spikes.h5")

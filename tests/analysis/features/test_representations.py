@@ -7,10 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.trial_set import join_sessions, opened
-from rigctl.analysis.execution.executor import processes
-from rigctl.analysis.features.representations import force_sentence, represent, status_counts
-from rigctl.analysis.features.spike_counts import c_of_trials
+from rigctl.analysis.data.cache import Resources
+from rigctl.analysis.data.condition_tasks import c_per_trial
+from rigctl.analysis.data.trial_set import join_sessions, open_trials
+from rigctl.analysis.execution.executor import local_executor
+from rigctl.analysis.features.representations import (
+    count_search_statuses,
+    force_sentence,
+    represent,
+)
 from rigctl.encoding.features import feature_matrices
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError
@@ -32,8 +37,8 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     made = represent(joined, DEFAULT, tmp_path)
     assert len(made.trials.trials) == 17
     assert any("1 trial left out for gaps in their samples: 9" in said for said in made.remarks)
-    with opened(made.trials.files) as reader:
-        samples = [reader.of(trial) for trial in made.trials.trials]
+    with open_trials(made.trials.files) as reader:
+        samples = [reader.read(trial) for trial in made.trials.trials]
     speeds = [trial.speed_mm_s for trial in made.trials.trials]
     layouts = (made.unscaled, made.scaled)
     plain = feature_matrices(samples, speeds, made.normalisation, layouts)
@@ -46,7 +51,7 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     assert made.force is not None
     matrix = made.force
     for way, blind in (("force", False), ("force_blind", True)):
-        c = c_of_trials(made.trials, matrix, blind=blind)
+        c = c_per_trial(made.trials.trials, matrix, blind=blind)
         forced = feature_matrices(samples, speeds, made.normalisation, layouts, sa_scale=c)
         np.testing.assert_array_equal(by_key[way], forced[0])
         np.testing.assert_array_equal(by_key[way.replace("force", "speed_force")], forced[1])
@@ -56,7 +61,7 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     assert not np.array_equal(by_key["force"], by_key["force_blind"])
     assert all(np.isfinite(matrix).all() for matrix in by_key.values())
     assert made.force is not None
-    assert sum(status_counts(made.force).values()) == 2 * 3 * 18
+    assert sum(count_search_statuses(made.force).values()) == 2 * 3 * 18
     assert "(the paper: 62 of 4,320)" in force_sentence(made.force)
 
 
@@ -66,8 +71,10 @@ def test_processes_give_equal_features(tmp_path: Path) -> None:
     for folder in folders:
         folder.mkdir()
     alone = represent(join_sessions([session]), DEFAULT, folders[0])
-    with processes(2) as crew:
-        together = represent(join_sessions([session]), DEFAULT, folders[1], crew=crew)
+    with local_executor(2) as executor:
+        together = represent(
+            join_sessions([session]), DEFAULT, folders[1], resources=Resources(executor)
+        )
     for representation in alone.present:
         first, second = (made.files[representation.key] for made in (alone, together))
         assert first.read_bytes() == second.read_bytes()

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.features.representations import REPRESENTATIONS, represent
 from rigctl.analysis.paper.sensitivity import ORDER, STAGE, mean_rates_hz
@@ -49,7 +50,7 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
 
     settings = SweepSettings(iterations=2, k_max=12, seed=5, tasks=("textures",))
     request = report_folder.ReportRequest((session,), tmp_path / "r", settings, sensitivity=True)
-    report_folder.make_report(request, "2026-11-21T12:00:00Z", progress=listen)
+    report_folder.make_report(request, "2026-11-21T12:00:00Z", Resources(progress=listen))
     plain = json.loads((tmp_path / "r" / "results.json").read_text())
     rows = plain["sensitivity"]["rows"]
     assert list(dict.fromkeys(row["preset"] for row in rows)) == list(ORDER)

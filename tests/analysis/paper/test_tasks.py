@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.splits import Design, Split, splits, stratified_folds
-from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
+from rigctl.analysis.classification.splits import Design, Split, make_splits, stratified_folds
+from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.execution.executor import processes
+from rigctl.analysis.execution.executor import local_executor
 from rigctl.analysis.features.representations import RepresentationSet, represent
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.encoding.parameters import DEFAULT
@@ -33,13 +33,13 @@ def design(
 
 def test_the_papers_numbers_of_trials_come_out() -> None:
     whole = design(100)
-    folds = splits(whole, "folds", 1, 0)
+    folds = make_splits(whole, "folds", 1, 0)
     assert [len(fit.train) for fit in folds] == [6000] * 4
     assert [len(fit.tests["textures"]) for fit in folds] == [2000] * 4
     drawn = np.concatenate([fit.tests["textures"] for fit in folds])
     assert len(np.unique(drawn)) == 8000
     assert (np.bincount(whole.texture[drawn]) == 500).all()
-    (fit,) = splits(whole, "extrapolation", 1, 0)
+    (fit,) = make_splits(whole, "extrapolation", 1, 0)
     assert len(fit.train) == 7200
     assert {key: len(rows) for key, rows in fit.tests.items()} == {
         "untrained-both": 800, "untrained-force": 1200,
@@ -69,7 +69,7 @@ def test_folds_test_every_row_once_and_spread_the_classes() -> None:
 def test_draws_are_repeatable_and_differ_between_iterations() -> None:
     small = design(4, "ABG")
     for family in ("folds", "extrapolation", "leave-speed-out"):
-        first, again, other = (splits(small, family, 1, i)[0].train for i in (0, 0, 1))
+        first, again, other = (make_splits(small, family, 1, i)[0].train for i in (0, 0, 1))
         np.testing.assert_array_equal(first, again)
         assert not np.array_equal(np.sort(first), np.sort(other))
 
@@ -80,7 +80,7 @@ def test_a_level_that_is_left_out_is_never_learnt() -> None:
         ("leave-speed-out", small.speed_mm_s),
         ("leave-force-out", small.force_g),
     ):
-        fits = splits(small, family, 0, 0)
+        fits = make_splits(small, family, 0, 0)
         assert len(fits) == len(np.unique(levels))
         for fit in fits:
             asked = fit.tests[family]
@@ -117,8 +117,8 @@ def test_both_engines_give_equal_answers(made: RepresentationSet) -> None:
 def test_processes_give_equal_answers(made: RepresentationSet) -> None:
     chosen = SweepSettings(iterations=2, k_max=4, tasks=("textures",))
     alone, _ = run_tasks(made, chosen)
-    with processes(2) as crew:
-        together, _ = run_tasks(made, chosen, crew=crew)
+    with local_executor(2) as executor:
+        together, _ = run_tasks(made, chosen, executor=executor)
     for a, b in zip(alone[0].curves, together[0].curves, strict=True):
         np.testing.assert_array_equal(a.accuracy, b.accuracy)
 
@@ -155,10 +155,10 @@ def test_components_without_variance_are_set_aside_not_divided_by() -> None:
     features[:, 1:4] = rng.normal(0, 1, (36, 3))
     fit = [Split(np.arange(0, 36, 2), {"textures": np.arange(1, 36, 2)})]
     for engine in SweepEngine:
-        (found,) = answer(features, {"textures": labels}, fit, 8, engine)
+        (found,) = predict_splits(features, {"textures": labels}, fit, 8, engine)
         assert found.beyond_rank == 4
         assert found.predictions["textures"].shape == (8, 18)
-    (ours,) = answer(np.full((36, 5), 7.0), {"textures": labels}, fit, 3, SweepEngine.OWN)
+    (ours,) = predict_splits(np.full((36, 5), 7.0), {"textures": labels}, fit, 3, SweepEngine.OWN)
     assert ours.without_variance >= 1
     assert set(ours.predictions["textures"].ravel()) <= {0, 1, 2}
 

@@ -14,9 +14,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from rigctl.analysis.data.cache import Cache
+from rigctl.analysis.data.cache import Cache, Resources
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions
-from rigctl.analysis.execution.executor import processes
+from rigctl.analysis.execution.executor import local_executor
 from rigctl.analysis.features.representations import represent
 from rigctl.encoding.parameters import DEFAULT
 
@@ -46,23 +46,27 @@ def evenly(trials: TrialSet, n: int) -> TrialSet:
     return replace(trials, trials=tuple(chosen))
 
 
-def main(session: str, n: str, workers: str, kept: str) -> None:
+def main(session: str, n: str, workers: str, cache_folder: str) -> None:
     paths = [Path(session)]
     for part in paths[0].glob("part-*.h5"):
         with part.open("rb") as file:
             while file.read(1 << 24):
                 pass
-    with processes(int(workers)) as crew:
+    with local_executor(int(workers)) as executor:
         with tempfile.TemporaryDirectory() as folder:
-            represent(evenly(join_sessions(paths), WARM_TRIALS), DEFAULT, Path(folder), crew=crew)
+            represent(
+                evenly(join_sessions(paths), WARM_TRIALS),
+                DEFAULT,
+                Path(folder),
+                resources=Resources(executor),
+            )
         stamps, cpu = Stamps(), time.process_time()
         with tempfile.TemporaryDirectory() as folder:
             start = time.perf_counter()
             trials = evenly(join_sessions(paths), int(n))
-            cache = Cache(Path(kept) if kept else None)
-            made = represent(
-                trials, DEFAULT, Path(folder), kept=cache, crew=crew, progress=stamps.show
-            )
+            cache = Cache(Path(cache_folder) if cache_folder else None)
+            resources = Resources(executor, cache, stamps.show)
+            made = represent(trials, DEFAULT, Path(folder), resources=resources)
             end = time.perf_counter()
             sizes = {key: file.stat().st_size for key, file in made.files.items()}
     four = stamps.began["encoding with a C that is known"] - start
@@ -72,15 +76,15 @@ def main(session: str, n: str, workers: str, kept: str) -> None:
     )
     answer = {
         "trials": len(trials.trials),
-        "trial_s": sum(t.place.stop - t.place.start for t in trials.trials) / 1000,
+        "trial_s": sum(t.n_samples for t in trials.trials) / 1000,
         "four_s": four,
         "six_s": end - start,
         "cpu_s": time.process_time() - cpu,
         "peak_mib": own + others,
         "feature_bytes": sum(sizes.values()),
         "load": os.getloadavg()[0],
-        "found": cache.found,
-        "missed": cache.missed,
+        "found": cache.hits,
+        "missed": cache.misses,
     }
     print(json.dumps(answer))
 

@@ -136,9 +136,9 @@ def peer_factor(trials: TrialSet) -> float:
     some = trials.trials[:PEER_TRIALS]
     start, samples_in_all = time.perf_counter(), 0
     for trial in some:
-        file = trials.files[trial.place.file]
+        file = trials.files[trial.sample_range.file]
         with h5py.File(file.path) as part:
-            samples = part["taxels/samples"][trial.place.start : trial.place.stop]
+            samples = part["taxels/samples"][trial.sample_range.start : trial.sample_range.stop]
         samples_in_all += len(samples)
         for factor in (1.0, 1.1):
             drive = currents(samples, DEFAULT)

@@ -16,8 +16,8 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.classification.splits import Design, Split, splits
-from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
+from rigctl.analysis.classification.splits import Design, Split, make_splits
+from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.analysis.paper import published
 from tests.benchmarks.encoder._peers import row
 
@@ -36,7 +36,7 @@ def measure() -> Iterator[dict[str, Any]]:
         for width, times in WIDTHS.items():
             features = made_up(whole, width)
             for family in FAMILIES:
-                fits = splits(whole, family, 0, 0)
+                fits = make_splits(whole, family, 0, 0)
                 ours_s += published.ITERATIONS * times * _ours_s(features, whole, fits, family)
                 theirs_s += published.ITERATIONS * times * _theirs_s(features, whole, fits, family)
     note = (
@@ -71,7 +71,7 @@ def made_up(of: Design, width: int) -> NDArray[np.float64]:
 def _ours_s(features: Any, of: Design, fits: list[Split], family: str) -> float:
     labels = {task.key: of.labels(task) for task in published.TASKS if task.family == family}
     start = time.perf_counter()
-    answer(features, labels, fits, published.K_MAX, SweepEngine.OWN)
+    predict_splits(features, labels, fits, published.K_MAX, SweepEngine.OWN)
     return time.perf_counter() - start
 
 

@@ -24,13 +24,14 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.classification.splits import Design, splits
-from rigctl.analysis.classification.sweep_engines import SweepEngine, answer
-from rigctl.analysis.data.condition_tasks import counted_condition
+from rigctl.analysis.classification.splits import Design, make_splits
+from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
+from rigctl.analysis.data.cache import Resources
+from rigctl.analysis.data.condition_tasks import count_condition
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions
-from rigctl.analysis.execution.executor import Job, Result, ThreadExecutor
+from rigctl.analysis.execution.executor import R, SerialExecutor, T
 from rigctl.analysis.features.representations import REPRESENTATIONS, represent
-from rigctl.analysis.features.spike_counts import CHUNK, Resources, groups_of, prepare
+from rigctl.analysis.features.spike_counts import CHUNK, group_by_condition, prepare_trials
 from rigctl.analysis.paper import published
 from rigctl.encoding.parameters import DEFAULT
 from tests.analysis.recordings import record
@@ -95,46 +96,46 @@ def _of_session(session: Path) -> dict[str, Any]:
         "session_bytes": sum(f.stat().st_size for f in session.iterdir()) / n,
         "join_s": took / n,
         "table_bytes": kept / len(again.trials),
-        "draw_job_bytes": len(pickle.dumps(Design.of(joined))) / n,
+        "draw_job_bytes": len(pickle.dumps(Design.from_trials(joined))) / n,
         "memory_bytes": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
         "chunk_trials": CHUNK,
     }
 
 
-class _Timed(ThreadExecutor):
-    """One process that counts the time spent in pieces of work."""
+class _Timed(SerialExecutor):
+    """A serial executor that counts the processor time of its tasks."""
 
     work_s = 0.0
 
-    def map(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """As :class:`ThreadExecutor`, by the clock."""
-        return super().map(partial(self._done, work), jobs)
+    def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """As :class:`SerialExecutor`, by the clock."""
+        return super().map(partial(self._run, function), tasks)
 
-    def map_unlocked(self, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """As :class:`ThreadExecutor`, by the clock."""
-        return super().map_unlocked(partial(self._done, work), jobs)
+    def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
+        """As :class:`SerialExecutor`, by the clock."""
+        return super().map_nogil(partial(self._run, function), tasks)
 
-    def _done(self, work: Callable[[Job], Result], job: Job) -> Result:
+    def _run(self, function: Callable[[T], R], task: T) -> R:
         begun = time.process_time()
-        result = work(job)
+        result = function(task)
         self.work_s += time.process_time() - begun
         return result
 
 
 def _of_encoding(trials: TrialSet, folder: Path) -> dict[str, Any]:
     """Pieces of work and what the first process does beside them; bytes that they make."""
-    ground = prepare(trials, Resources())
-    group = groups_of(ground, DEFAULT, 500.0, with_c=True)[0]
-    counts = counted_condition(group.condition)  # compiles what was not
+    prepared = prepare_trials(trials, Resources())
+    group = group_by_condition(prepared, DEFAULT, 500.0, search_c=True)[0]
+    counts = count_condition(group.condition)  # compiles what was not
     took: dict[str, float] = {}
     for way in ("first", "second"):
-        out, crew = folder / way, _Timed()
+        out, executor = folder / way, _Timed()
         out.mkdir()
         begun = time.process_time()
-        made = represent(trials, DEFAULT, out, crew=crew)
+        made = represent(trials, DEFAULT, out, resources=Resources(executor))
         whole = time.process_time() - begun
-        if not took or crew.work_s < took["work"]:
-            took = {"work": crew.work_s, "beside": whole - crew.work_s}
+        if not took or executor.work_s < took["work"]:
+            took = {"work": executor.work_s, "beside": whole - executor.work_s}
     n, of_group = len(trials.trials), len(group.rows)
     samples = sum(group.condition.lengths) * trials.n_taxels * 2
     return {
@@ -173,7 +174,7 @@ def _of_draws() -> dict[str, Any]:
             features = made_up(whole, width)
             same = sum((2160 if not r.speed_scaled else 720) == width for r in REPRESENTATIONS)
             for family in ("folds", "extrapolation"):
-                fits = splits(whole, family, 0, 0)
+                fits = make_splits(whole, family, 0, 0)
                 drawn = np.unique(np.concatenate([np.r_[f.train, *f.tests.values()] for f in fits]))
                 rows = max(rows, len(drawn) / n)
                 seconds += same * _answered_s(features, whole, fits, family)
@@ -192,7 +193,7 @@ def _answered_s(features: Any, of: Design, fits: Any, family: str) -> float:
     took = []
     for _ in range(2):
         begun = time.process_time()
-        answer(features, labels, fits, published.K_MAX, SweepEngine.OWN)
+        predict_splits(features, labels, fits, published.K_MAX, SweepEngine.OWN)
         took.append(time.process_time() - begun)
     return min(took)
 
@@ -215,13 +216,13 @@ def _of_dask() -> dict[str, Any]:
     from rigctl.analysis.execution.dask_executor import dask_executor
 
     cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
-    with cluster, dask_executor(cluster.scheduler_address) as crew:
-        list(crew.map(abs, range(20)))
+    with cluster, dask_executor(cluster.scheduler_address) as executor:
+        list(executor.map(abs, range(20)))
         begun = time.process_time()
-        list(crew.map(abs, range(TASKS)))
+        list(executor.map(abs, range(TASKS)))
         task_s = (time.process_time() - begun) / TASKS
         begun = time.process_time()
-        got = sum(a.nbytes for a in crew.map(np.ones, [2**20] * 24))
+        got = sum(a.nbytes for a in executor.map(np.ones, [2**20] * 24))
         travelled = got / (time.process_time() - begun)
     return {"task_s": task_s, "travel_bytes_s": travelled}
 
