@@ -1,4 +1,4 @@
-"""Sessions made by hand; each plate has a wavelength of its own, so textures can be told apart."""
+"""Synthetic sessions; each plate has its own wavelength, so that textures can be classified."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BLOCK = 100
 
 
 def readings(trial: PlannedTrial, n: int, seed: int) -> NDArray[np.uint16]:
-    """Eighteen taxels over a wave of the plate's length, weaker in the lower layer."""
+    """Return readings of 18 taxels over a wave of the plate's length, weaker in the lower layer."""
     rng = np.random.default_rng([seed, trial.trial_id])
     travel = trial.speed_mm_s * np.arange(n)[:, None] / 1000
     place = 5.0 * (np.arange(18) % 9 // 3)
@@ -70,11 +70,13 @@ def record(
         recorder.begin_part("start", textures[0])
         for trial in plan.trials:
             first = counter + IDLE
-            counter = _samples(recorder, trial, counter, seed, trial.trial_id in torn)
+            counter = _record(recorder, trial, counter, seed, trial.trial_id in torn)
             for at in np.arange(first - IDLE + 25, counter, 25):
                 state = drum_state(at / 1000, sequence, first * 1000)
                 sequence += 2
-                recorder.add_drum(_weighed(state, trial, sequence), trial.force_g, trial.speed_mm_s)
+                recorder.add_drum(
+                    _loadcell(state, trial, sequence), trial.force_g, trial.speed_mm_s
+                )
             row = trial_row(trial, first)
             recorder.commit_trial(
                 replace(row, started_s=(first - IDLE) / 1000, ended_s=counter / 1000)
@@ -82,22 +84,22 @@ def record(
     return folder
 
 
-def _samples(recorder: Recorder, trial: PlannedTrial, counter: int, seed: int, torn: bool) -> int:
+def _record(recorder: Recorder, trial: PlannedTrial, counter: int, seed: int, torn: bool) -> int:
     n = IDLE + trial.n_samples + IDLE
-    everything = readings(trial, n, seed)
+    samples = readings(trial, n, seed)
     for start in range(0, n, BLOCK):
         rows = np.arange(start, min(start + BLOCK, n))
         gaps: tuple[Gap, ...] = ()
         if torn and start == IDLE:
             gaps, rows = (Gap(counter + start, 7, "by hand"),), rows[7:]
         zeros = np.zeros(len(rows), np.uint8)
-        block = Block(counter + rows, everything[rows], zeros, zeros, gaps, (counter + start) / 1e3)
+        block = Block(counter + rows, samples[rows], zeros, zeros, gaps, (counter + start) / 1e3)
         recorder.add_block(block)
     return counter + n
 
 
-def _weighed(state: DrumState, trial: PlannedTrial, sequence: int) -> DrumState:
-    """The load cell reads the set-point with a little noise."""
+def _loadcell(state: DrumState, trial: PlannedTrial, sequence: int) -> DrumState:
+    """Return the state with load-cell readings at the set-point plus a little noise."""
     noise = np.random.default_rng(sequence).normal(0, 1.5, len(state.loadcell))
     cells = zip(state.loadcell, noise, strict=True)
     return replace(

@@ -1,4 +1,4 @@
-"""Bad input: handled in a way that the report states, or refused with file and trial named.
+"""Bad input: handled with a remark in the report, or refused with the names of file and trial.
 
 ``docs/reference/analysis.md`` has the table; each of its rows has a test here.
 """
@@ -42,27 +42,27 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def session(good: Path, tmp_path: Path) -> Path:
-    """A copy that a test may spoil."""
+    """Return a copy that a test may damage."""
     return Path(shutil.copytree(good, tmp_path / "session"))
 
 
-def spoil(session: Path, change: Callable[[Any], None]) -> None:
+def damage(session: Path, change: Callable[[Any], None]) -> None:
     for part in part_paths(session):
         with h5py.File(part, "r+") as file:
             change(file)
 
 
-def _say(name: str, value: int, file: Any) -> None:
+def _set_attribute(name: str, value: int, file: Any) -> None:
     file.attrs[name] = value
 
 
-def analysed(session: Path, folder: Path) -> tuple[RepresentationSet, dict[str, Any]]:
-    """The numbers of a report without its figures; JSON takes them only if all are numbers."""
+def analyse(session: Path, folder: Path) -> tuple[RepresentationSet, dict[str, Any]]:
+    """Return the numbers of a report without figures, which JSON takes only if all are finite."""
     features = folder / "features"
     features.mkdir()
     made = represent(join_sessions([session]), DEFAULT, features)
-    results, said = run_tasks(made, FEW)
-    plain = as_plain(made, FEW, results, (*made.remarks, *said), UTC)
+    results, remarks = run_tasks(made, FEW)
+    plain = as_plain(made, FEW, results, (*made.remarks, *remarks), UTC)
     json.dumps(plain, allow_nan=False)
     for representation in made.present:
         assert np.isfinite(made.features(representation)).all()
@@ -87,8 +87,8 @@ def test_trials_with_gaps_and_aborted_ones_are_left_out_and_named(
         counter[rows["first_sample"][2] + 10 :] += 7
         file["/taxels/counter"][:] = counter
 
-    spoil(session, abort_and_tear)
-    made, plain = analysed(session, tmp_path)
+    damage(session, abort_and_tear)
+    made, plain = analyse(session, tmp_path)
     assert len(made.trials.trials) == 24 - 4
     assert f"{session}: attempts left out: 1 aborted, 1 rejected" in remarks_of(plain)
     assert "2 trials left out for gaps in their samples: 3, 4" in remarks_of(plain)
@@ -100,7 +100,7 @@ def test_a_session_without_a_complete_trial_is_refused(session: Path, tmp_path: 
         rows["first_sample"] = -1
         file["/trials"][:] = rows
 
-    spoil(session, tear)
+    damage(session, tear)
     with pytest.raises(SessionError, match=f"{session}: 24 trials .* no complete trial is left"):
         represent(join_sessions([session]), DEFAULT, tmp_path)
 
@@ -116,27 +116,27 @@ def test_other_taxels_layouts_and_rates_are_refused(good: Path, tmp_path: Path) 
     assert main([*words, "--out", str(other)]) == 0
     with pytest.raises(SessionError, match=f"{other} has 3 taxels, {good} has 18"):
         join_sessions([good, other])
-    for name, value, said in (
+    for name, value, message in (
         ("layout_version", 2, "part-0001.h5 has layout version 2, this program reads 1"),
         ("sample_rate_hz", 500, "500 samples a second, not 1000: resample it first"),
     ):
         copy = Path(shutil.copytree(good, tmp_path / name))
-        spoil(copy, partial(_say, name, value))
-        with pytest.raises(SessionError, match=said):
+        damage(copy, partial(_set_attribute, name, value))
+        with pytest.raises(SessionError, match=message):
             join_sessions([copy])
         with pytest.raises(SessionError, match=str(copy)):
             join_sessions([good, copy])
 
 
 def test_missing_force_levels_leave_out_the_force_rows_only(session: Path, tmp_path: Path) -> None:
-    def lose(file: Any) -> None:
+    def abort_some(file: Any) -> None:
         rows = file["/trials"][:]
-        gone = (rows["texture"] == b"B") & (rows["force_g"] == 250) & (rows["speed_mm_s"] == 80)
-        rows["verdict"][gone] = b"aborted"
+        some = (rows["texture"] == b"B") & (rows["force_g"] == 250) & (rows["speed_mm_s"] == 80)
+        rows["verdict"][some] = b"aborted"
         file["/trials"][:] = rows
 
-    spoil(session, lose)
-    made, plain = analysed(session, tmp_path)
+    damage(session, abort_some)
+    made, plain = analyse(session, tmp_path)
     assert [r.key for r in made.present] == ["original", "speed"]
     assert "left out: texture B at 80 mm/s has no trial at 250 g" in remarks_of(plain)
 
@@ -148,16 +148,16 @@ def test_constant_taxels_are_named_and_harmless(session: Path, tmp_path: Path) -
         samples[:, 17] = 0
         file["/taxels/samples"][:] = samples
 
-    spoil(session, freeze)
-    _, plain = analysed(session, tmp_path)
+    damage(session, freeze)
+    _, plain = analyse(session, tmp_path)
     assert "constant taxels, which read 0 and never spike: 5, 18" in remarks_of(plain)
     shares = plain["tasks"]["textures"]["representations"]["speed"]["mean"]
     assert shares[-1] > 0.5
 
 
-def test_a_dead_sensor_is_guesswork_but_no_accident(session: Path, tmp_path: Path) -> None:
-    spoil(session, lambda file: file["/taxels/samples"].__setitem__(slice(None), 300))
-    _, plain = analysed(session, tmp_path)
+def test_a_dead_sensor_gives_chance_accuracy_and_no_error(session: Path, tmp_path: Path) -> None:
+    damage(session, lambda file: file["/taxels/samples"].__setitem__(slice(None), 300))
+    _, plain = analyse(session, tmp_path)
     assert "constant taxels" in remarks_of(plain)
     curve = plain["tasks"]["textures"]["representations"]["original"]
     assert max(curve["mean"]) <= 0.5
@@ -176,20 +176,22 @@ def test_everything_bad_at_once_gives_a_report_of_numbers(session: Path, tmp_pat
         cells["force_g"] = np.nan
         file["/loadcell"][:] = cells
 
-    spoil(session, ruin)
+    damage(session, ruin)
     out = tmp_path / "r"
     words = ["analyse", str(session), "--out", str(out), "--iterations", "1", "--k-max", "4"]
     assert main(words) == 0
     plain = json.loads((out / "results.json").read_text(), parse_constant=_refuse)
-    told = remarks_of(plain)
-    assert "no within-class variance) were set aside" in told
-    assert "constant taxels, which read 0 and never spike: 10, 11" in told
-    assert "Force Scaled representations are left out" in told and "attempts left out: " in told
+    remarks = remarks_of(plain)
+    assert "no within-class variance) were set aside" in remarks
+    assert "constant taxels, which read 0 and never spike: 10, 11" in remarks
+    assert (
+        "Force Scaled representations are left out" in remarks and "attempts left out: " in remarks
+    )
     assert_only_numbers(out)
 
 
 def _same_in_each_class(file: Any) -> None:
-    """Every sample tells the texture and nothing else."""
+    """Make every sample depend on the texture and nothing else."""
     samples, rows = file["/taxels/samples"][:], file["/trials"][:]
     for row in rows:
         start, stop = row["first_sample"], row["first_sample"] + row["count"]
@@ -204,7 +206,7 @@ def _refuse(word: str) -> None:
 
 
 def assert_only_numbers(report: Path) -> None:
-    """No attribute of a figure and no cell of a table is anything but a number."""
+    """Assert that no attribute of a figure and no cell of a table is NaN or infinite."""
     for svg in report.glob("*.svg"):
         for element in ElementTree.parse(svg).iter():
             for name, value in element.attrib.items():
@@ -230,7 +232,7 @@ def test_a_part_still_being_written_gives_what_is_committed(tmp_path: Path) -> N
 
 
 def test_files_cut_short_are_read_as_far_as_they_go_or_refused(good: Path, tmp_path: Path) -> None:
-    """Cut at two dozen places: before, in and behind the tables, the samples, the last byte."""
+    """Cut before, in and behind the tables and the samples, and before the last byte."""
     (part,) = part_paths(good)
     whole = part.read_bytes()
     places = sorted({1, 7, 100, 2_000, 20_000, *range(0, len(whole), len(whole) // 20)})
@@ -262,16 +264,16 @@ def test_a_trial_whose_samples_cannot_be_read_is_named(good: Path, tmp_path: Pat
     end = part.stat().st_size
     with part.open("r+b") as file:
         file.truncate(end // 2)  # a disk that fails while the analysis runs
-    told = f"{copy}: trial \\d+ cannot be read"
-    with open_trials(again.files) as reader, pytest.raises(SessionError, match=told):
+    message = f"{copy}: trial \\d+ cannot be read"
+    with open_trials(again.files) as reader, pytest.raises(SessionError, match=message):
         for trial in joined.trials:
             reader.read(trial)
-    with open_trials(again.files) as reader, pytest.raises(SessionError, match=told):
+    with open_trials(again.files) as reader, pytest.raises(SessionError, match=message):
         reader.read_block(joined.trials)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (('"1..3"', '"1..9"'), "A_1.npy has no column '9'"),
         (('"1..3"', '"heat"'), "A_1.npy has no column 'heat'"),
@@ -279,8 +281,8 @@ def test_a_trial_whose_samples_cannot_be_read_is_named(good: Path, tmp_path: Pat
         (("(?P<texture>[A-Z])_", "(?P<texture>[A-Z])_(?P<speed>.*)"), "which is no number"),
     ],
 )
-def test_imports_that_cannot_be_are_refused_with_the_files_name(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], said: str
+def test_impossible_imports_are_refused_with_the_file_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], message: str
 ) -> None:
     np.save(tmp_path / "A_1.npy", np.zeros((60, 3)))
     text = (
@@ -290,5 +292,5 @@ def test_imports_that_cannot_be_are_refused_with_the_files_name(
     (tmp_path / "map.toml").write_text(text.replace(*change))
     words = ["import", "--map", str(tmp_path / "map.toml"), str(tmp_path / "A_1.npy")]
     assert main([*words, "--out", str(tmp_path / "s")]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "s").exists()

@@ -6,13 +6,12 @@ import json
 import os
 import struct
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.cache import Cache, Resources, cache_folder, cache_key
+from rigctl.analysis.data.cache import Arrays, Cache, Resources, cache_folder, cache_key
 from rigctl.analysis.data.fingerprint import fingerprint, hash_array
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.execution.executor import local_executor
@@ -49,7 +48,7 @@ def assert_equal(one: RepresentationSet, two: RepresentationSet) -> None:
         assert one.files[key].read_bytes() == two.files[key].read_bytes()
 
 
-def entry_of_format_1(arrays: dict[str, np.ndarray[Any, Any]]) -> bytes:
+def entry_of_format_1(arrays: Arrays) -> bytes:
     """Return an entry as older versions wrote it: a hash, a list of arrays, and their bytes."""
     listing = json.dumps([(name, a.dtype.str, a.shape) for name, a in arrays.items()]).encode()
     body = listing + b"".join(array.tobytes() for array in arrays.values())
@@ -132,7 +131,7 @@ def test_a_file_that_was_just_written_is_read_again(session: Path, tmp_path: Pat
 
 def test_an_entry_is_read_whole_or_not_at_all(tmp_path: Path) -> None:
     cache = Cache(tmp_path)
-    arrays = {"counts": np.arange(40, dtype=np.uint8).reshape(4, 10), "c": np.ones(2)}
+    arrays: Arrays = {"counts": np.arange(40, dtype=np.uint8).reshape(4, 10), "c": np.ones(2)}
     cache.put("aa", arrays)
     entry = tmp_path / "aa" / "aa.entry"
     with np.load(entry, allow_pickle=False) as archive:

@@ -1,4 +1,4 @@
-"""A matrix that is written some rows at a time, read back as NumPy reads it."""
+"""A feature matrix that is written a few rows at a time is a plain .npy file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from rigctl.analysis.data.feature_file import FeatureFile
 
 
-def test_rows_are_read_where_they_were_written_and_others_are_zero(tmp_path: Path) -> None:
+def test_written_rows_are_read_back_and_others_are_zero(tmp_path: Path) -> None:
     path = tmp_path / "features.npy"
     expected = np.zeros((12, 7))
     file = FeatureFile(path, 12, 7)

@@ -1,4 +1,4 @@
-"""Taxels of two orders are never mixed: not in a set, with a model, with C, nor with ranges."""
+"""Taxels of two orders are never mixed: in a set, with a model, with C, or with ranges."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Refused = Callable[..., str]
 
 
 def rewired(session: Path, folder: Path, wiring: list[int]) -> Path:
-    """The same recording as a bench of that wiring would have stored it."""
+    """Copy a recording as a bench of that wiring would have stored it."""
     shutil.copytree(session, folder)
     for part in folder.glob("part-*.h5"):
         with h5py.File(part, "r+") as file:
@@ -28,7 +28,7 @@ def rewired(session: Path, folder: Path, wiring: list[int]) -> Path:
 
 @pytest.fixture(scope="module")
 def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of before: it does not tell its wiring, which was then in the order of the wire."""
+    """Record an older session: it has no wiring, which was the order of the wire then."""
     folder = tmp_path_factory.mktemp("wiring") / "old"
     return record(folder, "AB", repeats=2, travel_mm=12.0, speeds=(40,))
 
@@ -39,8 +39,8 @@ def drawn(old: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def learnt(drawn: Path) -> dict[str, Path]:
-    """A file of spikes with C, and a model, of the session that is wired as drawn."""
+def trained(drawn: Path) -> dict[str, Path]:
+    """Return a file of spikes with C, and a model, of the session that is wired as drawn."""
     folder = drawn.parent
     assert main(["encode", str(drawn), "--no-cache", "--out", str(folder / "spikes")]) == 0
     words = ["analyse", str(drawn), "--no-cache", "--iterations", "1", "--k-max", "2"]
@@ -52,14 +52,14 @@ def learnt(drawn: Path) -> dict[str, Path]:
 @pytest.fixture
 def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Refused:
     def run(command: str, *words: object) -> str:
-        """The one sentence with which it ended before it wrote anything."""
+        """Return the sentence of a command that failed before it wrote anything."""
         out = [] if command == "classify" else ["--out", str(tmp_path / "out"), "--no-cache"]
         capsys.readouterr()
         assert main([command, *map(str, words), *out]) == 2
         assert not list(tmp_path.glob("out*"))
-        said = capsys.readouterr()
-        assert said.out == ""
-        return said.err.splitlines()[-1]
+        output = capsys.readouterr()
+        assert output.out == ""
+        return output.err.splitlines()[-1]
 
     return run
 
@@ -73,26 +73,26 @@ def test_sessions_of_two_wirings_are_not_joined(
     assert f"wiring = {list(range(18))}, not {list(DRAWN_WIRING)}" in sentence
 
 
-def test_a_model_is_not_asked_for_another_wiring(
-    learnt: dict[str, Path], old: Path, drawn: Path, refused: Refused
+def test_a_model_does_not_classify_another_wiring(
+    trained: dict[str, Path], old: Path, drawn: Path, refused: Refused
 ) -> None:
-    assert main(["classify", str(learnt["model"]), str(drawn)]) == 0
-    assert f"{old} has its taxels in another order" in refused("classify", learnt["model"], old)
+    assert main(["classify", str(trained["model"]), str(drawn)]) == 0
+    assert f"{old} has its taxels in another order" in refused("classify", trained["model"], old)
 
 
 @pytest.mark.parametrize("kind", ["spikes", "model"])
 def test_ranges_are_not_taken_from_another_wiring(
-    kind: str, learnt: dict[str, Path], old: Path, refused: Refused
+    kind: str, trained: dict[str, Path], old: Path, refused: Refused
 ) -> None:
-    sentence = refused("encode", old, "--ranges", learnt[kind])
-    assert f"than the sessions of {learnt[kind]}" in sentence
+    sentence = refused("encode", old, "--ranges", trained[kind])
+    assert f"than the sessions of {trained[kind]}" in sentence
 
 
 def test_c_is_not_taken_from_another_wiring(
-    learnt: dict[str, Path], old: Path, refused: Refused
+    trained: dict[str, Path], old: Path, refused: Refused
 ) -> None:
-    sentence = refused("analyse", old, "--c", learnt["spikes"])
-    assert f"than the sessions of {learnt['spikes']}" in sentence
+    sentence = refused("analyse", old, "--c", trained["spikes"])
+    assert f"than the sessions of {trained['spikes']}" in sentence
 
 
 def test_sessions_of_one_wiring_are_joined(drawn: Path, tmp_path: Path) -> None:

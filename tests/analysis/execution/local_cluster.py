@@ -1,6 +1,6 @@
 """A Dask cluster of two processes and an empty one, in a process that a test may kill.
 
-Prints one line of JSON when they are up, and ends with its standard input.
+Prints one line of JSON when both run, and ends when its standard input closes.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from distributed import LocalCluster
 
 
 def main() -> None:
-    """Stand until nobody listens."""
-    alone = {"processes": True, "threads_per_worker": 1, "dashboard_address": None}
-    with LocalCluster(n_workers=2, **alone) as two, LocalCluster(n_workers=0, **alone) as none:
+    """Run both clusters until the standard input closes."""
+    options = {"processes": True, "threads_per_worker": 1, "dashboard_address": None}
+    with LocalCluster(n_workers=2, **options) as two, LocalCluster(n_workers=0, **options) as none:
         pids = [nanny.process.pid for nanny in two.workers.values()]
         addresses = two.scheduler_address, none.scheduler_address
         print(json.dumps({"two": addresses[0], "none": addresses[1], "pids": pids}), flush=True)

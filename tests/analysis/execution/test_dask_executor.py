@@ -1,4 +1,4 @@
-"""The analysis on a real Dask cluster of two processes: equal results whatever happens to it."""
+"""The analysis on a real Dask cluster of two processes, some of which the tests kill."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def cluster() -> Iterator[Cluster]:
         process.kill()
 
 
-def answers(results: list[TaskResult]) -> list[tuple[str, str, bytes, bytes]]:
+def outcomes(results: list[TaskResult]) -> list[tuple[str, str, bytes, bytes]]:
     return [
         (r.task.key, c.representation.key, c.accuracy.tobytes(), c.confusion.tobytes())
         for r in results
@@ -91,22 +91,22 @@ def test_results_are_equal_although_a_worker_is_killed(
     assert {key: path.read_bytes() for key, path in alone.files.items()} == {
         key: path.read_bytes() for key, path in together.files.items()
     }
-    assert answers(results) == answers(run_tasks(alone, SETTINGS)[0])
+    assert outcomes(results) == outcomes(run_tasks(alone, SETTINGS)[0])
     assert [n for stage, n in steps if stage == "classifying"] == list(range(2 * 6 * 3 + 1))
 
 
-def test_who_does_not_fit_is_refused_by_name(
+def test_a_worker_that_does_not_fit_is_refused_by_name(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nowhere = tmp_path / "nowhere"
     with dask_executor.dask_executor(cluster.two) as executor:
         with pytest.raises(WrongUse, match=f"worker tcp://.* does not see {nowhere}"):
             executor.check_visible([tmp_path, nowhere])
-        monkeypatch.setattr(dask_executor, "_listing", lambda folder: (("part-0001.h5", 7),))
+        monkeypatch.setattr(dask_executor, "_list_folder", lambda folder: (("part-0001.h5", 7),))
         with pytest.raises(WrongUse, match=f"sees other files in {tmp_path}"):
             executor.check_visible([tmp_path])
         monkeypatch.setattr(dask_executor, "__version__", "9.9.9")
-        dask_executor._build.cache_clear()
+        dask_executor._own_build.cache_clear()
         with pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl .*, this machine 9\.9\.9"):
             list(executor.map(abs, [-1]))
     with (
@@ -114,10 +114,10 @@ def test_who_does_not_fit_is_refused_by_name(
         dask_executor.dask_executor(cluster.two),
     ):
         pass
-    dask_executor._build.cache_clear()
+    dask_executor._own_build.cache_clear()
 
 
-def test_a_jobs_own_failure_is_told_as_it_is(cluster: Cluster) -> None:
+def test_an_error_of_a_task_passes_unchanged(cluster: Cluster) -> None:
     with (
         dask_executor.dask_executor(cluster.two) as executor,
         pytest.raises(FileNotFoundError, match="no-such-folder"),
@@ -125,7 +125,7 @@ def test_a_jobs_own_failure_is_told_as_it_is(cluster: Cluster) -> None:
         list(executor.map(os.listdir, ["/no-such-folder"]))
 
 
-def test_interrupted_it_leaves_nothing_to_do(cluster: Cluster, session: Path) -> None:
+def test_an_interruption_cancels_the_remaining_tasks(cluster: Cluster, session: Path) -> None:
     from distributed import Client
 
     def interrupt(stage: str, done: int, all_: int) -> None:
@@ -141,26 +141,24 @@ def test_interrupted_it_leaves_nothing_to_do(cluster: Cluster, session: Path) ->
         assert client.submit(abs, -1).result() == 1
 
 
-def test_an_address_without_workers_is_told(
+def test_an_address_without_workers_is_refused(
     cluster: Cluster, session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
     monkeypatch.setattr(dask_executor, "CONNECT_S", 2.0)
     command = ["analyse", str(session), "--out", str(session.parent / "r"), "--dask"]
-    for address, said in (
-        ("nowhere", "no address of a Dask scheduler"),
-        ("tcp://127.0.0.1:1", "nobody answers at tcp://127.0.0.1:1"),
+    for address, message in (
+        ("nowhere", "is not the address of a Dask scheduler"),
+        ("tcp://127.0.0.1:1", "no scheduler answers at tcp://127.0.0.1:1"),
         (cluster.none, "has no workers: start some"),
     ):
         assert main([*command, address]) == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main([*command, cluster.two]) == 2
     assert "pip install 'rigctl[dask]'" in capsys.readouterr().err
 
 
-def test_workers_that_stay_away_end_the_wait(
-    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_long_wait_for_workers_ends(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
     from distributed import Client
 
     monkeypatch.setattr(dask_executor, "POLL_S", 0.05)
@@ -170,10 +168,10 @@ def test_workers_that_stay_away_end_the_wait(
             list(executor.map(abs, [-1]))
 
 
-def test_a_lost_scheduler_is_one_sentence(
+def test_a_lost_scheduler_is_reported_in_one_sentence(
     cluster: Cluster, session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
-    """The last test of this file: nothing of the cluster is left."""
+    """This is the last test of the file: it ends the cluster."""
     out = session.parent / "lost"
     shown = ProgressLine.show_stage
 

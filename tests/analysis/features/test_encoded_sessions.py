@@ -1,4 +1,4 @@
-"""``rigctl encode``: what is in the file, what options change, and how it ends early."""
+"""``rigctl encode``: the content of the file, the options, and interruptions."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ WHEN = "2026-11-21T12:00:00Z"
 @pytest.fixture(scope="module")
 def days(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("days")
-    made = [
+    sessions = [
         record(folder / "one", "AB", travel_mm=24.0, torn=(5,), repeats=2),
         record(folder / "two", "B", travel_mm=24.0, seed=4),
     ]
-    for day in made:
-        os.utime(day / "part-0001.h5", ns=(10**18, 10**18))  # not just written
-    return made
+    for day in sessions:
+        os.utime(day / "part-0001.h5", ns=(10**18, 10**18))  # older than the cache distrusts
+    return sessions
 
 
 def encode(days: list[Path], out: Path, **options: object) -> h5py.File:
@@ -80,7 +80,7 @@ def test_spikes_windows_and_c_are_those_of_the_trials(
                 np.testing.assert_array_equal(np.where(slow, rates, counts), vector)
 
 
-def test_the_file_says_what_it_is(days: list[Path], tmp_path: Path) -> None:
+def test_the_file_describes_itself(days: list[Path], tmp_path: Path) -> None:
     with encode(days, tmp_path / "out") as file:
         names = [name.decode() for name in file["rows"]]
         assert names[:10] == [f"SAI-{i}" for i in range(1, 10)] + ["RAI-1"]
@@ -109,15 +109,15 @@ def test_a_second_run_takes_everything_from_the_cache(
     words = ["encode", *map(str, days), "--cache", str(tmp_path / "cache"), "--workers", "2"]
     for name in ("one", "two"):
         assert main([*words, "--out", str(tmp_path / name)]) == 0
-        said = capsys.readouterr().out
-    assert "0 of 9 tasks computed, 9 read from the cache" in said
+        output = capsys.readouterr().out
+    assert "0 of 9 tasks computed, 9 read from the cache" in output
     with h5py.File(tmp_path / "one/spikes.h5") as one, h5py.File(tmp_path / "two/spikes.h5") as two:
         np.testing.assert_array_equal(one["spikes/sample"][:], two["spikes/sample"][:])
     assert main([*words, "--out", str(tmp_path / "two")]) == 2
     assert "is there already" in capsys.readouterr().err
 
 
-def test_an_interruption_leaves_no_folder_and_is_gone_on_from(
+def test_an_interrupted_run_leaves_no_folder_and_can_be_continued(
     days: list[Path], tmp_path: Path
 ) -> None:
     def interrupt(stage: str, done: int, all_: int) -> None:
@@ -154,7 +154,7 @@ def test_ranges_come_from_all_from_training_or_from_a_file(
     assert "holds no taxel ranges" in capsys.readouterr().err
 
 
-def test_a_neuron_is_drawn_and_tabulated(days: list[Path], tmp_path: Path) -> None:
+def test_a_taxel_is_drawn_and_tabulated(days: list[Path], tmp_path: Path) -> None:
     words = ["encode", str(days[0]), "--no-cache", "--out", str(tmp_path / "out")]
     assert main([*words, "--trial", "3", "--taxel", "7"]) == 0
     assert {f.name for f in (tmp_path / "out").iterdir()} == {
@@ -173,7 +173,7 @@ def test_without_the_reference_force_there_are_spikes_and_no_c(tmp_path: Path) -
     session = record(tmp_path / "session", "A", travel_mm=12.0, forces=(250, 1000))
     with encode([session], tmp_path / "out") as file:
         assert "c" not in file and len(file["spikes/sample"]) > 0
-        assert any("reference force of 500 g" in said.decode() for said in file["remarks"])
+        assert any("reference force of 500 g" in remark.decode() for remark in file["remarks"])
     with pytest.raises(WrongUse, match="--scaled-by blind needs C"):
         encode([session], tmp_path / "none", scaled_by=ScaledBy.BLIND)
 
@@ -201,6 +201,6 @@ def test_every_parameter_can_be_set() -> None:
         ("sa_gain=nan", "give a finite number"),
     ],
 )
-def test_a_wrong_parameter_is_refused_in_words(setting: str, words: str) -> None:
+def test_a_wrong_parameter_is_refused_with_a_reason(setting: str, words: str) -> None:
     with pytest.raises(WrongUse, match=words):
         changed(DEFAULT, [setting])

@@ -1,4 +1,4 @@
-"""Sessions to feature files: what is joined, what is left out and said, and what C changes."""
+"""Sessions to feature files: joined sets, omissions with their remarks, and the effect of C."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     assert [source["seed"] for source in joined.provenance] == [3, 4]
     made = represent(joined, DEFAULT, tmp_path)
     assert len(made.trials.trials) == 17
-    assert any("1 trial left out for gaps in their samples: 9" in said for said in made.remarks)
+    assert any("1 trial left out for gaps in their samples: 9" in remark for remark in made.remarks)
     with open_trials(made.trials.files) as reader:
         samples = [reader.read(trial) for trial in made.trials.trials]
     speeds = [trial.speed_mm_s for trial in made.trials.trials]
@@ -50,11 +50,11 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert made.force is not None
     matrix = made.force
-    for way, blind in (("force", False), ("force_blind", True)):
+    for key, blind in (("force", False), ("force_blind", True)):
         c = c_per_trial(made.trials.trials, matrix, blind=blind)
         forced = feature_matrices(samples, speeds, made.normalisation, layouts, sa_scale=c)
-        np.testing.assert_array_equal(by_key[way], forced[0])
-        np.testing.assert_array_equal(by_key[way.replace("force", "speed_force")], forced[1])
+        np.testing.assert_array_equal(by_key[key], forced[0])
+        np.testing.assert_array_equal(by_key[key.replace("force", "speed_force")], forced[1])
     at_500 = [trial.force_g == 500 for trial in made.trials.trials]
     np.testing.assert_array_equal(by_key["force"][at_500], plain[0][at_500])
     assert not np.array_equal(by_key["force"], plain[0])
@@ -80,11 +80,11 @@ def test_processes_give_equal_features(tmp_path: Path) -> None:
         assert first.read_bytes() == second.read_bytes()
 
 
-def test_without_the_reference_force_c_is_left_out_and_said(tmp_path: Path) -> None:
+def test_without_the_reference_force_c_is_left_out_with_a_remark(tmp_path: Path) -> None:
     session = record(tmp_path / "session", "AB", travel_mm=12.0, forces=(250, 1000))
     made = represent(join_sessions([session]), DEFAULT, tmp_path)
     assert [r.key for r in made.present] == ["original", "speed"]
-    assert any("reference force of 500 g" in said for said in made.remarks)
+    assert any("reference force of 500 g" in remark for remark in made.remarks)
     other = represent(join_sessions([session]), DEFAULT, tmp_path, reference_g=250.0)
     assert len(other.present) == 6 and other.force is not None
     assert (other.force.c[..., 0] == 1).all() and (other.force.c[..., 1] < 1).all()
@@ -106,7 +106,7 @@ def test_other_layouts_and_empty_sets_are_refused_by_name(tmp_path: Path) -> Non
         represent(join_sessions([torn]), DEFAULT, tmp_path)
 
 
-def test_aborted_attempts_and_constant_taxels_are_said(tmp_path: Path) -> None:
+def test_aborted_attempts_have_a_remark(tmp_path: Path) -> None:
     folder = tmp_path / "session"
     with Recorder(folder, header(), PROTOCOL, RIG) as recorder:
         recorder.begin_part("start", "A")
@@ -116,6 +116,6 @@ def test_aborted_attempts_and_constant_taxels_are_said(tmp_path: Path) -> None:
         for trial in trials:
             bench.trial(trial, attempt=2)
     joined = join_sessions([folder])
-    assert any("attempts left out: 1 aborted" in said for said in joined.remarks)
+    assert any("attempts left out: 1 aborted" in remark for remark in joined.remarks)
     assert len(joined.trials) == len(trials)
     assert joined.provenance[0]["firmware"] == {"taxels": "1.0 0badcafe"}
