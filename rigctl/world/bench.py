@@ -11,7 +11,7 @@ from rigctl.wire.drum_map import Signal
 from rigctl.world.contact import contact_tables, footprint, mounted
 from rigctl.world.loadcell import Loadcell
 from rigctl.world.parameters import WorldParameters, checked
-from rigctl.world.plant import DRUM_MM, FORCE_G, Motion, Plant
+from rigctl.world.plant import DRUM_MM, FORCE_G, RING_MS, Motion, Plant
 from rigctl.world.simulation import Disturbances
 from rigctl.world.skin import Skin
 from rigctl.world.truth import Truth
@@ -87,7 +87,7 @@ class Bench:
         times_ms = np.arange(self.logged_ms, self.plant.time_ms + 1)
         if times_ms.size == 1:
             return
-        did = self.plant.log.take(times_ms, axis=0, mode="wrap")
+        did = self.plant.log.take(times_ms % RING_MS, axis=0)  # mode="wrap" counts turn by turn
         sync = np.full(times_ms.size - 1, self._logged_level, np.uint8)
         for at_us, level in self._sync_edges:
             sync[times_ms[1:] * 1000 >= at_us] = level
