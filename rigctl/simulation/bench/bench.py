@@ -10,7 +10,7 @@ import numpy as np
 from rigctl.simulation.bench.contact import contact_tables, footprint, mounted
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
-from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, Mechanics, RodMotion
+from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, Mechanics, RodMotion
 from rigctl.simulation.bench.parameters import WorldParameters, checked
 from rigctl.simulation.bench.skin import Skin
 from rigctl.simulation.simulated_rig import Disturbances
@@ -87,7 +87,7 @@ class Bench:
         times_ms = np.arange(self.logged_ms, self.plant.time_ms + 1)
         if times_ms.size == 1:
             return
-        did = self.plant.log.take(times_ms, axis=0, mode="wrap")
+        did = self.plant.log.take(times_ms % RING_MS, axis=0)  # mode="wrap" counts turn by turn
         sync = np.full(times_ms.size - 1, self._logged_level, np.uint8)
         for at_us, level in self._sync_edges:
             sync[times_ms[1:] * 1000 >= at_us] = level

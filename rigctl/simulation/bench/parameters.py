@@ -118,7 +118,7 @@ class WorldParameters:
     taxel_size_mm: float = _p(3.0, "mm", 3, 3, "width of a taxel, most sensitive inside", SENSOR)
     sensor_skew_deg: float = _p(3.0, "°", -5, 5, "turn of the sensor against the travel")
     edge_drop_mm: float = _p(
-        0.125, "mm", 0.05, 0.2, "depth that the drum's curve takes from the outer rows", IDENTIFIED
+        0.12, "mm", 0.05, 0.2, "depth that the drum's curve takes from the outer rows", IDENTIFIED
     )
     bridging_mm: float = _p(
         0.25, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED
@@ -146,13 +146,13 @@ class WorldParameters:
         0.002, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
     )
     mounting_spread: float = _p(
-        0.0185, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
+        0.017, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
     )
     contact_shift_mm: float = _p(
         0.087, "mm", 0, 1, "shift of the skin from contact to contact, rms", IDENTIFIED
     )
     contact_spread: float = _p(
-        0.028, "", 0, 0.05, "change of each gain from contact to contact, rms", IDENTIFIED
+        0.025, "", 0, 0.05, "change of each gain from contact to contact, rms", IDENTIFIED
     )
     contact_load_spread: float = _p(
         0.01, "", 0, 0.03, "change of all gains from contact to contact, rms", RECORDINGS
