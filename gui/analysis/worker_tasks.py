@@ -180,4 +180,6 @@ def _taxel_range(session: Session) -> Normalisation:
         return Normalisation(low, high, "calibration of the session")
     committed = session.committed()
     chosen = committed[:: max(1, len(committed) // _RANGE_TRIALS)]
-    return Normalisation.over(map(session.samples, chosen.tolist()), "trials of the session")
+    return Normalisation.from_samples(
+        map(session.samples, chosen.tolist()), "trials of the session"
+    )

@@ -128,7 +128,7 @@ class Boards:
 
         def widen(block: Block) -> None:
             nonlocal clipped
-            before, clipped = clipped, int(self.encoder.clipped.sum())
+            before, clipped = clipped, int(self.encoder.clipped_counts.sum())
             if clipped != before and running.update(block.samples):
                 self.set_range(running.normalisation)
 
@@ -231,7 +231,7 @@ def _encoder(bench: RigInterface) -> Encoder:
     else:
         normalisation = Normalisation.full_scale(taxels.count)
     encoder = Encoder(normalisation, preset(bench.config.encoder.preset))
-    encoder.warm()
+    encoder.warm_up()
     return encoder
 
 

@@ -1,8 +1,8 @@
-"""Spikes of many trials counted in stretches of time, with no trains or rasters kept.
+"""Count the spikes of many trials in time bins, without storing trains or rasters.
 
-A stretch is the time between two cuts, and no window of any layout has a cut inside. So counts in
-stretches hold all that every feature needs, in a fraction of the memory: some 40 stretches for the
-paper's 60 and 20 windows together.
+A bin is the time between two bin edges. Every window boundary of every feature layout is a bin
+edge, so counts in bins hold all that every feature needs, in a fraction of the memory: about 40
+bins for the paper's 60 and 20 windows together.
 """
 
 from __future__ import annotations
@@ -18,288 +18,281 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.encoder import tiles
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.kernel import constants, raster
-from rigctl.encoding.kernel.machine_code import LANES, LANES_OF_SA
-from rigctl.encoding.kernel.neuron_blocks import NeuronBlocks
-from rigctl.encoding.kernel.prefetch import BYTES, TrialRows, Trials, readings_of
+from rigctl.encoding.kernel import (
+    NeuronBlocks,
+    Trials,
+    TrialViews,
+    accumulate_bins,
+    lanes_per_block,
+    max_samples_per_row,
+    scatter_to_trials,
+    trial_readings,
+)
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
 
-Samples = NDArray[np.uint16]
 Counts = NDArray[np.uint32]
-LEVEL_EVERY = 16
-"""Every so many samples enter the mean reading."""
+Floats = NDArray[np.float64]
+READING_STRIDE = 16
+"""Every 16th sample contributes to the mean reading."""
 
 
-def cuts_of(layouts: Sequence[FeatureLayout], n_samples: int, speed_mm_s: float) -> NDArray[Any]:
-    """First sample of each stretch of trials at one speed and the end, int64 (n_stretches + 1,).
+def common_bin_edges(
+    layouts: Sequence[FeatureLayout], n_samples: int, speed_mm_s: float
+) -> NDArray[Any]:
+    """Return the bin edges that all layouts share at one speed, int64 (n_bins + 1,), in samples.
 
-    ``n_samples``: of the longest trial. What lies behind a layout's last window belongs to
-    stretches too, so that a trial's counts sum up to all of its spikes.
+    ``n_samples``: of the longest trial. Samples behind a layout's last window belong to bins too,
+    so that the counts of a trial add up to all of its spikes.
     """
-    begins = np.concatenate([layout.begins(speed_mm_s) for layout in layouts])
-    return np.unique([0, *begins[begins < n_samples], n_samples])
+    starts = np.concatenate([layout.window_starts(speed_mm_s) for layout in layouts])
+    return np.unique([0, *starts[starts < n_samples], n_samples])
 
 
-def whole_trials(trials: Trials) -> NDArray[np.int64]:
-    """Cuts of one stretch that holds all of each trial."""
-    return np.array([0, TrialRows.of(trials).lengths.max(initial=0)])
+def single_bin_edges(trials: Trials) -> NDArray[np.int64]:
+    """Return the edges of one bin that holds every trial whole."""
+    return np.array([0, TrialViews.from_arrays(trials).lengths.max(initial=0)])
 
 
-def stretch_counts(
+def count_spikes(
     trials: Trials,
-    cuts: NDArray[np.int64],
+    bin_edges: NDArray[np.int64],
     normalisation: Normalisation,
     parameters: EncoderParameters = DEFAULT,
     *,
-    sa_scale: NDArray[np.float64] | None = None,
+    sa_scale: Floats | None = None,
     taxels: NDArray[np.int64] | None = None,
     sa_only: bool = False,
 ) -> Counts:
-    """Spikes in each stretch, uint32 (n_trials, n_trains, n_stretches); SA trains, then RA.
+    """Return the spikes in each bin, uint32 (n_trials, n_trains, n_bins); SA trains, then RA.
 
-    ``trials``: uint16 (n_i, n_taxels) each, none longer than the last cut. ``taxels``:
-    which of them are encoded (all). ``sa_scale``: float64 (n_trials, taxels that are encoded).
+    ``trials``: uint16 (n_i, n_taxels) each, none longer than the last edge. ``taxels``: the taxels
+    to encode (default all). ``sa_scale``: float64 (n_trials, encoded taxels), a factor on the SA
+    current.
 
-    Raises :class:`WrongUse` for another number of taxels, longer trials, or taxels that there are
-    not: the kernel reads memory by address.
+    Raises :class:`WrongUse` for another number of taxels, longer trials, or taxels that do not
+    exist: the kernel reads memory by address.
     """
-    way = _EncodingVariant(sa_scale, sa_only)
-    (counts,) = _counts_of_ways(trials, cuts, normalisation, parameters, taxels, [way])
+    variant = _Variant(sa_scale, sa_only)
+    (counts,) = _count_variants(trials, bin_edges, normalisation, parameters, taxels, [variant])
     return counts
 
 
-def counts_without_and_with(
+def count_spikes_without_and_with_c(
     trials: Trials,
-    cuts: NDArray[np.int64],
+    bin_edges: NDArray[np.int64],
     normalisation: Normalisation,
     parameters: EncoderParameters,
-    sa_scale: NDArray[np.float64],
+    sa_scale: Floats,
 ) -> tuple[Counts, Counts]:
-    """:func:`stretch_counts` of both channels without C, and of SA alone with it."""
-    ways = [_EncodingVariant(None, sa_only=False), _EncodingVariant(sa_scale, sa_only=True)]
-    without, with_c = _counts_of_ways(trials, cuts, normalisation, parameters, None, ways)
+    """Return :func:`count_spikes` of both channels without C, and of SA alone with C."""
+    variants = [_Variant(None, sa_only=False), _Variant(sa_scale, sa_only=True)]
+    without, with_c = _count_variants(trials, bin_edges, normalisation, parameters, None, variants)
     return without, with_c
 
 
-class _EncodingVariant(NamedTuple):
-    """How the same readings are encoded; as :func:`stretch_counts` is told."""
+class _Variant(NamedTuple):
+    """One way to encode the same readings; see :func:`count_spikes`."""
 
-    sa_scale: NDArray[np.float64] | None
+    sa_scale: Floats | None
     sa_only: bool
 
-    @property
-    def wide(self) -> int:
-        """Lanes of a block."""
-        return LANES_OF_SA if self.sa_only else LANES
 
-    @property
-    def channels(self) -> int:
-        """SA and RA, or SA alone."""
-        return 1 if self.sa_only else 2
-
-
-def _counts_of_ways(
+def _count_variants(
     trials: Trials,
-    cuts: NDArray[np.int64],
+    bin_edges: NDArray[np.int64],
     normalisation: Normalisation,
     parameters: EncoderParameters,
     taxels: NDArray[np.int64] | None,
-    ways: Sequence[_EncodingVariant],
+    variants: Sequence[_Variant],
 ) -> list[Counts]:
-    """Counts of each way, uint32 (n_trials, n_trains, n_stretches)."""
+    """Return the counts of each variant, uint32 (n_trials, n_trains, n_bins)."""
     if taxels is None:
         taxels = np.arange(normalisation.n_taxels)
-    n, some, between = len(trials), len(taxels), len(cuts) - 1
-    outs = [np.empty((n, way.channels * some, between), np.uint32) for way in ways]
-    rows, most = TrialRows.of(trials), constants.samples_per_row(parameters)
-    _check(rows, cuts, normalisation.n_taxels, taxels)
-    of_cuts = tuple(cuts.tolist())
-    for chosen in tiles(rows.lengths.tolist(), some, max(way.wide for way in ways)):
-        tile = rows.some(chosen)
-        steps = _steps(of_cuts, tuple(sorted(set(tile.lengths.tolist()))), most)
-        for way, out in zip(ways, outs, strict=True):
-            sums = _sums(way, chosen, tile, steps, between, normalisation, parameters, taxels)
-            raster.take_apart(sums, np.array(chosen), out)
+    views, n_bins = TrialViews.from_arrays(trials), len(bin_edges) - 1
+    _check(views, bin_edges, normalisation.n_taxels, taxels)
+    n_trains = [len(taxels) if variant.sa_only else 2 * len(taxels) for variant in variants]
+    outs = [np.empty((len(views), n, n_bins), np.uint32) for n in n_trains]
+    edges, max_samples = tuple(bin_edges.tolist()), max_samples_per_row(parameters)
+    block_lanes = max(lanes_per_block(variant.sa_only) for variant in variants)
+    for selected in tiles(views.lengths.tolist(), len(taxels), block_lanes):
+        tile = views.select(selected)
+        rows = _kernel_rows(edges, tuple(sorted(set(tile.lengths.tolist()))), max_samples)
+        for (sa_scale, sa_only), out in zip(variants, outs, strict=True):
+            blocks = NeuronBlocks.for_trials(
+                len(selected),
+                normalisation,
+                parameters,
+                None if sa_scale is None else sa_scale[selected],
+                taxels=taxels,
+                sa_only=sa_only,
+            )
+            scatter_to_trials(_tile_counts(blocks, tile, rows, n_bins), np.array(selected), out)
     return outs
 
 
 def _check(
-    rows: TrialRows, cuts: NDArray[np.int64], n_taxels: int, taxels: NDArray[np.int64]
+    views: TrialViews, bin_edges: NDArray[np.int64], n_taxels: int, taxels: NDArray[np.int64]
 ) -> None:
-    _check_width(rows, n_taxels)
-    if rows.lengths.max(initial=0) > cuts[-1]:
-        raise WrongUse(f"a trial of {rows.lengths.max()} samples, the last cut at {cuts[-1]}")
+    _check_taxels(views, n_taxels)
+    longest = views.lengths.max(initial=0)
+    if longest > bin_edges[-1]:
+        raise WrongUse(f"a trial has {longest} samples, but the last bin edge is {bin_edges[-1]}")
     if not set(taxels.tolist()) <= set(range(n_taxels)):
-        raise WrongUse(f"taxels {taxels.tolist()} of 0 to {n_taxels - 1}")
+        raise WrongUse(f"taxels {taxels.tolist()} are not all within 0 to {n_taxels - 1}")
 
 
-def _check_width(rows: TrialRows, n_taxels: int) -> None:
-    if len(rows) and rows.row_bytes != BYTES * n_taxels:
-        raise WrongUse(f"samples of {rows.row_bytes // BYTES} taxels, ranges of {n_taxels}")
+def _check_taxels(views: TrialViews, n_taxels: int) -> None:
+    if len(views) and views.n_taxels != n_taxels:
+        raise WrongUse(f"samples have {views.n_taxels} taxels, but the ranges have {n_taxels}")
 
 
-class _Steps(NamedTuple):
-    """Rows of the kernel: first sample of each, the one behind it, and whose spikes they are."""
+class _KernelRows(NamedTuple):
+    """Rows that the kernel counts: first sample of each, its end, and its bin."""
 
     starts: NDArray[np.int64]
     ends: NDArray[np.int64]
-    stretches: NDArray[np.int64]
+    bins: NDArray[np.int64]
 
 
-def _sums(
-    way: _EncodingVariant,
-    chosen: Sequence[int],
-    tile: TrialRows,
-    steps: _Steps,
-    between: int,
-    normalisation: Normalisation,
-    parameters: EncoderParameters,
-    taxels: NDArray[np.int64],
-) -> Counts:
-    """Spikes of some trials between cuts, lane by lane: (blocks, stretches, channels, wide)."""
-    scale = None if way.sa_scale is None else way.sa_scale[chosen]
-    blocks = NeuronBlocks.of_trials(
-        len(chosen), normalisation, parameters, scale, taxels=taxels, sa_only=way.sa_only
-    )
-    in_lane = blocks.by_lane(np.repeat(tile.lengths, len(taxels)))
-    sums = np.zeros_like(blocks.room_for(between), np.uint32)
-    counts = blocks.advance(tile, steps.ends)
-    raster.add_up(counts, steps.starts, steps.stretches, in_lane, sums)
-    return sums
-
-
-# A search asks for the same few again and again.
+# A search needs the same few again and again.
 @lru_cache(maxsize=64)
-def _steps(cuts: tuple[int, ...], lengths: tuple[int, ...], most: int) -> _Steps:
-    """How trials of these lengths go through time side by side, in rows of ``most`` samples.
+def _kernel_rows(edges: tuple[int, ...], lengths: tuple[int, ...], max_samples: int) -> _KernelRows:
+    """Return the rows for trials of these lengths side by side, ``max_samples`` each at most.
 
-    No row holds a cut, a trial's end, or too much.
+    No row contains a bin edge or a trial's end.
     """
-    inside = (cut for cut in cuts if cut < lengths[-1])
-    edges = sorted({0, *inside, *lengths})
-    rows = [t for a, b in pairwise(edges) for t in range(a, b, most)]
+    inside = (edge for edge in edges if edge < lengths[-1])
+    bounds = sorted({0, *inside, *lengths})
+    rows = [t for a, b in pairwise(bounds) for t in range(a, b, max_samples)]
     starts, ends = np.array(rows, np.int64), np.array([*rows, lengths[-1]][1:], np.int64)
-    return _Steps(starts, ends, np.searchsorted(cuts, starts, side="right") - 1)
+    return _KernelRows(starts, ends, np.searchsorted(edges, starts, side="right") - 1)
 
 
-def sa_rates_hz(
-    counts: Counts, n_samples: Sequence[int], parameters: EncoderParameters
-) -> NDArray[np.float64]:
-    """Mean SA rate of each taxel over trials, float64 (n_taxels,), of their SA counts.
+def _tile_counts(blocks: NeuronBlocks, tile: TrialViews, rows: _KernelRows, n_bins: int) -> Counts:
+    """Return the spikes of a tile lane by lane, uint32 (blocks, bins, channels, block lanes)."""
+    lengths = blocks.pad(np.repeat(tile.lengths, blocks.n_taxels))
+    bins = np.zeros_like(blocks.empty_counts(n_bins), np.uint32)
+    accumulate_bins(blocks.advance(tile, rows.ends), rows.starts, rows.bins, lengths, bins)
+    return bins
 
-    Summed up in the order of the trials' lengths, as
+
+def sa_rates_hz(counts: Counts, n_samples: Sequence[int], parameters: EncoderParameters) -> Floats:
+    """Return the mean SA rate of each taxel over trials, float64 (n_taxels,), from SA counts.
+
+    Rates are added in the order of the trials' lengths, as
     :func:`rigctl.encoding.force_search.mean_sa_rates_hz` does, so that both give the same bits.
     """
     lengths = np.maximum(1, n_samples)
     total = np.zeros(counts.shape[1])
     order = np.argsort(n_samples, kind="stable")
-    _rates_compiled(counts, order, parameters.sample_rate_hz / lengths, total)
+    _add_rates_compiled(counts, order, parameters.sample_rate_hz / lengths, total)
     return total / len(order)
 
 
-def mean_level(trials: Trials, normalisation: Normalisation) -> NDArray[np.float64]:
-    """Mean normalised reading of each taxel over some of the samples, float64: a start for C."""
-    return mean_of_levels(levels_of(trials, normalisation), normalisation)
+def mean_normalised_reading(trials: Trials, normalisation: Normalisation) -> Floats:
+    """Return the mean normalised reading of each taxel, float64 (n_taxels,): a start for C.
 
-
-def levels_of(trials: Trials, normalisation: Normalisation) -> NDArray[np.float64]:
-    """Mean reading of each trial and taxel over some of the samples, cut off at the range's ends.
-
-    float64 (n_trials, n_taxels). Raises :class:`WrongUse` for another number of taxels.
+    The mean is over every 16th sample.
     """
-    rows = TrialRows.of(trials)
-    _check_width(rows, normalisation.n_taxels)
-    sums = np.zeros((len(rows), normalisation.n_taxels), np.int64)
-    ends = (normalisation.low, normalisation.high)
-    _level_compiled(rows.addresses, rows.lengths, *ends, LEVEL_EVERY, sums)
-    levels: NDArray[np.float64] = sums / -(-rows.lengths // LEVEL_EVERY)[:, None]
-    return levels
+    return normalise_mean_readings(mean_readings(trials, normalisation), normalisation)
 
 
-def mean_of_levels(
-    levels: NDArray[np.float64], normalisation: Normalisation
-) -> NDArray[np.float64]:
-    """Of what :func:`levels_of` gives, or of some of its rows: normalised, float64 (n_taxels,)."""
-    level: NDArray[np.float64] = np.mean(levels, axis=0)
-    return (level - normalisation.low.astype(np.float64)) * normalisation.scale
+def mean_readings(trials: Trials, normalisation: Normalisation) -> Floats:
+    """Return the mean of every 16th reading, clipped to the range, float64 (n_trials, n_taxels).
+
+    Raises :class:`WrongUse` for another number of taxels.
+    """
+    views = TrialViews.from_arrays(trials)
+    _check_taxels(views, normalisation.n_taxels)
+    sums = np.zeros((len(views), normalisation.n_taxels), np.int64)
+    limits = (normalisation.low, normalisation.high)
+    _sum_readings_compiled(views.addresses, views.lengths, *limits, READING_STRIDE, sums)
+    means: Floats = sums / -(-views.lengths // READING_STRIDE)[:, None]
+    return means
 
 
-def features_of(
+def normalise_mean_readings(means: Floats, normalisation: Normalisation) -> Floats:
+    """Return the normalised mean of (some) rows of :func:`mean_readings`, float64 (n_taxels,)."""
+    mean: Floats = np.mean(means, axis=0)
+    return (mean - normalisation.low.astype(np.float64)) * normalisation.scale
+
+
+def features_from_counts(
     counts: NDArray[Any],
-    cuts: NDArray[np.int64],
+    bin_edges: NDArray[np.int64],
     n_samples: Sequence[int],
     speed_mm_s: float,
     layout: FeatureLayout,
-    out: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
-    """Feature vectors, float64 (n_trials, width), of SA and RA counts in stretches.
+    out: Floats | None = None,
+) -> Floats:
+    """Return the feature vectors of SA and RA counts in bins, float64 (n_trials, n_features).
 
-    Equal to :func:`rigctl.encoding.features.trial_features` of each trial's spikes. In ``out``
-    where it is given.
+    Equal to :func:`rigctl.encoding.features.trial_features` of each trial's spikes. Written to
+    ``out`` if given.
     """
-    window_of = _windows(layout, cuts, speed_mm_s)
-    seconds = layout.seconds(n_samples, speed_mm_s)
+    window_of_bin = _bin_windows(layout, bin_edges, speed_mm_s)
+    durations_s = layout.window_durations_s(n_samples, speed_mm_s)
     if out is None:
         out = np.empty((len(counts), counts.shape[1] * layout.n_windows))
-    _features_compiled(counts, window_of, seconds, out)
+    _fill_features_compiled(counts, window_of_bin, durations_s, out)
     return out
 
 
 def window_counts(
-    counts: NDArray[Any], cuts: NDArray[np.int64], speed_mm_s: float, layout: FeatureLayout
+    counts: NDArray[Any], bin_edges: NDArray[np.int64], speed_mm_s: float, layout: FeatureLayout
 ) -> NDArray[np.uint32]:
-    """Spikes in each window, uint32 (n_trials, n_trains, n_windows), of counts in stretches."""
-    window_of = _windows(layout, cuts, speed_mm_s)
+    """Return the spikes in each window, uint32 (n_trials, n_trains, n_windows), from bin counts."""
+    window_of_bin = _bin_windows(layout, bin_edges, speed_mm_s)
     out = np.zeros((*counts.shape[:2], layout.n_windows + 1), np.uint32)
-    firsts = np.flatnonzero(np.diff(window_of, prepend=-1))
-    out[:, :, window_of[firsts]] = np.add.reduceat(counts, firsts, axis=2, dtype=np.uint32)
+    firsts = np.flatnonzero(np.diff(window_of_bin, prepend=-1))
+    out[:, :, window_of_bin[firsts]] = np.add.reduceat(counts, firsts, axis=2, dtype=np.uint32)
     return out[:, :, : layout.n_windows]
 
 
-def _windows(
-    layout: FeatureLayout, cuts: NDArray[np.int64], speed_mm_s: float
+def _bin_windows(
+    layout: FeatureLayout, bin_edges: NDArray[np.int64], speed_mm_s: float
 ) -> NDArray[np.int64]:
-    """Window of each stretch; all behind the last window are in one of their own."""
-    return np.searchsorted(layout.begins(speed_mm_s), cuts[:-1], side="right") - 1
+    """Return the window of each bin; bins behind the last window share an extra one."""
+    return np.searchsorted(layout.window_starts(speed_mm_s), bin_edges[:-1], side="right") - 1
 
 
-def _rates(counts: Any, order: Any, per_spike: Any, total: Any) -> None:
-    """Add up the rates of each train (trials, trains, stretches), trial after trial in order."""
+def _add_rates(counts: Any, order: Any, hz_per_spike: Any, total: Any) -> None:
+    """Add up the rate of each train (trials, trains, bins), trial after trial in ``order``."""
     for i in order:
         for train in range(counts.shape[1]):
-            total[train] += counts[i, train].sum() * per_spike[i]
+            total[train] += counts[i, train].sum() * hz_per_spike[i]
 
 
-def _level(addresses: Any, lengths: Any, low: Any, high: Any, every: Any, out: Any) -> None:
-    """Sum of some samples cut off at the ends of the range, int64 (trials, taxels)."""
+def _sum_readings(addresses: Any, lengths: Any, low: Any, high: Any, stride: Any, out: Any) -> None:
+    """Sum up every ``stride``-th reading, clipped to the range, int64 (trials, taxels)."""
     for i in range(len(addresses)):
-        samples = readings_of(addresses[i], lengths[i], out.shape[1])
-        for t in range(0, lengths[i], every):
+        samples = trial_readings(addresses[i], lengths[i], out.shape[1])
+        for t in range(0, lengths[i], stride):
             for j in range(out.shape[1]):
                 out[i, j] += min(max(samples[t, j], low[j]), high[j])
 
 
-def _features(counts: Any, window_of: Any, seconds: Any, out: Any) -> None:
-    """Counts in stretches to feature vectors: SA rates in Hz, RA counts."""
-    n, trains, stretches = counts.shape
-    windows = seconds.shape[1]
+def _fill_features(counts: Any, window_of_bin: Any, durations_s: Any, out: Any) -> None:
+    """Turn counts in bins into feature vectors: SA rates in Hz, RA counts."""
+    n, trains, bins = counts.shape
+    windows = durations_s.shape[1]
     for i in range(n):
         for train in range(trains):
             first = train * windows
             for w in range(windows):
                 out[i, first + w] = 0.0
-            for s in range(stretches):
-                if window_of[s] < windows:
-                    out[i, first + window_of[s]] += counts[i, train, s]
+            for b in range(bins):
+                if window_of_bin[b] < windows:
+                    out[i, first + window_of_bin[b]] += counts[i, train, b]
             if 2 * train < trains:
                 for w in range(windows):
-                    if seconds[i, w] > 0.0:
-                        out[i, first + w] /= seconds[i, w]
+                    if durations_s[i, w] > 0.0:
+                        out[i, first + w] /= durations_s[i, w]
 
 
 _compile = numba.njit(cache=True, nogil=True, error_model="numpy")
-_rates_compiled = _compile(_rates)
-_level_compiled = _compile(_level)
-_features_compiled = _compile(_features)
+_add_rates_compiled = _compile(_add_rates)
+_sum_readings_compiled = _compile(_sum_readings)
+_fill_features_compiled = _compile(_fill_features)

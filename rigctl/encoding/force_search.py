@@ -1,4 +1,4 @@
-"""The search for the C of one texture, speed and force: some trials are asked first, then all."""
+"""Search C for one texture, speed and force: first on a pilot of the trials, then on all."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.batch import (
     Counts,
-    levels_of,
-    mean_of_levels,
+    Floats,
+    count_spikes,
+    mean_readings,
+    normalise_mean_readings,
     sa_rates_hz,
-    stretch_counts,
-    whole_trials,
+    single_bin_edges,
 )
-from rigctl.encoding.kernel.prefetch import TrialRows, Trials
+from rigctl.encoding.kernel import Trials, TrialViews
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.encoding.root_bracket import Bracket, Method
 
-Floats = NDArray[np.float64]
-Encode = Callable[[Floats], Counts]
+CountWithC = Callable[[Floats], Counts]
 
 TOLERANCE_HZ = 0.1
-MOST_EVALUATIONS = 60
+MAX_EVALUATIONS = 60
 
-# Trials that are asked before all are: their rate misses that of all by a tenth of a hertz, once
-# it is known how high they read. Fewer rounds than a jump would take: all trials will tell.
-PILOT_EVERY, FEWEST_IN_PILOT = 8, 3
-PILOT_TOLERANCE_HZ, MOST_IN_PILOT = 0.2, 6
+# The pilot is every eighth trial: with its mean reading corrected for, its rate misses that of all
+# trials by a tenth of a hertz. Fewer rounds than a jump would take: all trials decide.
+PILOT_STRIDE, MIN_PILOT_TRIALS = 8, 3
+PILOT_TOLERANCE_HZ, MAX_PILOT_EVALUATIONS = 0.2, 6
 
 
 @dataclass(frozen=True, slots=True)
 class ForceSearch:
-    """What the search found for the taxels of one texture, speed and force.
+    """Result of the search for the taxels of one texture, speed and force.
 
     ``c``, ``rate_hz``: float64 (n_taxels,); ``status``: int8; ``evaluations``: float64, encodings
-    of the taxel that it took, those of some trials by their share of the samples; ``counts``:
-    uint32 (n_trials, n_taxels, n_stretches), SA spikes with that C.
+    of the taxel, those of the pilot by its share of the samples; ``counts``: uint32
+    (n_trials, n_taxels, n_bins), SA spikes with that C.
     """
 
     c: Floats
@@ -56,36 +56,49 @@ def mean_sa_rates_hz(
     parameters: EncoderParameters = DEFAULT,
     c: Floats | None = None,
 ) -> Floats:
-    """Mean SA rate of each taxel over trials, float64 (n_taxels,); ``c`` scales its current."""
+    """Encode trials and return the mean SA rate of each taxel, float64 (n_taxels,).
+
+    ``c`` scales the SA current.
+    """
     scale = None if c is None else np.tile(c, (len(trials), 1))
-    rows = TrialRows.of(trials)
-    counts = stretch_counts(
-        rows, whole_trials(rows), normalisation, parameters, sa_scale=scale, sa_only=True
+    views = TrialViews.from_arrays(trials)
+    counts = count_spikes(
+        views, single_bin_edges(views), normalisation, parameters, sa_scale=scale, sa_only=True
     )
-    return sa_rates_hz(counts, rows.lengths.tolist(), parameters)
+    return sa_rates_hz(counts, views.lengths.tolist(), parameters)
 
 
-def search_to(
+def search_c_from_reference(
     trials: Trials,
-    goal: Floats,
+    reference_reading: Floats,
     target_hz: Floats,
     normalisation: Normalisation,
     parameters: EncoderParameters = DEFAULT,
     *,
     tolerance_hz: float = TOLERANCE_HZ,
     method: Method = Method.REGULA_FALSI,
-    cuts: NDArray[np.int64] | None = None,
-    first: Encode | None = None,
+    bin_edges: NDArray[np.int64] | None = None,
+    first_counts: CountWithC | None = None,
 ) -> ForceSearch:
-    """:func:`search` that starts where readings are as high as ``goal``, those of the reference."""
-    rows = TrialRows.of(trials)
-    levels = levels_of(rows, normalisation)
-    start = _ratio(goal, mean_of_levels(levels, normalisation))
-    ways = (normalisation, parameters, tolerance_hz, method)
-    return search(rows, target_hz, start, *ways, cuts, first, levels)
+    """Run :func:`search_c` from the C that makes readings as high as ``reference_reading``."""
+    views = TrialViews.from_arrays(trials)
+    readings = mean_readings(views, normalisation)
+    start = _ratio(reference_reading, normalise_mean_readings(readings, normalisation))
+    return search_c(
+        views,
+        target_hz,
+        start,
+        normalisation,
+        parameters,
+        tolerance_hz,
+        method,
+        bin_edges,
+        first_counts,
+        readings,
+    )
 
 
-def search(
+def search_c(
     trials: Trials,
     target_hz: Floats,
     start: Floats,
@@ -93,109 +106,116 @@ def search(
     parameters: EncoderParameters = DEFAULT,
     tolerance_hz: float = TOLERANCE_HZ,
     method: Method = Method.REGULA_FALSI,
-    cuts: NDArray[np.int64] | None = None,
-    first: Encode | None = None,
-    levels: Floats | None = None,
+    bin_edges: NDArray[np.int64] | None = None,
+    first_counts: CountWithC | None = None,
+    readings: Floats | None = None,
 ) -> ForceSearch:
-    """C of every taxel of one condition; taxels that are found are not encoded again.
+    """Search C of every taxel of one condition; taxels that are done are not encoded again.
 
-    Regula falsi asks every eighth trial first, and starts with what these say; what all trials say
-    decides. ``cuts``: of the stretches in which spikes are counted; without them a trial is one
-    stretch. ``first``: gives the counts of all taxels with the first C, for who has more to do
-    with the same readings. ``levels``: as :func:`rigctl.encoding.batch.levels_of` tells them, for
-    who knows.
+    Regula falsi searches every eighth trial first and starts with that result; the rate of all
+    trials decides. ``bin_edges``: of the bins to count spikes in (default one bin a trial).
+    ``first_counts``: returns the counts of all taxels with the first C, for callers that do more
+    with the same readings. ``readings``: :func:`rigctl.encoding.batch.mean_readings`, if known.
     """
-    rows = TrialRows.of(trials)
-    cuts = whole_trials(rows) if cuts is None else cuts
-    every = _Encoded(rows, cuts, normalisation, parameters)
-    slopes, asked = np.zeros_like(start), np.zeros_like(start)
-    if method is Method.REGULA_FALSI and len(trials) >= PILOT_EVERY * FEWEST_IN_PILOT:
-        levels = levels_of(rows, normalisation) if levels is None else levels
-        start, slopes, asked = _pilot(every, levels, target_hz, start)
-    told = zip(target_hz.tolist(), start.tolist(), slopes.tolist(), strict=True)
-    brackets = [Bracket(target, first, method, slope) for target, first, slope in told]
-    kept = np.zeros((len(trials), len(brackets), len(cuts) - 1), np.uint32)
-    rounds = every.rounds(brackets, tolerance_hz, MOST_EVALUATIONS, first)
-    for open_ones, counts, best in rounds:
-        kept[:, open_ones[best]] = counts[:, best]
+    views = TrialViews.from_arrays(trials)
+    bin_edges = single_bin_edges(views) if bin_edges is None else bin_edges
+    condition = _Condition(views, bin_edges, normalisation, parameters)
+    slopes, pilot_evaluations = np.zeros_like(start), np.zeros_like(start)
+    if method is Method.REGULA_FALSI and len(trials) >= PILOT_STRIDE * MIN_PILOT_TRIALS:
+        readings = mean_readings(views, normalisation) if readings is None else readings
+        start, slopes, pilot_evaluations = _pilot(condition, readings, target_hz, start)
+    known = zip(target_hz.tolist(), start.tolist(), slopes.tolist(), strict=True)
+    brackets = [Bracket(target, guess, method, slope) for target, guess, slope in known]
+    best_counts = np.zeros((len(trials), len(brackets), len(bin_edges) - 1), np.uint32)
+    rounds = condition.evaluate(brackets, tolerance_hz, MAX_EVALUATIONS, first_counts)
+    for taxels, counts, best in rounds:
+        best_counts[:, taxels[best]] = counts[:, best]
     for bracket in brackets:
         bracket.give_up()
     return ForceSearch(
         np.array([b.best_c for b in brackets]),
         np.array([b.best_rate for b in brackets]),
         np.array([b.status for b in brackets], np.int8),
-        asked + [b.evaluations for b in brackets],
-        kept,
+        pilot_evaluations + [b.evaluations for b in brackets],
+        best_counts,
     )
 
 
 def _pilot(
-    every: _Encoded, levels: Floats, target_hz: Floats, start: Floats
+    condition: _Condition, readings: Floats, target_hz: Floats, start: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """What some of the trials say of C and of the rate's slope, and the encodings that it took.
+    """Return C and slope of the rate from some of the trials, and the encodings they took.
 
-    Their readings are not as high as those of all, but how much they differ is known, and a C that
-    makes up for it brings much the same rate. So C is searched on them, and told for all.
+    Their readings differ in height from those of all trials, but that difference is known, and a C
+    that corrects for it gives much the same rate. So the pilot's C is searched, then converted.
     """
-    which = slice(PILOT_EVERY // 2, None, PILOT_EVERY)
-    some = every.some(which)
-    higher = _ratio(*(mean_of_levels(own, every.normalisation) for own in (levels[which], levels)))
-    told = zip(target_hz.tolist(), (start / higher).tolist(), strict=True)
-    brackets = [Bracket(target, first, Method.REGULA_FALSI) for target, first in told]
-    for _ in some.rounds(brackets, PILOT_TOLERANCE_HZ, MOST_IN_PILOT):
+    selected = slice(PILOT_STRIDE // 2, None, PILOT_STRIDE)
+    pilot = condition.select(selected)
+    ratio = _ratio(
+        normalise_mean_readings(readings[selected], condition.normalisation),
+        normalise_mean_readings(readings, condition.normalisation),
+    )
+    known = zip(target_hz.tolist(), (start / ratio).tolist(), strict=True)
+    brackets = [Bracket(target, guess, Method.REGULA_FALSI) for target, guess in known]
+    for _ in pilot.evaluate(brackets, PILOT_TOLERANCE_HZ, MAX_PILOT_EVALUATIONS):
         pass
-    share = some.trials.lengths.sum() / max(1, every.trials.lengths.sum())
-    foreseen, slopes = (np.array([getattr(b, n) for b in brackets]) for n in ("foreseen", "slope"))
-    return foreseen * higher, slopes / higher, share * np.array([b.evaluations for b in brackets])
+    share = pilot.views.lengths.sum() / max(1, condition.views.lengths.sum())
+    c, slopes = (np.array([getattr(b, n) for b in brackets]) for n in ("predicted_c", "slope"))
+    return c * ratio, slopes / ratio, share * np.array([b.evaluations for b in brackets])
 
 
-class _Encoded(NamedTuple):
-    """Trials of one condition, to be encoded with one C after another."""
+class _Condition(NamedTuple):
+    """Trials of one condition, to encode with one C after another."""
 
-    trials: TrialRows
-    cuts: NDArray[np.int64]
+    views: TrialViews
+    bin_edges: NDArray[np.int64]
     normalisation: Normalisation
     parameters: EncoderParameters
 
-    def some(self, which: slice) -> _Encoded:
-        """Some of the trials, whole."""
-        chosen = self.trials.some(which)
-        return self._replace(trials=chosen, cuts=whole_trials(chosen))
+    def select(self, which: slice) -> _Condition:
+        """Return some of the trials, with one bin each."""
+        views = self.views.select(which)
+        return self._replace(views=views, bin_edges=single_bin_edges(views))
 
-    def rounds(
+    def evaluate(
         self,
         brackets: Sequence[Bracket],
         tolerance_hz: float,
-        most: int,
-        first: Encode | None = None,
+        max_rounds: int,
+        first_counts: CountWithC | None = None,
     ) -> Iterator[tuple[NDArray[np.int64], Counts, NDArray[np.bool_]]]:
-        """Encode with the guesses of all brackets that are open until none is.
+        """Encode with the guesses of all open brackets until none is open.
 
-        Each round gives the taxels, their counts, and for which of them the guess was the best yet.
+        Each round yields the taxels, their counts, and whether each guess was the best so far.
         """
-        lengths = self.trials.lengths.tolist()
-        for number in range(most):
+        lengths = self.views.lengths.tolist()
+        for number in range(max_rounds):
             taxels = np.array([i for i, b in enumerate(brackets) if b.status is None], np.int64)
             if not len(taxels):
                 return
             guesses = np.array([brackets[i].guess for i in taxels])
-            counts = first(guesses) if first and number == 0 else self._counts(taxels, guesses)
-            rates = sa_rates_hz(counts, lengths, self.parameters).tolist()
-            learnt = zip(taxels, rates, strict=True)
-            yield taxels, counts, np.array([brackets[i].learn(r, tolerance_hz) for i, r in learnt])
+            use_first = first_counts if number == 0 else None
+            counts = use_first(guesses) if use_first else self._count(taxels, guesses)
+            rates = zip(taxels, sa_rates_hz(counts, lengths, self.parameters).tolist(), strict=True)
+            yield taxels, counts, np.array([brackets[i].update(r, tolerance_hz) for i, r in rates])
 
-    def _counts(self, taxels: NDArray[np.int64], c: Floats) -> Counts:
-        return stretch_counts(
-            self.trials,
-            self.cuts,
+    def _count(self, taxels: NDArray[np.int64], c: Floats) -> Counts:
+        return count_spikes(
+            self.views,
+            self.bin_edges,
             self.normalisation,
             self.parameters,
-            sa_scale=np.tile(c, (len(self.trials), 1)),
+            sa_scale=np.tile(c, (len(self.views), 1)),
             taxels=taxels,
             sa_only=True,
         )
 
 
-def _ratio(of: Floats, to: Floats) -> Floats:
-    """One level over another, 1 where there is none."""
-    return np.divide(of, to, out=np.ones_like(to), where=(to > 0) & (of > 0))
+def _ratio(numerator: Floats, denominator: Floats) -> Floats:
+    """Return the ratio of two mean readings, 1 where either is 0."""
+    return np.divide(
+        numerator,
+        denominator,
+        out=np.ones_like(denominator),
+        where=(denominator > 0) & (numerator > 0),
+    )

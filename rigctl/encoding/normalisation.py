@@ -1,4 +1,4 @@
-"""The range of each taxel: how an integer reading becomes a number from 0 to 1."""
+"""The range of each taxel, which maps integer readings to numbers from 0 to 1."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Normalisation:
     """Lowest and highest reading of each taxel, uint16 (n_taxels,) each.
 
     A reading r becomes (r − low) / (high − low), clipped to 0–1. A taxel whose range is empty
-    (constant over the data) reads 0 always. ``source`` says in words where the range is from.
-    Raises :class:`WrongUse` where a low lies above its high.
+    (constant over the data) always reads 0. ``source`` describes where the range is from.
+    Raises :class:`WrongUse` where a low end is above its high end.
     """
 
     low: NDArray[np.uint16]
@@ -28,10 +28,10 @@ class Normalisation:
 
     def __post_init__(self) -> None:
         if self.low.shape != self.high.shape or self.low.ndim != 1:
-            raise WrongUse("taxel ranges need one low and one high for each taxel")
+            raise WrongUse("taxel ranges need one low and one high end for each taxel")
         if bool(np.any(self.low > self.high)):
             taxel = int(np.flatnonzero(self.low > self.high)[0]) + 1
-            raise WrongUse(f"taxel {taxel}: the low end of its range lies above the high end")
+            raise WrongUse(f"taxel {taxel}: the low end of its range is above the high end")
 
     @property
     def n_taxels(self) -> int:
@@ -46,26 +46,26 @@ class Normalisation:
 
     @property
     def constant_taxels(self) -> list[int]:
-        """Taxels (counted from 1) that carry no signal in this range."""
+        """Taxels (counted from 1) without a signal in this range."""
         return [int(i) + 1 for i in np.flatnonzero(self.low == self.high)]
 
-    def clipped(self, samples: NDArray[np.uint16]) -> NDArray[np.int64]:
-        """How many readings of each taxel fall outside its range, int64 (n_taxels,)."""
+    def count_clipped(self, samples: NDArray[np.uint16]) -> NDArray[np.int64]:
+        """Return the number of readings of each taxel outside its range, int64 (n_taxels,)."""
         outside = (samples < self.low) | (samples > self.high)
         counts: NDArray[np.int64] = np.sum(outside, axis=0, dtype=np.int64)
         return counts
 
     @classmethod
     def full_scale(cls, n_taxels: int, highest: int = FULL_SCALE) -> Normalisation:
-        """The whole range that readings can have: the converter's, 0–1023, or a session's own."""
+        """Return the whole range of readings: the converter's, 0–1023, or a session's own."""
         low = np.zeros(n_taxels, np.uint16)
         return cls(low, np.full(n_taxels, highest, np.uint16), f"full scale 0–{highest}")
 
     @classmethod
-    def over(cls, recordings: Iterable[NDArray[np.uint16]], source: str) -> Normalisation:
-        """Minimum and maximum of each taxel over recordings, uint16 (n, n_taxels) each.
+    def from_samples(cls, recordings: Iterable[NDArray[np.uint16]], source: str) -> Normalisation:
+        """Return the minimum and maximum of each taxel over recordings, uint16 (n, n_taxels) each.
 
-        Raises :class:`WrongUse` if there is not a single sample.
+        Raises :class:`WrongUse` if there is no sample.
         """
         ends = [(part.min(axis=0), part.max(axis=0)) for part in recordings if len(part)]
         if not ends:
@@ -76,19 +76,19 @@ class Normalisation:
 
 
 class RunningRange:
-    """The range seen so far, for a live view that has no calibration; it can only widen.
+    """The range since the start, for a live view without a calibration; it only widens.
 
-    ``least_width`` counts above its lowest reading belong to a taxel's range in any case: while
-    nothing touches the sensor, a range as wide as the noise would have every neuron fire.
+    A taxel's range is at least ``min_width`` counts wide: while nothing touches the sensor, a range
+    as wide as the noise would make every neuron fire.
     """
 
-    def __init__(self, n_taxels: int, least_width: int = 0) -> None:
-        self._least_width = least_width
+    def __init__(self, n_taxels: int, min_width: int = 0) -> None:
+        self._min_width = min_width
         self._low = np.full(n_taxels, np.iinfo(np.uint16).max, np.uint16)
         self._high = np.zeros(n_taxels, np.uint16)
 
     def update(self, samples: NDArray[np.uint16]) -> bool:
-        """Take in samples uint16 (n, n_taxels); True if the range of any taxel widened."""
+        """Add samples uint16 (n, n_taxels); return True if the range of any taxel widened."""
         if len(samples) == 0:
             return False
         low = np.minimum(self._low, samples.min(axis=0))
@@ -102,7 +102,7 @@ class RunningRange:
         """The range so far; before the first sample the converter's whole range."""
         if bool(np.any(self._low > self._high)):
             return Normalisation.full_scale(self._low.shape[0])
-        least = self._low.astype(np.int64) + self._least_width
+        least = self._low.astype(np.int64) + self._min_width
         high = np.minimum(np.maximum(self._high, least), np.iinfo(np.uint16).max)
         source = "running range since the start"
         return Normalisation(self._low, high.astype(np.uint16), source)

@@ -1,8 +1,8 @@
-"""The encoder's parameters as one frozen value, and the named presets of it.
+"""The encoder's parameters as one frozen value, and its named presets.
 
 The neuron is Izhikevich's (IEEE Trans. Neural Networks 14, 2003, eq. 1–3) in the tonic-spiking
-setting. The equations leave the integration scheme open and the scheme changes the rates, so
-each published scheme has a preset of its own; ``docs/reference/encoding.md`` shows their rates.
+setting. The equations leave the integration scheme open, and the scheme changes the rates, so each
+published scheme has its own preset; ``docs/reference/encoding.md`` shows their rates.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ MAX_SUBSTEPS = 64
 
 
 class Recovery(StrEnum):
-    """Which membrane voltage a substep's recovery variable u is computed from."""
+    """The membrane voltage from which a substep computes the recovery variable u."""
 
     NEW_V = "new-v"
     OLD_V = "old-v"
 
 
 class Reset(StrEnum):
-    """When a neuron that crossed threshold is reset."""
+    """When a neuron that crossed the threshold is reset."""
 
     SAME_SUBSTEP = "same-substep"
     NEXT_SAMPLE = "next-sample"
 
 
 class Rectify(StrEnum):
-    """What the RA channel makes of a falling signal."""
+    """How the RA channel treats a falling signal."""
 
     SIGNED = "signed"
     ABSOLUTE = "absolute"
@@ -41,16 +41,16 @@ class Rectify(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EncoderParameters:
-    """Every number that decides where a spike falls.
+    """Every number that decides the time of a spike.
 
     ``a`` (1/ms), ``b``, ``c_mv``, ``d``: the neuron's four parameters. ``quadratic``, ``linear``,
     ``constant``: dv/dt = quadratic·v² + linear·v + constant − u + k·input, v in mV, t in ms.
-    ``substeps`` Euler steps of ``substep_ms`` are made for each sample with the input held.
-    With ``reset`` at the next sample, u moves once a sample and a sample holds one spike at most;
-    ``clamp_v`` then cuts v off at the threshold before u sees it.
+    Each sample takes ``substeps`` Euler steps of ``substep_ms`` with constant input.
+    With ``reset`` at the next sample, u changes once a sample and a sample has at most one spike;
+    ``clamp_v`` then limits v to the threshold before u uses it.
     ``sa_gain`` multiplies the normalised reading (0–1); ``ra_gain`` its low-passed derivative
     per second (``ra_lowpass_hz``, causal Butterworth of second order).
-    Raises :class:`WrongUse` for values that no neuron can have.
+    Raises :class:`WrongUse` for impossible values.
     """
 
     name: str = "default"
@@ -84,36 +84,36 @@ class EncoderParameters:
         if self.substep_ms <= 0 or self.sample_rate_hz <= 0:
             raise WrongUse("encoder parameters substep_ms and sample_rate_hz must be above 0")
         if not 0 < self.ra_lowpass_hz < self.sample_rate_hz / 2:
-            raise WrongUse("encoder parameter ra_lowpass_hz must lie below half the sample rate")
+            raise WrongUse("encoder parameter ra_lowpass_hz must be below half the sample rate")
         if self.c_mv >= self.threshold_mv:
-            raise WrongUse("encoder parameter c_mv must lie below threshold_mv")
+            raise WrongUse("encoder parameter c_mv must be below threshold_mv")
         if self.reset is Reset.NEXT_SAMPLE and self.recovery is Recovery.OLD_V:
-            raise WrongUse("encoder: reset at the next sample goes with recovery from the new v")
+            raise WrongUse("encoder: reset at the next sample needs recovery from the new v")
 
     def as_dict(self) -> dict[str, str | float | int | bool]:
-        """All parameters by name as plain values, to be stored beside a result."""
+        """Return all parameters by name as plain values, to store beside a result."""
         plain = asdict(self)
         return {k: str(v) if isinstance(v, StrEnum) else v for k, v in plain.items()}
 
     @classmethod
     def from_dict(cls, values: dict[str, str | float | int | bool]) -> EncoderParameters:
-        """The inverse of :meth:`as_dict`. Raises WrongUse for an unknown name or word."""
+        """Return parameters from :meth:`as_dict`. Raises WrongUse for an unknown name or word."""
         unknown = sorted(set(values) - set(cls.__dataclass_fields__))
         if unknown:
             raise WrongUse(f"unknown encoder parameter {unknown[0]!r}")
-        words = {"recovery": Recovery, "reset": Reset, "ra_rectify": Rectify}
+        enums = {"recovery": Recovery, "reset": Reset, "ra_rectify": Rectify}
         typed: dict[str, object] = dict(values)
-        for key, kind in words.items():
+        for key, enum in enums.items():
             if key in typed:
-                typed[key] = _word(key, kind, str(typed[key]))
+                typed[key] = _parse_enum(key, enum, str(typed[key]))
         return replace(DEFAULT, **typed)  # type: ignore[arg-type]  # __post_init__ checks them
 
 
-def _word(key: str, kind: type[StrEnum], value: str) -> StrEnum:
+def _parse_enum(key: str, enum: type[StrEnum], value: str) -> StrEnum:
     try:
-        return kind(value)
+        return enum(value)
     except ValueError:
-        allowed = ", ".join(kind)
+        allowed = ", ".join(enum)
         raise WrongUse(f"encoder parameter {key} is {value!r}: give one of {allowed}") from None
 
 
@@ -126,7 +126,7 @@ PRESETS: dict[str, EncoderParameters] = {
     "izhikevich2003": replace(
         DEFAULT, name="izhikevich2003", substeps=2, substep_ms=0.5, reset=Reset.NEXT_SAMPLE
     ),
-    # One step of 1 ms, v cut off at 30 mV, reset a step later.
+    # One step of 1 ms, v limited to 30 mV, reset a step later.
     "iskarous2022": replace(
         DEFAULT,
         name="iskarous2022",
@@ -135,43 +135,43 @@ PRESETS: dict[str, EncoderParameters] = {
         reset=Reset.NEXT_SAMPLE,
         clamp_v=True,
     ),
-    # The neuron lives a quarter of the time that passes.
+    # Model time runs at a quarter of real time.
     "quarter-rate": replace(DEFAULT, name="quarter-rate", substeps=1),
 }
 
 
 def preset(name: str) -> EncoderParameters:
-    """The preset of that name. Raises WrongUse with the names there are."""
+    """Return the preset of that name. Raises WrongUse with the existing names."""
     if name not in PRESETS:
         raise WrongUse(f"unknown encoder preset {name!r}: choose one of {', '.join(PRESETS)}")
     return PRESETS[name]
 
 
-def changed(base: EncoderParameters, settings: Sequence[str]) -> EncoderParameters:
-    """A preset with some numbers of its own, each as ``name=value``; its name tells them.
+def override(base: EncoderParameters, settings: Sequence[str]) -> EncoderParameters:
+    """Return a preset with other values, each as ``name=value``; its name lists them.
 
-    Raises WrongUse for an unknown name, or a value of another kind.
+    Raises WrongUse for an unknown name, or a value of another type.
     """
-    plain, said = base.as_dict(), [base.name]
+    values, name_parts = base.as_dict(), [base.name]
     for setting in settings:
-        key, found, text = setting.partition("=")
-        if not found or key not in plain or key == "name":
-            known = ", ".join(name for name in plain if name != "name")
-            raise WrongUse(f"encoder parameter {setting!r}: give name=value with one of {known}")
-        plain[key] = _typed(key, text, plain[key])
-        said.append(f"{key}={plain[key]}")
-    return EncoderParameters.from_dict({**plain, "name": ", ".join(said)})
+        key, separator, text = setting.partition("=")
+        if not separator or key not in values or key == "name":
+            names = ", ".join(name for name in values if name != "name")
+            raise WrongUse(f"encoder parameter {setting!r}: give name=value with one of {names}")
+        values[key] = _parse_value(key, text, values[key])
+        name_parts.append(f"{key}={values[key]}")
+    return EncoderParameters.from_dict({**values, "name": ", ".join(name_parts)})
 
 
-def _typed(key: str, text: str, like: str | float | int | bool) -> str | float | int | bool:
+def _parse_value(key: str, text: str, like: str | float | int | bool) -> str | float | int | bool:
     if isinstance(like, str):
         return text
     if isinstance(like, bool):
         if text not in ("true", "false"):
             raise WrongUse(f"encoder parameter {key} is {text!r}: give true or false")
         return text == "true"
-    kind, word = (int, "a whole number") if isinstance(like, int) else (float, "a number")
+    kind, noun = (int, "a whole number") if isinstance(like, int) else (float, "a number")
     try:
         return kind(text)
     except ValueError:
-        raise WrongUse(f"encoder parameter {key} is {text!r}: give {word}") from None
+        raise WrongUse(f"encoder parameter {key} is {text!r}: give {noun}") from None

@@ -17,8 +17,10 @@ TABLE_INPUTS = (0.02, 0.04, 0.06, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7,
 RESOLUTION = 1000
 
 
-def sa_rates_hz(parameters: EncoderParameters, inputs: Sequence[float]) -> NDArray[np.float64]:
-    """SA rate for constant normalised inputs (0–1, to three decimals), float64, Hz.
+def steady_sa_rates_hz(
+    parameters: EncoderParameters, inputs: Sequence[float]
+) -> NDArray[np.float64]:
+    """Return the SA rate for constant normalised inputs (0–1, to three decimals), float64, Hz.
 
     Counted over 20 s after 1 s from rest.
     """
@@ -26,16 +28,16 @@ def sa_rates_hz(parameters: EncoderParameters, inputs: Sequence[float]) -> NDArr
     ranges = Normalisation(low, low + np.uint16(RESOLUTION), "inputs in thousandths")
     encoder = Encoder(ranges, parameters)
     readings = np.round(np.asarray(inputs) * RESOLUTION).astype(np.uint16)
-    rate = round(parameters.sample_rate_hz)
-    encoder.encode(np.tile(readings, (SETTLE_S * rate, 1)))
-    counts = encoder.encode(np.tile(readings, (COUNT_S * rate, 1)))
-    spikes: NDArray[np.float64] = counts[:, : len(inputs)].sum(axis=0) / float(COUNT_S)
-    return spikes
+    rate_hz = round(parameters.sample_rate_hz)
+    encoder.encode(np.tile(readings, (SETTLE_S * rate_hz, 1)))
+    counts = encoder.encode(np.tile(readings, (COUNT_S * rate_hz, 1)))
+    rates: NDArray[np.float64] = counts[:, : len(inputs)].sum(axis=0) / float(COUNT_S)
+    return rates
 
 
-def table() -> str:
-    """SA rates in Hz as a Markdown table, one row an input, one column a preset."""
-    columns = {name: sa_rates_hz(p, TABLE_INPUTS) for name, p in PRESETS.items()}
+def markdown_table() -> str:
+    """Return SA rates in Hz as a Markdown table, one row an input, one column a preset."""
+    columns = {name: steady_sa_rates_hz(p, TABLE_INPUTS) for name, p in PRESETS.items()}
     lines = ["| x | " + " | ".join(columns) + " |", "|---:|" + "---:|" * len(columns)]
     for row, x in enumerate(TABLE_INPUTS):
         cells = " | ".join(f"{rates[row]:.1f}" for rates in columns.values())
@@ -44,4 +46,4 @@ def table() -> str:
 
 
 if __name__ == "__main__":
-    print(table())
+    print(markdown_table())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigctl.analysis.classification.splits import Design, Split, make_splits, stratified_folds
 from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.analysis.paper import published
-from rigctl.encoding.batch import cuts_of, features_of, stretch_counts
+from rigctl.encoding.batch import common_bin_edges, count_spikes, features_from_counts
 from rigctl.encoding.features import UNSCALED
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.identification.sliding import Slides
@@ -41,15 +41,15 @@ def accuracies(slides: Slides, seed: int) -> dict[str, float]:
 
 def features_of_slides(slides: Slides) -> NDArray[np.float64]:
     """Windows of 100 ms in real time, float64 (n_trials, 2160)."""
-    ranges = Normalisation.over(slides.samples, "all trials")
-    out = np.empty((len(slides.samples), UNSCALED.width(N_TAXELS)))
+    ranges = Normalisation.from_samples(slides.samples, "all trials")
+    out = np.empty((len(slides.samples), UNSCALED.n_features(N_TAXELS)))
     for speed in np.unique(slides.design.speed_mm_s):
         rows = np.flatnonzero(slides.design.speed_mm_s == speed)
         trials = [slides.samples[row] for row in rows]
         lengths = [len(trial) for trial in trials]
-        cuts = cuts_of([UNSCALED], max(lengths), float(speed))
-        counts = stretch_counts(trials, cuts, ranges)
-        out[rows] = features_of(counts, cuts, lengths, float(speed), UNSCALED)
+        cuts = common_bin_edges([UNSCALED], max(lengths), float(speed))
+        counts = count_spikes(trials, cuts, ranges)
+        out[rows] = features_from_counts(counts, cuts, lengths, float(speed), UNSCALED)
     return out
 
 

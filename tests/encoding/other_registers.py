@@ -36,7 +36,7 @@ def turned_about() -> Iterator[None]:
 
 def digest() -> str:
     """Of trains, counts and membranes by schemes that keep to different orders."""
-    from rigctl.encoding.batch import counts_without_and_with
+    from rigctl.encoding.batch import count_spikes_without_and_with_c
     from rigctl.encoding.encoder import encode_trials, membrane_mv
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.encoding.parameters import DEFAULT, PRESETS
@@ -51,7 +51,7 @@ def digest() -> str:
         for spikes in encode_trials(trials, ranges, scheme, sa_scale=scale):
             found.update(spikes.row_start.tobytes() + spikes.sample_index.tobytes())
     for scheme in (DEFAULT, PRESETS["iskarous2022"]):
-        for counts in counts_without_and_with(trials, cuts, ranges, scheme, scale):
+        for counts in count_spikes_without_and_with_c(trials, cuts, ranges, scheme, scale):
             found.update(counts.tobytes())
         found.update(membrane_mv(trials[-1], ranges, scheme).tobytes())
     return found.hexdigest()
@@ -65,4 +65,4 @@ if __name__ == "__main__":
             from rigctl.encoding.kernel import simd
     else:
         from rigctl.encoding.kernel import simd
-    print(simd.WIDE, digest())
+    print(simd.VECTOR_WIDTH, digest())

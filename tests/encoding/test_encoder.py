@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from rigctl.encoding.encoder import Encoder, encode_trial, encode_trials, membrane_mv
-from rigctl.encoding.kernel import constants, machine_code
-from rigctl.encoding.kernel import neuron_step as steps
+from rigctl.encoding.kernel import butterworth, constants, neuron_step
 from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.parameters import PRESETS, EncoderParameters, Recovery, Rectify, Reset, preset
-from rigctl.encoding.rate_table import sa_rates_hz, table
+from rigctl.encoding.rate_table import markdown_table, steady_sa_rates_hz
 from rigctl.errors import WrongUse
 
 N_TAXELS = 4
@@ -33,7 +32,7 @@ def textbook_drive(x: list[float], p: EncoderParameters, ra: bool) -> list[float
     """k·input of each sample: the reading, or the change per second of SciPy's low-pass."""
     if not ra:
         return [p.sa_gain * value for value in x]
-    b, a = constants.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    b, a = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
     z2 = (b[2] - a[2]) * x[0]
     start = [(b[1] - a[1]) * x[0] + z2, z2]
     smooth, _ = signal.lfilter(b, a, x, zi=start)
@@ -106,7 +105,7 @@ def extremes(seed: int) -> NDArray[np.uint16]:
 @pytest.mark.parametrize(("cutoff_hz", "rate_hz"), [(20, 1000), (1, 1000), (499, 1000), (5, 73)])
 def test_the_low_pass_is_scipys_butterworth(cutoff_hz: float, rate_hz: float) -> None:
     expected = signal.butter(2, cutoff_hz, fs=rate_hz)
-    for ours, theirs in zip(constants.butterworth(cutoff_hz, rate_hz), expected, strict=True):
+    for ours, theirs in zip(butterworth(cutoff_hz, rate_hz), expected, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=3e-14)
 
 
@@ -161,11 +160,11 @@ def exact_fma(x: float, y: float, z: float) -> float:
 
 def reckoned(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], list[float]]:
     """Spikes and membrane of one lane in the kernel's normal form, one operation at a time."""
-    w0, keep, take, threshold, reset_to, jump = constants.folded(p)[:6].tolist()
-    a1, a2 = constants.folded(p)[steps.A1 : steps.A2 + 1].tolist()
+    w0, keep, take, threshold, reset_to, jump = constants.kernel_constants(p)[:6].tolist()
+    a1, a2 = constants.kernel_constants(p)[neuron_step.A1 : neuron_step.A2 + 1].tolist()
     unit = np.array([1 / 1023])
     drive = float(constants.drives(p, unit, np.ones(1))[ra][0])
-    m, q = constants.rest(p, machine_code.LANES)[: steps.Q + 1, 0].tolist()
+    m, q = constants.rest_state(p, 32)[: neuron_step.Q + 1, 0].tolist()
     last, z1, z2 = float(x[0]), 0.0, 0.0
     spikes, membrane = [], []
     for reading in map(float, x):
@@ -188,7 +187,7 @@ def reckoned(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], l
 
 def published(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], list[float]]:
     """The same for a scheme that resets at the next sample, in the order of its publication."""
-    (b0, b1, b2), (_, a1, a2) = constants.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    (b0, b1, b2), (_, a1, a2) = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
     x0 = x[0] * (1 / 1023)
     z2 = (b2 - a2) * x0
     z1 = (b1 - a1) * x0 + z2
@@ -218,7 +217,7 @@ def test_compiled_arithmetic_has_the_bits_of_exact_arithmetic(name: str) -> None
     p, ranges = preset(name), Normalisation.full_scale(N_TAXELS)
     samples = np.concatenate([touch(3, 250)[100:], extremes(3)[:150]])
     counts, voltage = Encoder(ranges, p).encode(samples), membrane_mv(samples, ranges, p)
-    way = published if constants.is_late(p) else reckoned
+    way = published if constants.has_late_reset(p) else reckoned
     for column in range(2 * N_TAXELS):
         readings = samples[:, column % N_TAXELS].tolist()
         spikes, membrane = way(readings, p, column >= N_TAXELS)
@@ -307,8 +306,8 @@ def test_readings_outside_the_range_are_clipped_and_counted() -> None:
     narrow, wide = Encoder(RANGES), Encoder(RANGES)
     a, b = narrow.encode(np.tile(inside, (200, 1))), wide.encode(np.tile(outside, (200, 1)))
     np.testing.assert_array_equal(a, b)
-    assert narrow.clipped.tolist() == [0, 0, 0, 0]
-    assert wide.clipped.tolist() == [0, 400, 400, 400]
+    assert narrow.clipped_counts.tolist() == [0, 0, 0, 0]
+    assert wide.clipped_counts.tolist() == [0, 400, 400, 400]
 
 
 def test_a_constant_taxel_is_silent_and_named() -> None:
@@ -332,7 +331,7 @@ def test_the_running_range_only_widens() -> None:
 def test_a_running_range_of_noise_alone_keeps_the_neurons_quiet() -> None:
     rng = np.random.default_rng(2)
     idle = rng.integers(30, 34, (3000, 2)).astype(np.uint16)
-    running = RunningRange(2, least_width=128)
+    running = RunningRange(2, min_width=128)
     running.update(idle)
     assert running.normalisation.high.tolist() == [158, 158]
     assert Encoder(running.normalisation).encode(idle).sum() == 0
@@ -352,7 +351,7 @@ def test_a_neuron_at_rest_stays_there() -> None:
 
 def test_rates_rise_with_the_input_and_lock_where_they_should() -> None:
     inputs = np.arange(1, 101) / 100
-    rates = {name: sa_rates_hz(preset(name), list(inputs)) for name in ALL_PRESETS}
+    rates = {name: steady_sa_rates_hz(preset(name), list(inputs)) for name in ALL_PRESETS}
     assert (np.diff(rates["default"]) >= -0.1).all()
     assert len(np.unique(rates["default"])) > 60
     # Published schemes with long steps lock many inputs to whole milliseconds between spikes.
@@ -397,4 +396,4 @@ def test_samples_of_another_width_are_refused() -> None:
 
 def test_the_table_of_rates_in_the_reference_is_fresh() -> None:
     page = Path(__file__).parents[2] / "docs" / "reference" / "encoding.md"
-    assert table() in page.read_text(encoding="utf-8")
+    assert markdown_table() in page.read_text(encoding="utf-8")

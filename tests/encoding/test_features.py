@@ -1,4 +1,4 @@
-"""Windows, rates and counts on cases small enough to reckon by hand."""
+"""Windows, rates and counts in cases small enough to compute by hand."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from rigctl.encoding.features import (
     trial_features,
 )
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.speed_scaling import scaled_time_s, windows_of_samples
 from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 
@@ -34,7 +33,7 @@ def spikes_of(trains: list[list[int]], n_samples: int) -> Spikes:
 @pytest.mark.parametrize("speed", PAPER_SPEEDS)
 def test_the_papers_trials_fill_twenty_equal_windows(speed: int) -> None:
     n = 240 * 1000 // speed
-    windows = windows_of_samples(n, speed)
+    windows = SPEED_SCALED.sample_windows(n, speed)
     assert np.bincount(windows).tolist() == [n // 20] * 20
     assert windows.tolist() == [(t * speed) // 12000 for t in range(n)]
 
@@ -42,7 +41,7 @@ def test_the_papers_trials_fill_twenty_equal_windows(speed: int) -> None:
 @given(t=st.integers(0, 10_000), speed=st.integers(1, 400_000))
 def test_windows_are_exact_to_the_micrometre_per_second(t: int, speed: int) -> None:
     exact = Fraction(t * speed, 1000 * 1000) / (120 * Fraction(1, 10))
-    assert windows_of_samples(t + 1, speed / 1000)[t] == exact.__floor__()
+    assert SPEED_SCALED.sample_windows(t + 1, speed / 1000)[t] == exact.__floor__()
 
 
 @given(
@@ -51,33 +50,28 @@ def test_windows_are_exact_to_the_micrometre_per_second(t: int, speed: int) -> N
     windows=st.integers(1, 70),
     scaled=st.booleans(),
 )
-def test_windows_begin_and_last_as_their_samples_say(
+def test_window_starts_and_durations_match_the_sample_windows(
     n: int, speed: int, windows: int, scaled: bool
 ) -> None:
-    """Also where a window is too short for a sample."""
+    """Even if a window is too short for a sample."""
     layout = FeatureLayout(windows, scaled)
-    of_samples = layout.windows(n, speed / 1000)
-    inside = of_samples[of_samples < windows]
+    sample_windows = layout.sample_windows(n, speed / 1000)
+    inside = sample_windows[sample_windows < windows]
     per_window = np.bincount(inside, minlength=windows)
-    assert layout.seconds(n, speed / 1000).tolist() == (per_window / 1000).tolist()
-    assert layout.seconds([n, 0], speed / 1000).tolist()[1] == [0.0] * windows
-    begins = layout.begins(speed / 1000)
-    firsts = np.searchsorted(of_samples, np.arange(windows + 1))
-    assert np.minimum(begins, n).tolist() == firsts.tolist()
+    assert layout.window_durations_s(n, speed / 1000).tolist() == (per_window / 1000).tolist()
+    assert layout.window_durations_s([n, 0], speed / 1000).tolist()[1] == [0.0] * windows
+    starts = layout.window_starts(speed / 1000)
+    firsts = np.searchsorted(sample_windows, np.arange(windows + 1))
+    assert np.minimum(starts, n).tolist() == firsts.tolist()
 
 
 def test_other_windows_and_references() -> None:
-    windows = windows_of_samples(10, 50.0, window_ms=2, reference_mm_s=100.0)
+    windows = FeatureLayout(3, True, window_ms=2, reference_mm_s=100.0).sample_windows(10, 50.0)
     assert windows.tolist() == [0, 0, 0, 0, 1, 1, 1, 1, 2, 2]
     with pytest.raises(WrongUse, match="above 0"):
-        windows_of_samples(10, 0.0)
+        SPEED_SCALED.sample_windows(10, 0.0)
     with pytest.raises(WrongUse, match="no sample"):
-        windows_of_samples(10, 50.0, window_ms=0)
-
-
-def test_scaled_times_are_the_papers_equation_2() -> None:
-    times = scaled_time_s(np.array([0, 3000], np.int32), 40.0)
-    np.testing.assert_allclose(times, [0.0, 1.0])
+        FeatureLayout(3, True, window_ms=0).sample_windows(10, 50.0)
 
 
 def test_rates_by_hand() -> None:
@@ -95,15 +89,15 @@ def test_a_short_last_window_is_divided_by_its_real_samples() -> None:
     assert features.tolist() == [5.0, 20.0, 0.0, 1.0]
 
 
-def test_what_falls_past_the_last_window_is_dropped() -> None:
+def test_spikes_behind_the_last_window_are_dropped() -> None:
     spikes = spikes_of([[0, 100, 200], [100, 200]], n_samples=203)
     features = trial_features(spikes, 120.0, FeatureLayout(2, scaled=True))
     assert features.tolist() == [10.0, 10.0, 0.0, 1.0]
 
 
-def test_the_papers_widths() -> None:
-    assert SPEED_SCALED.width(18) == 720
-    assert UNSCALED.width(18) == 2160
+def test_the_layouts_have_the_papers_number_of_features() -> None:
+    assert SPEED_SCALED.n_features(18) == 720
+    assert UNSCALED.n_features(18) == 2160
 
 
 def test_a_layout_covers_a_set_of_trials() -> None:
@@ -114,7 +108,7 @@ def test_a_layout_covers_a_set_of_trials() -> None:
     assert FeatureLayout.covering([], [], scaled=True).n_windows == 1
 
 
-def test_matrices_equal_the_trials_one_by_one() -> None:
+def test_matrices_equal_the_features_of_single_trials() -> None:
     rng = np.random.default_rng(0)
     speeds = [40.0, 60.0, 80.0, 100.0, 120.0, 77.7, 40.0]
     trials = [rng.integers(200, 800, (round(60_000 / v) + 3, 5)).astype(np.uint16) for v in speeds]
@@ -124,13 +118,13 @@ def test_matrices_equal_the_trials_one_by_one() -> None:
     matrices = feature_matrices(trials, speeds, ranges, layouts, sa_scale=scale)
     spikes = encode_trials(trials, ranges, sa_scale=scale)
     for layout, matrix in zip(layouts, matrices, strict=True):
-        assert matrix.shape == (7, layout.width(5))
+        assert matrix.shape == (7, layout.n_features(5))
         for row, (train, speed) in enumerate(zip(spikes, speeds, strict=True)):
             np.testing.assert_array_equal(matrix[row], trial_features(train, speed, layout))
     assert matrices[0].any(axis=1).all()
 
 
-def test_speeds_must_match_trials() -> None:
+def test_each_trial_needs_a_speed() -> None:
     with pytest.raises(WrongUse, match="2 trials, but 1 speeds"):
         feature_matrices(
             [np.zeros((5, 1), np.uint16)] * 2, [40.0], Normalisation.full_scale(1), [SPEED_SCALED]

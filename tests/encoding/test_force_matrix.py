@@ -1,9 +1,8 @@
-"""The force matrix: every C brings the rate to its target, or says why it does not."""
+"""The force matrix: every C brings the rate to its target, or its status explains why not."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,19 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.encoding.batch import mean_level
-from rigctl.encoding.force_matrix import ForceMatrix, force_matrix
+from rigctl.encoding.batch import mean_normalised_reading
+from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.force_search import (
-    FEWEST_IN_PILOT,
-    PILOT_EVERY,
+    MIN_PILOT_TRIALS,
+    PILOT_STRIDE,
     TOLERANCE_HZ,
     ForceSearch,
     mean_sa_rates_hz,
-    search,
-    search_to,
+    search_c,
+    search_c_from_reference,
 )
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.root_bracket import HIGHEST_C, Bracket, Method, SearchStatus
+from rigctl.encoding.root_bracket import MAX_C, Bracket, Method, SearchStatus
 from rigctl.errors import WrongUse
 
 N_TAXELS = 6
@@ -34,7 +33,7 @@ Trials = list[NDArray[np.uint16]]
 
 
 def trials_of(texture: str, speed: float, force: float) -> Trials:
-    """Twenty noisy trials; a taxel reads higher under more force, each in its own measure."""
+    """Twenty noisy trials; a taxel reads higher under more force, each by its own factor."""
     rng = np.random.default_rng([ord(texture), int(speed), int(force)])
     n = round(60_000 / speed)
     gain = np.linspace(0.25, 0.5, N_TAXELS) * (force / 500) ** np.linspace(0.3, 0.7, N_TAXELS)
@@ -43,12 +42,34 @@ def trials_of(texture: str, speed: float, force: float) -> Trials:
     return list(np.round(1023 * np.clip(gain * wave + noise, 0, 1)).astype(np.uint16))
 
 
+def search(trials: Trials, reference: Trials, method: Method = Method.REGULA_FALSI) -> ForceSearch:
+    ranges = Normalisation.full_scale(trials[0].shape[1])
+    target = mean_sa_rates_hz(reference, ranges)
+    return search_c_from_reference(
+        trials, mean_normalised_reading(reference, ranges), target, ranges, method=method
+    )
+
+
+def search_matrix(method: Method) -> ForceMatrix:
+    """Search C of two textures at two speeds and all forces."""
+    textures, speeds = ("A", "B"), (40.0, 120.0)
+    shape = (len(textures), N_TAXELS, len(speeds), len(FORCES))
+    c, status = np.ones(shape), np.zeros(shape, np.int8)
+    residual, evaluations = np.zeros(shape), np.zeros(shape)
+    for t, v, f in np.ndindex(len(textures), len(speeds), len(FORCES)):
+        if FORCES[f] == 500.0:
+            continue
+        reference = trials_of(textures[t], speeds[v], 500.0)
+        result = search(trials_of(textures[t], speeds[v], FORCES[f]), reference, method)
+        at = np.s_[t, :, v, f]
+        c[at], status[at], evaluations[at] = result.c, result.status, result.evaluations
+        residual[at] = result.rate_hz - mean_sa_rates_hz(reference, RANGES)
+    return ForceMatrix(textures, speeds, FORCES, 500.0, c, status, residual, evaluations)
+
+
 @pytest.fixture(scope="module")
 def matrices() -> dict[Method, ForceMatrix]:
-    return {
-        method: force_matrix(trials_of, "AB", (40.0, 120.0), FORCES, RANGES, method=method)
-        for method in Method
-    }
+    return {method: search_matrix(method) for method in Method}
 
 
 def test_every_c_brings_the_rate_to_its_target(matrices: dict[Method, ForceMatrix]) -> None:
@@ -56,13 +77,13 @@ def test_every_c_brings_the_rate_to_its_target(matrices: dict[Method, ForceMatri
         assert matrix.c.shape == (2, N_TAXELS, 2, 3)
         assert (matrix.status[..., 1] == SearchStatus.REFERENCE).all()
         assert (matrix.c[..., 1] == 1).all()
-        found = matrix.status[..., [0, 2]]
-        assert (found == SearchStatus.CONVERGED).mean() > 0.9
+        result = matrix.status[..., [0, 2]]
+        assert (result == SearchStatus.CONVERGED).mean() > 0.9
         converged = matrix.status == SearchStatus.CONVERGED
         assert (abs(matrix.residual_hz[converged]) < TOLERANCE_HZ).all()
         assert (matrix.c[..., 0] > 1).all() and (matrix.c[..., 2] < 1).all()
     matrix = matrices[Method.REGULA_FALSI]
-    c = matrix.of("B", 40.0, 250.0)
+    c = matrix.c_at("B", 40.0, 250.0)
     target = mean_sa_rates_hz(trials_of("B", 40.0, 500.0), RANGES)
     reached = mean_sa_rates_hz(trials_of("B", 40.0, 250.0), RANGES, c=c)
     np.testing.assert_allclose(reached - target, matrix.residual_hz[1, :, 0, 0], atol=1e-9)
@@ -78,9 +99,9 @@ def test_regula_falsi_needs_far_fewer_encodings(matrices: dict[Method, ForceMatr
 
 def test_texture_blind_c_is_the_mean_over_textures(matrices: dict[Method, ForceMatrix]) -> None:
     matrix = matrices[Method.REGULA_FALSI]
-    mean = (matrix.of("A", 120.0, 1000.0) + matrix.of("B", 120.0, 1000.0)) / 2
+    mean = (matrix.c_at("A", 120.0, 1000.0) + matrix.c_at("B", 120.0, 1000.0)) / 2
     np.testing.assert_allclose(matrix.texture_blind(120.0, 1000.0), mean)
-    for call in (lambda: matrix.of("Z", 40.0, 250.0), lambda: matrix.texture_blind(50.0, 250.0)):
+    for call in (lambda: matrix.c_at("Z", 40.0, 250.0), lambda: matrix.texture_blind(50.0, 250.0)):
         with pytest.raises(WrongUse, match="force matrix"):
             call()
 
@@ -88,64 +109,38 @@ def test_texture_blind_c_is_the_mean_over_textures(matrices: dict[Method, ForceM
 @pytest.mark.parametrize("method", list(Method))
 def test_a_taxel_too_weak_for_its_target_is_capped(method: Method) -> None:
     weak = [np.full((2000, 1), 20, np.uint16)] * 3
-    found = search(
+    result = search_c(
         weak, np.array([150.0]), np.array([30.0]), Normalisation.full_scale(1), method=method
     )
-    assert found.status.tolist() == [SearchStatus.CAPPED]
-    assert found.c.tolist() == [HIGHEST_C]
-    assert found.rate_hz[0] < 150
+    assert result.status.tolist() == [SearchStatus.CAPPED]
+    assert result.c.tolist() == [MAX_C]
+    assert result.rate_hz[0] < 150
 
 
 @pytest.mark.parametrize("method", list(Method))
-def test_a_target_between_two_jumps_is_called_that(method: Method) -> None:
-    """One trial of 200 ms knows only rates in steps of 5 Hz."""
+def test_a_target_between_two_jumps_is_a_discontinuity(method: Method) -> None:
+    """One trial of 200 ms has only rates in steps of 5 Hz."""
     short = [np.full((200, 1), 500, np.uint16)]
-    found = search(
+    result = search_c(
         short, np.array([42.0]), np.array([1.0]), Normalisation.full_scale(1), method=method
     )
-    assert found.status.tolist() == [SearchStatus.DISCONTINUITY]
-    assert found.rate_hz.tolist() in ([40.0], [45.0])
+    assert result.status.tolist() == [SearchStatus.DISCONTINUITY]
+    assert result.rate_hz.tolist() in ([40.0], [45.0])
 
 
 def test_a_silent_target_and_a_dead_taxel_need_no_search() -> None:
     dead = [np.zeros((500, 2), np.uint16)]
-    found = search(dead, np.zeros(2), np.ones(2), Normalisation.full_scale(2))
-    assert (found.status == SearchStatus.CONVERGED).all()
-    assert found.evaluations.tolist() == [1, 1]
+    result = search_c(dead, np.zeros(2), np.ones(2), Normalisation.full_scale(2))
+    assert (result.status == SearchStatus.CONVERGED).all()
+    assert result.evaluations.tolist() == [1, 1]
 
 
-def missing_force(texture: str, speed: float, force: float) -> Trials:
-    return [] if force == 1000.0 else trials_of(texture, speed, force)
-
-
-@pytest.mark.parametrize(
-    ("source", "forces", "words"),
-    [
-        (trials_of, (250.0, 1000.0), "reference force of 500 g"),
-        (missing_force, FORCES, "no trial of texture A at 120 mm/s and 1000 g"),
-    ],
-)
-def test_missing_conditions_are_named(
-    source: Callable[[str, float, float], Trials], forces: tuple[float, ...], words: str
-) -> None:
-    with pytest.raises(WrongUse, match=words):
-        force_matrix(source, "A", (120.0,), forces, RANGES)
-
-
-RESTLESS = PILOT_EVERY * FEWEST_IN_PILOT
-"""Trials of a condition that are enough for some to be asked first."""
-
-
-def searched(
-    trials: Trials, reference: Trials, method: Method = Method.REGULA_FALSI
-) -> ForceSearch:
-    ranges = Normalisation.full_scale(trials[0].shape[1])
-    target = mean_sa_rates_hz(reference, ranges)
-    return search_to(trials, mean_level(reference, ranges), target, ranges, method=method)
+WITH_PILOT = PILOT_STRIDE * MIN_PILOT_TRIALS
+"""Fewest trials of a condition that has a pilot."""
 
 
 def pressed(force: float, n: int, spread: float, seed: int = 0) -> Trials:
-    """Trials uint16 (n_i, 3) of one condition that read more or less high, and are not as long."""
+    """Trials uint16 (n_i, 3) of one condition, of different heights and lengths."""
     rng = np.random.default_rng([seed, round(force)])
     level = 0.35 * (force / 500) ** np.array([0.3, 0.5, 0.7])
     heights = level * (1 + spread * rng.normal(size=(n, 1, 1)))
@@ -158,53 +153,53 @@ def pressed(force: float, n: int, spread: float, seed: int = 0) -> Trials:
     ]
 
 
-@pytest.mark.parametrize("n", [1, RESTLESS - 1, RESTLESS, 4 * RESTLESS])
+@pytest.mark.parametrize("n", [1, WITH_PILOT - 1, WITH_PILOT, 4 * WITH_PILOT])
 @pytest.mark.parametrize("force", [250.0, 1000.0])
-def test_c_is_told_by_all_trials_however_few_are_asked_first(n: int, force: float) -> None:
+def test_all_trials_decide_c_with_and_without_a_pilot(n: int, force: float) -> None:
     trials, reference = pressed(force, n, 0.03), pressed(500.0, n, 0.03)
-    found = searched(trials, reference)
+    result = search(trials, reference)
     ranges = Normalisation.full_scale(3)
-    reached = mean_sa_rates_hz(trials, ranges, c=found.c)
-    np.testing.assert_array_equal(reached, found.rate_hz)
+    reached = mean_sa_rates_hz(trials, ranges, c=result.c)
+    np.testing.assert_array_equal(reached, result.rate_hz)
     miss = abs(reached - mean_sa_rates_hz(reference, ranges))
-    assert (miss[found.status == SearchStatus.CONVERGED] < TOLERANCE_HZ).all()
-    assert n == 1 or (found.status == SearchStatus.CONVERGED).all()
+    assert (miss[result.status == SearchStatus.CONVERGED] < TOLERANCE_HZ).all()
+    assert n == 1 or (result.status == SearchStatus.CONVERGED).all()
     lengths = np.array([len(trial) for trial in trials])
-    rates = (found.counts.sum(axis=2) / lengths[:, None]).mean(axis=0) * 1000
+    rates = (result.counts.sum(axis=2) / lengths[:, None]).mean(axis=0) * 1000
     np.testing.assert_allclose(rates, reached)
 
 
-def test_asking_some_trials_first_saves_encodings_and_counts_them() -> None:
+def test_a_pilot_saves_encodings_and_counts_its_own() -> None:
     trials, reference = pressed(250.0, 100, 0.02), pressed(500.0, 100, 0.02)
-    with_some = searched(trials, reference).evaluations
-    share = sum(map(len, trials[PILOT_EVERY // 2 :: PILOT_EVERY])) / sum(map(len, trials))
-    asked = with_some % 1 / share
-    np.testing.assert_allclose(asked, np.round(asked), atol=1e-9)
-    assert (np.round(asked) >= 1).all()
-    alone = searched(trials[: RESTLESS - 1], reference).evaluations
+    with_pilot = search(trials, reference).evaluations
+    share = sum(map(len, trials[PILOT_STRIDE // 2 :: PILOT_STRIDE])) / sum(map(len, trials))
+    rounds = with_pilot % 1 / share
+    np.testing.assert_allclose(rounds, np.round(rounds), atol=1e-9)
+    assert (np.round(rounds) >= 1).all()
+    alone = search(trials[: WITH_PILOT - 1], reference).evaluations
     np.testing.assert_array_equal(alone, np.round(alone))
-    assert with_some.mean() < alone.mean()
+    assert with_pilot.mean() < alone.mean()
 
 
 @pytest.mark.parametrize("odd", [0.4, 2.5])
-def test_trials_asked_first_that_are_unlike_the_rest_mislead_nobody(odd: float) -> None:
-    """They read much higher or lower, and in bursts: making up for their level does not help."""
+def test_a_pilot_unlike_the_other_trials_does_not_mislead(odd: float) -> None:
+    """It reads much higher or lower, and in bursts: a correction of its mean does not help."""
     trials, reference = pressed(250.0, 64, 0.02), pressed(500.0, 64, 0.02)
-    for i in range(PILOT_EVERY // 2, 64, PILOT_EVERY):
+    for i in range(PILOT_STRIDE // 2, 64, PILOT_STRIDE):
         bursts = np.where(np.arange(len(trials[i])) // 50 % 2, odd, 0.1)[:, None]
         trials[i] = np.minimum(trials[i] * bursts, 1023).astype(np.uint16)
-    found = searched(trials, reference)
-    sure = searched(trials, reference, Method.BISECTION)
-    assert found.status.tolist() == sure.status.tolist() == [SearchStatus.CONVERGED] * 3
-    np.testing.assert_allclose(found.c, sure.c, rtol=0.02)
+    result = search(trials, reference)
+    sure = search(trials, reference, Method.BISECTION)
+    assert result.status.tolist() == sure.status.tolist() == [SearchStatus.CONVERGED] * 3
+    np.testing.assert_allclose(result.c, sure.c, rtol=0.02)
 
 
-def test_a_jump_has_the_same_nearer_side_whoever_is_asked_first() -> None:
-    """Equal trials of 200 ms know only rates in steps of 5 Hz."""
-    short = [np.full((200, 1), 500, np.uint16)] * RESTLESS
+def test_a_jump_has_the_same_nearer_side_with_and_without_a_pilot() -> None:
+    """Equal trials of 200 ms have only rates in steps of 5 Hz."""
+    short = [np.full((200, 1), 500, np.uint16)] * WITH_PILOT
     ranges, target = Normalisation.full_scale(1), np.array([42.0])
     ends = [
-        search(some, target, np.ones(1), ranges, method=method)
+        search_c(some, target, np.ones(1), ranges, method=method)
         for some in (short, short[:1])
         for method in Method
     ]
@@ -212,18 +207,18 @@ def test_a_jump_has_the_same_nearer_side_whoever_is_asked_first() -> None:
     assert {end.rate_hz.item() for end in ends} == {40.0}
 
 
-def test_a_cap_is_told_by_all_trials() -> None:
-    """Those asked first are too weak for the target, or strong enough where the others are not."""
+def test_all_trials_decide_a_cap() -> None:
+    """The pilot is too weak for the target, or strong enough where the others are not."""
     ranges, target = Normalisation.full_scale(1), np.array([98.9])
     weak, strong = np.full((1000, 1), 20, np.uint16), np.full((1000, 1), 400, np.uint16)
-    asked = range(PILOT_EVERY // 2, RESTLESS, PILOT_EVERY)
-    mixed = [weak if i in asked else strong for i in range(RESTLESS)]
-    found = search(mixed, target, np.ones(1), ranges)
-    assert found.status.item() == SearchStatus.CONVERGED
-    found = search(
-        [strong if i in asked else weak for i in range(RESTLESS)], target, target, ranges
+    pilot = range(PILOT_STRIDE // 2, WITH_PILOT, PILOT_STRIDE)
+    mixed = [weak if i in pilot else strong for i in range(WITH_PILOT)]
+    result = search_c(mixed, target, np.ones(1), ranges)
+    assert result.status.item() == SearchStatus.CONVERGED
+    result = search_c(
+        [strong if i in pilot else weak for i in range(WITH_PILOT)], target, target, ranges
     )
-    assert (found.status.item(), found.c.item()) == (SearchStatus.CAPPED, HIGHEST_C)
+    assert (result.status.item(), result.c.item()) == (SearchStatus.CAPPED, MAX_C)
 
 
 @given(
@@ -235,7 +230,7 @@ def test_a_cap_is_told_by_all_trials() -> None:
     step=st.sampled_from([0.0, 0.01, 3.0, 20.0]),
     method=st.sampled_from(Method),
 )
-def test_every_search_ends_and_tells_the_truth(
+def test_every_search_ends_with_a_true_status(
     target: float,
     start: float,
     slope: float | None,
@@ -244,7 +239,7 @@ def test_every_search_ends_and_tells_the_truth(
     step: float,
     method: Method,
 ) -> None:
-    """The rate rises from a threshold on, smoothly or in steps; the slope said may be a lie."""
+    """The rate rises from a threshold on, smoothly or in steps; the given slope may be wrong."""
 
     def rate(c: float) -> float:
         smooth = gain * max(0.0, c - threshold)
@@ -253,9 +248,9 @@ def test_every_search_ends_and_tells_the_truth(
     bracket = Bracket(target, start, method, slope)
     guesses = []
     while bracket.status is None and len(guesses) < 60:
-        assert 0 <= bracket.guess <= HIGHEST_C
+        assert 0 <= bracket.guess <= MAX_C
         guesses.append(bracket.guess)
-        bracket.learn(rate(bracket.guess), TOLERANCE_HZ)
+        bracket.update(rate(bracket.guess), TOLERANCE_HZ)
     assert bracket.status is not None
     assert bracket.best_c in guesses
     assert bracket.best_rate == rate(bracket.best_c)
@@ -264,6 +259,6 @@ def test_every_search_ends_and_tells_the_truth(
     if bracket.status is SearchStatus.CONVERGED:
         assert miss < TOLERANCE_HZ
     if bracket.status is SearchStatus.CAPPED:
-        assert rate(HIGHEST_C) < target
+        assert rate(MAX_C) < target
     if bracket.status is SearchStatus.DISCONTINUITY:
         assert miss <= step

@@ -13,11 +13,16 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.encoding import encoder
-from rigctl.encoding.batch import stretch_counts, whole_trials
+from rigctl.encoding.batch import count_spikes, single_bin_edges
 from rigctl.encoding.encoder import encode_trial, encode_trials
-from rigctl.encoding.kernel.prefetch import TrialRows
-from rigctl.encoding.kernel.spike_counters import PLACES
-from rigctl.encoding.kernel.transpose_bits import LINE, WORD, hand_over, keep
+from rigctl.encoding.kernel import TrialViews
+from rigctl.encoding.kernel.spike_counters import LANE_OF_BYTE
+from rigctl.encoding.kernel.transpose_bits import (
+    LINE_WORDS,
+    WORD,
+    pack_words,
+    transpose_words,
+)
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.errors import WrongUse
@@ -71,28 +76,31 @@ def test_samples_with_several_spikes_may_come_late(
 @pytest.mark.parametrize("n", [1, 63, 64])
 def test_bits_are_the_tallies(n: int, most: int, planes: int) -> None:
     rng = np.random.default_rng(n)
-    tallies = rng.integers(0, most + 1, (WORD, WORD)).astype(np.uint8)
-    tallies[0, 0] = most
-    held = np.full((planes, 2 * LINE, WORD), 7, np.uint64)
-    words = np.zeros((planes, 3 * WORD, 2 * LINE), np.uint64)
-    assert keep(tallies.reshape(-1).copy(), n, held, 3) == most
-    hand_over(held, 4, words, WORD)
+    counters = rng.integers(0, most + 1, (WORD, WORD)).astype(np.uint8)
+    counters[0, 0] = most
+    packed = np.full((planes, 2 * LINE_WORDS, WORD), 7, np.uint64)
+    words = np.zeros((planes, 3 * WORD, 2 * LINE_WORDS), np.uint64)
+    assert pack_words(counters.reshape(-1).copy(), n, packed, 3) == most
+    transpose_words(packed, 4, words, WORD)
     bits = np.unpackbits(words[:, WORD : 2 * WORD, 3].copy().view(np.uint8), bitorder="little")
-    found = bits.reshape(planes, WORD, WORD).sum(axis=0)
-    np.testing.assert_array_equal(found[PLACES, :n], np.minimum(tallies[:n], planes).T)
-    assert not words[:, :WORD].any() and not words[:, 2 * WORD :].any() and not found[:, n:].any()
+    counted = bits.reshape(planes, WORD, WORD).sum(axis=0)
+    np.testing.assert_array_equal(counted[LANE_OF_BYTE, :n], np.minimum(counters[:n], planes).T)
+    assert not words[:, :WORD].any() and not words[:, 2 * WORD :].any() and not counted[:, n:].any()
 
 
 def test_each_word_goes_where_its_train_and_time_are() -> None:
-    n = 2 * LINE + 1
-    held, words = np.zeros((1, 3 * LINE, WORD), np.uint64), np.zeros((1, WORD, 3 * LINE), np.uint64)
+    n = 2 * LINE_WORDS + 1
+    packed, words = (
+        np.zeros((1, 3 * LINE_WORDS, WORD), np.uint64),
+        np.zeros((1, WORD, 3 * LINE_WORDS), np.uint64),
+    )
     rng = np.random.default_rng(1)
-    tallies = rng.integers(0, 2, (n, WORD, WORD)).astype(np.uint8)
+    counters = rng.integers(0, 2, (n, WORD, WORD)).astype(np.uint8)
     for word in range(n):
-        keep(tallies[word].reshape(-1), WORD, held, word)
-    hand_over(held, n, words, 0)
+        pack_words(counters[word].reshape(-1), WORD, packed, word)
+    transpose_words(packed, n, words, 0)
     bits = np.unpackbits(words[0, :, :n].copy().view(np.uint8), axis=1, bitorder="little")
-    np.testing.assert_array_equal(bits[PLACES], tallies.reshape(n * WORD, WORD).T)
+    np.testing.assert_array_equal(bits[LANE_OF_BYTE], counters.reshape(n * WORD, WORD).T)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="protects pages as POSIX does")
@@ -105,8 +113,8 @@ def between_forbidden_pages(n: int, taxels: int, at_end: bool) -> NDArray[np.uin
     """Memory for a trial that ends where it may not be read on, or begins behind such a page."""
     page, size = mmap.PAGESIZE, 2 * n * taxels
     inside = -(-size // page) * page
-    held = mmap.mmap(-1, inside + 2 * page)
-    memory = np.frombuffer(held, np.uint8)
+    buffer = mmap.mmap(-1, inside + 2 * page)
+    memory = np.frombuffer(buffer, np.uint8)
     libc = ctypes.CDLL(None, use_errno=True)
     for start in (0, page + inside):
         if libc.mprotect(ctypes.c_void_p(memory.ctypes.data + start), page, 0) != 0:
@@ -125,7 +133,7 @@ def read_between_forbidden_pages() -> None:
                 trials[-1][...] = noise(rng, n, taxels)
         ranges, some = Normalisation.full_scale(taxels), np.arange(taxels // 4, taxels)
         encode_trials(trials, ranges)
-        stretch_counts(trials, whole_trials(trials), ranges, taxels=some, sa_only=True)
+        count_spikes(trials, single_bin_edges(trials), ranges, taxels=some, sa_only=True)
 
 
 if __name__ == "__main__":
@@ -138,13 +146,13 @@ def test_trials_in_one_memory_are_as_in_memories_of_their_own() -> None:
     begins, lengths = np.array([300, 0, 120]), np.array([200, 97, 0])
     ranges = Normalisation.full_scale(18)
     apart = [memory[b : b + n].copy() for b, n in zip(begins, lengths, strict=True)]
-    expected = stretch_counts(apart, whole_trials(apart), ranges)
+    expected = count_spikes(apart, single_bin_edges(apart), ranges)
     for one in (memory, np.asfortranarray(memory), np.repeat(memory, 2, axis=1)[:, ::2]):
-        rows = TrialRows.within(one, begins, lengths)
-        np.testing.assert_array_equal(stretch_counts(rows, whole_trials(rows), ranges), expected)
+        rows = TrialViews.from_memory(one, begins, lengths)
+        np.testing.assert_array_equal(count_spikes(rows, single_bin_edges(rows), ranges), expected)
 
 
 @pytest.mark.parametrize(("begin", "n"), [(-1, 5), (0, -1), (6, 5), (11, 0)])
 def test_trials_beyond_their_memory_are_refused(begin: int, n: int) -> None:
     with pytest.raises(WrongUse, match="memory of 10 rows"):
-        TrialRows.within(np.zeros((10, 3), np.uint16), np.array([begin]), np.array([n]))
+        TrialViews.from_memory(np.zeros((10, 3), np.uint16), np.array([begin]), np.array([n]))

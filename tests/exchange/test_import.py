@@ -206,7 +206,7 @@ def test_the_session_says_what_a_reading_is(tmp_path: Path) -> None:
             assert session.header.sample_unit == unit
             assert session.parts[0].documentation()["/taxels/samples"]["unit"] == unit
             full = Normalisation.full_scale(3, session.header.highest_reading)
-            assert full.clipped(session.samples(0)).sum() == 0 and "0–65535" in full.source
+            assert full.count_clipped(session.samples(0)).sum() == 0 and "0–65535" in full.source
 
 
 def test_imports_apart_can_be_put_on_one_scale_and_are_not_mixed_otherwise(tmp_path: Path) -> None:

@@ -185,7 +185,7 @@ def _posteriors(task: _PredictionTask) -> _Posteriors:
     model = task.model
     with open_trials(task.files) as reader:
         samples = [reader.read(trial) for trial in task.trials]
-    clipped = np.sum([model.normalisation.clipped(readings) for readings in samples], axis=0)
+    clipped = np.sum([model.normalisation.count_clipped(readings) for readings in samples], axis=0)
     scale = None
     if model.c is not None:
         scale = c_per_trial(task.trials, model.c, blind=model.force == "blind")

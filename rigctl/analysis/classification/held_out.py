@@ -93,11 +93,13 @@ def classify_held_out(
     folds = _folds(classes, labels, seed)
     lengths = [len(samples) for samples in trials.samples]
     layout = FeatureLayout.covering(lengths, trials.speeds_mm_s, scaled=True)
-    k_max = _k_max(folds, len(classes), layout.width(trials.samples[0].shape[1]))
+    k_max = _k_max(folds, len(classes), layout.n_features(trials.samples[0].shape[1]))
     predictions = np.empty((k_max, len(labels)), np.int64)
     for number, (train, test) in enumerate(folds):
         progress(f"fold {number + 1} of {len(folds)}", number / len(folds))
-        ranges = Normalisation.over([trials.samples[i] for i in train], "the fold's training part")
+        ranges = Normalisation.from_samples(
+            [trials.samples[i] for i in train], "the fold's training part"
+        )
         features = feature_matrices(
             trials.samples, trials.speeds_mm_s, ranges, [layout], parameters
         )[0]

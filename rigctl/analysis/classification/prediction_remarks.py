@@ -62,7 +62,7 @@ def _length_remarks(model: Model, trials: TrialSet, lengths: Sequence[int]) -> l
     """Return remarks on trials that fill fewer or more windows than the features have."""
     layout = model.features
     spans = [
-        int(layout.windows(n, trial.speed_mm_s)[-1]) + 1
+        int(layout.sample_windows(n, trial.speed_mm_s)[-1]) + 1
         for n, trial in zip(lengths, trials.trials, strict=True)
     ]
     longer = sum(span > layout.n_windows + 1 for span in spans)

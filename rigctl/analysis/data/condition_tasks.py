@@ -12,16 +12,16 @@ from rigctl.analysis.data.fingerprint import fingerprint
 from rigctl.analysis.data.trial_set import ScratchMemory, TrialReader, TrialRef, open_trials
 from rigctl.encoding.batch import (
     Counts,
-    counts_without_and_with,
-    cuts_of,
-    mean_level,
+    common_bin_edges,
+    count_spikes,
+    count_spikes_without_and_with_c,
+    mean_normalised_reading,
     sa_rates_hz,
-    stretch_counts,
 )
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.force_search import ForceSearch, search_to
-from rigctl.encoding.kernel.prefetch import TrialRows
+from rigctl.encoding.force_search import ForceSearch, search_c_from_reference
+from rigctl.encoding.kernel import TrialViews
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import WrongUse
@@ -52,7 +52,7 @@ class ConditionTask(NamedTuple):
     @property
     def cuts(self) -> NDArray[np.int64]:
         """Limits of the stretches in which the spikes are counted."""
-        return cuts_of(self.layouts, max(self.lengths), self.trials[0].speed_mm_s)
+        return common_bin_edges(self.layouts, max(self.lengths), self.trials[0].speed_mm_s)
 
     def rows_at(self, force_g: float) -> list[int]:
         """Return the rows of the trials at one force."""
@@ -104,18 +104,18 @@ def count_condition(condition: ConditionTask) -> Arrays:
         return {"plain": _downcast(_count(condition, _read(condition, reader, every)))}
 
 
-def _read(condition: ConditionTask, reader: TrialReader, rows: Sequence[int]) -> TrialRows:
+def _read(condition: ConditionTask, reader: TrialReader, rows: Sequence[int]) -> TrialViews:
     """Return the samples of some trials, in memory that the next call in this thread reuses."""
     if not rows:
-        return TrialRows.of([])
-    return TrialRows.within(*reader.read_block([condition.trials[i] for i in rows], SCRATCH))
+        return TrialViews.from_arrays([])
+    return TrialViews.from_memory(*reader.read_block([condition.trials[i] for i in rows], SCRATCH))
 
 
 def _count(
-    condition: ConditionTask, trials: TrialRows, scale: NDArray[np.float64] | None = None
+    condition: ConditionTask, trials: TrialViews, scale: NDArray[np.float64] | None = None
 ) -> Counts:
     """Return the counts of both channels, or with a C of SA alone: C does not change RA."""
-    return stretch_counts(
+    return count_spikes(
         trials,
         condition.cuts,
         condition.normalisation,
@@ -145,7 +145,7 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
     plain[rows] = _count(condition, reference)
     lengths = reference.lengths.tolist()
     target = sa_rates_hz(plain[rows, :n_taxels], lengths, condition.parameters)
-    level = mean_level(reference, condition.normalisation)
+    level = mean_normalised_reading(reference, condition.normalisation)
     forced = np.empty_like(plain[:, :n_taxels])
     shape = (n_taxels, len(condition.forces_g))
     found: Arrays = {"c": np.ones(shape), "status": np.zeros(shape, np.int8)}
@@ -167,7 +167,7 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
 
 def _search_at_force(
     condition: ConditionTask,
-    trials: TrialRows,
+    trials: TrialViews,
     level: NDArray[np.float64],
     target: NDArray[np.float64],
 ) -> tuple[Counts, ForceSearch]:
@@ -177,11 +177,13 @@ def _search_at_force(
 
     def count_first(c: NDArray[np.float64]) -> Counts:
         scale = np.tile(c, (len(trials), 1))
-        without, with_c = counts_without_and_with(trials, cuts, *encoder, scale)
+        without, with_c = count_spikes_without_and_with_c(trials, cuts, *encoder, scale)
         plain.append(without)
         return with_c
 
-    search = search_to(trials, level, target, *encoder, cuts=cuts, first=count_first)
+    search = search_c_from_reference(
+        trials, level, target, *encoder, bin_edges=cuts, first_counts=count_first
+    )
     return plain[0], search
 
 
@@ -206,7 +208,7 @@ def select_c(
     """Return the C of a texture, or ``blind`` the mean over textures, float64 (n_taxels,)."""
     if blind:
         return force.texture_blind(speed_mm_s, force_g)
-    return force.of(texture, speed_mm_s, force_g)
+    return force.c_at(texture, speed_mm_s, force_g)
 
 
 def c_per_trial(

@@ -202,7 +202,7 @@ def _write_windows(
         for name, windows in layouts.items():
             spikes, seconds = tables[name]
             spikes[group.rows] = window_counts(found, condition.cuts, speed, windows)[:, order]
-            seconds[group.rows] = windows.seconds(condition.lengths, speed)
+            seconds[group.rows] = windows.window_durations_s(condition.lengths, speed)
     for name, (spikes, seconds) in tables.items():
         file.add_windows(name, spikes, seconds)
 

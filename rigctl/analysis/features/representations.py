@@ -34,7 +34,7 @@ from rigctl.analysis.features.transferred_c import (
     TransferredC,
     measure_transferred_c,
 )
-from rigctl.encoding.batch import features_of
+from rigctl.encoding.batch import features_from_counts
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
@@ -213,10 +213,12 @@ class _FeatureFiles:
             key = representation.key
             if key not in self._open:
                 path = self._folder / f"{key}.npy"
-                self._open[key] = FeatureFile(path, self._n_trials, layout.width(self._n_taxels))
+                self._open[key] = FeatureFile(
+                    path, self._n_trials, layout.n_features(self._n_taxels)
+                )
             file = self._open[key]
             buffer = file.buffer(len(group.rows))
-            file.write(group.rows, features_of(counts, *timing, layout, buffer))
+            file.write(group.rows, features_from_counts(counts, *timing, layout, buffer))
 
 
 def force_scaling_obstacle(trials: TrialSet, reference_g: float) -> str:

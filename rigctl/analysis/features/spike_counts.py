@@ -245,7 +245,7 @@ def _ranges(
             )
         return over
     if over is RangesOver.ALL:
-        return Normalisation.over([low, high], "minimum and maximum over all trials used")
+        return Normalisation.from_samples([low, high], "minimum and maximum over all trials used")
     trained = [
         i
         for i, trial in enumerate(trials.trials)
@@ -258,4 +258,4 @@ def _ranges(
             "250, 500 g): take the ranges over all"
         )
     source = "minimum and maximum over the trials at 40, 60, 80 mm/s and 250, 500 g"
-    return Normalisation.over([low[trained], high[trained]], source)
+    return Normalisation.from_samples([low[trained], high[trained]], source)

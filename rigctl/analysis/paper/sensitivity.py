@@ -138,7 +138,7 @@ def _seconds(made: RepresentationSet, layout: FeatureLayout) -> np.ndarray[Any, 
     for trial in made.trials.trials:
         key = (trial.n_planned, trial.speed_mm_s)
         if key not in known:
-            known[key] = layout.seconds(*key)
+            known[key] = layout.window_durations_s(*key)
     return np.array([known[t.n_planned, t.speed_mm_s] for t in made.trials.trials])
 
 

@@ -230,7 +230,9 @@ def _plan(
     """The family with as many components as its smallest fit carries. Raises WrongUse."""
     fits = make_splits(design, family, settings.seed, 0)
     learnt = min(len(fit.train) for fit in fits)
-    narrowest = min(layout.width(made.trials.n_taxels) for layout in (made.unscaled, made.scaled))
+    narrowest = min(
+        layout.n_features(made.trials.n_taxels) for layout in (made.unscaled, made.scaled)
+    )
     k_max = min(settings.k_max, learnt - len(design.textures), narrowest)
     if k_max < 1:
         raise WrongUse(f"{learnt} training trials are too few for {len(design.textures)} textures")

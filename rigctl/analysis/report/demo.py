@@ -102,7 +102,7 @@ def _most_active_trial(
     session: Session, rows: list[int], trials: LabelledTrials, origin: str
 ) -> RasterData:
     """Return the trial with the highest rate of RA spikes, with its force."""
-    ranges = Normalisation.over(trials.samples, "all trials of the session")
+    ranges = Normalisation.from_samples(trials.samples, "all trials of the session")
     spikes = encode_trials(trials.samples, ranges)
     half = spikes[0].n_trains // 2
     ra_rates = [(s.row_start[-1] - s.row_start[half]) / max(s.n_samples, 1) for s in spikes]

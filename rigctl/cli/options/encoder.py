@@ -66,10 +66,10 @@ def add_resources(parser: argparse.ArgumentParser) -> None:
 
 def parameters_of(args: argparse.Namespace) -> EncoderParameters:
     """Return the chosen encoder parameters. Raises WrongUse."""
-    from rigctl.encoding.parameters import changed, preset
+    from rigctl.encoding.parameters import override, preset
 
     base = preset(args.preset)
-    return changed(base, args.set) if args.set else base
+    return override(base, args.set) if args.set else base
 
 
 def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:

@@ -1,4 +1,4 @@
-"""Neurons and filters of many lanes, in blocks as the kernel takes them, carried through time."""
+"""State of the neurons and filters of many lanes, in blocks, carried through time."""
 
 from __future__ import annotations
 
@@ -8,56 +8,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding.kernel import constants
-from rigctl.encoding.kernel.machine_code import LANES, LANES_OF_SA, Kernel
-from rigctl.encoding.kernel.prefetch import BYTES, TrialRows, first_readings
+from rigctl.encoding.kernel.machine_code import Kernel, lanes_per_block
+from rigctl.encoding.kernel.prefetch import READING_BYTES, TrialViews, first_readings
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 
-Samples = NDArray[np.uint16]
 Counts = NDArray[np.uint8]
 
 
-def filled_up(lanes: int, wide: int) -> int:
-    """Lanes of the blocks, so wide each, that hold so many."""
-    return -(-lanes // wide) * wide
-
-
 class NeuronBlocks:
-    """Neurons of each lane, equal for any slicing of the samples; lanes that fill up are silent.
+    """Neurons of each lane, with equal spikes for any slicing of the samples.
 
     A lane is a taxel, of one trial or of several side by side, trial after trial. All start at
-    rest. ``wide``: lanes of a block.
+    rest. Silent lanes pad the last block.
     """
 
     def __init__(
         self,
         normalisation: Normalisation,
+        n_trials: int,
         taxels: NDArray[np.int64],
         parameters: EncoderParameters,
         sa_scale: NDArray[np.float64],
         sa_only: bool,
     ) -> None:
-        self._parameters, self._taxels, self._sa_scale = parameters, taxels, sa_scale
-        self._sa_only = sa_only
-        self._constants = constants.folded(parameters)
+        self.n_taxels = len(taxels)
+        self._parameters, self._sa_only = parameters, sa_only
+        self._taxels, self._sa_scale = np.tile(taxels, n_trials), sa_scale.reshape(-1)
+        self._constants = constants.kernel_constants(parameters)
         self._advance = constants.kernel_for(parameters, sa_only=sa_only)
-        self.wide = LANES_OF_SA if sa_only else LANES
-        self._n = filled_up(len(taxels), self.wide)
-        self.use_ranges(normalisation)
+        self._block_lanes = lanes_per_block(sa_only)
+        self._blocks = -(-len(self._taxels) // self._block_lanes)
+        self.lanes = self._blocks * self._block_lanes
+        self.set_normalisation(normalisation)
         self.reset()
 
-    @property
-    def lanes(self) -> int:
-        """Lanes of all blocks."""
-        return self._n
-
     @classmethod
-    def of_taxels(cls, normalisation: Normalisation, parameters: EncoderParameters) -> NeuronBlocks:
-        """A lane for each taxel."""
-        return cls.of_trials(1, normalisation, parameters)
-
-    @classmethod
-    def of_trials(
+    def for_trials(
         cls,
         n_trials: int,
         normalisation: Normalisation,
@@ -67,7 +54,7 @@ class NeuronBlocks:
         taxels: NDArray[np.int64] | None = None,
         sa_only: bool = False,
     ) -> NeuronBlocks:
-        """A lane for each trial and taxel (some ``taxels`` only, or all).
+        """Return a lane for each trial and taxel (some ``taxels`` only, or all).
 
         ``sa_scale``: float64 (n_trials, taxels), a factor on the SA current, or None for 1.
         """
@@ -75,85 +62,82 @@ class NeuronBlocks:
             taxels = np.arange(normalisation.n_taxels)
         if sa_scale is None:
             sa_scale = np.ones((n_trials, len(taxels)))
-        lanes = np.broadcast_to(taxels, (n_trials, len(taxels))).reshape(-1)
-        return cls(normalisation, lanes, parameters, sa_scale.reshape(-1), sa_only)
+        return cls(normalisation, n_trials, taxels, parameters, sa_scale, sa_only)
 
-    def use_ranges(self, normalisation: Normalisation) -> None:
-        """Use these taxel ranges from the next sample on; neurons and filters go on."""
+    def set_normalisation(self, normalisation: Normalisation) -> None:
+        """Use these taxel ranges from the next sample on; neurons and filters keep their state."""
         low, high = normalisation.low[self._taxels], normalisation.high[self._taxels]
         scale = normalisation.scale[self._taxels]
         drives = constants.drives(self._parameters, scale, self._sa_scale)
-        reals = (self.by_lane(values) for values in (scale, *drives))
-        self._lanes = (self.by_lane(low), self.by_lane(high - low), *reals)
+        self._ranges = tuple(map(self.pad, (low, high - low, scale, *drives)))
 
     def reset(self) -> None:
-        """Back to rest; the filter starts with the next sample."""
-        self._state = constants.rest(self._parameters, self._n)
-        self._fresh = True
+        """Return to rest; the filter starts with the next sample."""
+        self._state = constants.rest_state(self._parameters, self.lanes)
+        self._filter_started = False
 
-    def room_for(self, rows: int) -> Counts:
-        """Memory for the spikes in so many rows, uint8 (blocks, rows, channels, wide)."""
+    def empty_counts(self, rows: int) -> Counts:
+        """Allocate counters of spikes in rows, uint8 (blocks, rows, channels, block lanes)."""
         channels = 1 if self._sa_only else 2
-        return np.empty((self._n // self.wide, rows, channels, self.wide), np.uint8)
+        return np.empty((self._blocks, rows, channels, self._block_lanes), np.uint8)
 
-    def by_lane(self, values: NDArray[Any]) -> NDArray[Any]:
-        """A number for each lane; 0 behind the last one: no range, no drive, no time."""
-        full = np.zeros(self._n, values.dtype)
-        full[: len(values)] = values
-        return full
+    def pad(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return a number for each lane; 0 for the padding: no range, no drive, no time."""
+        padded = np.zeros(self.lanes, values.dtype)
+        padded[: len(values)] = values
+        return padded
 
-    def advance(self, rows: TrialRows, ends: NDArray[np.int64]) -> Counts:
-        """Spikes between ends, uint8 (blocks, ends, channels, wide).
+    def advance(self, views: TrialViews, ends: NDArray[np.int64]) -> Counts:
+        """Return the spikes between ends, uint8 (blocks, ends, channels, block lanes).
 
-        ``rows``: readings of as many trials as there are side by side; what a lane shows behind
-        its trial's end means nothing. ``ends``: ascending, first sample behind each row of
-        counts, each trial's end among them; no row may be longer than
-        ``kernel.samples_per_row``.
+        ``views``: as many trials as there are side by side; counts of a lane behind its trial's end
+        are undefined. ``ends``: ascending, end of each row of counts in samples, each trial's end
+        among them; no row may exceed ``constants.max_samples_per_row``.
         """
-        counts = self.room_for(len(ends))
-        self._run(self._advance, rows, ends, counts, np.empty(0))
+        counts = self.empty_counts(len(ends))
+        self._run(self._advance, views, ends, counts, np.empty(0))
         return counts
 
-    def take_trains(self, rows: TrialRows, words: NDArray[np.uint64]) -> int:
-        """Keep all spikes as bits, uint64 (planes, trains, words); the most in one sample.
+    def encode_bits(self, views: TrialViews, words: NDArray[np.uint64]) -> int:
+        """Write all spikes as bits, uint64 (planes, trains, words); return the most in one sample.
 
-        As :func:`rigctl.encoding.kernel.transpose_bits.keep` says; with fewer planes spikes are
-        missing.
+        As :func:`rigctl.encoding.kernel.transpose_bits.pack_words` says; with fewer planes than
+        that, spikes are missing.
         """
         advance = constants.kernel_for(self._parameters, trains=True)
-        return self._run(advance, rows, np.empty(0, np.int64), words, np.empty(0))
+        return self._run(advance, views, np.empty(0, np.int64), words, np.empty(0))
 
-    def traced_mv(self, rows: TrialRows) -> tuple[Counts, NDArray[np.float64]]:
-        """Spikes and membrane voltage in mV of each sample, both (blocks, n, channels, wide)."""
+    def trace_membrane_mv(self, views: TrialViews) -> tuple[Counts, NDArray[np.float64]]:
+        """Return spikes and membrane voltage of each sample, (blocks, n, channels, block lanes)."""
         advance = constants.kernel_for(self._parameters, sa_only=self._sa_only, traced=True)
-        ends = np.arange(1, rows.lengths.max() + 1)
-        counts = self.room_for(len(ends))
+        ends = np.arange(1, views.lengths.max() + 1)
+        counts = self.empty_counts(len(ends))
         trace = np.empty(counts.shape)
-        self._run(advance, rows, ends, counts, trace)
+        self._run(advance, views, ends, counts, trace)
         return counts, constants.membrane_mv(self._parameters, trace)
 
     def _run(
         self,
         advance: Kernel,
-        rows: TrialRows,
+        views: TrialViews,
         ends: NDArray[np.int64],
         out: NDArray[Any],
         trace: NDArray[np.float64],
     ) -> int:
-        if not rows.lengths.any():
+        if not views.lengths.any():
             return 0
-        some = len(self._taxels) // len(rows)
-        addresses = self.by_lane(np.repeat(rows.addresses, some) + BYTES * self._taxels)
-        lengths = self.by_lane(np.repeat(rows.lengths, some))
-        if self._fresh:
+        first_taxels = np.repeat(views.addresses, self.n_taxels)
+        addresses = self.pad(first_taxels + READING_BYTES * self._taxels)
+        lengths = self.pad(np.repeat(views.lengths, self.n_taxels))
+        if not self._filter_started:
             self._start_filter(addresses, lengths)
-        lanes = (addresses, lengths, rows.row_bytes, *self._lanes)
+        lanes = (addresses, lengths, views.row_bytes, *self._ranges)
         return advance(*lanes, self._constants, self._state, ends, out, trace)
 
     def _start_filter(self, addresses: NDArray[np.int64], lengths: NDArray[np.int64]) -> None:
-        low, width, scale = self._lanes[:3]
-        first = np.empty(self._n, np.uint16)
+        low, width, scale = self._ranges[:3]
+        first = np.empty(self.lanes, np.uint16)
         first_readings(addresses, lengths, first)
         x = np.minimum(np.maximum(first, low) - low, width).astype(np.float64)
         constants.start_filter(self._parameters, x, scale, self._state)
-        self._fresh = False
+        self._filter_started = True

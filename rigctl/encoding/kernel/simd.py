@@ -1,8 +1,7 @@
-"""Numbers of neighbouring lanes in compiled code: vectors of a fixed width, and what they can do.
+"""SIMD lanes in compiled code: fixed-width vectors of neighbouring lanes, and their operations.
 
-Written with vectors, nothing is left to a compiler's guess at what may be vectorised. On a
-processor with narrower registers LLVM splits them; the operations, each of them rounded as IEEE 754
-says, stay the same.
+Explicit vectors leave nothing to a compiler's guess at what it can vectorise. On a processor with
+narrower registers LLVM splits them; the operations stay the same, each rounded as IEEE 754 says.
 """
 
 from __future__ import annotations
@@ -13,263 +12,272 @@ from typing import Any, cast
 import numba
 import numpy as np
 from llvmlite import ir
+from numba import extending
 from numba.core import cgutils, codegen, types
-from numba.extending import intrinsic, models, register_model
 
 Function = Callable[..., Any]
 
 
 def _has(feature: str) -> bool:
-    """Whether the processor that numba compiles for has it."""
+    """Return whether the processor that numba compiles for has a feature."""
     config, host = cast(Any, numba.config), cast(Any, codegen)
-    told = config.CPU_FEATURES
-    features = host.get_host_cpu_features() if told is None else told
+    configured = config.CPU_FEATURES
+    features = host.get_host_cpu_features() if configured is None else configured
     return f"+{feature}" in features.split(",")
 
 
-# Whether there are registers of four numbers, and of eight with masks for choices.
-AVX2, MASKED = _has("avx2"), _has("avx512f")
-WIDE = 8 if MASKED else 4
+# AVX2 has registers of four float64, AVX-512 of eight, with mask registers.
+HAS_AVX2, HAS_AVX512 = _has("avx2"), _has("avx512f")
+VECTOR_WIDTH = 8 if HAS_AVX512 else 4
 
-# Lanes whose bytes are one vector.
-UNIT = 32
-IN_UNIT = UNIT // WIDE
+# Lanes of half a block: their spike counters, one byte each, are one vector.
+HALF_LANES = 32
+HALF_VECTORS = HALF_LANES // VECTOR_WIDTH
 
 VECTORS = {
-    "float64": ir.VectorType(ir.DoubleType(), WIDE),
-    "uint16": ir.VectorType(ir.IntType(16), WIDE),
-    "uint8": ir.VectorType(ir.IntType(8), UNIT),
+    "float64": ir.VectorType(ir.DoubleType(), VECTOR_WIDTH),
+    "uint16": ir.VectorType(ir.IntType(16), VECTOR_WIDTH),
+    "uint8": ir.VectorType(ir.IntType(8), HALF_LANES),
 }
-FMA = f"llvm.fma.v{WIDE}f64"
-CACHE_LINE = 64
+FMA = f"llvm.fma.v{VECTOR_WIDTH}f64"
+CACHE_LINE_BYTES = 64
 
 
 class Lanes(types.Type):
-    """In compiled code: numbers of neighbouring lanes, in so many vectors."""
+    """Compiled code's type of the numbers of neighbouring lanes, in ``vectors`` vectors."""
 
     def __init__(self, element: str, vectors: int) -> None:
         super().__init__(f"Lanes({element}, {vectors})")
         self.element, self.vectors = element, vectors
 
 
-class Own(types.Type):
-    """In compiled code: memory of a function's own, on its stack, no vector in two cache lines."""
+class StackMemory(types.Type):
+    """Compiled code's type of memory on a function's stack; no vector crosses a cache line."""
 
     def __init__(self, element: str) -> None:
-        super().__init__(f"Own({element})")
+        super().__init__(f"StackMemory({element})")
         self.element = self.dtype = element
 
 
-@register_model(Lanes)
-class _LanesModel(models.PrimitiveModel):
+@extending.register_model(Lanes)
+class _LanesModel(extending.models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Lanes) -> None:
         vectors = ir.ArrayType(VECTORS[kind.element], kind.vectors)
         super().__init__(manager, kind, vectors)  # type: ignore[no-untyped-call]  # numba is untyped here
 
 
-@register_model(Own)
-class _OwnModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Own) -> None:
-        place = VECTORS[kind.element].element.as_pointer()
-        super().__init__(manager, kind, place)  # type: ignore[no-untyped-call]  # as above
+@extending.register_model(StackMemory)
+class _StackMemoryModel(extending.models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: StackMemory) -> None:
+        address = VECTORS[kind.element].element.as_pointer()
+        super().__init__(manager, kind, address)  # type: ignore[no-untyped-call]  # as above
 
 
-def emitted(function: Function) -> Function:
-    """What compiled code calls without the first parameter; it returns types and a generator."""
-    compiled: Function = intrinsic(function)
+def intrinsic(function: Function) -> Function:
+    """Make a function for compiled code, without the first parameter, from a typed LLVM generator.
+
+    ``function`` returns the signature and the generator.
+    """
+    compiled: Function = extending.intrinsic(function)
     return compiled
 
 
-def emitted_for(function: Function) -> Function:
-    """The same for a function that needs the value of a constant argument."""
-    compiled: Function = intrinsic(prefer_literal=True)(function)
+def literal_intrinsic(function: Function) -> Function:
+    """Make the same from a function that needs the value of a constant argument."""
+    compiled: Function = extending.intrinsic(prefer_literal=True)(function)
     return compiled
 
 
-def parts(builder: Any, value: Any) -> list[Any]:
+def inline(function: Function) -> Function:
+    """Compile a function into its callers: a call would send all registers through memory."""
+    compiled: Function = numba.njit(forceinline=True, error_model="numpy")(function)
+    return compiled
+
+
+def unpack(builder: Any, value: Any) -> list[Any]:
+    """Return the vectors of a Lanes value."""
     return [builder.extract_value(value, i) for i in range(value.type.count)]
 
 
-def whole(builder: Any, vectors: list[Any]) -> Any:
+def pack(builder: Any, vectors: list[Any]) -> Any:
+    """Return a Lanes value of these vectors."""
     value = ir.Constant(ir.ArrayType(vectors[0].type, len(vectors)), ir.Undefined)
     for i, vector in enumerate(vectors):
         value = builder.insert_value(value, vector, i)
     return value
 
 
-def joined(b: Any, vectors: list[Any]) -> Any:
-    """Vectors of the same length, a power of two of them, as one."""
+def concatenate(b: Any, vectors: list[Any]) -> Any:
+    """Join vectors of the same length, a power of two of them, into one."""
     while len(vectors) > 1:
         n = vectors[0].type.count
-        all_ = ir.Constant(ir.VectorType(ir.IntType(32), 2 * n), list(range(2 * n)))
+        indices = ir.Constant(ir.VectorType(ir.IntType(32), 2 * n), list(range(2 * n)))
         pairs = zip(vectors[::2], vectors[1::2], strict=True)
-        vectors = [b.shuffle_vector(*pair, all_) for pair in pairs]
+        vectors = [b.shuffle_vector(*pair, indices) for pair in pairs]
     return vectors[0]
 
 
-def call(builder: Any, name: str, *arguments: Any) -> Any:
+def splat(builder: Any, number: Any, vector: Any) -> Any:
+    """Return a vector that repeats a number."""
+    empty, index = ir.Constant(vector, ir.Undefined), ir.IntType(32)
+    one = builder.insert_element(empty, number, index(0))
+    zeros = ir.Constant(ir.VectorType(index, vector.count), None)
+    return builder.shuffle_vector(one, empty, zeros)
+
+
+def call_llvm(builder: Any, name: str, *arguments: Any) -> Any:
+    """Call an LLVM intrinsic whose arguments and result have the same type."""
     kind = arguments[0].type
     signature = ir.FunctionType(kind, [kind] * len(arguments))
     get: Any = cgutils.get_or_insert_function
     return builder.call(get(builder.module, signature, name), arguments)
 
 
-def elementwise(operation: Callable[..., Any], result: Lanes, *operands: Lanes) -> Any:
-    """An intrinsic that applies ``operation(builder, *vectors)`` to each vector."""
+def elementwise(operation: Function, result: Lanes, *operands: Lanes) -> Any:
+    """Define an intrinsic that applies ``operation(builder, *vectors)`` to each vector."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        columns = zip(*(parts(builder, value) for value in arguments), strict=True)
-        return whole(builder, [operation(builder, *vectors) for vectors in columns])
+        columns = zip(*(unpack(builder, value) for value in arguments), strict=True)
+        return pack(builder, [operation(builder, *vectors) for vectors in columns])
 
     return result(*operands), generate
 
 
-@emitted_for
-def own(_typing: Any, element: Any, numbers: Any) -> Any:
-    """Memory for so many numbers."""
-    kind, size = Own(element.literal_value), numbers.literal_value
+@literal_intrinsic
+def stack_memory(_typing: Any, element: Any, size: Any) -> Any:
+    """Allocate memory for ``size`` numbers."""
+    kind, n = StackMemory(element.literal_value), size.literal_value
 
     def generate(_context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
         number = VECTORS[kind.element].element
         allocate: Any = cgutils.alloca_once
-        place = allocate(builder, ir.ArrayType(number, size))
-        place.align = CACHE_LINE
-        return builder.bitcast(place, number.as_pointer())
+        memory = allocate(builder, ir.ArrayType(number, n))
+        memory.align = CACHE_LINE_BYTES
+        return builder.bitcast(memory, number.as_pointer())
 
-    return kind(element, numbers), generate
+    return kind(element, size), generate
 
 
 def pointer(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:
-    """Where in memory a vector lies in a contiguous array, from a flat index on."""
-    is_own = isinstance(kind, Own)
-    data = array if is_own else context.make_array(kind)(context, builder, array).data
+    """Return the pointer to a vector at a flat index of a contiguous array."""
+    on_stack = isinstance(kind, StackMemory)
+    data = array if on_stack else context.make_array(kind)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 
-def places_of(
+def vector_pointers(
     context: Any, builder: Any, kind: Any, array: Any, index: Any, lanes: Lanes
 ) -> tuple[list[Any], int]:
-    """Pointers to vectors in an array, from a flat index on, and how they are aligned in bytes."""
+    """Return pointers to vectors from a flat index of an array, and their alignment in bytes."""
     vector = VECTORS[lanes.element]
     steps = [ir.Constant(index.type, vector.count * i) for i in range(lanes.vectors)]
     indices = [builder.add(index, step) for step in steps]
     size = np.dtype(lanes.element).itemsize
-    align = size * vector.count if isinstance(kind, Own) else size
+    align = size * vector.count if isinstance(kind, StackMemory) else size
     return [pointer(context, builder, kind, array, i, vector) for i in indices], align
 
 
-@emitted_for
+@literal_intrinsic
 def load(_typing: Any, array: Any, index: Any, vectors: Any) -> Any:
-    """So many vectors from a contiguous array, from a flat index on."""
+    """Load ``vectors`` vectors from a flat index of a contiguous array."""
     kind = Lanes(str(array.dtype), vectors.literal_value)
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        places, align = places_of(context, builder, array, arguments[0], arguments[1], kind)
-        return whole(builder, [builder.load(place, align=align) for place in places])
+        pointers, align = vector_pointers(context, builder, array, arguments[0], arguments[1], kind)
+        return pack(builder, [builder.load(each, align=align) for each in pointers])
 
     return kind(array, types.intp, vectors), generate
 
 
-@emitted
+@intrinsic
 def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write vectors into a contiguous array, from a flat index on."""
+    """Store vectors from a flat index of a contiguous array."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        places, align = places_of(context, builder, array, arguments[0], arguments[1], value)
-        for place, part in zip(places, parts(builder, arguments[2]), strict=True):
-            builder.store(part, place, align=align)
+        pointers, align = vector_pointers(
+            context, builder, array, arguments[0], arguments[1], value
+        )
+        for each, vector in zip(pointers, unpack(builder, arguments[2]), strict=True):
+            builder.store(vector, each, align=align)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), generate
 
 
-def splat(builder: Any, number: Any, vector: Any) -> Any:
-    """A vector that holds the same number throughout."""
-    empty, place = ir.Constant(vector, ir.Undefined), ir.IntType(32)
-    one = builder.insert_element(empty, number, place(0))
-    firsts = ir.Constant(ir.VectorType(place, vector.count), None)
-    return builder.shuffle_vector(one, empty, firsts)
-
-
-@emitted_for
-def full(_typing: Any, number: Any, vectors: Any) -> Any:
-    """The same number in all lanes."""
+@literal_intrinsic
+def broadcast(_typing: Any, number: Any, vectors: Any) -> Any:
+    """Return the same number in all lanes."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        same = splat(builder, arguments[0], VECTORS["float64"])
-        return whole(builder, [same] * vectors.literal_value)
+        vector = splat(builder, arguments[0], VECTORS["float64"])
+        return pack(builder, [vector] * vectors.literal_value)
 
     return Lanes("float64", vectors.literal_value)(types.float64, vectors), generate
 
 
-@emitted
+@intrinsic
 def fma(_typing: Any, x: Any, y: Any, z: Any) -> Any:
-    """x · y + z, rounded once."""
-    return elementwise(lambda b, *xyz: call(b, FMA, *xyz), x, x, y, z)
+    """Return x · y + z, rounded once."""
+    return elementwise(lambda b, *xyz: call_llvm(b, FMA, *xyz), x, x, y, z)
 
 
-@emitted
+@intrinsic
 def add(_typing: Any, x: Any, y: Any) -> Any:
-    """x + y."""
+    """Return x + y."""
     return elementwise(lambda b, *xy: b.fadd(*xy), x, x, y)
 
 
-@emitted
+@intrinsic
 def sub(_typing: Any, x: Any, y: Any) -> Any:
-    """x − y."""
+    """Return x − y."""
     return elementwise(lambda b, *xy: b.fsub(*xy), x, x, y)
 
 
-@emitted
+@intrinsic
 def mul(_typing: Any, x: Any, y: Any) -> Any:
-    """x · y."""
+    """Return x · y."""
     return elementwise(lambda b, *xy: b.fmul(*xy), x, x, y)
 
 
-@emitted
-def larger(_typing: Any, x: Any, y: Any) -> Any:
-    """x where it is above y, else y."""
+@intrinsic
+def maximum(_typing: Any, x: Any, y: Any) -> Any:
+    """Return x where it is above y, else y."""
     return elementwise(lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y), x, x, y)
 
 
-@emitted
-def reached(_typing: Any, value: Any, threshold: Any, then: Any, otherwise: Any) -> Any:
-    """``then`` in the lanes in which the value has reached the threshold, else ``otherwise``."""
+@intrinsic
+def select_reached(_typing: Any, value: Any, threshold: Any, then: Any, otherwise: Any) -> Any:
+    """Return ``then`` in the lanes in which the value reached the threshold, else ``otherwise``."""
 
-    def choose(b: Any, value: Any, threshold: Any, then: Any, otherwise: Any) -> Any:
+    def select(b: Any, value: Any, threshold: Any, then: Any, otherwise: Any) -> Any:
         return b.select(b.fcmp_ordered(">=", value, threshold), then, otherwise)
 
-    return elementwise(choose, value, value, threshold, then, otherwise)
+    return elementwise(select, value, value, threshold, then, otherwise)
 
 
-@emitted
-def within(_typing: Any, reading: Any, low: Any, width: Any) -> Any:
-    """How far the reading lies above the low end, as a real number from 0 to the width."""
-    n = WIDE * reading.vectors
-    above, least = f"llvm.usub.sat.v{n}i16", f"llvm.umin.v{n}i16"
+@intrinsic
+def clip_to_range(_typing: Any, reading: Any, low: Any, width: Any) -> Any:
+    """Return how far a uint16 reading is above the low end, as float64 from 0 to the width."""
+    n = VECTOR_WIDTH * reading.vectors
+    subtract, minimum = f"llvm.usub.sat.v{n}i16", f"llvm.umin.v{n}i16"
 
     def generate(_context: Any, b: Any, _signature: Any, arguments: Any) -> Any:
-        reading, low, width = (joined(b, parts(b, each)) for each in arguments)
-        cut = call(b, least, call(b, above, reading, low), width)
-        return whole(b, [_reals(b, cut, first) for first in range(0, n, WIDE)])
+        reading, low, width = (concatenate(b, unpack(b, each)) for each in arguments)
+        clipped = call_llvm(b, minimum, call_llvm(b, subtract, reading, low), width)
+        return pack(b, [_to_float64(b, clipped, first) for first in range(0, n, VECTOR_WIDTH)])
 
     return Lanes("float64", reading.vectors)(reading, low, width), generate
 
 
-def _reals(b: Any, numbers: Any, first: int) -> Any:
-    """A vector of some of the numbers of 16 bits, from the first on.
+def _to_float64(b: Any, numbers: Any, first: int) -> Any:
+    """Return a vector of some of the uint16 numbers, from ``first`` on, as float64.
 
-    Interleaved with zeros they are numbers of 32 bits: one operation, where widening and taking
-    apart are three.
+    Interleaving them with zeros makes them 32 bits wide: one operation, where widening and
+    splitting are three.
     """
-    index, zeros = ir.VectorType(ir.IntType(32), 2 * WIDE), ir.Constant(numbers.type, None)
-    places = [place for i in range(first, first + WIDE) for place in (i, numbers.type.count)]
-    both = b.shuffle_vector(numbers, zeros, ir.Constant(index, places))
-    whole_numbers = b.bitcast(both, ir.VectorType(ir.IntType(32), WIDE))
-    return b.sitofp(whole_numbers, VECTORS["float64"])
-
-
-def inlined(function: Function) -> Function:
-    """Compiled into whatever calls it: a call would send all registers through memory."""
-    compiled: Function = numba.njit(forceinline=True, error_model="numpy")(function)
-    return compiled
+    zeros, lanes = ir.Constant(numbers.type, None), range(first, first + VECTOR_WIDTH)
+    places = [place for i in lanes for place in (i, numbers.type.count)]
+    indices = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), places)
+    integers = b.shuffle_vector(numbers, zeros, indices)
+    wide = b.bitcast(integers, ir.VectorType(ir.IntType(32), VECTOR_WIDTH))
+    return b.sitofp(wide, VECTORS["float64"])

@@ -193,7 +193,7 @@ def _read_training(group: Any, simulated: bool) -> TrainingInfo:
 
 def _check_shapes(model: Model) -> None:
     """Raise ValueError if shapes do not agree or a value is not finite."""
-    p, k, n = model.features.width(model.n_taxels), model.components, len(model.classes)
+    p, k, n = model.features.n_features(model.n_taxels), model.components, len(model.classes)
     shapes = {
         "mean": (p,),
         "axes": (p, k),

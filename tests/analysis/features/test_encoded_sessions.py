@@ -18,7 +18,7 @@ from rigctl.cli import main
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED, trial_features
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, EncoderParameters, changed, preset
+from rigctl.encoding.parameters import DEFAULT, EncoderParameters, override, preset
 from rigctl.errors import WrongUse
 from rigctl.session.files.encoder_group import load_ranges
 from rigctl.session.files.force_matrix_file import read_force
@@ -53,7 +53,7 @@ def test_spikes_windows_and_c_are_those_of_the_trials(
     trials = trials.without_gaps()
     with open_trials(trials.files) as reader:
         samples = [reader.read(trial) for trial in trials.trials]
-    ranges = Normalisation.over(samples, "")
+    ranges = Normalisation.from_samples(samples, "")
     with encode(days, tmp_path / "out", scaled_by=scaled_by) as file:
         force = read_force(file["c"])
         scale = None
@@ -179,14 +179,14 @@ def test_without_the_reference_force_there_are_spikes_and_no_c(tmp_path: Path) -
 
 
 def test_every_parameter_can_be_set() -> None:
-    ours = changed(preset("explicit"), ["sa_gain=120", "substeps=8", "clamp_v=true"])
+    ours = override(preset("explicit"), ["sa_gain=120", "substeps=8", "clamp_v=true"])
     assert (ours.sa_gain, ours.substeps, ours.clamp_v) == (120.0, 8, True)
     assert ours.recovery == preset("explicit").recovery
     assert ours.name == "explicit, sa_gain=120.0, substeps=8, clamp_v=True"
     for name, value in DEFAULT.as_dict().items():
         if name != "name":
             text = str(value).lower() if isinstance(value, bool) else str(value)
-            assert isinstance(changed(DEFAULT, [f"{name}={text}"]), EncoderParameters)
+            assert isinstance(override(DEFAULT, [f"{name}={text}"]), EncoderParameters)
 
 
 @pytest.mark.parametrize(
@@ -203,4 +203,4 @@ def test_every_parameter_can_be_set() -> None:
 )
 def test_a_wrong_parameter_is_refused_with_a_reason(setting: str, words: str) -> None:
     with pytest.raises(WrongUse, match=words):
-        changed(DEFAULT, [setting])
+        override(DEFAULT, [setting])

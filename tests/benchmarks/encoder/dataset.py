@@ -145,7 +145,7 @@ def peer_factor(trials: TrialSet) -> float:
             drive[:, : trials.n_taxels] *= factor
             counts = numpy_spikes(drive)
             for layout in (UNSCALED, SPEED_SCALED):
-                windows = layout.windows(len(samples), trial.speed_mm_s)
+                windows = layout.sample_windows(len(samples), trial.speed_mm_s)
                 for train in counts.T:
                     np.bincount(windows, train, minlength=layout.n_windows)
     return samples_in_all / 1000 / (time.perf_counter() - start)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.kernel.simd import WIDE, add, fma, full, store
+from rigctl.encoding.kernel import simd
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.values import Spikes
@@ -79,16 +79,16 @@ def _fused(times: Any, out: Any) -> None:
 
     As many as hide the latency, and no more than have room in sixteen registers.
     """
-    a, b, c = full(out[0], 4), full(out[0], 4), full(out[0], 4)
-    keep, new = full(0.999, 4), full(0.001, 4)
+    a, b, c = simd.broadcast(out[0], 4), simd.broadcast(out[0], 4), simd.broadcast(out[0], 4)
+    keep, new = simd.broadcast(0.999, 4), simd.broadcast(0.001, 4)
     for _ in range(times):
-        a, b, c = fma(a, keep, new), fma(b, keep, new), fma(c, keep, new)
-    store(out, 0, add(add(a, b), c))
+        a, b, c = simd.fma(a, keep, new), simd.fma(b, keep, new), simd.fma(c, keep, new)
+    simd.store(out, 0, simd.add(simd.add(a, b), c))
 
 
 def _limit(ours: float) -> dict[str, Any]:
     """How long the arithmetic alone would take at the processor's highest rate."""
-    times, lanes = 2_000_000, 12 * WIDE
+    times, lanes = 2_000_000, 12 * simd.VECTOR_WIDTH
     out = np.ones(lanes)
     peak = 1e9 * best_of(5, lambda: _fused(times, out)) / (times * lanes)
     note = (

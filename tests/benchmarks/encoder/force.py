@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.encoding.batch import mean_level
+from rigctl.encoding.batch import Floats, mean_normalised_reading
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
-from rigctl.encoding.force_search import Floats, ForceSearch, mean_sa_rates_hz, search
-from rigctl.encoding.kernel.prefetch import Trials
+from rigctl.encoding.force_search import ForceSearch, mean_sa_rates_hz, search_c
+from rigctl.encoding.kernel import Trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.root_bracket import Method, SearchStatus
 from tests.benchmarks.encoder._peers import row
@@ -43,7 +43,7 @@ def measure() -> Iterator[dict[str, Any]]:
 def target(texture: int, speed_mm_s: float) -> tuple[Floats, Floats]:
     """Rates and levels at 500 g, which both searches are given."""
     trials = recorded(texture, speed_mm_s, REFERENCE_FORCE_G)
-    return mean_sa_rates_hz(trials, RANGES), mean_level(trials, RANGES)
+    return mean_sa_rates_hz(trials, RANGES), mean_normalised_reading(trials, RANGES)
 
 
 def recorded(texture: int, speed_mm_s: float, force_g: float) -> Trials:
@@ -67,8 +67,8 @@ def searched(conditions: list[Condition], method: Method) -> tuple[list[ForceSea
     begun = time.perf_counter()
     found = []
     for trials, target_hz, goal in conditions:
-        start = goal / mean_level(trials, RANGES)
-        found.append(search(trials, target_hz, start, RANGES, method=method))
+        start = goal / mean_normalised_reading(trials, RANGES)
+        found.append(search_c(trials, target_hz, start, RANGES, method=method))
     return found, time.perf_counter() - begun
 
 

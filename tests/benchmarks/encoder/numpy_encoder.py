@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from rigctl.encoding.kernel import constants
+from rigctl.encoding.kernel import butterworth
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 
 Reals = NDArray[np.float64]
@@ -21,7 +21,7 @@ HIGHEST = 1023.0
 def currents(samples: NDArray[np.uint16], p: EncoderParameters) -> Reals:
     """k·x of one trial by SciPy, float64 (n, 36): SA, then RA."""
     x = samples / HIGHEST
-    b, a = constants.butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
+    b, a = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
     smooth, _ = signal.lfilter(b, a, x, axis=0, zi=signal.lfilter_zi(b, a)[:, None] * x[0])
     slope = np.diff(smooth, axis=0, prepend=smooth[:1]) * p.sample_rate_hz
     return np.hstack([p.sa_gain * x, p.ra_gain * slope])
@@ -63,7 +63,7 @@ class _Drives:
     """Input currents of both channels, sample by sample."""
 
     def __init__(self, first: NDArray[np.uint16]) -> None:
-        self._b, self._a = constants.butterworth(DEFAULT.ra_lowpass_hz, DEFAULT.sample_rate_hz)
+        self._b, self._a = butterworth(DEFAULT.ra_lowpass_hz, DEFAULT.sample_rate_hz)
         level = first / HIGHEST
         steady: Any = signal.lfilter_zi(self._b, self._a)
         self._z1, self._z2, self._last = steady[0] * level, steady[1] * level, level.copy()
