@@ -1,8 +1,8 @@
-"""Trains of Brian2 that the suite compares with ours bit by bit, and how they were made.
+"""Write the Brian2 trains that the suite compares with ours spike by spike.
 
-``RIGCTL_PEERS_PYTHON=.peers/bin/python python -m tests.encoding.golden`` makes
-``brian2_explicit.npz`` anew: four trials of six taxels, read at 1 kHz for two seconds, and the
-samples in which each of their 48 neurons spiked in Brian2's C++ with fast-math and contraction off.
+``RIGCTL_PEERS_PYTHON=.peers/bin/python python -m tests.encoding.golden`` writes
+``brian2_explicit.npz``: four trials of six taxels, read at 1 kHz for two seconds, and the samples
+in which each of their 48 neurons spiked in Brian2's C++ with fast-math and contraction off.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ N_TRIALS, N_SAMPLES, N_TAXELS = 4, 2000, 6
 FLAGS = "cpp_standalone, -O3 -fno-fast-math -ffp-contract=off, method euler, dt 0.25 ms"
 
 
-def scene() -> NDArray[np.uint16]:
-    """Readings (trials, samples, taxels): waves with contact made and lost, steps, noise."""
+def readings() -> NDArray[np.uint16]:
+    """Return readings (trials, samples, taxels): waves, contact made and lost, noise."""
     rng = np.random.default_rng(7)
     t = np.arange(N_SAMPLES)[:, None] / 1000
     trials = []
@@ -38,14 +38,14 @@ def scene() -> NDArray[np.uint16]:
 
 
 def make() -> None:
-    """Ask Brian2 and write the file."""
-    samples = scene()
+    """Run Brian2 and write the file."""
+    samples = readings()
     drive = np.hstack([currents(trial, PRESETS["explicit"]) for trial in samples])
     with tempfile.TemporaryDirectory() as folder:
         np.save(Path(folder) / "golden.npy", drive)
         answer = ask_brian2("cpp", Path(folder), "golden", strict=True)
-        theirs = np.load(Path(folder) / "golden.npz")
-        spikes = {"neuron": theirs["neuron"], "sample": theirs["sample"]}
+        brian2 = np.load(Path(folder) / "golden.npz")
+        spikes = {"neuron": brian2["neuron"], "sample": brian2["sample"]}
     order = np.lexsort((spikes["sample"], spikes["neuron"]))
     np.savez_compressed(
         FILE,

@@ -1,8 +1,8 @@
 """Encode as on a processor with other registers: prints a digest of spikes and membranes.
 
-With the argument ``other`` the host's word on registers of 512 bits is taken for its contrary while
-the kernel's vectors are laid out; LLVM then makes them of what registers there are. Needs a
-``NUMBA_CACHE_DIR`` of its own: numba's cache takes both layouts for one.
+With the argument ``other`` numba reports registers of 512 bits if the host has none, and none if it
+has some, while the kernel defines its vectors; LLVM then splits or joins them. Needs its own
+``NUMBA_CACHE_DIR``: numba's cache does not distinguish the two layouts.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from numba.core.registry import cpu_target
 
 
 @contextmanager
-def turned_about() -> Iterator[None]:
-    """The host's features as they are, but for AVX-512."""
-    _ = cpu_target.target_context  # numba asks once, and is told the truth
+def avx512_inverted() -> Iterator[None]:
+    """Report the host's features with AVX-512 inverted."""
+    _ = cpu_target.target_context  # numba reads the true features once, here
     real: Any = codegen.get_host_cpu_features
     features = real()
-    told = "-avx512f" if "+avx512f" in features.split(",") else "+avx512f"
-    codegen.get_host_cpu_features = lambda: f"{features.replace('avx512f', 'other')},{told}"
+    inverted = "-avx512f" if "+avx512f" in features.split(",") else "+avx512f"
+    codegen.get_host_cpu_features = lambda: f"{features.replace('avx512f', 'other')},{inverted}"
     try:
         yield
     finally:
@@ -35,7 +35,7 @@ def turned_about() -> Iterator[None]:
 
 
 def digest() -> str:
-    """Of trains, counts and membranes by schemes that keep to different orders."""
+    """Return a digest of trains, counts and membranes of schemes with different orders."""
     from rigctl.encoding.batch import count_spikes_without_and_with_c
     from rigctl.encoding.encoder import encode_trials, membrane_mv
     from rigctl.encoding.normalisation import Normalisation
@@ -44,24 +44,26 @@ def digest() -> str:
     rng, ranges = np.random.default_rng(0), Normalisation.full_scale(5)
     lengths = rng.integers(1, 700, 21)
     trials = [rng.integers(0, 1024, (n, 5)).astype(np.uint16) for n in lengths]
-    scale, cuts = rng.uniform(0.5, 2, (len(trials), 5)), np.array([0, 100, 700])
-    found = hashlib.sha256()
+    scale, edges = rng.uniform(0.5, 2, (len(trials), 5)), np.array([0, 100, 700])
+    result = hashlib.sha256()
     schemes = (replace(DEFAULT, sa_gain=3000.0), *PRESETS.values())
     for scheme in schemes:
         for spikes in encode_trials(trials, ranges, scheme, sa_scale=scale):
-            found.update(spikes.row_start.tobytes() + spikes.sample_index.tobytes())
+            result.update(spikes.row_start.tobytes() + spikes.sample_index.tobytes())
     for scheme in (DEFAULT, PRESETS["iskarous2022"]):
-        for counts in count_spikes_without_and_with_c(trials, cuts, ranges, scheme, scale):
-            found.update(counts.tobytes())
-        found.update(membrane_mv(trials[-1], ranges, scheme).tobytes())
-    return found.hexdigest()
+        for counts in count_spikes_without_and_with_c(trials, edges, ranges, scheme, scale):
+            result.update(counts.tobytes())
+        result.update(membrane_mv(trials[-1], ranges, scheme).tobytes())
+    return result.hexdigest()
 
 
 if __name__ == "__main__":
     if "NUMBA_CACHE_DIR" not in os.environ:
-        raise SystemExit("set NUMBA_CACHE_DIR to an empty folder: numba takes both layouts for one")
+        raise SystemExit(
+            "set NUMBA_CACHE_DIR to an empty folder: numba does not distinguish the two layouts"
+        )
     if sys.argv[1:] == ["other"]:
-        with turned_about():
+        with avx512_inverted():
             from rigctl.encoding.kernel import simd
     else:
         from rigctl.encoding.kernel import simd

@@ -43,10 +43,10 @@ def test_counts_equal_those_of_the_trains(name: str) -> None:
     bin_edges = common_bin_edges(LAYOUTS, 1500, 100.0)
     counts = count_spikes(trials, bin_edges, RANGES, PRESETS[name], sa_scale=scale)
     spikes = encode_trials(trials, RANGES, PRESETS[name], sa_scale=scale)
-    for trial, found in zip(spikes, counts, strict=True):
+    for trial, binned in zip(spikes, counts, strict=True):
         for row in range(10):
             expected = np.histogram(trial.train(row), bin_edges)[0]
-            np.testing.assert_array_equal(found[row], expected)
+            np.testing.assert_array_equal(binned[row], expected)
     assert counts.sum() > 0
 
 
@@ -121,9 +121,9 @@ def test_features_equal_those_of_the_trains(speed: float) -> None:
     counts = count_spikes(trials, bin_edges, RANGES)
     spikes = encode_trials(trials, RANGES)
     for layout in layouts:
-        found = features_from_counts(counts, bin_edges, list(map(len, trials)), speed, layout)
+        features = features_from_counts(counts, bin_edges, list(map(len, trials)), speed, layout)
         expected = np.stack([trial_features(trial, speed, layout) for trial in spikes])
-        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(features, expected)
 
 
 def test_rates_and_readings_are_means_over_trials() -> None:

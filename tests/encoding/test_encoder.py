@@ -1,4 +1,4 @@
-"""The compiled encoder against a textbook one in plain Python, and its promises to users."""
+"""The compiled encoder against a textbook one in plain Python, and its other promises."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ALL_PRESETS = sorted(PRESETS)
 
 
 def textbook_drive(x: list[float], p: EncoderParameters, ra: bool) -> list[float]:
-    """k·input of each sample: the reading, or the change per second of SciPy's low-pass."""
+    """Return k·input of each sample: the reading, or the change per second of SciPy's low-pass."""
     if not ra:
         return [p.sa_gain * value for value in x]
     b, a = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
@@ -45,7 +45,7 @@ def textbook_drive(x: list[float], p: EncoderParameters, ra: bool) -> list[float
 
 
 def textbook_counts(drive: list[float], p: EncoderParameters) -> list[int]:
-    """Spikes of each sample, with every equation written out as the paper prints it."""
+    """Return the spikes of each sample, with every equation as the paper prints it."""
     v, u, h = p.start_v_mv, p.start_u, p.substep_ms
     counts = []
     for current in drive:
@@ -57,8 +57,8 @@ def textbook_counts(drive: list[float], p: EncoderParameters) -> list[int]:
             old = v
             v = v + h * (p.quadratic * (v * v) + p.linear * v + p.constant - u + current)
             if not late:
-                seen = old if p.recovery is Recovery.OLD_V else v
-                u = u + h * p.a * (p.b * seen - u)
+                used = old if p.recovery is Recovery.OLD_V else v
+                u = u + h * p.a * (p.b * used - u)
                 if v >= p.threshold_mv:
                     v, u, fired = p.c_mv, u + p.d, fired + 1
         if late:
@@ -82,7 +82,7 @@ def textbook(samples: NDArray[np.uint16], ranges: Normalisation, p: EncoderParam
 
 
 def touch(seed: int, n: int = 1500) -> NDArray[np.uint16]:
-    """A texture under four taxels, with contact made after 200 and lost after 1,200 samples."""
+    """Return a texture under four taxels, in contact from sample 200 to sample 1,200."""
     rng = np.random.default_rng(seed)
     t = np.arange(n)[:, None] / 1000
     wave = np.sin(2 * np.pi * rng.uniform(5, 40, N_TAXELS) * t + rng.uniform(0, 6, N_TAXELS))
@@ -94,7 +94,7 @@ def touch(seed: int, n: int = 1500) -> NDArray[np.uint16]:
 
 
 def extremes(seed: int) -> NDArray[np.uint16]:
-    """Steps over the whole range, held, released and flickering; noise of full width."""
+    """Return steps over the whole range, held and flickering, and noise of full width."""
     rng = np.random.default_rng(seed)
     steps = np.repeat(rng.choice([0, 1023], (30, N_TAXELS)), 20, axis=0)
     noise = rng.integers(0, 1024, (300, N_TAXELS))
@@ -111,7 +111,7 @@ def test_the_low_pass_is_scipys_butterworth(cutoff_hz: float, rate_hz: float) ->
 
 @pytest.mark.parametrize("name", ALL_PRESETS)
 @pytest.mark.parametrize("seed", range(3))
-def test_spikes_are_the_textbooks(name: str, seed: int) -> None:
+def test_spikes_equal_the_textbooks(name: str, seed: int) -> None:
     samples = touch(seed)
     counts = Encoder(RANGES, preset(name)).encode(samples)
     assert counts.sum() > 50
@@ -120,20 +120,20 @@ def test_spikes_are_the_textbooks(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("recovery", list(Recovery))
 @pytest.mark.parametrize("rectify", list(Rectify))
-def test_extreme_inputs_stay_the_textbooks(recovery: Recovery, rectify: Rectify) -> None:
+def test_extreme_inputs_equal_the_textbooks(recovery: Recovery, rectify: Rectify) -> None:
     p = replace(preset("default"), recovery=recovery, ra_rectify=rectify)
     samples = extremes(5)
     np.testing.assert_array_equal(Encoder(RANGES, p).encode(samples), textbook(samples, RANGES, p))
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_default_never_leaves_the_finite(seed: int) -> None:
+def test_the_default_scheme_stays_finite(seed: int) -> None:
     voltage = membrane_mv(extremes(seed), RANGES)
     assert np.isfinite(voltage).all()
     assert voltage.min() > -250 and voltage.max() <= 30 + 1e-9
 
 
-def test_every_parameter_reaches_the_neuron() -> None:
+def test_every_parameter_changes_the_spikes() -> None:
     samples = touch(7)
     usual = Encoder(RANGES).encode(samples)
     changes: dict[str, Any] = {
@@ -154,13 +154,13 @@ def test_every_parameter_reaches_the_neuron() -> None:
 
 
 def exact_fma(x: float, y: float, z: float) -> float:
-    """x · y + z in exact rational arithmetic, rounded once."""
+    """Return x · y + z in exact rational arithmetic, rounded once."""
     return float(Fraction(x) * Fraction(y) + Fraction(z))
 
 
-def reckoned(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], list[float]]:
-    """Spikes and membrane of one lane in the kernel's normal form, one operation at a time."""
-    w0, keep, take, threshold, reset_to, jump = constants.kernel_constants(p)[:6].tolist()
+def normal_form(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], list[float]]:
+    """Compute spikes and membrane of a lane in the kernel's normal form, step by step."""
+    w0, decay, coupling, threshold, reset_to, jump = constants.kernel_constants(p)[:6].tolist()
     a1, a2 = constants.kernel_constants(p)[neuron_step.A1 : neuron_step.A2 + 1].tolist()
     unit = np.array([1 / 1023])
     drive = float(constants.drives(p, unit, np.ones(1))[ra][0])
@@ -176,8 +176,8 @@ def reckoned(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], l
             z2 = exact_fma(a2, signal_, change)
         w = exact_fma(drive, signal_, w0)
         for _ in range(p.substeps):
-            after = exact_fma(m, m, exact_fma(take, q, w))
-            q = exact_fma(keep, q, m if p.recovery is Recovery.OLD_V else after)
+            after = exact_fma(m, m, exact_fma(coupling, q, w))
+            q = exact_fma(decay, q, m if p.recovery is Recovery.OLD_V else after)
             crossed = after >= threshold
             m, q, fired = reset_to if crossed else after, q + jump * crossed, fired + crossed
         spikes.append(fired)
@@ -186,7 +186,7 @@ def reckoned(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], l
 
 
 def published(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], list[float]]:
-    """The same for a scheme that resets at the next sample, in the order of its publication."""
+    """Compute the same for a scheme that resets at the next sample, in the published order."""
     (b0, b1, b2), (_, a1, a2) = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
     x0 = x[0] * (1 / 1023)
     z2 = (b2 - a2) * x0
@@ -213,22 +213,22 @@ def published(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], 
 
 @pytest.mark.parametrize("name", ALL_PRESETS)
 def test_compiled_arithmetic_has_the_bits_of_exact_arithmetic(name: str) -> None:
-    """Every operation is rounded once and none is moved: all bits of every voltage agree."""
+    """Every operation is rounded once, in order: all bits of every voltage agree."""
     p, ranges = preset(name), Normalisation.full_scale(N_TAXELS)
     samples = np.concatenate([touch(3, 250)[100:], extremes(3)[:150]])
     counts, voltage = Encoder(ranges, p).encode(samples), membrane_mv(samples, ranges, p)
-    way = published if constants.has_late_reset(p) else reckoned
+    compute = published if constants.has_late_reset(p) else normal_form
     for column in range(2 * N_TAXELS):
         readings = samples[:, column % N_TAXELS].tolist()
-        spikes, membrane = way(readings, p, column >= N_TAXELS)
+        spikes, membrane = compute(readings, p, column >= N_TAXELS)
         assert counts[:, column].tolist() == spikes
         expected = constants.membrane_mv(p, np.array(membrane))
         expected[counts[:, column] > 0] = p.threshold_mv
         assert voltage[:, column].tobytes() == expected.tobytes()
 
 
-def test_trains_are_brian2s() -> None:
-    """Spikes of Brian2's forward Euler; ``golden.py`` beside this file tells how they were made."""
+def test_trains_equal_brian2s() -> None:
+    """Spikes of Brian2's forward Euler; ``golden.py`` writes them."""
     with np.load(Path(__file__).with_name("brian2_explicit.npz")) as golden:
         samples, neuron, sample = golden["samples"], golden["neuron"], golden["sample"]
         assert "Brian2 2.9" in str(golden["made_by"])
@@ -263,7 +263,7 @@ def test_live_equals_offline_for_trials_of_any_length() -> None:
             np.testing.assert_array_equal(spikes.train(row), expected)
 
 
-def test_a_reset_forgets_what_was_before() -> None:
+def test_a_reset_clears_all_state() -> None:
     encoder = Encoder(RANGES)
     first = encoder.encode(touch(1)[:700])
     encoder.encode(extremes(2))
@@ -271,7 +271,7 @@ def test_a_reset_forgets_what_was_before() -> None:
     np.testing.assert_array_equal(encoder.encode(touch(1)[:700]), first)
 
 
-def test_noncontiguous_samples_count_the_same() -> None:
+def test_noncontiguous_samples_give_the_same_spikes() -> None:
     wide = np.repeat(touch(4), 2, axis=1)
     np.testing.assert_array_equal(
         Encoder(RANGES).encode(wide[:, ::2]), Encoder(RANGES).encode(touch(4))
@@ -349,7 +349,7 @@ def test_a_neuron_at_rest_stays_there() -> None:
     np.testing.assert_allclose(voltage, -70.0, atol=1e-9)
 
 
-def test_rates_rise_with_the_input_and_lock_where_they_should() -> None:
+def test_rates_rise_with_the_input_and_lock_in_published_schemes() -> None:
     inputs = np.arange(1, 101) / 100
     rates = {name: steady_sa_rates_hz(preset(name), list(inputs)) for name in ALL_PRESETS}
     assert (np.diff(rates["default"]) >= -0.1).all()

@@ -1,4 +1,4 @@
-"""Trials side by side, whatever their lengths and taxels: each as if it were alone."""
+"""Trials side by side, of any lengths and taxels: each gives the same spikes as alone."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ def test_a_trial_among_others_spikes_as_alone(
 
 
 @pytest.mark.parametrize("scheme", [HOT, PRESETS["explicit"]])
-def test_samples_with_several_spikes_may_come_late(
+def test_a_later_tile_may_have_several_spikes_in_a_sample(
     scheme: EncoderParameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The first tile's silent, and room for several spikes a sample is made in a later one."""
+    """The first tile is silent; a later one needs memory for several spikes a sample."""
     monkeypatch.setattr(encoder, "TILE_LANES", 1)
     ranges = Normalisation.full_scale(3)
     silent = np.zeros((100, 3), np.uint16)
@@ -74,7 +74,7 @@ def test_samples_with_several_spikes_may_come_late(
 @pytest.mark.parametrize("planes", [1, 2, 4])
 @pytest.mark.parametrize("most", [0, 1, 2, 4])
 @pytest.mark.parametrize("n", [1, 63, 64])
-def test_bits_are_the_tallies(n: int, most: int, planes: int) -> None:
+def test_bits_equal_the_counters(n: int, most: int, planes: int) -> None:
     rng = np.random.default_rng(n)
     counters = rng.integers(0, most + 1, (WORD, WORD)).astype(np.uint8)
     counters[0, 0] = most
@@ -88,7 +88,7 @@ def test_bits_are_the_tallies(n: int, most: int, planes: int) -> None:
     assert not words[:, :WORD].any() and not words[:, 2 * WORD :].any() and not counted[:, n:].any()
 
 
-def test_each_word_goes_where_its_train_and_time_are() -> None:
+def test_words_are_transposed_to_their_train_and_time() -> None:
     n = 2 * LINE_WORDS + 1
     packed, words = (
         np.zeros((1, 3 * LINE_WORDS, WORD), np.uint64),
@@ -104,13 +104,13 @@ def test_each_word_goes_where_its_train_and_time_are() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="protects pages as POSIX does")
-def test_nothing_beside_a_trial_is_read() -> None:
-    """Trials lie between pages of memory that must not be read: another process tries it."""
+def test_no_byte_outside_a_trial_is_read() -> None:
+    """Encode trials between protected pages, in another process."""
     subprocess.run([sys.executable, "-m", __name__], check=True, timeout=300)
 
 
-def between_forbidden_pages(n: int, taxels: int, at_end: bool) -> NDArray[np.uint16]:
-    """Memory for a trial that ends where it may not be read on, or begins behind such a page."""
+def between_protected_pages(n: int, taxels: int, at_end: bool) -> NDArray[np.uint16]:
+    """Return memory for a trial that ends before a protected page, or begins behind one."""
     page, size = mmap.PAGESIZE, 2 * n * taxels
     inside = -(-size // page) * page
     buffer = mmap.mmap(-1, inside + 2 * page)
@@ -123,13 +123,13 @@ def between_forbidden_pages(n: int, taxels: int, at_end: bool) -> NDArray[np.uin
     return memory[start : start + size].view(np.uint16).reshape(n, taxels)
 
 
-def read_between_forbidden_pages() -> None:
+def read_between_protected_pages() -> None:
     rng = np.random.default_rng(0)
     for taxels in (1, 7, 8, 9, 18, 33):
         trials = []
         for n in (1, 40, 64, 77, 300):
             for at_end in (False, True):
-                trials.append(between_forbidden_pages(n, taxels, at_end))
+                trials.append(between_protected_pages(n, taxels, at_end))
                 trials[-1][...] = noise(rng, n, taxels)
         ranges, some = Normalisation.full_scale(taxels), np.arange(taxels // 4, taxels)
         encode_trials(trials, ranges)
@@ -137,22 +137,22 @@ def read_between_forbidden_pages() -> None:
 
 
 if __name__ == "__main__":
-    read_between_forbidden_pages()
+    read_between_protected_pages()
 
 
-def test_trials_in_one_memory_are_as_in_memories_of_their_own() -> None:
+def test_trials_in_one_memory_count_as_in_separate_arrays() -> None:
     rng = np.random.default_rng(7)
     memory = rng.integers(0, 1024, (500, 18)).astype(np.uint16)
-    begins, lengths = np.array([300, 0, 120]), np.array([200, 97, 0])
+    starts, lengths = np.array([300, 0, 120]), np.array([200, 97, 0])
     ranges = Normalisation.full_scale(18)
-    apart = [memory[b : b + n].copy() for b, n in zip(begins, lengths, strict=True)]
+    apart = [memory[b : b + n].copy() for b, n in zip(starts, lengths, strict=True)]
     expected = count_spikes(apart, single_bin_edges(apart), ranges)
     for one in (memory, np.asfortranarray(memory), np.repeat(memory, 2, axis=1)[:, ::2]):
-        rows = TrialViews.from_memory(one, begins, lengths)
+        rows = TrialViews.from_memory(one, starts, lengths)
         np.testing.assert_array_equal(count_spikes(rows, single_bin_edges(rows), ranges), expected)
 
 
 @pytest.mark.parametrize(("begin", "n"), [(-1, 5), (0, -1), (6, 5), (11, 0)])
-def test_trials_beyond_their_memory_are_refused(begin: int, n: int) -> None:
+def test_trials_outside_their_memory_are_refused(begin: int, n: int) -> None:
     with pytest.raises(WrongUse, match="memory of 10 rows"):
         TrialViews.from_memory(np.zeros((10, 3), np.uint16), np.array([begin]), np.array([n]))

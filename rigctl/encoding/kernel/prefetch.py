@@ -88,7 +88,7 @@ class TrialViews:
         """
         memory = np.require(memory, np.uint16, ["C", "A"])
         if (lengths < 0).any() or (starts < 0).any() or (starts + lengths > len(memory)).any():
-            raise WrongUse(f"a trial lies outside its memory of {len(memory)} rows")
+            raise WrongUse(f"a trial reaches outside its memory of {len(memory)} rows")
         row_bytes = READING_BYTES * memory.shape[1]
         return cls(memory.ctypes.data + starts * row_bytes, lengths, row_bytes, [memory])
 
