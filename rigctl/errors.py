@@ -62,6 +62,10 @@ class LinkLost(RigFault):
     """A port vanished or fell silent."""
 
 
+class BoardRebooted(LinkLost):
+    """The board rebooted by itself: its settings are the defaults, connect it again."""
+
+
 class WrongBoard(RigFault):
     """Somebody answered, but not the board or the firmware that was asked for."""
 

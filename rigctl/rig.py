@@ -1,24 +1,29 @@
-"""One way to open every rig: boards and clock, and nobody else knows which kind it is.
+"""Open any rig, real or simulated, behind one interface.
 
-A rig is two boards on two links and the loop whose clock they live by. At the bench the links
-are ports and the clock is the wall's; on a simulated rig both come from the simulation.
+A rig is two boards on two links and the event loop whose clock they share. At the bench the
+links are ports and the clock is real time; on a simulated rig both come from the simulation.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.config.resources import firmware_image
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.devices.drum import Drum
-from rigctl.devices.port_discovery import DRUM, TAXELS, ask, find_boards, open_link
+from rigctl.devices.identity import PortDiagnosis
+from rigctl.devices.port_discovery import (
+    DRUM,
+    TAXELS,
+    create_link,
+    find_boards,
+    identify_board,
+)
 from rigctl.devices.taxels import Taxels
-from rigctl.errors import ConfigError, LinkLost, RigFault, WrongUse
-from rigctl.values import N_TAXELS, BoardIdentity
+from rigctl.errors import ConfigError, LinkLost, WrongUse
+from rigctl.values import N_TAXELS
 from rigctl.wire.drum.codes import Signal
 
 if TYPE_CHECKING:
@@ -26,14 +31,13 @@ if TYPE_CHECKING:
     from rigctl.simulation.simulated_rig import FaultInjection, SimulatedRig
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
-OTHER = {DRUM: TAXELS, TAXELS: DRUM}
 
 
 class Rig:
-    """Two boards, the loop they live by, and what is known of the bench around them.
+    """Two boards, their event loop, and the description of the bench.
 
-    ``kind`` is virtual, firmware or bench. ``faults`` makes things go wrong on a simulated
-    rig, and is None at the bench. ``world`` is what a session keeps of a simulated one.
+    ``kind`` is virtual, firmware or bench. ``faults`` injects faults on a simulated rig and is
+    None at the bench. ``world`` is what a session stores about a simulated rig.
     """
 
     def __init__(
@@ -58,37 +62,37 @@ class Rig:
 
     @property
     def simulated(self) -> bool:
-        """True where no bench stands behind the boards."""
+        """True without a real bench."""
         return self.simulation is not None
 
     @property
     def faults(self) -> FaultInjection | None:
-        """What can be made to go wrong; None at the bench."""
+        """The fault injection of a simulated rig; None at the bench."""
         return self.simulation.faults if self.simulation else None
 
     def set_plate(self, texture: str) -> bool:
-        """True where the plate changed by itself, False where a person has to change it."""
+        """Change a simulated plate; False at the bench, where a person has to change it."""
         if self.simulation is None:
             return False
         self.simulation.set_plate(texture)
         return True
 
     def lay_mass(self, mass_g: float) -> bool:
-        """True where the load cell now feels that mass by itself, False where a person lays it."""
+        """Load a simulated load cell; False at the bench, where a person has to place the mass."""
         if self.simulation is None:
             return False
         self.simulation.faults.push(mass_g)
         return True
 
     def save_truth(self, folder: Path) -> None:
-        """Add to a session what the simulated world logged since the last call; nothing else."""
+        """Append the simulated ground truth since the last call to a session, if there is one."""
         if self.simulation is not None:
             from rigctl.session.files.ground_truth import write_truth
 
             write_truth(folder, self.simulation.truth.take())
 
     def close(self) -> None:
-        """Free ports and boards, then the loop, unless it still runs."""
+        """Free ports and boards, then close the loop unless it is running."""
         self.drum.close()
         self.taxels.close()
         if self.simulation is not None:
@@ -107,30 +111,29 @@ def open_rig(
 ) -> Rig:
     """Open ``virtual``, ``firmware``, or the rig that a ``rig.toml`` describes.
 
-    ``seed`` and ``world`` shape a simulated bench; ``paced`` keeps it to real time. Without a
-    ``config`` the description of ``virtual`` and ``firmware`` fits the world. Opening
-    asks no board anything: ``rig.drum.connect()`` and ``rig.taxels.connect()`` do. Raises
-    WrongUse for a rig that does not exist or cannot have a world, ConfigError for a description
-    that cannot be used.
+    ``seed`` and ``world`` define a simulated bench; ``paced`` runs it in real time. The default
+    ``config`` of ``virtual`` and ``firmware`` is that of the world. The boards are not connected:
+    use ``rig.drum.connect()`` and ``rig.taxels.connect()``. Raises WrongUse for a rig that does
+    not exist or cannot have a world, ConfigError for an unusable description.
     """
     if spec in (VIRTUAL, FIRMWARE):
         return _simulated_rig(spec, seed, paced, config, world)
     path = Path(spec)
     if not path.is_file():
         raise WrongUse(f"there is no rig {spec}: give virtual, firmware, or a rig.toml")
-    described = _fitting(config or load_config(path))
-    if described.ports.simulate:
-        return _simulated_rig(described.ports.simulate, seed, paced, described, world)
+    config = _validate_taxel_count(config or load_config(path))
+    if config.ports.simulate:
+        return _simulated_rig(config.ports.simulate, seed, paced, config, world)
     if world is not None:
         raise WrongUse(
             f"{path} describes a real rig, which has no world file: leave --world out, or set "
             "[ports] simulate to rehearse"
         )
-    return _bench(path, described)
+    return _bench(path, config)
 
 
-def _fitting(config: RigConfig) -> RigConfig:
-    """The description, where it is one of a sensor that the taxel board can read."""
+def _validate_taxel_count(config: RigConfig) -> RigConfig:
+    """Return ``config``; raises ConfigError for a sensor that the taxel board cannot read."""
     if config.taxels.count != N_TAXELS:
         raise ConfigError(
             f"{config.about.name}: [taxels] count is {config.taxels.count}, the taxel board reads "
@@ -147,11 +150,11 @@ def _simulated_rig(
     from rigctl.simulation.virtual_rig import warm
 
     world = world or NOMINAL
-    config = _fitting(config or world.description())
+    config = _validate_taxel_count(config or world.description())
     warm()
-    _check_stop(config)
+    _validate_emergency_stop(config)
     simulation = _open_simulation(kind, seed, world)
-    _wire_as_described(simulation, config)
+    _wire_signals(simulation, config)
     loop = SimulatedTimeLoop(simulation, 1.0 if paced else None)
     return Rig(
         kind,
@@ -165,10 +168,10 @@ def _simulated_rig(
     )
 
 
-def _check_stop(config: RigConfig) -> None:
+def _validate_emergency_stop(config: RigConfig) -> None:
     """Raise ConfigError for an emergency stop that closes when it is pressed.
 
-    No board in its default state takes such a stop for one at rest.
+    A board with default settings would see such a stop as pressed.
     """
     if config.inverted.estop:
         raise ConfigError(
@@ -177,10 +180,10 @@ def _check_stop(config: RigConfig) -> None:
         )
 
 
-def _wire_as_described(simulation: SimulatedRig, config: RigConfig) -> None:
-    """The simulated bench has the wires that the description says, the way round that it says.
+def _wire_signals(simulation: SimulatedRig, config: RigConfig) -> None:
+    """Wire the simulated bench with the signals and polarities of the description.
 
-    A rig without an emergency stop has its wire jumpered to ground, as arduino/README.md says.
+    A rig without an emergency stop has its input jumpered to ground (arduino/README.md).
     """
     fitted = [signal for signal in Signal if getattr(config.signals, signal.name.lower())]
     absent = set(Signal) - {Signal.ESTOP, *fitted}
@@ -203,24 +206,19 @@ def _open_simulation(kind: str, seed: int, world: SimulatedWorld) -> SimulatedRi
 def _bench(path: Path, config: RigConfig) -> Rig:
     loop = asyncio.SelectorEventLoop()
     try:
-        ports = _ports(config, loop)
-        drum = Drum(
-            open_link(ports[DRUM], DRUM, loop), loop, _whos_there(path, ports[DRUM], DRUM, loop)
-        )
-        taxels = Taxels(
-            open_link(ports[TAXELS], TAXELS, loop),
-            loop,
-            _whos_there(path, ports[TAXELS], TAXELS, loop),
-            config.taxels,
-        )
+        ports = _find_ports(config, loop)
+        drum_link, taxel_link = (create_link(ports[board], board, loop) for board in (DRUM, TAXELS))
+        drum = Drum(drum_link, loop, _diagnosis(path, ports[DRUM], TAXELS, loop))
+        diagnose_taxel_port = _diagnosis(path, ports[TAXELS], DRUM, loop)
+        taxels = Taxels(taxel_link, loop, diagnose_taxel_port, config.taxels)
     except BaseException:
         loop.close()
         raise
     return Rig(BENCH, config.about.name, config, loop, drum, taxels)
 
 
-def _ports(config: RigConfig, loop: asyncio.AbstractEventLoop) -> dict[str, str]:
-    """The two ports; those that the description leaves out are found by asking."""
+def _find_ports(config: RigConfig, loop: asyncio.AbstractEventLoop) -> dict[str, str]:
+    """Return the two ports; probes all ports for the boards whose port is not configured."""
     ports = {DRUM: config.ports.drum, TAXELS: config.ports.taxels}
     if not all(ports.values()):
         found = loop.run_until_complete(find_boards(loop))
@@ -234,16 +232,15 @@ def _ports(config: RigConfig, loop: asyncio.AbstractEventLoop) -> dict[str, str]
     return ports
 
 
-def _whos_there(
-    path: Path, port: str, board: str, loop: asyncio.AbstractEventLoop
-) -> Callable[[], Awaitable[str]]:
-    """Asks, after ``board`` did not answer on ``port``, whether the other one does."""
-    return partial(_stranger, path, port, OTHER[board], loop)
+def _diagnosis(
+    path: Path, port: str, other_board: str, loop: asyncio.AbstractEventLoop
+) -> PortDiagnosis:
+    """Return a function that reports whether the other board answers on ``port``."""
 
+    async def diagnose_port() -> str:
+        identity = await identify_board(port, other_board, loop)
+        if identity is None:
+            return ""
+        return f"{port}: the {identity.board} board answers there: swap the ports in {path}"
 
-async def _stranger(path: Path, port: str, other: str, loop: asyncio.AbstractEventLoop) -> str:
-    try:
-        identity: BoardIdentity = await ask(port, other, loop)
-    except RigFault:
-        return ""
-    return f"{port}: the {identity.board} board answers there: swap the ports in {path}"
+    return diagnose_port

@@ -15,11 +15,10 @@ from rigctl.acquisition.health.boards import DRUM, TAXELS, BoardHealth
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.rig_interface import RigInterface
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
-from rigctl.devices.links.byte_link import BoardRebooted
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.parameters import preset
-from rigctl.errors import LinkLost, RigFault
+from rigctl.errors import BoardRebooted, LinkLost, RigFault
 from rigctl.values import Block, BoardIdentity, DrumState
 from rigctl.wire.drum.codes import reset_cause_text
 from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State

@@ -1,7 +1,7 @@
-"""The drum board as a scientist names it: poll, set, command, stop.
+"""The driver of the drum board: poll, set, command, stop.
 
-One poll is one exchange: it beats the heart and reads the whole state. Everything else on the
-line waits its turn, except :meth:`Drum.stop`.
+One poll is one exchange: it writes the heartbeat and reads the whole state. All other requests
+queue for the line, except :meth:`Drum.stop`.
 """
 
 from __future__ import annotations
@@ -9,29 +9,30 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from rigctl.devices.drum_refusals import refused_command, refused_settings
-from rigctl.devices.identity import WhosThere, drum_identity, explain
-from rigctl.devices.links.byte_link import BoardRebooted, ByteLink
+from rigctl.devices.drum_refusals import command_refusal_text, settings_refusal_text
+from rigctl.devices.identity import PortDiagnosis, drum_identity, raise_diagnosis
+from rigctl.devices.links.byte_link import ByteLink
 from rigctl.devices.loadcell_ring import read_ring
-from rigctl.devices.modbus_client import DRAIN_S, SILENCE_S, ModbusClient, Refused
-from rigctl.errors import BoardFault, CommandRefused, LinkLost, RigFault, WrongBoard
+from rigctl.devices.modbus_client import DRAIN_S, LINK_TIMEOUT_S, ModbusClient, RequestRefused
+from rigctl.errors import BoardFault, BoardRebooted, CommandRefused, LinkLost, RigFault, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum import register_table
 from rigctl.wire.drum.codes import Command, CommandResult
-from rigctl.wire.drum.poll import PollDecoder, Raw
-from rigctl.wire.drum.registers import BlockLayout, Write, plan_writes, reads_for
+from rigctl.wire.drum.poll import PollDecoder, RawPoll
+from rigctl.wire.drum.registers import BlockLayout, RegisterWrite, plan_reads, plan_writes
 from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
-from rigctl.wire.drum.tare_table import PLACE_NAMES, place_table
+from rigctl.wire.drum.tare_table import PLACE_NAMES, tare_table
 
-ANSWER_S = 4.0
+CONNECT_TIMEOUT_S = 4.0
 """A board that was reset by opening its port answers within this time, bootloader included."""
-BOARD_TIME_JUMP_US, BOARD_TIME_SHARE = 1_000_000, 0.01
-"""A board clock that runs further away from ours, in sum, has started anew."""
-WAIT_POLL_S = 0.02
+CLOCK_TOLERANCE_US, CLOCK_TOLERANCE_SHARE = 1_000_000, 0.01
+"""The board rebooted where its clock deviates from the loop's by more than the sum of both."""
+COMMAND_POLL_S = 0.02
 
 _IDENTITY = BlockLayout(*register_table.IDENTITY_BLOCK, entries=register_table.IDENTITY)
 _SETTINGS = BlockLayout(*register_table.SETTINGS_BLOCK, entries=register_table.SETTINGS)
 _HEARTBEAT = register_table.BY_NAME["heartbeat"].address
+_HEARTBEAT_SEEN = register_table.BY_NAME["heartbeat_seen"].address - register_table.POLL_BLOCK[0]
 _COMMAND = register_table.BY_NAME["command"].address
 
 OnState = Callable[[DrumState], None]
@@ -40,8 +41,8 @@ OnState = Callable[[DrumState], None]
 class Drum:
     """The drum board over one link. Every coroutine raises LinkLost when the board falls silent.
 
-    ``identity`` is that of the last connect, ``rebooted`` whether the board started anew between
-    the last two, ``settings`` what was last read back, by name in engineering units.
+    ``identity`` is that of the last connect, ``rebooted`` whether the board rebooted between the
+    last two, ``settings`` the values last read, by name in engineering units.
     """
 
     identity: BoardIdentity
@@ -50,23 +51,23 @@ class Drum:
         self,
         link: ByteLink,
         loop: asyncio.AbstractEventLoop,
-        whos_there: WhosThere | None = None,
+        diagnose_port: PortDiagnosis | None = None,
     ) -> None:
         self.link = link
-        self.line = ModbusClient(link, loop)
+        self.modbus = ModbusClient(link, loop)
         self.rebooted = False
         self.settings: dict[str, float] = {}
         self._loop = loop
-        self._whos_there = whos_there
+        self._diagnose_port = diagnose_port
         self._decoder = PollDecoder()
         self._connected = False
-        # States are decoded in the order in which they were read.
-        self._polling = asyncio.Lock()
+        # Keeps the order in which states are decoded the order in which they were read.
+        self._poll_lock = asyncio.Lock()
         self._boot_count: int | None = None
-        self._beat = 0
+        self._heartbeat = 0
         self._sequence = 0
         self._tare_sequence: int | None = None
-        self._consumers: list[OnState] = []
+        self._on_state: list[OnState] = []
 
     @property
     def connected(self) -> bool:
@@ -75,31 +76,32 @@ class Drum:
 
     @property
     def retries(self) -> int:
-        """Polls that were asked again because request or reply was lost or damaged."""
-        return self.line.retries
+        """Polls that were sent again because request or reply was lost or damaged."""
+        return self.modbus.retries
 
     @property
     def state(self) -> DrumState | None:
         """The newest state polled since the last connect."""
         return self._decoder.last
 
-    def on_state(self, consumer: OnState) -> None:
-        """Have ``consumer`` called with every state polled, whoever polls."""
-        self._consumers.append(consumer)
+    def on_state(self, callback: OnState) -> None:
+        """Subscribe ``callback`` to every polled state."""
+        self._on_state.append(callback)
 
     async def connect(self) -> BoardIdentity:
-        """Open the link, ask who is there, read the settings.
+        """Open the link, read identity and settings, and return the identity.
 
-        Raises LinkLost where nobody answers in time, WrongBoard where somebody else does.
+        Raises LinkLost where no board answers in time, WrongBoard where another board does.
         """
         self._connected = False
-        await self.line.open()
+        self.modbus.open()
         try:
-            identity = drum_identity(self.link.name, await self._first_answer())
-            await self._take_settings(identity.details["steps_per_turn"])
+            identity = drum_identity(self.link.name, await self._read_identity())
+            await self._read_settings(identity.details["steps_per_turn"])
         except BaseException as failure:
-            self.line.close()
-            await explain(failure, self._whos_there if self._boot_count is None else None)
+            self.modbus.close()
+            first_connect = self._boot_count is None
+            await raise_diagnosis(failure, self._diagnose_port if first_connect else None)
             raise
         self._connected = True
         self.rebooted = self._boot_count not in (None, identity.boot_count)
@@ -108,154 +110,154 @@ class Drum:
         return identity
 
     async def poll(self, beat: bool = True) -> DrumState:
-        """One exchange: beat the heart if asked to, read the state and new load-cell samples.
+        """Return the state with the new load-cell samples; ``beat`` writes the heartbeat.
 
-        Raises BoardRebooted where the board's clock shows that it started anew.
+        Raises BoardRebooted where the board's clock shows a reboot.
         """
-        async with self._polling:
-            words = await (
-                self._poll_beating() if beat else self.line.read(*register_table.POLL_BLOCK)
-            )
-            raw, at_s = self._decoder.read(words), self.line.received_at_s
+        async with self._poll_lock:
+            if beat:
+                words = await self._poll_with_heartbeat()
+            else:
+                words = await self.modbus.read(*register_table.POLL_BLOCK)
+            raw, at_s = self._decoder.unpack(words), self.modbus.received_at_s
             self._check_clock(raw, at_s)
-            ring = await read_ring(self.line, self._decoder.missing(raw))
-            await self._after_tare(raw)
+            ring = await read_ring(self.modbus, self._decoder.missing(raw))
+            await self._read_new_tare(raw)
             state = self._decoder.decode(raw, at_s, ring)
-        for consumer in self._consumers:
-            consumer(state)
+        for callback in self._on_state:
+            callback(state)
         return state
 
     async def set(self, **values: float) -> dict[str, float]:
-        """Write settings by name in engineering units; the values really set, read back.
+        """Write settings in engineering units and return the values read back, by name.
 
         Raises WrongUse before anything is sent where a value is out of bounds, CommandRefused
-        where the board says no.
+        where the board refuses.
         """
-        done: dict[str, float] = {}
+        written: dict[str, float] = {}
         for write in plan_writes(values):
-            done |= await self._set(write)
-        self._remember(done)
-        return done
+            written |= await self._write_settings(write)
+        self._update_settings(written)
+        return written
 
     async def get(self, *names: str) -> dict[str, float]:
-        """Registers by name in engineering units."""
+        """Read registers and return their values in engineering units, by name."""
         values: dict[str, float] = {}
-        for layout in reads_for(names):
-            values |= layout.values(await self.line.read(layout.address, layout.count))
-        self._remember(values)
+        for layout in plan_reads(names):
+            values |= layout.values(await self.modbus.read(layout.address, layout.count))
+        self._update_settings(values)
         return values
 
     async def command(self, command: Command, wait: bool = False) -> None:
-        """Give a command; with ``wait`` poll, beating, until the board has done it.
+        """Send a command; ``wait`` polls with heartbeat until the board has executed it.
 
         Raises CommandRefused where the state does not allow it, BoardFault where the board
-        latched a fault on the way.
+        latches a fault meanwhile.
         """
         sequence = self._next_sequence()
         if command in (Command.TARE, Command.TARE_TURN, Command.TARE_ANYWAY):
             self._tare_sequence = sequence
         try:
-            await self.line.write(_COMMAND, (command, sequence), once=True)
-        except Refused as refused:
-            raise await self._refusal(command, refused) from refused
+            await self.modbus.write(_COMMAND, (command, sequence), resume_after_stop=False)
+        except RequestRefused as refused:
+            raise await self._refusal(command) from refused
         while wait and not self._is_done(command, sequence, await self.poll()):
-            await asyncio.sleep(WAIT_POLL_S)
+            await asyncio.sleep(COMMAND_POLL_S)
 
     async def stop(self) -> None:
-        """Stop and lift at once; the reply in flight is abandoned, nothing else goes first."""
-        await self.line.urgent_write(_COMMAND, (Command.STOP, self._next_sequence()))
+        """Stop and lift at once: abandon the reply in flight and preempt all other requests."""
+        await self.modbus.urgent_write(_COMMAND, (Command.STOP, self._next_sequence()))
 
     def close(self) -> None:
-        """Free the port. The board lifts by itself when the beat stays away."""
-        self.line.close()
+        """Free the port. Without heartbeat the board lifts by itself."""
+        self.modbus.close()
 
-    async def _first_answer(self) -> dict[str, tuple[int, ...]]:
-        """The identity block, asked for until somebody answers or the time is over."""
-        deadline_s = self._loop.time() + ANSWER_S
+    async def _read_identity(self) -> dict[str, tuple[int, ...]]:
+        """Read the identity block, again and again until a board answers or time is up."""
+        deadline_s = self._loop.time() + CONNECT_TIMEOUT_S
         while True:
             try:
-                return _IDENTITY.raw(await self.line.read(*register_table.IDENTITY_BLOCK))
-            except Refused as refused:
+                return _IDENTITY.unpack(await self.modbus.read(*register_table.IDENTITY_BLOCK))
+            except RequestRefused as refused:
                 raise WrongBoard(
                     f"{self.link.name}: a Modbus device answered that is no rigctl board: "
-                    "rigctl ports shows what hangs where"
+                    "rigctl ports shows which board is on which port"
                 ) from refused
             except LinkLost:
                 if not self.link.is_open:
                     raise
                 if self._loop.time() > deadline_s:
-                    raise self._nobody() from None
+                    raise self._no_answer() from None
 
-    def _nobody(self) -> RigFault:
-        name, seconds = self.link.name, f"within {ANSWER_S:g} s"
-        if self.line.bytes_received:
+    def _no_answer(self) -> RigFault:
+        name, seconds = self.link.name, f"within {CONNECT_TIMEOUT_S:g} s"
+        if self.modbus.bytes_received:
             return WrongBoard(
                 f"{name}: bytes came, but no drum board answered {seconds}: "
-                "another board or baud rate? rigctl ports shows what hangs where"
+                "another board or baud rate? rigctl ports shows which board is on which port"
             )
         return LinkLost(
             f"{name}: no drum board answered {seconds}: check cable and supply; "
-            "rigctl ports shows what hangs where"
+            "rigctl ports shows which board is on which port"
         )
 
-    async def _take_settings(self, steps_per_turn: int) -> None:
-        raw = _SETTINGS.raw(await self.line.read(*register_table.SETTINGS_BLOCK))
+    async def _read_settings(self, steps_per_turn: int) -> None:
+        raw = _SETTINGS.unpack(await self.modbus.read(*register_table.SETTINGS_BLOCK))
         self._sequence = raw["command_sequence"][0]
-        self._beat = raw["heartbeat"][0]
+        self._heartbeat = raw["heartbeat"][0]
         self._tare_sequence = None
-        self._decoder = PollDecoder()
-        self._remember({e.name: raw[e.name][0] * e.scale for e in _SETTINGS.entries})
-        self._decoder.steps_per_turn = steps_per_turn
+        self._decoder = PollDecoder(steps_per_turn=steps_per_turn)
+        self._update_settings({e.name: raw[e.name][0] * e.scale for e in _SETTINGS.entries})
 
-    async def _poll_beating(self) -> list[int]:
-        """A poll whose reply shows the beat it was sent with; others are older replies."""
-        self._beat = (self._beat + 1) % 65536
-        give_up_s = self._loop.time() + SILENCE_S
+    async def _poll_with_heartbeat(self) -> list[int]:
+        """Return a poll block that shows the heartbeat just written; others are stale."""
+        self._heartbeat = (self._heartbeat + 1) % 65536
+        deadline_s = self._loop.time() + LINK_TIMEOUT_S
         while True:
-            words = await self.line.read_write(
-                *register_table.POLL_BLOCK, _HEARTBEAT, (self._beat,), hurried=True
+            words = await self.modbus.read_write(
+                *register_table.POLL_BLOCK, _HEARTBEAT, (self._heartbeat,), retry_early=True
             )
-            if words[_SEEN] == self._beat:
+            if words[_HEARTBEAT_SEEN] == self._heartbeat:
                 return words
-            if self._loop.time() > give_up_s:
+            if self._loop.time() > deadline_s:
                 raise LinkLost(f"{self.link.name}: the drum board does not see the heartbeat")
-            self.line.stale += 1
+            self.modbus.stale += 1
             await asyncio.sleep(DRAIN_S)
 
-    def _check_clock(self, raw: Raw, at_s: float) -> None:
-        """Raise where the board's clock did not run with ours since the last poll."""
+    def _check_clock(self, raw: RawPoll, at_s: float) -> None:
+        """Raise BoardRebooted where the board's clock deviates from the loop's since last poll."""
         last = self._decoder.last
         if last is None:
             return
-        wire_us = raw["board_time_us"][0]
         expected_us = (at_s - last.at_s) * 1e6
-        # Nearest way round the 32-bit clock between what it shows and what it should show.
-        early_us = (wire_us - last.board_time_us - expected_us + 2**31) % 2**32 - 2**31
-        if abs(early_us) > BOARD_TIME_JUMP_US + BOARD_TIME_SHARE * expected_us:
+        # The difference is wrapped to half a turn of the 32-bit clock either way.
+        ahead_us = raw["board_time_us"][0] - last.board_time_us - expected_us
+        ahead_us = (ahead_us + 2**31) % 2**32 - 2**31
+        if abs(ahead_us) > CLOCK_TOLERANCE_US + CLOCK_TOLERANCE_SHARE * expected_us:
             self._connected = False
-            raise BoardRebooted(f"{self.link.name}: the drum board restarted by itself: connect it")
-
-    async def _set(self, write: Write) -> dict[str, float]:
-        layout = BlockLayout(write.address, len(write.words))
-        try:
-            words = await self.line.read_write(
-                write.address, len(write.words), write.address, write.words
+            raise BoardRebooted(
+                f"{self.link.name}: the drum board restarted by itself: connect it again"
             )
-        except Refused as refused:
-            why = refused_settings(write.names, refused.code)
-            raise CommandRefused(f"{refused}: {why}") from refused
-        return layout.values(words)
 
-    def _remember(self, values: dict[str, float]) -> None:
+    async def _write_settings(self, write: RegisterWrite) -> dict[str, float]:
+        count = len(write.words)
+        try:
+            words = await self.modbus.read_write(write.address, count, write.address, write.words)
+        except RequestRefused as refused:
+            reason = settings_refusal_text(write.names, refused.code)
+            raise CommandRefused(f"{refused}: {reason}") from refused
+        return BlockLayout(write.address, count).values(words)
+
+    def _update_settings(self, values: dict[str, float]) -> None:
         self.settings |= values
         self._decoder.tare_counts = round(self.settings.get("tare_counts", 0))
         self._decoder.scale_ug_per_count = round(self.settings.get("scale_ug_per_count", 0))
-        self._decoder.tare_table = place_table(self.settings)
+        self._decoder.tare_table = tare_table(self.settings)
 
-    async def _after_tare(self, raw: Raw) -> None:
-        """A tare that is done changed what raw counts mean: read it."""
-        done = raw["command_result"][0] != CommandResult.RUNNING
-        if done and raw["command_acknowledged"][0] == self._tare_sequence:
+    async def _read_new_tare(self, raw: RawPoll) -> None:
+        """Read the tare after a tare command has ended: it changes what raw counts mean."""
+        ended = raw["command_result"][0] != CommandResult.RUNNING
+        if ended and raw["command_acknowledged"][0] == self._tare_sequence:
             self._tare_sequence = None
             await self.get("tare_counts", "scale_ug_per_count", *PLACE_NAMES)
 
@@ -263,31 +265,19 @@ class Drum:
         self._sequence = (self._sequence + 1) % 65536
         return self._sequence
 
-    async def _refusal(self, command: Command, refused: Refused) -> CommandRefused:
+    async def _refusal(self, command: Command) -> CommandRefused:
         values = await self.get("state", "fault", "status_bits")
         state, fault = State(int(values["state"])), Fault(int(values["fault"]))
-        why = refused_command(command, state, fault, int(values["status_bits"]))
-        return CommandRefused(f"{self.link.name}: {why}")
+        reason = command_refusal_text(command, state, fault, int(values["status_bits"]))
+        return CommandRefused(f"{self.link.name}: {reason}")
 
     def _is_done(self, command: Command, sequence: int, state: DrumState) -> bool:
+        name = f"{self.link.name}: {command.name}"
         if state.fault:
-            raise BoardFault(
-                f"{self.link.name}: {command.name} ended in a fault: "
-                f"{FAULT_TEXT[Fault(state.fault)]}"
-            )
-        if _acknowledged(state) != sequence:
-            raise CommandRefused(f"{self.link.name}: {command.name} was overtaken by another")
-        if _result(state) is CommandResult.FAILED:
-            raise CommandRefused(f"{self.link.name}: {command.name} was broken off")
-        return _result(state) is CommandResult.DONE
-
-
-_SEEN = register_table.BY_NAME["heartbeat_seen"].address - register_table.POLL_BLOCK[0]
-
-
-def _acknowledged(state: DrumState) -> int:
-    return int(state.values["command_acknowledged"])
-
-
-def _result(state: DrumState) -> CommandResult:
-    return CommandResult(int(state.values["command_result"]))
+            raise BoardFault(f"{name} ended in a fault: {FAULT_TEXT[Fault(state.fault)]}")
+        if state.values["command_acknowledged"] != sequence:
+            raise CommandRefused(f"{name} was overtaken by another")
+        result = state.values["command_result"]
+        if result == CommandResult.FAILED:
+            raise CommandRefused(f"{name} was broken off")
+        return result == CommandResult.DONE

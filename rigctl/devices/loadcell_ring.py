@@ -2,44 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from rigctl.devices.modbus_client import ModbusClient
-from rigctl.wire.drum.poll import RawSample
+from rigctl.wire.drum.poll import RingSample
 from rigctl.wire.drum.register_entry import Register
 from rigctl.wire.drum.register_table import BY_NAME, RING_DEPTH
 from rigctl.wire.drum.registers import BlockLayout
 
-LONGEST_READ = 20
-"""Samples read in one exchange: 40 registers."""
+MAX_READ = 20
+"""Samples of one exchange: 40 registers."""
 
 
-async def read_ring(line: ModbusClient, wanted: range) -> dict[int, RawSample]:
-    """What stands in the places of the samples ``wanted``, by sequence number.
+async def read_ring(modbus: ModbusClient, sequences: range) -> dict[int, RingSample]:
+    """Return the ring's samples of ``sequences`` by sequence number.
 
-    A place may have been overwritten meanwhile; its time tells.
+    A newer sample may have overwritten one meanwhile; its time shows it.
     """
-    found: dict[int, RawSample] = {}
-    for part in _parts(wanted):
-        raw = await _numbers(line, "ring_raw", part)
-        times_us = await _numbers(line, "ring_time_us", part)
-        found |= dict(zip(part, zip(raw, times_us, strict=True), strict=True))
-    return found
+    samples: dict[int, RingSample] = {}
+    for part in _contiguous(sequences):
+        raw = await _read_part(modbus, "ring_raw", part)
+        times_us = await _read_part(modbus, "ring_time_us", part)
+        samples |= dict(zip(part, zip(raw, times_us, strict=True), strict=True))
+    return samples
 
 
-async def _numbers(line: ModbusClient, name: str, part: range) -> tuple[int, ...]:
+async def _read_part(modbus: ModbusClient, name: str, part: range) -> tuple[int, ...]:
     ring = BY_NAME[name]
     address = ring.address + ring.words * (part.start % RING_DEPTH)
-    some = Register(name, address, ring.kind, "", 1, "", count=len(part))
-    words = await line.read(address, ring.words * len(part))
-    return BlockLayout(address, len(words), (some,)).raw(words)[name]
+    entry = Register(name, address, ring.kind, "", 1, "", count=len(part))
+    words = await modbus.read(address, ring.words * len(part))
+    return BlockLayout(address, len(words), (entry,)).unpack(words)[name]
 
 
-def _parts(wanted: range) -> list[range]:
-    """Runs of sequence numbers that stand side by side in the ring, each one read long."""
-    parts: list[range] = []
-    at = wanted.start
-    while at < wanted.stop:
-        to_end = RING_DEPTH - at % RING_DEPTH
-        part = range(at, min(wanted.stop, at + min(LONGEST_READ, to_end)))
-        parts.append(part)
-        at = part.stop
-    return parts
+def _contiguous(sequences: range) -> Iterator[range]:
+    """Yield the parts of ``sequences`` that are contiguous in the ring and fit one read."""
+    start = sequences.start
+    while start < sequences.stop:
+        to_end = RING_DEPTH - start % RING_DEPTH
+        part = range(start, min(sequences.stop, start + min(MAX_READ, to_end)))
+        yield part
+        start = part.stop

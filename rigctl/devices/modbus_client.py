@@ -1,267 +1,48 @@
-"""Modbus RTU to one board: one exchange at a time, and a stop that waits for none.
+"""A Modbus RTU client over a byte link: one exchange at a time, and a stop that preempts it.
 
-pymodbus builds and reads the frames. This file decides what may be repeated: an exchange whose
-reply was lost is repeated while the link counts as alive, because every request of the drum's
-wire may safely be executed twice (a command executes only when its sequence number is new).
+pymodbus encodes requests and decodes replies (decision 0019); frames, timeouts and retries are
+here. A request whose reply is lost is sent again while the link counts as alive: every request of
+the drum may safely be executed twice, because a command executes only when its sequence is new.
 """
 
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
-from pymodbus.client import AsyncModbusSerialClient
-from pymodbus.exceptions import ModbusIOException
-from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadHoldingRegistersResponse,
+    ReadWriteMultipleRegistersRequest,
+    ReadWriteMultipleRegistersResponse,
+    WriteMultipleRegistersRequest,
+    WriteMultipleRegistersResponse,
+)
 
-from rigctl.devices.links.asyncio_transport import LinkTransport
 from rigctl.devices.links.byte_link import ByteLink
-from rigctl.devices.modbus_framer import ReplyFramer
-from rigctl.devices.reply_timeout import ReplyTimeout
 from rigctl.errors import CommandRefused, LinkLost
 from rigctl.wire import modbus_rtu
 from rigctl.wire.drum.register_table import UNIT
-from rigctl.wire.modbus_rtu import READ, READ_WRITE, WRITE
 
-REPLY_S = 0.06
-"""Longest wait for one reply."""
-LEAST_REPLY_S = 0.02
-"""A poll is not asked again sooner: the board forgets half a request after 10 ms of silence."""
-SILENCE_S = 0.24
-"""Silence in spite of questions after which the link counts as lost."""
+REPLY_TIMEOUT_S = 0.06
+MIN_REPLY_TIMEOUT_S = 0.02
+"""Shortest wait before a retry: the board drops half a request after 10 ms of silence."""
+LINK_TIMEOUT_S = 0.24
+"""A link without a reply for so long, in spite of retries, counts as lost."""
 DRAIN_S = 0.012
-"""A pause after which no reply to an abandoned request is on the line any more."""
+"""After this pause no reply to an abandoned request is on the line."""
+AVERAGED_REPLIES = 8
+"""The usual reply time adapts over so many replies."""
 
-# Lost replies are counted and reported by this file; pymodbus would print them as well.
-logging.getLogger("pymodbus").setLevel(logging.CRITICAL + 1)
-
-_Request = Callable[[AsyncModbusSerialClient], Awaitable[ModbusPDU]]
-
-
-@dataclass(frozen=True, slots=True)
-class _Question:
-    """A request, and what marks its reply: the function and how many registers."""
-
-    request: _Request
-    function: int
-    count: int | None = None
-    hurried: bool = False
-
-
-class Refused(CommandRefused):
-    """The board answered with a Modbus exception; ``code`` says which."""
-
-    def __init__(self, message: str, code: int) -> None:
-        super().__init__(message)
-        self.code = code
-
-
-class StoppedMeanwhile(CommandRefused):
-    """A stop overtook this request, which was given up."""
-
-
-class _Damaged(ModbusIOException):
-    """A reply of the right length, but not as it was sent."""
-
-
-class ModbusClient:
-    """Registers of one board over one link.
-
-    ``timeouts`` counts replies that did not come or not whole, ``damaged`` those of them that
-    came damaged, ``stale`` replies to another question, ``retries`` polls that were asked again.
-    """
-
-    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
-        self.link = link
-        self.timeouts = 0
-        self.damaged = 0
-        self.stale = 0
-        self.retries = 0
-        self._patience = ReplyTimeout(LEAST_REPLY_S, REPLY_S)
-        self._loop = loop
-        self._client: AsyncModbusSerialClient | None = None
-        self._transport: LinkTransport | None = None
-        self._lost: str | None = None
-        self._lock = asyncio.Lock()
-        self._stops = self._stops_ever = 0
-        modbus_rtu.warm()
-        self._calm = asyncio.Event()
-        self._calm.set()
-
-    @property
-    def bytes_received(self) -> int:
-        """Bytes that came since the line was opened, whatever they mean."""
-        return self._transport.bytes_received if self._transport else 0
-
-    @property
-    def received_at_s(self) -> float:
-        """Loop time of the newest bytes."""
-        return self._transport.received_at_s if self._transport else 0.0
-
-    async def open(self) -> None:
-        """Open the link, unless it is open and only fell silent. Raises LinkLost.
-
-        Opening a serial port resets most Arduinos, and a drum that is just lifting off must
-        not be reset.
-        """
-        if self._client is not None and self._lost is None and self.link.is_open:
-            return
-        self.close()
-        client = AsyncModbusSerialClient(
-            self.link.name, timeout=REPLY_S, retries=0, reconnect_delay=0
-        )
-        transport = LinkTransport(self.link, client.ctx, self._on_lost)
-
-        async def create() -> tuple[asyncio.Transport, asyncio.BaseProtocol]:
-            transport.open()
-            return transport, client.ctx
-
-        client.ctx.call_create = create
-        client.ctx.framer = ReplyFramer(self._on_damaged)
-        self._client, self._transport, self._lost = client, transport, None
-        try:
-            await client.connect()
-        except LinkLost:
-            self._client = self._transport = None
-            raise
-
-    def close(self) -> None:
-        """Close the link; an exchange in flight ends with LinkLost."""
-        if self._client is not None:
-            self._give_up(LinkLost(f"{self.link.name}: the port was closed"))
-            self._client.close()
-        self._client = self._transport = None
-
-    async def read(self, address: int, count: int) -> list[int]:
-        """``count`` registers from ``address``."""
-        request = partial(_read, address, count)
-        return await self._words(_Question(request, READ, count))
-
-    async def write(self, address: int, words: Sequence[int], once: bool = False) -> None:
-        """Write registers; with ``once`` a stop that overtakes raises StoppedMeanwhile."""
-        await self._ask(_Question(partial(_write, address, words), WRITE), once)
-
-    async def read_write(
-        self,
-        read_address: int,
-        count: int,
-        address: int,
-        words: Sequence[int],
-        hurried: bool = False,
-    ) -> list[int]:
-        """Write registers, then read ``count`` of them, in one exchange.
-
-        ``hurried``: ask again as soon as a reply is later than usual. Only for a question whose
-        answer shows by itself which question it answers.
-        """
-        request = partial(_read_write, read_address, count, address, words)
-        return await self._words(_Question(request, READ_WRITE, count, hurried))
-
-    async def urgent_write(self, address: int, words: Sequence[int]) -> None:
-        """Write at once: the reply in flight is abandoned, waiting requests wait on."""
-        self._stops += 1
-        self._stops_ever += 1
-        self._calm.clear()
-        self._give_up(self._overtaken())
-        try:
-            async with self._lock:
-                question = _Question(partial(_write, address, words), WRITE)
-                await self._until_answered(question, urgent=True)
-        finally:
-            self._stops -= 1
-            if not self._stops:
-                self._calm.set()
-
-    async def _words(self, question: _Question) -> list[int]:
-        return list((await self._ask(question)).registers)
-
-    async def _ask(self, question: _Question, once: bool = False) -> ModbusPDU:
-        """One exchange when it is its turn; with ``once`` never after a stop asked for since."""
-        stops_then = self._stops_ever
-        while True:
-            await self._calm.wait()
-            async with self._lock:
-                if once and self._stops_ever != stops_then:
-                    raise self._overtaken()
-                if not self._stops:
-                    with suppress(StoppedMeanwhile):
-                        return await self._until_answered(question)
-
-    async def _until_answered(self, question: _Question, urgent: bool = False) -> ModbusPDU:
-        """Repeat a request until the right reply comes or the silence lasts too long."""
-        asked_s = self._loop.time()
-        give_up_s = asked_s + SILENCE_S - REPLY_S / 2
-        repeated = False
-        while True:
-            reply = await self._exchange(question)
-            if reply is not None and reply.function_code & 0x7F == question.function:
-                if reply.isError():
-                    raise self._refused(reply)
-                if question.count is None or len(reply.registers) == question.count:
-                    if question.hurried and not repeated:
-                        self._patience.answered(self._loop.time() - asked_s)
-                    return reply
-            if reply is not None:
-                self.stale += 1
-                await asyncio.sleep(DRAIN_S)
-            if self._stops and not urgent:
-                raise self._overtaken()
-            if self._loop.time() >= give_up_s:
-                raise self._silent()
-            repeated = True
-            self.retries += question.hurried
-
-    async def _exchange(self, question: _Question) -> ModbusPDU | None:
-        """One request and its reply; None where none came in time, or not whole."""
-        if self._client is None or self._lost is not None:
-            raise LinkLost(self._lost or f"{self.link.name}: not connected: connect first")
-        wait_s = self._patience.wait_s if question.hurried else REPLY_S
-        self._client.ctx.comm_params.timeout_connect = wait_s
-        try:
-            return await question.request(self._client)
-        except _Damaged:
-            self.damaged += 1
-        except ModbusIOException:
-            if question.hurried:
-                self._patience.missed()
-        self.timeouts += 1
-        return None
-
-    def _overtaken(self) -> StoppedMeanwhile:
-        return StoppedMeanwhile(f"{self.link.name}: a stop came first, nothing else was done")
-
-    def _silent(self) -> LinkLost:
-        return LinkLost(
-            f"{self.link.name}: no answer for {SILENCE_S:g} s: "
-            "check the cable and the board's supply, then connect again"
-        )
-
-    def _refused(self, reply: Any) -> Refused:
-        words = _EXCEPTIONS.get(reply.exception_code, "for a reason of its own")
-        return Refused(f"{self.link.name}: the board refused, {words}", reply.exception_code)
-
-    def _on_damaged(self) -> None:
-        """A reply came that is none: ask again at once."""
-        self._give_up(_Damaged("the reply is damaged"))
-
-    def _on_lost(self, reason: str) -> None:
-        self._lost = reason
-        self._give_up(LinkLost(reason))
-
-    def _give_up(self, why: Exception) -> None:
-        """End the wait for the reply in flight, if there is one."""
-        if self._client is not None and self._lock.locked():
-            waiting = self._client.ctx.response_future
-            if not waiting.done():
-                waiting.set_exception(why)
-
-
-_EXCEPTIONS = {
+_RESPONSES: dict[int, type[ModbusPDU]] = {
+    3: ReadHoldingRegistersResponse,
+    16: WriteMultipleRegistersResponse,
+    23: ReadWriteMultipleRegistersResponse,
+}
+_EXCEPTION_REASONS = {
     1: "because it does not know the function",
     2: "because there is no such register",
     3: "because a value is out of range",
@@ -270,27 +51,254 @@ _EXCEPTIONS = {
 }
 
 
-def _read(address: int, count: int, client: AsyncModbusSerialClient) -> Awaitable[ModbusPDU]:
-    return client.read_holding_registers(address, count=count, device_id=UNIT)
+class RequestRefused(CommandRefused):
+    """The board replied with a Modbus exception; ``code`` is its number."""
+
+    def __init__(self, name: str, code: int) -> None:
+        reason = _EXCEPTION_REASONS.get(code, "for an unknown reason")
+        super().__init__(f"{name}: the board refused, {reason}")
+        self.code = code
 
 
-def _write(
-    address: int, words: Sequence[int], client: AsyncModbusSerialClient
-) -> Awaitable[ModbusPDU]:
-    return client.write_registers(address, list(words), device_id=UNIT)
+class PreemptedByStop(CommandRefused):
+    """A stop preempted this request."""
 
 
-def _read_write(
-    read_address: int,
-    count: int,
-    address: int,
-    words: Sequence[int],
-    client: AsyncModbusSerialClient,
-) -> Awaitable[ModbusPDU]:
-    return client.readwrite_registers(
-        read_address=read_address,
-        read_count=count,
-        write_address=address,
-        values=list(words),
-        device_id=UNIT,
-    )
+class AdaptiveTimeout:
+    """Twice the usual reply time, between ``MIN_REPLY_TIMEOUT_S`` and ``REPLY_TIMEOUT_S``.
+
+    A missing reply raises it, so that a line that became slower has time to answer.
+    """
+
+    def __init__(self) -> None:
+        self._usual_s = REPLY_TIMEOUT_S
+
+    @property
+    def timeout_s(self) -> float:
+        """Longest wait for the next reply."""
+        return min(REPLY_TIMEOUT_S, max(MIN_REPLY_TIMEOUT_S, 2.0 * self._usual_s))
+
+    def record_reply(self, duration_s: float) -> None:
+        """Count a reply to a request that was sent once."""
+        change_s = (duration_s - self._usual_s) / AVERAGED_REPLIES
+        self._usual_s = max(duration_s, self._usual_s + change_s)
+
+    def record_timeout(self) -> None:
+        """Count a request without a reply."""
+        self._usual_s = min(REPLY_TIMEOUT_S, self._usual_s + self.timeout_s / 16)
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    """A request, and how many registers its reply holds."""
+
+    pdu: ModbusPDU
+    count: int = 0
+    retry_early: bool = False
+
+    @property
+    def frame(self) -> bytes:
+        function = self.pdu.function_code.to_bytes()
+        return modbus_rtu.encode_frame(UNIT, function + self.pdu.encode())
+
+    def is_answered_by(self, reply: ModbusPDU) -> bool:
+        """Return whether function and length of ``reply`` are those of a reply to this."""
+        same_function = reply.function_code & 0x7F == self.pdu.function_code
+        return same_function and (reply.isError() or len(reply.registers) == self.count)
+
+
+class ModbusClient:
+    """Registers of one board over one link.
+
+    ``timeouts`` counts replies that are missing or damaged, ``damaged`` the damaged ones,
+    ``stale`` replies to other requests, ``retries`` polls that were sent again.
+    ``bytes_received`` counts all bytes since the link was opened, ``received_at_s`` is the loop
+    time of the newest.
+    """
+
+    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
+        self.link = link
+        self.timeouts = 0
+        self.damaged = 0
+        self.stale = 0
+        self.retries = 0
+        self.bytes_received = 0
+        self.received_at_s = 0.0
+        self._loop = loop
+        self._adaptive_timeout = AdaptiveTimeout()
+        self._not_open = f"{link.name}: not connected: connect first"
+        self._closed_reason: str | None = self._not_open
+        self._buffer = b""
+        self._reply: asyncio.Future[bytes] | None = None
+        self._lock = asyncio.Lock()
+        self._stops_pending = self._stops_total = 0
+        self._no_stop_pending = asyncio.Event()
+        self._no_stop_pending.set()
+        modbus_rtu.compile_crc()
+
+    def open(self) -> None:
+        """Open the link unless it is open. Raises LinkLost.
+
+        A link that only fell silent stays open: opening a serial port resets most Arduinos, and
+        a drum that is just lifting must not be reset.
+        """
+        if self._closed_reason is None and self.link.is_open:
+            return
+        self.close()
+        self.bytes_received = 0
+        self.link.open(self._on_bytes, self._on_lost)
+        self._closed_reason = None
+
+    def close(self) -> None:
+        """Close the link; an exchange in flight ends with LinkLost."""
+        self._abort(LinkLost(f"{self.link.name}: the port was closed"))
+        self.link.close()
+        self._closed_reason = self._not_open
+
+    async def read(self, address: int, count: int) -> list[int]:
+        """Read ``count`` registers from ``address``."""
+        pdu = ReadHoldingRegistersRequest(address=address, count=count)
+        return await self._registers(_Request(pdu, count))
+
+    async def write(
+        self, address: int, words: Sequence[int], resume_after_stop: bool = True
+    ) -> None:
+        """Write registers; raises PreemptedByStop unless the write may resume after a stop."""
+        await self._execute(_write_request(address, words), resume_after_stop)
+
+    async def read_write(
+        self,
+        read_address: int,
+        count: int,
+        address: int,
+        words: Sequence[int],
+        retry_early: bool = False,
+    ) -> list[int]:
+        """Write registers, then read ``count`` of them, in one exchange.
+
+        ``retry_early`` repeats the request as soon as its reply is later than usual. This is
+        only for requests whose reply shows which request it answers.
+        """
+        pdu = ReadWriteMultipleRegistersRequest(read_address, count, address, words)
+        return await self._registers(_Request(pdu, count, retry_early))
+
+    async def urgent_write(self, address: int, words: Sequence[int]) -> None:
+        """Write at once: abandon the reply in flight, let queued requests wait."""
+        self._stops_pending += 1
+        self._stops_total += 1
+        self._no_stop_pending.clear()
+        self._abort(self._preempted())
+        try:
+            async with self._lock:
+                await self._retry_until_answered(_write_request(address, words), urgent=True)
+        finally:
+            self._stops_pending -= 1
+            if not self._stops_pending:
+                self._no_stop_pending.set()
+
+    async def _registers(self, request: _Request) -> list[int]:
+        return list((await self._execute(request)).registers)
+
+    async def _execute(self, request: _Request, resume_after_stop: bool = True) -> ModbusPDU:
+        """Run one exchange when the line is free and no stop is pending."""
+        stops_before = self._stops_total
+        while True:
+            await self._no_stop_pending.wait()
+            async with self._lock:
+                if not resume_after_stop and self._stops_total != stops_before:
+                    raise self._preempted()
+                if not self._stops_pending:
+                    with suppress(PreemptedByStop):
+                        return await self._retry_until_answered(request)
+
+    async def _retry_until_answered(self, request: _Request, urgent: bool = False) -> ModbusPDU:
+        """Repeat a request until its reply comes; raises LinkLost after ``LINK_TIMEOUT_S``."""
+        sent_s = self._loop.time()
+        deadline_s = sent_s + LINK_TIMEOUT_S - REPLY_TIMEOUT_S / 2
+        repeated = False
+        while True:
+            reply = await self._exchange(request)
+            if reply is not None and request.is_answered_by(reply):
+                if isinstance(reply, ExceptionResponse):
+                    raise RequestRefused(self.link.name, reply.exception_code)
+                if request.retry_early and not repeated:
+                    self._adaptive_timeout.record_reply(self._loop.time() - sent_s)
+                return reply
+            if reply is not None:
+                self.stale += 1
+                await asyncio.sleep(DRAIN_S)
+            if self._stops_pending and not urgent:
+                raise self._preempted()
+            if self._loop.time() >= deadline_s:
+                raise LinkLost(
+                    f"{self.link.name}: no answer for {LINK_TIMEOUT_S:g} s: "
+                    "check the cable and the board's supply, then connect again"
+                )
+            repeated = True
+            self.retries += request.retry_early
+
+    async def _exchange(self, request: _Request) -> ModbusPDU | None:
+        """Send a request and return its reply, None where it is missing or damaged."""
+        if self._closed_reason is not None:
+            raise LinkLost(self._closed_reason)
+        early = request.retry_early
+        timeout_s = self._adaptive_timeout.timeout_s if early else REPLY_TIMEOUT_S
+        self._buffer = b""
+        self._reply = self._loop.create_future()
+        try:
+            self._send(request.frame)
+            return _decode(await asyncio.wait_for(self._reply, timeout_s))
+        except modbus_rtu.CorruptFrame:
+            self.damaged += 1
+        except TimeoutError:
+            if early:
+                self._adaptive_timeout.record_timeout()
+        self.timeouts += 1
+        return None
+
+    def _send(self, frame: bytes) -> None:
+        try:
+            self.link.write(frame)
+        except LinkLost as lost:
+            self._on_lost(str(lost))
+
+    def _on_bytes(self, data: bytes, at_s: float) -> None:
+        self.bytes_received += len(data)
+        self.received_at_s = at_s
+        if self._reply is None or self._reply.done():
+            return
+        self._buffer += data
+        try:
+            pdu = modbus_rtu.find_reply(self._buffer, UNIT)
+        except modbus_rtu.CorruptFrame as corrupt:
+            self._reply.set_exception(corrupt)
+            return
+        if pdu is not None:
+            self._reply.set_result(pdu)
+        elif len(self._buffer) >= modbus_rtu.MAX_FRAME_BYTES:
+            self._buffer = b""
+
+    def _on_lost(self, reason: str) -> None:
+        if self._closed_reason is None:
+            self._closed_reason = reason
+            self.link.close()
+            self._abort(LinkLost(reason))
+
+    def _abort(self, error: Exception) -> None:
+        """End the wait for the reply in flight, if there is one."""
+        if self._reply is not None and not self._reply.done():
+            self._reply.set_exception(error)
+
+    def _preempted(self) -> PreemptedByStop:
+        return PreemptedByStop(f"{self.link.name}: a stop preempted this request")
+
+
+def _decode(pdu: bytes) -> ModbusPDU:
+    is_exception = pdu[0] & 0x80
+    reply = ExceptionResponse(pdu[0]) if is_exception else _RESPONSES[pdu[0]]()
+    reply.decode(pdu[1:])
+    return reply
+
+
+def _write_request(address: int, words: Sequence[int]) -> _Request:
+    return _Request(WriteMultipleRegistersRequest(address=address, registers=list(words)))

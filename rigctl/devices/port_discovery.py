@@ -1,4 +1,4 @@
-"""Which ports there are, what opens them, and who answers where."""
+"""Serial ports and the boards on them: create links, identify boards, list ports."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from rigctl.devices.taxels import Taxels
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import BoardIdentity
 from rigctl.wire.drum import register_table
-from rigctl.wire.taxels import frames as taxels
-from rigctl.wire.taxels.frames import CYCLES_PER_US, TaxelStatus
+from rigctl.wire.taxels import frames
+from rigctl.wire.taxels.frames import CYCLES_PER_US
 
 DRUM, TAXELS = "drum", "taxels"
 COUNTERS = (
@@ -28,31 +28,30 @@ COUNTERS = (
     "loadcell_dropped",
     "settings_from",
 )
-"""What the drum board counted since its boot, as its register table names it."""
-TAXELS_GATHER_S = 0.01
-"""The stream of the taxels is read in pieces of 10 ms; one thread wakes 100 times a second."""
+"""Registers of the drum with what it counted since its boot."""
+TAXELS_BATCH_S = 0.01
+"""The taxel stream is read in batches of 10 ms: its thread wakes 100 times a second."""
 
 
 @dataclass(frozen=True, slots=True)
 class PortReport:
-    """A port, and who answered on it: an identity, or a sentence why nobody did.
+    """A port, and the identity of its board or an ``error`` sentence why there is none.
 
-    ``supply_v`` and ``self_test``, what it found, are known of a taxel board only. ``counters``:
-    of a drum board by the names of :data:`COUNTERS`, of a taxel board by those of them that
-    its status tells too.
+    Only a taxel board reports ``supply_v`` and ``self_test``, the findings. ``counters`` are
+    those of :data:`COUNTERS` of a drum board, of a taxel board the ones that its status holds.
     """
 
     port: str
     description: str
-    identity: BoardIdentity | None
-    text: str
+    identity: BoardIdentity | None = None
+    error: str = ""
     supply_v: float | None = None
     self_test: tuple[str, ...] | None = None
     counters: Mapping[str, int] = field(default_factory=dict)
 
 
-def open_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteLink:
-    """A link, not opened yet, with the settings of ``board``.
+def create_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteLink:
+    """Return a closed link with the settings of ``board``.
 
     ``port`` is a serial port, or ``tcp://HOST:PORT`` of ``rigctl serve``.
     """
@@ -60,84 +59,76 @@ def open_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteLin
         return TcpLink(port, loop)
     if board == DRUM:
         return SerialLink(port, register_table.BAUD, loop)
-    return SerialLink(port, taxels.BAUD, loop, TAXELS_GATHER_S)
+    return SerialLink(port, frames.BAUD, loop, TAXELS_BATCH_S)
 
 
-async def ask(port: str, board: str, loop: asyncio.AbstractEventLoop) -> BoardIdentity:
-    """Ask ``port`` in the language of ``board``; the port is closed again. Raises RigFault."""
-    report = await _ask(port, "", board, loop)
-    assert report.identity is not None
-    return report.identity
+async def identify_board(
+    port: str, board: str, loop: asyncio.AbstractEventLoop
+) -> BoardIdentity | None:
+    """Return the identity of the ``board`` on ``port``, None where it does not answer."""
+    try:
+        return (await _report(PortReport(port, ""), board, loop)).identity
+    except RigFault:
+        return None
 
 
-async def _ask(
-    port: str, description: str, board: str, loop: asyncio.AbstractEventLoop
-) -> PortReport:
-    link = open_link(port, board, loop)
+async def _report(report: PortReport, board: str, loop: asyncio.AbstractEventLoop) -> PortReport:
+    """Connect ``board`` on the port of ``report`` and return the report with what it reports."""
+    link = create_link(report.port, board, loop)
     device = Drum(link, loop) if board == DRUM else Taxels(link, loop)
     try:
-        identity = await device.connect()
-        report = PortReport(port, description, identity, "")
+        report = replace(report, identity=await device.connect())
         if isinstance(device, Taxels):
-            return _with_health(report, device)
-        found = await device.get(*COUNTERS)
-        return replace(report, counters={name: round(found[name]) for name in COUNTERS})
+            return _add_taxel_status(report, device)
+        counts = await device.get(*COUNTERS)
+        return replace(report, counters={name: round(counts[name]) for name in COUNTERS})
     finally:
         device.close()
 
 
-def _with_health(report: PortReport, taxels: Taxels) -> PortReport:
+def _add_taxel_status(report: PortReport, taxels: Taxels) -> PortReport:
+    self_test = tuple(taxels.findings) if taxels.self_test else None
     status = taxels.status
-    millivolts = status.supply_mv if status else 0
-    return replace(
-        report,
-        supply_v=millivolts / 1000 if millivolts else None,
-        self_test=tuple(taxels.findings) if taxels.self_test else None,
-        counters=_counted(status) if status else {},
-    )
-
-
-def _counted(status: TaxelStatus) -> dict[str, int]:
-    return {
+    if status is None:
+        return replace(report, self_test=self_test)
+    counters = {
         "late_ticks": status.late_slots,
         "longest_isr_us": round(status.longest_isr_cycles / CYCLES_PER_US),
         "free_stack_bytes": status.free_stack_bytes,
         "idle_permille": status.idle_permille,
     }
+    supply_v = status.supply_mv / 1000 if status.supply_mv else None
+    return replace(report, supply_v=supply_v, self_test=self_test, counters=counters)
 
 
-async def look(port: str, description: str, loop: asyncio.AbstractEventLoop) -> PortReport:
-    """Ask one port in both languages."""
-    reason = ""
+async def probe_port(port: str, description: str, loop: asyncio.AbstractEventLoop) -> PortReport:
+    """Return a report of one port, which is probed for both boards."""
+    error = ""
     for board in (DRUM, TAXELS):
         try:
-            return await _ask(port, description, board, loop)
+            return await _report(PortReport(port, description), board, loop)
         except LinkLost as lost:
-            reason = str(lost)
-            if "answered" not in reason:
+            error = str(lost)
+            if "answered" not in error:
                 break
         except RigFault as refusal:
-            reason = str(refusal)
-    return PortReport(port, description, None, _nobody(port, reason))
+            error = str(refusal)
+    no_answer = "answered" in error
+    error = "no rigctl board answered" if no_answer else error.removeprefix(f"{port}: ")
+    return PortReport(port, description, error=error)
 
 
-async def look_at_all(
+async def probe_ports(
     loop: asyncio.AbstractEventLoop, ports: Sequence[str] = ()
 ) -> list[PortReport]:
-    """Ask every serial port there is, or those named, all at once."""
+    """Return reports of ``ports``, by default of all serial ports; probes them concurrently."""
     found = [(port, "") for port in ports] or [
         (info.device, info.description or "") for info in sorted(list_ports.comports())
     ]
-    return list(await asyncio.gather(*(look(port, text, loop) for port, text in found)))
+    return list(await asyncio.gather(*(probe_port(port, text, loop) for port, text in found)))
 
 
 async def find_boards(loop: asyncio.AbstractEventLoop) -> dict[str, str]:
-    """The port of each board that answers, by the board's name."""
-    reports = await look_at_all(loop)
+    """Return the port of each board that answers, by the board's name."""
+    reports = await probe_ports(loop)
     return {r.identity.board: r.port for r in reports if r.identity is not None}
-
-
-def _nobody(port: str, reason: str) -> str:
-    if "answered" in reason:
-        return "no rigctl board answered"
-    return reason.removeprefix(f"{port}: ")

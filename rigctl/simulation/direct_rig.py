@@ -18,9 +18,9 @@ from rigctl.simulation.boards.drum_stepper import NOMINAL_HZ, DrumStepper
 from rigctl.simulation.boards.taxels import VirtualTaxels
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Command, CommandResult
-from rigctl.wire.drum.poll import PollDecoder, RawSample
+from rigctl.wire.drum.poll import PollDecoder, RingSample
 from rigctl.wire.drum.register_table import POLL_BLOCK, RING_DEPTH
-from rigctl.wire.drum.registers import BlockLayout, plan_writes, register, words_of
+from rigctl.wire.drum.registers import BlockLayout, find_register, pack_value, plan_writes
 from rigctl.wire.drum.states import Fault, State
 
 POLL_MS = 100
@@ -51,7 +51,7 @@ class DirectRig:
         self._command_sequence = self._taken = 0
         self._decoder = PollDecoder()
         self._polls: list[DrumState] = []
-        self._ring: dict[int, RawSample] = {}
+        self._ring: dict[int, RingSample] = {}
         self._decode(self._board.read(*POLL_BLOCK), 0)
 
     @property
@@ -106,8 +106,8 @@ class DirectRig:
     def command(self, command: Command) -> bool:
         """Give a command; False where the drum refuses it."""
         self._command_sequence = self._command_sequence % 65535 + 1
-        entries = register("command"), register("command_sequence")
-        words = [*words_of(entries[0], command), *words_of(entries[1], self._command_sequence)]
+        entries = find_register("command"), find_register("command_sequence")
+        words = [*pack_value(entries[0], command), *pack_value(entries[1], self._command_sequence)]
         return self._board.write(entries[0].address, words) == DONE
 
     def pass_time(self, until_us: int, stop_on_change: bool = True) -> None:
@@ -153,12 +153,12 @@ class DirectRig:
             del self._ring[number]
 
     def _decode(self, words: list[int], at_ms: int) -> DrumState:
-        raw = self._decoder.read(words)
+        raw = self._decoder.unpack(words)
         ring = {n: self._ring[n] for n in self._decoder.missing(raw) if n in self._ring}
         return self._decoder.decode(raw, at_ms * 1e-3, ring)
 
 
 @cache
 def _layout_of(name: str) -> BlockLayout:
-    entry = register(name)
+    entry = find_register(name)
     return BlockLayout(entry.address, entry.words * entry.count, [entry])

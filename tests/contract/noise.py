@@ -19,4 +19,4 @@ async def bear_noise(at_rig: Operator) -> None:
     after = await at_rig.drum.get("crc_errors")
     assert (at_rig.state, at_rig.fault) == (State.ARMED, Fault.NONE)
     assert after["crc_errors"] > before["crc_errors"]
-    assert at_rig.drum.line.timeouts > 0
+    assert at_rig.drum.modbus.timeouts > 0

@@ -20,7 +20,7 @@ def test_a_noisy_drum_line_is_borne_whatever_the_noise(seed: int) -> None:
         operator.run(operator.connect())
         operator.run(bear_noise(operator))
         assert operator.drum.retries > 0
-        assert operator.drum.line.stale == 0
+        assert operator.drum.modbus.stale == 0
     finally:
         asyncio.set_event_loop(None)
         rig.close()

@@ -7,7 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from rigctl.devices.modbus_client import Refused
+from rigctl.devices.modbus_client import RequestRefused
 from rigctl.errors import CommandRefused
 from rigctl.wire.drum import register_table
 from rigctl.wire.drum.codes import Command, Status
@@ -91,23 +91,23 @@ def test_one_value_out_of_range_is_refused_and_nothing_changes(
     at_rig: Operator, name: str, word: int
 ) -> None:
     async def main() -> None:
-        before = await at_rig.drum.line.read(*register_table.SETTINGS_BLOCK)
-        with pytest.raises(Refused, match="a value is out of range") as refusal:
-            await at_rig.drum.line.write(BY_NAME[name].address, (word,))
+        before = await at_rig.drum.modbus.read(*register_table.SETTINGS_BLOCK)
+        with pytest.raises(RequestRefused, match="a value is out of range") as refusal:
+            await at_rig.drum.modbus.write(BY_NAME[name].address, (word,))
         assert refusal.value.code == 3
-        assert await at_rig.drum.line.read(*register_table.SETTINGS_BLOCK) == before
+        assert await at_rig.drum.modbus.read(*register_table.SETTINGS_BLOCK) == before
 
     at_rig.run(main())
 
 
 def test_of_several_values_none_is_taken_when_one_is_out_of_range(at_rig: Operator) -> None:
     async def main() -> None:
-        before = await at_rig.drum.line.read(*register_table.SETTINGS_BLOCK)
+        before = await at_rig.drum.modbus.read(*register_table.SETTINGS_BLOCK)
         address = BY_NAME["speed_set"].address
-        with pytest.raises(Refused) as refusal:
-            await at_rig.drum.line.write(address, (6000, 2500, 1))
+        with pytest.raises(RequestRefused) as refusal:
+            await at_rig.drum.modbus.write(address, (6000, 2500, 1))
         assert refusal.value.code == 3
-        assert await at_rig.drum.line.read(*register_table.SETTINGS_BLOCK) == before
+        assert await at_rig.drum.modbus.read(*register_table.SETTINGS_BLOCK) == before
 
     at_rig.run(main())
 
@@ -115,8 +115,8 @@ def test_of_several_values_none_is_taken_when_one_is_out_of_range(at_rig: Operat
 @pytest.mark.parametrize("address", [0, 16, 113, 116, 127, 128, 383, 384, 60000])
 def test_what_cannot_be_written_is_refused_as_no_address(at_rig: Operator, address: int) -> None:
     async def main() -> None:
-        with pytest.raises(Refused, match="no such register") as refusal:
-            await at_rig.drum.line.write(address, (1,))
+        with pytest.raises(RequestRefused, match="no such register") as refusal:
+            await at_rig.drum.modbus.write(address, (1,))
         assert refusal.value.code == 2
 
     at_rig.run(main())
@@ -124,12 +124,12 @@ def test_what_cannot_be_written_is_refused_as_no_address(at_rig: Operator, addre
 
 def test_holes_read_as_zero_and_the_end_is_the_end(at_rig: Operator) -> None:
     async def main() -> None:
-        assert await at_rig.drum.line.read(14, 2) == [0, 0]
-        assert await at_rig.drum.line.read(113, 2) == [0, 0]
-        assert len(await at_rig.drum.line.read(register_table.END - 2, 2)) == 2
+        assert await at_rig.drum.modbus.read(14, 2) == [0, 0]
+        assert await at_rig.drum.modbus.read(113, 2) == [0, 0]
+        assert len(await at_rig.drum.modbus.read(register_table.END - 2, 2)) == 2
         for address, count in ((register_table.END, 1), (register_table.END - 1, 2)):
-            with pytest.raises(Refused) as refusal:
-                await at_rig.drum.line.read(address, count)
+            with pytest.raises(RequestRefused) as refusal:
+                await at_rig.drum.modbus.read(address, count)
             assert refusal.value.code == 2
 
     at_rig.run(main())
@@ -156,9 +156,9 @@ def test_a_repeated_command_with_the_same_sequence_is_executed_once(at_rig: Oper
     async def main() -> None:
         sequence = at_rig.drum._next_sequence()
         for _ in range(2):
-            await at_rig.drum.line.write(BY_NAME["command"].address, (Command.ARM, sequence))
+            await at_rig.drum.modbus.write(BY_NAME["command"].address, (Command.ARM, sequence))
         await at_rig.until_state(State.ARMED)
-        await at_rig.drum.line.write(BY_NAME["command"].address, (Command.ARM, sequence))
+        await at_rig.drum.modbus.write(BY_NAME["command"].address, (Command.ARM, sequence))
         assert (await at_rig.drum.poll()).state == State.ARMED
         await at_rig.do(Command.DISARM)
 

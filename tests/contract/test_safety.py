@@ -6,8 +6,7 @@ import asyncio
 
 import pytest
 
-from rigctl.devices.links.byte_link import BoardRebooted
-from rigctl.errors import BoardFault, CommandRefused, LinkLost
+from rigctl.errors import BoardFault, BoardRebooted, CommandRefused, LinkLost
 from rigctl.simulation.simulated_rig import DRUM, TAXELS
 from rigctl.wire.drum.codes import Command, Status
 from rigctl.wire.drum.states import Fault, State
@@ -254,12 +253,12 @@ def test_a_noisy_drum_line_changes_nothing_but_the_counters(at_rig: Operator) ->
 def test_a_command_whose_reply_is_lost_is_repeated_and_executed_once(at_rig: Operator) -> None:
     async def main() -> None:
         await at_rig.reach(State.HOLD)
-        rises, timeouts = at_rig.states[-1].sync_count, at_rig.drum.line.timeouts
+        rises, timeouts = at_rig.states[-1].sync_count, at_rig.drum.modbus.timeouts
         at_rig.faults.drop_bytes(DRUM, "to_host", 1.0)
         at_rig.rig.loop.call_later(0.1, at_rig.faults.drop_bytes, DRUM, "to_host", 0.0)
         # A drum that took the second request for a new one would refuse it: it runs already.
         await at_rig.drum.command(Command.RUN)
-        assert at_rig.drum.line.timeouts - timeouts == 2
+        assert at_rig.drum.modbus.timeouts - timeouts == 2
         await at_rig.until_state(State.RUN)
         state = await at_rig.until_state(State.HOLD)
         await at_rig.watch(0.5)

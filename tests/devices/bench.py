@@ -13,7 +13,7 @@ from rigctl.devices.links.byte_link import OnBytes, OnLost
 from rigctl.errors import LinkLost
 from rigctl.wire.drum import register_table
 from rigctl.wire.drum.codes import CommandResult
-from rigctl.wire.drum.registers import words_of
+from rigctl.wire.drum.registers import pack_value
 
 Result = TypeVar("Result")
 BYTE_S = 10 / register_table.BAUD
@@ -128,7 +128,7 @@ class RegisterBoard:
         """Set a register; the state of a real board would."""
         entry = register_table.BY_NAME[name]
         for i, value in enumerate(values):
-            words = words_of(entry, value)
+            words = pack_value(entry, value)
             at = entry.address + i * entry.words
             self.words[at : at + entry.words] = words
 

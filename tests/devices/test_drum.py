@@ -8,9 +8,8 @@ import random
 import pytest
 
 from rigctl.devices.drum import Drum
-from rigctl.devices.links.byte_link import BoardRebooted
-from rigctl.devices.modbus_client import StoppedMeanwhile
-from rigctl.errors import BoardFault, CommandRefused, LinkLost, WrongBoard, WrongUse
+from rigctl.devices.modbus_client import PreemptedByStop
+from rigctl.errors import BoardFault, BoardRebooted, CommandRefused, LinkLost, WrongBoard, WrongUse
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.states import Fault, State
@@ -146,7 +145,7 @@ def test_a_lost_or_damaged_reply_is_asked_for_again() -> None:
         board.garble = 2
         state = await drum.poll()
         assert state.values["heartbeat_seen"] == 1
-        assert drum.line.timeouts == 2
+        assert drum.modbus.timeouts == 2
         drum.close()
 
     run(main)
@@ -200,7 +199,7 @@ def test_a_reply_to_an_older_poll_is_not_taken_for_this_one() -> None:
         loop.call_later(0.065, setattr, board, "reply_s", 0.001)
         state = await drum.poll()
         assert state.values["heartbeat_seen"] == 2
-        assert drum.line.stale == 0
+        assert drum.modbus.stale == 0
         drum.close()
 
     run(main)
@@ -225,7 +224,7 @@ def test_a_stop_waits_for_no_reply() -> None:
         assert board.executed == [(Command.STOP, 2)]
         assert (await poll).at_s > asked_s
         assert (await setting)["speed_set"] == 80.0
-        with pytest.raises(StoppedMeanwhile, match="a stop came first"):
+        with pytest.raises(PreemptedByStop, match="a stop preempted this request"):
             await running
         assert [command for command, _ in board.executed] == [Command.STOP]
         drum.close()
@@ -242,7 +241,7 @@ def test_a_command_overtaken_by_a_stop_is_never_given_again() -> None:
         await asyncio.sleep(0.001)
         board.reply_s = 0.001
         await drum.stop()
-        with pytest.raises(StoppedMeanwhile, match="a stop came first"):
+        with pytest.raises(PreemptedByStop, match="a stop preempted this request"):
             await running
         assert [command for command, _ in board.executed] == [Command.RUN, Command.STOP]
         drum.close()

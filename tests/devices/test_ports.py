@@ -17,7 +17,7 @@ import pytest
 from rigctl.cli.rig import ports as ports_command
 from rigctl.devices import drum as drum_module
 from rigctl.devices import taxels as taxels_module
-from rigctl.devices.port_discovery import find_boards, look_at_all
+from rigctl.devices.port_discovery import find_boards, probe_ports
 from rigctl.errors import ConfigError, LinkLost, WrongBoard, WrongUse
 from rigctl.rig import open_rig
 from rigctl.wire.taxels import frames
@@ -84,7 +84,7 @@ class Terminals:
 @pytest.fixture
 def terminals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminals]:
     for module in (drum_module, taxels_module):
-        monkeypatch.setattr(module, "ANSWER_S", 0.4)
+        monkeypatch.setattr(module, "CONNECT_TIMEOUT_S", 0.4)
     there = Terminals()
     yield there
     there.close()
@@ -191,4 +191,4 @@ def test_no_port_and_no_such_rig_are_one_sentence_each(
 
 
 async def _none() -> list[object]:
-    return list(await look_at_all(asyncio.get_running_loop()))
+    return list(await probe_ports(asyncio.get_running_loop()))

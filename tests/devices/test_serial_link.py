@@ -61,10 +61,10 @@ class Ear:
             await asyncio.wait_for(self.changed.wait(), 5)
 
 
-@pytest.mark.parametrize("gather_s", [0.0, 0.01])
-def test_bytes_go_both_ways(terminal: Terminal, gather_s: float) -> None:
+@pytest.mark.parametrize("batch_s", [0.0, 0.01])
+def test_bytes_go_both_ways(terminal: Terminal, batch_s: float) -> None:
     async def main() -> None:
-        link = SerialLink(terminal.path, 115200, asyncio.get_running_loop(), gather_s)
+        link = SerialLink(terminal.path, 115200, asyncio.get_running_loop(), batch_s)
         ear = Ear()
         link.open(ear.on_bytes, ear.on_lost)
         assert link.is_open

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from rigctl.config.rig_config import TaxelArray
-from rigctl.devices.links.byte_link import BoardRebooted
 from rigctl.devices.taxels import Taxels
-from rigctl.errors import LinkLost, RigFault, WrongBoard
+from rigctl.errors import BoardRebooted, LinkLost, RigFault, WrongBoard
 from rigctl.values import Block
 from rigctl.wire.taxels import frames
 from rigctl.wire.taxels.self_test import SelfTest

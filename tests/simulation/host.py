@@ -9,7 +9,7 @@ from rigctl.simulation.simulated_rig import SimulatedRig
 from rigctl.values import Block
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, REGISTERS, UNIT
-from rigctl.wire.drum.registers import BlockLayout, words_of
+from rigctl.wire.drum.registers import BlockLayout, pack_value
 from rigctl.wire.drum.states import Fault, State
 from rigctl.wire.taxels.frames import FrameDecoder, TaxelIdentity, TaxelStatus
 from rigctl.wire.taxels.self_test import SelfTest
@@ -121,18 +121,18 @@ class Host:
         """One register's integer."""
         entry = BY_NAME[name]
         layout = BlockLayout(entry.address, entry.words * entry.count, REGISTERS)
-        return layout.raw(self.read(layout.address, layout.count))[name][0]
+        return layout.unpack(self.read(layout.address, layout.count))[name][0]
 
     def put(self, name: str, raw: int) -> None:
         """Set one register's integer. Raises Refused."""
-        self.write(BY_NAME[name].address, *words_of(BY_NAME[name], raw))
+        self.write(BY_NAME[name].address, *pack_value(BY_NAME[name], raw))
 
     def poll(self) -> dict[str, int]:
         """One function-23 exchange: heartbeat out, the poll block in."""
         self._beat = (self._beat + 1) & 0xFFFF
         body = struct.pack(">BBHHHHBH", UNIT, 23, *POLL_BLOCK, 64, 1, 2, self._beat)
         words = struct.unpack(f">{POLL_BLOCK[1]}H", self._answer(body)[1:])
-        raw = POLL_LAYOUT.raw(words)
+        raw = POLL_LAYOUT.unpack(words)
         return {name: numbers[0] for name, numbers in raw.items()}
 
     def command(self, command: Command) -> None:

@@ -36,7 +36,7 @@ class LoadcellBoard:
             "loadcell_recent": tuple(10 * (n - i) for i in range(5)),
             **self.extra,
         }
-        return PollDecoder.layout.words(raw)
+        return PollDecoder.layout.pack(raw)
 
     def ring(self, wanted: range, now_us: int) -> dict[int, tuple[int, int]]:
         """What the places of ``wanted`` hold at ``now_us``, whichever sample that is."""
@@ -50,7 +50,7 @@ class LoadcellBoard:
 
 
 def poll(decoder: PollDecoder, board: LoadcellBoard, now_us: int, lag_us: int = 0) -> DrumState:
-    raw = decoder.read(board.words(now_us))
+    raw = decoder.unpack(board.words(now_us))
     return decoder.decode(raw, now_us * 1e-6, board.ring(decoder.missing(raw), now_us + lag_us))
 
 

@@ -26,9 +26,9 @@ def test_the_table_has_no_overlap_and_ends_where_it_says() -> None:
 def test_every_value_in_bounds_comes_back(name: str, data: st.DataObject) -> None:
     entry = BY_NAME[name]
     raw = data.draw(st.integers(entry.low, entry.high).filter(entry.accepts))
-    words = registers.to_words(name, raw * entry.scale)
+    words = registers.pack_value(entry, registers.to_raw(name, raw * entry.scale))
     layout = registers.BlockLayout(entry.address, entry.words)
-    assert layout.raw(words)[name] == (raw,)
+    assert layout.unpack(words)[name] == (raw,)
     assert layout.values(words)[name] == pytest.approx(raw * entry.scale)
 
 
@@ -78,7 +78,7 @@ def test_one_bad_value_plans_nothing() -> None:
 
 @given(st.sets(st.sampled_from([e.name for e in REGISTERS if e.count == 1]), min_size=1))
 def test_reads_cover_every_name_in_short_blocks(names: set[str]) -> None:
-    layouts = registers.reads_for(names)
+    layouts = registers.plan_reads(names)
     assert sorted(e.name for layout in layouts for e in layout.entries) == sorted(names)
     assert all(layout.count <= 40 for layout in layouts)
 
@@ -86,6 +86,6 @@ def test_reads_cover_every_name_in_short_blocks(names: set[str]) -> None:
 def test_a_block_reads_as_it_was_made_and_a_short_one_is_refused() -> None:
     layout = registers.BlockLayout(*SETTINGS_BLOCK)
     raw = {entry.name: (entry.default,) for entry in SETTINGS}
-    assert layout.raw(layout.words(raw)) == raw
-    with pytest.raises(ValueError, match="49 registers were asked for and 3 came"):
-        layout.raw((1, 2, 3))
+    assert layout.unpack(layout.pack(raw)) == raw
+    with pytest.raises(ValueError, match="expected 49 registers, received 3"):
+        layout.unpack((1, 2, 3))

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from rigctl.devices.port_discovery import PortReport, look_at_all
+from rigctl.devices.port_discovery import PortReport, probe_ports
 from rigctl.wire.drum.codes import SettingsFrom, reset_cause_text
 
 
@@ -38,13 +38,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _look(ports: list[str]) -> list[PortReport]:
-    return await look_at_all(asyncio.get_running_loop(), ports)
+    return await probe_ports(asyncio.get_running_loop(), ports)
 
 
 def _as_line(report: PortReport) -> str:
     board = report.identity
     if board is None:
-        return f"{report.port}: {report.text}"
+        return f"{report.port}: {report.error}"
     supply = "" if report.supply_v is None else f", supply {report.supply_v:.2f} V"
     return (
         f"{report.port}: {board.board} board, firmware {board.firmware_version}, "
@@ -83,5 +83,5 @@ def _as_json(report: PortReport) -> dict[str, object]:
         "supply_v": report.supply_v,
         "self_test": None if report.self_test is None else list(report.self_test),
         "counters": dict(report.counters),
-        "text": report.text,
+        "text": report.error,
     }

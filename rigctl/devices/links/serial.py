@@ -1,4 +1,4 @@
-"""A serial port as a byte link: pyserial, and one thread that does nothing but read."""
+"""A byte link over a serial port: pyserial, and one thread that only reads."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from rigctl.errors import LinkLost
 
 READ_SIZE = 65536
 WINDOWS_BUFFER = 65536
-"""Windows keeps 4,096 bytes by default: 0.2 s of taxels."""
-QUIET_READ_S = 0.05
-"""How long a read that waits for a first byte blocks before it looks whether to end."""
-WRITE_S = 0.2
+"""Windows buffers 4,096 bytes by default: 0.2 s of taxels."""
+READ_TIMEOUT_S = 0.05
+"""How long a read for a first byte blocks before the thread checks whether to stop."""
+WRITE_TIMEOUT_S = 0.2
 
 
 class SerialLink:
     """One serial port, opened exclusively.
 
-    ``gather_s`` 0 hands bytes on as they come, which a question and its answer want; a stream
-    is cheaper gathered for 10 ms. A thread reads; everything else belongs to the loop's thread.
+    ``batch_s`` 0 delivers bytes as they come, which suits requests and replies; for a stream,
+    batches of 10 ms cost less. A thread reads; all other calls come from the loop's thread.
     """
 
     def __init__(
-        self, port: str, baud: int, loop: asyncio.AbstractEventLoop, gather_s: float = 0.0
+        self, port: str, baud: int, loop: asyncio.AbstractEventLoop, batch_s: float = 0.0
     ) -> None:
         self.name = port
         self._baud = baud
         self._loop = loop
-        self._gather_s = gather_s
+        self._batch_s = batch_s
         self._port: serial.Serial | None = None
         self._thread: threading.Thread | None = None
-        self._ending = threading.Event()
+        self._stop = threading.Event()
         self._on_bytes: OnBytes | None = None
         self._on_lost: OnLost | None = None
 
@@ -52,26 +52,26 @@ class SerialLink:
             raise LinkLost(f"{self.name}: the port is open already")
         self._port = port = self._open_port()
         self._on_bytes, self._on_lost = on_bytes, on_lost
-        self._ending = threading.Event()
+        self._stop = threading.Event()
         self._thread = threading.Thread(
-            target=self._read, args=(port, self._ending), name=f"read {self.name}", daemon=True
+            target=self._read, args=(port, self._stop), name=f"read {self.name}", daemon=True
         )
         self._thread.start()
 
     def write(self, data: bytes) -> None:
-        """Send bytes. Raises LinkLost where the port is closed or takes nothing any more."""
+        """Send bytes. Raises LinkLost where the port is closed or accepts no bytes."""
         if self._port is None:
             raise LinkLost(f"{self.name}: the port is closed: connect the board again")
         try:
             self._port.write(data)
         except (serial.SerialException, OSError) as error:
-            raise LinkLost(self._vanished(error)) from error
+            raise LinkLost(self._lost_text(error)) from error
 
     def close(self) -> None:
-        """End the reading thread and free the port."""
+        """Stop the reading thread and free the port."""
         port, thread = self._port, self._thread
         self._port = self._thread = self._on_bytes = self._on_lost = None
-        self._ending.set()
+        self._stop.set()
         if port is not None and thread is not None:
             with suppress(serial.SerialException, OSError, AttributeError):
                 port.cancel_read()
@@ -84,55 +84,52 @@ class SerialLink:
             port = serial.Serial(
                 self.name,
                 self._baud,
-                timeout=self._gather_s or QUIET_READ_S,
-                write_timeout=WRITE_S,
+                timeout=self._batch_s or READ_TIMEOUT_S,
+                write_timeout=WRITE_TIMEOUT_S,
                 exclusive=True if os.name == "posix" else None,
             )
         except (serial.SerialException, OSError, ValueError) as error:
-            raise LinkLost(f"{self.name}: {_why_not_open(error)}") from error
-        _prefer_speed(port)
+            raise LinkLost(f"{self.name}: {_open_error_text(error)}") from error
+        _reduce_latency(port)
         return port
 
-    def _read(self, port: serial.Serial, ending: threading.Event) -> None:
-        """The reading thread: bytes to the loop until told to end or the port is lost."""
+    def _read(self, port: serial.Serial, stop: threading.Event) -> None:
+        """Deliver bytes to the loop until ``stop`` is set or the port is lost; runs in a thread."""
         try:
-            while not ending.is_set():
-                data = self._next_bytes(port)
+            while not stop.is_set():
+                data = self._read_batch(port)
                 if data:
-                    self._loop.call_soon_threadsafe(self._arrived, ending, data, self._loop.time())
+                    self._loop.call_soon_threadsafe(self._deliver, stop, data, self._loop.time())
         except (serial.SerialException, OSError, TypeError) as error:
             # pyserial raises TypeError where the port was closed under a read.
-            self._tell_lost(ending, self._vanished(error))
+            if not stop.is_set():
+                with suppress(RuntimeError):
+                    self._loop.call_soon_threadsafe(self._lose, stop, self._lost_text(error))
         except RuntimeError:
-            # The loop is closed: nobody is left to tell.
-            ending.set()
+            # The loop is closed.
+            stop.set()
 
-    def _next_bytes(self, port: serial.Serial) -> bytes:
-        if self._gather_s:
+    def _read_batch(self, port: serial.Serial) -> bytes:
+        if self._batch_s:
             return port.read(READ_SIZE)
         return port.read(1) + port.read(port.in_waiting)
 
-    def _tell_lost(self, ending: threading.Event, reason: str) -> None:
-        if not ending.is_set():
-            with suppress(RuntimeError):
-                self._loop.call_soon_threadsafe(self._lost, ending, reason)
-
-    def _arrived(self, ending: threading.Event, data: bytes, at_s: float) -> None:
-        if not ending.is_set() and self._on_bytes is not None:
+    def _deliver(self, stop: threading.Event, data: bytes, at_s: float) -> None:
+        if not stop.is_set() and self._on_bytes is not None:
             self._on_bytes(data, at_s)
 
-    def _lost(self, ending: threading.Event, reason: str) -> None:
+    def _lose(self, stop: threading.Event, reason: str) -> None:
         on_lost = self._on_lost
-        if not ending.is_set() and on_lost is not None:
+        if not stop.is_set() and on_lost is not None:
             self.close()
             on_lost(reason)
 
-    def _vanished(self, error: Exception) -> str:
+    def _lost_text(self, error: Exception) -> str:
         return f"{self.name}: the port vanished, plug the board in again ({error})"
 
 
-def _why_not_open(error: Exception) -> str:
-    """One sentence with the cure for each way in which opening fails."""
+def _open_error_text(error: Exception) -> str:
+    """Return why opening failed and what to do."""
     number = getattr(error, "errno", None)
     if number == errno.ENOENT or "FileNotFoundError" in str(error):
         return "there is no such port: plug the board in; rigctl ports lists what is there"
@@ -143,8 +140,8 @@ def _why_not_open(error: Exception) -> str:
     return f"the port cannot be opened: {error}"
 
 
-def _prefer_speed(port: serial.Serial) -> None:
-    """Small delays and large buffers where the driver knows them; not every driver does."""
+def _reduce_latency(port: serial.Serial) -> None:
+    """Set low latency and large buffers where the driver supports them."""
     for setting, value in (("set_low_latency_mode", True), ("set_buffer_size", WINDOWS_BUFFER)):
         apply = getattr(port, setting, None)
         if apply is not None:

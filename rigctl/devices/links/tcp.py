@@ -1,4 +1,4 @@
-"""A board behind a loopback socket, as ``rigctl serve`` offers it, as a byte link."""
+"""A byte link over TCP: the boards that ``rigctl serve`` offers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rigctl.devices.links.byte_link import OnBytes, OnLost
 from rigctl.errors import ConfigError, LinkLost
 
 SCHEME = "tcp://"
-CONNECT_S = 2.0
+CONNECT_TIMEOUT_S = 2.0
 READ_SIZE = 65536
 
 
@@ -18,7 +18,7 @@ class TcpLink:
 
     def __init__(self, address: str, loop: asyncio.AbstractEventLoop) -> None:
         self.name = address
-        self._host, self._number = _host_and_port(address)
+        self._address = _host_and_port(address)
         self._loop = loop
         self._socket: socket.socket | None = None
         self._on_bytes: OnBytes | None = None
@@ -30,20 +30,20 @@ class TcpLink:
         return self._socket is not None
 
     def open(self, on_bytes: OnBytes, on_lost: OnLost) -> None:
-        """Connect. Raises LinkLost where nobody listens."""
+        """Connect. Raises LinkLost where no server listens."""
         try:
-            connection = socket.create_connection((self._host, self._number), CONNECT_S)
+            connection = socket.create_connection(self._address, CONNECT_TIMEOUT_S)
         except OSError as error:
             raise LinkLost(
-                f"{self.name}: nobody listens there: start rigctl serve ({error})"
+                f"{self.name}: no server listens there: start rigctl serve ({error})"
             ) from error
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setblocking(False)
         self._socket, self._on_bytes, self._on_lost = connection, on_bytes, on_lost
-        self._loop.add_reader(connection, self._readable)
+        self._loop.add_reader(connection, self._receive)
 
     def write(self, data: bytes) -> None:
-        """Send bytes. Raises LinkLost where the connection is closed or takes nothing."""
+        """Send bytes. Raises LinkLost where the connection is closed or broken."""
         if self._socket is None:
             raise LinkLost(f"{self.name}: the connection is closed: connect the board again")
         try:
@@ -58,7 +58,7 @@ class TcpLink:
             self._socket.close()
         self._socket = self._on_bytes = self._on_lost = None
 
-    def _readable(self) -> None:
+    def _receive(self) -> None:
         assert self._socket is not None
         try:
             data = self._socket.recv(READ_SIZE)
@@ -76,7 +76,7 @@ class TcpLink:
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
-    host, colon, number = address.removeprefix(SCHEME).rpartition(":")
-    if not address.startswith(SCHEME) or not colon or not number.isdecimal():
-        raise ConfigError(f"{address}: an address looks like tcp://127.0.0.1:5020")
-    return host, int(number)
+    host, colon, port = address.removeprefix(SCHEME).rpartition(":")
+    if not address.startswith(SCHEME) or not colon or not port.isdecimal():
+        raise ConfigError(f"{address}: write an address as tcp://127.0.0.1:5020")
+    return host, int(port)

@@ -1,7 +1,7 @@
-"""What one poll of the drum says: unwrapped times and counters, and no load-cell sample lost.
+"""Decode polls of the drum: unwrap times and counters, and lose no load-cell sample.
 
 The poll block holds the five newest load-cell samples; where more are new, the board's ring
-still has them for 0.8 s, and :meth:`PollDecoder.missing` says which to read.
+still has them for 0.8 s, and :meth:`PollDecoder.missing` returns which to read.
 """
 
 from __future__ import annotations
@@ -12,37 +12,39 @@ from rigctl.values import DrumState, LoadcellSample
 from rigctl.wire.drum.codes import Status
 from rigctl.wire.drum.register_table import LOADCELL_RECENT, POLL, POLL_BLOCK, RING_DEPTH
 from rigctl.wire.drum.registers import BlockLayout
-from rigctl.wire.drum.tare_table import counts_at
+from rigctl.wire.drum.tare_table import interpolate
 
 _U16, _U32 = 1 << 16, 1 << 32
 _SCALES = {entry.name: entry.scale for entry in POLL}
 
-Raw = Mapping[str, tuple[int, ...]]
-"""The integers of one poll block by name, as :meth:`PollDecoder.read` gives them."""
-RawSample = tuple[int, int]
+RawPoll = Mapping[str, tuple[int, ...]]
+"""The integers of one poll block by name, as :meth:`PollDecoder.unpack` returns them."""
+RingSample = tuple[int, int]
 """Raw counts and board time, µs modulo 2³², of one load-cell sample in the ring."""
 
 
-def later(known: int, wire: int, modulus: int) -> int:
-    """The first integer at or after ``known`` that equals ``wire`` modulo ``modulus``."""
-    return known + (wire - known) % modulus
+def unwrap(last: int, wire: int, modulus: int) -> int:
+    """Return the first integer at or after ``last`` that equals ``wire`` modulo ``modulus``."""
+    return last + (wire - last) % modulus
 
 
 class PollDecoder:
-    """Poll blocks of one boot of the board, in order, to drum states.
+    """Decodes the poll blocks of one boot of the board, in order, into drum states.
 
     ``tare_counts``, ``scale_ug_per_count`` and, by the angle of a homed drum of
-    ``steps_per_turn``, ``tare_table`` turn raw load-cell counts into grams, as the board does;
-    whoever changes them there changes them here. ``loadcell_lost`` counts samples since then.
+    ``steps_per_turn``, ``tare_table`` convert raw load-cell counts to grams, as on the board;
+    set them here when they change there. ``loadcell_lost`` counts lost samples.
     """
 
     layout = BlockLayout(*POLL_BLOCK, entries=POLL)
 
-    def __init__(self, tare_counts: int = 0, scale_ug_per_count: int = 0) -> None:
+    def __init__(
+        self, tare_counts: int = 0, scale_ug_per_count: int = 0, steps_per_turn: int = 1
+    ) -> None:
         self.tare_counts = tare_counts
         self.scale_ug_per_count = scale_ug_per_count
         self.tare_table: tuple[int, ...] = ()
-        self.steps_per_turn = 1
+        self.steps_per_turn = steps_per_turn
         self.loadcell_lost = 0
         self._last: DrumState | None = None
         self._sequence: int | None = None
@@ -54,24 +56,24 @@ class PollDecoder:
         """The newest state decoded, None before the first."""
         return self._last
 
-    def read(self, words: Sequence[int]) -> Raw:
-        """Take a poll block apart."""
-        return self.layout.raw(words)
+    def unpack(self, words: Sequence[int]) -> RawPoll:
+        """Return the integers of a poll block by name."""
+        return self.layout.unpack(words)
 
-    def missing(self, raw: Raw) -> range:
-        """Sequence numbers that this block shows as new, does not hold, and the ring may."""
+    def missing(self, raw: RawPoll) -> range:
+        """Return the sequence numbers that are new, not in this block, but perhaps in the ring."""
         if self._sequence is None:
             return range(0)
-        newest = later(self._sequence, raw["loadcell_sequence"][0], _U16)
+        newest = unwrap(self._sequence, raw["loadcell_sequence"][0], _U16)
         oldest = max(self._sequence + 1, newest - RING_DEPTH + 1)
         return range(oldest, max(newest - LOADCELL_RECENT + 1, oldest))
 
     def decode(
-        self, raw: Raw, at_s: float, ring: Mapping[int, RawSample] | None = None
+        self, raw: RawPoll, at_s: float, ring: Mapping[int, RingSample] | None = None
     ) -> DrumState:
-        """The state that a block shows, received at loop time ``at_s``.
+        """Return the state of a block that was received at loop time ``at_s``.
 
-        ``ring``: the samples that :meth:`missing` asked for, as far as they could be read.
+        ``ring``: samples of :meth:`missing` by sequence number, as far as they could be read.
         """
         now_us = self._board_time(raw["board_time_us"][0])
         lost_before = self.loadcell_lost
@@ -82,35 +84,35 @@ class PollDecoder:
         return self._last
 
     def _board_time(self, wire_us: int) -> int:
-        return wire_us if self._last is None else later(self._last.board_time_us, wire_us, _U32)
+        return wire_us if self._last is None else unwrap(self._last.board_time_us, wire_us, _U32)
 
     def _new_samples(
-        self, raw: Raw, now_us: int, ring: Mapping[int, RawSample]
+        self, raw: RawPoll, now_us: int, ring: Mapping[int, RingSample]
     ) -> tuple[LoadcellSample, ...]:
-        """Samples since the last poll, oldest first; counts those that are gone."""
+        """Return the samples since the last poll, oldest first; counts the lost ones."""
         wire = raw["loadcell_sequence"][0]
         newest_us = now_us - (now_us - raw["loadcell_time_us"][0]) % _U32
         if self._sequence is None:
-            known, self._sample_us = wire - 1, newest_us
+            last, self._sample_us = wire - 1, newest_us
         else:
-            known = self._sequence
-        newest = later(known, wire, _U16)
-        held, recent = min(LOADCELL_RECENT, newest - known), raw["loadcell_recent"]
-        found = {n: counts for n, (counts, at) in ring.items() if self._plausible(at, newest_us)}
-        found |= zip(range(newest - held + 1, newest + 1), recent[:held][::-1], strict=True)
-        self.loadcell_lost += newest - known - len(found)
-        samples = self._timed(found, known, newest, newest_us, self._turn(raw, now_us))
+            last = self._sequence
+        newest = unwrap(last, wire, _U16)
+        held, recent = min(LOADCELL_RECENT, newest - last), raw["loadcell_recent"]
+        counts = {n: raw for n, (raw, at_us) in ring.items() if self._is_current(at_us, newest_us)}
+        counts |= zip(range(newest - held + 1, newest + 1), recent[:held][::-1], strict=True)
+        self.loadcell_lost += newest - last - len(counts)
+        samples = self._timed(counts, last, newest, newest_us, self._turns(raw, now_us))
         self._sequence, self._sample_us = newest, newest_us
         return samples
 
-    def _plausible(self, ring_us: int, newest_us: int) -> bool:
-        """False for a place of the ring that a newer sample has overwritten meanwhile."""
+    def _is_current(self, ring_us: int, newest_us: int) -> bool:
+        """Return False where a newer sample has overwritten the ring's place meanwhile."""
         return self._sample_us < newest_us - (newest_us - ring_us) % _U32
 
-    def _turn(self, raw: Raw, now_us: int) -> Callable[[int], float] | None:
-        """The drum's turns behind its mark at a board time, in line since the last poll.
+    def _turns(self, raw: RawPoll, now_us: int) -> Callable[[int], float] | None:
+        """Return the drum's turns since its mark as a function of board time.
 
-        None where the tare is the same all around, or nobody knows where the mark is.
+        It is linear since the last poll. None without a tare table or before homing.
         """
         if not self.tare_table or not self._homed:
             return None
@@ -121,43 +123,36 @@ class PollDecoder:
 
     def _timed(
         self,
-        found: Mapping[int, int],
-        known: int,
+        counts: Mapping[int, int],
+        last: int,
         newest: int,
         newest_us: int,
-        turn: Callable[[int], float] | None,
+        turns: Callable[[int], float] | None,
     ) -> tuple[LoadcellSample, ...]:
-        """Times between those of the newest samples of this and of the last poll."""
-        span_us, count = newest_us - self._sample_us, max(newest - known, 1)
+        """Return samples with times evenly spaced between the newest of last and this poll."""
+        span_us, n_new = newest_us - self._sample_us, max(newest - last, 1)
         tare, scale = float(self.tare_counts), self.scale_ug_per_count
         samples = []
-        for n in sorted(found):
-            at_us, counts = newest_us - round(span_us * (newest - n) / count), found[n]
-            if turn is not None:
-                tare = self.tare_counts + counts_at(self.tare_table, turn(at_us))
-            samples.append(LoadcellSample(n, at_us, counts, (counts - tare) * scale * 1e-6))
+        for n in sorted(counts):
+            at_us, raw = newest_us - round(span_us * (newest - n) / n_new), counts[n]
+            if turns is not None:
+                tare = self.tare_counts + interpolate(self.tare_table, turns(at_us))
+            samples.append(LoadcellSample(n, at_us, raw, (raw - tare) * scale * 1e-6))
         return tuple(samples)
 
     def _state(
         self,
-        raw: Raw,
+        raw: RawPoll,
         at_s: float,
         now_us: int,
         samples: tuple[LoadcellSample, ...],
         lost: int,
     ) -> DrumState:
         values = {name: numbers[0] * _SCALES[name] for name, numbers in raw.items()}
-        last = self._last
-        sync_count = (
-            raw["sync_count"][0]
-            if last is None
-            else later(last.sync_count, raw["sync_count"][0], _U16)
-        )
-        index_count = (
-            raw["index_count"][0]
-            if last is None
-            else later(last.index_count, raw["index_count"][0], _U16)
-        )
+        sync_count, index_count = raw["sync_count"][0], raw["index_count"][0]
+        if self._last is not None:
+            sync_count = unwrap(self._last.sync_count, sync_count, _U16)
+            index_count = unwrap(self._last.index_count, index_count, _U16)
         return DrumState(
             at_s=at_s,
             board_time_us=now_us,
@@ -180,8 +175,8 @@ class PollDecoder:
             values=values,
         )
 
-    def _edge(self, name: str, raw: Raw, now_us: int) -> int:
-        """Unwrapped time of a sync edge; one that did not change is not reckoned anew."""
+    def _edge(self, name: str, raw: RawPoll, now_us: int) -> int:
+        """Return the unwrapped time of a sync edge; an unchanged one keeps its time."""
         wire = raw[name][0]
-        known = 0 if self._last is None else int(getattr(self._last, name))
-        return known if known % _U32 == wire else now_us - (now_us - wire) % _U32
+        last_us = 0 if self._last is None else int(getattr(self._last, name))
+        return last_us if last_us % _U32 == wire else now_us - (now_us - wire) % _U32

@@ -78,7 +78,7 @@ def test_a_slot_that_an_edge_held_up_is_counted_and_its_frame_flagged(tmp_path: 
 
 def test_the_look_at_the_counters_leaves_the_polls_their_pace(floor: Floor) -> None:
     asked_for: list[int] = []
-    read_registers = floor.rig.drum.line.read
+    read_registers = floor.rig.drum.modbus.read
 
     async def noted(address: int, count: int) -> list[int]:
         if address == BY_NAME["longest_isr_us"].address:
@@ -86,7 +86,7 @@ def test_the_look_at_the_counters_leaves_the_polls_their_pace(floor: Floor) -> N
         return await read_registers(address, count)
 
     async def person(floor: Floor) -> None:
-        floor.rig.drum.line.read = noted  # type: ignore[method-assign]  # a spy on a live line
+        floor.rig.drum.modbus.read = noted  # type: ignore[method-assign]  # a spy on a live line
         polls: list[float] = []
         floor.engine.boards.watch.watch(lambda state: polls.append(state.at_s))
         await floor.passes(10)

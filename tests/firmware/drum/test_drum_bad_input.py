@@ -12,7 +12,7 @@ from rigctl.simulation.chips.simavr import Output
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_entry import Register
 from rigctl.wire.drum.register_table import BY_NAME, END, MAGIC, REGISTERS, SETTINGS, SETTINGS_BLOCK
-from rigctl.wire.drum.registers import words_of
+from rigctl.wire.drum.registers import pack_value
 from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum.support.checks import bring
 from tests.firmware.drum.support.chip import DrumChip, crc16
@@ -68,7 +68,7 @@ def outside(register: Register) -> list[int]:
 def test_a_value_out_of_bounds_is_refused_whole(idle: DrumChip) -> None:
     for register in SETTINGS:
         for value in outside(register):
-            words = words_of(register, value)
+            words = pack_value(register, value)
             assert idle.write(register.address, *words) == BAD_VALUE, (register.name, value)
     good, bad = BY_NAME["speed_set"], BY_NAME["force_set"]
     assert bad.address == good.address + 1
