@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.errors import SessionError
 from rigctl.session.read.part import PartReader, StructuredArray
 
 SAMPLES, COUNTER = "/taxels/samples", "/taxels/counter"
@@ -173,14 +174,14 @@ def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]
     offsets = _chunk_offsets(part, COUNTER) if len(rows) >= MIN_ROWS_TO_INDEX else None
     if offsets is None:
         return np.array([part.read(COUNTER, row, row + 1)[0] for row in rows.tolist()], np.int64)
-    out = np.empty(len(rows), np.int64)
-    chunk_rows = part.dataset(COUNTER).chunks[0]
-    at = offsets[rows // chunk_rows] + rows % chunk_rows * out.itemsize
-    begin = np.arange(0, out.nbytes, out.itemsize)
-    columns = (at, begin, begin + out.itemsize)
-    with part.translate_errors(), part.path.open("rb", buffering=0) as file:
-        _read_pieces(file, zip(*(column.tolist() for column in columns), strict=True), out)
-    return out
+    chunk_rows, size = part.dataset(COUNTER).chunks[0], np.dtype(np.int64).itemsize
+    at = offsets[rows // chunk_rows] + rows % chunk_rows * size
+    if int(at.max()) + size > part.path.stat().st_size:
+        raise SessionError(f"{part.path} is damaged: it ends before its samples do")
+    with part.translate_errors():
+        octets = np.memmap(part.path, np.uint8, "r")  # twice as fast as a read for each row
+        values: NDArray[np.uint8] = np.asarray(octets[at[:, None] + np.arange(size)])
+    return values.view(np.int64)[:, 0]
 
 
 def _split_by_chunk(
@@ -201,13 +202,12 @@ def _split_by_chunk(
     size = file.n_taxels * np.dtype(np.uint16).itemsize
     assert file.offsets is not None
     at = file.offsets[chunk] + (row - chunk * file.chunk_rows) * size
-    shift = (out_row - start)[trial]
-    pieces = (at, (shift + row) * size, (shift + end) * size)
-    return zip(*(column.tolist() for column in pieces), strict=True)
+    to = (out_row - start)[trial]
+    return zip(at.tolist(), ((to + row) * size).tolist(), ((to + end) * size).tolist(), strict=True)
 
 
 def _read_pieces(
-    file: Any, pieces: Iterable[tuple[int, int, int]], out: NDArray[np.integer[Any]]
+    file: Any, pieces: Iterable[tuple[int, int, int]], out: NDArray[np.uint16]
 ) -> None:
     """Read pieces of the file into ``out``. Raises OSError if the file is too short."""
     target = out.reshape(-1).view(np.uint8).data
