@@ -204,7 +204,7 @@ def test_the_session_says_what_a_reading_is(tmp_path: Path) -> None:
         folder, _ = run_import(tmp_path, text, [file], name)
         with Session.open(folder) as session:
             assert session.header.sample_unit == unit
-            assert session.parts[0].documentation()["/taxels/samples"]["unit"] == unit
+            assert session.parts[0].dataset_attributes()["/taxels/samples"]["unit"] == unit
             full = Normalisation.full_scale(3, session.header.highest_reading)
             assert full.count_clipped(session.samples(0)).sum() == 0 and "0–65535" in full.source
 

@@ -1,4 +1,4 @@
-"""Small recordings made by hand: samples, trials and sessions as a rig would give them."""
+"""Small synthetic recordings: samples, trials and sessions like those of a rig."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ travel_mm = 12
 RIG = "[about]\noperator = 'Jörg'\n"
 BLOCK = 10
 IDLE = 50
-"""Samples before and behind each trial of :func:`record_plan`."""
+"""Samples before and after each trial of :func:`record_plan`."""
 
 
 def plan() -> Plan:
@@ -62,7 +62,7 @@ def recorder(folder: Path, **options: int) -> Recorder:
 
 
 def value_of(counters: np.ndarray, n_taxels: int = 18) -> np.ndarray:
-    """The reading that stands for a counter, so that a misplaced row is seen."""
+    """Return readings derived from the counters, so that a misplaced row shows."""
     return ((counters[:, None] * 7 + np.arange(n_taxels)) % 1024).astype(np.uint16)
 
 
@@ -129,7 +129,7 @@ def drum_state(at_s: float, sequence: int = 0, rise_us: int = 0) -> DrumState:
 
 
 class Bench:
-    """Feeds a recorder with what a faultless rig would say."""
+    """Source of a recorder's data that behaves like a faultless rig."""
 
     def __init__(self, rec: Recorder, counter: int = 0) -> None:
         self.rec = rec

@@ -1,4 +1,4 @@
-"""A process that records until it is killed or the disk is full; says what is on disk.
+"""A process that records until it is killed or the disk is full and prints what is on disk.
 
 ``python -m tests.session.endless_writer FOLDER [resume] [limit=BYTES]``
 """

@@ -87,7 +87,7 @@ def test_a_second_process_cannot_write_the_same_session(tmp_path: Path) -> None:
 def test_a_full_disk_ends_in_a_sentence_and_keeps_what_was_committed(
     tmp_path: Path, limit: int
 ) -> None:
-    """A limit on the file's size stands for the disk: HDF5 sees the same failing write."""
+    """A limit on the file's size simulates the disk: HDF5 sees the same failing write."""
     with endless_writer(tmp_path / "s", f"limit={limit}") as writer:
         out, _ = writer.communicate()
     *reports, last = out.splitlines()

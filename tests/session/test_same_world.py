@@ -1,4 +1,4 @@
-"""A session is gone on with in the simulated world that it was begun in, and in no other."""
+"""A session resumes only in the simulated world that it was begun in."""
 
 from __future__ import annotations
 
@@ -32,6 +32,6 @@ def test_the_first_parameter_that_differs_is_named(world: dict[str, object], wor
         check_same_world(Path("s"), BEGUN, {"world": world})
 
 
-def test_a_session_that_does_not_say_its_world_is_not_gone_on_with() -> None:
+def test_a_session_without_a_world_is_not_resumed() -> None:
     with pytest.raises(SessionError, match="s does not say in which simulated world"):
         check_same_world(Path("s"), {"seed": 3}, BEGUN)

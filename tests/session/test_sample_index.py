@@ -1,4 +1,4 @@
-"""Samples read from where they lie in the files, against what HDF5 says of the same trials."""
+"""Samples read from the files directly equal those that HDF5 reads for the same trials."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ def recorded(folder: Path) -> Path:
 
 
 def check(folder: Path, *, plain: bool) -> list[bool]:
-    """Both ways give the same samples; returns which trials are complete."""
+    """Check that both readers return the same samples; return which trials are complete."""
     with Session.open(folder) as session:
         files = session.sample_files()
         assert all((file.offsets is not None) is plain for file in files)
         rows = session.committed().tolist()
-        places = session.sample_ranges(rows)
+        ranges = session.sample_ranges(rows)
         with SampleReader(files) as reader:
-            for row, place in zip(rows, places, strict=True):
+            for row, located in zip(rows, ranges, strict=True):
                 window = session.window(row)
-                np.testing.assert_array_equal(reader.read(place), window.samples)
-                assert place.complete is window.complete
-    return [place.complete for place in places]
+                np.testing.assert_array_equal(reader.read(located), window.samples)
+                assert located.complete is window.complete
+    return [located.complete for located in ranges]
 
 
 def test_samples_are_those_that_hdf5_reads(tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_many_single_counters_are_looked_up(tmp_path: Path) -> None:
     record_plan(tmp_path / "session")
     with Session.open(tmp_path / "session") as session:
         rows = session.committed().tolist() * 5
-        assert all(place.complete for place in session.sample_ranges(rows))
+        assert all(located.complete for located in session.sample_ranges(rows))
 
 
 def test_a_part_that_grows_or_is_compressed_is_left_to_hdf5(
@@ -88,9 +88,9 @@ def test_a_part_that_grows_or_is_compressed_is_left_to_hdf5(
 def test_a_file_cut_short_behind_our_back_is_an_error(tmp_path: Path) -> None:
     folder = recorded(tmp_path / "session")
     with Session.open(folder) as session:
-        files, places = session.sample_files(), session.sample_ranges(session.committed().tolist())
+        files, ranges = session.sample_files(), session.sample_ranges(session.committed().tolist())
     assert files[0].offsets is not None
     with files[0].path.open("r+b") as file:
         file.truncate(int(files[0].offsets[0]) + 1)
     with SampleReader(files) as reader, pytest.raises(OSError, match="ends before"):
-        reader.read(places[0])
+        reader.read(ranges[0])

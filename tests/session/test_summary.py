@@ -1,4 +1,4 @@
-"""info says what a session is and holds, and what the simulated world knew."""
+"""info summarises a session and compares it with the simulated world's own log."""
 
 from __future__ import annotations
 

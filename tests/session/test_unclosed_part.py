@@ -56,7 +56,7 @@ def test_a_dead_part_opens_and_holds_its_trials(dead: Path) -> None:
         assert all(session.window(index).complete for index in range(4))
     report = verify(dead)
     assert len(report.problems) == 1
-    assert "was not closed in order, its writer was killed or could not write" in report.problems[0]
+    assert "was not closed properly, its writer was killed or could not write" in report.problems[0]
 
 
 def test_a_dead_session_can_be_resumed(dead: Path) -> None:

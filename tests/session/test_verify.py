@@ -1,4 +1,4 @@
-"""verify says yes to a whole session and names what is wrong with any other."""
+"""verify passes an intact session and names each fault of any other."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def again(file: h5py.File) -> None:
     [
         (cut("/taxels/samples", 500), "per-sample data sets differ in length"),
         (spoil_array("/taxels/counter", slice(100, 101), 99), "counter decreases at row 100"),
-        (cut("/events", 0), "part-0002.h5: was not closed in order"),
+        (cut("/events", 0), "part-0002.h5: was not closed properly"),
         (spoil_table("/trials", 0, first_sample=7), "row 7 is not the first sample from"),
         (spoil_table("/trials", 0, count=200), "it has 200 samples, the plan has 300"),
         (spoil_table("/trials", 0, first_sample=10**6), "is not among the"),
@@ -172,15 +172,19 @@ def test_a_missing_part_a_truncated_part_and_a_foreign_file_are_named(session: P
     assert "not a part of a rigctl session" in verify(session).problems[0]
 
 
-def test_gaps_must_be_told(tmp_path: Path) -> None:
-    for name, gap in (("told", Gap(110, 5, "crc")), ("untold", None), ("wrong", Gap(110, 4, ""))):
+def test_gaps_must_be_listed(tmp_path: Path) -> None:
+    for name, gap in (
+        ("listed", Gap(110, 5, "crc")),
+        ("missing", None),
+        ("wrong", Gap(110, 4, "")),
+    ):
         with recorder(tmp_path / name) as rec:
             rec.begin_part("start", "A")
             rec.add_block(block(100))
             rec.add_block(block(115, gap=gap))
-    assert verify(tmp_path / "told").whole
-    assert verify(tmp_path / "told").lost_samples == 5
-    problems = verify(tmp_path / "untold").problems
+    assert verify(tmp_path / "listed").whole
+    assert verify(tmp_path / "listed").lost_samples == 5
+    problems = verify(tmp_path / "missing").problems
     assert problems == [
         "part-0001.h5: 5 samples from counter 110 are missing at row 10, not in /gaps"
     ]
@@ -206,12 +210,12 @@ def test_a_session_that_is_written_is_not_whole_yet(tmp_path: Path) -> None:
 
 
 def test_a_resumed_session_is_whole(session: Path) -> None:
-    """A part whose writer was killed stands before the one that went on."""
+    """A part whose writer was killed comes before the one that continues the session."""
     with h5py.File(session / "part-0001.h5", "r+") as file:
         file["/events"].resize(0, axis=0)
     report = verify(session)
     assert report.whole
-    note = "part-0001.h5: was not closed in order, a later part continues the session"
+    note = "part-0001.h5: was not closed properly, a later part continues the session"
     assert note in report.notes
 
 
@@ -236,7 +240,10 @@ def test_another_plan_hash_is_found(tmp_path: Path) -> None:
     wrong["plan_hash"] = "0" * 32
     with Recorder(tmp_path / "s", type(header())(**wrong), PROTOCOL, RIG) as rec:
         rec.begin_part("start", "A")
-    assert any("plan hash is not that" in line for line in verify(tmp_path / "s").problems)
+    assert any(
+        "plan hash does not match the session's protocol" in line
+        for line in verify(tmp_path / "s").problems
+    )
 
 
 def test_a_session_without_sync_wire_says_so(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A session knows which reading stands at each place, and is never continued with another order."""
+"""A session stores the reading at each place; no rig with another order can resume it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ AS_WIRED = tuple(range(18))
 BACKWARDS = tuple(reversed(range(18)))
 
 
-def told(wiring: tuple[int, ...]) -> SessionHeader:
+def with_wiring(wiring: tuple[int, ...]) -> SessionHeader:
     return replace(header(), wiring=wiring)
 
 
@@ -32,7 +32,7 @@ def record(folder: Path, head: SessionHeader, rig: str = RIG, *, resume: bool = 
 
 
 def test_what_was_recorded_says_its_order(tmp_path: Path) -> None:
-    record(tmp_path / "s", told(DRAWN_WIRING))
+    record(tmp_path / "s", with_wiring(DRAWN_WIRING))
     with Session.open(tmp_path / "s") as session:
         assert session.wiring == session.header.wiring == DRAWN_WIRING
 
@@ -63,26 +63,28 @@ def test_a_model_of_before_counts_as_in_the_order_of_the_wire() -> None:
 def test_a_session_is_not_continued_with_another_order(
     tmp_path: Path, begun: tuple[int, ...]
 ) -> None:
-    record(tmp_path / "s", told(begun))
+    record(tmp_path / "s", with_wiring(begun))
     before = {path.name: path.read_bytes() for path in (tmp_path / "s").iterdir()}
     with pytest.raises(SessionError, match="taxels in another order") as caught:
-        record(tmp_path / "s", told(BACKWARDS), resume=True)
+        record(tmp_path / "s", with_wiring(BACKWARDS), resume=True)
     assert f"wiring = {list(begun or AS_WIRED)}, not {list(BACKWARDS)}" in str(caught.value)
     assert {path.name: path.read_bytes() for path in (tmp_path / "s").iterdir()} == before
 
 
 def test_an_older_session_is_continued_by_a_rig_that_names_its_order(tmp_path: Path) -> None:
-    record(tmp_path / "s", told(()))
-    record(tmp_path / "s", told(AS_WIRED), f"[taxels]\nwiring = {list(AS_WIRED)}\n", resume=True)
+    record(tmp_path / "s", with_wiring(()))
+    record(
+        tmp_path / "s", with_wiring(AS_WIRED), f"[taxels]\nwiring = {list(AS_WIRED)}\n", resume=True
+    )
     with Session.open(tmp_path / "s") as session:
         assert session.wiring == AS_WIRED
     assert not [line for line in verify(tmp_path / "s").problems if "order" in line]
 
 
 def test_verify_sees_a_part_of_another_order(tmp_path: Path) -> None:
-    record(tmp_path / "s", told(DRAWN_WIRING))
-    record(tmp_path / "other", told(BACKWARDS))
-    record(tmp_path / "other", told(BACKWARDS), resume=True)
+    record(tmp_path / "s", with_wiring(DRAWN_WIRING))
+    record(tmp_path / "other", with_wiring(BACKWARDS))
+    record(tmp_path / "other", with_wiring(BACKWARDS), resume=True)
     (tmp_path / "other" / "part-0002.h5").rename(tmp_path / "s" / "part-0002.h5")
     found = verify(tmp_path / "s").problems
     assert "part-0002.h5: has its taxels in another order than the first" in found

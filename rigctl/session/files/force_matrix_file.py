@@ -74,7 +74,7 @@ def load_force(path: Path) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
         with h5py.File(path, "r") as file:
             attributes = read_attributes(file)
             if attributes.get("layout") not in SOURCES_OF_LAYOUT:
-                raise SessionError(f"{path} is no model and no spikes.h5: --c takes one of these")
+                raise SessionError(f"{path} is neither a model nor a spikes.h5: give one to --c")
             if attributes.get("layout_version") != LAYOUT_VERSION:
                 raise SessionError(
                     f"{path} has layout version {attributes.get('layout_version')}, this program "

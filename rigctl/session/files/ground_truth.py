@@ -37,12 +37,9 @@ OnTrial = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class TrialTruth:
-    """True means over one committed trial's window; errors are relative to the set-points."""
+    """Errors of the true means over one committed trial's window, relative to the set-points."""
 
-    index: int
     trial_id: int
-    speed_mm_s: float
-    force_g: float
     speed_error: float
     force_error: float
 
@@ -98,12 +95,12 @@ def trial_truths(session: Session, on_trial: OnTrial | None = None) -> list[Tria
             for i in own[np.argsort(rows["started_s"][own], kind="stable")].tolist():
                 if on_trial is not None:
                     on_trial(len(truths), len(rows))
-                row, index = rows[i], int(committed[i])
+                row = rows[i]
                 rise = _last_rise_ms(rises, row)
                 if rise is None and session.header.cut_by == CUT_BY_CLOCK:
-                    rise = _drum_rise_ms(session, index)
+                    rise = _drum_rise_ms(session, int(committed[i]))
                 if rise is not None and rise + int(row["count"]) < log.first_ms + log.n_rows:
-                    truths[i] = _trial_truth(log, rise, index, row)
+                    truths[i] = _trial_truth(log, rise, row)
     return [truths[i] for i in sorted(truths)]
 
 
@@ -130,17 +127,14 @@ def _log_paths(folder: Path) -> list[Path]:
     return sorted(folder.glob(TRUTH_PATTERN))
 
 
-def _trial_truth(log: TruthReader, rise_ms: int, index: int, row: Any) -> TrialTruth:
+def _trial_truth(log: TruthReader, rise_ms: int, row: Any) -> TrialTruth:
     """Return means over the trial's own length from the millisecond after the rise's."""
     start = rise_ms + 1 - log.first_ms
     stop = start + int(row["count"])
     speed = float(np.mean(np.abs(log.window("speed_mm_s", start, stop)), dtype=np.float64))
     force = float(np.mean(log.window("force_g", start, stop), dtype=np.float64))
     return TrialTruth(
-        index=index,
         trial_id=int(row["trial_id"]),
-        speed_mm_s=speed,
-        force_g=force,
         speed_error=speed / float(row["speed_mm_s"]) - 1,
         force_error=force / float(row["force_g"]) - 1 if row["force_g"] else 0.0,
     )

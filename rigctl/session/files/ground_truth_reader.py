@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import h5py
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session.format.annotated_arrays import read_attributes
-from rigctl.session.read.buffered_array import READ_AHEAD_ROWS, BufferedArray
+from rigctl.session.read.buffered_array import BufferedArray, read_blocks
 
 COLUMNS = (
     ("speed_mm_s", "<f4", "mm/s", "true speed of the texture, mean over the millisecond"),
@@ -52,12 +51,7 @@ class TruthReader:
     def __enter__(self) -> TruthReader:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._file.close()
 
     def window(self, name: str, start: int, stop: int) -> NDArray[Any]:
@@ -67,8 +61,8 @@ class TruthReader:
     def rises_ms(self) -> NDArray[np.int64]:
         """Return the world time of each rise of sync, int64 ms: the millisecond of the rise."""
         rises, last = [np.zeros(0, np.int64)], 0
-        for start in range(0, self.n_rows, READ_AHEAD_ROWS):
-            high = (self.window("sync", start, start + READ_AHEAD_ROWS) != 0).astype(np.int8)
+        for start, sync in read_blocks(partial(self.window, "sync"), self.n_rows):
+            high = (sync != 0).astype(np.int8)
             rose = np.flatnonzero(np.diff(high, prepend=np.int8(last)) == 1)
             rises.append(rose.astype(np.int64) + (start + self.first_ms))
             last = int(high[-1])
@@ -77,8 +71,8 @@ class TruthReader:
     def check(self) -> None:
         """Read every column once."""
         for name, *_ in COLUMNS:
-            for start in range(0, self.n_rows, READ_AHEAD_ROWS):
-                self.window(name, start, start + READ_AHEAD_ROWS)
+            for _ in read_blocks(partial(self.window, name), self.n_rows):
+                pass
 
     def _read(self, column: Any, start: int, stop: int) -> NDArray[Any]:
         with self._translate_errors():

@@ -39,7 +39,7 @@ def check_output_path(path: Path) -> None:
     if path.exists():
         raise WrongUse(f"{path} is there already: name another file, or remove it")
     if not path.parent.is_dir():
-        raise WrongUse(f"{path.parent} is no folder: make it, or name another file")
+        raise WrongUse(f"{path.parent} is not a folder: create it, or name another file")
 
 
 def save_model(model: Model, path: Path) -> None:
@@ -72,12 +72,12 @@ def _open(path: Path) -> Any:
         raise SessionError(f"there is no file {path}: give one that --save-model made") from None
     except OSError as error:
         raise SessionError(
-            f"{path} is no model, or is damaged: HDF5 cannot open it ({error})"
+            f"{path} is not a model, or is damaged: HDF5 cannot open it ({error})"
         ) from error
     attributes = read_attributes(file)
     if attributes.get("layout") != LAYOUT:
         file.close()
-        raise SessionError(f"{path} is an HDF5 file, but no rigctl model")
+        raise SessionError(f"{path} is an HDF5 file, but not a rigctl model")
     version = attributes.get("layout_version")
     if version != LAYOUT_VERSION:
         file.close()

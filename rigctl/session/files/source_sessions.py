@@ -40,7 +40,7 @@ def load_inputs(path: Path) -> tuple[dict[str, Any], ...]:
         with h5py.File(path, "r") as file:
             return read_inputs(file)
     except (OSError, KeyError, ValueError) as error:
-        raise SessionError(f"{path} does not tell which sessions it is made of: {error}") from error
+        raise SessionError(f"{path} does not list its source sessions: {error}") from error
 
 
 def read_inputs(file: Any) -> tuple[dict[str, Any], ...]:

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from rigctl.session.format.layout import EVENTS, TRIALS
-from rigctl.values import DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
+from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
 
 REASON_SEPARATOR = "; "
 _EVENT_WIDTH = {column.name: column.text_bytes for column in EVENTS.columns}
@@ -46,11 +46,6 @@ def drum_row(state: DrumState, force_set_g: float, speed_set_mm_s: float) -> Row
         state.index_count,
         state.loadcell_lost,
     )
-
-
-def loadcell_row(sample: LoadcellSample) -> Row:
-    """Return one row of /loadcell."""
-    return (sample.sequence, sample.board_time_us, sample.raw_counts, sample.force_g)
 
 
 def event_row(event: Event) -> Row:

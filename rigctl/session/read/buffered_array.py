@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from numpy.typing import NDArray
@@ -12,14 +12,24 @@ _READ_BEHIND_ROWS = 8
 """Callers often read a window again from a few rows before it."""
 
 
+Read = Callable[[int, int], NDArray[Any]]
+"""Returns rows [start, stop) of an array."""
+
+
+def read_blocks(read: Read, n_rows: int) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Read a whole array in blocks; yield each one's first row and its rows."""
+    for start in range(0, n_rows, READ_AHEAD_ROWS):
+        yield start, read(start, min(n_rows, start + READ_AHEAD_ROWS))
+
+
 class BufferedArray:
-    """Windows of an array of ``n_rows``; ``read(start, stop)`` returns its rows.
+    """Windows of an array of ``n_rows``.
 
     The buffer serves the windows that follow, so it reads each row about once and holds no more
     than ``READ_AHEAD_ROWS`` or the longest window.
     """
 
-    def __init__(self, read: Callable[[int, int], NDArray[Any]], n_rows: int) -> None:
+    def __init__(self, read: Read, n_rows: int) -> None:
         self._read = read
         self._n_rows = n_rows
         self._first = 0

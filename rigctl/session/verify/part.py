@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.session.format import layout
+from rigctl.session.read.buffered_array import read_blocks
 from rigctl.session.read.part import PartReader
-
-SLICE_ROWS = 500_000
 
 
 def check_part(part: PartReader) -> list[str]:
@@ -36,8 +36,7 @@ def _check_counters(part: PartReader) -> Iterator[str]:
     jumps: dict[int, tuple[int, int]] = {}
     last: int | None = None
     first: int | None = None
-    for start in range(0, part.n_samples, SLICE_ROWS):
-        counters = part.read("/taxels/counter", start, start + SLICE_ROWS).astype(np.int64)
+    for start, counters in read_blocks(partial(part.read, "/taxels/counter"), part.n_samples):
         first = int(counters[0]) if first is None else first
         steps = np.diff(counters, prepend=counters[0] - 1 if last is None else last)
         if np.any(steps <= 0):

@@ -106,13 +106,13 @@ def _check_parts(session: Session, report: VerifyReport) -> None:
             continue
         if part is not session.parts[-1]:
             report.notes.append(
-                f"{part.path.name}: was not closed in order, a later part continues the session"
+                f"{part.path.name}: was not closed properly, a later part continues the session"
             )
         elif is_being_written(session.path):
             report.problems.append(f"{part.path.name}: is still being written")
         else:
             report.problems.append(
-                f"{part.path.name}: was not closed in order, its writer was killed or could "
+                f"{part.path.name}: was not closed properly, its writer was killed or could "
                 "not write; committed trials are safe, continue with --resume of the command that "
                 "made it"
             )
@@ -165,7 +165,7 @@ def _rebuild_plan(session: Session, report: VerifyReport) -> Plan | None:
         return None
     plan = protocol.plan(session.header.seed)
     if plan.hash != session.header.plan_hash:
-        report.problems.append("the plan hash is not that of the protocol and seed in the session")
+        report.problems.append("the plan hash does not match the session's protocol and seed")
         return None
     return plan
 

@@ -20,7 +20,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 
 from rigctl.errors import DiskFault
 from rigctl.session.format import layout
@@ -46,13 +45,11 @@ class RecorderStatus:
     """
 
     part: int
-    samples_accepted: int
     samples_on_disk: int
     samples_dropped: int
     trials_on_disk: int
     bytes_on_disk: int
     disk_free_bytes: int
-    queue_blocks: int
     queue_samples: int
     failure: str | None
 
@@ -81,7 +78,6 @@ class Recorder:
         last = max(map(layout.part_number, folder.glob(layout.PART_PATTERN)), default=0)
         self._writer = SessionWriter(folder, header, texts, last)
         self._queue = _ActionQueue(queue_limit_samples)
-        self._accepted = 0
         self._dropped = 0
         self._overflow: Gap | None = None
         self._failure: str | None = None
@@ -96,13 +92,11 @@ class Recorder:
         disk = self._writer.disk
         return RecorderStatus(
             part=disk.part,
-            samples_accepted=self._accepted,
             samples_on_disk=disk.samples,
             samples_dropped=self._dropped,
             trials_on_disk=disk.trials,
             bytes_on_disk=disk.bytes,
             disk_free_bytes=disk.free_bytes,
-            queue_blocks=self._queue.length,
             queue_samples=self._queue.samples,
             failure=self.failure,
         )
@@ -132,7 +126,6 @@ class Recorder:
             return
         self._put_overflow()
         self._put(partial(self._writer.add_block, block), len(block))
-        self._accepted += len(block)
         if self._queue.samples >= WAKE_AT_SAMPLES:
             self._wake.set()
 
@@ -177,12 +170,7 @@ class Recorder:
     def __enter__(self) -> Recorder:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _put(self, action: Callable[[], None], samples: int = 0) -> None:
@@ -233,11 +221,6 @@ class _ActionQueue:
         self._lock = threading.Lock()
         self._actions: list[Callable[[], None]] = []
         self.samples = 0
-
-    @property
-    def length(self) -> int:
-        """Number of queued actions."""
-        return len(self._actions)
 
     def has_room(self, samples: int) -> bool:
         """Return whether the queue has room for so many more samples."""

@@ -18,7 +18,7 @@ from rigctl.errors import DiskFault
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.header import SessionHeader
-from rigctl.session.format.table_rows import drum_row, event_row, loadcell_row, trial_row
+from rigctl.session.format.table_rows import drum_row, event_row, trial_row
 from rigctl.session.write.part_writer import PartWriter
 from rigctl.values import Block, DrumState, Event, Gap, TrialRow
 
@@ -99,7 +99,7 @@ class SessionWriter:
         part = self._open_part()
         self._last_at_s = max(self._last_at_s, state.at_s)
         part.add_rows(layout.DRUM, [drum_row(state, force_set_g, speed_set_mm_s)])
-        part.add_rows(layout.LOADCELL, [loadcell_row(sample) for sample in state.loadcell])
+        part.add_rows(layout.LOADCELL, state.loadcell)  # the table has a sample's fields
 
     def add_event(self, event: Event) -> None:
         """Add an event."""

@@ -193,11 +193,11 @@ def test_files_that_are_no_model_are_sentences(made: RepresentationSet, tmp_path
     with pytest.raises(SessionError, match="there is no file"):
         load_model(tmp_path / "none.h5")
     (tmp_path / "text.h5").write_text("not HDF5")
-    with pytest.raises(SessionError, match=r"text\.h5 is no model, or is damaged"):
+    with pytest.raises(SessionError, match=r"text\.h5 is not a model, or is damaged"):
         load_model(tmp_path / "text.h5")
     with h5py.File(tmp_path / "else.h5", "w") as file:
         file["x"] = 1
-    with pytest.raises(SessionError, match="an HDF5 file, but no rigctl model"):
+    with pytest.raises(SessionError, match="an HDF5 file, but not a rigctl model"):
         load_model(tmp_path / "else.h5")
 
     def changed(name: str, change: Any) -> Path:
@@ -299,7 +299,7 @@ def test_analyse_takes_c_from_a_model_and_reports_its_rate_error(
     of_spikes = load_c(spikes, trials)
     np.testing.assert_array_equal(of_spikes.force.c, load_c(model, trials).force.c)
     assert of_spikes.unseen == () and load_c(spikes, join_sessions([day])).unseen == (day,)
-    with pytest.raises(SessionError, match=r"is no model and no spikes\.h5"):
+    with pytest.raises(SessionError, match=r"is neither a model nor a spikes\.h5"):
         load_c(next(day.glob("part-*.h5")), trials)
     plainly = saved(made, tmp_path / "plain.h5", "Original")
     assert main(["analyse", str(day), "--out", str(tmp_path / "x"), "--c", str(plainly)]) == 2
