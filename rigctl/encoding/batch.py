@@ -23,7 +23,6 @@ from rigctl.encoding.kernel import (
     Trials,
     TrialViews,
     accumulate_bins,
-    lanes_per_block,
     max_samples_per_row,
     scatter_to_trials,
     trial_readings,
@@ -115,8 +114,7 @@ def _count_variants(
     n_trains = [len(taxels) if variant.sa_only else 2 * len(taxels) for variant in variants]
     outs = [np.empty((len(views), n, n_bins), np.uint32) for n in n_trains]
     edges, max_samples = tuple(bin_edges.tolist()), max_samples_per_row(parameters)
-    block_lanes = max(lanes_per_block(variant.sa_only) for variant in variants)
-    for selected in tiles(views.lengths.tolist(), len(taxels), block_lanes):
+    for selected in tiles(views.lengths.tolist(), len(taxels)):
         tile = views.select(selected)
         rows = _kernel_rows(edges, tuple(sorted(set(tile.lengths.tolist()))), max_samples)
         for (sa_scale, sa_only), out in zip(variants, outs, strict=True):

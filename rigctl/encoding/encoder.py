@@ -8,18 +8,11 @@ channel.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.kernel import (
-    NeuronBlocks,
-    TrainEncoder,
-    TrialViews,
-    lanes_per_block,
-    to_raster,
-)
+from rigctl.encoding.kernel import NeuronBlocks, TrainEncoder, TrialViews, to_raster
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
@@ -27,7 +20,7 @@ from rigctl.values import Spikes
 
 Samples = NDArray[np.uint16]
 
-# Lanes to encode side by side, at least.
+# Lanes to encode side by side, at most: few unused ones in the last block, much work for a call.
 TILE_LANES = 2048
 
 
@@ -132,26 +125,12 @@ def encode_trials(
     return [spikes[i] for i in range(len(trials))]
 
 
-def tiles(
-    lengths: Sequence[int], n_taxels: int, block_lanes: int = lanes_per_block(sa_only=False)
-) -> Iterator[list[int]]:
+def tiles(lengths: Sequence[int], n_taxels: int) -> Iterator[list[int]]:
     """Yield the indices of trials to encode side by side: similar in length, the longest last."""
     order = np.argsort(np.array(lengths, np.int64), kind="stable").tolist()
-    tile_trials = _tile_trials(n_taxels, block_lanes, TILE_LANES)
+    tile_trials = max(1, TILE_LANES // n_taxels)
     for start in range(0, len(order), tile_trials):
         yield order[start : start + tile_trials]
-
-
-@cache
-def _tile_trials(n_taxels: int, block_lanes: int, tile_lanes: int) -> int:
-    """Return how many trials fill about ``tile_lanes`` lanes.
-
-    Unused lanes pad the last block of a tile: choose the number of trials with the fewest unused
-    lanes. Up to the block's width there is a number that leaves none.
-    """
-    least = -(-tile_lanes // n_taxels)
-    numbers = range(least, min(2 * least, least + block_lanes))
-    return min(numbers, key=lambda n: (-n * n_taxels) % block_lanes / n)
 
 
 def membrane_mv(

@@ -68,7 +68,7 @@ def mean_sa_rates_hz(
     return sa_rates_hz(counts, views.lengths.tolist(), parameters)
 
 
-def search_c_from_reference(
+def search_c(
     trials: Trials,
     reference_reading: Floats,
     target_hz: Floats,
@@ -80,49 +80,21 @@ def search_c_from_reference(
     bin_edges: NDArray[np.int64] | None = None,
     first_counts: CountWithC | None = None,
 ) -> ForceSearch:
-    """Run :func:`search_c` from the C that makes readings as high as ``reference_reading``."""
-    views = TrialViews.from_arrays(trials)
-    readings = mean_readings(views, normalisation)
-    start = _ratio(reference_reading, normalise_mean_readings(readings, normalisation))
-    return search_c(
-        views,
-        target_hz,
-        start,
-        normalisation,
-        parameters,
-        tolerance_hz,
-        method,
-        bin_edges,
-        first_counts,
-        readings,
-    )
-
-
-def search_c(
-    trials: Trials,
-    target_hz: Floats,
-    start: Floats,
-    normalisation: Normalisation,
-    parameters: EncoderParameters = DEFAULT,
-    tolerance_hz: float = TOLERANCE_HZ,
-    method: Method = Method.REGULA_FALSI,
-    bin_edges: NDArray[np.int64] | None = None,
-    first_counts: CountWithC | None = None,
-    readings: Floats | None = None,
-) -> ForceSearch:
     """Search C of every taxel of one condition; taxels that are done are not encoded again.
 
-    Regula falsi searches every eighth trial first and starts with that result; the rate of all
-    trials decides. ``bin_edges``: of the bins to count spikes in (default one bin a trial).
-    ``first_counts``: returns the counts of all taxels with the first C, for callers that do more
-    with the same readings. ``readings``: :func:`rigctl.encoding.batch.mean_readings`, if known.
+    Starts with the C that makes the mean reading equal to ``reference_reading``, float64
+    (n_taxels,). Regula falsi searches every eighth trial first and starts with that result; the
+    rate of all trials decides. ``bin_edges``: of the bins to count spikes in (default one bin a
+    trial). ``first_counts``: returns the counts of all taxels with the first C, for callers that do
+    more with the same readings.
     """
     views = TrialViews.from_arrays(trials)
     bin_edges = single_bin_edges(views) if bin_edges is None else bin_edges
     condition = _Condition(views, bin_edges, normalisation, parameters)
+    readings = mean_readings(views, normalisation)
+    start = _ratio(reference_reading, normalise_mean_readings(readings, normalisation))
     slopes, pilot_evaluations = np.zeros_like(start), np.zeros_like(start)
     if method is Method.REGULA_FALSI and len(trials) >= PILOT_STRIDE * MIN_PILOT_TRIALS:
-        readings = mean_readings(views, normalisation) if readings is None else readings
         start, slopes, pilot_evaluations = _pilot(condition, readings, target_hz, start)
     known = zip(target_hz.tolist(), start.tolist(), slopes.tolist(), strict=True)
     brackets = [Bracket(target, guess, method, slope) for target, guess, slope in known]

@@ -19,7 +19,6 @@ from rigctl.encoding.force_search import (
     ForceSearch,
     mean_sa_rates_hz,
     search_c,
-    search_c_from_reference,
 )
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.root_bracket import MAX_C, Bracket, Method, SearchStatus
@@ -45,8 +44,19 @@ def trials_of(texture: str, speed: float, force: float) -> Trials:
 def search(trials: Trials, reference: Trials, method: Method = Method.REGULA_FALSI) -> ForceSearch:
     ranges = Normalisation.full_scale(trials[0].shape[1])
     target = mean_sa_rates_hz(reference, ranges)
-    return search_c_from_reference(
+    return search_c(
         trials, mean_normalised_reading(reference, ranges), target, ranges, method=method
+    )
+
+
+def search_from(
+    start: float, trials: Trials, target_hz: float, method: Method = Method.REGULA_FALSI
+) -> ForceSearch:
+    """Search C from a first guess, with one target for all taxels."""
+    ranges = Normalisation.full_scale(trials[0].shape[1])
+    reading = mean_normalised_reading(trials, ranges)
+    return search_c(
+        trials, start * reading, np.full_like(reading, target_hz), ranges, method=method
     )
 
 
@@ -109,9 +119,7 @@ def test_texture_blind_c_is_the_mean_over_textures(matrices: dict[Method, ForceM
 @pytest.mark.parametrize("method", list(Method))
 def test_a_taxel_too_weak_for_its_target_is_capped(method: Method) -> None:
     weak = [np.full((2000, 1), 20, np.uint16)] * 3
-    result = search_c(
-        weak, np.array([150.0]), np.array([30.0]), Normalisation.full_scale(1), method=method
-    )
+    result = search_from(30.0, weak, 150.0, method)
     assert result.status.tolist() == [SearchStatus.CAPPED]
     assert result.c.tolist() == [MAX_C]
     assert result.rate_hz[0] < 150
@@ -121,16 +129,14 @@ def test_a_taxel_too_weak_for_its_target_is_capped(method: Method) -> None:
 def test_a_target_between_two_jumps_is_a_discontinuity(method: Method) -> None:
     """One trial of 200 ms has only rates in steps of 5 Hz."""
     short = [np.full((200, 1), 500, np.uint16)]
-    result = search_c(
-        short, np.array([42.0]), np.array([1.0]), Normalisation.full_scale(1), method=method
-    )
+    result = search_from(1.0, short, 42.0, method)
     assert result.status.tolist() == [SearchStatus.DISCONTINUITY]
     assert result.rate_hz.tolist() in ([40.0], [45.0])
 
 
 def test_a_silent_target_and_a_dead_taxel_need_no_search() -> None:
     dead = [np.zeros((500, 2), np.uint16)]
-    result = search_c(dead, np.zeros(2), np.ones(2), Normalisation.full_scale(2))
+    result = search_from(1.0, dead, 0.0)
     assert (result.status == SearchStatus.CONVERGED).all()
     assert result.evaluations.tolist() == [1, 1]
 
@@ -197,11 +203,8 @@ def test_a_pilot_unlike_the_other_trials_does_not_mislead(odd: float) -> None:
 def test_a_jump_has_the_same_nearer_side_with_and_without_a_pilot() -> None:
     """Equal trials of 200 ms have only rates in steps of 5 Hz."""
     short = [np.full((200, 1), 500, np.uint16)] * WITH_PILOT
-    ranges, target = Normalisation.full_scale(1), np.array([42.0])
     ends = [
-        search_c(some, target, np.ones(1), ranges, method=method)
-        for some in (short, short[:1])
-        for method in Method
+        search_from(1.0, some, 42.0, method) for some in (short, short[:1]) for method in Method
     ]
     assert {end.status.item() for end in ends} == {SearchStatus.DISCONTINUITY}
     assert {end.rate_hz.item() for end in ends} == {40.0}
@@ -209,15 +212,13 @@ def test_a_jump_has_the_same_nearer_side_with_and_without_a_pilot() -> None:
 
 def test_all_trials_decide_a_cap() -> None:
     """The pilot is too weak for the target, or strong enough where the others are not."""
-    ranges, target = Normalisation.full_scale(1), np.array([98.9])
     weak, strong = np.full((1000, 1), 20, np.uint16), np.full((1000, 1), 400, np.uint16)
     pilot = range(PILOT_STRIDE // 2, WITH_PILOT, PILOT_STRIDE)
     mixed = [weak if i in pilot else strong for i in range(WITH_PILOT)]
-    result = search_c(mixed, target, np.ones(1), ranges)
+    result = search_from(1.0, mixed, 98.9)
     assert result.status.item() == SearchStatus.CONVERGED
-    result = search_c(
-        [strong if i in pilot else weak for i in range(WITH_PILOT)], target, target, ranges
-    )
+    mixed = [strong if i in pilot else weak for i in range(WITH_PILOT)]
+    result = search_from(98.9, mixed, 98.9)
     assert (result.status.item(), result.c.item()) == (SearchStatus.CAPPED, MAX_C)
 
 

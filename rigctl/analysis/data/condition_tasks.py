@@ -20,7 +20,7 @@ from rigctl.encoding.batch import (
 )
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.force_search import ForceSearch, search_c_from_reference
+from rigctl.encoding.force_search import ForceSearch, search_c
 from rigctl.encoding.kernel import TrialViews
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
@@ -181,9 +181,7 @@ def _search_at_force(
         plain.append(without)
         return with_c
 
-    search = search_c_from_reference(
-        trials, level, target, *encoder, bin_edges=cuts, first_counts=count_first
-    )
+    search = search_c(trials, level, target, *encoder, bin_edges=cuts, first_counts=count_first)
     return plain[0], search
 
 

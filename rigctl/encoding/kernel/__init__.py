@@ -6,7 +6,6 @@ Other packages import these names from here, never from a module inside; see
 
 from rigctl.encoding.kernel import simd
 from rigctl.encoding.kernel.constants import butterworth, max_samples_per_row
-from rigctl.encoding.kernel.machine_code import lanes_per_block
 from rigctl.encoding.kernel.neuron_blocks import NeuronBlocks
 from rigctl.encoding.kernel.prefetch import Trials, TrialViews, trial_readings
 from rigctl.encoding.kernel.raster import accumulate_bins, scatter_to_trials, to_raster
@@ -19,7 +18,6 @@ __all__ = [
     "Trials",
     "accumulate_bins",
     "butterworth",
-    "lanes_per_block",
     "max_samples_per_row",
     "scatter_to_trials",
     "simd",

@@ -67,8 +67,7 @@ def searched(conditions: list[Condition], method: Method) -> tuple[list[ForceSea
     begun = time.perf_counter()
     found = []
     for trials, target_hz, goal in conditions:
-        start = goal / mean_normalised_reading(trials, RANGES)
-        found.append(search_c(trials, target_hz, start, RANGES, method=method))
+        found.append(search_c(trials, goal, target_hz, RANGES, method=method))
     return found, time.perf_counter() - begun
 
 
