@@ -177,7 +177,7 @@ def _table_1(report: Any) -> str:
         title = f"{escape(task)}<br><small>{components} components</small>"
         cells.append([title, *(_percent(accuracies.get(name), ABSENT) for name in names)])
     origin = "<p><b>Simulated.</b></p>" if report.made.trials.simulated else ""
-    note = "<p>Mean ± standard deviation in %; in small type those of the paper.</p>"
+    note = "<p>Accuracy in %, mean ± standard deviation; the paper's values are in small type.</p>"
     return origin + table(["Task", *map(escape, names)], cells) + note
 
 

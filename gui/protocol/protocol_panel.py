@@ -8,7 +8,6 @@ from PySide6.QtCore import QDateTime, QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
     QComboBox,
-    QFormLayout,
     QGridLayout,
     QGroupBox,
     QLineEdit,
@@ -200,8 +199,7 @@ class ProtocolPanel(QWidget):
         column.addLayout(grid)
         column.addWidget(self.state)
         column.addWidget(self.bar)
-        form = QFormLayout()
-        form.setVerticalSpacing(3)
+        form = form_layout(3)
         for name, text in self.run_rows.items():
             form.addRow(label(name, "muted"), text)
         column.addLayout(form)
