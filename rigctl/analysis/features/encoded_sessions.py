@@ -237,22 +237,20 @@ def _encoding(
 
 def _columns(trials: TrialSet, hashes: NDArray[np.uint64]) -> dict[str, Any]:
     """Return the columns of /trials: unit, meaning, values."""
-    table = trials.trials
-    lengths = [trial.n_samples for trial in table]
+
+    def values(name: str) -> NDArray[Any]:
+        return np.array([getattr(trial, name) for trial in trials.trials])
+
     return {
-        "session": ("", "number of its session in /inputs", _ints(t.session for t in table)),
-        "row": ("", "its row in that session's /trials, from 0", _ints(t.row for t in table)),
-        "trial_id": ("", "number in planned order, from 1", _ints(t.trial_id for t in table)),
-        "texture": ("", "name of the plate", [t.texture for t in table]),
-        "speed_mm_s": ("mm/s", "planned speed", np.array([t.speed_mm_s for t in table])),
-        "force_g": ("g", "planned force", np.array([t.force_g for t in table])),
-        "n_samples": ("samples", "length, 1 ms each", _ints(lengths)),
+        "session": ("", "number of its session in /inputs", values("session")),
+        "row": ("", "its row in that session's /trials, from 0", values("row")),
+        "trial_id": ("", "number in planned order, from 1", values("trial_id")),
+        "texture": ("", "name of the plate", [trial.texture for trial in trials.trials]),
+        "speed_mm_s": ("mm/s", "planned speed", values("speed_mm_s")),
+        "force_g": ("g", "planned force", values("force_g")),
+        "n_samples": ("samples", "length, 1 ms each", values("n_samples")),
         "content": ("", "XXH3 (64 bits) of its samples' bytes", hashes),
     }
-
-
-def _ints(values: Any) -> NDArray[np.int64]:
-    return np.fromiter(values, np.int64)
 
 
 def _write_picture(request: EncodeRequest, prepared: PreparedTrials, folder: Path) -> None:

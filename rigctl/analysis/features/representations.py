@@ -233,7 +233,7 @@ def force_scaling_obstacle(trials: TrialSet, reference_g: float) -> str:
             "(--reference-force names another)"
         )
     present = {(t.texture, t.speed_mm_s, t.force_g) for t in trials.trials}
-    for texture, speed in sorted({(t.texture, t.speed_mm_s) for t in trials.trials}):
+    for texture, speed in trials.by_condition():
         for force in forces:
             if (texture, speed, force) not in present:
                 return f"{start}texture {texture} at {speed:g} mm/s has no trial at {force:g} g"

@@ -92,19 +92,14 @@ def group_by_condition(
     prepared: PreparedTrials, parameters: EncoderParameters, reference_g: float, *, search_c: bool
 ) -> list[ConditionGroup]:
     """Return the set by texture and speed, in sorted order, with or without a search for C."""
-    trials, files = prepared.trials.trials, prepared.trials.files
-    rows: dict[tuple[str, float], list[int]] = {}
-    for i, trial in enumerate(trials):
-        rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
-    forces = prepared.trials.forces_g if search_c else ()
-    encoder = (prepared.normalisation, parameters, prepared.layouts)
+    trials = prepared.trials
+    forces = trials.forces_g if search_c else ()
+    encoder = (prepared.normalisation, parameters, prepared.layouts, forces, reference_g, ())
     groups = []
-    for key in sorted(rows):
-        members = tuple(trials[i] for i in rows[key])
-        task = ConditionTask(
-            files_of_trials(files, members), members, *encoder, forces, reference_g, ()
-        )
-        groups.append(ConditionGroup(rows[key], task))
+    for rows in trials.by_condition().values():
+        members = tuple(trials.trials[i] for i in rows)
+        task = ConditionTask(files_of_trials(trials.files, members), members, *encoder)
+        groups.append(ConditionGroup(rows, task))
     return groups
 
 
