@@ -21,8 +21,8 @@ from rigctl.analysis.features.spike_counts import (
     ConditionGroup,
     PreparedTrials,
     RangesOver,
-    count_spikes,
-    count_spikes_with_c,
+    count_groups,
+    count_groups_with_c,
     counts_with_searched_c,
     encoder_items,
     files_of_trials,
@@ -107,7 +107,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
         groups = group_by_condition(
             prepared, request.parameters, request.reference_g, search_c=not obstacle
         )
-        counted = list(count_spikes(prepared, groups, resources))
+        counted = list(count_groups(prepared, groups, resources))
         force = join_searched_c(groups, counted)
         remarks = tuple(filter(None, (*prepared.trials.remarks, obstacle)))
         encoding = _encoding(request, prepared, force, remarks, made_utc)
@@ -178,7 +178,7 @@ def _scaled_counts(
         yield from map(counts_with_searched_c, groups, counted)
     else:
         scaled = with_given_c(groups, force, blind=True)
-        yield from count_spikes_with_c(prepared, scaled, counted, resources)
+        yield from count_groups_with_c(prepared, scaled, counted, resources)
 
 
 def _write_windows(
@@ -201,7 +201,7 @@ def _write_windows(
         condition, speed = group.condition, group.condition.trials[0].speed_mm_s
         for name, windows in layouts.items():
             spikes, seconds = tables[name]
-            spikes[group.rows] = window_counts(found, condition.cuts, speed, windows)[:, order]
+            spikes[group.rows] = window_counts(found, condition.bin_edges, speed, windows)[:, order]
             seconds[group.rows] = windows.window_durations_s(condition.lengths, speed)
     for name, (spikes, seconds) in tables.items():
         file.add_windows(name, spikes, seconds)
