@@ -159,5 +159,5 @@ def test_failed_analysis_shows_the_reason(opened: Bench, tmp_path: Path) -> None
 
 def test_form_offers_all_options_of_the_analysis() -> None:
     assert {r.name: r.key for r in representations.REPRESENTATIONS} == REPRESENTATIONS
-    assert tuple(key for key in TASKS.values() if key) == tasks.CHOICES
+    assert tuple(key for key in TASKS.values() if key) == tasks.TASK_NAMES
     assert set(ENGINES.values()) == set(sweep_engines.SweepEngine)

@@ -31,7 +31,7 @@ from rigctl.analysis.features.spike_counts import (
     prepare_trials,
     with_given_c,
 )
-from rigctl.analysis.report.example_taxel import check_shown, taxel_picture, write_samples
+from rigctl.analysis.report.example_taxel import check_selection, load_taxel, write_samples
 from rigctl.analysis.report.paper_figures import draw_taxel
 from rigctl.config.resources import source_commit
 from rigctl.encoding.batch import window_counts
@@ -97,7 +97,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
     be written. The cache keeps the results of an interrupted run.
     """
     trials = join_sessions(request.sessions)
-    check_shown(trials, request.trial, request.taxel)
+    check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:
         prepared = prepare_trials(trials, resources, request.ranges)
@@ -254,7 +254,7 @@ def _columns(trials: TrialSet, hashes: NDArray[np.uint64]) -> dict[str, Any]:
 
 
 def _write_picture(request: EncodeRequest, prepared: PreparedTrials, folder: Path) -> None:
-    picture = taxel_picture(
+    picture = load_taxel(
         prepared.trials, prepared.normalisation, request.parameters, request.trial, request.taxel
     )
     draw_taxel(picture, folder / "taxel")
