@@ -44,9 +44,7 @@ class ProtocolPanel(QWidget):
     """Controls for protocols; emits engine commands, and shows the run that the engine reports."""
 
     command_requested = Signal(str, dict)
-    """The engine's command and its arguments."""
     path_requested = Signal(object, object)
-    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -15,7 +15,10 @@ _FILE, _FOLDER = QFileDialog.FileMode.ExistingFile, QFileDialog.FileMode.Directo
 
 
 class PathKind(Enum):
-    """What the user chooses: the title and Qt's file mode."""
+    """What the user chooses: the title and Qt's file mode.
+
+    A panel's ``path_requested`` carries a kind and the function that takes the chosen path.
+    """
 
     RIG_FILE = ("Rig description (rig.toml)", _FILE)
     WORLD_FILE = ("World of a simulated rig (*.toml)", _FILE)
