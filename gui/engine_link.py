@@ -48,7 +48,7 @@ def open_client(rig: str, world: str = "") -> EngineClient:
     return EngineClient.start(rig)
 
 
-class _Request(NamedTuple):
+class _PendingRequest(NamedTuple):
     command: str
     sent_ms: int
 
@@ -77,7 +77,7 @@ class EngineLink(QObject):
         self._client: EngineClient | None = None
         self._opened: SimpleQueue[EngineClient | Exception] = SimpleQueue()
         self._threads: list[threading.Thread] = []
-        self._pending: dict[int, _Request] = {}
+        self._pending: dict[int, _PendingRequest] = {}
         self._clock = QElapsedTimer()
         self._clock.start()
         self._last_message_ms = 0
@@ -116,7 +116,7 @@ class EngineLink(QObject):
         except RigctlError as error:
             self._lose(str(error))
             return
-        self._pending[number] = _Request(command, self._clock.elapsed())
+        self._pending[number] = _PendingRequest(command, self._clock.elapsed())
 
     def poll(self) -> None:
         """Process all messages that have arrived; the window's timer calls this."""

@@ -1,22 +1,23 @@
-"""What can go wrong, named by who is guilty and how a program should end.
+"""Errors that a user can meet, with the exit code of each.
 
 ::
 
     RigctlError                     every failure that a user can meet; one sentence with the cure
-    ├── NegativeAnswer   exit 1     the question was answered, and the answer is no (verify, check)
-    ├── WrongUse         exit 2     the user asked for something impossible; nothing was touched
+    ├── NegativeAnswer   exit 1     a check was made and its result is negative (verify, check)
+    ├── WrongUse         exit 2     the request was impossible; nothing was changed
     │   ├── ConfigError             rig.toml or a world file: names file and key
     │   ├── ProtocolError           protocols/*.toml: names file, line or key
     │   └── SessionError            a folder that is not a session, is locked, or is damaged
-    ├── CrewLost         exit 3     the processes or machines that worked for an analysis are gone
-    └── RigFault         exit 3     the bench failed; the rig is safe, what was recorded is kept
+    ├── WorkersLost      exit 3     the worker processes or machines of an analysis are gone
+    └── RigFault         exit 3     the bench failed; the rig is safe, recorded data is kept
         ├── LinkLost                a port vanished or fell silent
-        ├── WrongBoard              somebody answered, but not the board or firmware asked for
-        ├── CommandRefused          the board said no: wrong state or out of range
+        │   └── BoardRebooted       a board rebooted by itself
+        ├── WrongBoard              another board or firmware answered
+        ├── CommandRefused          the board refused: wrong state or value out of range
         ├── BoardFault              the board latched a fault
         └── DiskFault               the recorder cannot write
 
-A message says what failed, where, and what to do. It never needs a traceback beside it.
+A message says what failed, where, and what to do, without a traceback.
 """
 
 
@@ -27,13 +28,13 @@ class RigctlError(Exception):
 
 
 class NegativeAnswer(RigctlError):
-    """The question was answered, and the answer is no."""
+    """A check was made and its result is negative."""
 
     exit_code = 1
 
 
 class WrongUse(RigctlError):
-    """The request was impossible; nothing was touched."""
+    """The request was impossible; nothing was changed."""
 
     exit_code = 2
 
@@ -51,11 +52,11 @@ class SessionError(WrongUse):
 
 
 class WorkersLost(RigctlError):
-    """Processes or machines that worked for an analysis are gone; no report was made."""
+    """The worker processes or machines of an analysis are gone; no report was made."""
 
 
 class RigFault(RigctlError):
-    """The bench failed; the rig was made safe and what was recorded is kept."""
+    """The bench failed; the rig was made safe and recorded data is kept."""
 
 
 class LinkLost(RigFault):
@@ -67,7 +68,7 @@ class BoardRebooted(LinkLost):
 
 
 class WrongBoard(RigFault):
-    """Somebody answered, but not the board or the firmware that was asked for."""
+    """Another board or another firmware than expected answered."""
 
 
 class CommandRefused(RigFault):
@@ -75,7 +76,7 @@ class CommandRefused(RigFault):
 
 
 class BoardFault(RigFault):
-    """The board latched a fault; it clears by command once the cause is gone."""
+    """The board latched a fault; a command clears it once the cause is gone."""
 
 
 class DiskFault(RigFault):

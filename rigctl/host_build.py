@@ -1,7 +1,7 @@
-"""Compiles both boards' firmware for this computer: the libraries that virtual boards run.
+"""Compile both boards' firmware for this computer: the libraries of the virtual boards.
 
-``python -m rigctl.host_build`` compiles what is not up to date; ``make firmware`` and
-``pip install`` do it too. It knows nothing of the rest of the program, because the hook of the
+``python -m rigctl.host_build`` compiles what is stale; so do ``make firmware`` and
+``pip install``. This module imports nothing of rigctl, because the build hook of the
 installation loads it by its path.
 """
 
@@ -22,12 +22,12 @@ CURE = "install a C++ compiler (g++ or clang++) or `pip install ziglang`, then r
 COMMAND = "python -m rigctl.host_build"
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 _WARNINGS = ("-Wall", "-Wextra", "-Werror")
-# A product and a sum in one rounding would make other numbers than those of another compiler.
+# Fused multiply-add rounds once and would give other numbers than other compilers.
 _FLAGS = ("-std=gnu++17", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared")
 
 
 class BuildFailed(Exception):
-    """There is no compiler, or it refused the sources; says in one sentence what to do."""
+    """There is no compiler, or it refused the sources; the message says what to do."""
 
 
 def dynamic_library_name(board: str) -> str:
@@ -36,45 +36,45 @@ def dynamic_library_name(board: str) -> str:
 
 
 def dynamic_library_path(board: str, root: Path = ROOT) -> Path:
-    """Return where a board's library lies in a checkout."""
+    """Return the path of a board's library in a checkout."""
     return root / "build" / "host" / dynamic_library_name(board)
 
 
 def sources(board: str, root: Path = ROOT) -> list[Path]:
-    """Return what a board's library is made of: its portable core and its host body."""
+    """Return the sources of a board's library: its portable core and its host body."""
     core, body = root / "arduino" / board, root / "arduino" / "host"
-    texts = [*core.glob("*.cpp"), *core.glob("*.h"), *body.glob("*.h"), *(body / board).iterdir()]
-    return sorted(path for path in texts if not path.name.startswith("chip"))
+    files = [*core.glob("*.cpp"), *core.glob("*.h"), *body.glob("*.h"), *(body / board).iterdir()]
+    return sorted(path for path in files if not path.name.startswith("chip"))
 
 
 def digest(board: str, root: Path = ROOT) -> str:
     """Return the SHA-256 of a board's sources with their names, hexadecimal."""
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for path in sources(board, root):
-        found.update(path.name.encode() + b"\0" + path.read_bytes().replace(b"\r\n", b"\n"))
-    return found.hexdigest()
+        sha256.update(path.name.encode() + b"\0" + path.read_bytes().replace(b"\r\n", b"\n"))
+    return sha256.hexdigest()
 
 
 def image_hash(board: str, root: Path = ROOT) -> str:
-    """Return the identity of the chip's image from the same sources, as its Makefile has it."""
+    """Return the build hash of the chip's image of the same sources, as its Makefile does."""
     folder = root / "arduino" / board
-    texts = [*folder.glob("*.cpp"), *folder.glob("*.h"), *folder.glob("*.ino")]
-    whole = b"".join(path.read_bytes() for path in sorted(texts, key=lambda path: path.name))
-    return hashlib.sha256(whole).hexdigest()[:8]
+    files = [*folder.glob("*.cpp"), *folder.glob("*.h"), *folder.glob("*.ino")]
+    content = b"".join(path.read_bytes() for path in sorted(files, key=lambda path: path.name))
+    return hashlib.sha256(content).hexdigest()[:8]
 
 
 def compiler() -> list[str]:
-    """Return the command of a C++ compiler: CXX, the system's own, or Zig's from PyPI.
+    """Return the command of a C++ compiler: CXX, the system's, or Zig's from PyPI.
 
     Raises BuildFailed where there is none.
     """
-    named = os.environ.get("CXX", "").split()
-    if named:
-        return named
+    command = os.environ.get("CXX", "").split()
+    if command:
+        return command
     for name in ("c++", "g++", "clang++"):
-        found = shutil.which(name)
-        if found:
-            return [found]
+        path = shutil.which(name)
+        if path:
+            return [path]
     if importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "c++"]
     raise BuildFailed(f"no C++ compiler for the virtual boards: {CURE}{COMMAND}")
@@ -83,7 +83,7 @@ def compiler() -> list[str]:
 def build(
     board: str, output: Path | None = None, defines: Sequence[str] = (), root: Path = ROOT
 ) -> Path:
-    """Compile a board's library and return its path; ``defines`` change it as ``-D`` options.
+    """Compile a board's library with ``-D`` options ``defines`` and return its path.
 
     Raises BuildFailed.
     """
@@ -105,13 +105,13 @@ def build(
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise BuildFailed(f"{command[0]} could not compile the {board} board:\n{done.stderr}")
-    # Somebody may have the one before loaded.
+    # A running process may have the old library loaded.
     partial.replace(target)
     return target
 
 
 def build_stale(root: Path = ROOT) -> list[Path]:
-    """Compile the libraries that are missing or not of these sources; returns those compiled.
+    """Compile the libraries that are missing or stale and return their paths.
 
     Raises BuildFailed.
     """
@@ -125,7 +125,7 @@ def _is_fresh(board: str, root: Path) -> bool:
 
 
 def main() -> int:
-    """Compile what is stale; returns an exit code."""
+    """Compile what is stale and return an exit code."""
     try:
         for path in build_stale():
             print(path)

@@ -145,13 +145,13 @@ def _validate_taxel_count(config: RigConfig) -> RigConfig:
 def _simulated_rig(
     kind: str, seed: int, paced: bool, config: RigConfig | None, world: SimulatedWorld | None
 ) -> Rig:
-    from rigctl.simulation.bench.world_file import NOMINAL
+    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
     from rigctl.simulation.clock import SimulatedTimeLoop
-    from rigctl.simulation.virtual_rig import warm
+    from rigctl.simulation.virtual_rig import compile_kernels
 
-    world = world or NOMINAL
-    config = _validate_taxel_count(config or world.description())
-    warm()
+    world = world or NOMINAL_WORLD
+    config = _validate_taxel_count(config or world.rig_config())
+    compile_kernels()
     _validate_emergency_stop(config)
     simulation = _open_simulation(kind, seed, world)
     _wire_signals(simulation, config)
@@ -164,7 +164,7 @@ def _simulated_rig(
         Drum(simulation.drum, loop),
         Taxels(simulation.taxels, loop, array=config.taxels),
         simulation,
-        world.facts(),
+        world.header_fields(),
     )
 
 
@@ -194,13 +194,13 @@ def _wire_signals(simulation: SimulatedRig, config: RigConfig) -> None:
 
 def _open_simulation(kind: str, seed: int, world: SimulatedWorld) -> SimulatedRig:
     if kind == VIRTUAL:
-        from rigctl.simulation.virtual_rig import open_virtual
+        from rigctl.simulation.virtual_rig import open_virtual_rig
 
-        return open_virtual(world.parameters, seed)
+        return open_virtual_rig(world.parameters, seed)
     images = firmware_image(DRUM), firmware_image(TAXELS)
-    from rigctl.simulation.chips.rig import open_chips
+    from rigctl.simulation.chips.rig import open_chip_simulation
 
-    return open_chips(world.parameters, seed, *images)
+    return open_chip_simulation(world.parameters, seed, *images)
 
 
 def _bench(path: Path, config: RigConfig) -> Rig:

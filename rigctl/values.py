@@ -1,6 +1,6 @@
-"""The words that rooms say to each other: frozen values, every number with its unit.
+"""Frozen values that modules exchange; every number has its unit.
 
-Nothing here acts. Arrays inside a value are never written after it was made.
+Arrays inside a value are never written after its construction.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ N_TAXELS = 18
 SAMPLE_RATE_HZ = 1000
 
 DRAWN_WIRING = (0, 1, 2, 6, 7, 8, 12, 13, 14, 3, 4, 5, 9, 10, 11, 15, 16, 17)
-"""The reading that stands at each place of a sensor soldered as ``arduino/README.md`` draws it.
+"""The reading of each place of a sensor that is soldered as ``arduino/README.md`` draws it.
 
 Places count row by row, the top layer first; a reading's number is 6 · line + input, and inputs
 A0–A2 read the top layer, A3–A5 the bottom layer.
 """
 
 SCALE_BAND_UG_PER_COUNT = (200, 25_000)
-"""Least and highest magnitude of a load cell's scale; the nominal cell has 2,400.
+"""Smallest and largest magnitude of a load cell's scale; the nominal cell has 2,400.
 
 An HX711 at gain 128 measures its bridge against the bridge's own supply: at a cell's capacity it
 counts sensitivity · 256 · 2**23. A cell of 1 kg with 2 mV/V gives 233 µg a count, one of 50 kg
 with 1 mV/V gives 23,283.
 
-With a scale outside a press of kilograms would read as one of grams, or as none at all, so nobody
-may set one: not ``rig.toml``, not a calibration, not the drum's wire.
+With a scale outside, a press of kilograms would read as one of grams or as none. ``rig.toml``,
+calibrations and the drum's wire refuse such a scale.
 """
 
 
 class Verdict(StrEnum):
-    """What became of one attempt at a trial."""
+    """Outcome of one attempt at a trial."""
 
     COMMITTED = "committed"
     REJECTED = "rejected"
@@ -44,7 +44,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Samples that the board took and the host never got.
+    """Samples that the board took and the host did not receive.
 
     ``first_counter`` is the unwrapped board counter of the first lost sample.
     """
@@ -56,7 +56,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Taxel samples in the order in which they were taken, as one decoding step gave them.
+    """Taxel samples in the order in which they were taken, from one decoding step.
 
     ``counters``: int64 (n,), the board's own sample number, unwrapped since its boot.
     ``samples``: uint16 (n, n_taxels), 0–1023.
@@ -81,8 +81,8 @@ class Block:
 class Spikes:
     """Spike trains as compressed sparse rows.
 
-    Train ``i`` is ``sample_index[row_start[i]:row_start[i + 1]]``: 0-based indices of the
-    samples in which v crossed threshold, ascending, one entry a spike.
+    Train ``i`` is ``sample_index[row_start[i]:row_start[i + 1]]``: ascending 0-based indices of
+    the samples in which v crossed threshold, one entry per spike.
     Rows are SA taxel 1 … n, then RA taxel 1 … n.
     """
 
@@ -91,7 +91,7 @@ class Spikes:
     n_samples: int
 
     def train(self, row: int) -> NDArray[np.int32]:
-        """Sample indices of one train, int32."""
+        """Return the sample indices of one train, int32."""
         return self.sample_index[self.row_start[row] : self.row_start[row + 1]]
 
     @property
@@ -111,12 +111,11 @@ class LoadcellSample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DrumState:
-    """What one poll of the drum said, in engineering units, with the loop time of the reply.
+    """One poll of the drum in engineering units, with the loop time of the reply.
 
-    ``values`` holds every register of the poll block by name, scaled; ``loadcell`` the samples
-    that are new since the previous poll, oldest first, ``loadcell_lost`` how many of those since
-    then are missing. ``board_time_us`` and the sequence
-    numbers are unwrapped.
+    ``values`` holds every register of the poll block by name, scaled; ``loadcell`` the new
+    samples since the previous poll, oldest first; ``loadcell_lost`` counts those that are
+    missing. ``board_time_us`` and the sequence numbers are unwrapped.
     """
 
     at_s: float
@@ -142,7 +141,7 @@ class DrumState:
 
 @dataclass(frozen=True, slots=True)
 class BoardIdentity:
-    """Who a board says it is, and whether it rebooted since it was last asked."""
+    """The identity that a board reports; ``boot_count`` changes when it reboots."""
 
     board: str
     firmware_version: str
@@ -177,16 +176,16 @@ class PlannedTrial:
 
     @property
     def n_samples(self) -> int:
-        """Samples that make the trial, counted from the sync line's rise."""
+        """Samples of the trial, counted from the rise of the sync line."""
         return round(self.duration_s * SAMPLE_RATE_HZ)
 
 
 @dataclass(frozen=True, slots=True)
 class TrialRow:
-    """One attempt at a trial as it ended, as it is stored.
+    """One finished attempt at a trial, as stored.
 
     ``first_counter`` is the board counter of the first sample at or after the rise of sync,
-    ``first_sample`` its row in the part's ``/taxels`` data; -1 where the trial never got there.
+    ``first_sample`` its row in the part's ``/taxels`` data; -1 where sync did not rise.
     """
 
     trial: PlannedTrial
@@ -205,7 +204,7 @@ class TrialRow:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened at a time, for people and for programs.
+    """A timed event, for people and for programs.
 
     ``kind`` is a short lower-case word (``state``, ``fault``, ``trial``, ``prompt``, ``gap``,
     ``log``, …); ``text`` one sentence; ``data`` JSON-able details.

@@ -37,7 +37,6 @@ class AnalysisOptionsForm(QWidget):
     """The sessions and options of an analysis; the open session is always the first one."""
 
     path_requested = Signal(object, object)
-    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -149,7 +149,9 @@ def _report_results(report: Any, out: Path) -> AnalysisResults:
         pages.append(ResultsPage("Presets", _csv_table(out / "sensitivity.csv")))
     pages.append(ResultsPage("Remarks", _bullets(report.remarks)))
     first = report.results[0]
-    means = {curve.representation.name: curve.mean[first.shown - 1] for curve in first.curves}
+    means = {
+        curve.representation.name: curve.mean[first.shown_components - 1] for curve in first.curves
+    }
     best = max(means, key=lambda name: means[name])
     sentence = (
         f"{first.task.title}: {best} {means[best]:.1%}, chance {first.chance:.1%}. "
@@ -176,8 +178,8 @@ def _table_1(report: Any) -> str:
         components = next(iter(accuracies.values()))["components"]
         title = f"{escape(task)}<br><small>{components} components</small>"
         cells.append([title, *(_percent(accuracies.get(name), ABSENT) for name in names)])
-    origin = "<p><b>Simulated.</b></p>" if report.made.trials.simulated else ""
-    note = "<p>Mean ± standard deviation in %; in small type those of the paper.</p>"
+    origin = "<p><b>Simulated.</b></p>" if report.representations.trials.simulated else ""
+    note = "<p>Accuracy in %, mean ± standard deviation; the paper's values are in small type.</p>"
     return origin + table(["Task", *map(escape, names)], cells) + note
 
 

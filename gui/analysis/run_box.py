@@ -48,7 +48,6 @@ class AnalysisRunBox(QGroupBox):
     cancel_requested = Signal()
     results_requested = Signal()
     path_requested = Signal(object, object)
-    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self) -> None:
         super().__init__("Classify textures")

@@ -79,7 +79,6 @@ class SessionPanel(QWidget):
     run_requested = Signal(str, str)
     """The key of the method, and the session folder."""
     path_requested = Signal(object, object)
-    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -7,7 +7,7 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QLineF, QRectF
 from PySide6.QtGui import QPainter
-from PySide6.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
+from PySide6.QtWidgets import QGraphicsItem
 
 from gui.analysis.worker_tasks import TrialData
 from gui.live.history import N_ROWS
@@ -112,12 +112,7 @@ class SpikeTicks(QGraphicsItem):
         """Return the rectangle of the whole raster."""
         return QRectF(0.0, -N_ROWS, self._length_s, N_ROWS)
 
-    def paint(
-        self,
-        painter: QPainter,
-        option: QStyleOptionGraphicsItem,
-        widget: QWidget | None = None,
-    ) -> None:
+    def paint(self, painter: QPainter, *_: object) -> None:
         """Draw the lines."""
         painter.setPen(self._pen)
         painter.drawLines(self._lines)

@@ -7,7 +7,7 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 from PySide6.QtGui import QPainter, QPen, QPolygonF
-from PySide6.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
+from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.history import SPAN_S
 from gui.widgets.theme import Theme
@@ -44,12 +44,7 @@ class PlotLine(QGraphicsItem):
         """Return the rectangle of the whole plot."""
         return QRectF(-float(SPAN_S), -0.1 * self._top, float(SPAN_S), 1.2 * self._top)
 
-    def paint(
-        self,
-        painter: QPainter,
-        option: QStyleOptionGraphicsItem,
-        widget: QWidget | None = None,
-    ) -> None:
+    def paint(self, painter: QPainter, *_: object) -> None:
         """Draw the line; a polyline with a thin pen costs a fifth of a path."""
         painter.setPen(self._pen)
         painter.drawPolyline(self._points)

@@ -33,47 +33,50 @@ class Reading(NamedTuple):
     level: Level
 
 
+class CellSpec(NamedTuple):
+    """Name, stretch (the width in pixels in the smallest window) and tooltip of a cell."""
+
+    name: str
+    stretch: int
+    tooltip: str
+
+
 CELLS = {
-    "rate": ("Frame rate", "Taxel frames in the last second: 1000 Hz ± 2 %"),
-    "gaps": ("Gaps", "Gaps in the stream of taxel samples since the engine started: 0"),
-    "lost": ("Lost", "Taxel samples that the board took and the computer never received: 0"),
-    "block": ("Block age", "Time since the last taxel samples arrived: at most 300 ms"),
-    "poll": (
+    "rate": CellSpec("Frame rate", 124, "Taxel frames in the last second: 1000 Hz ± 2 %"),
+    "gaps": CellSpec("Gaps", 90, "Gaps in the stream of taxel samples since the engine started: 0"),
+    "lost": CellSpec(
+        "Lost", 85, "Taxel samples that the board took and the computer never received: 0"
+    ),
+    "block": CellSpec(
+        "Block age", 117, "Time since the last taxel samples arrived: at most 300 ms"
+    ),
+    "poll": CellSpec(
         "Poll age",
+        107,
         "Time since the drum last answered: at most 300 ms; 3× means three repeated polls",
     ),
-    "loadcell": ("Cell lost", "Load-cell samples that the computer never received: 0"),
-    "disk": ("Disk left", "Free disk space, and how long it lasts at the present recording rate"),
-    "clock": (
+    "loadcell": CellSpec("Cell lost", 107, "Load-cell samples that the computer never received: 0"),
+    "disk": CellSpec(
+        "Disk left", 120, "Free disk space, and how long it lasts at the present recording rate"
+    ),
+    "clock": CellSpec(
         "Clock ppm",
+        124,
         "Rate errors of the drum's and the taxel board's clocks: at most ±5000 ppm",
     ),
-    "boards": (
+    "boards": CellSpec(
         "Boards",
-        "Supply of the taxel board, its self-test, the causes of the boards' resets, and the "
-        "stack that their programs never used: at least 25 % of the RAM",
+        113,
+        "Supply of the taxel board, its self-test, the causes of the boards' resets, and "
+        "the stack that their programs never used: at least 25 % of the RAM",
     ),
-    "ticks": (
-        "Ticks",
-        "Late ticks of both boards since connecting: 0; and their longest interrupt",
+    "ticks": CellSpec(
+        "Ticks", 118, "Late ticks of both boards since connecting: 0; and their longest interrupt"
     ),
-    "trial": ("Last trial", "Time since the last committed trial: at most 3 min during a run"),
+    "trial": CellSpec(
+        "Last trial", 113, "Time since the last committed trial: at most 3 min during a run"
+    ),
 }
-
-WIDTHS = {
-    "rate": 124,
-    "gaps": 90,
-    "lost": 85,
-    "block": 117,
-    "poll": 107,
-    "loadcell": 107,
-    "disk": 120,
-    "clock": 124,
-    "boards": 113,
-    "ticks": 118,
-    "trial": 113,
-}
-"""Stretch of each cell: its width in pixels in the smallest window."""
 
 
 class HealthStrip(QWidget):
@@ -84,9 +87,9 @@ class HealthStrip(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(8, 0, 8, 0)
         row.setSpacing(4)
-        self.cells = {key: _Cell(name, tooltip) for key, (name, tooltip) in CELLS.items()}
+        self.cells = {key: _Cell(spec) for key, spec in CELLS.items()}
         for key, cell in self.cells.items():
-            row.addWidget(cell, WIDTHS[key])
+            row.addWidget(cell, CELLS[key].stretch)
         self._since_trial = QElapsedTimer()
         self._trials_committed = 0
         self.show_nothing()
@@ -113,7 +116,7 @@ class HealthStrip(QWidget):
             ("boards", board_lines(status.boards)),
             ("ticks", tick_lines(status.boards)),
         ):
-            self.cells[key].setToolTip("\n".join([CELLS[key][1], *lines]))
+            self.cells[key].setToolTip("\n".join([CELLS[key].tooltip, *lines]))
 
 
 def readings(status: EngineStatus, trial_age_s: float | None) -> dict[str, Reading]:
@@ -239,10 +242,10 @@ def _trial(age_s: float | None, running: bool) -> Reading:
 
 
 class _Cell(QFrame):
-    def __init__(self, name: str, tooltip: str) -> None:
+    def __init__(self, spec: CellSpec) -> None:
         super().__init__()
         self.setProperty("role", "card")
-        self.setToolTip(tooltip)
+        self.setToolTip(spec.tooltip)
         self.lamp = StatusLamp(13)
         self.verdict = label("", "muted")
         self.value = elastic(label("–", "value"))
@@ -250,7 +253,7 @@ class _Cell(QFrame):
         grid.setContentsMargins(6, 3, 5, 3)
         grid.setVerticalSpacing(0)
         grid.setHorizontalSpacing(3)
-        grid.addWidget(elastic(label(name, "muted")), 0, 0)
+        grid.addWidget(elastic(label(spec.name, "muted")), 0, 0)
         grid.addWidget(self.verdict, 0, 1)
         grid.addWidget(self.lamp, 0, 2)
         grid.addWidget(self.value, 1, 0, 1, 3)

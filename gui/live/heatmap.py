@@ -7,7 +7,7 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QPainter
-from PySide6.QtWidgets import QGraphicsWidget, QStyleOptionGraphicsItem, QWidget
+from PySide6.QtWidgets import QGraphicsWidget
 
 from gui.widgets.theme import Theme
 from rigctl.values import N_TAXELS
@@ -50,12 +50,7 @@ class HeatMap(QGraphicsWidget):
             self._share = np.clip(share, 0.0, 1.0)
         self.update()
 
-    def paint(
-        self,
-        painter: QPainter,
-        option: QStyleOptionGraphicsItem,
-        widget: QWidget | None = None,
-    ) -> None:
+    def paint(self, painter: QPainter, *_: object) -> None:
         """Draw the top layer above the bottom layer, as large as possible."""
         area = self.rect()
         cell = min(area.width() / SIDE, (area.height() / 2 - _TITLE_PX - 4) / SIDE)

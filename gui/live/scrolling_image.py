@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 from PySide6.QtGui import QColor, QImage, QPainter, QTransform
-from PySide6.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
+from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.history import SPAN_S, History
 from gui.widgets.theme import Theme
@@ -107,12 +107,7 @@ class ScrollingImage(QGraphicsItem):
         """Return the image's rectangle in plot units."""
         return QRectF(-self.span_s, 0.0, self.span_s, float(self.n_rows))
 
-    def paint(
-        self,
-        painter: QPainter,
-        option: QStyleOptionGraphicsItem,
-        widget: QWidget | None = None,
-    ) -> None:
+    def paint(self, painter: QPainter, *_: object) -> None:
         """Paint the ring of columns, first the older ones behind the head."""
         area = painter.worldTransform().mapRect(self.boundingRect())
         left, top = round(area.left()), round(area.top())

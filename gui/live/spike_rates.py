@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 from PySide6.QtGui import QColor, QPainter
-from PySide6.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
+from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.history import N_ROWS
 from gui.live.raster import PER_GROUP, ROW_ORDER
@@ -42,12 +42,7 @@ class RateBars(QGraphicsItem):
         """Return the rectangle of all rows up to the full scale."""
         return QRectF(0.0, 0.0, FULL_SCALE_HZ, float(N_ROWS))
 
-    def paint(
-        self,
-        painter: QPainter,
-        option: QStyleOptionGraphicsItem,
-        widget: QWidget | None = None,
-    ) -> None:
+    def paint(self, painter: QPainter, *_: object) -> None:
         """Draw one rectangle per row."""
         for row, rate in enumerate(np.minimum(self.rates_hz, FULL_SCALE_HZ)):
             colour = QColor(self.theme.groups[row // PER_GROUP])

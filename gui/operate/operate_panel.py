@@ -85,7 +85,7 @@ class OperatePanel(QWidget):
     """Controls for one drum; emits engine commands, and shows what the engine reports."""
 
     command_requested = Signal(str, dict)
-    """The engine's command and its arguments."""
+    """The engine's command and its arguments, as in every panel."""
 
     def __init__(self) -> None:
         super().__init__()

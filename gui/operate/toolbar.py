@@ -26,7 +26,6 @@ class FileComboBox(QComboBox):
     """A list of named items that also takes files; its last item opens the file browser."""
 
     path_requested = Signal(object, object)
-    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self, items: dict[str, str], kind: PathKind, browse: str, width_px: int) -> None:
         super().__init__()

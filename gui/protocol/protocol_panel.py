@@ -8,7 +8,6 @@ from PySide6.QtCore import QDateTime, QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
     QComboBox,
-    QFormLayout,
     QGridLayout,
     QGroupBox,
     QLineEdit,
@@ -45,9 +44,7 @@ class ProtocolPanel(QWidget):
     """Controls for protocols; emits engine commands, and shows the run that the engine reports."""
 
     command_requested = Signal(str, dict)
-    """The engine's command and its arguments."""
     path_requested = Signal(object, object)
-    """The :class:`PathKind`, and the function that takes the path."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -200,8 +197,7 @@ class ProtocolPanel(QWidget):
         column.addLayout(grid)
         column.addWidget(self.state)
         column.addWidget(self.bar)
-        form = QFormLayout()
-        form.setVerticalSpacing(3)
+        form = form_layout(3)
         for name, text in self.run_rows.items():
             form.addRow(label(name, "muted"), text)
         column.addLayout(form)

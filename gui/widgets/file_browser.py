@@ -9,11 +9,16 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QVBoxLayout, QWidget
 
+from gui.widgets.labels import label
+
 _FILE, _FOLDER = QFileDialog.FileMode.ExistingFile, QFileDialog.FileMode.Directory
 
 
 class PathKind(Enum):
-    """What the user chooses: the title of the dialog and Qt's file mode."""
+    """What the user chooses: the title and Qt's file mode.
+
+    A panel's ``path_requested`` carries a kind and the function that takes the chosen path.
+    """
 
     RIG_FILE = ("Rig description (rig.toml)", _FILE)
     WORLD_FILE = ("World of a simulated rig (*.toml)", _FILE)
@@ -31,14 +36,18 @@ class FileBrowser(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
+        self.title = label("", "heading")
+        self.title.setIndent(9)
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 0, 0, 0)
+        self._column.addWidget(self.title)
         self.dialog: QFileDialog | None = None
 
     def open(self, kind: PathKind, selected: Callable[[str], None]) -> None:
         """Show the dialog; ``selected`` gets the path unless the user cancels."""
         self.dismiss()
         title, mode = kind.value
+        self.title.setText(title)
         dialog = QFileDialog(self, title, str(Path.home()))
         dialog.setWindowFlags(Qt.WindowType.Widget)
         dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
@@ -52,7 +61,7 @@ class FileBrowser(QWidget):
         dialog.fileSelected.connect(selected)
         dialog.finished.connect(lambda _: self.dismiss())
         self.dialog = dialog
-        self._column.addWidget(dialog)
+        self._column.addWidget(dialog, 1)
         dialog.show()
 
     def dismiss(self) -> None:

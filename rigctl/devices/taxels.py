@@ -130,7 +130,7 @@ class Taxels:
             return await asyncio.wait_for(outcome, SELF_TEST_TIMEOUT_S)
         except TimeoutError:
             raise LinkLost(
-                f"{self.link.name}: the taxel board reported no self-test within "
+                f"{self.link.name}: the taxel board sent no outcome of its self-test within "
                 f"{SELF_TEST_TIMEOUT_S:g} s: check the cable"
             ) from None
         finally:

@@ -1,4 +1,4 @@
-"""``python -m rigctl.identification``: search for the bench's unknowns, print the best of them."""
+"""``python -m rigctl.identification``: identify the bench's unknown parameters and print them."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ from dataclasses import replace
 from typing import Any
 
 from rigctl.errors import RigctlError
-from rigctl.identification.measures import measure
-from rigctl.identification.search import START, Candidate, ParameterSearch, candidate
-from rigctl.identification.sliding import slide
-from rigctl.simulation.bench.parameters import WorldParameters, table
+from rigctl.identification.measures import measure_skin
+from rigctl.identification.search import START, Candidate, ParameterSearch, evaluate
+from rigctl.identification.sliding import simulate_slides
+from rigctl.simulation.bench.parameters import WorldParameters, parameter_infos
 
 SHOWN_REPEATS = 8
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Search, or with ``--steps 0`` only judge the nominal world."""
-    asked = _parser().parse_args(arguments)
+    """Search, or with ``--steps 0`` only evaluate the nominal world."""
+    options = _parser().parse_args(arguments)
     try:
-        given: dict[str, Any] = (START if asked.steps else {}) | dict(asked.set)
-        start = replace(WorldParameters(), **given)
-        best = _searched(start, asked.steps, asked.seed)
+        values: dict[str, Any] = (START if options.steps else {}) | dict(options.set)
+        best = _search(replace(WorldParameters(), **values), options.steps, options.seed)
     except RigctlError as error:
         print(f"rigctl: {error}", file=sys.stderr)
         return 2
@@ -32,14 +31,14 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
     print(best.toml())
     print("\n".join(f"# {line}" for line in best.lines()))
-    (shown,) = slide(best.parameters, SHOWN_REPEATS, [asked.seed])
-    print("\n".join(f"# {line}" for line in measure(shown).lines()))
+    (session,) = simulate_slides(best.parameters, SHOWN_REPEATS, [options.seed])
+    print("\n".join(f"# {line}" for line in measure_skin(session).lines()))
     return 0
 
 
-def _searched(start: WorldParameters, steps: int, seed: int) -> Candidate:
+def _search(start: WorldParameters, steps: int, seed: int) -> Candidate:
     began_s = time.monotonic()
-    search = ParameterSearch(candidate(start), seed)
+    search = ParameterSearch(evaluate(start), seed)
     for step in range(1, steps + 1):
         search.step()
         passed_s = time.monotonic() - began_s
@@ -71,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _assignment(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
-    if name not in {row.name for row in table()}:
+    if name not in {row.name for row in parameter_infos()}:
         raise argparse.ArgumentTypeError(f"no parameter {name!r}: docs/reference/world.md has them")
     try:
         return name, float(value)

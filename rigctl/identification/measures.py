@@ -1,4 +1,4 @@
-"""What recordings of real skins show, measured on those of the simulated one."""
+"""Measure on simulated recordings what recordings of real skins show."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.identification.sliding import Slides
+from rigctl.identification.sliding import SlideSession
 
 MEAN_MS = 250
-"""What a mean over so long leaves of a reading is its texture-made amplitude."""
+"""A reading minus its moving mean over this time is the signal of the texture."""
 
 RANGES = {
     "growth": (1.2, 2.5),
@@ -18,18 +18,18 @@ RANGES = {
     "amplitude_scatter": (0.03, 0.07),
     "swing": (0.0, 0.09),
 }
-"""Within these a skin is like a skin; see docs/reference/world.md."""
+"""Ranges of real skins; see docs/reference/world.md."""
 
 _Floats = NDArray[np.float64]
 
 
-class Measures(NamedTuple):
+class SkinMeasures(NamedTuple):
     """Figures of one set of trials.
 
-    ``growth``: amplitude from the least to the greatest force; ``mean_growth``: of the mean;
-    ``…_scatter``: from trial to trial of one condition, rms over the mean; ``…_shares``: of the
-    variance that texture, speed and force explain. ``swing``: of the force at a set travel, rms,
-    on the plate where it is worst; the rig's builders publish a force within 4.2 % rms over all.
+    ``growth`` and ``mean_growth``: ratio of amplitude and mean at the highest force to those at the
+    lowest; ``…_scatter``: from trial to trial of one condition, rms over the mean; ``…_shares``:
+    variance explained by texture, speed and force. ``swing``: relative rms of the force at a set
+    travel on the worst plate; the rig's builders publish a force within 4.2 % rms over all plates.
     """
 
     growth: float
@@ -41,10 +41,10 @@ class Measures(NamedTuple):
     amplitude_shares: tuple[float, float, float]
 
     def lines(self) -> list[str]:
-        """The figures for a person."""
+        """Format the figures."""
         shares = [
-            " / ".join(f"{share:.3f}" for share in some)
-            for some in (self.mean_shares, self.amplitude_shares)
+            " / ".join(f"{share:.3f}" for share in shares_of)
+            for shares_of in (self.mean_shares, self.amplitude_shares)
         ]
         return [
             f"from the least to the greatest force: amplitude × {self.growth:.2f}, "
@@ -58,7 +58,7 @@ class Measures(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """How far the figures lie outside of :data:`RANGES`, as shares of their bounds, summed."""
+        """Sum of the figures' distances from :data:`RANGES`, relative to the bounds."""
         outside = 0.0
         for name, (low, high) in RANGES.items():
             value = float(getattr(self, name))
@@ -67,7 +67,7 @@ class Measures(NamedTuple):
 
 
 def amplitude(samples: NDArray[np.uint16]) -> _Floats:
-    """Rms of what a moving mean leaves of each reading, counts, float64 (n_taxels,)."""
+    """Return the rms of each reading minus its moving mean, counts, float64 (n_taxels,)."""
     sums = np.cumsum(np.pad(samples.astype(np.float64), ((1, 0), (0, 0))), axis=0)
     means = (sums[MEAN_MS:] - sums[:-MEAN_MS]) / MEAN_MS
     middle = samples[MEAN_MS // 2 : MEAN_MS // 2 + len(means)]
@@ -75,14 +75,14 @@ def amplitude(samples: NDArray[np.uint16]) -> _Floats:
     return rms
 
 
-def measure(slides: Slides) -> Measures:
-    """All figures of one session with two repeats or more."""
+def measure_skin(slides: SlideSession) -> SkinMeasures:
+    """Compute all figures of one session with two or more repeats."""
     means = np.array([trial.mean(axis=0) for trial in slides.samples])
     amplitudes = np.array([amplitude(trial) for trial in slides.samples])
     design = slides.design
     conditions = design.conditions()
     factors = (design.texture, design.speed_mm_s, design.force_g)
-    return Measures(
+    return SkinMeasures(
         _growth(amplitudes, design.force_g),
         _growth(means, design.force_g),
         _scatter(means, conditions),
@@ -94,12 +94,12 @@ def measure(slides: Slides) -> Measures:
 
 
 def _growth(values: _Floats, force_g: _Floats) -> float:
-    most, least = (values[force_g == force].mean() for force in (force_g.max(), force_g.min()))
-    return float(most / least)
+    high, low = (values[force_g == force].mean() for force in (force_g.max(), force_g.min()))
+    return float(high / low)
 
 
 def _scatter(values: _Floats, conditions: list[NDArray[np.intp]]) -> float:
-    """Rms over taxels and conditions of the spread over repeats, as a share of their mean."""
+    """Return the rms over taxels and conditions of the relative spread over repeats."""
     spread = [values[rows].std(axis=0, ddof=1) / values[rows].mean(axis=0) for rows in conditions]
     return float(np.sqrt(np.mean(np.square(spread))))
 
@@ -107,8 +107,8 @@ def _scatter(values: _Floats, conditions: list[NDArray[np.intp]]) -> float:
 def _shares(
     values: _Floats, factors: tuple[NDArray[np.generic], ...]
 ) -> tuple[float, float, float]:
-    """Between-level over whole variance for each factor, summed over taxels."""
-    whole = values.var(axis=0).sum()
+    """Return between-level over total variance for each factor, summed over taxels."""
+    total = values.var(axis=0).sum()
     found = []
     for levels in factors:
         between = 0.0
@@ -116,5 +116,5 @@ def _shares(
             rows = levels == level
             offset = values[rows].mean(axis=0) - values.mean(axis=0)
             between += float(np.mean(rows) * np.sum(offset**2))
-        found.append(between / float(whole))
+        found.append(between / float(total))
     return found[0], found[1], found[2]

@@ -1,6 +1,6 @@
-"""The paper's six figures of the Original representation, by the analysis' own code.
+"""Compute the paper's six accuracies of the Original representation with the analysis code.
 
-No other representation is made here, and nothing that they need: neither C nor scaled time.
+No other representation is computed, nor anything they need: neither C nor scaled time.
 """
 
 from __future__ import annotations
@@ -14,33 +14,33 @@ from rigctl.analysis.paper import published
 from rigctl.encoding.batch import common_bin_edges, count_spikes, features_from_counts
 from rigctl.encoding.features import UNSCALED
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.identification.sliding import Slides
+from rigctl.identification.sliding import SlideSession
 from rigctl.values import N_TAXELS
 
 TASKS = tuple(task for task in published.TASKS if task.key in published.TABLE_1)
 PAPER = {key: cells["original"][0] for key, cells in published.TABLE_1.items()}
-"""Per cent with 50 components; the only column that the search reads."""
+"""Per cent with 50 components; the only published column that the search reads."""
 
 DRAWS = 4
 
 
-def accuracies(slides: Slides, seed: int) -> dict[str, float]:
-    """Accuracy of each task with 50 components, per cent."""
-    features, design = features_of_slides(slides), slides.design
+def accuracies(slides: SlideSession, seed: int) -> dict[str, float]:
+    """Return the accuracy of each task with 50 components, per cent."""
+    features, design = slide_features(slides), slides.design
     fits = [_folds(design, seed)]
     fits += [make_splits(design, "extrapolation", seed, draw) for draw in range(DRAWS)]
-    right: dict[str, list[NDArray[np.bool_]]] = {task.key: [] for task in TASKS}
+    correct: dict[str, list[NDArray[np.bool_]]] = {task.key: [] for task in TASKS}
     labels = {task.key: design.labels(task) for task in TASKS}
-    for some in fits:
-        answers = predict_splits(features, labels, some, published.K_MAX, SweepEngine.OWN)
-        for fit, found in zip(some, answers, strict=True):
-            for key, said in found.predictions.items():
-                right[key].append(said[-1] == labels[key][fit.tests[key]])
-    return {key: 100.0 * float(np.concatenate(parts).mean()) for key, parts in right.items()}
+    for group in fits:
+        results = predict_splits(features, labels, group, published.K_MAX, SweepEngine.OWN)
+        for split, result in zip(group, results, strict=True):
+            for key, predicted in result.predictions.items():
+                correct[key].append(predicted[-1] == labels[key][split.tests[key]])
+    return {key: 100.0 * float(np.concatenate(parts).mean()) for key, parts in correct.items()}
 
 
-def features_of_slides(slides: Slides) -> NDArray[np.float64]:
-    """Windows of 100 ms in real time, float64 (n_trials, 2160)."""
+def slide_features(slides: SlideSession) -> NDArray[np.float64]:
+    """Return features of 100 ms windows in real time, float64 (n_trials, 2160)."""
     ranges = Normalisation.from_samples(slides.samples, "all trials")
     out = np.empty((len(slides.samples), UNSCALED.n_features(N_TAXELS)))
     for speed in np.unique(slides.design.speed_mm_s):
@@ -54,6 +54,6 @@ def features_of_slides(slides: Slides) -> NDArray[np.float64]:
 
 
 def _folds(design: Design, seed: int) -> list[Split]:
-    """All trials in four folds: a third of so few would be too little to learn from."""
+    """Split all trials into four folds: a third of so few would be too little for training."""
     folds = stratified_folds(design.texture, published.N_FOLDS, seed)
     return [Split(train, {"textures": test, "groups": test}) for train, test in folds]

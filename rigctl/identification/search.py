@@ -1,5 +1,7 @@
-"""A blind search: sets of parameters are drawn around the best, and where a line through all that
-was found so far points to; the nearest to what is known is the best.
+"""Blind search for the bench's unknown parameters.
+
+Candidates are drawn around the best one, or predicted by a linear model of all candidates; the one
+nearest to the published accuracies is the best.
 """
 
 from __future__ import annotations
@@ -11,23 +13,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.identification.measures import measure
+from rigctl.identification.measures import measure_skin
 from rigctl.identification.original_column import PAPER, accuracies
-from rigctl.identification.sliding import slide
+from rigctl.identification.sliding import simulate_slides
 from rigctl.simulation.bench.parameters import (
     IDENTIFIED,
     ParameterInfo,
     WorldParameters,
-    checked,
-    table,
+    parameter_infos,
+    validated,
 )
 
 SEEDS = (1, 2, 3)
-"""Sessions that each set of parameters is judged by: seats alone move a figure by ten points."""
+"""Sessions per candidate: alignments alone change an accuracy by ten points."""
 
 REPEATS = 4
 CHANGED = 0.4
-"""Share of the unknowns that a step changes."""
+"""Share of the parameters that a random step changes."""
 
 START = {
     "frame_share": 0.5,
@@ -66,28 +68,27 @@ SETS_GIVE_MORE = {
 seeds, points: more is learnt from more repeats. A candidate's figures are slides' and this."""
 
 SPREAD = 0.25
-"""Relative size of a change that is drawn."""
+"""Relative size of a random change."""
 
-DRAWN_FIRST = 24
-"""So many sets are drawn before the first one is foretold; then every other one is."""
+RANDOM_STEPS = 24
+"""Number of random steps before the first predicted one; after that, every other is predicted."""
 
-SLOPE_POINTS, NOISE_POINTS, LONGEST = 20.0, 2.0, 0.5
-"""Of a figure over the logarithm of a parameter, as expected; of a figure; of a foretold change."""
+SLOPE_POINTS, NOISE_POINTS, MAX_CHANGE = 20.0, 2.0, 0.5
+"""Expected slope of an accuracy over a parameter's logarithm; noise of an accuracy; largest
+predicted change of a logarithm."""
 
 EXCESS_POINTS = 20.0
-"""What a figure of the skin's at twice the bound of its range weighs."""
+"""Penalty for a skin figure at twice the bound of its range."""
 
+MIN_VALUE = 1e-6
+"""Replaces a parameter of 0, which remains 0."""
 
 _Floats = NDArray[np.float64]
 
 
-LEAST = 1e-6
-"""Stands for a parameter that is 0, and stays so."""
-
-
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A set of parameters, its figures of the Original column, and how far off it is."""
+    """A set of parameters, its accuracies of the Original column, and the skin's excess."""
 
     parameters: WorldParameters
     original: dict[str, float]
@@ -95,60 +96,60 @@ class Candidate:
 
     @property
     def error(self) -> float:
-        """Rms of the six figures' distance from the paper's, points, and what the skin adds."""
-        squares = [(self.original[key] - wanted) ** 2 for key, wanted in PAPER.items()]
+        """Rms deviation of the six accuracies from the paper's, points, plus the skin's penalty."""
+        squares = [(self.original[key] - published) ** 2 for key, published in PAPER.items()]
         return math.sqrt(sum(squares) / len(squares)) + EXCESS_POINTS * self.excess
 
     def lines(self) -> list[str]:
-        """The six figures beside the paper's."""
+        """Format the six accuracies beside the paper's."""
         return [f"{key}: {self.original[key]:.1f} (paper {PAPER[key]:.1f})" for key in PAPER]
 
     def toml(self) -> str:
-        """The identified parameters as lines of a world file."""
+        """Format the identified parameters as lines of a world file."""
         return "\n".join(
             f"{row.name} = {row.value:.4g}" + (f"  # {row.unit}" if row.unit else "")
-            for row in unknowns(self.parameters)
+            for row in identified_parameters(self.parameters)
         )
 
 
 class ParameterSearch:
-    """Goes on from the best so far; the same for a seed."""
+    """A search from a starting candidate, reproducible for a seed."""
 
     def __init__(self, start: Candidate, seed: int) -> None:
         self.best = start
-        self._tried = [start]
+        self._candidates = [start]
         self._random = np.random.default_rng(seed)
 
     def step(self) -> Candidate:
-        """Try one more set of parameters; returns it."""
-        foretold = len(self._tried) > DRAWN_FIRST and len(self._tried) % 2
-        change = self._foretold() if foretold else self._drawn()
-        tried = candidate(_changed(self.best.parameters, change))
-        self._tried.append(tried)
-        self.best = min(self.best, tried, key=lambda one: one.error)
-        return tried
+        """Evaluate and return one more candidate."""
+        predict = len(self._candidates) > RANDOM_STEPS and len(self._candidates) % 2
+        change = self._predicted_change() if predict else self._random_change()
+        candidate = evaluate(_changed(self.best.parameters, change))
+        self._candidates.append(candidate)
+        self.best = min(self.best, candidate, key=lambda one: one.error)
+        return candidate
 
-    def _drawn(self) -> _Floats:
-        size = len(unknowns(self.best.parameters))
+    def _random_change(self) -> _Floats:
+        size = len(identified_parameters(self.best.parameters))
         chosen = self._random.random(size) < CHANGED
-        drawn: _Floats = SPREAD * self._random.standard_normal(size) * chosen
-        return drawn
+        change: _Floats = SPREAD * self._random.standard_normal(size) * chosen
+        return change
 
-    def _foretold(self) -> _Floats:
-        """Change of the logarithms that a linear model of all that was tried calls best."""
-        steps = np.array([_logarithms(one) for one in self._tried]) - _logarithms(self.best)
-        rises = np.array([_figures(one) for one in self._tried]) - _figures(self.best)
+    def _predicted_change(self) -> _Floats:
+        """Return the best change of the logarithms by a linear model of all candidates."""
+        steps = np.array([_logarithms(one) for one in self._candidates]) - _logarithms(self.best)
+        rises = np.array([_figures(one) for one in self._candidates]) - _figures(self.best)
         noise = NOISE_POINTS**2
         inner = steps.T @ steps + noise / SLOPE_POINTS**2 * np.eye(steps.shape[1])
         slopes = np.linalg.solve(inner, steps.T @ rises)
         missing = np.array([*PAPER.values(), 0.0]) - _figures(self.best)
         curve = slopes @ slopes.T + noise / SPREAD**2 * np.eye(len(slopes))
-        change: _Floats = np.clip(np.linalg.solve(curve, slopes @ missing), -LONGEST, LONGEST)
+        change: _Floats = np.clip(np.linalg.solve(curve, slopes @ missing), -MAX_CHANGE, MAX_CHANGE)
         return change
 
 
 def _logarithms(one: Candidate) -> _Floats:
-    return np.log([max(row.value, LEAST) for row in unknowns(one.parameters)])
+    return np.log([max(row.value, MIN_VALUE) for row in identified_parameters(one.parameters)])
 
 
 def _figures(one: Candidate) -> _Floats:
@@ -156,24 +157,24 @@ def _figures(one: Candidate) -> _Floats:
 
 
 def _changed(parameters: WorldParameters, change: _Floats) -> WorldParameters:
-    """The unknowns times the exponentials of a change, within their ranges."""
+    """Scale the identified parameters by the exponentials of a change, within their ranges."""
     values: dict[str, Any] = {
         row.name: min(max(row.value * math.exp(by), row.low), row.high)
-        for row, by in zip(unknowns(parameters), change, strict=True)
+        for row, by in zip(identified_parameters(parameters), change, strict=True)
     }
     return replace(parameters, **values)
 
 
-def unknowns(parameters: WorldParameters) -> list[ParameterInfo]:
-    """The parameters that nothing but the Original column tells."""
-    return [row for row in table(parameters) if row.source == IDENTIFIED]
+def identified_parameters(parameters: WorldParameters) -> list[ParameterInfo]:
+    """Return the parameters that are identified from the Original column."""
+    return [row for row in parameter_infos(parameters) if row.source == IDENTIFIED]
 
 
-def candidate(parameters: WorldParameters) -> Candidate:
-    """Slide and judge. Raises WrongUse for a parameter out of its range."""
-    sessions = slide(checked(parameters), REPEATS, SEEDS)
+def evaluate(parameters: WorldParameters) -> Candidate:
+    """Simulate and rate a set of parameters. Raises WrongUse for one outside its range."""
+    sessions = simulate_slides(validated(parameters), REPEATS, SEEDS)
     found = [accuracies(session, seed) for seed, session in zip(SEEDS, sessions, strict=True)]
-    excess = [measure(session).excess for session in sessions]
+    excess = [measure_skin(session).excess for session in sessions]
     means = {
         key: float(np.mean([one[key] for one in found])) + SETS_GIVE_MORE[key] for key in PAPER
     }

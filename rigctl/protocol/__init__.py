@@ -1,4 +1,4 @@
-"""Trial protocols: ``protocols/*.toml`` to a plan of steps with count, order, time and size."""
+"""Trial protocols: parse ``protocols/*.toml`` into a plan of ordered steps."""
 
 from rigctl.protocol.loader import load_protocol, parse_protocol
 from rigctl.protocol.plan import FreeStep, Plan, Protocol, Quality, Settle

@@ -1,4 +1,4 @@
-"""``protocols/*.toml`` to a checked :class:`Protocol`; each mistake names file, line and key."""
+"""Parse ``protocols/*.toml`` into a :class:`Protocol`; each error names file, line and key."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ MAX_SEED = 2**63 - 1
 MAX_SECONDS = 86_400.0
 MAX_TURNS = 100
 TEXTURE_BYTES = 16
-"""What a session's trial row holds of a texture's name."""
+"""Length of a texture's name in a session's trial row."""
 
 
 def load_protocol(path: Path, config: RigConfig | None = None) -> Protocol:
-    """Read a protocol and check it against a rig (the nominal one by default).
+    """Load a protocol and validate it against a rig, by default the nominal one.
 
     Raises ProtocolError.
     """
-    return _protocol(TomlText.read(path, ProtocolError), path.stem, config or RigConfig())
+    return _parse(TomlText.read(path, ProtocolError), path.stem, config or RigConfig())
 
 
 def parse_protocol(text: str, name: str, config: RigConfig | None = None) -> Protocol:
-    """The same from a text that is already in memory; ``name`` stands in messages."""
-    return _protocol(TomlText(name, text, ProtocolError), Path(name).stem, config or RigConfig())
+    """Parse a protocol from ``text``, as :func:`load_protocol`; ``name`` is for messages."""
+    return _parse(TomlText(name, text, ProtocolError), Path(name).stem, config or RigConfig())
 
 
-def _protocol(text: TomlText, stem: str, config: RigConfig) -> Protocol:
+def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     root = text.root
     root.allow("textures", "speeds_mm_s", "forces_g", "depths_mm")
     order, trial, plates = root.table("order"), root.table("trial"), root.table("plates")
@@ -66,13 +66,13 @@ def _protocol(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     )
     for table in (order, trial, plates, root):
         table.finish()
-    _check_whole(protocol, root)
-    _check_travel(protocol, root, trial)
+    _validate_trials(protocol, root)
+    _validate_travel(protocol, root, trial)
     return protocol
 
 
 def _bounds(register: str, unit: float = 1.0) -> dict[str, float]:
-    """What the drum's register takes, in its engineering unit times ``unit``."""
+    """Return the bounds of a register of the drum, in its engineering unit times ``unit``."""
     entry = BY_NAME[register]
     return {"low": entry.low * entry.scale * unit, "high": entry.high * entry.scale * unit}
 
@@ -199,8 +199,8 @@ _KINDS: dict[str, Callable[[TomlTable, RigConfig], Step]] = {
 }
 
 
-def _check_whole(protocol: Protocol, root: TomlTable) -> None:
-    """All of what makes a trial, or nothing of it."""
+def _validate_trials(protocol: Protocol, root: TomlTable) -> None:
+    """Raise unless the keys of trials are all there or all missing, and trials are not too many."""
     presses = "depths_mm" if protocol.force_mode == "position" else "forces_g"
     needed = {"textures", "speeds_mm_s", presses}
     given = {key for key in (*needed, "repeats") if key in root}
@@ -215,8 +215,8 @@ def _check_whole(protocol: Protocol, root: TomlTable) -> None:
         root.fail("repeats", f"make {trials:,} trials; a session holds up to {MAX_TRIALS:,}")
 
 
-def _check_travel(protocol: Protocol, root: TomlTable, trial: TomlTable) -> None:
-    """The ramp must fit into the run-in, and the whole trial onto the plate."""
+def _validate_travel(protocol: Protocol, root: TomlTable, trial: TomlTable) -> None:
+    """Raise unless the ramp fits into the run-in and the whole trial onto the plate."""
     drum = protocol.config.drum
     if not protocol.speeds_mm_s:
         return

@@ -1,4 +1,4 @@
-"""A protocol (what is wanted) and its plan (what will be done, step by step)."""
+"""A protocol, the description of a data set, and its plan, the ordered steps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BLOCK_RATE_HZ = 100
 
 @dataclass(frozen=True, slots=True)
 class Settle:
-    """When the force counts as settled before the drum turns."""
+    """When the force counts as settled, before the drum turns."""
 
     band_percent: float = 2.0
     time_s: float = 0.3
@@ -33,7 +33,7 @@ class Settle:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """What a trial must keep to be committed, and how often it is tried."""
+    """Limits that a trial must keep to be committed, and the number of attempts."""
 
     max_lost_samples: int = 0
     force_tolerance_percent: float = 5.0
@@ -52,11 +52,11 @@ class FreeStep:
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """A trial protocol as its file says it, checked against a rig.
+    """A trial protocol as in its file, validated against a rig.
 
     ``order`` is ``blocked`` (texture by texture, force by force, speed by speed, repeats last)
     or ``shuffled`` by ``order_seed``, within the plates unless ``across_plates``. Forces are in
-    grams; in force mode ``position`` the depths in mm take their place. ``text`` is the source.
+    grams; force mode ``position`` has depths in mm instead. ``text`` is the source.
     """
 
     name: str
@@ -80,18 +80,18 @@ class Protocol:
     steps: tuple[FreeStep, ...] = field(default=())
 
     def plan(self, seed: int | None = None) -> Plan:
-        """The steps in order. ``seed`` takes the place of the written one."""
+        """Return the plan; ``seed`` overrides that of the file."""
         used = self.order_seed if seed is None else seed
         return Plan(self, used, tuple(_steps(self, used)))
 
     def with_repeats(self, repeats: int) -> Protocol:
-        """The same protocol with another number of repeats."""
+        """Return the protocol with another number of repeats."""
         return replace(self, repeats=repeats)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What will be done. Two plans with one ``hash`` ask for the same steps and rules."""
+    """The ordered steps. Plans with the same ``hash`` have the same steps and limits."""
 
     protocol: Protocol
     seed: int
@@ -104,7 +104,7 @@ class Plan:
 
     @property
     def plate_changes(self) -> int:
-        """How often a person mounts a plate, the first one included."""
+        """How often a person mounts a plate, including the first."""
         return sum(isinstance(step, ChangePlate) for step in self.steps)
 
     @property
@@ -114,12 +114,12 @@ class Plan:
 
     @property
     def people_s(self) -> float:
-        """What plate changes add at a real rig."""
+        """Time of the plate changes at a real rig."""
         return self.plate_changes * PLATE_CHANGE_S
 
     @property
     def bytes_estimate(self) -> int:
-        """Disk need: everything is recorded, also between trials, but not while people work."""
+        """Size on disk: everything between and in trials is recorded, except plate changes."""
         sample = 2 * self.protocol.config.taxels.count + 10
         rate = sample * SAMPLE_RATE_HZ + BYTES_PER_POLL * POLL_RATE_HZ
         rate += BYTES_PER_LOADCELL_SAMPLE * LOADCELL_RATE_HZ + BYTES_PER_BLOCK * BLOCK_RATE_HZ
@@ -127,13 +127,13 @@ class Plan:
 
     @cached_property
     def hash(self) -> str:
-        """32 hexadecimal digits over the steps and the rules for settling and quality."""
+        """Digest of the steps and the limits for settling and quality, 32 hexadecimal digits."""
         parts = [self.protocol.settle, self.protocol.quality, *self.steps]
         text = "\n".join(map(repr, parts))  # a frozen value's repr shows each field by name
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def step_seconds(self, step: Step) -> float:
-        """Rig time of one step."""
+        """Return the rig time of one step."""
         return rig_seconds(step, self.protocol.config, self.protocol.settle.time_s)
 
 
@@ -149,22 +149,22 @@ def _steps(protocol: Protocol, seed: int) -> Iterator[Step]:
         yield ChangePlate(texture, protocol.plate_prompt.replace("{texture}", texture))
         yield from at("plate_start")
         for trial in trials:
-            yield from _due(protocol, done)
+            yield from _periodic_steps(protocol, done)
             done += 1
             yield RunTrial(replace(trial, trial_id=done))
         yield from at("plate_end")
     yield from at("end")
 
 
-def _due(protocol: Protocol, done: int) -> Iterator[Step]:
-    """Steps that come after every n-th trial, when another trial follows."""
+def _periodic_steps(protocol: Protocol, done: int) -> Iterator[Step]:
+    """Yield the steps after every n-th trial, when another trial follows."""
     for free in protocol.steps:
         if free.every_trials and done and done % free.every_trials == 0:
             yield free.step
 
 
 def _plate_blocks(protocol: Protocol, seed: int) -> list[tuple[str, list[PlannedTrial]]]:
-    """Runs of trials that share a plate, in order."""
+    """Return the runs of trials that share a plate, in order."""
     random = Random(seed)  # its random() is the same in every Python version
     blocks = [(texture, _conditions(protocol, texture)) for texture in protocol.textures]
     if protocol.order == "blocked":
@@ -185,7 +185,7 @@ def _shuffled(trials: list[PlannedTrial], random: Random) -> list[PlannedTrial]:
 
 
 def _conditions(protocol: Protocol, texture: str) -> list[PlannedTrial]:
-    """Trials of one texture, unnumbered; a repeat is of one speed and force."""
+    """Return the unnumbered trials of one texture, repeats of a speed and force together."""
     in_position = protocol.force_mode == "position"
     presses = protocol.depths_mm if in_position else protocol.forces_g
     repeats = range(1, protocol.repeats + 1)

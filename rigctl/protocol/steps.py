@@ -1,32 +1,31 @@
-"""The steps that a plan is made of, and how long each takes the rig.
+"""The steps of a plan and their durations.
 
-The overheads are those of the nominal rig, rounded up; a run replaces them by what it measures.
+The overheads are those of the nominal rig, rounded up; a run replaces them by its measurements.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import singledispatch
 from math import sqrt
 
 from rigctl.config.rig_config import RigConfig
 from rigctl.values import PlannedTrial
 
 FIND_CONTACT_S = 1.2
-"""From the command to contact, out of the lift clearance."""
+"""From the command to contact, across the lift clearance."""
 SETTLE_S = 0.7
-"""From contact into the force band, where the settling time begins."""
+"""From contact into the force band, where the settling time starts."""
 LIFT_S = 0.6
 TARE_S = 1.0
 COMMAND_S = 0.15
 """Set-points, read-back and acknowledgements of one trial."""
 PLATE_CHANGE_S = 60.0
-"""What a person needs to snap in a plate."""
+"""Time that a person needs to snap in a plate."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChangePlate:
-    """Mount the plate of ``texture``; ``prompt`` is what a person is asked to do."""
+    """Mount the plate of ``texture``; ``prompt`` tells a person what to do."""
 
     texture: str
     prompt: str
@@ -41,7 +40,7 @@ class RunTrial:
 
 @dataclass(frozen=True, slots=True)
 class Tare:
-    """Take the lifted, still load cell's reading as zero."""
+    """Set the reading of the lifted, still load cell as zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +67,7 @@ class Baseline:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """Tell the person something; with ``wait`` the run goes on when it is acknowledged."""
+    """Show a text; ``wait`` pauses the run until a person acknowledges it."""
 
     text: str
     wait: bool = False
@@ -76,7 +75,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Turn the lifted drum at constant speed over whole turns, timed by the index mark."""
+    """Turn the lifted drum at constant speed for whole turns, timed by the index mark."""
 
     speed_mm_s: float
     turns: int
@@ -86,65 +85,43 @@ Step = ChangePlate | RunTrial | Tare | Rest | ApproachOnly | Baseline | Message 
 
 
 def ramp_mm(speed_mm_s: float, config: RigConfig) -> float:
-    """Texture travel of a ramp between standstill and ``speed_mm_s``."""
+    """Return the texture travel of a ramp between standstill and ``speed_mm_s``."""
     return speed_mm_s**2 / (2 * config.drum.acceleration_mm_s2)
 
 
 def turned_mm(trial: PlannedTrial, config: RigConfig) -> float:
-    """Texture that passes the sensor in one trial, run-in and ramps included."""
+    """Return the texture travel of one trial, run-in and ramps included."""
     drum = config.drum
     return (
         drum.run_in_mm + trial.travel_mm + drum.sync_margin_mm + ramp_mm(trial.speed_mm_s, config)
     )
 
 
-@singledispatch
 def rig_seconds(step: Step, config: RigConfig, settle_s: float) -> float:
-    """Time that ``step`` takes the rig, without people. ``settle_s``: time in the force band."""
-    raise TypeError(f"no step of a plan: {step!r}")
+    """Return the rig time of ``step``, without people; ``settle_s``: time in the force band."""
+    match step:
+        case ChangePlate() | Message():
+            return 0.0
+        case Tare():
+            return TARE_S
+        case Rest() | Baseline():
+            return step.seconds
+        case ApproachOnly():
+            return FIND_CONTACT_S + SETTLE_S + settle_s + step.seconds + LIFT_S
+        case Turn():
+            return _turn_seconds(step, config)
+        case RunTrial():
+            return _trial_seconds(step.trial, config, settle_s)
 
 
-@rig_seconds.register
-def _(step: ChangePlate, config: RigConfig, settle_s: float) -> float:
-    return 0.0
-
-
-@rig_seconds.register
-def _(step: Message, config: RigConfig, settle_s: float) -> float:
-    return 0.0
-
-
-@rig_seconds.register
-def _(step: Tare, config: RigConfig, settle_s: float) -> float:
-    return TARE_S
-
-
-@rig_seconds.register
-def _(step: Rest, config: RigConfig, settle_s: float) -> float:
-    return step.seconds
-
-
-@rig_seconds.register
-def _(step: Baseline, config: RigConfig, settle_s: float) -> float:
-    return step.seconds
-
-
-@rig_seconds.register
-def _(step: Turn, config: RigConfig, settle_s: float) -> float:
-    """One turn more than asked for, so that ramps lie outside of what the mark times."""
+def _turn_seconds(step: Turn, config: RigConfig) -> float:
+    """Return the time of one more turn than ``step`` has: ramps are outside the timed turns."""
     ramp_s = step.speed_mm_s / config.drum.acceleration_mm_s2
     return COMMAND_S + (step.turns + 1) * config.drum.circumference_mm / step.speed_mm_s + ramp_s
 
 
-@rig_seconds.register
-def _(step: ApproachOnly, config: RigConfig, settle_s: float) -> float:
-    return FIND_CONTACT_S + SETTLE_S + settle_s + step.seconds + LIFT_S
-
-
-@rig_seconds.register
-def _(step: RunTrial, config: RigConfig, settle_s: float) -> float:
-    trial, drum = step.trial, config.drum
-    speed = trial.speed_mm_s
+def _trial_seconds(trial: PlannedTrial, config: RigConfig, settle_s: float) -> float:
+    drum, speed = config.drum, trial.speed_mm_s
     ramp_s = speed / drum.acceleration_mm_s2
     constant_mm = drum.run_in_mm - ramp_mm(speed, config) + trial.travel_mm + drum.sync_margin_mm
     press_s = FIND_CONTACT_S + SETTLE_S + settle_s
@@ -154,7 +131,7 @@ def _(step: RunTrial, config: RigConfig, settle_s: float) -> float:
 
 
 def _move_seconds(distance_mm: float, config: RigConfig) -> float:
-    """A lifted move that starts and ends at standstill."""
+    """Return the time of a lifted move from standstill to standstill."""
     rapid, acceleration = config.drum.rapid_mm_s, config.drum.acceleration_mm_s2
     if distance_mm < rapid**2 / acceleration:
         return 2 * sqrt(distance_mm / acceleration)

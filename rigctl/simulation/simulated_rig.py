@@ -1,7 +1,7 @@
-"""What every simulated bench offers to the host: two cables, a clock, faults on demand, truth.
+"""Common interface of simulated rigs: two cables, a clock, fault injection and ground truth.
 
-Virtual boards and simulated chips both stand behind :class:`SimulatedRig`. Everything runs in
-the caller's thread: nothing moves except inside :meth:`SimulatedRig.advance`.
+Virtual boards and simulated chips both implement :class:`SimulatedRig`. Everything runs in the
+caller's thread: time passes only inside :meth:`SimulatedRig.advance`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TO_BOARD = "to_board"
 
 
 class LoadcellFault(IntEnum):
-    """How the load-cell amplifier can fail; numbered as ``enum sim_loadcell_mode`` is."""
+    """Fault of the load-cell amplifier, with the numbers of ``enum sim_loadcell_mode``."""
 
     NONE = 0
     SILENT = 1
@@ -34,7 +34,7 @@ class LoadcellFault(IntEnum):
 
 @dataclass(slots=True)
 class Disturbances:
-    """What goes wrong on the bench at this moment; world and boards look here."""
+    """Disturbances that are active on the bench; mechanics and boards read them."""
 
     estop_pressed: bool = False
     motor_jammed: bool = False
@@ -43,13 +43,13 @@ class Disturbances:
     absent: frozenset[Signal] = frozenset()
     inverted: frozenset[Signal] = frozenset()
 
-    def wire(self, signal: Signal, level: bool) -> bool:
-        """What the board's end of an optional wire shows; a missing one is pulled up."""
+    def wire_level(self, signal: Signal, level: bool) -> bool:
+        """Return the level at the board's end of an optional wire; a missing one is pulled up."""
         return signal in self.absent or level != (signal in self.inverted)
 
 
 class LineNoise:
-    """Bytes dropped and bits flipped at given rates, the same for the same seed and bytes."""
+    """Drops bytes and flips bits at set rates, reproducibly for a seed and the same bytes."""
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.Generator(np.random.Philox(seed))
@@ -57,7 +57,7 @@ class LineNoise:
         self.corrupt_rate = 0.0
 
     def apply(self, data: bytes) -> bytes:
-        """The bytes that come out at the other end."""
+        """Return the bytes that arrive at the other end."""
         if self.drop_rate == 0.0 and self.corrupt_rate == 0.0:
             return data
         values = np.frombuffer(data, np.uint8).copy()
@@ -69,7 +69,7 @@ class LineNoise:
 class SimulatedLink:
     """One board's cable. The host opens, writes and closes; the simulation delivers.
 
-    The same shape as a byte link of the devices. All calls belong to the loop's thread.
+    It implements the byte link of the devices. All calls come from the event loop's thread.
     """
 
     def __init__(self, name: str, seed: int = 0) -> None:
@@ -85,9 +85,9 @@ class SimulatedLink:
     def open(
         self, on_bytes: Callable[[bytes, float], None], on_lost: Callable[[str], None]
     ) -> None:
-        """Listen: ``on_bytes(data, at_s)`` with world seconds, ``on_lost(reason)`` at most once.
+        """Start receiving: ``on_bytes(data, at_s)`` in simulated seconds, ``on_lost(reason)`` once.
 
-        Raises LinkLost when the cable is unplugged or already open.
+        Raises LinkLost if the cable is unplugged or already open.
         """
         if not self.plugged:
             raise LinkLost(f"{self.name}: no such port: plug the board in")
@@ -96,7 +96,7 @@ class SimulatedLink:
         self._on_bytes, self._on_lost, self.is_open = on_bytes, on_lost, True
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the board from now on. Raises LinkLost when the link is not open."""
+        """Send bytes to the board. Raises LinkLost if the link is not open."""
         if not self.is_open:
             raise LinkLost(f"{self.name}: the port is closed: connect the board again")
         arrived = self.noise[TO_BOARD].apply(bytes(data))
@@ -104,16 +104,16 @@ class SimulatedLink:
             self._board(arrived)
 
     def close(self) -> None:
-        """Stop listening; harmless when closed already."""
+        """Stop receiving; a second call does nothing."""
         self._on_bytes = self._on_lost = None
         self.is_open = False
 
     def attach(self, board: Callable[[bytes], None]) -> None:
-        """Board side: ``board(data)`` gets what the host writes, at the moment it is written."""
+        """Board side: call ``board(data)`` for each write of the host."""
         self._board = board
 
     def deliver(self, data: bytes, at_s: float) -> None:
-        """Board side: bytes whose last one arrives at ``at_s``; lost when nobody listens."""
+        """Board side: deliver bytes, the last of which arrives at ``at_s``; lost if closed."""
         if self.stalled:
             return
         arrived = self.noise[TO_HOST].apply(data)
@@ -121,7 +121,7 @@ class SimulatedLink:
             self._on_bytes(arrived, at_s)
 
     def unplug(self) -> None:
-        """Pull the cable: the host is told once and the link closes."""
+        """Unplug the cable: close the link and report the loss to the host."""
         on_lost = self._on_lost
         self.plugged = False
         self.close()
@@ -129,15 +129,15 @@ class SimulatedLink:
             on_lost(f"{self.name}: the port vanished: plug the board in again")
 
     def replug(self) -> None:
-        """Put the cable back; the host must open the link again."""
+        """Plug the cable in; the host must open the link again."""
         self.plugged = True
 
 
 class FaultInjection:
-    """Everything that can be made to go wrong, the same for virtual boards and chips.
+    """Injects faults into virtual boards and simulated chips alike.
 
-    ``board`` is ``"drum"`` or ``"taxels"``. ``on_change`` is called after the disturbances of
-    the bench changed, ``reset`` with the name of the board whose reset button is pressed.
+    ``board`` is ``"drum"`` or ``"taxels"``. ``on_change`` is called after the bench's disturbances
+    change, ``reset`` with the name of the board whose reset button is pressed.
     """
 
     def __init__(
@@ -148,16 +148,16 @@ class FaultInjection:
         reset: Callable[[str], None],
     ) -> None:
         self._links = links
-        self._bench = disturbances
+        self._disturbances = disturbances
         self._on_change = on_change
         self._reset = reset
 
     def unplug(self, board: str) -> None:
-        """Pull a board's cable; the board itself keeps running."""
+        """Unplug a board's cable; the board itself keeps running."""
         self._links[board].unplug()
 
     def replug(self, board: str) -> None:
-        """Put the cable back."""
+        """Plug the cable in."""
         self._links[board].replug()
 
     def stall(self, board: str, on: bool = True) -> None:
@@ -165,7 +165,7 @@ class FaultInjection:
         self._links[board].stalled = on
 
     def drop_bytes(self, board: str, direction: str, rate: float) -> None:
-        """Lose this share of bytes; ``direction`` is ``"to_host"`` or ``"to_board"``."""
+        """Drop this share of bytes; ``direction`` is ``"to_host"`` or ``"to_board"``."""
         self._links[board].noise[direction].drop_rate = rate
 
     def corrupt_bytes(self, board: str, direction: str, rate: float) -> None:
@@ -178,51 +178,52 @@ class FaultInjection:
 
     def press_estop(self) -> None:
         """Open the emergency-stop contact."""
-        self._bench.estop_pressed = True
+        self._disturbances.estop_pressed = True
         self._on_change()
 
     def release_estop(self) -> None:
         """Close the emergency-stop contact."""
-        self._bench.estop_pressed = False
+        self._disturbances.estop_pressed = False
         self._on_change()
 
     def loadcell_silent(self, on: bool = True) -> None:
-        """The amplifier stops converting."""
+        """Stop the amplifier's conversions."""
         self._set_loadcell(LoadcellFault.SILENT, on)
 
     def loadcell_frozen(self, on: bool = True) -> None:
-        """The amplifier repeats its last value."""
+        """Make the amplifier repeat its last value."""
         self._set_loadcell(LoadcellFault.FROZEN, on)
 
     def loadcell_saturated(self, on: bool = True) -> None:
-        """The amplifier stands at the end of its range."""
+        """Hold the amplifier at the end of its range."""
         self._set_loadcell(LoadcellFault.SATURATED, on)
 
     def jam_motor(self, on: bool = True) -> None:
-        """Hold the drum: steps are lost and the surface stands still."""
-        self._bench.motor_jammed = on
+        """Jam the drum: the motor loses steps and the surface does not move."""
+        self._disturbances.motor_jammed = on
         self._on_change()
 
     def push(self, force_g: float) -> None:
-        """Press on the load cell with an extra force; 0 lets go."""
-        self._bench.push_g = force_g
+        """Press on the load cell with an extra force; 0 releases it."""
+        self._disturbances.push_g = force_g
         self._on_change()
 
     def rewire(self, absent: Iterable[Signal] = (), inverted: Iterable[Signal] = ()) -> None:
-        """Fit all optional wires of the drum board but ``absent``, some the other way round."""
-        self._bench.absent, self._bench.inverted = frozenset(absent), frozenset(inverted)
+        """Fit all optional wires of the drum board except ``absent``, with some inverted."""
+        self._disturbances.absent = frozenset(absent)
+        self._disturbances.inverted = frozenset(inverted)
         self._on_change()
 
     def _set_loadcell(self, fault: LoadcellFault, on: bool) -> None:
-        self._bench.loadcell = fault if on else LoadcellFault.NONE
+        self._disturbances.loadcell = fault if on else LoadcellFault.NONE
         self._on_change()
 
 
 class SimulatedRig(Protocol):
-    """A simulated bench: world, two boards and their cables.
+    """A simulated bench, two boards and their cables.
 
-    ``time_us`` is world time. ``slice_us`` is the longest advance after which the host should
-    look at its own work again; it shrinks when an answer is about to arrive.
+    ``time_us`` is simulated time. ``slice_us`` is the longest advance after which the host should
+    run its own tasks; it is shorter while a reply is about to arrive.
     """
 
     time_us: int
@@ -232,22 +233,17 @@ class SimulatedRig(Protocol):
 
     @property
     def truth(self) -> GroundTruth:
-        """What really happened, up to now."""
-        ...
+        """Ground truth up to the present time."""
 
     @property
     def slice_us(self) -> int:
         """Longest useful advance from now, microseconds, at least 1."""
-        ...
 
     def advance(self, until_us: int) -> None:
-        """Run world and boards up to a world time; deterministic for a seed."""
-        ...
+        """Simulate bench and boards up to a time; deterministic for a seed."""
 
     def set_plate(self, texture: str) -> None:
-        """Snap in the plate of texture ``"A"``–``"P"``. Raises WrongUse for another name."""
-        ...
+        """Mount the plate of texture ``"A"``–``"P"``. Raises WrongUse for another name."""
 
     def close(self) -> None:
-        """Free what the boards hold; the links close."""
-        ...
+        """Free the boards and close the links."""

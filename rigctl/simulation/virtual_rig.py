@@ -2,42 +2,95 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from functools import cache
 from pathlib import Path
 
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.boards.drum import VirtualDrum
-from rigctl.simulation.boards.drum_stepper import DrumStepper
+from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
 from rigctl.simulation.boards.taxels import FLUSH_US, VirtualTaxels
 from rigctl.simulation.simulated_rig import DRUM, TAXELS, FaultInjection, SimulatedLink
 
 SLICE_US = 20_000
-WARM_US = 300_000
-"""By then the boards have booted, the load cell speaks and frames were sent."""
+WARM_UP_US = 300_000
+"""By then the boards have booted, the load cell converts and the taxels send frames."""
+
+BYTE_CYCLES = 16_000_000 * 10 // 115_200
+"""Duration of a byte; a longer gap separates two replies."""
 
 
-def open_virtual(
+def open_virtual_rig(
     parameters: WorldParameters | None = None, seed: int = 0, drum_library: Path | None = None
 ) -> VirtualRig:
-    """A virtual rig at power-up, the same for a seed; the drum's board may be another's.
+    """Return a virtual rig at power-up, reproducible for a seed.
 
-    Raises WrongUse when a parameter lies outside its plausible range, RigFault where a board's
-    library cannot be used.
+    Raises WrongUse for a parameter outside its plausible range, RigFault if a board's library
+    cannot be used.
     """
     return VirtualRig(Bench(parameters or WorldParameters(), seed), drum_library)
 
 
 @cache
-def warm() -> None:
-    """Have everything compiled that a simulated bench needs, or load what was.
+def compile_kernels() -> None:
+    """Compile or load every kernel of a simulated bench.
 
-    Later it would hold up a world that is watched: after an update it takes half a minute.
+    Compiling takes half a minute after an update; during a run it would stall a paced simulation.
     """
-    rig = open_virtual()
-    rig.advance(WARM_US)
+    rig = open_virtual_rig()
+    rig.advance(WARM_UP_US)
     rig.close()
+
+
+class DrumCable:
+    """Carries bytes between a link and the drum board. Times are simulated microseconds."""
+
+    def __init__(self, drum: DrumCosimulation, link: SimulatedLink) -> None:
+        self._drum = drum
+        self._link = link
+        self._replies: deque[tuple[bytes, float]] = deque()
+        self._request_end_us = -math.inf
+        self._now_us = 0
+        link.attach(self._receive)
+
+    @property
+    def next_us(self) -> float:
+        """Time at which a request is complete or a reply arrives; infinite on an idle cable."""
+        if self._replies:
+            return self._replies[0][1]
+        return self._request_end_us if self._request_end_us >= self._now_us else math.inf
+
+    def advance(self, now_us: int) -> None:
+        """Deliver the replies that have arrived completely by now."""
+        self._now_us = now_us
+        if self._drum.firmware.io.tx_count:
+            self._split_replies()
+        while self._replies and self._replies[0][1] <= now_us:
+            data, at_us = self._replies.popleft()
+            self._link.deliver(data, at_us * 1e-6)
+
+    def reset(self) -> None:
+        """Discard what the board had not sent when it was reset."""
+        self._drum.firmware.take_sent()
+        self._replies.clear()
+        self._request_end_us = -math.inf
+
+    def _receive(self, data: bytes) -> None:
+        self._drum.firmware.receive(data, self._drum.cycle(self._now_us))
+        # Whole milliseconds: the board runs in them, and has replied at the end of the next.
+        end_us = self._drum.us(self._drum.firmware.io.received_at)
+        self._request_end_us = 1000.0 * math.ceil(end_us * 1e-3)
+
+    def _split_replies(self) -> None:
+        data, cycles = self._drum.firmware.take_sent()
+        first = 0
+        for end in range(1, len(data) + 1):
+            if end < len(data) and cycles[end] - cycles[end - 1] <= 1.5 * BYTE_CYCLES:
+                continue
+            self._replies.append((data[first:end], self._drum.us(cycles[end - 1])))
+            first = end
 
 
 class VirtualRig:
@@ -49,63 +102,59 @@ class VirtualRig:
         self._bench = bench
         self.drum = SimulatedLink(DRUM, 2 * bench.seed)
         self.taxels = SimulatedLink(TAXELS, 2 * bench.seed + 1)
-        self.drum_bench = DrumStepper(bench, drum_library)
-        self._drum = VirtualDrum(self.drum_bench, self.drum)
+        self.cosimulation = DrumCosimulation(bench, drum_library)
+        self._drum_cable = DrumCable(self.cosimulation, self.drum)
         self._taxels = VirtualTaxels(bench)
-        self.taxels.attach(self._taxels.board.receive)
-        self.drum_bench.on_mark = self._taxels.mark_edge
-        bench.on_sync = self._taxels.sync_edge
+        self.taxels.attach(self._taxels.firmware.receive)
+        self.cosimulation.on_index = self._taxels.set_index
+        bench.on_sync = self._taxels.set_sync
         links = {DRUM: self.drum, TAXELS: self.taxels}
         self.faults = FaultInjection(
-            links, bench.disturbances, self.drum_bench.disturb, self._reset
+            links, bench.disturbances, self.cosimulation.apply_disturbances, self._reset
         )
 
     @property
     def truth(self) -> GroundTruth:
-        """What really happened, up to now."""
         return self._bench.truth
 
     @property
     def slice_us(self) -> int:
-        """Longest useful advance from now, µs."""
-        return max(1, int(min(SLICE_US, self._drum.next_us - self.time_us)))
+        return max(1, int(min(SLICE_US, self._drum_cable.next_us - self.time_us)))
 
     def advance(self, until_us: int) -> None:
-        """Run every whole millisecond up to a world time.
+        """Simulate every whole millisecond up to a time.
 
-        Once closed, only the time goes on: a loop may have timers left.
+        A closed rig only advances its time: an event loop may still have timers.
         """
-        while not self._closed and (self.drum_bench.time_ms + 1) * 1000 <= until_us:
+        while not self._closed and (self.cosimulation.time_ms + 1) * 1000 <= until_us:
             self._run(until_us // 1000)
         self.time_us = until_us
         if not self._closed:
-            self._drum.pass_time(until_us)
+            self._drum_cable.advance(until_us)
 
     def set_plate(self, texture: str) -> None:
-        """Snap in the plate of texture ``"A"``–``"P"``. Raises WrongUse for another name."""
         self._bench.set_plate(texture)
 
     def close(self) -> None:
-        """Close both cables and free the boards."""
         self._closed = True
         self.drum.close()
         self.taxels.close()
-        self.drum_bench.board.close()
-        self._taxels.board.close()
+        self.cosimulation.firmware.close()
+        self._taxels.firmware.close()
 
     def _run(self, until_ms: int) -> None:
-        """Up to the next flush of the taxels' cable, or as far as is wanted."""
-        done_ms, flush_ms = self.drum_bench.time_ms, FLUSH_US // 1000
-        flush_at_ms = (done_ms // flush_ms + 1) * flush_ms
-        self.drum_bench.run(min(until_ms, flush_at_ms, done_ms + LOG_EVERY_MS))
-        if self.drum_bench.time_ms == flush_at_ms:
+        """Run up to the next flush of the taxels' cable, or up to ``until_ms``."""
+        now_ms, flush_ms = self.cosimulation.time_ms, FLUSH_US // 1000
+        flush_at_ms = (now_ms // flush_ms + 1) * flush_ms
+        self.cosimulation.run(min(until_ms, flush_at_ms, now_ms + LOG_EVERY_MS))
+        if self.cosimulation.time_ms == flush_at_ms:
             data = self._taxels.send(flush_at_ms * 1000)
             if data:
                 self.taxels.deliver(data, flush_at_ms * 1e-3)
 
     def _reset(self, board: str) -> None:
         if board == DRUM:
-            self.drum_bench.reset()
-            self._drum.reset()
+            self.cosimulation.reset()
+            self._drum_cable.reset()
         else:
             self._taxels.reset(self.time_us)

@@ -1,4 +1,4 @@
-"""A whole protocol on the direct rig, into a session that says that it is simulated."""
+"""Generate a data set: run a protocol on the direct rig and record a simulated session."""
 
 from __future__ import annotations
 
@@ -11,37 +11,35 @@ from rigctl import __version__
 from rigctl.acquisition.protocol.run_request import check_room
 from rigctl.config.resources import source_commit
 from rigctl.errors import ProtocolError
-from rigctl.protocol import (
-    Plan,
-    Protocol,
-    RunTrial,
-    load_protocol,
-    parse_protocol,
-)
+from rigctl.protocol import Plan, Protocol, RunTrial, load_protocol, parse_protocol
 from rigctl.session.format.header import CUT_BY_WIRE, SessionHeader
 from rigctl.session.write.recorder import Recorder
-from rigctl.simulation.bench.world_file import NOMINAL, SimulatedWorld
-from rigctl.synth.resumed_recorder import ResumedRecorder
+from rigctl.simulation.bench.world_file import NOMINAL_WORLD, SimulatedWorld
+from rigctl.synth.resume import (
+    ResumedRecorder,
+    UnfinishedSession,
+    inspect_session,
+    remove_damaged_truth,
+)
 from rigctl.synth.step_runner import DatasetStepRunner
-from rigctl.synth.unfinished_session import UnfinishedSession, forget_damaged_truth, look
 
 METHOD = "direct"
 GENERATOR = 5
-"""Goes up when one seed no longer gives the same session. 2: polls and blocks in batches; the
-samples are still those of 1. 3: the taxels stand in their places. 4: the boards'
-own firmware, under another skin. 5: noise of another generator."""
+"""Increases when a seed no longer gives the same session. 2: polls and blocks in batches, with the
+same samples as 1. 3: samples in the order of the taxels. 4: the boards' own firmware, and another
+skin. 5: another noise generator."""
 
 BYTES_PER_SECOND = 62_000
-"""Samples, polls, load cell, truth; measured, rounded up."""
+"""Samples, polls, load cell and ground truth; measured, rounded up."""
 
 _REPEATS = re.compile(r"^repeats\s*=.*$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
 class DatasetRequest:
-    """What data set is wanted. ``seed`` orders the trials, it and ``world`` shape the bench.
+    """A data set to generate: ``seed`` and ``world`` determine the bench.
 
-    With ``resume`` a session that is there is gone on with.
+    ``resume`` continues an existing session.
     """
 
     plan: Plan
@@ -49,24 +47,26 @@ class DatasetRequest:
     folder: Path
     start_utc: str
     resume: bool = False
-    world: SimulatedWorld = NOMINAL
+    world: SimulatedWorld = NOMINAL_WORLD
 
 
 @dataclass(frozen=True, slots=True)
 class DatasetProgress:
-    """How far it is: trials that ended, how many are committed, seconds of their windows."""
+    """Progress: finished trials, how many of them are committed, seconds of their windows."""
 
     trials: int
     committed: int
     trial_s: float
 
 
-def plan_of(path: Path, repeats: int | None, seed: int, world: SimulatedWorld = NOMINAL) -> Plan:
-    """The plan of a protocol file with another number of repeats, if one is given.
+def load_plan(
+    path: Path, repeats: int | None, seed: int, world: SimulatedWorld = NOMINAL_WORLD
+) -> Plan:
+    """Load a protocol, replace its number of repeats if one is given, and return its plan.
 
-    The protocol's text says so too, because a session holds it. Raises ProtocolError.
+    The text of the protocol changes too, because the session stores it. Raises ProtocolError.
     """
-    protocol = load_protocol(path, world.description())
+    protocol = load_protocol(path, world.rig_config())
     if repeats is not None:
         protocol = _with_repeats(protocol, repeats, str(path))
     return protocol.plan(seed)
@@ -83,41 +83,44 @@ def _with_repeats(protocol: Protocol, repeats: int, name: str) -> Protocol:
 
 
 def generate(
-    order: DatasetRequest,
+    request: DatasetRequest,
     on_progress: Callable[[DatasetProgress], None],
     stop: Callable[[], bool],
     workers: int = 1,
 ) -> bool:
-    """Make the data set; False when ``stop`` ended it between two trials.
+    """Generate the data set; return False if ``stop`` ended it between two trials.
 
-    A session that is gone on with is run again from its start, because the world has no other
-    way to where it was; only what is missing is recorded. Raises SessionError, DiskFault and
-    BoardFault; what was recorded until then is kept.
+    A resumed session is simulated again from its start, the only way to reach its last state; only
+    missing trials are recorded. Raises SessionError, DiskFault and BoardFault; what was recorded
+    until then is kept.
     """
-    plan, header = order.plan, _header(order)
-    found = look(order.folder, header, plan) if order.resume else UnfinishedSession()
+    plan, header = request.plan, _header(request)
+    folder = request.folder
+    found = inspect_session(folder, header, plan) if request.resume else UnfinishedSession()
     trial_s = sum(trial.duration_s for trial in plan.trials)
     if found.complete:
         on_progress(DatasetProgress(len(plan.trials), found.committed, trial_s))
         return True
     left = 1 - found.attempts / max(1, len(plan.trials))
-    check_room(order.folder, round(1.1 * max(0.0, left) * trial_s * BYTES_PER_SECOND))
-    there = bool(found.start_utc)
-    header = replace(header, start_utc=found.start_utc) if there else header
+    check_room(folder, round(1.1 * max(0.0, left) * trial_s * BYTES_PER_SECOND))
+    exists = bool(found.start_utc)
+    header = replace(header, start_utc=found.start_utc) if exists else header
     texts = plan.protocol.text, plan.protocol.config.with_order().to_toml()
-    with Recorder(order.folder, header, *texts, resume=there) as recorder:
-        forget_damaged_truth(order.folder)
-        sink = ResumedRecorder(recorder, found.attempts, header.wiring)
-        parameters = order.world.parameters
-        work = DatasetStepRunner(plan.protocol, parameters, order.seed, order.folder, sink, workers)
+    with Recorder(folder, header, *texts, resume=exists) as recorder:
+        remove_damaged_truth(folder)
+        resumed = ResumedRecorder(recorder, found.attempts, header.wiring)
+        parameters = request.world.parameters
+        runner = DatasetStepRunner(
+            plan.protocol, parameters, request.seed, folder, resumed, workers
+        )
         try:
-            return _take_steps(work, plan, on_progress, stop)
+            return _run_steps(runner, plan, on_progress, stop)
         finally:
-            work.finish()
+            runner.close()
 
 
-def _take_steps(
-    work: DatasetStepRunner,
+def _run_steps(
+    runner: DatasetStepRunner,
     plan: Plan,
     on_progress: Callable[[DatasetProgress], None],
     stop: Callable[[], bool],
@@ -126,22 +129,22 @@ def _take_steps(
     for step in plan.steps:
         if stop():
             return False
-        work.perform(step)
+        runner.run(step)
         if isinstance(step, RunTrial):
             trials, trial_s = trials + 1, trial_s + step.trial.duration_s
-            on_progress(DatasetProgress(trials, work.committed, trial_s))
+            on_progress(DatasetProgress(trials, runner.committed, trial_s))
     return True
 
 
-def _header(order: DatasetRequest) -> SessionHeader:
-    plan, config = order.plan, order.plan.protocol.config
+def _header(request: DatasetRequest) -> SessionHeader:
+    plan, config = request.plan, request.plan.protocol.config
     return SessionHeader(
         plan_hash=plan.hash,
         seed=plan.seed,
         trials_planned=len(plan.trials),
         rig="synth",
         simulated=True,
-        start_utc=order.start_utc,
+        start_utc=request.start_utc,
         protocol=plan.protocol.name,
         sensor="simulated",
         software_version=__version__,
@@ -151,9 +154,9 @@ def _header(order: DatasetRequest) -> SessionHeader:
         wiring=config.taxels.order,
         cut_by=CUT_BY_WIRE,
         simulation={
-            "seed": order.seed,
+            "seed": request.seed,
             "method": METHOD,
             "generator": GENERATOR,
-            **order.world.facts(),
+            **request.world.header_fields(),
         },
     )

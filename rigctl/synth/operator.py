@@ -1,4 +1,4 @@
-"""Moves of the virtual drum as a run commands them, without a wire or a wait between."""
+"""Drive the simulated drum through a run's moves, without cable and waiting."""
 
 from __future__ import annotations
 
@@ -21,121 +21,118 @@ from rigctl.values import DrumState, PlannedTrial
 from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.states import Fault, State
 
-TURN_US = 700_000
-"""The longest time between two looks at the polls; the board's ring of conversions holds 0.8 s."""
+MAX_STEP_US = 700_000
+"""Longest time between two reads of the polls; the board's ring of conversions holds 0.8 s."""
 
-QUIET_US = 10_000_000
-"""The same where nobody looks at polls."""
+UNPOLLED_STEP_US = 10_000_000
+"""The same without polling."""
 
-LIMIT_US = 300_000_000
+TIMEOUT_US = 300_000_000
 OnPolls = Callable[[list[DrumState]], None]
 
 
-class Operator:
-    """Drives one drum. Every method ends when its move has. Raises BoardFault on a fault."""
+class DrumOperator:
+    """Drives one drum. Every method returns when its move has ended. Raises BoardFault."""
 
     def __init__(self, rig: DirectRig, config: RigConfig, settle: Settle) -> None:
         self.rig = rig
         self._config = config
         self._homed = False
-        self._wait_for(lambda: rig.state is State.IDLE, "booting")
-        rig.set(
+        self._wait_until(lambda: rig.state is State.IDLE, "booting")
+        rig.write_settings(
             **rig_settings(config),
             **settle_settings(settle),
             clock_trim_ppm=round(rig.parameters.drum_clock_ppm),
         )
-        self._do(Command.ARM, State.ARMED)
-
-    @property
-    def now_us(self) -> int:
-        """World time."""
-        return self.rig.time_us
+        self._run_command(Command.ARM, State.ARMED)
 
     def wait(self, seconds: float, on_polls: OnPolls = lambda polls: None) -> None:
-        """Let time pass; ``on_polls`` as in :meth:`turn`."""
-        end_us = self.now_us + round(seconds * 1e6)
-        self.rig.watch()
-        while self.now_us < end_us:
-            self._pass_time(min(end_us, self.now_us + TURN_US))
-            on_polls(self.rig.polls())
-        self.rig.unwatch()
+        """Let time pass; ``on_polls`` as in :meth:`run_window`."""
+        end_us = self.rig.time_us + round(seconds * 1e6)
+        self.rig.start_polling()
+        while self.rig.time_us < end_us:
+            self._advance(min(end_us, self.rig.time_us + MAX_STEP_US))
+            on_polls(self.rig.take_polls())
+        self.rig.stop_polling()
 
     def tare(self) -> None:
-        """Zero the load cell, lifted and still."""
-        self._give(Command.TARE)
-        self._wait_for(lambda: self.rig.result is not CommandResult.RUNNING, "the tare")
+        """Tare the load cell, lifted and at rest."""
+        self._send(Command.TARE)
+        self._wait_until(lambda: self.rig.result is not CommandResult.RUNNING, "the tare")
 
     def prepare(self, trial: PlannedTrial) -> None:
-        """Set-points of a trial, and the lifted move to where its run-in begins."""
-        self.rig.set(**trial_settings(trial, self._config.drum))
+        """Write a trial's set-points and move, lifted, to the start of its run-in."""
+        self.rig.write_settings(**trial_settings(trial, self._config.drum))
         steps, target = self._start(trial)
         if not self._homed or abs(target) > FARTHEST_STEPS:
-            self._do(Command.HOME, State.ARMED)
+            self._run_command(Command.HOME, State.ARMED)
             self._homed = True
             steps, target = self._start(trial)
-        self.rig.set(move_target=target)
+        self.rig.write_settings(move_target=target)
         if target != steps:
-            self._do(Command.MOVE, State.ARMED)
+            self._run_command(Command.MOVE, State.ARMED)
 
     def approach(self) -> None:
         """Press until the force has settled."""
-        self._do(Command.APPROACH, State.HOLD)
+        self._run_command(Command.APPROACH, State.HOLD)
 
     def press(self, force_g: float) -> None:
-        """Approach with this force, whatever the trials ask for."""
-        self.rig.set(**press_settings(force_g))
+        """Approach with this force instead of a trial's."""
+        self.rig.write_settings(**press_settings(force_g))
         self.approach()
 
-    def turn(self, on_polls: OnPolls) -> None:
-        """Run-in, window, ramp down; ``on_polls`` gets the polls since the last call, in time."""
-        self._give(Command.RUN)
-        # At its speed a drum needs so long for the run-in, or longer: until then nothing is polled.
-        run_in_us = self.rig.get("run_in_set") / self.rig.get("speed_set") * 1e6
-        self._pass_time(self.now_us + round(run_in_us) - TURN_US, stop_on_change=False)
-        self.rig.watch()
-        self._wait_for(self._ended(State.HOLD), "the travel", lambda: on_polls(self.rig.polls()))
-        # The last poll shows the window closed, however short the ramp down was.
-        self._pass_time(self.now_us + 1000 * POLL_MS)
-        on_polls(self.rig.polls())
-        self.rig.unwatch()
+    def run_window(self, on_polls: OnPolls) -> None:
+        """Run in, pass the window and ramp down; ``on_polls`` gets the polls at intervals."""
+        self._send(Command.RUN)
+        # The run-in takes at least its length over the speed; until then nothing needs polling.
+        run_in_us = self.rig.read("run_in_set") / self.rig.read("speed_set") * 1e6
+        self._advance(self.rig.time_us + round(run_in_us) - MAX_STEP_US, stop_on_change=False)
+        self.rig.start_polling()
+        self._wait_until(
+            self._has_ended(State.HOLD), "the travel", lambda: on_polls(self.rig.take_polls())
+        )
+        # The last poll shows the closed window, however short the ramp down was.
+        self._advance(self.rig.time_us + 1000 * POLL_MS)
+        on_polls(self.rig.take_polls())
+        self.rig.stop_polling()
 
     def lift(self) -> None:
         """Lift off."""
-        self._do(Command.RETRACT, State.ARMED)
+        self._run_command(Command.RETRACT, State.ARMED)
 
     def _start(self, trial: PlannedTrial) -> tuple[int, int]:
-        """Where the drum stands and where the run-in begins, steps."""
-        p, steps_now = self.rig.parameters, int(self.rig.get("steps"))
+        """Return the drum's present position and the start of the run-in, steps."""
+        p, steps_now = self.rig.parameters, int(self.rig.read("steps"))
         within_turn = start_steps(trial, self._config.drum, p.mm_per_step)
         return steps_now, nearest(within_turn, steps_now, round(p.steps_per_turn))
 
-    def _give(self, command: Command) -> None:
+    def _send(self, command: Command) -> None:
         if not self.rig.command(command):
             raise BoardFault(f"the simulated drum refused {command.name} in {self.rig.state.name}")
 
-    def _do(self, command: Command, end: State) -> None:
-        self._give(command)
-        self._wait_for(self._ended(end), command.name)
+    def _run_command(self, command: Command, end: State) -> None:
+        self._send(command)
+        self._wait_until(self._has_ended(end), command.name)
 
-    def _ended(self, end: State) -> Callable[[], bool]:
+    def _has_ended(self, end: State) -> Callable[[], bool]:
         return lambda: self.rig.state is end and self.rig.result is not CommandResult.RUNNING
 
-    def _wait_for(
+    def _wait_until(
         self,
         ended: Callable[[], bool],
         what: str,
         on_step: Callable[[], None] | None = None,
     ) -> None:
-        late_us = self.now_us + LIMIT_US
+        deadline_us = self.rig.time_us + TIMEOUT_US
         while not ended():
-            if self.now_us > late_us:
+            if self.rig.time_us > deadline_us:
                 raise BoardFault(f"the simulated drum did not end {what}")
-            self._pass_time(self.now_us + (TURN_US if on_step else QUIET_US))
+            self._advance(self.rig.time_us + (MAX_STEP_US if on_step else UNPOLLED_STEP_US))
             if on_step is not None:
                 on_step()
 
-    def _pass_time(self, until_us: int, stop_on_change: bool = True) -> None:
-        """Let time pass until then, or until a move ends."""
-        self.rig.pass_time(until_us, stop_on_change)
+    def _advance(self, until_us: int, stop_on_change: bool = True) -> None:
+        """Advance to a time, or until a move ends. Raises BoardFault on a fault."""
+        self.rig.advance(until_us, stop_on_change)
         if self.rig.fault is not Fault.NONE:
             raise BoardFault(f"the simulated drum stopped with {self.rig.fault.name}")

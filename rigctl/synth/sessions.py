@@ -1,4 +1,4 @@
-"""A data set in several sessions, as over several days: each with gains of its own, in parallel."""
+"""Generate a data set as several sessions in parallel, each with its own gains and alignments."""
 
 from __future__ import annotations
 
@@ -12,114 +12,115 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.errors import RigctlError, RigFault, WrongUse
-from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, plan_of
+from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, load_plan
 
-LOOK_EVERY_S = 0.2
-SEEDS_APART = 1000
+POLL_S = 0.2
+SEED_STRIDE = 1000
 
 
-def orders(
-    path: Path, repeats: int | None, order: DatasetRequest, sessions: int
+def split_request(
+    path: Path, repeats: int | None, request: DatasetRequest, sessions: int
 ) -> list[DatasetRequest]:
-    """The order split: repeats as evenly as they go, each session below the order's folder.
+    """Split a request into sessions with nearly equal repeats, in subfolders of its folder.
 
-    Session ``i``, counted from 1, has the seed ``1000 × seed + i``. Raises WrongUse where there
-    are fewer repeats than sessions.
+    Session ``i``, counted from 1, has the seed ``1000 × seed + i``. Raises WrongUse if there are
+    fewer repeats than sessions.
     """
-    total = order.plan.protocol.repeats if repeats is None else repeats
+    total = request.plan.protocol.repeats if repeats is None else repeats
     if not 1 <= sessions <= total:
         raise WrongUse(f"{total} repeats make 1 to {total} sessions, not {sessions}")
-    split = []
+    parts = []
     for number in range(1, sessions + 1):
-        seed = SEEDS_APART * order.seed + number
-        own = total // sessions + (number <= total % sessions)
-        folder = order.folder / f"session-{number:02d}"
-        plan = plan_of(path, own, seed, order.world)
-        split.append(replace(order, plan=plan, seed=seed, folder=folder))
-    return split
+        seed = SEED_STRIDE * request.seed + number
+        own_repeats = total // sessions + (number <= total % sessions)
+        folder = request.folder / f"session-{number:02d}"
+        plan = load_plan(path, own_repeats, seed, request.world)
+        parts.append(replace(request, plan=plan, seed=seed, folder=folder))
+    return parts
 
 
-def generate_all(
-    wanted: list[DatasetRequest],
+def generate_sessions(
+    requests: list[DatasetRequest],
     on_progress: Callable[[DatasetProgress], None],
     stop: Callable[[], bool],
     workers: int,
 ) -> bool:
-    """Make every session, at most ``workers`` at a time; False when ``stop`` ended it.
+    """Generate the sessions, ``workers`` at a time; return False if ``stop`` ended them.
 
-    Raises what :func:`generate` raises, when the others have ended.
+    Raises what :func:`generate` raises, after the other sessions have ended.
     """
-    return _SessionProcesses(wanted, on_progress).work(stop, workers)
+    return _SessionProcesses(requests, on_progress).run(stop, workers)
 
 
 class _SessionProcesses:
-    """One process a session."""
+    """Runs each session in a process of its own."""
 
     def __init__(
-        self, wanted: list[DatasetRequest], on_progress: Callable[[DatasetProgress], None]
+        self, requests: list[DatasetRequest], on_progress: Callable[[DatasetProgress], None]
     ) -> None:
         self._context = multiprocessing.get_context("spawn")
-        self._news: Any = self._context.Queue()
-        self._halt = self._context.Event()
-        self._waiting = list(enumerate(wanted))
-        self._at_work: dict[int, BaseProcess] = {}
-        self._told = {number: DatasetProgress(0, 0, 0.0) for number, _ in self._waiting}
+        self._messages: Any = self._context.Queue()
+        self._stop = self._context.Event()
+        self._pending = list(enumerate(requests))
+        self._running: dict[int, BaseProcess] = {}
+        self._progress = {number: DatasetProgress(0, 0, 0.0) for number, _ in self._pending}
         self._on_progress = on_progress
         self._failure: RigctlError | None = None
-        self._whole = True
+        self._complete = True
 
-    def work(self, stop: Callable[[], bool], workers: int) -> bool:
-        while (self._waiting and not self._halt.is_set()) or self._at_work:
+    def run(self, stop: Callable[[], bool], workers: int) -> bool:
+        while (self._pending and not self._stop.is_set()) or self._running:
             if stop() or self._failure is not None:
-                self._halt.set()
-            while self._waiting and len(self._at_work) < workers and not self._halt.is_set():
-                self._start(*self._waiting.pop(0))
-            self._hear()
+                self._stop.set()
+            while self._pending and len(self._running) < workers and not self._stop.is_set():
+                self._start(*self._pending.pop(0))
+            self._receive()
         if self._failure is not None:
             raise self._failure
-        return self._whole and not self._waiting
+        return self._complete and not self._pending
 
-    def _start(self, number: int, order: DatasetRequest) -> None:
-        process = self._context.Process(target=_make, args=(number, order, self._news, self._halt))
+    def _start(self, number: int, request: DatasetRequest) -> None:
+        arguments = number, request, self._messages, self._stop
+        process = self._context.Process(target=_generate_one, args=arguments)
         process.start()
-        self._at_work[number] = process
+        self._running[number] = process
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         try:
-            number, news = self._news.get(timeout=LOOK_EVERY_S)
+            number, message = self._messages.get(timeout=POLL_S)
         except queue.Empty:
-            self._bury()
+            self._check_exit_codes()
             return
-        if isinstance(news, DatasetProgress):
-            self._told[number] = news
-            self._tell()
+        if isinstance(message, DatasetProgress):
+            self._progress[number] = message
+            self._report_progress()
             return
-        self._at_work.pop(number).join()
-        self._whole = self._whole and news is True
-        if isinstance(news, RigctlError):
-            self._failure = self._failure or news
+        self._running.pop(number).join()
+        self._complete = self._complete and message is True
+        if isinstance(message, RigctlError):
+            self._failure = self._failure or message
 
-    def _tell(self) -> None:
-        told = self._told.values()
-        trials, committed = sum(p.trials for p in told), sum(p.committed for p in told)
-        self._on_progress(DatasetProgress(trials, committed, sum(p.trial_s for p in told)))
+    def _report_progress(self) -> None:
+        each = self._progress.values()
+        trials, committed = sum(p.trials for p in each), sum(p.committed for p in each)
+        self._on_progress(DatasetProgress(trials, committed, sum(p.trial_s for p in each)))
 
-    def _bury(self) -> None:
-        """A process that died without a word."""
-        for number, process in list(self._at_work.items()):
+    def _check_exit_codes(self) -> None:
+        """Detect processes that died without a message."""
+        for number, process in list(self._running.items()):
             if process.exitcode:
-                del self._at_work[number]
+                del self._running[number]
                 self._failure = RigFault(
                     f"session {number + 1} ended with code {process.exitcode}: continue with "
                     "--resume"
                 )
 
 
-def _make(number: int, order: DatasetRequest, news: Any, halt: Any) -> None:
-    """One session, in a process of its own that leaves Ctrl-C to the one above it."""
+def _generate_one(number: int, request: DatasetRequest, messages: Any, stop: Any) -> None:
+    """Generate one session in a child process, which leaves Ctrl-C to its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        whole = generate(order, lambda progress: news.put((number, progress)), halt.is_set)
-        news.put((number, whole))
+        complete = generate(request, lambda done: messages.put((number, done)), stop.is_set)
+        messages.put((number, complete))
     except RigctlError as error:
-        news.put((number, error))
+        messages.put((number, error))

@@ -1,4 +1,4 @@
-"""The steps of a plan on the direct rig, each trial recorded, cut and judged as in a run."""
+"""Run a plan's steps on the direct rig; record, cut and check each trial like a real run."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ from rigctl.protocol import (
 from rigctl.session.files.ground_truth import TruthLog, write_truth
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.direct_rig import DirectRig
-from rigctl.synth.operator import Operator
-from rigctl.synth.resumed_recorder import ResumedRecorder
+from rigctl.synth.operator import DrumOperator
+from rigctl.synth.resume import ResumedRecorder
 from rigctl.synth.trial_recording import TrialRecording
 from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
 from rigctl.wire.drum.codes import Status
 
 QUEUE_SAMPLES = 100_000
-"""So many samples may wait for the disk before the world does."""
+"""The simulation waits for the disk when more samples are queued."""
 
 TRUTH_ROWS = 1_000_000
 
 
 class DatasetStepRunner:
-    """Takes the steps of a plan and records what belongs to the session.
+    """Runs the steps of a plan and records the session.
 
-    With several ``workers`` one thread makes noise ahead; the samples are the same.
+    With several ``workers`` a thread computes noise in advance; the samples are the same.
     """
 
     def __init__(
@@ -61,14 +61,14 @@ class DatasetStepRunner:
     ) -> None:
         self._folder = folder
         self._recorder = recorder
-        self._helper = ThreadPoolExecutor(1, "noise") if workers > 1 else None
-        self._rig = DirectRig(parameters, seed, self._helper)
-        self._operator = Operator(self._rig, protocol.config, protocol.settle)
-        self._tape = TrialRecording(self._rig, self._take_block, self._take_drum)
+        self._executor = ThreadPoolExecutor(1, "noise") if workers > 1 else None
+        self._rig = DirectRig(parameters, seed, self._executor)
+        self._operator = DrumOperator(self._rig, protocol.config, protocol.settle)
+        self._recording = TrialRecording(self._rig, self._add_block, self._add_drum)
         self._quality = protocol.quality
         self._cutter = TrialCutter()
         self._loadcell: list[LoadcellSample] = []
-        self._last: DrumState | None = None
+        self._last_poll: DrumState | None = None
         self._set_points = (0.0, 0.0)
         self._texture = ""
         self._reason = "start"
@@ -77,68 +77,68 @@ class DatasetStepRunner:
         self._truth_rows = 0
         self.committed = 0
 
-    def finish(self) -> None:
-        """Bring all that is known to disk."""
+    def close(self) -> None:
+        """Write the remaining ground truth and free the rig."""
         if self._reason == "start":  # nothing was recorded
             self._recorder.begin_part(self._reason, self._texture)
         self._write_truth()
         self._rig.close()
-        if self._helper is not None:
-            self._helper.shutdown(cancel_futures=True)
+        if self._executor is not None:
+            self._executor.shutdown(cancel_futures=True)
 
     @singledispatchmethod
-    def perform(self, step: Any) -> None:
-        """Take one step of the plan. Raises BoardFault and DiskFault."""
-        raise TypeError(f"no step of a plan: {step!r}")
+    def run(self, step: Any) -> None:
+        """Run one step of the plan. Raises BoardFault and DiskFault."""
+        raise TypeError(f"not a step of a plan: {step!r}")
 
-    @perform.register
+    @run.register
     def _(self, step: ChangePlate) -> None:
         self._rig.set_plate(step.texture)
         self._texture = step.texture
         self._tared = False
         self._reason = self._reason or "plate"
 
-    @perform.register
+    @run.register
     def _(self, step: RunTrial) -> None:
-        self._ready()
+        self._begin()
         for number in range(1, self._quality.attempts + 1):
             if self._attempt(step.trial, number):
                 self.committed += 1
                 return
 
-    @perform.register
+    @run.register
     def _(self, step: Tare) -> None:
-        self._ready()
+        self._begin()
         self._operator.tare()
 
-    @perform.register
+    @run.register
     def _(self, step: Rest) -> None:
-        self._ready()
+        self._begin()
         self._operator.wait(step.seconds)
 
-    @perform.register
+    @run.register
     def _(self, step: Baseline) -> None:
-        self._ready()
+        self._begin()
         self._record_still(step.seconds, "without contact")
 
-    @perform.register
+    @run.register
     def _(self, step: Turn) -> None:
-        self._ready()
+        self._begin()
         self._event("turn", f"{step.turns} turns at {step.speed_mm_s:g} mm/s left out")
 
-    @perform.register
+    @run.register
     def _(self, step: ApproachOnly) -> None:
-        self._ready()
+        self._begin()
         self._operator.press(step.force_g)
         self._record_still(step.seconds, f"pressed with {step.force_g:g} g, no travel")
         self._operator.lift()
 
-    @perform.register
+    @run.register
     def _(self, step: Message) -> None:
-        self._ready()
+        self._begin()
         self._event("message", step.text)
 
-    def _ready(self) -> None:
+    def _begin(self) -> None:
         if self._reason:
             self._recorder.begin_part(self._reason, self._texture)
             self._event("synth", "A virtual data set: between trials the session's time stands.")
@@ -158,54 +158,54 @@ class DatasetStepRunner:
         reasons = judge(trial, self._cutter.trial, measured, QualityLimits.of(self._quality))
         verdict = Verdict.REJECTED if reasons else Verdict.COMMITTED
         row = self._row(trial, number, verdict, reasons, started_s, measured)
-        self._recorder.commit_trial(row)
+        self._recorder.add_trial(row)
         why = f": {'; '.join(reasons)}" if reasons else ""
         self._event("trial", f"trial {trial.trial_id} {verdict}{why}", trial_id=trial.trial_id)
-        self._hold_back()
+        self._throttle()
         return not reasons
 
     def _record_window(self) -> float:
-        """Turn; record from before the rise of sync until behind its fall. Returns the start."""
-        self._note_set_points()
-        rises, recording, started_s = self._rig.get("sync_count"), False, self._tape.now_s
+        """Run the window; record from before sync rises until after it falls. Return the start."""
+        self._read_set_points()
+        rises, recording, started_s = self._rig.read("sync_count"), False, self._recording.now_s
 
-        def look(polls: list[DrumState]) -> None:
+        def on_polls(polls: list[DrumState]) -> None:
             nonlocal recording
             inside: list[DrumState] = []
             for poll in polls:
                 if poll.sync_count % 65536 == rises:
-                    self._tape.listen(poll)
+                    self._recording.buffer_poll(poll)
                     continue
                 if not recording and not inside and _is_open(poll):
-                    self._tape.begin(self._rig.world_us(poll.sync_rise_us))
+                    self._recording.begin(self._rig.to_simulated_us(poll.sync_rise_us))
                     recording = True
                 if recording:
                     inside.append(poll)
                     recording = _is_open(poll)
             if inside:
-                self._tape.follow(inside)
+                self._recording.record(inside)
 
-        self._operator.turn(look)
-        self._keep(self._tape.end())
+        self._operator.run_window(on_polls)
+        self._add_truth(self._recording.end())
         return started_s
 
-    def _note_set_points(self) -> None:
-        self._set_points = self._rig.get("force_set"), self._rig.get("speed_set")
+    def _read_set_points(self) -> None:
+        self._set_points = self._rig.read("force_set"), self._rig.read("speed_set")
 
     def _record_still(self, seconds: float, what: str) -> None:
-        self._note_set_points()
-        self._tape.begin(self._operator.now_us)
+        self._read_set_points()
+        self._recording.begin(self._rig.time_us)
         self._event("still", f"{seconds:g} s {what} begin")
-        self._operator.wait(seconds, self._tape.follow)
-        self._keep(self._tape.end())
+        self._operator.wait(seconds, self._recording.record)
+        self._add_truth(self._recording.end())
         self._event("still", f"{seconds:g} s {what} end")
-        self._hold_back()
+        self._throttle()
 
     def _measure(self, trial: PlannedTrial) -> MeasuredTrial:
-        last = self._last
+        last = self._last_poll
         if last is None:
             return MeasuredTrial()
-        travel_mm = self._rig.get("travel_set")
+        travel_mm = self._rig.read("travel_set")
         ppm = self._rig.parameters.drum_clock_ppm
         window = TrialWindow(travel_mm, last.sync_rise_us, last.sync_fall_us, ppm, self._loadcell)
         return measure(trial, window)
@@ -236,22 +236,22 @@ class DatasetStepRunner:
         )
 
     def _now_s(self) -> float:
-        return max(self._tape.now_s, self._last.at_s if self._last else 0.0)
+        return max(self._recording.now_s, self._last_poll.at_s if self._last_poll else 0.0)
 
-    def _take_block(self, block: Block) -> None:
+    def _add_block(self, block: Block) -> None:
         self._cutter.feed(block)
         self._recorder.add_block(block)
 
-    def _take_drum(self, state: DrumState) -> None:
-        self._last = state
+    def _add_drum(self, state: DrumState) -> None:
+        self._last_poll = state
         self._loadcell.extend(state.loadcell)
         self._recorder.add_drum(state, *self._set_points)
 
     def _event(self, kind: str, text: str, **data: Any) -> None:
         self._recorder.add_event(Event(self._now_s(), kind, text, data))
 
-    def _hold_back(self) -> None:
-        """Let the disk catch up; a full queue would lose samples."""
+    def _throttle(self) -> None:
+        """Wait for the disk if necessary; a full queue would lose samples."""
         status = self._recorder.status
         if status.failure is not None:
             raise DiskFault(status.failure)
@@ -260,7 +260,7 @@ class DatasetStepRunner:
         if self._truth_rows > TRUTH_ROWS:
             self._write_truth()
 
-    def _keep(self, log: TruthLog) -> None:
+    def _add_truth(self, log: TruthLog) -> None:
         self._truth.append(log)
         self._truth_rows += len(log[3])
 
@@ -275,5 +275,5 @@ class DatasetStepRunner:
 
 
 def _is_open(poll: DrumState) -> bool:
-    """The trial window is open."""
+    """Return whether the trial window is open."""
     return bool(poll.status_bits >> Status.SYNC_HIGH & 1)

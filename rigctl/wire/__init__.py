@@ -1,1 +1,1 @@
-"""Bytes to values and back: no port, thread or clock lives here."""
+"""Encoding and decoding of both boards' wires: no port, thread or clock."""

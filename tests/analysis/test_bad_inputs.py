@@ -20,7 +20,7 @@ import pytest
 
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.analysis.features.representations import RepresentationSet, represent
-from rigctl.analysis.paper.result_tables import as_plain
+from rigctl.analysis.paper.result_tables import as_dict
 from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
 from rigctl.cli import main
 from rigctl.encoding.parameters import DEFAULT
@@ -62,7 +62,7 @@ def analyse(session: Path, folder: Path) -> tuple[RepresentationSet, dict[str, A
     features.mkdir()
     made = represent(join_sessions([session]), DEFAULT, features)
     results, remarks = run_tasks(made, FEW)
-    plain = as_plain(made, FEW, results, (*made.remarks, *remarks), UTC)
+    plain = as_dict(made, FEW, results, (*made.remarks, *remarks), UTC)
     json.dumps(plain, allow_nan=False)
     for representation in made.present:
         assert np.isfinite(made.features(representation)).all()
@@ -278,7 +278,7 @@ def test_a_trial_whose_samples_cannot_be_read_is_named(good: Path, tmp_path: Pat
         (('"1..3"', '"1..9"'), "A_1.npy has no column '9'"),
         (('"1..3"', '"heat"'), "A_1.npy has no column 'heat'"),
         (("[A-Z]", "[0-9]{4}"), "A_1.npy: its name does not match the pattern"),
-        (("(?P<texture>[A-Z])_", "(?P<texture>[A-Z])_(?P<speed>.*)"), "which is no number"),
+        (("(?P<texture>[A-Z])_", "(?P<texture>[A-Z])_(?P<speed>.*)"), "which is not a number"),
     ],
 )
 def test_impossible_imports_are_refused_with_the_file_name(

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
-from rigctl.simulation.bench.mechanics import _CONSTANTS as CONSTANTS
-from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, Mechanics
-from rigctl.simulation.bench.parameters import WorldParameters, checked
-from rigctl.simulation.boards.drum_stepper import DrumStepper
+from rigctl.simulation.bench.mechanics import ACTUATOR_SPEED, DRUM_MM, FORCE_G, RING_MS, Mechanics
+from rigctl.simulation.bench.parameters import WorldParameters, validated
+from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
 from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
@@ -25,7 +24,7 @@ from tests.firmware.drum.support.overshoot import overshoot_g
 from tests.firmware.drum.support.plant_drum import pressed
 
 PLATE = "A"
-NEAR = checked(WorldParameters(contact_mm=10.0, actuator_start_mm=0.0))
+NEAR = validated(WorldParameters(contact_mm=10.0, actuator_start_mm=0.0))
 """Contact as near as benches have it: an approach is short."""
 SEED = 1
 WEAK_MM_S = 2.0
@@ -107,7 +106,7 @@ class Log:
 
 def weaken(plant: Mechanics) -> None:
     """Make the actuator slow, as a worn or cold one is."""
-    plant.constants[CONSTANTS.index("actuator_speed_mm_s")] = WEAK_MM_S
+    plant.constants[ACTUATOR_SPEED] = WEAK_MM_S
 
 
 def limit_g(bench: AttackBench) -> float:
@@ -127,7 +126,7 @@ class _Mechanics:
         self.parameters = NEAR
         self.disturbances = Disturbances()
         self.plant = Mechanics(NEAR)
-        self.plant.set_footprint(pressed(PLATE, NEAR, SEED))
+        self.plant.set_force_table(pressed(PLATE, NEAR, SEED))
         self.loadcell = LoadCellAmplifier(NEAR, SEED, self.plant, self.disturbances)
         self.logged_ms = 0
 
@@ -135,12 +134,12 @@ class _Mechanics:
         """Forget what is behind: attacks are judged span by span."""
         self.logged_ms = self.plant.time_ms
 
-    def sync(self, level: int, at_us: int) -> None:
-        """Hear of the sync line, which leads nowhere."""
+    def set_sync(self, level: int, at_us: int) -> None:
+        """Ignore the sync line, which is not connected."""
 
-    def disturb(self) -> None:
-        """Nothing but the emergency stop is ever disturbed."""
-        self.plant.disturb(False, 0.0)
+    def apply_disturbances(self) -> None:
+        """Pass no disturbance: only the emergency stop is ever used."""
+        self.plant.set_disturbances(False, 0.0)
 
 
 class VirtualBench:
@@ -148,8 +147,8 @@ class VirtualBench:
 
     def __init__(self, library: Path | None = None) -> None:
         self._mechanics = _Mechanics()
-        self._drum = DrumStepper(self._mechanics, library)
-        self._board = self._drum.board
+        self._drum = DrumCosimulation(self._mechanics, library)
+        self._board = self._drum.firmware
         self._silent_since_ms = 0
         self.beats(True)
 
@@ -161,17 +160,17 @@ class VirtualBench:
     @property
     def state(self) -> State:
         """State that the board says."""
-        return State(self._board.exchange.state)
+        return State(self._board.io.state)
 
     @property
     def beat_ms(self) -> int:
         """World time of its own computer's last heartbeat."""
-        return self.plant.time_ms if self._board.exchange.attended else self._silent_since_ms
+        return self.plant.time_ms if self._board.io.attended else self._silent_since_ms
 
     def beats(self, on: bool) -> None:
         """Let the heartbeat go on, or fall silent."""
         self._silent_since_ms = self.beat_ms
-        self._board.exchange.attended = on
+        self._board.io.attended = on
 
     def run(self, milliseconds: int) -> None:
         """Let time pass, or less of it where state, fault or result change."""
@@ -179,7 +178,7 @@ class VirtualBench:
 
     def drive(self) -> tuple[float, float]:
         """Duty of the last millisecond, twice."""
-        duty = self._board.exchange.drive
+        duty = self._board.io.drive
         return duty, duty
 
     def write(self, address: int, words: tuple[int, ...]) -> int:
@@ -193,7 +192,7 @@ class VirtualBench:
     def estop(self, pressed: bool) -> None:
         """Press or release the emergency stop."""
         self._mechanics.disturbances.estop_pressed = pressed
-        self._drum.disturb()
+        self._drum.apply_disturbances()
 
     def reset(self) -> None:
         """Press the board's reset button."""

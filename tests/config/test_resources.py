@@ -22,10 +22,10 @@ try:
     resources.firmware_image("drum")
 except Exception as error:
     print(error)
-from rigctl.simulation.boards.drum_firmware import HostDrum
-from rigctl.simulation.boards.taxel_firmware import HostTaxels
-for board in (HostDrum(), HostTaxels()):
-    print(board._dll._name)
+from rigctl.simulation.boards.drum_firmware import DrumFirmware
+from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
+for board in (DrumFirmware(), TaxelFirmware()):
+    print(board._library._name)
     board.close()
 """
 

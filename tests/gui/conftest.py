@@ -50,11 +50,20 @@ def shared(app: QApplication) -> Iterator[SharedWindow]:
 
 
 @pytest.fixture
-def bench(shared: SharedWindow, engine: FakeEngine) -> Iterator[Bench]:
-    """Yield a window in its initial state, connected to the engine."""
-    window, shared.engine = shared.window, engine
-    window.tabs.setCurrentIndex(0)
-    window.event_log.clear()
+def disconnected(shared: SharedWindow, engine: FakeEngine) -> Iterator[SharedWindow]:
+    """Yield the shared window without a connection; the engine is there to connect to."""
+    shared.engine, shared.error, shared.opened = engine, None, []
+    shared.window.tabs.setCurrentIndex(0)
+    shared.window.event_log.clear()
+    yield shared
+    shared.window.engine_link.close()
+    shared.window.engine_link.wait_closed()
+
+
+@pytest.fixture
+def bench(disconnected: SharedWindow, engine: FakeEngine) -> Iterator[Bench]:
+    """Yield the shared window, connected to the engine."""
+    window = disconnected.window
     window.connect_rig("virtual")
     wait_until(lambda: window.engine_link.is_open)
     yield Bench(window, engine)

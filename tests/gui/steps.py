@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QPushButton, QWidget
 
 from gui.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
+from rigctl.errors import RigctlError
 from tests.gui.fake_engine import FakeEngine
 
 TIMEOUT_MS = 20_000
@@ -18,13 +19,18 @@ _POLL_MS = 5
 
 
 class SharedWindow:
-    """A window that connects to ``engine``, which each test sets."""
+    """A window that connects to ``engine`` or fails with ``error``, which each test sets."""
 
     def __init__(self) -> None:
         self.engine: FakeEngine | None = None
+        self.error: RigctlError | None = None
+        self.opened: list[tuple[str, str]] = []
         self.window = MainWindow(self._open, ThemeChoice.LIGHT)
 
     def _open(self, rig: str, world: str) -> FakeEngine:
+        self.opened.append((rig, world))
+        if self.error is not None:
+            raise self.error
         assert self.engine is not None
         return self.engine
 

@@ -111,7 +111,7 @@ def test_paper_analysis_has_options_of_command_line(opened: Bench, session: Path
     assert names == ["Table 1", "Accuracy", "Confusion", "One taxel", "Remarks"]
     assert "Speed and Force Scaled, texture-blind" in view.text("Table 1")
     assert "98.85 ± 0.16" in view.text("Table 1") and "Simulated." in view.text("Table 1")
-    assert "learnt from all 48 trials" in view.text("Remarks")
+    assert "trained on all 48 trials" in view.text("Remarks")
     bar = view.tabs.tabBar()
     QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.tabRect(1).center())
     figure = view.tabs.currentWidget()
@@ -120,10 +120,10 @@ def test_paper_analysis_has_options_of_command_line(opened: Bench, session: Path
     choose(box.method, "A trained model")
     box.model.setText(str(session.with_name("session-report-1-model.h5")))
     click(box.run_button)
-    wait_until(lambda: "trials told right" in box.result.text(), timeout_ms=60_000)
-    assert "of 48 trials told right" in view.text("Predictions")
+    wait_until(lambda: "trials right" in box.result.text(), timeout_ms=60_000)
+    assert "of 48 trials right" in view.text("Predictions")
     assert "Rows: true" in view.text("Confusion")
-    assert "none lies outside them" in view.text("Remarks")
+    assert "no reading is outside them" in view.text("Remarks")
     opened.window.analysis_tab.panel.table.selectRow(3)
     wait_until(lambda: opened.window.stack.currentWidget() is tab.trial_view)
     click(box.results_button)
@@ -159,5 +159,5 @@ def test_failed_analysis_shows_the_reason(opened: Bench, tmp_path: Path) -> None
 
 def test_form_offers_all_options_of_the_analysis() -> None:
     assert {r.name: r.key for r in representations.REPRESENTATIONS} == REPRESENTATIONS
-    assert tuple(key for key in TASKS.values() if key) == tasks.CHOICES
+    assert tuple(key for key in TASKS.values() if key) == tasks.TASK_NAMES
     assert set(ENGINES.values()) == set(sweep_engines.SweepEngine)

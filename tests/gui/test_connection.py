@@ -13,38 +13,24 @@ from gui.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost, WrongUse
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Bench, click, wait_until
+from tests.gui.steps import Bench, SharedWindow, click, wait_until
 
 
-def test_connect_button_opens_the_chosen_rig(app: QApplication, tmp_path: Path) -> None:
-    asked: list[tuple[str, str]] = []
-
-    def open_client(rig: str, world: str) -> FakeEngine:
-        asked.append((rig, world))
-        return FakeEngine(tmp_path)
-
-    window = MainWindow(open_client)
-    window.show()
+def test_connect_button_opens_the_chosen_rig(disconnected: SharedWindow) -> None:
+    window = disconnected.window
+    window.toolbar.world.choose("")
     window.toolbar.rig.choose("firmware")
     click(window.toolbar.connect_button)
     assert not window.toolbar.connect_button.isEnabled()
     wait_until(lambda: window.engine_link.is_open)
-    assert asked == [("firmware", "")]
+    assert disconnected.opened == [("firmware", "")]
     assert window.toolbar.connect_button.text() == "Disconnect"
-    window.close()
-    delete(window)
 
 
-def test_simulated_rig_is_opened_with_a_world_file(app: QApplication, tmp_path: Path) -> None:
-    asked: list[tuple[str, str]] = []
-
-    def open_client(rig: str, world: str) -> FakeEngine:
-        asked.append((rig, world))
-        raise WrongUse("lab.toml, line 1: top_gain: 9 is outside 0.5 to 1.5 1/mm")
-
-    window = MainWindow(open_client)
-    window.show()
-    toolbar = window.toolbar
+def test_simulated_rig_is_opened_with_a_world_file(disconnected: SharedWindow) -> None:
+    disconnected.error = WrongUse("lab.toml, line 1: top_gain: 9 is outside 0.5 to 1.5 1/mm")
+    window, toolbar = disconnected.window, disconnected.window.toolbar
+    toolbar.rig.choose("virtual")
     toolbar.world.setCurrentIndex(toolbar.world.count() - 1)
     toolbar.world.activated.emit(toolbar.world.count() - 1)
     assert window.file_browser.dialog is not None
@@ -52,59 +38,44 @@ def test_simulated_rig_is_opened_with_a_world_file(app: QApplication, tmp_path: 
     assert toolbar.world.currentText() == "lab.toml"
     click(toolbar.connect_button)
     wait_until(lambda: "line 1" in toolbar.state_words.text())
-    assert asked == [("virtual", "/home/lab/lab.toml")]
+    assert disconnected.opened == [("virtual", "/home/lab/lab.toml")]
     assert toolbar.world.isEnabled()
-    window.close()
-    delete(window)
+    window.file_browser.dismiss()
 
 
-def test_joined_engine_keeps_its_world(app: QApplication, tmp_path: Path) -> None:
-    asked: list[tuple[str, str]] = []
-
-    def open_client(rig: str, world: str) -> FakeEngine:
-        asked.append((rig, world))
-        return FakeEngine(tmp_path)
-
-    window = MainWindow(open_client)
-    window.show()
-    window.toolbar.world.choose("/home/lab/lab.toml")
-    window.toolbar.rig.choose(JOIN)
-    assert not window.toolbar.world.isVisible()
-    click(window.toolbar.connect_button)
-    wait_until(lambda: window.engine_link.is_open)
-    assert asked == [(JOIN, "")]
-    window.close()
-    delete(window)
+def test_joined_engine_keeps_its_world(disconnected: SharedWindow) -> None:
+    toolbar = disconnected.window.toolbar
+    toolbar.world.choose("/home/lab/lab.toml")
+    toolbar.rig.choose(JOIN)
+    assert not toolbar.world.isVisible()
+    click(toolbar.connect_button)
+    wait_until(lambda: disconnected.window.engine_link.is_open)
+    assert disconnected.opened == [(JOIN, "")]
 
 
 def test_empty_wiring_is_explained_once(
-    app: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    disconnected: SharedWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     rig = tmp_path / "rig.toml"
     rig.write_text("[about]\nname = 'mine'\n")
-    for times in (1, 0):
-        window = MainWindow(lambda rig, world: FakeEngine(tmp_path))
+    window = disconnected.window
+    disconnected.error = WrongUse("no board answers")
+    for _ in range(2):
         window.connect_rig(str(rig))
-        wait_until(lambda: window.engine_link.is_open)  # noqa: B023
-        assert window.event_log.toPlainText().count("[taxels] wiring is empty") == times
-        window.close()
-        delete(window)
+        wait_until(window.toolbar.connect_button.isEnabled)
+    assert disconnected.opened == [(str(rig), "")] * 2
+    assert window.event_log.toPlainText().count("[taxels] wiring is empty") == 1
 
 
-def test_failed_connection_shows_the_reason(app: QApplication) -> None:
-    def open_client(rig: str, world: str) -> FakeEngine:
-        raise WrongUse("port /dev/ttyACM0 is in use: close the other program")
-
-    window = MainWindow(open_client)
+def test_failed_connection_shows_the_reason(disconnected: SharedWindow) -> None:
+    reason = "port /dev/ttyACM0 is in use: close the other program"
+    disconnected.error = WrongUse(reason)
+    window = disconnected.window
     window.connect_rig("/etc/rig.toml")
     wait_until(lambda: "in use" in window.status_line.text())
     assert window.toolbar.connect_button.isEnabled()
-    assert (
-        window.toolbar.state_words.text() == "port /dev/ttyACM0 is in use: close the other program"
-    )
-    window.close()
-    delete(window)
+    assert window.toolbar.state_words.text() == reason
 
 
 def test_closing_during_connection_leaves_no_engine(app: QApplication, tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ import pytest
 from rigctl.analysis.paper import published
 from rigctl.identification import original_column, search
 from rigctl.identification.__main__ import main
-from rigctl.identification.sliding import Slider, slide
-from rigctl.simulation.bench.parameters import IDENTIFIED, WorldParameters, table
+from rigctl.identification.sliding import Slider, simulate_slides
+from rigctl.simulation.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
 
 
 @pytest.fixture
@@ -32,14 +32,14 @@ def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_every_unknown_has_a_start_and_nothing_else_is_searched() -> None:
-    names = [row.name for row in search.unknowns(WorldParameters())]
+    names = [row.name for row in search.identified_parameters(WorldParameters())]
     assert names == list(search.START)
-    assert names == [row.name for row in table() if row.source == IDENTIFIED]
+    assert names == [row.name for row in parameter_infos() if row.source == IDENTIFIED]
 
 
 def test_a_session_is_the_same_for_a_seed_whatever_is_made_beside_it() -> None:
-    (alone,) = slide(WorldParameters(), 1, [2])
-    beside = slide(WorldParameters(), 1, [1, 2])[1]
+    (alone,) = simulate_slides(WorldParameters(), 1, [2])
+    beside = simulate_slides(WorldParameters(), 1, [1, 2])[1]
     assert all(map(np.array_equal, alone.samples, beside.samples))
     assert len(alone.samples) == 16 * 15
 
@@ -53,7 +53,7 @@ def test_a_plate_is_pressed_with_the_force_that_is_asked_for() -> None:
 
 
 def test_a_step_is_kept_only_where_it_is_better_and_a_seed_repeats_it(brief: None) -> None:
-    start = search.candidate(replace(WorldParameters(), **search.START))
+    start = search.evaluate(replace(WorldParameters(), **search.START))
     tried = []
     for _ in range(2):
         found = search.ParameterSearch(start, 5)

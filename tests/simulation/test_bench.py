@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.simulation.bench.bench import Bench
-from rigctl.simulation.bench.contact import contact_tables, footprint, mounted
-from rigctl.simulation.bench.load_cell import FULL_SCALE
-from rigctl.simulation.bench.mechanics import DEPTH_MM, FORCE_G, STANDING, RodMotion
+from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
+from rigctl.simulation.bench.load_cell import FULL_SCALE, LAST_COUNTS, NEXT_US, convert
+from rigctl.simulation.bench.mechanics import DEPTH_MM, DRUM_MM, FORCE_G, DrumTrajectory
 from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.bench.textures import CATALOGUE, profile
+from rigctl.simulation.bench.textures import CATALOGUE, printed_heights
 from rigctl.simulation.simulated_rig import LoadcellFault
 from rigctl.values import DRAWN_WIRING
 
@@ -34,25 +34,36 @@ QUIET = WorldParameters(
 )
 
 
+AT_REST = DrumTrajectory(0.0, 0.0, 0.0)
+
+
+def next_counts(bench: Bench) -> int | None:
+    """Return the amplifier's due conversion; None if it offers none."""
+    state, constants = bench.loadcell.arrays
+    noise = float(bench.loadcell.noise(int(state[NEXT_US]))[0])
+    offered = convert(state, constants, bench.plant.log, bench.plant.force_g, noise)
+    return int(state[LAST_COUNTS]) if offered else None
+
+
 def press(bench: Bench, force_g: float) -> None:
     """Lower the drum until the contact force is reached."""
     while bench.plant.force_g < force_g:
-        bench.advance(bench.plant.time_ms + 1, 0.2, STANDING)
-    bench.advance(bench.plant.time_ms + 300, 0.0, STANDING)
+        bench.advance(bench.plant.time_ms + 1, 0.2, AT_REST)
+    bench.advance(bench.plant.time_ms + 300, 0.0, AT_REST)
 
 
-def run(bench: Bench, until_ms: int, drive: float, motion: RodMotion) -> None:
-    """Advance, whatever index marks pass by."""
+def run(bench: Bench, until_ms: int, drive: float, trajectory: DrumTrajectory) -> None:
+    """Advance to a time."""
     while bench.plant.time_ms < until_ms:
-        bench.advance(until_ms, drive, motion)
+        bench.advance(until_ms, drive, trajectory)
 
 
 def turn(bench: Bench, speed_mm_s: float, milliseconds: int) -> NDArray[np.uint16]:
-    """Turn at a speed; counts at 1 kHz meanwhile."""
-    start_ms = bench.plant.time_ms
-    motion = RodMotion(1000.0 * start_ms, bench.plant.drum_mm, speed_mm_s)
-    motion = motion._replace(travel_mm=bench.plant.drum_mm - bench.parameters.start_mm)
-    run(bench, start_ms + milliseconds, 0.0, motion)
+    """Turn at a speed and return the counts at 1 kHz."""
+    start_ms, plant = bench.plant.time_ms, bench.plant
+    travel_mm = float(plant.log[start_ms % len(plant.log), DRUM_MM]) - bench.parameters.start_mm
+    trajectory = DrumTrajectory(1000.0 * start_ms, travel_mm, speed_mm_s)
+    run(bench, start_ms + milliseconds, 0.0, trajectory)
     bench.skin.advance()
     starts = 1000.0 * np.arange(start_ms, start_ms + milliseconds - 1, dtype=np.float64)
     return bench.skin.read(start_ms, starts, 50.0)
@@ -84,7 +95,7 @@ def pressed(parameters: WorldParameters, plate: str, force_g: float) -> NDArray[
     bench.set_plate(plate)
     rows = []
     while bench.plant.force_g < force_g:
-        bench.advance(bench.plant.time_ms + 1, 0.2, STANDING)
+        bench.advance(bench.plant.time_ms + 1, 0.2, AT_REST)
         row = bench.plant.log[bench.plant.time_ms % len(bench.plant.log)]
         rows.append((bench.plant.rod_mm, row[DEPTH_MM], row[FORCE_G]))
     return np.array(rows)
@@ -121,16 +132,16 @@ def test_a_press_of_the_whole_actuator_stays_monotone() -> None:
 @pytest.mark.parametrize("drive", [0.05, -0.05, 0.0])
 def test_nothing_moves_inside_the_dead_band(drive: float) -> None:
     bench = Bench(QUIET, 0)
-    bench.advance(500, drive, STANDING)
+    bench.advance(500, drive, AT_REST)
     assert bench.plant.rod_mm == QUIET.actuator_start_mm
 
 
 def test_the_actuator_reaches_its_speed_with_its_lag_and_ends_at_its_ends() -> None:
     bench = Bench(QUIET, 0)
-    bench.advance(30, -1.0, STANDING)
+    bench.advance(30, -1.0, AT_REST)
     early_mm = QUIET.actuator_start_mm - bench.plant.rod_mm
     assert early_mm == pytest.approx(10.0 * 0.030 * math.exp(-1), rel=0.06)
-    bench.advance(900, -1.0, STANDING)
+    bench.advance(900, -1.0, AT_REST)
     assert bench.plant.rod_mm == 0.0
 
 
@@ -170,7 +181,7 @@ def test_a_taxel_sings_at_speed_over_spacing(
 
 def test_at_rest_without_contact_the_readings_are_low_and_quiet() -> None:
     bench = Bench(WorldParameters(), 1)
-    bench.advance(1000, 0.0, STANDING)
+    bench.advance(1000, 0.0, AT_REST)
     bench.skin.advance()
     counts = bench.skin.read(0, 1000.0 * np.arange(900, dtype=np.float64), 50.0)
     assert counts.max() < 40
@@ -255,7 +266,7 @@ def test_a_mounted_plate_keeps_its_seat_until_it_is_mounted_anew() -> None:
             for _ in range(2):
                 press(bench, 500.0)
                 means.append(turn(bench, 80.0, 400).mean(axis=0))
-                bench.advance(bench.plant.time_ms + 900, -1.0, STANDING)
+                bench.advance(bench.plant.time_ms + 900, -1.0, AT_REST)
         return means
 
     first, again, anew, _ = patterns(1)
@@ -290,9 +301,9 @@ def test_the_load_cell_weighs_the_contact_at_its_own_80_hz() -> None:
     bench = Bench(dataclasses.replace(QUIET, loadcell_drift_g=0.0), 4)
     readings, times = [], []
     while bench.plant.time_ms < 2000:
-        due_us = bench.loadcell.next_us
-        bench.advance(due_us // 1000, 0.0, STANDING)
-        readings.append(bench.loadcell.convert())
+        due_us = int(bench.loadcell.arrays[0][NEXT_US])
+        bench.advance(due_us // 1000, 0.0, AT_REST)
+        readings.append(next_counts(bench))
         times.append(due_us)
     grams = (np.array(readings, float) - 80_000) * 2400e-6
     assert grams.std() == pytest.approx(0.3, rel=0.25)
@@ -306,9 +317,9 @@ def test_the_load_cell_weighs_the_contact_at_its_own_80_hz() -> None:
 )
 def test_the_load_cells_faults(fault: LoadcellFault, expected: int | None) -> None:
     bench = Bench(QUIET, 0)
-    bench.advance(60, 0.0, STANDING)
+    bench.advance(60, 0.0, AT_REST)
     bench.disturbances.loadcell = fault
-    assert bench.loadcell.convert() == expected
+    assert next_counts(bench) == expected
 
 
 def test_the_catalogue_has_sixteen_plates_with_their_heights_and_spacings() -> None:
@@ -316,29 +327,29 @@ def test_the_catalogue_has_sixteen_plates_with_their_heights_and_spacings() -> N
     along = np.arange(0.0, 60.0, 0.01)
     assert "".join(CATALOGUE) == "ABCDEFGHIJKLMNOP"
     for letter, plate in CATALOGUE.items():
-        heights = profile(plate, along, p)
+        heights = printed_heights(plate, along, p)
         assert heights.max() == pytest.approx(p.base_height_mm * plate.height, abs=1e-3)
         if letter != "A":
-            shifted = profile(plate, along + p.base_space_mm * plate.space, p)
+            shifted = printed_heights(plate, along + p.base_space_mm * plate.space, p)
             assert np.mean(np.abs(heights - shifted)) < 0.01
 
 
 def test_the_clamp_is_smooth_and_carries_as_the_plate_does() -> None:
     tables = contact_tables("C", QUIET)
-    gap = tables.felt[50, round(394 / 0.05) : round(396 / 0.05), 0]
-    assert np.ptp(gap) < 0.02 * tables.felt[50, :, 0].max()
-    force = footprint(tables, QUIET, mounted(QUIET, 1, 0)).force_g
+    gap = tables.conductance[50, round(394 / 0.05) : round(396 / 0.05), 0]
+    assert np.ptp(gap) < 0.02 * tables.conductance[50, :, 0].max()
+    force = force_table(tables, QUIET, draw_mounting(QUIET, 1, 0)).force_g
     row = int(np.argmin(np.abs(force.mean(axis=1) - 500.0)))
     assert np.all(np.abs(force[row] / force[row].mean() - 1.0) < 0.2)
 
 
 def test_truth_is_the_same_taken_whole_or_in_pieces() -> None:
     whole, pieces = Bench(WorldParameters(), 1), Bench(WorldParameters(), 1)
-    motion = RodMotion(0.0, 0.0, 80.0)
+    trajectory = DrumTrajectory(0.0, 0.0, 80.0)
     taken = []
     for until in range(100, 3001, 100):
-        run(whole, until, 0.3, motion)
-        run(pieces, until, 0.3, motion)
+        run(whole, until, 0.3, trajectory)
+        run(pieces, until, 0.3, trajectory)
         taken.append(pieces.truth.take())
     assert [t.first_ms for t in taken] == list(range(0, 3000, 100))
     together = np.concatenate([t.force_g for t in taken])

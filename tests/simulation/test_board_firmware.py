@@ -13,10 +13,10 @@ from rigctl.config.resources import checkout
 from rigctl.errors import RigFault
 from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
 from rigctl.simulation.boards.drum_firmware import DrumFirmware
-from rigctl.simulation.boards.drum_stepper import DrumStepper
 from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
-from rigctl.simulation.virtual_rig import open_virtual
+from rigctl.simulation.virtual_rig import open_virtual_rig
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
@@ -95,27 +95,27 @@ def test_virtual_boards_and_chips_are_the_same_firmware(board: str) -> None:
 
 
 def test_several_boards_in_one_process_share_nothing() -> None:
-    rigs = [DrumStepper(Bench(WorldParameters(), seed)) for seed in (1, 2)]
+    rigs = [DrumCosimulation(Bench(WorldParameters(), seed)) for seed in (1, 2)]
     for drum in rigs:
-        drum.board.exchange.attended = 1
+        drum.firmware.io.attended = 1
         drum.run(400)
     command = BY_NAME["command"].address
-    assert rigs[0].board.write(command, [Command.ARM, 1]) == 0
+    assert rigs[0].firmware.write(command, [Command.ARM, 1]) == 0
     for drum in rigs:
         drum.run(1000)
-    states = [State(drum.board.exchange.state) for drum in rigs]
+    states = [State(drum.firmware.io.state) for drum in rigs]
     assert states == [State.RETRACT, State.IDLE]
-    alone = DrumStepper(Bench(WorldParameters(), 2))
-    alone.board.exchange.attended = 1
+    alone = DrumCosimulation(Bench(WorldParameters(), 2))
+    alone.firmware.io.attended = 1
     for until_ms in (400, 1000):
         alone.run(until_ms)
-    assert alone.board.read(16, 40) == rigs[1].board.read(16, 40)
+    assert alone.firmware.read(16, 40) == rigs[1].firmware.read(16, 40)
     for drum in (*rigs, alone):
-        drum.board.close()
+        drum.firmware.close()
 
 
 def test_a_closed_rig_is_closed_twice_without_harm() -> None:
-    rig = open_virtual()
+    rig = open_virtual_rig()
     rig.close()
     rig.close()
     rig.advance(1_000_000)

@@ -12,7 +12,7 @@ import pytest
 from rigctl.errors import RigFault
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.board import BoardClock
-from rigctl.simulation.chips.rig import ChipSimulation, open_chips
+from rigctl.simulation.chips.rig import ChipSimulation, open_chip_simulation
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from rigctl.wire.taxels.frames import IDENTIFY, encode_request
@@ -27,7 +27,7 @@ def opened(seed: int = 1, parameters: WorldParameters | None = None) -> ChipSimu
     """A bench with the real images."""
     built("sim/libchips.so")
     images = built("firmware/drum.elf"), built("firmware/taxels.elf")
-    simulation = open_chips(parameters or WorldParameters(), seed, *images)
+    simulation = open_chip_simulation(parameters or WorldParameters(), seed, *images)
     assert isinstance(simulation, ChipSimulation)
     return simulation
 
@@ -140,15 +140,15 @@ def test_the_drum_stands_where_the_firmware_counted_it(run: Host) -> None:
     simulation = run.simulation
     assert isinstance(simulation, ChipSimulation)
     began = WorldParameters().start_mm / WorldParameters().mm_per_step
-    turned = simulation.drum_board.chip.exchange.drum_steps - round(began)
+    turned = simulation.drum_board.chip.io.drum_steps - round(began)
     assert turned == run.poll()["steps"]
-    assert simulation.drum_board.chip.exchange.overflows == 0
+    assert simulation.drum_board.chip.io.overflows == 0
 
 
 def test_every_conversion_of_the_load_cell_is_read_once(run: Host) -> None:
     simulation = run.simulation
     assert isinstance(simulation, ChipSimulation)
-    x = simulation.drum_board.chip.exchange
+    x = simulation.drum_board.chip.io
     assert x.loadcell_conversions > 100
     assert x.loadcell_conversions - x.loadcell_reads <= 1
 
@@ -217,4 +217,4 @@ def test_an_unplugged_board_keeps_running_and_answers_again(host: Host) -> None:
 def test_a_missing_image_is_one_sentence_with_the_cure(tmp_path: Path) -> None:
     built("sim/libchips.so")
     with pytest.raises(RigFault, match="run `make firmware`"):
-        open_chips(WorldParameters(), 1, tmp_path / "drum.elf", tmp_path / "taxels.elf")
+        open_chip_simulation(WorldParameters(), 1, tmp_path / "drum.elf", tmp_path / "taxels.elf")

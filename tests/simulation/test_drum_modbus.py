@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.simulation.virtual_rig import open_virtual
+from rigctl.simulation.virtual_rig import open_virtual_rig
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_table import END
 from tests.simulation.host import Host, Refused, crc, framed
@@ -16,7 +16,7 @@ from tests.simulation.host import Host, Refused, crc, framed
 
 @pytest.fixture(scope="module")
 def host() -> Host:
-    host = Host(open_virtual(seed=0))
+    host = Host(open_virtual_rig(seed=0))
     host.wait(200_000)
     return host
 

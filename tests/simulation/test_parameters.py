@@ -8,14 +8,14 @@ import pytest
 
 from rigctl.errors import WrongUse
 from rigctl.simulation.bench import parameter_tables
-from rigctl.simulation.bench.parameters import WorldParameters, table
-from rigctl.simulation.virtual_rig import open_virtual
+from rigctl.simulation.bench.parameters import WorldParameters, parameter_infos
+from rigctl.simulation.virtual_rig import open_virtual_rig
 
 KINDS = ("published", "measured", "identified", "plausible")
 
 
 def test_every_nominal_value_lies_in_its_range_and_has_a_meaning_and_a_source() -> None:
-    for row in table():
+    for row in parameter_infos():
         assert row.low <= row.value <= row.high, row.name
         assert row.doc
         assert row.source.split(":")[0] in KINDS, row.name
@@ -23,13 +23,13 @@ def test_every_nominal_value_lies_in_its_range_and_has_a_meaning_and_a_source() 
 
 def test_a_value_out_of_range_is_refused_by_name() -> None:
     with pytest.raises(WrongUse, match="stiffness_g_mm is 5000 g/mm: choose 300 to 900"):
-        open_virtual(WorldParameters(stiffness_g_mm=5000.0))
+        open_virtual_rig(WorldParameters(stiffness_g_mm=5000.0))
 
 
 @pytest.mark.parametrize("end", ["low", "high"])
 def test_a_rig_at_either_end_of_every_range_opens_and_runs(end: str) -> None:
-    values = {row.name: getattr(row, end) for row in table()}
-    rig = open_virtual(dataclasses.replace(WorldParameters(), **values))
+    values = {row.name: getattr(row, end) for row in parameter_infos()}
+    rig = open_virtual_rig(dataclasses.replace(WorldParameters(), **values))
     rig.advance(100_000)
     assert rig.truth.arrays().force_g.max() == 0.0 or end == "high"
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rigctl.identification.measures import RANGES, Measures, measure
-from rigctl.identification.sliding import slide
+from rigctl.identification.measures import RANGES, SkinMeasures, measure_skin
+from rigctl.identification.sliding import simulate_slides
 from rigctl.simulation.bench import parameter_tables
 from rigctl.simulation.bench.parameters import WorldParameters
 
@@ -11,8 +11,8 @@ SEED, REPEATS = 1, 8
 
 
 def test_the_skin_does_what_real_skins_do_and_the_page_says_so() -> None:
-    (session,) = slide(WorldParameters(), REPEATS, [SEED])
-    figures = measure(session)
+    (session,) = simulate_slides(WorldParameters(), REPEATS, [SEED])
+    figures = measure_skin(session)
     print("\n".join(figures.lines()))
     for name, (low, high) in RANGES.items():
         assert low < getattr(figures, name) < high, name
@@ -21,7 +21,7 @@ def test_the_skin_does_what_real_skins_do_and_the_page_says_so() -> None:
         assert line in page, f"{line}: write it into docs/reference/world.md"
 
 
-def shown(figures: Measures) -> list[str]:
+def shown(figures: SkinMeasures) -> list[str]:
     """How the page tells the figures, behind those of other labs."""
     mean, amplitude = (
         " / ".join(f"{abs(share):.2f}" for share in shares)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.simulation.virtual_rig import VirtualRig, open_virtual
+from rigctl.simulation.bench.mechanics import DRUM_MM
+from rigctl.simulation.virtual_rig import VirtualRig, open_virtual_rig
 from rigctl.wire.drum.codes import Command, CommandResult, Status
 from rigctl.wire.drum.register_table import MAGIC
 from rigctl.wire.drum.states import Fault, State
@@ -17,7 +18,7 @@ MM_PER_STEP = 0.03125
 
 @pytest.fixture
 def rig() -> VirtualRig:
-    return open_virtual(seed=3)
+    return open_virtual_rig(seed=3)
 
 
 @pytest.fixture
@@ -104,7 +105,9 @@ def test_move_lands_on_the_step_and_home_zeroes_at_the_mark(rig: VirtualRig, hos
     assert poll["steps"] == 3200
     assert poll["angle"] == 9000
     assert poll["status_bits"] >> Status.HOMED & 1
-    assert rig._bench.plant.drum_mm % 400 == pytest.approx(100.0, abs=0.04)
+    plant = rig._bench.plant
+    place_mm = plant.log[plant.time_ms % len(plant.log), DRUM_MM]
+    assert place_mm % 400 == pytest.approx(100.0, abs=0.04)
 
 
 def test_backward_runs_count_down(host: Host) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.errors import LinkLost, WrongUse
 from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.virtual_rig import VirtualRig, open_virtual
+from rigctl.simulation.virtual_rig import VirtualRig, open_virtual_rig
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, Flag, SelfTestBit, encode_request
@@ -18,7 +18,7 @@ from tests.simulation.host import Host, framed
 
 def trace(seed: int, slices_us: tuple[int, ...], parameters: WorldParameters) -> str:
     """Hash of everything that came over both cables, and of the truth, of a short session."""
-    rig = open_virtual(parameters, seed)
+    rig = open_virtual_rig(parameters, seed)
     rig.set_plate("L")
     heard = hashlib.sha256()
     rig.drum.open(lambda data, at_s: heard.update(b"%r %r" % (data, at_s)), lambda why: None)
@@ -65,7 +65,7 @@ def test_any_slicing_gives_the_same_bytes(slices_us: tuple[int, ...]) -> None:
 
 @pytest.fixture
 def rig() -> VirtualRig:
-    return open_virtual(seed=2)
+    return open_virtual_rig(seed=2)
 
 
 @pytest.fixture

@@ -12,22 +12,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rigctl.config.resources import find_protocol
+from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError, SessionError
 from rigctl.protocol import load_protocol
-from rigctl.simulation.bench.parameters import ParameterInfo, Plate, WorldParameters, table
-from rigctl.simulation.bench.textures import CATALOGUE, profile, texture
+from rigctl.simulation.bench.parameters import (
+    ParameterInfo,
+    Plate,
+    WorldParameters,
+    parameter_infos,
+)
+from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
 from rigctl.simulation.bench.world_file import (
-    NOMINAL,
+    NOMINAL_WORLD,
     SimulatedWorld,
+    format_world,
     load_world,
     parse_world,
-    recorded_world,
-    world_toml,
+    world_from_header,
 )
 
 READINGS = st.lists(st.integers(0, 17), max_size=18, unique=True).map(tuple)
 DRUM = {"circumference_mm", "plate_start_mm", "plate_length_mm"}
 """Parameters that must fit each other."""
+
+
+def parsed(text: str, name: str = "world.toml") -> WorldParameters:
+    return parse_world(TomlText(name, text, ConfigError))
 
 
 def between(row: ParameterInfo) -> st.SearchStrategy[float]:
@@ -45,29 +55,29 @@ RIDGES = st.builds(
 PLATES = st.lists(RIDGES, max_size=4, unique_by=lambda plate: plate.name).map(tuple)
 
 WORLDS = st.fixed_dictionaries(
-    {row.name: between(row) for row in table() if row.name not in DRUM}
+    {row.name: between(row) for row in parameter_infos() if row.name not in DRUM}
     | {"dead_taxels": READINGS, "stuck_taxels": READINGS, "plates": PLATES}
 ).map(lambda values: replace(WorldParameters(), **values))
 
 
 @given(WORLDS)
 def test_a_printed_world_reads_back_equal(world: WorldParameters) -> None:
-    assert parse_world(world_toml(world)) == world
+    assert parsed(format_world(world)) == world
 
 
-@pytest.mark.parametrize("row", table(), ids=lambda row: row.name)
+@pytest.mark.parametrize("row", parameter_infos(), ids=lambda row: row.name)
 def test_every_parameter_is_printed_with_its_meaning_and_held_to_its_range(
     row: ParameterInfo,
 ) -> None:
     (line,) = [
         text
-        for text in world_toml(NOMINAL.parameters).splitlines()
+        for text in format_world(NOMINAL_WORLD.parameters).splitlines()
         if text.startswith(f"{row.name} = ")
     ]
     assert line.endswith(f"{row.unit}: {row.doc}".removeprefix(": "))
     for wrong in (row.low - 1e-3 * (1 + abs(row.low)), row.high + 1e-3 * (1 + abs(row.high))):
         with pytest.raises(ConfigError, match=f"lab, line 2: {row.name}: .* is outside"):
-            parse_world(f"\n{row.name} = {wrong!r}", "lab")
+            parsed(f"\n{row.name} = {wrong!r}", "lab")
 
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
@@ -75,7 +85,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
     path.write_text("# ours\nstart_mm = 100\nstuck_taxels = [3, 17]\n", encoding="utf-8")
     wanted = replace(WorldParameters(), start_mm=100.0, stuck_taxels=(3, 17))
     assert load_world(path) == SimulatedWorld(wanted, "lab.toml")
-    assert parse_world("") == WorldParameters()
+    assert parsed("") == WorldParameters()
 
 
 @pytest.mark.parametrize(
@@ -110,7 +120,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
 )
 def test_a_mistake_names_file_line_and_cure(text: str, words: list[str]) -> None:
     with pytest.raises(ConfigError) as refused:
-        parse_world(text, "lab.toml")
+        parsed(text, "lab.toml")
     sentence = str(refused.value)
     assert sentence.startswith("lab.toml") and "\n" not in sentence
     assert all(word in sentence for word in words), sentence
@@ -120,11 +130,11 @@ def test_the_how_to_shows_a_world_file_and_the_sentence_of_a_wrong_one() -> None
     page = Path(__file__).parents[2] / "docs" / "how-to" / "rehearse.md"
     shown = page.read_text(encoding="utf-8")
     example = shown.split("```toml\n")[1].split("```")[0]
-    description = SimulatedWorld(parse_world(example)).description()
+    description = SimulatedWorld(parsed(example)).rig_config()
     for protocol in ("quick", "paper"):  # which the page has run in this world
         load_protocol(find_protocol(protocol), description)
     with pytest.raises(ConfigError) as refused:
-        parse_world(example.replace("speed_mm_s", "speed_in_s"), "lab.toml")
+        parsed(example.replace("speed_mm_s", "speed_in_s"), "lab.toml")
     assert f"rigctl: {refused.value}\n" in shown
 
 
@@ -138,20 +148,20 @@ def test_what_a_session_keeps_makes_the_same_world_again() -> None:
     world = world._replace(
         parameters=replace(world.parameters, plates=(Plate("B", "waves", 1.25),))
     )
-    kept = json.loads(json.dumps(world.facts()))
-    assert recorded_world(kept, Path("s")) == world
-    assert recorded_world({"seed": 1}, Path("s")) is None
+    kept = json.loads(json.dumps(world.header_fields()))
+    assert world_from_header(kept, Path("s")) == world
+    assert world_from_header({"seed": 1}, Path("s")) is None
     kept["world"]["warp"] = kept["world"].pop("start_mm")
     with pytest.raises(SessionError, match="s was recorded in the world of another version"):
-        recorded_world(kept, Path("s"))
+        world_from_header(kept, Path("s"))
 
 
 def test_a_plate_of_a_labs_own_is_printed_as_high_and_as_wide_as_it_says() -> None:
     text = 'base_height_mm = 0.5\n[plates.C]\ngroup = "waves"\nheight_mm = 1.5\nspace_mm = 5\n'
-    world = parse_world(text + "[plates.G]\nridge_share = 0.2\n[plates.L]\ngroup = 'smooth'")
+    world = parsed(text + "[plates.G]\nridge_share = 0.2\n[plates.L]\ngroup = 'smooth'")
     along_mm = np.arange(0.0, 20.0, 0.01)
     waves, ridges, smooth, other = (
-        profile(texture(name, world), along_mm, world) for name in "CGLH"
+        printed_heights(find_texture(name, world), along_mm, world) for name in "CGLH"
     )
     assert waves.max() == pytest.approx(1.5)
     assert np.flatnonzero(np.diff(np.sign(np.diff(waves))) < 0).size == 4
@@ -164,7 +174,7 @@ def test_a_plate_of_a_labs_own_is_printed_as_high_and_as_wide_as_it_says() -> No
 
 def test_the_description_of_a_rig_without_one_fits_its_world() -> None:
     text = "circumference_mm = 500\nplate_length_mm = 380\nloadcell_ug_per_count = 3000"
-    described = SimulatedWorld(parse_world(text)).description()
+    described = SimulatedWorld(parsed(text)).rig_config()
     assert described.drum.circumference_mm == 500
     assert described.drum.plate_length_mm == 380
     assert described.loadcell.scale_ug_per_count == 3000

@@ -20,7 +20,7 @@ from rigctl.session.format import layout
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 from rigctl.synth import step_runner
-from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, plan_of
+from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, load_plan
 from tests.acquisition.floor import open_floor
 
 TEXT = """
@@ -51,7 +51,7 @@ def make(
 ) -> list[DatasetProgress]:
     told: list[DatasetProgress] = []
     order = DatasetRequest(
-        plan_of(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00", resume
+        load_plan(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00", resume
     )
     generate(order, told.append, lambda: len(told) >= stop_at, workers)
     return told
@@ -240,4 +240,4 @@ def test_repeats_that_stand_elsewhere_are_not_guessed(tmp_path: Path) -> None:
     path = tmp_path / "odd.toml"
     path.write_text(TEXT.replace("repeats = 7", '"repeats" = 7'))
     with pytest.raises(ProtocolError):
-        plan_of(path, 2, 1)
+        load_plan(path, 2, 1)

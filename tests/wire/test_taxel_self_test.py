@@ -51,10 +51,13 @@ def test_nothing_found_is_nothing_said() -> None:
     [
         ({"lines_low": 0b010}, ["line D5 stays low: it is connected to ground; free it"]),
         ({"lines_high": 0b100}, ["line D6 stays high: it is connected to 5 V; free it"]),
-        ({"lines_together": 0b11}, ["line D4 and line D5 are connected to each other: part them"]),
+        (
+            {"lines_together": 0b11},
+            ["line D4 and line D5 are connected to each other: separate them"],
+        ),
         (
             {"inputs_together": 0b10101},
-            ["input A0, input A2 and input A4 are connected to each other: part them"],
+            ["input A0, input A2 and input A4 are connected to each other: separate them"],
         ),
         ({"inputs_open": 0b1000}, ["input A3 has no divider to ground: solder its resistor"]),
         ({"silent": 1 << 7}, ["taxel 5 (line D5, input A1) does not conduct: it is open or torn"]),

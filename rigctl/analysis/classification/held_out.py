@@ -44,15 +44,15 @@ class HeldOutPredictions:
     """Predictions for trials, each from a classifier that was trained without that trial.
 
     ``classes``: names, sorted. ``labels``: int64 (n,), index of each trial's class.
-    ``predictions``: int64 (k_max, n), row k − 1 for k principal components. ``shown``: the
-    number of components, chosen in advance, for a single figure of accuracy.
+    ``predictions``: int64 (k_max, n), row k − 1 for k principal components. ``shown_components``:
+    the number of components, chosen in advance, for a single figure of accuracy.
     """
 
     classes: tuple[str, ...]
     labels: Labels
     predictions: Labels
     n_folds: int
-    shown: int
+    shown_components: int
 
     @property
     def n(self) -> int:

@@ -14,7 +14,6 @@ from rigctl.analysis.paper import published
 from rigctl.errors import WrongUse
 
 Rows = NDArray[np.intp]
-Strings = NDArray[np.str_]
 FAMILIES = ("folds", "extrapolation", "leave-speed-out", "leave-force-out")
 
 

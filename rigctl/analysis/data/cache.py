@@ -33,7 +33,7 @@ MAX_BYTES = 4 * 2**30
 RACY_NS = 2 * 10**9
 """A file modified so recently may change again without a new time of modification."""
 DIGEST_BYTES = 8
-"""Behind the archive of an entry stands its XXH3: zipfile misses some damage to the directory."""
+"""Size of the XXH3 behind an entry's archive; zipfile misses some damage to its directory."""
 
 
 def cache_folder() -> Path:

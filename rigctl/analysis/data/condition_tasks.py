@@ -50,8 +50,8 @@ class ConditionTask(NamedTuple):
         return [trial.n_samples for trial in self.trials]
 
     @property
-    def cuts(self) -> NDArray[np.int64]:
-        """Limits of the stretches in which the spikes are counted."""
+    def bin_edges(self) -> NDArray[np.int64]:
+        """Edges of the bins in which the spikes are counted, in samples."""
         return common_bin_edges(self.layouts, max(self.lengths), self.trials[0].speed_mm_s)
 
     def rows_at(self, force_g: float) -> list[int]:
@@ -88,12 +88,12 @@ def fingerprint_trials(task: tuple[dict[int, SampleFile], tuple[TrialRef, ...]])
 
 
 def count_condition(condition: ConditionTask) -> Arrays:
-    """Return the spike counts of one condition in stretches of time.
+    """Return the binned spike counts of one condition.
 
     With a given C: ``forced``, the SA counts of :attr:`ConditionTask.scaled_rows` alone. Without:
     ``plain``, the counts of all trials; and where there are forces, ``forced`` with the C found,
     and that C: ``c``, ``status``, ``residual_hz``, ``evaluations``, each (n_taxels, n_forces).
-    Counts are (trials, trains, stretches) in the smallest dtype that holds them.
+    Counts are (trials, trains, bins) in the smallest dtype that holds them.
     """
     with open_trials(condition.files) as reader:
         if condition.given_c:
@@ -117,7 +117,7 @@ def _count(
     """Return the counts of both channels, or with a C of SA alone: C does not change RA."""
     return count_spikes(
         trials,
-        condition.cuts,
+        condition.bin_edges,
         condition.normalisation,
         condition.parameters,
         sa_scale=scale,
@@ -139,13 +139,13 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
     The trials of one force are read at a time: so many stay in the processor's last cache.
     """
     n_taxels, n_trials = condition.normalisation.n_taxels, len(condition.trials)
-    plain = np.empty((n_trials, 2 * n_taxels, len(condition.cuts) - 1), np.uint32)
+    plain = np.empty((n_trials, 2 * n_taxels, len(condition.bin_edges) - 1), np.uint32)
     rows = condition.rows_at(condition.reference_g)
     reference = _read(condition, reader, rows)
     plain[rows] = _count(condition, reference)
     lengths = reference.lengths.tolist()
     target = sa_rates_hz(plain[rows, :n_taxels], lengths, condition.parameters)
-    level = mean_normalised_reading(reference, condition.normalisation)
+    reading = mean_normalised_reading(reference, condition.normalisation)
     forced = np.empty_like(plain[:, :n_taxels])
     shape = (n_taxels, len(condition.forces_g))
     found: Arrays = {"c": np.ones(shape), "status": np.zeros(shape, np.int8)}
@@ -155,7 +155,7 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
             continue
         rows = condition.rows_at(force)
         plain[rows], search = _search_at_force(
-            condition, _read(condition, reader, rows), level, target
+            condition, _read(condition, reader, rows), reading, target
         )
         forced[rows] = search.counts
         found["c"][:, f], found["status"][:, f] = search.c, search.status
@@ -168,20 +168,20 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
 def _search_at_force(
     condition: ConditionTask,
     trials: TrialViews,
-    level: NDArray[np.float64],
+    reading: NDArray[np.float64],
     target: NDArray[np.float64],
 ) -> tuple[Counts, ForceSearch]:
     """Return the counts without C and the search, whose first C is counted along with none."""
     plain: list[Counts] = []
-    cuts, encoder = condition.cuts, (condition.normalisation, condition.parameters)
+    edges, encoder = condition.bin_edges, (condition.normalisation, condition.parameters)
 
     def count_first(c: NDArray[np.float64]) -> Counts:
         scale = np.tile(c, (len(trials), 1))
-        without, with_c = count_spikes_without_and_with_c(trials, cuts, *encoder, scale)
+        without, with_c = count_spikes_without_and_with_c(trials, edges, *encoder, scale)
         plain.append(without)
         return with_c
 
-    search = search_c(trials, level, target, *encoder, bin_edges=cuts, first_counts=count_first)
+    search = search_c(trials, reading, target, *encoder, bin_edges=edges, first_counts=count_first)
     return plain[0], search
 
 

@@ -78,6 +78,13 @@ class TrialSet:
         """Whether any of it comes from a simulated bench."""
         return any(source["simulated"] for source in self.provenance)
 
+    def by_condition(self) -> dict[tuple[str, float], list[int]]:
+        """Return the rows of each texture and speed, in sorted order."""
+        rows: dict[tuple[str, float], list[int]] = {}
+        for i, trial in enumerate(self.trials):
+            rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
+        return dict(sorted(rows.items()))
+
     def without_gaps(self) -> TrialSet:
         """Return the set without the trials that lack samples, and a remark that lists those.
 
@@ -122,8 +129,7 @@ class TrialBlock(NamedTuple):
     @property
     def arrays(self) -> list[NDArray[np.uint16]]:
         """Samples of each trial, uint16 (n_i, n_taxels)."""
-        pairs = zip(self.starts.tolist(), self.lengths.tolist(), strict=True)
-        return [self.samples[start : start + n] for start, n in pairs]
+        return [self.samples[a : a + n] for a, n in zip(self.starts, self.lengths, strict=True)]
 
 
 class TrialReader:
@@ -260,9 +266,6 @@ def _references(
 
 def _provenance(session: Session) -> dict[str, Any]:
     header = session.header
-    boards = {
-        board.board: f"{board.firmware_version} {board.build_hash}" for board in header.boards
-    }
     return {
         "path": str(session.path),
         "rig": header.rig,
@@ -273,7 +276,7 @@ def _provenance(session: Session) -> dict[str, Any]:
         "seed": header.seed,
         "simulation_seed": header.simulation.get("seed"),
         "software": f"{header.software_version} {header.software_commit}".strip(),
-        "firmware": boards,
+        "firmware": {b.board: f"{b.firmware_version} {b.build_hash}" for b in header.boards},
         "operator": header.operator,
         "sensor": header.sensor,
         "n_taxels": header.n_taxels,

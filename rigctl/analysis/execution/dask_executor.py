@@ -44,18 +44,14 @@ class WorkerBuild(NamedTuple):
     host: str
 
 
-class DaskExecutor:
+class DaskExecutor(Executor):
     """Workers of one scheduler, which may join, die and return; see :func:`dask_executor`."""
 
     def __init__(self, client: Any, builds: Mapping[str, WorkerBuild]) -> None:
         self._client = client
         self._builds = builds
         self._scheduler = str(client.scheduler.address)
-
-    @property
-    def is_local(self) -> bool:
-        """Whether all workers run on this machine."""
-        return {build.host for build in self._builds.values()} == {_own_build().host}
+        self.is_local = {build.host for build in builds.values()} == {_own_build().host}
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -104,10 +100,6 @@ class DaskExecutor:
         finally:
             if pending and self._client.status == "running":
                 self._client.cancel(list(pending), force=True)
-
-    def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
-        """Do as :meth:`map`: workers may have threads."""
-        return self.map(function, tasks)
 
     def _submit(self, function: Callable[[T], R], task: T) -> Any:
         # The versions go with each task, as a worker may have joined after the first check.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections import deque
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -22,39 +22,36 @@ Progress = Callable[[str, int, int], None]
 """Called with the name of the stage, the number of finished tasks and the number of tasks."""
 
 
-class Executor(Protocol):
-    """Workers that run tasks, each with one BLAS thread, so that no bit depends on their number."""
+class Executor(ABC):
+    """Workers that run tasks, each with one BLAS thread, so that no bit depends on their number.
 
-    @property
-    def is_local(self) -> bool:
-        """Whether all workers run on this machine and so may write into one mapped file."""
+    ``is_local``: whether all workers run on this machine and so may write into one mapped file.
+    """
+
+    is_local = True
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences for the report on what these workers may change in the results."""
+        return ()
 
-    def check_visible(self, folders: Sequence[Path]) -> None:
+    def check_visible(self, folders: Sequence[Path]) -> None:  # noqa: B027  # local ones see all
         """Raise WrongUse where a worker does not see one of the folders."""
 
+    @abstractmethod
     def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
         """Yield the results in task order. ``function`` must be a module's (it is pickled).
 
-        A caller that stops early closes the iterator, which cancels the remaining tasks.
+        A caller that stops early closes the iterator, which cancels the remaining tasks. Raises
+        WorkersLost where workers are gone for good.
         """
 
     def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
         """Do the same, in any thread, for a function that releases the interpreter's lock."""
+        return self.map(function, tasks)
 
 
-class _LocalExecutor:
-    is_local = True
-    remarks: tuple[str, ...] = ()
-
-    def check_visible(self, folders: Sequence[Path]) -> None:
-        """Accept all folders: every worker runs on this machine."""
-
-
-class SerialExecutor(_LocalExecutor):
+class SerialExecutor(Executor):
     """This process, which runs each task when its result is requested."""
 
     def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
@@ -69,10 +66,10 @@ class SerialExecutor(_LocalExecutor):
         yield from map(function, tasks)
 
 
-SERIAL: Final[Executor] = SerialExecutor()
+SERIAL: Final = SerialExecutor()
 
 
-class ProcessExecutor(_LocalExecutor):
+class ProcessExecutor(Executor):
     """Processes on this machine that start at the first task; see :func:`local_executor`."""
 
     def __init__(self, pool: ProcessPoolExecutor, n_workers: int) -> None:
@@ -81,19 +78,13 @@ class ProcessExecutor(_LocalExecutor):
 
     def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
         """Yield the results in task order. Raises WorkersLost where a process died."""
-        pending: deque[Future[R]] = deque()
         try:
-            pending.extend(self._pool.submit(function, task) for task in tasks)
-            while pending:
-                yield pending.popleft().result()
+            yield from self._pool.map(function, tasks)
         except BrokenProcessPool as error:
             raise WorkersLost(
                 "a process of the analysis died, perhaps for want of memory: "
                 "free some, or use fewer --workers"
             ) from error
-        finally:
-            for future in pending:
-                future.cancel()
 
     def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
         """Yield the results from threads of this process: they start at once, without pickling."""

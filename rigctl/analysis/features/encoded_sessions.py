@@ -21,8 +21,8 @@ from rigctl.analysis.features.spike_counts import (
     ConditionGroup,
     PreparedTrials,
     RangesOver,
-    count_spikes,
-    count_spikes_with_c,
+    count_groups,
+    count_groups_with_c,
     counts_with_searched_c,
     encoder_items,
     files_of_trials,
@@ -31,7 +31,7 @@ from rigctl.analysis.features.spike_counts import (
     prepare_trials,
     with_given_c,
 )
-from rigctl.analysis.report.example_taxel import check_shown, taxel_picture, write_samples
+from rigctl.analysis.report.example_taxel import check_selection, load_taxel, write_samples
 from rigctl.analysis.report.paper_figures import draw_taxel
 from rigctl.config.resources import source_commit
 from rigctl.encoding.batch import window_counts
@@ -97,7 +97,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
     be written. The cache keeps the results of an interrupted run.
     """
     trials = join_sessions(request.sessions)
-    check_shown(trials, request.trial, request.taxel)
+    check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:
         prepared = prepare_trials(trials, resources, request.ranges)
@@ -107,7 +107,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
         groups = group_by_condition(
             prepared, request.parameters, request.reference_g, search_c=not obstacle
         )
-        counted = list(count_spikes(prepared, groups, resources))
+        counted = list(count_groups(prepared, groups, resources))
         force = join_searched_c(groups, counted)
         remarks = tuple(filter(None, (*prepared.trials.remarks, obstacle)))
         encoding = _encoding(request, prepared, force, remarks, made_utc)
@@ -178,7 +178,7 @@ def _scaled_counts(
         yield from map(counts_with_searched_c, groups, counted)
     else:
         scaled = with_given_c(groups, force, blind=True)
-        yield from count_spikes_with_c(prepared, scaled, counted, resources)
+        yield from count_groups_with_c(prepared, scaled, counted, resources)
 
 
 def _write_windows(
@@ -201,7 +201,7 @@ def _write_windows(
         condition, speed = group.condition, group.condition.trials[0].speed_mm_s
         for name, windows in layouts.items():
             spikes, seconds = tables[name]
-            spikes[group.rows] = window_counts(found, condition.cuts, speed, windows)[:, order]
+            spikes[group.rows] = window_counts(found, condition.bin_edges, speed, windows)[:, order]
             seconds[group.rows] = windows.window_durations_s(condition.lengths, speed)
     for name, (spikes, seconds) in tables.items():
         file.add_windows(name, spikes, seconds)
@@ -237,26 +237,24 @@ def _encoding(
 
 def _columns(trials: TrialSet, hashes: NDArray[np.uint64]) -> dict[str, Any]:
     """Return the columns of /trials: unit, meaning, values."""
-    table = trials.trials
-    lengths = [trial.n_samples for trial in table]
+
+    def values(name: str) -> NDArray[Any]:
+        return np.array([getattr(trial, name) for trial in trials.trials])
+
     return {
-        "session": ("", "number of its session in /inputs", _ints(t.session for t in table)),
-        "row": ("", "its row in that session's /trials, from 0", _ints(t.row for t in table)),
-        "trial_id": ("", "number in planned order, from 1", _ints(t.trial_id for t in table)),
-        "texture": ("", "name of the plate", [t.texture for t in table]),
-        "speed_mm_s": ("mm/s", "planned speed", np.array([t.speed_mm_s for t in table])),
-        "force_g": ("g", "planned force", np.array([t.force_g for t in table])),
-        "n_samples": ("samples", "length, 1 ms each", _ints(lengths)),
+        "session": ("", "number of its session in /inputs", values("session")),
+        "row": ("", "its row in that session's /trials, from 0", values("row")),
+        "trial_id": ("", "number in planned order, from 1", values("trial_id")),
+        "texture": ("", "name of the plate", [trial.texture for trial in trials.trials]),
+        "speed_mm_s": ("mm/s", "planned speed", values("speed_mm_s")),
+        "force_g": ("g", "planned force", values("force_g")),
+        "n_samples": ("samples", "length, 1 ms each", values("n_samples")),
         "content": ("", "XXH3 (64 bits) of its samples' bytes", hashes),
     }
 
 
-def _ints(values: Any) -> NDArray[np.int64]:
-    return np.fromiter(values, np.int64)
-
-
 def _write_picture(request: EncodeRequest, prepared: PreparedTrials, folder: Path) -> None:
-    picture = taxel_picture(
+    picture = load_taxel(
         prepared.trials, prepared.normalisation, request.parameters, request.trial, request.taxel
     )
     draw_taxel(picture, folder / "taxel")

@@ -21,8 +21,8 @@ from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.features.spike_counts import (
     ConditionGroup,
     RangesOver,
-    count_spikes,
-    count_spikes_with_c,
+    count_groups,
+    count_groups_with_c,
     counts_with_searched_c,
     group_by_condition,
     join_searched_c,
@@ -127,7 +127,7 @@ def represent(
     plain, transferred = [], None
     files = _FeatureFiles(folder, trials, sync=not resources.executor.is_local)
     with closing(files):
-        for group, counted in zip(groups, count_spikes(prepared, groups, resources), strict=True):
+        for group, counted in zip(groups, count_groups(prepared, groups, resources), strict=True):
             files.write("", group, counted["plain"])
             if "forced" in counted:
                 files.write("texture", group, counts_with_searched_c(group, counted))
@@ -147,7 +147,7 @@ def represent(
         if force is not None:
             for kind in ("texture", "blind") if source else ("blind",):
                 scaled = with_given_c(groups, force, blind=kind == "blind")
-                counts = count_spikes_with_c(prepared, scaled, plain, resources)
+                counts = count_groups_with_c(prepared, scaled, plain, resources)
                 for group, forced in zip(scaled, counts, strict=True):
                     files.write(kind, group, forced)
     return RepresentationSet(
@@ -207,7 +207,7 @@ class _FeatureFiles:
     def write(self, force: str, group: ConditionGroup, counts: NDArray[Any]) -> None:
         """Write the unscaled and the speed-scaled rows of one kind of C."""
         condition = group.condition
-        timing = (condition.cuts, condition.lengths, condition.trials[0].speed_mm_s)
+        timing = (condition.bin_edges, condition.lengths, condition.trials[0].speed_mm_s)
         pair = [r for r in REPRESENTATIONS if r.force == force]
         for representation, layout in zip(pair, condition.layouts, strict=True):
             key = representation.key
@@ -233,7 +233,7 @@ def force_scaling_obstacle(trials: TrialSet, reference_g: float) -> str:
             "(--reference-force names another)"
         )
     present = {(t.texture, t.speed_mm_s, t.force_g) for t in trials.trials}
-    for texture, speed in sorted({(t.texture, t.speed_mm_s) for t in trials.trials}):
+    for texture, speed in trials.by_condition():
         for force in forces:
             if (texture, speed, force) not in present:
                 return f"{start}texture {texture} at {speed:g} mm/s has no trial at {force:g} g"

@@ -92,33 +92,28 @@ def group_by_condition(
     prepared: PreparedTrials, parameters: EncoderParameters, reference_g: float, *, search_c: bool
 ) -> list[ConditionGroup]:
     """Return the set by texture and speed, in sorted order, with or without a search for C."""
-    trials, files = prepared.trials.trials, prepared.trials.files
-    rows: dict[tuple[str, float], list[int]] = {}
-    for i, trial in enumerate(trials):
-        rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
-    forces = prepared.trials.forces_g if search_c else ()
-    encoder = (prepared.normalisation, parameters, prepared.layouts)
+    trials = prepared.trials
+    forces = trials.forces_g if search_c else ()
+    encoder = (prepared.normalisation, parameters, prepared.layouts, forces, reference_g, ())
     groups = []
-    for key in sorted(rows):
-        members = tuple(trials[i] for i in rows[key])
-        task = ConditionTask(
-            files_of_trials(files, members), members, *encoder, forces, reference_g, ()
-        )
-        groups.append(ConditionGroup(rows[key], task))
+    for rows in trials.by_condition().values():
+        members = tuple(trials.trials[i] for i in rows)
+        task = ConditionTask(files_of_trials(trials.files, members), members, *encoder)
+        groups.append(ConditionGroup(rows, task))
     return groups
 
 
-def count_spikes(
+def count_groups(
     prepared: PreparedTrials, groups: Sequence[ConditionGroup], resources: Resources
 ) -> Iterator[Arrays]:
     """Yield the counts without C of each group; after a search also C and the counts with it."""
-    return _count_groups(prepared, groups, "searching C, encoding", resources)
+    return _map_conditions(prepared, groups, "searching C, encoding", resources)
 
 
 def join_searched_c(
     groups: Sequence[ConditionGroup], counted: Sequence[Arrays]
 ) -> ForceMatrix | None:
-    """Return the C that :func:`count_spikes` found, None without a search."""
+    """Return the C that :func:`count_groups` found, None without a search."""
     pieces = [
         condition_force_matrix(group.condition, found)
         for group, found in zip(groups, counted, strict=True)
@@ -145,14 +140,14 @@ def with_given_c(
     return found
 
 
-def count_spikes_with_c(
+def count_groups_with_c(
     prepared: PreparedTrials,
     groups: Sequence[ConditionGroup],
     plain: Sequence[Arrays],
     resources: Resources,
 ) -> Iterator[NDArray[Any]]:
-    """Yield the counts of groups with a given C; ``plain``: what :func:`count_spikes` gave."""
-    found = _count_groups(prepared, groups, "encoding with a C that is known", resources)
+    """Yield the counts of groups with a given C; ``plain``: what :func:`count_groups` gave."""
+    found = _map_conditions(prepared, groups, "encoding with a given C", resources)
     for group, counted, forced in zip(groups, plain, found, strict=True):
         yield replace_sa_counts(counted["plain"], forced["forced"], group.condition.scaled_rows)
 
@@ -169,7 +164,7 @@ def encoder_items(parameters: EncoderParameters) -> list[tuple[str, Any]]:
     return sorted((name, value) for name, value in parameters.as_dict().items() if name != "name")
 
 
-def _count_groups(
+def _map_conditions(
     prepared: PreparedTrials, groups: Sequence[ConditionGroup], stage: str, resources: Resources
 ) -> Iterator[Arrays]:
     tasks = [group.condition for group in groups]

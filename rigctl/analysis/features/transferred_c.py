@@ -213,18 +213,16 @@ def _tasks(
     parameters: EncoderParameters,
     blind: bool,
 ) -> list[_RateTask]:
-    groups: dict[tuple[str, float], list[TrialRef]] = {}
-    for trial in trials.trials:
-        groups.setdefault((trial.texture, trial.speed_mm_s), []).append(trial)
     tasks = []
-    for (texture, speed), members in sorted(groups.items()):
+    for (texture, speed), rows in trials.by_condition().items():
+        members = tuple(trials.trials[i] for i in rows)
         forces = sorted({trial.force_g for trial in members})
         if len(forces) < 2 or force.reference_g not in forces:
             continue
         if blind or texture in force.textures:
             c = {f: select_c(force, texture, speed, f, blind=blind) for f in forces}
             encoder = (normalisation, parameters, c, force.reference_g)
-            tasks.append(_RateTask(trials.files, tuple(members), *encoder))
+            tasks.append(_RateTask(trials.files, members, *encoder))
     return tasks
 
 

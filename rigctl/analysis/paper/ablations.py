@@ -1,6 +1,6 @@
-"""What may explain an order of Table 1, measured on the same trials: variance, and each half alone.
+"""Ablations that may explain a comparison of Table 1: variance by factor, and each half alone.
 
-SA rates and RA counts are looked at apart, as C acts on the SA current only.
+SA rates and RA counts are separate halves of the features, as C acts on the SA current only.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class Ablations(NamedTuple):
     draws: int
 
 
-class _Look(NamedTuple):
+class _VarianceJob(NamedTuple):
     features: Path
     design: Design
     n_windows: int
 
 
-class _Ask(NamedTuple):
+class _HalfJob(NamedTuple):
     features: Path
     design: Design
     half: int
@@ -74,40 +74,46 @@ class _Ask(NamedTuple):
     draw: int
 
 
-def measure(
-    made: RepresentationSet,
+def measure_ablations(
+    representations: RepresentationSet,
     results: Sequence[TaskResult],
     settings: SweepSettings,
     *,
     executor: Executor = SERIAL,
-    progress: Progress = lambda stage, done, all_: None,
+    progress: Progress = lambda stage, done, total: None,
 ) -> Ablations | None:
-    """Evidence for the tasks of Table 1; None where none of them was run.
+    """Measure the ablations for the tasks of Table 1; None where none of them was run.
 
-    The draws are the first of those that the results come from.
+    The draws are the first ones of the results.
     """
-    asked = [result for result in results if result.task.key in published.TABLE_1]
-    if not asked:
+    results = [result for result in results if result.task.key in published.TABLE_1]
+    if not results:
         return None
-    design = Design.from_trials(made.trials)
-    looks = [
-        _Look(made.files[r.key], design, layout.n_windows)
-        for r in made.present
-        for layout in [made.scaled if r.speed_scaled else made.unscaled]
+    design = Design.from_trials(representations.trials)
+    jobs = [
+        _VarianceJob(representations.files[r.key], design, layout.n_windows)
+        for r in representations.present
+        for layout in [representations.scaled if r.speed_scaled else representations.unscaled]
     ]
-    found = map_with_progress(
-        _halves, looks, executor=executor, stage="what explains the features", progress=progress
+    computed = map_with_progress(
+        _split_variance,
+        jobs,
+        executor=executor,
+        stage="what explains the features",
+        progress=progress,
     )
-    halves = {r.key: both for r, both in zip(made.present, found, strict=True)}
+    halves = {r.key: both for r, both in zip(representations.present, computed, strict=True)}
     draws = min(DRAWS, settings.iterations)
-    alone = _alone(made, design, asked, (settings.seed, draws), executor, progress)
-    return Ablations(made.trials.forces_g, halves, alone, draws)
+    alone = _accuracies_alone(
+        representations, design, results, (settings.seed, draws), executor, progress
+    )
+    return Ablations(representations.trials.forces_g, halves, alone, draws)
 
 
-def _halves(look: _Look) -> dict[str, FeatureHalf]:
-    """Both halves of one representation's features, read a few rows at a time."""
-    features: Floats = np.load(look.features, mmap_mode="r")
-    conditions = look.design.conditions()
+def _split_variance(job: _VarianceJob) -> dict[str, FeatureHalf]:
+    """Return both halves of one representation's features, read a few rows at a time."""
+    features: Floats = np.load(job.features, mmap_mode="r")
+    conditions = job.design.conditions()
     which = np.empty(len(features), np.intp)
     for number, rows in enumerate(conditions):
         which[rows] = number
@@ -122,12 +128,12 @@ def _halves(look: _Look) -> dict[str, FeatureHalf]:
     counts = np.array([len(rows) for rows in conditions], np.float64)
     width = features.shape[1] // 2
     return {
-        name: _half(
+        name: _feature_half(
             sums[:, at : at + width],
             squares[at : at + width],
             counts,
-            [levels[first] for levels in _factors(look.design)],
-            look.n_windows,
+            [levels[first] for levels in _factors(job.design)],
+            job.n_windows,
             offset[at : at + width],
         )
         for name, at in zip(HALVES, (0, width), strict=True)
@@ -138,7 +144,7 @@ def _factors(design: Design) -> tuple[NDArray[np.generic], ...]:
     return design.texture, design.speed_mm_s, design.force_g
 
 
-def _half(
+def _feature_half(
     sums: Floats,
     squares: Floats,
     counts: Floats,
@@ -146,7 +152,7 @@ def _half(
     n_windows: int,
     offset: Floats,
 ) -> FeatureHalf:
-    """Of condition sums (conditions, features), sums of squares and the levels of conditions."""
+    """Return a half from condition sums (conditions, features), squares and factor levels."""
     n = counts.sum()
     about_mean = sums.sum(axis=0) ** 2 / n
     total = float((squares - about_mean).sum())
@@ -185,30 +191,28 @@ def _means(
     ]
 
 
-def _alone(
-    made: RepresentationSet,
+def _accuracies_alone(
+    representations: RepresentationSet,
     design: Design,
-    asked: Sequence[TaskResult],
+    results: Sequence[TaskResult],
     draws: tuple[int, int],
     executor: Executor,
     progress: Progress,
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """``draws``: seed, and how many."""
+    """Return the accuracies by task, representation and half. ``draws``: seed and count."""
     jobs, names = [], []
-    for family in dict.fromkeys(result.task.family for result in asked):
-        of_family = [result for result in asked if result.task.family == family]
-        tasks, k = tuple(r.task for r in of_family), min(r.shown for r in of_family)
-        for r in made.present:
+    for family in dict.fromkeys(result.task.family for result in results):
+        of_family = [result for result in results if result.task.family == family]
+        tasks, k = tuple(r.task for r in of_family), min(r.shown_components for r in of_family)
+        for r in representations.present:
             for half, name in enumerate(HALVES):
                 for draw in range(draws[1]):
-                    path = made.files[r.key]
-                    jobs.append(_Ask(path, design, half, family, tasks, k, draws[0], draw))
+                    path = representations.files[r.key]
+                    jobs.append(_HalfJob(path, design, half, family, tasks, k, draws[0], draw))
                     names.append((r.key, name))
     shares: dict[tuple[str, str, str], list[float]] = {}
-    stage = "asking SA rates and RA counts alone"
-    scores = map_with_progress(
-        _asked_alone, jobs, executor=executor, stage=stage, progress=progress
-    )
+    stage = "classifying by SA rates and RA counts alone"
+    scores = map_with_progress(_score_half, jobs, executor=executor, stage=stage, progress=progress)
     for (key, name), score in zip(names, scores, strict=True):
         for task, share in score.items():
             shares.setdefault((task, key, name), []).append(share)
@@ -218,18 +222,18 @@ def _alone(
     return found
 
 
-def _asked_alone(ask: _Ask) -> dict[str, float]:
-    """Share of right answers in each task of a family, from one half of the features."""
-    features = np.load(ask.features, mmap_mode="r")
+def _score_half(job: _HalfJob) -> dict[str, float]:
+    """Return the accuracy in each task of a family, from one half of the features."""
+    features = np.load(job.features, mmap_mode="r")
     width = features.shape[1] // 2
-    half = features[:, ask.half * width : (ask.half + 1) * width]
-    fits = make_splits(ask.design, ask.family, ask.seed, ask.draw)
-    labels = {task.key: ask.design.labels(task) for task in ask.tasks}
-    answers = predict_splits(half, labels, fits, min(ask.k, width), SweepEngine.OWN)
-    right, asked = dict.fromkeys(labels, 0), dict.fromkeys(labels, 0)
+    half = features[:, job.half * width : (job.half + 1) * width]
+    fits = make_splits(job.design, job.family, job.seed, job.draw)
+    labels = {task.key: job.design.labels(task) for task in job.tasks}
+    answers = predict_splits(half, labels, fits, min(job.k, width), SweepEngine.OWN)
+    correct, tested = dict.fromkeys(labels, 0), dict.fromkeys(labels, 0)
     for fit, found in zip(fits, answers, strict=True):
-        for key, said in found.predictions.items():
+        for key, predicted in found.predictions.items():
             truth = labels[key][fit.tests[key]]
-            right[key] += int((said[-1] == truth).sum())
-            asked[key] += len(truth)
-    return {key: right[key] / asked[key] for key in labels if asked[key]}
+            correct[key] += int((predicted[-1] == truth).sum())
+            tested[key] += len(truth)
+    return {key: correct[key] / tested[key] for key in labels if tested[key]}

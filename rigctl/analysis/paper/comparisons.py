@@ -100,7 +100,7 @@ class TaskComparison:
 def components_needed(result: TaskResult) -> dict[str, ComponentsNeeded]:
     """Return the components that each representation needs, by its key."""
     original = result.curve("original")
-    goal = original.mean[result.shown - 1] if original else None
+    goal = original.mean[result.shown_components - 1] if original else None
     return {
         curve.representation.key: ComponentsNeeded(
             {share: _first_reaching(curve.mean, share) for share in THRESHOLDS},
@@ -115,7 +115,7 @@ def differences(result: TaskResult) -> dict[str, Difference]:
     original = result.curve("original")
     if original is None:
         return {}
-    k = result.shown - 1
+    k = result.shown_components - 1
     return {
         curve.representation.key: welch(curve.accuracy[:, k], original.accuracy[:, k])
         for curve in result.curves
@@ -131,7 +131,7 @@ def compare_task(result: TaskResult, *, simulated: bool) -> TaskComparison | Non
     pairs = tuple(_separated_pairs(result, table))
     if all(pair.agreement is Agreement.HOLDS for pair in pairs):
         return TaskComparison(pairs, ())
-    k = result.shown - 1
+    k = result.shown_components - 1
     near_ceiling = any(
         pair.agreement is Agreement.TIED and bool(pair.better.mean[k] > CEILING) for pair in pairs
     )
@@ -149,15 +149,15 @@ def _separated_pairs(
             continue
         if abs(mean_a - mean_b) > SEPARATION_SDS * hypot(sd_a, sd_b):
             both = (one, other) if mean_a > mean_b else (other, one)
-            yield _compare_pair(*both, result.shown, abs(mean_a - mean_b) / 100)
+            yield _compare_pair(*both, result.shown_components, abs(mean_a - mean_b) / 100)
 
 
 def _compare_pair(better: Curve, worse: Curve, shown: int, paper_gap: float) -> RepresentationPair:
     gaps = better.mean - worse.mean
     gap = float(gaps[shown - 1])
-    if better.deviation is None or worse.deviation is None:
+    if better.sd is None or worse.sd is None:
         return RepresentationPair(better, worse, Agreement.TIED, gap, None, paper_gap, ())
-    spreads = SEPARATION_SDS * np.hypot(better.deviation, worse.deviation)
+    spreads = SEPARATION_SDS * np.hypot(better.sd, worse.sd)
     spread = float(spreads[shown - 1])
     agreement = Agreement.HOLDS if gap > 0 else Agreement.REVERSED
     if abs(gap) <= spread:
@@ -170,13 +170,15 @@ def _caveats(result: TaskResult, near_ceiling: bool, simulated: bool) -> tuple[s
     caveats = []
     if near_ceiling:
         caveats.append("accuracies near 100 % leave no room for a difference")
-    if result.shown < published.K_MAX:
-        caveats.append(f"{result.shown} components were used instead of {published.K_MAX}")
+    if result.shown_components < published.K_MAX:
+        caveats.append(
+            f"{result.shown_components} components were used instead of {published.K_MAX}"
+        )
     if len(result.classes) != (4 if result.task.grouped else 16):
         caveats.append(f"the number of classes is {len(result.classes)}, not the paper's")
-    if result.learnt < SMALL_TRAINING_SHARE * TRAINING_TRIALS[result.task.family]:
+    if result.n_train < SMALL_TRAINING_SHARE * TRAINING_TRIALS[result.task.family]:
         caveats.append(
-            f"the classifier is trained on {result.learnt:,} trials, the paper's on "
+            f"the classifier is trained on {result.n_train:,} trials, the paper's on "
             f"{TRAINING_TRIALS[result.task.family]:,}"
         )
     if simulated:

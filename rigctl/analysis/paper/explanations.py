@@ -25,7 +25,7 @@ def explain(
             sentences += _factor_sentences(pair, factor, ablations)
     blind = _blind_curve(pair.better.representation, result)
     if blind is not None:
-        share = _percent(float(blind.mean[result.shown - 1]))
+        share = _percent(float(blind.mean[result.shown_components - 1]))
         name = pair.better.representation.name
         sentences.append(f"with a texture-blind C {name} reaches {share}")
     return tuple(sentences)
@@ -41,7 +41,7 @@ def _gap_sentence(pair: RepresentationPair, result: TaskResult) -> str:
 
 
 def _level_sentences(pair: RepresentationPair, result: TaskResult) -> list[str]:
-    k = result.shown - 1
+    k = result.shown_components - 1
     better, worse = float(pair.better.mean[k]), float(pair.worse.mean[k])
     if min(better, worse) > CEILING:
         return [f"both are above {CEILING:.0%}, which leaves no room for a difference"]

@@ -1,4 +1,4 @@
-"""The results as plain values: one mapping for ``results.json``, rows for ``table1.csv``."""
+"""The results as values for ``results.json`` and rows for ``table1.csv``."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ DECIMALS = 4
 LABELS_SEEN = (
     "C is indexed by the true texture: in the Force Scaled and the Speed and Force Scaled "
     "representation a test trial is scaled by the C of its own texture, so the classifier is "
-    "handed part of the answer. C was also made from every force, the untrained one included: "
+    "given part of the answer. C was also computed from every force, the untrained one included: "
     "that force is new to the classifier, but not to C. The texture-blind rows use the mean of C "
-    "over the textures instead and know no label, but they too have seen every force."
+    "over the textures instead and use no label, but it too is computed from every force."
 )
 
 TABLE_COLUMNS = (
@@ -44,7 +44,7 @@ TABLE_COLUMNS = (
 
 
 def table_rows(results: Sequence[TaskResult]) -> list[dict[str, Any]]:
-    """Table 1, ours beside the paper's: a mapping for each task and representation."""
+    """Return Table 1, ours beside the paper's: a mapping for each task and representation."""
     rows = []
     for result in results:
         for curve in result.curves:
@@ -54,11 +54,11 @@ def table_rows(results: Sequence[TaskResult]) -> list[dict[str, Any]]:
                 result.task.title,
                 result.task.figure,
                 curve.representation.name,
-                result.shown,
+                result.shown_components,
                 mean,
                 sd,
                 len(curve.accuracy),
-                curve.tested,
+                curve.n_tested,
                 theirs[0] if theirs else None,
                 theirs[1] if theirs else None,
                 curve.representation.sees_labels,
@@ -68,7 +68,7 @@ def table_rows(results: Sequence[TaskResult]) -> list[dict[str, Any]]:
 
 
 def table_csv(results: Sequence[TaskResult]) -> str:
-    """The rows of :func:`table_rows` as CSV; what is not known is empty."""
+    """Return the rows of :func:`table_rows` as CSV; a missing value is empty."""
     out = io.StringIO()
     writer = csv.DictWriter(out, TABLE_COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -80,98 +80,98 @@ def table_csv(results: Sequence[TaskResult]) -> str:
 
 
 def shown_percent(result: TaskResult, curve: Curve) -> tuple[float, float | None]:
-    """μ and σ in per cent with the shown components."""
-    k = result.shown - 1
-    sd = None if curve.deviation is None else round(100 * float(curve.deviation[k]), DECIMALS)
+    """Return μ and σ in per cent with the shown components."""
+    k = result.shown_components - 1
+    sd = None if curve.sd is None else round(100 * float(curve.sd[k]), DECIMALS)
     return round(100 * float(curve.mean[k]), DECIMALS), sd
 
 
-def as_plain(
-    made: RepresentationSet,
+def as_dict(
+    representations: RepresentationSet,
     settings: SweepSettings,
     results: Sequence[TaskResult],
     remarks: Sequence[str],
     made_utc: str,
-    evidence: Ablations | None = None,
+    ablations: Ablations | None = None,
 ) -> dict[str, Any]:
-    """Everything that the report says, as JSON can hold it."""
+    """Return all results as values for JSON."""
+    trials, ranges = representations.trials, representations.normalisation
     return {
         "program": {"name": "rigctl", "version": __version__},
         "made_utc": made_utc,
-        "simulated": made.trials.simulated,
-        "inputs": list(made.trials.provenance),
+        "simulated": trials.simulated,
+        "inputs": list(trials.provenance),
         "settings": {
             "iterations": settings.iterations,
             "k_max": settings.k_max,
             "seed": settings.seed,
             "engine": settings.engine.value,
-            "encoder": made.parameters.as_dict(),
+            "encoder": representations.parameters.as_dict(),
         },
         "trials": {
-            "used": len(made.trials.trials),
-            "textures": list(made.trials.textures),
-            "speeds_mm_s": list(made.trials.speeds_mm_s),
-            "forces_g": list(made.trials.forces_g),
-            "taxel_low": made.normalisation.low.tolist(),
-            "taxel_high": made.normalisation.high.tolist(),
+            "used": len(trials.trials),
+            "textures": list(trials.textures),
+            "speeds_mm_s": list(trials.speeds_mm_s),
+            "forces_g": list(trials.forces_g),
+            "taxel_low": ranges.low.tolist(),
+            "taxel_high": ranges.high.tolist(),
             "windows": {
-                "unscaled": made.unscaled.n_windows,
-                "speed_scaled": made.scaled.n_windows,
-                "window_ms": made.scaled.window_ms,
-                "reference_mm_s": made.scaled.reference_mm_s,
+                "unscaled": representations.unscaled.n_windows,
+                "speed_scaled": representations.scaled.n_windows,
+                "window_ms": representations.scaled.window_ms,
+                "reference_mm_s": representations.scaled.reference_mm_s,
             },
         },
         "remarks": list(remarks),
-        "force_matrix": _force(made),
+        "force_matrix": _force_dict(representations),
         "tasks": {
-            result.task.key: _task(result, made.trials.simulated, evidence) for result in results
+            result.task.key: _task_dict(result, trials.simulated, ablations) for result in results
         },
-        "evidence": None if evidence is None else _evidence(evidence),
+        "evidence": None if ablations is None else _ablations_dict(ablations),
         "table1": table_rows(results),
     }
 
 
-def _force(made: RepresentationSet) -> dict[str, Any] | None:
-    if made.force is None:
+def _force_dict(representations: RepresentationSet) -> dict[str, Any] | None:
+    force, transferred = representations.force, representations.transferred_c
+    if force is None:
         return None
-    searched = made.force.evaluations[made.force.evaluations > 0]
+    searched = force.evaluations[force.evaluations > 0]
     return {
-        "sentence": made.transferred_c.sentence
-        if made.transferred_c
-        else force_sentence(made.force),
-        "from_file": str(made.transferred_c.source.file) if made.transferred_c else None,
-        "rate_error": [m.as_dict() for m in made.transferred_c.rate_errors]
-        if made.transferred_c
-        else None,
+        "sentence": transferred.sentence if transferred else force_sentence(force),
+        "from_file": str(transferred.source.file) if transferred else None,
+        "rate_error": [m.as_dict() for m in transferred.rate_errors] if transferred else None,
         "labels_seen": LABELS_SEEN,
-        "status": count_search_statuses(made.force),
-        "unconverged": made.force.unconverged,
+        "status": count_search_statuses(force),
+        "unconverged": force.unconverged,
         "paper": {"unconverged": 62, "of": 4320},
         "mean_evaluations": round(float(searched.mean()), DECIMALS) if len(searched) else 0.0,
-        "textures": list(made.force.textures),
-        "speeds_mm_s": list(made.force.speeds_mm_s),
-        "forces_g": list(made.force.forces_g),
-        "c": made.force.c.tolist(),
-        "residual_hz": made.force.residual_hz.tolist(),
-        "entry_status": made.force.status.tolist(),
+        "textures": list(force.textures),
+        "speeds_mm_s": list(force.speeds_mm_s),
+        "forces_g": list(force.forces_g),
+        "c": force.c.tolist(),
+        "residual_hz": force.residual_hz.tolist(),
+        "entry_status": force.status.tolist(),
     }
 
 
-def _task(result: TaskResult, simulated: bool, evidence: Ablations | None) -> dict[str, Any]:
+def _task_dict(result: TaskResult, simulated: bool, ablations: Ablations | None) -> dict[str, Any]:
     found = compare_task(result, simulated=simulated)
     return {
         "title": result.task.title,
         "figure": result.task.figure,
         "classes": list(result.classes),
         "chance": result.chance,
-        "largest_class_share": result.largest_class,
+        "largest_class_share": result.largest_class_share,
         "k_max": result.k_max,
-        "shown_components": result.shown,
-        "smallest_training_set": result.learnt,
+        "shown_components": result.shown_components,
+        "smallest_training_set": result.n_train,
         "paper": {k: list(v) for k, v in published.TABLE_1.get(result.task.key, {}).items()},
-        "representations": {c.representation.key: _curve(c) for c in result.curves},
-        "components_needed": {k: _needed(n) for k, n in components_needed(result).items()},
-        "differences_from_original": {k: _difference(d) for k, d in differences(result).items()},
+        "representations": {c.representation.key: _curve_dict(c) for c in result.curves},
+        "components_needed": {k: _components_dict(n) for k, n in components_needed(result).items()},
+        "differences_from_original": {
+            k: _difference_dict(d) for k, d in differences(result).items()
+        },
         "order": None
         if found is None
         else {
@@ -181,13 +181,13 @@ def _task(result: TaskResult, simulated: bool, evidence: Ablations | None) -> di
             "within_spread": [list(keys) for keys in found.keys(Agreement.TIED)],
             "reversed": [list(keys) for keys in found.keys(Agreement.REVERSED)],
             "reasons": list(found.caveats),
-            "compared": [_pair(pair, result, evidence) for pair in found.pairs],
+            "compared": [_pair_dict(pair, result, ablations) for pair in found.pairs],
         },
     }
 
 
-def _pair(
-    pair: RepresentationPair, result: TaskResult, evidence: Ablations | None
+def _pair_dict(
+    pair: RepresentationPair, result: TaskResult, ablations: Ablations | None
 ) -> dict[str, Any]:
     spread = None if pair.spread is None else round(100 * pair.spread, DECIMALS)
     return {
@@ -197,43 +197,43 @@ def _pair(
         "points": round(100 * pair.gap, DECIMALS),
         "spread_points": spread,
         "paper_points": round(100 * pair.paper_gap, DECIMALS),
-        "measured_beside": list(explain(pair, result, evidence)),
+        "measured_beside": list(explain(pair, result, ablations)),
     }
 
 
-def _evidence(evidence: Ablations) -> dict[str, Any]:
+def _ablations_dict(ablations: Ablations) -> dict[str, Any]:
     return {
-        "draws": evidence.draws,
-        "forces_g": list(evidence.forces_g),
+        "draws": ablations.draws,
+        "forces_g": list(ablations.forces_g),
         "halves": {
             key: {name: half._asdict() for name, half in both.items()}
-            for key, both in evidence.halves.items()
+            for key, both in ablations.halves.items()
         },
-        "alone": evidence.alone,
+        "alone": ablations.alone,
     }
 
 
-def _curve(curve: Curve) -> dict[str, Any]:
-    sd = curve.deviation
+def _curve_dict(curve: Curve) -> dict[str, Any]:
+    sd = curve.sd
     return {
         "name": curve.representation.name,
         "c_knows_the_label": curve.representation.sees_labels,
-        "tested_per_iteration": curve.tested,
+        "tested_per_iteration": curve.n_tested,
         "mean": curve.mean.tolist(),
         "sd": None if sd is None else sd.tolist(),
         "accuracy": curve.accuracy.tolist(),
         "confusion": curve.confusion.tolist(),
-        "components_without_within_class_variance": curve.set_aside,
+        "components_without_within_class_variance": curve.n_without_variance,
         "components_beyond_rank": curve.beyond_rank,
     }
 
 
-def _needed(needed: ComponentsNeeded) -> dict[str, int | None]:
+def _components_dict(needed: ComponentsNeeded) -> dict[str, int | None]:
     by_share = {f"{share:.0%}": k for share, k in needed.thresholds.items()}
     return {**by_share, "as_original": needed.as_original}
 
 
-def _difference(found: Difference) -> dict[str, Any]:
+def _difference_dict(found: Difference) -> dict[str, Any]:
     return {
         "test": found.test,
         "statistic": found.statistic,

@@ -1,7 +1,7 @@
-"""How much the encoder's scheme matters: every preset over the same trials and splits.
+"""Sensitivity of the results to the encoder's scheme: every preset on the same trials and splits.
 
-The neuron's equations leave the integration open, and each scheme has other rates. The table says
-what that does to the answers, with few components, so that it costs little more than the encoding.
+The neuron's equations leave the integration open, and each scheme has other rates. The table shows
+the effect on accuracies, with few components, so that it costs little more than the encoding.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import PRESETS
 
-ORDER = ("default", "izhikevich2003", "explicit", "iskarous2022", "quarter-rate")
+PRESET_ORDER = ("default", "izhikevich2003", "explicit", "iskarous2022", "quarter-rate")
 COMPONENTS = 10
 STAGE = "sensitivity over encoder presets"
-STAGES_OF_A_PRESET = 4
+STAGES_PER_PRESET = 4
 STEPS = 100
 ROWS_AT_ONCE = 256
 COLUMNS = (
@@ -42,7 +42,7 @@ Analysed = tuple[RepresentationSet, Sequence[TaskResult]]
 
 
 class SensitivityRow(NamedTuple):
-    """One preset, representation and task. Rates are means over trials and taxels."""
+    """The row of one preset, representation and task; rates are means over trials and taxels."""
 
     preset: str
     representation: str
@@ -55,7 +55,7 @@ class SensitivityRow(NamedTuple):
     iterations: int
 
 
-def sensitivity(
+def compare_presets(
     trials: TrialSet,
     base: Analysed,
     settings: SweepSettings,
@@ -66,63 +66,66 @@ def sensitivity(
     ranges: RangesOver | Normalisation = RangesOver.ALL,
     resources: Resources,
 ) -> list[SensitivityRow]:
-    """A line for each preset, representation and task; ``base`` stands for its own preset.
+    """Return a row for each preset, representation and task; ``base``: results of its own preset.
 
-    Draws and folds are those of ``settings``, so all presets answer the same questions. Feature
-    files lie in ``folder`` one preset at a time.
+    Draws and folds are those of ``settings``, so all presets classify the same trials. ``folder``
+    holds the feature files of one preset at a time.
     """
-    mine = replace(settings, k_max=min(COMPONENTS, settings.k_max))
-    lines, number = [], 0
-    executor, progress = resources.executor, resources.progress
-    presets = sum(PRESETS[name] != base[0].parameters for name in ORDER)
-    for name in ORDER:
+    limited = replace(settings, k_max=min(COMPONENTS, settings.k_max))
+    rows: list[SensitivityRow] = []
+    number, executor, progress = 0, resources.executor, resources.progress
+    presets = sum(PRESETS[name] != base[0].parameters for name in PRESET_ORDER)
+    for name in PRESET_ORDER:
         if PRESETS[name] == base[0].parameters:
-            lines += _lines(name, *base)
+            rows += _preset_rows(name, *base)
             continue
         part = folder / name
         part.mkdir()
-        share, number = _PresetShare(number, presets, progress), number + 1
-        made = represent(
+        preset_progress, number = _PresetProgress(number, presets, progress), number + 1
+        representations = represent(
             trials,
             PRESETS[name],
             part,
             reference_g=reference_g,
             source=source,
             ranges=ranges,
-            resources=replace(resources, progress=share.show),
+            resources=replace(resources, progress=preset_progress.show),
         )
-        lines += _lines(
-            name, made, run_tasks(made, mine, executor=executor, progress=share.show)[0]
+        results, _ = run_tasks(
+            representations, limited, executor=executor, progress=preset_progress.show
         )
+        rows += _preset_rows(name, representations, results)
         shutil.rmtree(part)
     progress(STAGE, STEPS * presets, STEPS * presets)
-    return lines
+    return rows
 
 
-class _PresetShare:
-    """The stages of one preset as a part of all presets, so that the time left is that of all."""
+class _PresetProgress:
+    """Progress of one preset as a share of all presets, for the time left over all of them."""
 
     def __init__(self, number: int, presets: int, progress: Progress) -> None:
         self._number, self._presets = number, presets
         self._progress = progress
-        self._seen: list[str] = []
+        self._stages: list[str] = []
 
-    def show(self, stage: str, done: int, all_: int) -> None:
-        """One step of a stage of this preset."""
-        if stage not in self._seen:
-            self._seen.append(stage)
-        before = self._seen.index(stage)
-        within = (before + done / max(all_, 1)) / max(STAGES_OF_A_PRESET, len(self._seen))
+    def show(self, stage: str, done: int, total: int) -> None:
+        """Report a step of a stage of this preset."""
+        if stage not in self._stages:
+            self._stages.append(stage)
+        before = self._stages.index(stage)
+        within = (before + done / max(total, 1)) / max(STAGES_PER_PRESET, len(self._stages))
         self._progress(STAGE, int(STEPS * (self._number + within)), STEPS * self._presets)
 
 
-def mean_rates_hz(made: RepresentationSet, representation: Representation) -> tuple[float, float]:
-    """Mean SA and RA rate over trials and taxels, out of a representation's features."""
-    features = made.features(representation)
-    layout = made.scaled if representation.speed_scaled else made.unscaled
-    n, trials = made.trials.n_taxels, made.trials.trials
+def mean_rates_hz(
+    representations: RepresentationSet, representation: Representation
+) -> tuple[float, float]:
+    """Return the mean SA and RA rate over trials and taxels, from a representation's features."""
+    features = representations.features(representation)
+    layout = representations.scaled if representation.speed_scaled else representations.unscaled
+    n, trials = representations.trials.n_taxels, representations.trials.trials
     sa, ra = np.zeros(len(trials)), np.zeros(len(trials))
-    seconds = _seconds(made, layout)
+    seconds = _window_durations_s(representations, layout)
     for start in range(0, len(trials), ROWS_AT_ONCE):
         rows = slice(start, start + ROWS_AT_ONCE)
         values = np.asarray(features[rows]).reshape(-1, 2 * n, layout.n_windows)
@@ -132,25 +135,27 @@ def mean_rates_hz(made: RepresentationSet, representation: Representation) -> tu
     return float(sa.mean()), float(ra.mean())
 
 
-def _seconds(made: RepresentationSet, layout: FeatureLayout) -> np.ndarray[Any, Any]:
-    """Time that each trial spends in each window, float64 (trials, windows)."""
-    known: dict[tuple[int, float], Any] = {}
-    for trial in made.trials.trials:
+def _window_durations_s(
+    representations: RepresentationSet, layout: FeatureLayout
+) -> np.ndarray[Any, Any]:
+    """Return the time of each trial in each window, float64 (trials, windows)."""
+    durations: dict[tuple[int, float], Any] = {}
+    for trial in representations.trials.trials:
         key = (trial.n_planned, trial.speed_mm_s)
-        if key not in known:
-            known[key] = layout.window_durations_s(*key)
-    return np.array([known[t.n_planned, t.speed_mm_s] for t in made.trials.trials])
+        if key not in durations:
+            durations[key] = layout.window_durations_s(*key)
+    return np.array([durations[t.n_planned, t.speed_mm_s] for t in representations.trials.trials])
 
 
-def as_plain(lines: Sequence[SensitivityRow]) -> dict[str, Any] | None:
-    """For ``results.json``; None where no table was asked for."""
-    if not lines:
+def as_dict(rows: Sequence[SensitivityRow]) -> dict[str, Any] | None:
+    """Return the table for ``results.json``, None without rows."""
+    if not rows:
         return None
-    return {"components": COMPONENTS, "rows": [line._asdict() for line in lines]}
+    return {"components": COMPONENTS, "rows": [row._asdict() for row in rows]}
 
 
 def as_csv(plain: Mapping[str, Any]) -> str:
-    """The table of :func:`as_plain` as CSV; what is not known is empty."""
+    """Return the table of :func:`as_dict` as CSV; a missing value is empty."""
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -158,24 +163,24 @@ def as_csv(plain: Mapping[str, Any]) -> str:
     return out.getvalue()
 
 
-def _lines(
-    preset: str, made: RepresentationSet, results: Sequence[TaskResult]
+def _preset_rows(
+    preset: str, representations: RepresentationSet, results: Sequence[TaskResult]
 ) -> list[SensitivityRow]:
-    lines = []
-    for representation in made.present:
-        rates = mean_rates_hz(made, representation)
+    rows = []
+    for representation in representations.present:
+        rates = mean_rates_hz(representations, representation)
         for result in results:
             curve = result.curve(representation.key)
             if curve is not None:
-                lines.append(_line(preset, rates, result, curve))
-    return lines
+                rows.append(_make_row(preset, rates, result, curve))
+    return rows
 
 
-def _line(
+def _make_row(
     preset: str, rates: tuple[float, float], result: TaskResult, curve: Curve
 ) -> SensitivityRow:
     k = min(COMPONENTS, result.k_max)
-    sd = None if curve.deviation is None else round(100 * float(curve.deviation[k - 1]), 4)
+    sd = None if curve.sd is None else round(100 * float(curve.sd[k - 1]), 4)
     mean = round(100 * float(curve.mean[k - 1]), 4)
     sa_hz, ra_hz = (round(rate, 4) for rate in rates)
     key, draws = curve.representation.key, len(curve.accuracy)

@@ -55,13 +55,13 @@ def analyse_session(
 
 def accuracy_sentence(held_out: HeldOutPredictions) -> str:
     """Return the accuracy with n, its interval and chance in a sentence."""
-    correct, n = int(held_out.correct_counts()[held_out.shown - 1]), held_out.n
+    correct, n = int(held_out.correct_counts()[held_out.shown_components - 1]), held_out.n
     low, high = wilson_interval(correct, n)
     return (
         f"held-out accuracy {correct / n:.1%} ({correct} of n = {n} trials, 95 % interval "
-        f"{low:.0%}–{high:.0%}; chance {held_out.chance:.1%}) with {held_out.shown} principal "
-        f"components in {held_out.n_folds} stratified folds; taxel ranges (min/max), PCA and LDA "
-        "from each fold's training part only"
+        f"{low:.0%}–{high:.0%}; chance {held_out.chance:.1%}) with {held_out.shown_components} "
+        f"principal components in {held_out.n_folds} stratified folds; taxel ranges (min/max), "
+        "PCA and LDA from each fold's training part only"
     )
 
 

@@ -1,4 +1,4 @@
-"""One taxel of one trial: what the figure of its reading, voltages and spikes shows."""
+"""One taxel of one trial, with its reading, voltages and spikes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from rigctl.values import SAMPLE_RATE_HZ
 
 SHOWN_TRIAL = ("L", 80.0, 500.0)
 """Texture, speed and force of the paper's Figure 2C."""
-HEAD = "sample,reading,sa_mv,ra_mv,sa_spikes,ra_spikes"
+SAMPLES_HEADER = "sample,reading,sa_mv,ra_mv,sa_spikes,ra_spikes"
 
 
-def origin_of(trials: TrialSet) -> str:
-    """Where the data come from, for the foot of a figure."""
+def trials_origin(trials: TrialSet) -> str:
+    """Return the origin of the data, for the foot of a figure."""
     rigs = {str(source["rig"]) for source in trials.provenance}
     bench = "Imported recordings" if rigs == {IMPORTED} else "Real bench"
     bench = "Simulated bench" if trials.simulated else bench
@@ -30,7 +30,7 @@ def origin_of(trials: TrialSet) -> str:
     return f"{bench} · session {first}{rest} · {len(trials.trials):,} trials"
 
 
-def check_shown(trials: TrialSet, trial: int | None, taxel: int | None) -> None:
+def check_selection(trials: TrialSet, trial: int | None, taxel: int | None) -> None:
     """Raise WrongUse for a trial or a taxel, counted from 1, that the set does not have."""
     if taxel is not None and not 1 <= taxel <= trials.n_taxels:
         raise WrongUse(f"there is no taxel {taxel}: choose 1 to {trials.n_taxels}")
@@ -38,54 +38,54 @@ def check_shown(trials: TrialSet, trial: int | None, taxel: int | None) -> None:
         raise WrongUse(f"no session has a committed trial {trial} with motion")
 
 
-def taxel_picture(
+def load_taxel(
     trials: TrialSet,
     ranges: Normalisation,
     parameters: EncoderParameters,
     trial_id: int | None = None,
     taxel: int | None = None,
 ) -> TaxelData:
-    """Reading, voltages and spikes of the trial and taxel asked for, or as in the paper's figure.
+    """Return reading, voltages and spikes of a trial and taxel, by default as in Figure 2C.
 
-    Without a taxel, of the one that moves most. Raises WrongUse for a trial with gaps.
+    The default taxel has the largest standard deviation. Raises WrongUse for a trial with gaps.
     """
     trial = _shown_trial(trials, trial_id)
     with open_trials(trials.files) as reader:
         samples = reader.read(trial)
     x = (samples.astype(np.float64) - ranges.low) * ranges.scale
-    place = taxel - 1 if taxel else int(x.std(axis=0).argmax())
+    index = taxel - 1 if taxel else int(x.std(axis=0).argmax())
     n = trials.n_taxels
     spikes = encode_trial(samples, ranges, parameters)
-    voltage = membrane_mv(samples, ranges, parameters)[:, [place, n + place]]
+    voltage = membrane_mv(samples, ranges, parameters)[:, [index, n + index]]
     title = (
         f"Texture {trial.texture} at {trial.speed_mm_s:g} mm/s and {trial.force_g:g} g: "
-        f"taxel {place + 1} of trial {trial.trial_id}, up to its first second (as Fig. 2C)"
+        f"taxel {index + 1} of trial {trial.trial_id}, up to its first second (as Fig. 2C)"
     )
-    trains = (spikes.train(place), spikes.train(n + place))
-    return TaxelData(title, origin_of(trials), x[:, place], voltage, trains)
+    trains = (spikes.train(index), spikes.train(n + index))
+    return TaxelData(title, trials_origin(trials), x[:, index], voltage, trains)
 
 
-def write_samples(picture: TaxelData, path: Path) -> None:
-    """Every sample of a picture as a line of text: reading (0–1), v in mV, spikes."""
-    n = len(picture.reading)
-    counts = [np.bincount(train, minlength=n) for train in picture.spikes]
-    columns = (np.arange(n), picture.reading, *picture.membrane_mv.T, *counts)
-    kinds = ("%d", "%.6f", "%.4f", "%.4f", "%d", "%d")
-    said = f"# {picture.title}; {picture.origin}; {SAMPLE_RATE_HZ} samples a second\n"
+def write_samples(data: TaxelData, path: Path) -> None:
+    """Write each sample as a line of text: reading (0–1), v in mV, spikes."""
+    n = len(data.reading)
+    counts = [np.bincount(train, minlength=n) for train in data.spikes]
+    columns = (np.arange(n), data.reading, *data.membrane_mv.T, *counts)
+    formats = ("%d", "%.6f", "%.4f", "%.4f", "%d", "%d")
+    comment = f"# {data.title}; {data.origin}; {SAMPLE_RATE_HZ} samples a second\n"
     with path.open("w", encoding="utf-8") as file:
-        file.write(f"{said}{HEAD}\n")
-        np.savetxt(file, np.column_stack(columns), fmt=",".join(kinds))
+        file.write(f"{comment}{SAMPLES_HEADER}\n")
+        np.savetxt(file, np.column_stack(columns), fmt=",".join(formats))
 
 
 def _shown_trial(trials: TrialSet, trial_id: int | None) -> TrialRef:
     texture, speed, force = SHOWN_TRIAL
     if trial_id is not None:
-        asked = [t for t in trials.trials if t.trial_id == trial_id]
-        if not asked:
+        matching = [t for t in trials.trials if t.trial_id == trial_id]
+        if not matching:
             raise WrongUse(f"trial {trial_id} has gaps: choose another for the figure")
-        return asked[0]
+        return matching[0]
 
-    def unlike(t: TrialRef) -> tuple[bool, float, float]:
+    def distance(t: TrialRef) -> tuple[bool, float, float]:
         return t.texture != texture, abs(t.speed_mm_s - speed), abs(t.force_g - force)
 
-    return min(trials.trials, key=unlike)
+    return min(trials.trials, key=distance)

@@ -98,10 +98,10 @@ def draw_accuracy(held_out: HeldOutPredictions, origin: str, stem: Path) -> Path
     left, right = figure.subplots(1, 2, width_ratios=[1.35, 1])
     _plot_accuracy(left, held_out)
     _plot_confusion(right, held_out)
-    correct, n = int(held_out.correct_counts()[held_out.shown - 1]), held_out.n
+    correct, n = int(held_out.correct_counts()[held_out.shown_components - 1]), held_out.n
     title = (
         f"Textures told apart on held-out trials: {correct} of {n} "
-        f"({correct / n:.0%}) with {held_out.shown} components"
+        f"({correct / n:.0%}) with {held_out.shown_components} components"
     )
     add_titles(figure, title, origin)
     return save_figure(figure, stem)
@@ -196,7 +196,7 @@ def _plot_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
         ha="right",
         color=GROUPS[1].colour,
     )
-    axes.axvline(held_out.shown, color=MUTED, lw=0.8, ls=":")
+    axes.axvline(held_out.shown_components, color=MUTED, lw=0.8, ls=":")
     axes.set_ylim(0, 103)
     axes.set_xlim(0.5, k[-1] + 0.5)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -212,12 +212,15 @@ def _plot_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
 
 
 def _plot_confusion(axes: Axes, held_out: HeldOutPredictions) -> None:
-    matrix = held_out.confusion(held_out.shown)
+    matrix = held_out.confusion(held_out.shown_components)
     plot_matrix(axes, matrix, held_out.classes, lambda count, share: str(count) if count else "")
     axes.set_xlabel("predicted texture")
     axes.set_ylabel("true texture")
     axes.set_title(
-        f"trials with {held_out.shown} components (dotted line)", size=9, color=MUTED, loc="left"
+        f"trials with {held_out.shown_components} components (dotted line)",
+        size=9,
+        color=MUTED,
+        loc="left",
     )
 
 

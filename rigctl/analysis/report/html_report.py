@@ -13,7 +13,7 @@ Results = Mapping[str, Any]
 
 
 def html_report(results: Results, figures: Mapping[str, Path]) -> str:
-    """Return the page. ``results``: from :func:`rigctl.analysis.paper.result_tables.as_plain`."""
+    """Return the page. ``results``: from :func:`rigctl.analysis.paper.result_tables.as_dict`."""
     tasks = results["tasks"].values()
     present = {key for task in tasks for key in task["representations"]}
     assumptions = [

@@ -98,7 +98,7 @@ def draw_confusion(result: TaskResult, origin: str, stem: Path) -> Path:
         _plot_confusion(axes, curve, result)
     for axes in panels.flat[len(curves) :]:
         axes.set_axis_off()
-    title = f"{result.task.title}: who is taken for whom, {result.shown} components"
+    title = f"{result.task.title}: who is taken for whom, {result.shown_components} components"
     add_titles(figure, title, origin)
     return save_figure(figure, stem)
 
@@ -137,7 +137,7 @@ def _plot_curves(axes: Axes, result: TaskResult) -> None:
     k = np.arange(1, result.k_max + 1)
     for curve in result.curves:
         style = STYLES[curve.representation.key]
-        sd = curve.deviation
+        sd = curve.sd
         axes.errorbar(
             k,
             100 * curve.mean,

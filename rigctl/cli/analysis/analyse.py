@@ -129,10 +129,12 @@ def summary(report: Any) -> str:
     lines = [f"note: {remark}" for remark in report.remarks]
     for result in report.results:
         shares = (
-            f"{curve.representation.name} {curve.mean[result.shown - 1]:.1%}"
+            f"{curve.representation.name} {curve.mean[result.shown_components - 1]:.1%}"
             for curve in result.curves
         )
-        lines.append(f"{result.task.title} ({result.shown} components): {', '.join(shares)}")
+        lines.append(
+            f"{result.task.title} ({result.shown_components} components): {', '.join(shares)}"
+        )
     names = {"report": "report.html", "results": "results.json", "table": "table1.csv"}
     files = {k: report.folder / v for k, v in names.items()}
     if report.model is not None:

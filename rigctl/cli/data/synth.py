@@ -57,12 +57,12 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the data set and return 0 if every trial is committed, 1 if some are not."""
-    from rigctl.simulation.bench.world_file import NOMINAL
-    from rigctl.synth.dataset import DatasetRequest, plan_of
+    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
+    from rigctl.synth.dataset import DatasetRequest, load_plan
 
     path = find_protocol(args.plan)
-    world = chosen_world(args.world) or NOMINAL
-    plan = plan_of(path, args.repeats, args.seed, world)
+    world = chosen_world(args.world) or NOMINAL_WORLD
+    plan = load_plan(path, args.repeats, args.seed, world)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     order = DatasetRequest(plan, args.seed, args.out, now, args.resume, world)
     progress = SynthProgress(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
@@ -87,14 +87,14 @@ def _make(
     interrupt: Interrupt,
 ) -> bool:
     from rigctl.synth.dataset import generate
-    from rigctl.synth.sessions import generate_all, orders
+    from rigctl.synth.sessions import generate_sessions, split_request
 
     if args.workers < 1:
         raise WrongUse(f"--workers {args.workers}: at least one is needed")
     if args.sessions is None:
         return generate(order, progress.show, interrupt.requested, args.workers)
-    split = orders(path, args.repeats, order, args.sessions)
-    return generate_all(split, progress.show, interrupt.requested, args.workers)
+    split = split_request(path, args.repeats, order, args.sessions)
+    return generate_sessions(split, progress.show, interrupt.requested, args.workers)
 
 
 class SynthProgress:

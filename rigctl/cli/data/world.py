@@ -32,10 +32,10 @@ def chosen_world(path: Path | None) -> SimulatedWorld | None:
 def session_world(folder: Path) -> SimulatedWorld | None:
     """Return the world of a session, None where it has none. Raises SessionError."""
     from rigctl.session.read.session import Session
-    from rigctl.simulation.bench.world_file import recorded_world
+    from rigctl.simulation.bench.world_file import world_from_header
 
     with Session.open(folder) as session:
-        return recorded_world(session.header.simulation, folder)
+        return world_from_header(session.header.simulation, folder)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -57,7 +57,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the world."""
-    from rigctl.simulation.bench.world_file import NOMINAL, world_toml
+    from rigctl.simulation.bench.world_file import NOMINAL_WORLD, format_world
 
     if args.source is not None and args.source.is_dir():
         world = session_world(args.source)
@@ -66,6 +66,6 @@ def run(args: argparse.Namespace) -> int:
                 f"{args.source} holds no simulated bench: it was not recorded on one"
             )
     else:
-        world = chosen_world(args.source) or NOMINAL
-    print(world_toml(world.parameters), end="")
+        world = chosen_world(args.source) or NOMINAL_WORLD
+    print(format_world(world.parameters), end="")
     return 0

@@ -1,4 +1,4 @@
-"""What really happened on the bench, logged each millisecond by the world itself."""
+"""Ground truth of the bench: true speed, force and sync level of each millisecond."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+_Columns = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
+
 
 class GroundTruthArrays(NamedTuple):
-    """True values, one row a millisecond; row ``i`` ends at ``first_ms + i + 1`` ms world time.
+    """True values, one row a millisecond; row ``i`` ends at ``first_ms + i + 1`` ms simulated time.
 
-    ``speed_mm_s``: float32 (n,), surface speed of the texture, mean over the millisecond.
-    ``force_g``: float32 (n,), contact force between drum and skin at its end.
-    ``sync``: uint8 (n,), level of the sync line at its end.
+    ``speed_mm_s``: float32 (n,), mean surface speed of the texture.
+    ``force_g``: float32 (n,), contact force between drum and skin at the end.
+    ``sync``: uint8 (n,), level of the sync line at the end.
     """
 
     first_ms: int
@@ -23,13 +25,11 @@ class GroundTruthArrays(NamedTuple):
 
 
 class GroundTruth:
-    """Append-only log of true speed, force and sync level, kept in chunks until taken."""
+    """Append-only log of true speed, force and sync level."""
 
     def __init__(self) -> None:
         self._first_ms = 0
-        self._speed: list[NDArray[np.float32]] = []
-        self._force: list[NDArray[np.float32]] = []
-        self._sync: list[NDArray[np.uint8]] = []
+        self._chunks: list[_Columns] = []
 
     def append(
         self,
@@ -37,25 +37,21 @@ class GroundTruth:
         force_g: NDArray[np.floating],
         sync: NDArray[np.integer],
     ) -> None:
-        """Log the next milliseconds; the arrays are copied."""
-        self._speed.append(speed_mm_s.astype(np.float32))
-        self._force.append(force_g.astype(np.float32))
-        self._sync.append(sync.astype(np.uint8))
+        """Append the next milliseconds; the arrays are copied."""
+        columns = speed_mm_s.astype(np.float32), force_g.astype(np.float32), sync.astype(np.uint8)
+        self._chunks.append(columns)
 
     def arrays(self) -> GroundTruthArrays:
-        """Everything logged and not yet taken."""
+        """Return everything logged and not yet taken."""
+        empty = np.empty(0, np.float32), np.empty(0, np.float32), np.empty(0, np.uint8)
+        speed, force, sync = zip(empty, *self._chunks, strict=True)
         return GroundTruthArrays(
-            self._first_ms,
-            np.concatenate([np.empty(0, np.float32), *self._speed]),
-            np.concatenate([np.empty(0, np.float32), *self._force]),
-            np.concatenate([np.empty(0, np.uint8), *self._sync]),
+            self._first_ms, np.concatenate(speed), np.concatenate(force), np.concatenate(sync)
         )
 
     def take(self) -> GroundTruthArrays:
-        """Everything logged since the last take; forgets it, so that days fit in memory."""
+        """Return and discard everything logged, so that a run of days fits in memory."""
         taken = self.arrays()
         self._first_ms += len(taken.sync)
-        self._speed.clear()
-        self._force.clear()
-        self._sync.clear()
+        self._chunks.clear()
         return taken

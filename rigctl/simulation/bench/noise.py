@@ -1,6 +1,6 @@
-"""Noise that is the same for a seed whatever the slices in which it is asked for.
+"""Seeded noise that does not depend on how callers slice their requests.
 
-Every source has a stream of its own; row *n* of a stream depends on seed, stream and *n* alone.
+Row *n* of a stream depends only on the seed, the stream and *n*.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 BLOCK_ROWS = 1024
 
 
-class Stream(IntEnum):
-    """Sources of chance in the world."""
+class NoiseStream(IntEnum):
+    """Independent random streams of the simulation."""
 
     LOADCELL = 1
     ADC = 2
@@ -27,45 +27,46 @@ class Stream(IntEnum):
     POWER_UP = 8
 
 
-def generator(seed: int, stream: Stream, counter: int = 0) -> np.random.Generator:
-    """A generator for one place of one stream; numpy's fastest, and any seed will do."""
+def random_generator(seed: int, stream: NoiseStream, counter: int = 0) -> np.random.Generator:
+    """Return the generator of one block of a stream: numpy's fastest, for any integer seed."""
     sequence = np.random.SeedSequence(seed % 2**64, spawn_key=(stream, counter))
     return np.random.Generator(np.random.SFC64(sequence))
 
 
 class NoiseRows:
-    """An endless table of standard normal rows, float32 (…, width), made in blocks.
+    """An endless table of standard normal rows, float32 (…, width), generated in blocks.
 
-    ``helper`` makes the block behind the one that is asked for, while others go on.
+    ``executor``, if given, prefetches the next block.
     """
 
     def __init__(
-        self, seed: int, stream: Stream, width: int, helper: Executor | None = None
+        self, seed: int, stream: NoiseStream, width: int, executor: Executor | None = None
     ) -> None:
         self._seed = seed
         self._stream = stream
         self._width = width
-        self._helper = helper
+        self._executor = executor
         self._blocks: dict[int, NDArray[np.float32]] = {}
-        self._coming: dict[int, Future[NDArray[np.float32]]] = {}
+        self._prefetched: dict[int, Future[NDArray[np.float32]]] = {}
 
     def rows(self, first: int, count: int) -> NDArray[np.float32]:
-        """Rows ``first`` … ``first + count - 1``; asked for in rising order."""
-        block, place = divmod(first, BLOCK_ROWS)
-        if place + count <= BLOCK_ROWS:
-            return self._block(block)[place : place + count]
-        here = BLOCK_ROWS - place
-        return np.concatenate([self._block(block)[place:], self.rows(first + here, count - here)])
+        """Return rows ``first`` … ``first + count - 1``; ``first`` must not decrease."""
+        block, row = divmod(first, BLOCK_ROWS)
+        if row + count <= BLOCK_ROWS:
+            return self._block(block)[row : row + count]
+        here = BLOCK_ROWS - row
+        return np.concatenate([self._block(block)[row:], self.rows(first + here, count - here)])
 
     def _block(self, number: int) -> NDArray[np.float32]:
         if number not in self._blocks:
             self._blocks = {k: v for k, v in self._blocks.items() if k >= number - 1}
-            coming = self._coming.pop(number, None)
-            self._blocks[number] = coming.result() if coming else self._make(number)
-            if self._helper is not None:
-                self._coming = {number + 1: self._helper.submit(self._make, number + 1)}
+            future = self._prefetched.pop(number, None)
+            self._blocks[number] = future.result() if future else self._generate(number)
+            if self._executor is not None:
+                following = self._executor.submit(self._generate, number + 1)
+                self._prefetched = {number + 1: following}
         return self._blocks[number]
 
-    def _make(self, number: int) -> NDArray[np.float32]:
-        random = generator(self._seed, self._stream, number)
+    def _generate(self, number: int) -> NDArray[np.float32]:
+        random = random_generator(self._seed, self._stream, number)
         return random.standard_normal((BLOCK_ROWS, self._width), np.float32)

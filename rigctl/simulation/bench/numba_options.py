@@ -1,7 +1,7 @@
-"""How the world's kernels are compiled: no Python objects, no lock, kept on disk.
+"""Numba options of the simulation's kernels: no Python objects, no GIL, cached on disk.
 
-A kernel calls no kernel of another file: the kept machine code is renewed when its own file
-changes and would not notice the other.
+A compiled kernel must not call a compiled kernel of another file: numba renews the cached machine
+code when the kernel's own file changes, and would not notice a change of the other file.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compiled(function: F) -> F:
-    """Compile at first call; releases the interpreter's lock while it runs."""
+    """Compile a kernel at its first call; it releases the GIL while it runs."""
     return cast(F, njit(nogil=True, cache=True, error_model="numpy")(function))
 
 
 def inlined(function: F) -> F:
-    """A small function for kernels of the same file."""
+    """Compile a small function that kernels inline."""
     return cast(F, njit(nogil=True, error_model="numpy")(function))
 
 
 @inlined
-def around(place_mm: float, turn_mm: float) -> float:
-    """``place_mm % turn_mm`` to the bit; a turn of whole millimetres needs no long division."""
+def modulo(position_mm: float, turn_mm: float) -> float:
+    """Return ``position_mm % turn_mm`` to the bit; faster for a turn of whole millimetres."""
     if turn_mm != math.floor(turn_mm):
-        return place_mm % turn_mm
-    within = place_mm - math.floor(place_mm / turn_mm) * turn_mm
+        return position_mm % turn_mm
+    within = position_mm - math.floor(position_mm / turn_mm) * turn_mm
     return within + turn_mm if within < 0.0 else within

@@ -1,4 +1,4 @@
-"""Renders the tables of ``docs/reference/world.md`` from the parameters, so that none is stale.
+"""Render the tables of ``docs/reference/world.md`` from the parameters.
 
 ``python -m rigctl.simulation.bench.parameter_tables`` writes them; ``--check`` only compares.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rigctl.simulation.bench.parameters import ParameterInfo, WorldParameters, table
+from rigctl.simulation.bench.parameters import ParameterInfo, WorldParameters, parameter_infos
 from rigctl.simulation.bench.textures import CATALOGUE
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "world.md"
@@ -25,12 +25,12 @@ _GROUPS = {
 
 
 def heading(name: str) -> str:
-    """Return the heading of the group that a parameter begins; empty where it begins none."""
+    """Return the heading of the group whose first parameter this is, else an empty string."""
     return _GROUPS.get(name, "")
 
 
 def render(page: str) -> str:
-    """The page with its tables as they are now; the words between them stay."""
+    """Return the page with current tables; the text between them is unchanged."""
     for name, lines in (("parameters", _parameters()), ("plates", _plates())):
         begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
         before, _, rest = page.partition(begin)
@@ -40,7 +40,7 @@ def render(page: str) -> str:
 
 def _parameters() -> str:
     parts = []
-    for row in table():
+    for row in parameter_infos():
         if heading(row.name):
             parts.append(
                 f"\n### {heading(row.name)}\n\n| parameter | nominal | range | unit |"
@@ -66,7 +66,7 @@ def _plates() -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Write the tables, or compare them; returns 1 where they are stale."""
+    """Write the tables, or with ``--check`` return 1 if they are stale."""
     page = PAGE.read_text(encoding="utf-8")
     if "--check" in arguments:
         return int(page != render(page))

@@ -1,9 +1,9 @@
-"""The nominal bench in numbers, each with unit, plausible range, meaning and source.
+"""Parameters of the simulated bench, each with unit, plausible range, meaning and source.
 
-This table is the single place of every constant of the simulated world;
-``docs/reference/world.md`` is rendered from it. What is known of the rig and its sensor is taken
-as published; what real recordings show, as measured; unknowns of plate and skin are identified
-from the paper's Original column alone (decision 0018); the rest is plausible.
+This table defines every constant of the simulated world; ``docs/reference/world.md`` is rendered
+from it. Values of rig and sensor are as published, those that real recordings show as measured;
+unknowns of plate and skin are identified from the paper's Original column alone (decision 0018);
+the rest is plausible.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rigctl.errors import WrongUse
 
 
 class ParameterInfo(NamedTuple):
-    """One row of the table: what a parameter is, and how far tests sweep it."""
+    """One parameter with the range that tests sweep."""
 
     name: str
     value: float
@@ -44,7 +44,7 @@ def _p(value: float, unit: str, low: float, high: float, doc: str, source: str =
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """A plate of a lab's own in the place of the catalogue's ``name``."""
+    """A lab's own plate that replaces the catalogue's plate ``name``."""
 
     name: str
     group: str
@@ -55,7 +55,7 @@ class Plate:
 
 @dataclass(frozen=True, slots=True)
 class WorldParameters:
-    """One bench. The defaults are the nominal one."""
+    """Parameters of one bench. The defaults describe the nominal bench."""
 
     # Drum
     circumference_mm: float = _p(400.0, "mm", 300, 600, "texture travel of one turn")
@@ -176,8 +176,8 @@ class WorldParameters:
         return self.circumference_mm / self.steps_per_turn
 
 
-def table(parameters: WorldParameters | None = None) -> list[ParameterInfo]:
-    """Every numeric parameter with its unit, range and meaning, in the order of the class."""
+def parameter_infos(parameters: WorldParameters | None = None) -> list[ParameterInfo]:
+    """Return every numeric parameter with its unit, range and meaning, in declaration order."""
     chosen = parameters or WorldParameters()
     return [
         ParameterInfo(
@@ -194,9 +194,9 @@ def table(parameters: WorldParameters | None = None) -> list[ParameterInfo]:
     ]
 
 
-def checked(parameters: WorldParameters) -> WorldParameters:
-    """The same parameters. Raises WrongUse naming one that lies outside its plausible range."""
-    for row in table(parameters):
+def validated(parameters: WorldParameters) -> WorldParameters:
+    """Return the parameters. Raises WrongUse that names one outside its plausible range."""
+    for row in parameter_infos(parameters):
         if not row.low <= row.value <= row.high:
             raise WrongUse(
                 f"world parameter {row.name} is {row.value:g} {row.unit}: "

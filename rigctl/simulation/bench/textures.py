@@ -1,6 +1,6 @@
 """The 16 printed textures as height profiles along the travel.
 
-A is smooth, B–F circular ridges, G–K rectangular ridges, L–P waves; within a group: base,
+A is smooth, B–F are circular ridges, G–K rectangular ridges, L–P waves; within a group: base,
 double height, double space, half height, half space. Heights and spacings are not published:
 they are parameters of the world.
 """
@@ -19,15 +19,15 @@ GRID_MM = 0.05
 """Spacing of the height tables."""
 
 OVERHANG_MM = 10.0
-"""The print reaches so far beyond the places where trials begin and end."""
+"""Length of the print beyond the positions at which trials begin and end."""
 
 Values = TypeVar("Values", NDArray[np.float32], NDArray[np.float64])
 
 
 class Texture(NamedTuple):
-    """One plate: its group and its height and spacing over those of the base.
+    """One plate: its group, and its height and spacing relative to those of the base.
 
-    ``ridge_share`` is 0 where that of all plates holds.
+    A ``ridge_share`` of 0 stands for the world's common value.
     """
 
     name: str
@@ -47,8 +47,8 @@ CATALOGUE: dict[str, Texture] = {"A": Texture("A", "smooth", 0.0, 1.0)} | {
 }
 
 
-def texture(name: str, parameters: WorldParameters) -> Texture:
-    """One plate, the lab's own where it has one. Raises WrongUse for a name not ``A``–``P``."""
+def find_texture(name: str, parameters: WorldParameters) -> Texture:
+    """Return a plate, the world's own one if it defines it. Raises WrongUse for an unknown name."""
     if name not in CATALOGUE:
         raise WrongUse(f"no plate {name!r}: the catalogue has A to P")
     own = next((plate for plate in parameters.plates if plate.name == name), None)
@@ -60,10 +60,10 @@ def texture(name: str, parameters: WorldParameters) -> Texture:
     )
 
 
-def profile(
+def printed_heights(
     plate: Texture, along_mm: NDArray[np.float64], parameters: WorldParameters
 ) -> NDArray[np.float64]:
-    """Printed height over the plate's ground, mm, at places from the plate's start."""
+    """Return the printed height over the plate's base, mm, at distances from the plate's start."""
     height_mm = parameters.base_height_mm * plate.height
     phase = along_mm / (parameters.base_space_mm * plate.space) % 1.0
     share = plate.ridge_share or parameters.ridge_share
@@ -76,45 +76,45 @@ def profile(
     return height_mm * 0.5 * (1.0 - np.cos(2.0 * np.pi * phase))
 
 
-def plate_profile(
+def drum_heights(
     plate: Texture, parameters: WorldParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Printed heights around the whole drum at :data:`GRID_MM`, mm, and where the plate is.
+    """Return the heights around the whole drum at :data:`GRID_MM`, mm, and the plate's mask.
 
-    The print reaches beyond both ends of the plate's travel, so that the sensor lies on it with
-    its whole length at either end.
+    The print extends beyond both ends of the plate's travel, so that it supports the whole length
+    of the sensor at either end.
     """
     cells = round(parameters.circumference_mm / GRID_MM)
     along_mm = np.arange(cells, dtype=np.float64) * GRID_MM - parameters.plate_start_mm
     turn_mm = parameters.circumference_mm
     within_mm = (along_mm + OVERHANG_MM) % turn_mm
     on_plate = within_mm < parameters.plate_length_mm + 2.0 * OVERHANG_MM
-    heights = profile(plate, within_mm - OVERHANG_MM, parameters)
-    # A plate is printed once: its roughness is its own, whatever the seed of the session.
+    heights = printed_heights(plate, within_mm - OVERHANG_MM, parameters)
+    # A plate is printed once: its roughness does not depend on the session's seed.
     print_noise = np.random.Generator(np.random.Philox(ord(plate.name)))
     heights += parameters.print_roughness_mm * print_noise.standard_normal(cells)
     return heights, on_plate
 
 
-def cells_of(width_mm: float) -> int:
-    """An odd number of cells, as wide as comes nearest."""
+def odd_cell_count(width_mm: float) -> int:
+    """Return the odd number of cells that is nearest to a width."""
     return 2 * round(width_mm / GRID_MM / 2) + 1
 
 
-def hann(width_mm: float) -> NDArray[np.float64]:
-    """A window that is highest in its middle."""
-    return np.hanning(cells_of(width_mm) + 2)[1:-1]
+def hann_window(width_mm: float) -> NDArray[np.float64]:
+    """Return a Hann window."""
+    return np.hanning(odd_cell_count(width_mm) + 2)[1:-1]
 
 
-def gauss(sigma_mm: float) -> NDArray[np.float64]:
-    """A bell-shaped window, four sigma to each side."""
-    half = cells_of(8.0 * sigma_mm) // 2
+def gaussian_window(sigma_mm: float) -> NDArray[np.float64]:
+    """Return a Gaussian window of four sigma to each side."""
+    half = odd_cell_count(8.0 * sigma_mm) // 2
     along_mm: NDArray[np.float64] = np.arange(-half, half + 1, dtype=np.float64) * GRID_MM
     return np.exp(-0.5 * (along_mm / sigma_mm) ** 2)
 
 
-def blurred(values: Values, *windows: NDArray[np.float64]) -> Values:
-    """Circular convolution along the last axis with centred windows of unit sum each."""
+def blur_circular(values: Values, *windows: NDArray[np.float64]) -> Values:
+    """Convolve circularly along the last axis with centred windows, each scaled to unit sum."""
     size = values.shape[-1]
     spectrum: NDArray[Any] = np.fft.rfft(values)
     for window in windows:

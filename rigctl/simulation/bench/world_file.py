@@ -1,8 +1,7 @@
-"""A world file: the simulated bench of a lab in TOML, every mistake named at its line.
+"""Read and write world files: the parameters of a simulated bench in TOML.
 
-A file holds what differs from the nominal bench, each parameter under its own name, without
-tables; only a plate of the lab's own is one. A mistake raises ConfigError, which names file,
-line and key.
+A file lists the parameters that differ from the nominal bench, by name and without tables, except
+for the lab's own plates. A mistake raises ConfigError, which names file, line and key.
 """
 
 from __future__ import annotations
@@ -23,29 +22,29 @@ from rigctl.values import N_TAXELS
 
 PLATES = "plates"
 WORLD, WORLD_FILE = "world", "world_file"
-"""Keys of what a session keeps of its world."""
+"""Keys of the world in a session's header."""
 
 
 class SimulatedWorld(NamedTuple):
-    """A simulated bench, and the name of the file that it came from; empty: the nominal one."""
+    """Parameters of a simulated bench and the name of their file; empty for the nominal bench."""
 
     parameters: WorldParameters = WorldParameters()
     file: str = ""
 
-    def facts(self) -> dict[str, Any]:
-        """What a session keeps of its world: every parameter by name, and the file's name."""
+    def header_fields(self) -> dict[str, Any]:
+        """Return the entries of a session's header: every parameter, and the file's name."""
         return {WORLD: asdict(self.parameters), WORLD_FILE: self.file}
 
-    def description(self) -> RigConfig:
-        """The description of a rig that has none of its own: it fits drum, plate and load cell."""
+    def rig_config(self) -> RigConfig:
+        """Return a rig description that fits the world's drum, plate and load cell."""
         p, nominal = self.parameters, RigConfig()
         shared = {f.name for f in fields(DrumGeometry)} & {f.name for f in fields(p)}
         drum = replace(nominal.drum, **{name: getattr(p, name) for name in shared})
-        cell = replace(nominal.loadcell, scale_ug_per_count=round(p.loadcell_ug_per_count))
-        return replace(nominal, drum=drum, loadcell=cell)
+        loadcell = replace(nominal.loadcell, scale_ug_per_count=round(p.loadcell_ug_per_count))
+        return replace(nominal, drum=drum, loadcell=loadcell)
 
 
-NOMINAL = SimulatedWorld()
+NOMINAL_WORLD = SimulatedWorld()
 _PLATES_HEAD = (
     "\n# Plates of your own\n"
     "# [plates.B] takes group, height_mm, space_mm, ridge_share; any letter from A to P\n"
@@ -54,45 +53,15 @@ _PLATES_HEAD = (
 
 def load_world(path: Path) -> SimulatedWorld:
     """Read a world file. Raises ConfigError."""
-    return SimulatedWorld(_parameters(TomlText.read(path, ConfigError)), path.name)
+    return SimulatedWorld(parse_world(TomlText.read(path, ConfigError)), path.name)
 
 
-def parse_world(text: str, name: str = "world.toml") -> WorldParameters:
-    """Read a world that is already in memory. Raises ConfigError with ``name``."""
-    return _parameters(TomlText(name, text, ConfigError))
-
-
-def world_toml(parameters: WorldParameters) -> str:
-    """Return the whole world as TOML, each parameter with its range, unit and meaning."""
-    lines = [_line(parameters, item) for item in fields(parameters) if item.name != PLATES]
-    plates = [_plate_toml(plate) for plate in parameters.plates]
-    return "".join([*lines, _PLATES_HEAD, *plates]).lstrip()
-
-
-def recorded_world(simulation: Mapping[str, Any], where: Path) -> SimulatedWorld | None:
-    """Return the world that a session's ``simulation`` holds; None where it holds none.
-
-    Raises SessionError where this version knows other parameters.
-    """
-    if WORLD not in simulation:
-        return None
-    kept = simulation[WORLD]
-    strangers = sorted(kept.keys() ^ {f.name for f in fields(WorldParameters)})
-    if strangers:
-        raise SessionError(
-            f"{where} was recorded in the world of another version of rigctl, {strangers[0]} is "
-            "not in both: use the version that began it"
-        )
-    values: dict[str, Any] = {n: tuple(v) if type(v) is list else v for n, v in kept.items()}
-    values[PLATES] = tuple(Plate(**plate) for plate in values[PLATES])
-    return SimulatedWorld(WorldParameters(**values), simulation.get(WORLD_FILE, ""))
-
-
-def _parameters(text: TomlText) -> WorldParameters:
+def parse_world(text: TomlText) -> WorldParameters:
+    """Parse a world file. Raises ConfigError."""
     root = text.root
-    _refuse_unknown(root)
-    given = {f.name: _value(root, f) for f in fields(WorldParameters) if f.name != PLATES}
-    p = WorldParameters(**given)
+    _reject_unknown(root)
+    values = {f.name: _value(root, f) for f in fields(WorldParameters) if f.name != PLATES}
+    p = WorldParameters(**values)
     p = replace(p, plates=_plates(root.table(PLATES), p))
     end_mm = p.plate_start_mm + p.plate_length_mm
     if end_mm > p.circumference_mm:
@@ -103,9 +72,35 @@ def _parameters(text: TomlText) -> WorldParameters:
     return p
 
 
+def format_world(parameters: WorldParameters) -> str:
+    """Return the whole world as TOML, each parameter with its range, unit and meaning."""
+    lines = [_line(parameters, item) for item in fields(parameters) if item.name != PLATES]
+    plates = [_plate_toml(plate) for plate in parameters.plates]
+    return "".join([*lines, _PLATES_HEAD, *plates]).lstrip()
+
+
+def world_from_header(simulation: Mapping[str, Any], where: Path) -> SimulatedWorld | None:
+    """Return the world in a session header's ``simulation``; None if there is none.
+
+    Raises SessionError if this version has other parameters.
+    """
+    if WORLD not in simulation:
+        return None
+    recorded = simulation[WORLD]
+    differing = sorted(recorded.keys() ^ {f.name for f in fields(WorldParameters)})
+    if differing:
+        raise SessionError(
+            f"{where} was recorded in the world of another version of rigctl: only one of the two "
+            f"has {differing[0]}; use the version that recorded it"
+        )
+    values: dict[str, Any] = {n: tuple(v) if type(v) is list else v for n, v in recorded.items()}
+    values[PLATES] = tuple(Plate(**plate) for plate in values[PLATES])
+    return SimulatedWorld(WorldParameters(**values), simulation.get(WORLD_FILE, ""))
+
+
 def _value(table: TomlTable, item: Any) -> Any:
     meta, default = item.metadata, item.default
-    if not meta:  # numbers of readings
+    if not meta:  # reading numbers
         return table.integers(item.name, default, low=0, high=N_TAXELS - 1)
     return table.number(item.name, default, unit=meta["unit"], low=meta["low"], high=meta["high"])
 
@@ -118,14 +113,14 @@ def _plates(tables: TomlTable, parameters: WorldParameters) -> tuple[Plate, ...]
 
 
 def _plate(name: str, table: TomlTable, p: WorldParameters) -> Plate:
-    """What is not given is the catalogue's, made with the world's base."""
-    kind = CATALOGUE[name]
+    """Return a plate; missing values come from the catalogue and the world's base plate."""
+    default = CATALOGUE[name]
     nominal = {
-        "height_mm": p.base_height_mm * (kind.height or 1.0),
-        "space_mm": p.base_space_mm * kind.space,
+        "height_mm": p.base_height_mm * (default.height or 1.0),
+        "space_mm": p.base_space_mm * default.space,
         "ridge_share": p.ridge_share,
     }
-    group = table.choice("group", dict.fromkeys(t.group for t in CATALOGUE.values()), kind.group)
+    group = table.choice("group", dict.fromkeys(t.group for t in CATALOGUE.values()), default.group)
     if group == "smooth" and (shaped := [key for key in table if key in nominal]):
         table.fail(shaped[0], "a smooth plate has none: give it another group")
     sizes = {f.name: f.metadata for f in fields(Plate) if f.metadata}
@@ -137,14 +132,14 @@ def _plate(name: str, table: TomlTable, p: WorldParameters) -> Plate:
     return Plate(name, group, **values)
 
 
-def _refuse_unknown(table: TomlTable) -> None:
+def _reject_unknown(table: TomlTable) -> None:
     units = {f.name: f.metadata.get("unit", "") for f in fields(WorldParameters)}
     for key in table:
         if key not in units:
-            table.fail(key, f"no such parameter{_meant(key, units)}")
+            table.fail(key, f"no such parameter{_suggestion(key, units)}")
 
 
-def _meant(key: str, units: Mapping[str, str]) -> str:
+def _suggestion(key: str, units: Mapping[str, str]) -> str:
     close = difflib.get_close_matches(key, units, 1)
     if not close:
         return ": `rigctl world` prints them all, each on a line of its own without a table"

@@ -1,7 +1,7 @@
-"""The bench with the drum's virtual board on it, compiled: one millisecond after the other.
+"""Compiled co-simulation of the bench and the drum's virtual board, one millisecond at a time.
 
-In each millisecond the board runs first, on what it saw at the end of the one before, then the
-bench with what the board did: the order of the simulated chips.
+In each millisecond the board runs first, on the bench's state at the end of the previous one, then
+the bench with the board's outputs: the same order as for simulated chips.
 """
 
 from __future__ import annotations
@@ -12,141 +12,150 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rigctl.simulation.bench import load_cell, mechanics
 from rigctl.simulation.bench.load_cell import LAST_COUNTS, NEXT_US, convert
-from rigctl.simulation.bench.mechanics import FORCE, ROD, TIME_MS, RodMotion, pass_millisecond
+from rigctl.simulation.bench.mechanics import (
+    FORCE,
+    ROD,
+    TIME_MS,
+    MechanicsArrays,
+    step_millisecond,
+)
 from rigctl.simulation.bench.numba_options import compiled, inlined
-from rigctl.simulation.boards import c_call
-from rigctl.simulation.boards.c_call import call_board
-from rigctl.simulation.boards.drum_firmware import REALS, WORDS
+from rigctl.simulation.boards.drum_firmware import FLOAT_FIELDS, INTEGER_FIELDS
 
 FULL_READING = 1023
 END_MM = 0.05
-"""Actuator travel left at which an end switch opens."""
-CUT_OFF_READING = 0.37 * FULL_READING
-"""A potentiometer's wire that is missing drifts somewhere."""
+"""Distance to the actuator's end at which the end switch opens."""
+FLOATING_READING = 0.37 * FULL_READING
+"""An arbitrary reading of a potentiometer whose wire is missing."""
 
-(
-    _HANDLE,
-    _RUN,
-    _POLL,
-    POLL_AT_MS,
-    POLL_EVERY_MS,
-    STOP_ON_CHANGE,
-    CONVERSIONS,
-    POLLS,
-    _CALLS_SIZE,
-) = range(9)
-"""Places of ``calls``, int64: the board's address and those of its functions; when to poll; what
-came of it."""
+_HANDLE, _RUN, _POLL, POLL_AT_MS, POLL_EVERY_MS = range(5)
+STOP_ON_CHANGE, CONVERSIONS, POLLS, _CONTROL_SIZE = range(5, 9)
+"""Indices of ``control``, int64: addresses of the board and its functions, polling times, and the
+numbers of results."""
 
-CYCLES_PER_MS, START_STEPS, MM_PER_STEP, ROD_END_MM, _CLOCK_SIZE = range(5)
-"""Places of ``clock``, float64."""
+CYCLES_PER_MS, START_STEPS, MM_PER_STEP, ROD_END_MM = range(4)
+"""Indices of ``scales``, float64."""
 
-END_ABSENT, END_INVERTED, POSITION_ABSENT, POSITION_INVERTED, _WIRES_SIZE = range(5)
-"""Places of ``wires``, bool: how the bench's optional wires are."""
+END_ABSENT, END_INVERTED, POSITION_ABSENT, POSITION_INVERTED = range(4)
+"""Indices of ``wiring``, bool: state of the bench's optional wires."""
 
-(_POTENTIOMETER, _END_UP, _END_DOWN, _DUE, _DUE_CYCLE, _DUE_COUNTS, _CHANGES, _SEQUENCE) = (
-    WORDS.index(name)
-    for name in (
-        "potentiometer",
-        "end_up",
-        "end_down",
-        "conversion_due",
-        "conversion_cycle",
-        "conversion_counts",
-        "changes",
-        "sequence",
-    )
+_POTENTIOMETER = INTEGER_FIELDS.index("potentiometer")
+_END_UP, _END_DOWN = map(INTEGER_FIELDS.index, ("end_up", "end_down"))
+_DUE, _DUE_CYCLE, _DUE_COUNTS = (
+    INTEGER_FIELDS.index(f"conversion_{name}") for name in ("due", "cycle", "counts")
 )
-_DRIVE, _PLACE = REALS.index("drive"), REALS.index("place")
+_CHANGES, _SEQUENCE = map(INTEGER_FIELDS.index, ("changes", "sequence"))
+_DRIVE, _PLACE = FLOAT_FIELDS.index("drive"), FLOAT_FIELDS.index("place")
 _Floats = NDArray[np.float64]
 _Integers = NDArray[np.int64]
 _Bools = NDArray[np.bool_]
 
 
-def new_calls(handle: int, addresses: tuple[int, int]) -> _Integers:
-    """Return ``calls`` for a board, without polls."""
-    calls = np.zeros(_CALLS_SIZE, np.int64)
-    calls[[_HANDLE, _RUN, _POLL]] = handle, *addresses
-    calls[POLL_AT_MS] = np.iinfo(np.int64).max
-    return calls
+def new_control(handle: int, addresses: tuple[int, int]) -> _Integers:
+    """Return ``control`` for a board, without polling."""
+    control = np.zeros(_CONTROL_SIZE, np.int64)
+    control[[_HANDLE, _RUN, _POLL]] = handle, *addresses
+    control[POLL_AT_MS] = np.iinfo(np.int64).max
+    return control
+
+
+def _emit_call(context: Any, address: Any, handle: Any, argument: Any) -> Any:
+    del context, address, handle, argument
+    signature = types.void(types.int64, types.int64, types.int64)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        del signature
+        word, byte = ir.IntType(64), ir.IntType(8)
+        kind = ir.FunctionType(ir.VoidType(), [byte.as_pointer(), word])
+        function = builder.inttoptr(arguments[0], kind.as_pointer())
+        board = builder.inttoptr(arguments[1], byte.as_pointer())
+        builder.call(function, [board, arguments[2]])
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+_call_board: Any = intrinsic(_emit_call)
+"""``_call_board(address, handle, argument)`` calls a C ``void f(void *board, int64_t argument)``.
+
+The address is an argument, not a constant, so that the compiled caller can be cached on disk.
+"""
 
 
 @inlined
-def _show_wires(words: _Integers, rod_mm: float, clock: _Floats, wires: _Bools) -> None:
-    """What the board's pins see of the actuator."""
-    share = rod_mm / clock[ROD_END_MM]
-    reading = (1.0 - share if wires[POSITION_INVERTED] else share) * FULL_READING
-    words[_POTENTIOMETER] = int((CUT_OFF_READING if wires[POSITION_ABSENT] else reading) + 0.5)
-    up, down = rod_mm < END_MM, rod_mm > clock[ROD_END_MM] - END_MM
-    words[_END_UP] = wires[END_ABSENT] or up != wires[END_INVERTED]
-    words[_END_DOWN] = wires[END_ABSENT] or down != wires[END_INVERTED]
+def _set_actuator_pins(integers: _Integers, rod_mm: float, scales: _Floats, wiring: _Bools) -> None:
+    """Set the board's inputs from the actuator's position."""
+    share = rod_mm / scales[ROD_END_MM]
+    reading = (1.0 - share if wiring[POSITION_INVERTED] else share) * FULL_READING
+    integers[_POTENTIOMETER] = int((FLOATING_READING if wiring[POSITION_ABSENT] else reading) + 0.5)
+    up, down = rod_mm < END_MM, rod_mm > scales[ROD_END_MM] - END_MM
+    integers[_END_UP] = wiring[END_ABSENT] or up != wiring[END_INVERTED]
+    integers[_END_DOWN] = wiring[END_ABSENT] or down != wiring[END_INVERTED]
 
 
 def _source_digest() -> str:
-    """Names the other files of what is compiled in."""
-    texts = (Path(str(module.__file__)).read_bytes() for module in (mechanics, load_cell, c_call))
+    """Return a digest of the other files that are compiled into the kernel."""
+    texts = (Path(str(module.__file__)).read_bytes() for module in (mechanics, load_cell))
     return hashlib.sha256(b"".join(texts)).hexdigest()
 
 
-def _kernel(digest: str) -> Callable[..., Any]:
-    """The kernel. ``digest`` is in its key on disk, which would not notice the other files."""
+def _compile_kernel(digest: str) -> Callable[..., Any]:
+    """Return the kernel. ``digest`` adds the other files to its cache key."""
 
     @compiled
     def run(
-        s: _Floats,
-        c: _Floats,
-        log: _Floats,
-        footprint: _Floats,
-        cell: _Floats,
-        given: _Floats,
+        plant: MechanicsArrays,
+        loadcell: tuple[_Floats, _Floats],
         noise: NDArray[np.float32],
-        words: _Integers,
-        reals: _Floats,
-        poll_words: NDArray[np.uint16],
-        clock: _Floats,
-        wires: _Bools,
-        calls: _Integers,
-        conversions: _Integers,
-        polls: NDArray[np.uint16],
-        polled_ms: _Integers,
+        io: tuple[_Integers, _Floats, NDArray[np.uint16]],
+        scales: _Floats,
+        wiring: _Bools,
+        control: _Integers,
+        results: tuple[_Integers, NDArray[np.uint16], _Integers],
         until_ms: int,
     ) -> None:
-        used, taken, polled = 0, 0, 0
-        changes = words[_CHANGES] if digest else 0
+        s, c, log, force_table = plant
+        cell, cell_constants = loadcell
+        integers, floats, poll_words = io
+        conversions, polls, polls_ms = results
+        conversion, sample, poll = 0, 0, 0
+        changes = integers[_CHANGES] if digest else 0
         while s[TIME_MS] < until_ms:
             end_ms = s[TIME_MS] + 1.0
-            _show_wires(words, s[ROD], clock, wires)
+            _set_actuator_pins(integers, s[ROD], scales, wiring)
             at_us = cell[NEXT_US]
             if at_us < end_ms * 1000.0:
-                words[_DUE] = convert(cell, given, log, s[FORCE], noise[used])
-                used += 1
-                words[_DUE_CYCLE] = int(at_us * 1e-3 * clock[CYCLES_PER_MS])
-                words[_DUE_COUNTS] = int(cell[LAST_COUNTS])
-            before = words[_SEQUENCE]
-            call_board(calls[_RUN], calls[_HANDLE], int(end_ms * clock[CYCLES_PER_MS]))
-            if words[_SEQUENCE] != before:
-                conversions[taken, 0] = words[_DUE_CYCLE]
-                conversions[taken, 1] = words[_DUE_COUNTS]
-                taken += 1
-            travel_mm = (reals[_PLACE] - clock[START_STEPS]) * clock[MM_PER_STEP]
-            motion = RodMotion(end_ms * 1000.0, travel_mm, 0.0)
-            pass_millisecond(s, c, log, footprint, motion, reals[_DRIVE])
-            if end_ms >= calls[POLL_AT_MS]:
-                call_board(calls[_POLL], calls[_HANDLE], 0)
-                polls[polled] = poll_words
-                polled_ms[polled] = int(end_ms)
-                polled += 1
-                calls[POLL_AT_MS] += calls[POLL_EVERY_MS]
-            if calls[STOP_ON_CHANGE] and words[_CHANGES] != changes:
+                integers[_DUE] = convert(cell, cell_constants, log, s[FORCE], noise[conversion])
+                conversion += 1
+                integers[_DUE_CYCLE] = int(at_us * 1e-3 * scales[CYCLES_PER_MS])
+                integers[_DUE_COUNTS] = int(cell[LAST_COUNTS])
+            sequence = integers[_SEQUENCE]
+            _call_board(control[_RUN], control[_HANDLE], int(end_ms * scales[CYCLES_PER_MS]))
+            if integers[_SEQUENCE] != sequence:
+                conversions[sample, 0] = integers[_DUE_CYCLE]
+                conversions[sample, 1] = integers[_DUE_COUNTS]
+                sample += 1
+            travel_mm = (floats[_PLACE] - scales[START_STEPS]) * scales[MM_PER_STEP]
+            step_millisecond(s, c, log, force_table, travel_mm, floats[_DRIVE])
+            if end_ms >= control[POLL_AT_MS]:
+                _call_board(control[_POLL], control[_HANDLE], 0)
+                polls[poll] = poll_words
+                polls_ms[poll] = int(end_ms)
+                poll += 1
+                control[POLL_AT_MS] += control[POLL_EVERY_MS]
+            if control[STOP_ON_CHANGE] and integers[_CHANGES] != changes:
                 break
-        calls[CONVERSIONS] = taken
-        calls[POLLS] = polled
+        control[CONVERSIONS] = sample
+        control[POLLS] = poll
 
     return run
 
 
-run = _kernel(_source_digest())
+run = _compile_kernel(_source_digest())

@@ -1,4 +1,4 @@
-"""Loads the boards' firmware that was compiled for this computer, and refuses any other."""
+"""Load the boards' firmware that was compiled for this computer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from rigctl.config.resources import checkout, installed_library
 from rigctl.errors import RigFault
 from rigctl.host_build import COMMAND, CURE, digest, dynamic_library_name, dynamic_library_path
 
-# Calls are short: letting go of the interpreter for each would cost more than it gives.
 Signatures = Mapping[str, tuple[Any, list[Any]]]
 POINTER = ctypes.c_void_p
 I32, I64, U64 = ctypes.c_int32, ctypes.c_int64, ctypes.c_uint64
@@ -28,66 +27,64 @@ _COMMON: Signatures = {
 class FirmwareLibrary:
     """One board in this process. Close it; nothing else frees its memory.
 
-    ``name`` is ``drum`` or ``taxels``; ``exchange`` is what bench and board tell each other.
-    Raises RigFault where its library, at ``path`` or where it is built, cannot be used.
+    ``name`` is ``drum`` or ``taxels``; ``io`` holds the board's inputs and outputs. Raises RigFault
+    if the library, at ``path`` or at its build location, cannot be used.
     """
 
     def __init__(
         self,
         name: str,
-        exchange: type[ctypes.Structure],
+        io_type: type[ctypes.Structure],
         signatures: Signatures,
         path: Path | None = None,
     ) -> None:
         self._name = name
-        self._dll = _load(name, exchange, {**_COMMON, **signatures}, path)
+        self._library = _load(name, io_type, {**_COMMON, **signatures}, path)
         self.handle: int = self.function("open")()
-        self.exchange: Any = exchange.from_address(self.call("exchange"))
+        self.io: Any = io_type.from_address(self.call("exchange"))
 
     def function(self, name: str) -> Any:
-        """The library's function of that name."""
-        return getattr(self._dll, f"{self._name}_{name}")
+        """Return the library's function of that name."""
+        return getattr(self._library, f"{self._name}_{name}")
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """Have the board do what a function of its library says."""
+        """Call a function of the library on this board."""
         return self.function(name)(self.handle, *arguments)
 
     def boot(self, reset_cause: int) -> None:
-        """Start anew after a reset, with the bits of the chip's MCUSR; EEPROM is kept."""
+        """Boot with these bits in the chip's MCUSR; the EEPROM persists."""
         self.call("boot", reset_cause)
 
     def close(self) -> None:
-        """Free the board; harmless when done already."""
+        """Free the board; a second call does nothing."""
         if self.handle:
             self.call("close")
         self.handle = 0
 
 
 def _load(
-    board: str, exchange: type[ctypes.Structure], signatures: Signatures, path: Path | None = None
+    board: str, io_type: type[ctypes.Structure], signatures: Signatures, path: Path | None
 ) -> ctypes.PyDLL:
-    """Return the library of ``drum`` or ``taxels``, at ``path`` or where it is built.
-
-    Raises RigFault where it is missing, stale, or made for another system.
-    """
+    """Return a board's library. Raises RigFault if it is missing, stale, or for another system."""
     root = checkout()
-    place = path or (
+    file = path or (
         dynamic_library_path(board) if root else installed_library(dynamic_library_name(board))
     )
-    if not place.is_file():
-        raise RigFault(f"{place}: the virtual {board} board is not compiled: {CURE}{COMMAND}")
+    if not file.is_file():
+        raise RigFault(f"{file}: the virtual {board} board is not compiled: {CURE}{COMMAND}")
     try:
-        library = ctypes.PyDLL(str(place))
-        size = _declared(library, f"{board}_exchange_size", U64)
-        made_of = _declared(library, f"{board}_sources", ctypes.c_char_p).decode()
+        # PyDLL: calls are short, so releasing the GIL for each would cost more than it gains.
+        library = ctypes.PyDLL(str(file))
+        size = _constant(library, f"{board}_exchange_size", U64)
+        built_from = _constant(library, f"{board}_sources", ctypes.c_char_p).decode()
     except (OSError, AttributeError) as error:
         raise RigFault(
-            f"{place}: the virtual {board} board was not made for this system ({error}): "
+            f"{file}: the virtual {board} board was not made for this system ({error}): "
             f"delete it, {CURE}{COMMAND}"
         ) from error
-    if size != ctypes.sizeof(exchange) or (root is not None and made_of != digest(board)):
+    if size != ctypes.sizeof(io_type) or (root is not None and built_from != digest(board)):
         raise RigFault(
-            f"{place}: the virtual {board} board was made of other sources than arduino/ holds: "
+            f"{file}: the virtual {board} board was made of other sources than arduino/ holds: "
             f"run {COMMAND}"
         )
     for name, (result, arguments) in signatures.items():
@@ -96,7 +93,7 @@ def _load(
     return library
 
 
-def _declared(library: ctypes.PyDLL, name: str, result: Any) -> Any:
+def _constant(library: ctypes.PyDLL, name: str, result: Any) -> Any:
     function = getattr(library, name)
     function.restype, function.argtypes = result, []
     return function()

@@ -1,6 +1,6 @@
-"""The taxel board's firmware in this process: one virtual board.
+"""The taxel board's firmware in this process.
 
-:class:`TaxelExchange` mirrors ``arduino/host/taxels/exchange.h``.
+:class:`TaxelIO` mirrors ``arduino/host/taxels/exchange.h``.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 from rigctl.simulation.boards.library import I32, I64, POINTER, FirmwareLibrary
 from rigctl.values import N_TAXELS
 
-MOST_FRAMES, MOST_BYTES = 4096, 65536
+MAX_FRAMES, MAX_BYTES = 4096, 65536
 SYNC, INDEX = 0, 1
 
 
-class TaxelExchange(ctypes.Structure):
-    """What bench and board tell each other between two runs."""
+class TaxelIO(ctypes.Structure):
+    """Inputs and outputs of the board."""
 
     _fields_ = (
         ("tx_count", I64),
         ("sent_at", I64),
         ("overflows", I64),
-        ("readings", ctypes.c_uint16 * N_TAXELS * MOST_FRAMES),
-        ("flags", ctypes.c_uint8 * MOST_FRAMES),
-        ("edges", ctypes.c_uint8 * MOST_FRAMES),
-        ("tx", ctypes.c_uint8 * MOST_BYTES),
+        ("readings", ctypes.c_uint16 * N_TAXELS * MAX_FRAMES),
+        ("flags", ctypes.c_uint8 * MAX_FRAMES),
+        ("edges", ctypes.c_uint8 * MAX_FRAMES),
+        ("tx", ctypes.c_uint8 * MAX_BYTES),
     )
 
 
@@ -42,36 +42,35 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 
 
 class TaxelFirmware(FirmwareLibrary):
-    """One taxel board.
+    """One taxel board; cycles count from the start of its first frame.
 
-    Cycles count from the start of its first frame. Raises RigFault where its library cannot be
-    used.
+    Raises RigFault if its library cannot be used.
     """
 
     def __init__(self, library: Path | None = None) -> None:
-        super().__init__("taxels", TaxelExchange, _SIGNATURES, library)
-        self._readings = np.ctypeslib.as_array(self.exchange.readings)
-        self._flags = np.ctypeslib.as_array(self.exchange.flags)
-        self._edges = np.ctypeslib.as_array(self.exchange.edges)
+        super().__init__("taxels", TaxelIO, _SIGNATURES, library)
+        self._readings = np.ctypeslib.as_array(self.io.readings)
+        self._flags = np.ctypeslib.as_array(self.io.flags)
+        self._edges = np.ctypeslib.as_array(self.io.edges)
 
     def edge(self, signal: int, level: int, cycle: int) -> None:
-        """Tell of an edge of SYNC or INDEX, before the frame in which it falls is closed."""
+        """Pass an edge of SYNC or INDEX; its frame must not be closed yet."""
         self.call("edge", signal, level, cycle)
 
     def receive(self, data: bytes) -> None:
-        """Hand over bytes of the host; the board looks at them with its next frame."""
+        """Pass bytes from the host; the board reads them in its next frame."""
         self.call("receive", data, len(data))
 
     def run(self, readings: NDArray[np.uint16]) -> None:
-        """Close and send frames with these readings, uint16 (n, 18), n ≤ MOST_FRAMES."""
+        """Close and send frames with these readings, uint16 (n, 18), n ≤ MAX_FRAMES."""
         self._readings[: len(readings)] = readings
         self.call("run", len(readings))
 
-    def pass_frames(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Close frames that are not sent; returns their flags and edges, uint8 (count,) each."""
+    def close_frames(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Close frames without sending; return their flags and edges, uint8 (count,) each."""
         flags, edges = [], []
-        for first in range(0, count, MOST_FRAMES):
-            part = min(MOST_FRAMES, count - first)
+        for first in range(0, count, MAX_FRAMES):
+            part = min(MAX_FRAMES, count - first)
             self.call("close_frames", part)
             flags.append(self._flags[:part].copy())
             edges.append(self._edges[:part].copy())
@@ -79,7 +78,7 @@ class TaxelFirmware(FirmwareLibrary):
         return np.concatenate(flags or nothing), np.concatenate(edges or nothing)
 
     def take_sent(self) -> bytes:
-        """Return what was sent since the last call."""
-        count = self.exchange.tx_count
-        self.exchange.tx_count = 0
-        return ctypes.string_at(ctypes.addressof(self.exchange.tx), count)
+        """Return the bytes sent since the last call."""
+        count = self.io.tx_count
+        self.io.tx_count = 0
+        return ctypes.string_at(ctypes.addressof(self.io.tx), count)

@@ -1,7 +1,7 @@
-"""The compiled shim around simavr (``arduino/sim``) as Python sees it: one exchange per slice.
+"""Python binding of the compiled shim around simavr (``arduino/sim``).
 
-The exchange's layout is read from ``arduino/sim/sim.h``; its size is compared when the library is
-loaded. Calls release the interpreter's lock. A chip belongs to one thread at a time.
+The layout of a chip's inputs and outputs is parsed from ``arduino/sim/sim.h``; its size is checked
+when the library is loaded. Calls release the GIL. Use a chip in one thread at a time.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ MAX_ROWS = 33
 
 
 class Kind(IntEnum):
-    """Which board, and so which chip and which wiring."""
+    """Kind of board, which determines chip and wiring."""
 
     DRUM = 0
     TAXELS = 1
 
 
 class Output(IntEnum):
-    """Signals whose edges are reported; of STEP only rises."""
+    """Signals whose edges are reported; for STEP only rising edges."""
 
     STEP = 0
     DIR = 1
@@ -46,7 +46,7 @@ class Output(IntEnum):
 
 
 class Input(IntEnum):
-    """Pins that a caller may set at a cycle."""
+    """Input pins that a caller may set at a cycle."""
 
     ESTOP = 0
     END_UP = 1
@@ -56,7 +56,7 @@ class Input(IntEnum):
 
 
 class ResetBy(IntEnum):
-    """What resets a chip; SRAM is lost only with the power."""
+    """Cause of a reset; only POWER clears the SRAM."""
 
     POWER = 1
     PIN = 2
@@ -73,8 +73,8 @@ _TYPES: dict[str, Any] = {
 
 
 @cache
-def exchange_type() -> type[ctypes.Structure]:
-    """``sim_exchange`` as ``arduino/sim/sim.h`` declares it; the meanings stand there.
+def io_type() -> type[ctypes.Structure]:
+    """Return ``sim_exchange`` as declared and documented in ``arduino/sim/sim.h``.
 
     Raises RigFault outside of a checkout.
     """
@@ -91,7 +91,7 @@ def exchange_type() -> type[ctypes.Structure]:
             for bound in reversed(re.findall(r"\w+", bounds)):
                 type_ = type_ * sizes[bound]
             fields.append((name, type_))
-    return type("Exchange", (ctypes.Structure,), {"_fields_": fields})
+    return type("SimIO", (ctypes.Structure,), {"_fields_": fields})
 
 
 _POINTER, _SIZE = ctypes.c_void_p, ctypes.c_uint32
@@ -109,7 +109,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 
 
 def load_library(path: Path) -> ctypes.CDLL:
-    """Load the shim. Raises RigFault when it is missing or of another version than this file."""
+    """Load the shim. Raises RigFault if it is missing or of another version than this file."""
     try:
         library = ctypes.CDLL(str(path))
     except OSError as error:
@@ -119,7 +119,7 @@ def load_library(path: Path) -> ctypes.CDLL:
     for name, (result, arguments) in _SIGNATURES.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
-    if library.sim_exchange_size() != ctypes.sizeof(exchange_type()):
+    if library.sim_exchange_size() != ctypes.sizeof(io_type()):
         raise RigFault(f"{path}: the chip simulator is of another version: run `make firmware`")
     return library
 
@@ -127,10 +127,10 @@ def load_library(path: Path) -> ctypes.CDLL:
 class Chip:
     """One simulated AVR with its image. Close it; nothing else frees the simulator's memory.
 
-    Arrays are views of the exchange: ``tx``, ``tx_cycle``, ``edge_cycle``, ``edge_signal``,
-    ``edge_level`` (valid up to the counts, until the next :meth:`run`); ``analog`` float64
-    (33, 18), shares of the reference at the start of the run, …, at its end; ``noise`` the same
-    in codes.
+    The arrays are views of ``io``: ``tx``, ``tx_cycle``, ``edge_cycle``, ``edge_signal``,
+    ``edge_level`` (valid up to their counts, until the next :meth:`run`); ``analog`` float64
+    (33, 18), shares of the reference from the start to the end of the run; ``noise``, the same in
+    ADC codes.
     """
 
     def __init__(self, library: ctypes.CDLL, image: Path, kind: Kind) -> None:
@@ -138,10 +138,10 @@ class Chip:
         self._handle = library.sim_open(str(image).encode(), int(kind)) if image.is_file() else None
         if not self._handle:
             raise RigFault(f"{image}: no firmware image to run: run `make firmware`")
-        self.exchange: Any = exchange_type().from_address(library.sim_exchange_of(self._handle))
-        self._map_exchange()
+        self.io: Any = io_type().from_address(library.sim_exchange_of(self._handle))
+        self._map_arrays()
 
-    def _map_exchange(self) -> None:
+    def _map_arrays(self) -> None:
         self.tx = self._view("tx", np.uint8)
         self.tx_cycle = self._view("tx_cycle", np.uint64)
         self.edge_cycle = self._view("edge_cycle", np.uint64)
@@ -152,35 +152,35 @@ class Chip:
         self._rx = self._view("rx", np.uint8)
 
     def _view(self, field: str, dtype: type[np.generic]) -> NDArray[Any]:
-        return np.frombuffer(getattr(self.exchange, field), dtype)
+        return np.frombuffer(getattr(self.io, field), dtype)
 
     def send(self, data: bytes, from_cycle: int = 0) -> int:
-        """Hand bytes of the host over for the next run; returns how many fit."""
+        """Pass bytes from the host to the next run; return how many fit."""
         taken = min(len(data), MAX_BYTES)
-        self.exchange.rx_start = from_cycle
+        self.io.rx_start = from_cycle
         self._rx[:taken] = np.frombuffer(data[:taken], np.uint8)
-        self.exchange.rx_count = taken
+        self.io.rx_count = taken
         return taken
 
     def set_input(self, signal: Input, cycle: int, level: int) -> None:
-        """Have a pin change at a cycle of the next run; cycles must ascend."""
-        x = self.exchange
-        if x.input_count >= MAX_INPUTS:
+        """Change a pin at a cycle of the next run; cycles must ascend."""
+        io = self.io
+        if io.input_count >= MAX_INPUTS:
             raise WrongUse("too many pin changes in one slice: run shorter slices")
-        x.input_cycle[x.input_count] = cycle
-        x.input_signal[x.input_count] = int(signal)
-        x.input_level[x.input_count] = level
-        x.input_count += 1
+        io.input_cycle[io.input_count] = cycle
+        io.input_signal[io.input_count] = int(signal)
+        io.input_level[io.input_count] = level
+        io.input_count += 1
 
     def run(self, until_cycle: int) -> None:
-        """Run to a cycle. Raises RigFault when closed, or when the chip did the impossible."""
+        """Run to a cycle. Raises RigFault if the chip is closed or the simulator stops."""
         if not self._handle:
             raise RigFault("the simulated chip is closed")
         if self._library.sim_run(self._handle, until_cycle):
-            raise RigFault(f"the simulated chip stopped at cycle {self.exchange.cycle}")
+            raise RigFault(f"the simulated chip stopped at cycle {self.io.cycle}")
 
     def reset(self, by: ResetBy = ResetBy.PIN) -> None:
-        """Reset the chip; EEPROM is kept."""
+        """Reset the chip; the EEPROM persists."""
         self._library.sim_reset(self._handle, int(by))
 
     def place_drum(self, steps: int) -> None:
@@ -188,21 +188,21 @@ class Chip:
         self._library.sim_place_drum(self._handle, steps)
 
     def read_eeprom(self, offset: int, size: int) -> bytes:
-        """Bytes of the EEPROM. Raises WrongUse outside of it."""
+        """Read bytes of the EEPROM. Raises WrongUse outside of it."""
         buffer = ctypes.create_string_buffer(size)
         if self._library.sim_eeprom_read(self._handle, offset, buffer, size):
             raise WrongUse(f"EEPROM has no bytes {offset} … {offset + size - 1}")
         return buffer.raw
 
     def write_eeprom(self, offset: int, data: bytes) -> None:
-        """Change bytes of the EEPROM. Raises WrongUse outside of it."""
+        """Write bytes of the EEPROM. Raises WrongUse outside of it."""
         if self._library.sim_eeprom_write(self._handle, offset, data, len(data)):
             raise WrongUse(f"EEPROM has no bytes {offset} … {offset + len(data) - 1}")
 
     def close(self) -> None:
-        """Free the simulator's memory; harmless when closed already. Counters can still be read."""
+        """Free the simulator's memory; a second call does nothing. ``io`` remains readable."""
         if self._handle:
-            self.exchange = exchange_type().from_buffer_copy(self.exchange)
-            self._map_exchange()
+            self.io = io_type().from_buffer_copy(self.io)
+            self._map_arrays()
             self._library.sim_close(self._handle)
             self._handle = None

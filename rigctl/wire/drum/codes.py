@@ -9,7 +9,7 @@ from enum import IntEnum
 
 
 class Command(IntEnum):
-    """Values of register ``command``; executed when ``command_sequence`` is written anew."""
+    """Values of register ``command``, executed when ``command_sequence`` changes."""
 
     NONE = 0
     ARM = 1
@@ -84,10 +84,10 @@ class Status(IntEnum):
 
 
 class Guard(IntEnum):
-    """When a setting may be changed; writing the value that it has is harmless always.
+    """When a setting may be changed; writing its present value is always harmless.
 
-    RESTING: in IDLE or ARMED, the emergency stop closed, and no contact known to stand; after a
-    boot, when nothing is known, too. LIFTED: the same, and known to be lifted.
+    RESTING: in IDLE or ARMED, with the emergency stop closed and no known contact; also after a
+    boot, when contact is unknown. LIFTED: the same, and known to be lifted.
     """
 
     NONE = 0

@@ -1,10 +1,9 @@
-"""The drum's Modbus register table: the single truth of the drum's wire.
+"""The drum's Modbus register table, the only definition of the drum's registers.
 
-``arduino/drum/drum_map.h`` is generated from :data:`REGISTERS`
-(``python -m rigctl.wire.codegen``), a test fails when the header is stale, and
-``docs/reference/drum-wire.md`` renders the same table. Registers are 16 bits wide; a 32-bit
-value takes two, high word first. Addresses are those on the wire (the first register is 0).
-A value in engineering units is the register's integer times ``scale``.
+``python -m rigctl.wire.codegen`` generates ``arduino/drum/drum_map.h`` and
+``docs/reference/drum-wire.md`` from it; a test fails when they are stale. Registers are 16 bits
+wide; a 32-bit value takes two, high word first. Addresses count from 0 as on the wire. A value
+in engineering units is the register's integer times ``scale``.
 """
 
 from __future__ import annotations
@@ -297,7 +296,7 @@ REGISTERS: tuple[Register, ...] = IDENTITY + POLL + SETTINGS + COUNTERS + RING
 BY_NAME: dict[str, Register] = {register.name: register for register in REGISTERS}
 IDENTITY_BLOCK = (0, 14)
 POLL_BLOCK = (16, 40)
-"""First address and count of the one read that every poll makes."""
+"""First address and count of the read of every poll."""
 SETTINGS_BLOCK = (64, 49)
 END = 384
 """First address that does not exist; reading or writing there is exception 2.

@@ -1,8 +1,8 @@
-"""The drum's safety states as data: which event leads from which state to which.
+"""The drum's safety states: state machine, outputs of each state, texts of states and faults.
 
-This table is the only definition: ``arduino/drum/drum_states.h`` and the reference page are
-generated from it, and a test tries every state with every event. The outputs are a function of
-the state alone (:data:`OUTPUTS`).
+These tables are the only definition: ``python -m rigctl.wire.codegen`` generates
+``arduino/drum/drum_states.h`` and the reference page, and a test tries every state with every
+event. The outputs depend on the state alone (:data:`OUTPUTS`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 
 class State(IntEnum):
-    """Where the drum controller is; the value on the wire (register ``state``)."""
+    """State of the drum controller, the value of register ``state``."""
 
     BOOT = 0
     SELFTEST = 1
@@ -43,7 +43,7 @@ STATE_TEXT: dict[State, str] = {
 
 
 class StateEvent(IntEnum):
-    """What can happen to the controller: commands, completions, faults."""
+    """An event of the state machine: a command, a completion or a fault."""
 
     BOOTED = 0
     SELFTEST_PASSED = 1
@@ -146,11 +146,11 @@ OUTPUTS: dict[State, Outputs] = {
 }
 """RETRACT and FAULT_LIFT may step only to ramp down a drum that still turns.
 
-ARM leads through RETRACT, because nobody knows after a boot or a fault whether the drum still
-rests on the sensor.
+ARM leads through RETRACT: after a boot or a fault it is unknown whether the drum still rests on
+the sensor.
 """
 
-_ON: dict[State, dict[StateEvent, State]] = {
+_TRANSITIONS: dict[State, dict[StateEvent, State]] = {
     State.BOOT: {StateEvent.BOOTED: State.SELFTEST},
     State.SELFTEST: {
         StateEvent.SELFTEST_PASSED: State.IDLE,
@@ -194,18 +194,18 @@ _ON: dict[State, dict[StateEvent, State]] = {
 
 
 def next_state(state: State, event: StateEvent) -> State | None:
-    """The state that ``event`` leads to from ``state``; None where the event is refused.
+    """Return the state after ``event`` in ``state``, None where the event is refused.
 
-    A refused command is answered with Modbus exception 4 and changes nothing; a refused
-    completion is ignored. An OFF_FAULT always leads to FAULT_OFF. A TIMED_FAULT lifts from
-    every state that drives the actuator; in IDLE, BOOT and SELFTEST, where nothing is
-    driven, it leads to FAULT_OFF, and in FAULT_OFF and FAULT_LIFT it changes nothing.
+    A refused command gets Modbus exception 4 and changes nothing; a refused completion is
+    ignored. OFF_FAULT always leads to FAULT_OFF. TIMED_FAULT leads to FAULT_LIFT from every
+    state that drives the actuator and to FAULT_OFF from IDLE, BOOT and SELFTEST, which drive
+    nothing; in FAULT_OFF and FAULT_LIFT it changes nothing.
     """
     if event is StateEvent.OFF_FAULT:
         return State.FAULT_OFF
     if event is StateEvent.TIMED_FAULT:
         return _after_timed_fault(state)
-    return _ON[state].get(event)
+    return _TRANSITIONS[state].get(event)
 
 
 def _after_timed_fault(state: State) -> State:

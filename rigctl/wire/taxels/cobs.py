@@ -1,6 +1,6 @@
-"""Consistent overhead byte stuffing: any bytes become bytes without zero, and back.
+"""Consistent overhead byte stuffing (COBS): bytes without zeros, so that a zero ends a frame.
 
-A zero byte then marks the end of a frame and nothing else. Source: Cheshire and Baker,
+Source: Cheshire and Baker,
 *Consistent Overhead Byte Stuffing*, IEEE/ACM Transactions on Networking 7(2), 1999.
 """
 
@@ -10,7 +10,7 @@ LONGEST_RUN = 254
 
 
 def encode(data: bytes) -> bytes:
-    """``data`` without a zero byte in it; the closing zero is not added."""
+    """Return ``data`` stuffed, without the closing zero."""
     out = bytearray()
     for run in data.split(b"\0"):
         rest = run
@@ -24,7 +24,7 @@ def encode(data: bytes) -> bytes:
 
 
 def decode(data: bytes) -> bytes:
-    """The bytes that :func:`encode` was given; the closing zero is not part of ``data``.
+    """Return the bytes of stuffed ``data``, which has no closing zero.
 
     Raises ValueError where ``data`` holds a zero or ends inside a run.
     """

@@ -1,7 +1,7 @@
-"""The taxel board's wire: bytes to blocks, status and identity, and back.
+"""Encode and decode the taxel board's frames: samples, status, identity, self-test.
 
-The layout stands in ``docs/reference/taxel-wire.md``. :class:`FrameDecoder` takes any slices of
-the byte stream and gives the same samples; damaged bytes cost the frames they touch, and every
+``docs/reference/taxel-wire.md`` describes the layout. :class:`FrameDecoder` returns the same
+samples however the byte stream is sliced; damaged bytes cost the frames they touch, and every
 lost sample is counted as a gap or reported with a reboot.
 """
 
@@ -20,18 +20,18 @@ from numpy.typing import NDArray
 from rigctl.values import N_TAXELS, Block, Gap
 from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
 from rigctl.wire.taxels import cobs, kernels
-from rigctl.wire.taxels.self_test import SelfTest, encode_tested, parse_tested
+from rigctl.wire.taxels.self_test import SelfTest, decode_self_test_body, encode_self_test_body
 
 WIRE_VERSION = 2
 BAUD = 500_000
-FRAME_BYTES = kernels.LONGEST_CHUNK + 1
+FRAME_BYTES = kernels.MAX_CHUNK + 1
 STATUS_EVERY = 100
 CYCLES_PER_US = 16
-"""Of the board's chip: what its longest interrupt is counted in."""
+"""Cycles of the board's chip, the unit of its longest interrupt."""
 IDENTIFY, SELF_TEST = 0x01, 0x02
-DROPS_SHIFT, DROPS_MOST = 4, 15
-SHORTEST_CHUNK = kernels.TESTED_BODY + kernels.OVERHEAD + 1
-TAIL_KEPT = 2 * kernels.LONGEST_CHUNK
+DROPS_SHIFT, DROPS_MAX = 4, 15
+MIN_CHUNK = kernels.SELF_TEST_BODY + kernels.OVERHEAD + 1
+MAX_TAIL = 2 * kernels.MAX_CHUNK
 
 _STATUS = struct.Struct("<BBIIHHHBHHHHB")
 _IDENTITY = struct.Struct("<BHBBHIBHHBHB")
@@ -56,7 +56,7 @@ class Flag(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class TaxelStatus:
-    """What the taxel board says about itself ten times a second."""
+    """Status that the taxel board sends ten times a second."""
 
     sample_counter: int
     frames_dropped: int
@@ -75,7 +75,7 @@ class TaxelStatus:
 
 @dataclass(frozen=True, slots=True)
 class TaxelIdentity:
-    """Who the taxel board says it is."""
+    """Identity that the taxel board sends on request."""
 
     firmware_version: int
     build_hash: int
@@ -91,11 +91,11 @@ class TaxelIdentity:
 
 
 class Decoded(NamedTuple):
-    """What one piece of the byte stream held.
+    """Contents of one slice of the byte stream.
 
-    ``blocks``: samples in order, one block; a new one begins where the board rebooted, because
-    its counters start anew there. ``reboots``: how often that happened.
-    ``rejected_frames``, ``rejected_bytes``: what was no whole frame, in this piece.
+    ``blocks``: the samples in order, in one block and another after each reboot, because the
+    board's counters restart. ``reboots`` counts reboots, ``rejected_frames`` and
+    ``rejected_bytes`` what was no intact frame.
     """
 
     blocks: tuple[Block, ...]
@@ -108,17 +108,17 @@ class Decoded(NamedTuple):
 
     @property
     def block(self) -> Block | None:
-        """The newest samples, None where the piece completed no data frame."""
+        """The newest samples, None where the slice completed no data frame."""
         return self.blocks[-1] if self.blocks else None
 
 
 def frame(body: bytes) -> bytes:
-    """``body`` with its CRC-32, stuffed, and the closing zero."""
+    """Return the frame of ``body``: with CRC-32, stuffed, with the closing zero."""
     return cobs.encode(body + zlib.crc32(body).to_bytes(4, "little")) + b"\0"
 
 
 def unframe(chunk: bytes) -> bytes | None:
-    """Body of what stood between two zero bytes; None where it is damaged or empty."""
+    """Return the body of the bytes between two zeros, None where they are damaged or empty."""
     try:
         data = cobs.decode(chunk)
     except ValueError:
@@ -128,7 +128,7 @@ def unframe(chunk: bytes) -> bytes | None:
 
 
 def encode_request(kind: int) -> bytes:
-    """A request of the host to the board: IDENTIFY or SELF_TEST."""
+    """Return a request to the board: IDENTIFY or SELF_TEST."""
     return frame(bytes([kind]))
 
 
@@ -138,14 +138,14 @@ def encode_data(
     flags: NDArray[np.uint8],
     edges: NDArray[np.uint8],
 ) -> bytes:
-    """Data frames of n samples; the arrays are those of :class:`rigctl.values.Block`."""
+    """Return the frames of n samples; the arrays are those of :class:`rigctl.values.Block`."""
     wire = np.empty((counters.shape[0], FRAME_BYTES), np.uint8)
-    kernels.encode_rows(counters, samples, flags, edges, wire)
+    kernels.encode_samples(counters, samples, flags, edges, wire)
     return wire.tobytes()
 
 
 def encode_status(status: TaxelStatus) -> bytes:
-    """One status frame."""
+    """Return a status frame."""
     s = status
     return frame(
         _STATUS.pack(
@@ -167,7 +167,7 @@ def encode_status(status: TaxelStatus) -> bytes:
 
 
 def encode_identity(identity: TaxelIdentity) -> bytes:
-    """One identity frame."""
+    """Return an identity frame."""
     i = identity
     return frame(
         _IDENTITY.pack(
@@ -188,18 +188,16 @@ def encode_identity(identity: TaxelIdentity) -> bytes:
 
 
 def encode_self_test(test: SelfTest) -> bytes:
-    """One frame with the outcome of a self-test."""
-    return frame(bytes([kernels.TESTED, WIRE_VERSION]) + encode_tested(test))
+    """Return a frame with the outcome of a self-test."""
+    return frame(bytes([kernels.SELF_TEST, WIRE_VERSION]) + encode_self_test_body(test))
 
 
-def parse_status(body: bytes) -> TaxelStatus:
-    """The status that :func:`encode_status` was given."""
+def _decode_status(body: bytes) -> TaxelStatus:
     _, version, *rest = _STATUS.unpack_from(body)
     return TaxelStatus(*rest, version=version)
 
 
-def parse_identity(body: bytes) -> TaxelIdentity:
-    """The identity that :func:`encode_identity` was given."""
+def _decode_identity(body: bytes) -> TaxelIdentity:
     _, magic, wire, board, firmware, build, taxels, rate, boots, cause, cycles, slots = (
         _IDENTITY.unpack_from(body)
     )
@@ -209,46 +207,46 @@ def parse_identity(body: bytes) -> TaxelIdentity:
 
 
 class FrameDecoder:
-    """The board's byte stream to blocks, in whatever slices it arrives.
+    """Decodes the board's byte stream, in slices of any length.
 
-    A decoder that joins a running stream is told so by :meth:`resync`: the data frames carry
-    only the low 16 bits of the sample counter, a status frame all of them.
+    Call :meth:`resync` to join a running stream: a data frame holds only the low 16 bits of the
+    sample counter, a status frame all of them.
     """
 
     def __init__(self) -> None:
-        self._rest = b""
+        self._tail = b""
         self._state = np.zeros(kernels.STATE_SIZE, np.int64)
-        self._state[[kernels.LAST, kernels.BOOT_COUNT, kernels.DROPS]] = kernels.NOTHING_YET
-        self._tally = np.zeros(kernels.TALLY_SIZE, np.int64)
-        self._make_room(16)
-        # Loads the compiled kernel now: later it would hold up a loop that hears a heartbeat.
+        self._state[[kernels.LAST, kernels.BOOT_COUNT, kernels.DROPS]] = kernels.UNKNOWN
+        self._counts = np.zeros(kernels.COUNTS_SIZE, np.int64)
+        self._allocate(16)
+        # Loads the compiled kernel now: later it would delay a heartbeat.
         self.feed(b"", 0.0)
 
     def resync(self) -> None:
-        """The stream was interrupted: wait for a status frame, then count what was lost."""
-        self._rest = b""
-        self._state[[kernels.SYNCHRONISED, kernels.CARRIED]] = 0
+        """Restart after an interruption: wait for a status frame, then count the lost samples."""
+        self._tail = b""
+        self._state[[kernels.SYNCHRONISED, kernels.DISCARDED]] = 0
         self._state[kernels.WAITING] = 1
 
     @property
     def waiting(self) -> bool:
-        """True until the status frame after :meth:`resync` came; data is held back."""
+        """True from :meth:`resync` to the next status frame; data frames are dropped."""
         return bool(self._state[kernels.WAITING])
 
     def feed(self, data: bytes, at_s: float) -> Decoded:
-        """Decode the bytes that arrived at loop time ``at_s``."""
-        wire = np.frombuffer(self._rest + data, np.uint8)
-        room = wire.shape[0] // SHORTEST_CHUNK + 1
-        if room > self._notes.shape[0]:
-            self._make_room(room)
-        counters = np.empty(room, np.int64)
-        samples = np.empty((room, N_TAXELS), np.uint16)
-        marks = np.empty((2, room), np.uint8)
+        """Decode bytes that arrived at loop time ``at_s``."""
+        wire = np.frombuffer(self._tail + data, np.uint8)
+        capacity = wire.shape[0] // MIN_CHUNK + 1
+        if capacity > self._notes.shape[0]:
+            self._allocate(capacity)
+        counters = np.empty(capacity, np.int64)
+        samples = np.empty((capacity, N_TAXELS), np.uint16)
+        marks = np.empty((2, capacity), np.uint8)
         kernels.decode_wire(
-            wire, self._state, counters, samples, marks, self._notes, self._controls, self._tally
+            wire, self._state, counters, samples, marks, self._notes, self._controls, self._counts
         )
-        rows, gaps, controls, reboots, frames, junk, used = self._tally.tolist()
-        self._keep(wire, used)
+        rows, gaps, controls, reboots, rejected_frames, rejected_bytes, used = self._counts.tolist()
+        self._set_tail(wire, used)
         cuts = [0, *self._notes[:reboots, 4].tolist(), rows] if reboots else [0, rows]
         blocks = [
             Block(
@@ -262,20 +260,20 @@ class FrameDecoder:
             for first, end in pairwise(cuts)
             if end > first
         ]
-        said = self._said(controls) if controls else ((), (), ())
-        return Decoded(tuple(blocks), *said, reboots, frames, junk)
+        control_frames = self._decode_controls(controls) if controls else ((), (), ())
+        return Decoded(tuple(blocks), *control_frames, reboots, rejected_frames, rejected_bytes)
 
-    def _make_room(self, room: int) -> None:
-        self._notes = np.empty((room, 5), np.int64)
-        self._controls = np.empty((room, kernels.LONGEST_CHUNK), np.uint8)
+    def _allocate(self, capacity: int) -> None:
+        self._notes = np.empty((capacity, 5), np.int64)
+        self._controls = np.empty((capacity, kernels.MAX_CHUNK), np.uint8)
 
-    def _keep(self, wire: NDArray[np.uint8], used: int) -> None:
-        """Keep the unfinished chunk, of an endless one no more than can end in a frame."""
-        surplus = wire.shape[0] - used - TAIL_KEPT
+    def _set_tail(self, wire: NDArray[np.uint8], used: int) -> None:
+        """Keep the unfinished chunk; of an endless one, no more than can end in a frame."""
+        surplus = wire.shape[0] - used - MAX_TAIL
         if surplus > 0:
-            self._state[kernels.CARRIED] += surplus
+            self._state[kernels.DISCARDED] += surplus
             used += surplus
-        self._rest = wire[used:].tobytes()
+        self._tail = wire[used:].tobytes()
 
     def _gaps(self, n_gaps: int, first: int, end: int) -> tuple[Gap, ...]:
         notes = self._notes[:n_gaps, :4].tolist()
@@ -285,11 +283,11 @@ class FrameDecoder:
             if first <= row < end
         )
 
-    def _said(
+    def _decode_controls(
         self, n: int
     ) -> tuple[tuple[TaxelStatus, ...], tuple[TaxelIdentity, ...], tuple[SelfTest, ...]]:
         bodies = [body.tobytes() for body in self._controls[:n]]
-        statuses = [parse_status(b) for b in bodies if b[0] == kernels.STATUS]
-        identities = [parse_identity(b) for b in bodies if b[0] == kernels.IDENTITY]
-        tests = [parse_tested(b[2:]) for b in bodies if b[0] == kernels.TESTED]
+        statuses = [_decode_status(b) for b in bodies if b[0] == kernels.STATUS]
+        identities = [_decode_identity(b) for b in bodies if b[0] == kernels.IDENTITY]
+        tests = [decode_self_test_body(b[2:]) for b in bodies if b[0] == kernels.SELF_TEST]
         return tuple(statuses), tuple(identities), tuple(tests)

@@ -1,7 +1,7 @@
-"""What the taxel board's self-test found, as bits on the wire and as sentences for people.
+"""The outcome of the taxel board's self-test, as bits on the wire and as sentences.
 
-Lines are the three wires that the board drives, inputs the six that it reads; line *l* and
-input *i* meet in reading *6 l + i*. Names of pins are those of ``arduino/taxels/board.h``.
+Lines are the three wires that the board drives, inputs the six that it reads; reading
+*6 l + i* is of line *l* and input *i*. Pin names are those of ``arduino/taxels/board.h``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _BODY = struct.Struct("<9B3s3sx")
 
 
 class Coverage(IntFlag):
-    """What the board could test; the rest its divider or its polarity hides."""
+    """What the board could test; its divider or its polarity hides the rest."""
 
     LINES = 1
     OPEN_INPUTS = 2
@@ -31,7 +31,7 @@ class Coverage(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class SelfTest:
-    """Outcome of one self-test: a bit a line (0–2), an input (0–5), a reading (0–17).
+    """Outcome of one self-test: a bit for each line (0–2), input (0–5) or reading (0–17).
 
     ``count``: tests since boot, from 1. ``lines_low``, ``lines_high``: stuck whatever the board
     drives. ``lines_together``, ``inputs_together``: connected to each other. ``inputs_high``,
@@ -53,31 +53,31 @@ class SelfTest:
 
     @property
     def passed(self) -> bool:
-        """True where nothing was found."""
+        """True without findings."""
         return not any(_masks(self))
 
 
-def encode_tested(test: SelfTest) -> bytes:
-    """The frame's body behind type and version, 16 bytes."""
+def encode_self_test_body(test: SelfTest) -> bytes:
+    """Return the frame's body after type and version, 16 bytes."""
     *small, silent, full = _masks(test)
     wide = (silent.to_bytes(3, "little"), full.to_bytes(3, "little"))
     return _BODY.pack(test.count, test.tested, *small, *wide)
 
 
-def parse_tested(body: bytes) -> SelfTest:
-    """The outcome that :func:`encode_tested` was given."""
+def decode_self_test_body(body: bytes) -> SelfTest:
+    """Return the outcome of a body after type and version."""
     *small, silent, full = _BODY.unpack_from(body)
     wide = int.from_bytes(silent, "little"), int.from_bytes(full, "little")
     return replace(SelfTest(*small), silent=wide[0], full=wide[1])
 
 
 def findings(test: SelfTest, wiring: Sequence[int] = DRAWN_WIRING) -> list[str]:
-    """One sentence for each thing found: what, where, cure. Empty where all is well.
+    """Return a sentence for each finding: what, where, cure. Empty for a passed test.
 
-    ``wiring``: the reading that stands at each place of the sensor; taxels are named by their
-    place, counted from 1.
+    ``wiring``: the reading of each place of the sensor; taxels are named by their place,
+    counted from 1.
     """
-    return [*_of_lines(test), *_of_inputs(test), *_of_taxels(test, wiring)]
+    return [*_line_findings(test), *_input_findings(test), *_taxel_findings(test, wiring)]
 
 
 def _masks(test: SelfTest) -> tuple[int, ...]:
@@ -94,17 +94,17 @@ def _masks(test: SelfTest) -> tuple[int, ...]:
     )
 
 
-def _of_lines(test: SelfTest) -> Iterator[str]:
+def _line_findings(test: SelfTest) -> Iterator[str]:
     for line in _bits(test.lines_low):
         yield f"{_line(line)} stays low: it is connected to ground; free it"
     for line in _bits(test.lines_high):
         yield f"{_line(line)} stays high: it is connected to 5 V; free it"
     if test.lines_together:
-        names = _and([_line(line) for line in _bits(test.lines_together)])
-        yield f"{names} are connected to each other: part them"
+        names = _join([_line(line) for line in _bits(test.lines_together)])
+        yield f"{names} are connected to each other: separate them"
 
 
-def _of_inputs(test: SelfTest) -> Iterator[str]:
+def _input_findings(test: SelfTest) -> Iterator[str]:
     for i in _bits(test.inputs_high):
         yield f"{_input(i)} is held high while no line is driven: look for a short to 5 V"
     for i in _bits(test.inputs_low):
@@ -112,12 +112,12 @@ def _of_inputs(test: SelfTest) -> Iterator[str]:
     for i in _bits(test.inputs_open):
         yield f"{_input(i)} has no divider to ground: solder its resistor"
     if test.inputs_together:
-        names = _and([_input(i) for i in _bits(test.inputs_together)])
-        yield f"{names} are connected to each other: part them"
+        names = _join([_input(i) for i in _bits(test.inputs_together)])
+        yield f"{names} are connected to each other: separate them"
 
 
-def _of_taxels(test: SelfTest, wiring: Sequence[int]) -> Iterator[str]:
-    """Silent and full taxels that no finding above explains, whole wires first."""
+def _taxel_findings(test: SelfTest, wiring: Sequence[int]) -> Iterator[str]:
+    """Yield silent and full taxels that no other finding explains, whole wires first."""
     bad_lines = test.lines_low | test.lines_high | test.lines_together
     bad_inputs = test.inputs_high | test.inputs_low | test.inputs_open | test.inputs_together
     silent = _unexplained(test.silent, bad_lines, bad_inputs)
@@ -127,7 +127,7 @@ def _of_taxels(test: SelfTest, wiring: Sequence[int]) -> Iterator[str]:
             "no taxel conducts: plug the sensor in (a sensor that rests open reads like this, too)"
         )
     else:
-        yield from _broken_wires(silent, wiring)
+        yield from _open_circuits(silent, wiring)
     for reading in sorted(full):
         yield (
             f"{_taxel(reading, wiring)} reads full scale with nothing on it: "
@@ -135,7 +135,7 @@ def _of_taxels(test: SelfTest, wiring: Sequence[int]) -> Iterator[str]:
         )
 
 
-def _broken_wires(silent: set[int], wiring: Sequence[int]) -> Iterator[str]:
+def _open_circuits(silent: set[int], wiring: Sequence[int]) -> Iterator[str]:
     for line in range(N_LINES):
         group = {line * N_INPUTS + i for i in range(N_INPUTS)}
         if group <= silent:
@@ -176,5 +176,5 @@ def _bits(mask: int) -> list[int]:
     return [bit for bit in range(mask.bit_length()) if mask >> bit & 1]
 
 
-def _and(names: list[str]) -> str:
+def _join(names: list[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]

@@ -1,4 +1,4 @@
-"""The nested sweep against scikit-learn fitted anew for each number of components."""
+"""The nested sweep against a scikit-learn fit for each number of components."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def test_a_session_becomes_an_answer_and_two_figures(tmp_path: Path) -> None:
     answer = analyse_session(session, tmp_path / "figures", progress=lambda s, _: stages.append(s))
     assert answer.held_out.n == 23
     assert answer.remarks == ("left out for gaps in their samples: trial 5",)
-    right = answer.held_out.correct_counts()[answer.held_out.shown - 1]
+    right = answer.held_out.correct_counts()[answer.held_out.shown_components - 1]
     assert right / 23 > 2 * answer.held_out.chance
     assert "fold 1 of 4" in stages
     for png in (answer.raster, answer.accuracy):

@@ -10,7 +10,7 @@ import pytest
 from rigctl.analysis.classification.splits import Design
 from rigctl.analysis.features.representations import REPRESENTATIONS
 from rigctl.analysis.paper import published
-from rigctl.analysis.paper.ablations import Ablations, FeatureHalf, _halves, _Look
+from rigctl.analysis.paper.ablations import Ablations, FeatureHalf, _split_variance, _VarianceJob
 from rigctl.analysis.paper.comparisons import Agreement, TaskComparison, compare_task
 from rigctl.analysis.paper.explanations import explain
 from rigctl.analysis.paper.tasks import Curve, TaskResult
@@ -32,7 +32,7 @@ def test_variance_goes_to_the_factor_that_makes_it(tmp_path: Path) -> None:
     path = tmp_path / "features.npy"
     np.save(path, features)
     design = Design(("A", "B"), texture.astype(np.int64), speed, force)
-    halves = _halves(_Look(path, design, 5))
+    halves = _split_variance(_VarianceJob(path, design, 5))
     sa, ra = halves["SA"], halves["RA"]
     assert (sa.texture, sa.speed, sa.force, sa.within) == pytest.approx((0, 1, 0, 0), abs=1e-9)
     assert sa.first_window == pytest.approx(1.0)

@@ -12,7 +12,7 @@ import pytest
 from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.features.representations import REPRESENTATIONS, represent
-from rigctl.analysis.paper.sensitivity import ORDER, STAGE, mean_rates_hz
+from rigctl.analysis.paper.sensitivity import PRESET_ORDER, STAGE, mean_rates_hz
 from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
 from rigctl.analysis.report import report_folder
 from rigctl.encoding.encoder import encode_trials
@@ -28,38 +28,38 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_rates_are_those_of_the_spikes(session: Path, tmp_path: Path) -> None:
-    made = represent(join_sessions([session]), PRESETS["explicit"], tmp_path)
+    representations = represent(join_sessions([session]), PRESETS["explicit"], tmp_path)
     with Session.open(session) as opened:
         samples = [opened.samples(int(row)) for row in opened.committed()]
-    trains = encode_trials(samples, made.normalisation, made.parameters)
+    trains = encode_trials(samples, representations.normalisation, representations.parameters)
     by_hand = []
     for spikes in trains:
         counts = np.diff(spikes.row_start) / (spikes.n_samples / 1000)
         by_hand.append([counts[:18].mean(), counts[18:].mean()])
     for representation in REPRESENTATIONS[:2]:
-        found = mean_rates_hz(made, representation)
+        found = mean_rates_hz(representations, representation)
         assert found == pytest.approx(np.mean(by_hand, axis=0), rel=1e-9)
 
 
 def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
+    reported: list[tuple[int, int]] = []
 
     def listen(stage: str, done: int, all_: int) -> None:
         if stage == STAGE:
-            told.append((done, all_))
+            reported.append((done, all_))
 
     settings = SweepSettings(iterations=2, k_max=12, seed=5, tasks=("textures",))
     request = report_folder.ReportRequest((session,), tmp_path / "r", settings, sensitivity=True)
     report_folder.make_report(request, "2026-11-21T12:00:00Z", Resources(progress=listen))
     plain = json.loads((tmp_path / "r" / "results.json").read_text())
     rows = plain["sensitivity"]["rows"]
-    assert list(dict.fromkeys(row["preset"] for row in rows)) == list(ORDER)
+    assert list(dict.fromkeys(row["preset"] for row in rows)) == list(PRESET_ORDER)
     assert len(rows) == 5 * 6
-    shares = [done / all_ for done, all_ in told]
+    shares = [done / all_ for done, all_ in reported]
     assert shares == sorted(shares) and shares[-1] == 1.0 and len(set(shares)) > 10
 
     by = {(row["preset"], row["representation"]): row for row in rows}
-    rate = {name: by[name, "original"]["sa_hz"] for name in ORDER}
+    rate = {name: by[name, "original"]["sa_hz"] for name in PRESET_ORDER}
     assert 2 * rate["quarter-rate"] < rate["default"] < rate["explicit"]
     curve = plain["tasks"]["textures"]["representations"]["speed"]
     k = by["default", "speed"]["components"] - 1
@@ -73,8 +73,8 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
     assert found == pytest.approx(100 * float(expected.mean[k]), abs=1e-4)
 
     with (tmp_path / "r" / "sensitivity.csv").open() as file:
-        kept = list(csv.DictReader(file))
-    assert [float(row["sa_hz"]) for row in kept] == [row["sa_hz"] for row in rows]
+        rows_csv = list(csv.DictReader(file))
+    assert [float(row["sa_hz"]) for row in rows_csv] == [row["sa_hz"] for row in rows]
     page = (tmp_path / "r" / "report.html").read_text()
     assert "Encoder presets" in page and "iskarous2022" in page
     assert not (tmp_path / "r" / "features").exists()

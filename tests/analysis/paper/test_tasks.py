@@ -74,7 +74,7 @@ def test_draws_are_repeatable_and_differ_between_iterations() -> None:
         assert not np.array_equal(np.sort(first), np.sort(other))
 
 
-def test_a_level_that_is_left_out_is_never_learnt() -> None:
+def test_a_level_that_is_left_out_is_never_trained_on() -> None:
     small = design(4, "AB")
     for family, levels in (
         ("leave-speed-out", small.speed_mm_s),
@@ -83,13 +83,13 @@ def test_a_level_that_is_left_out_is_never_learnt() -> None:
         fits = make_splits(small, family, 0, 0)
         assert len(fits) == len(np.unique(levels))
         for fit in fits:
-            asked = fit.tests[family]
-            assert len(set(levels[asked])) == 1
-            assert not set(levels[asked]) & set(levels[fit.train])
+            tested = fit.tests[family]
+            assert len(set(levels[tested])) == 1
+            assert not set(levels[tested]) & set(levels[fit.train])
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RepresentationSet]:
+def representations(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RepresentationSet]:
     folder = tmp_path_factory.mktemp("set")
     session = record(
         folder / "session", "ABG", repeats=3, travel_mm=12.0,
@@ -98,10 +98,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RepresentationSet
     yield represent(join_sessions([session]), DEFAULT, folder)
 
 
-def test_both_engines_give_equal_answers(made: RepresentationSet) -> None:
-    ours, said = run_tasks(made, SweepSettings(iterations=2, k_max=5))
-    theirs, _ = run_tasks(made, SweepSettings(iterations=2, k_max=5, engine=SweepEngine.SKLEARN))
-    assert said == ()
+def test_both_engines_give_equal_answers(representations: RepresentationSet) -> None:
+    ours, remarks = run_tasks(representations, SweepSettings(iterations=2, k_max=5))
+    theirs, _ = run_tasks(
+        representations, SweepSettings(iterations=2, k_max=5, engine=SweepEngine.SKLEARN)
+    )
+    assert remarks == ()
     assert [r.task.figure[-1] for r in ours] == list("ABCDEF")
     for one, other in zip(ours, theirs, strict=True):
         for a, b in zip(one.curves, other.curves, strict=True):
@@ -110,39 +112,39 @@ def test_both_engines_give_equal_answers(made: RepresentationSet) -> None:
     textures = _of(ours, "textures")
     assert textures.k_max == 5 and textures.chance == pytest.approx(1 / 3)
     assert textures.curves[0].accuracy.shape == (2, 5)
-    assert textures.curves[0].confusion.sum() == 2 * textures.curves[0].tested
+    assert textures.curves[0].confusion.sum() == 2 * textures.curves[0].n_tested
     assert textures.curves[3].mean[-1] > 0.7
 
 
-def test_processes_give_equal_answers(made: RepresentationSet) -> None:
+def test_processes_give_equal_answers(representations: RepresentationSet) -> None:
     chosen = SweepSettings(iterations=2, k_max=4, tasks=("textures",))
-    alone, _ = run_tasks(made, chosen)
+    alone, _ = run_tasks(representations, chosen)
     with local_executor(2) as executor:
-        together, _ = run_tasks(made, chosen, executor=executor)
+        together, _ = run_tasks(representations, chosen, executor=executor)
     for a, b in zip(alone[0].curves, together[0].curves, strict=True):
         np.testing.assert_array_equal(a.accuracy, b.accuracy)
 
 
-def test_fewer_components_are_said(made: RepresentationSet) -> None:
-    results, said = run_tasks(
-        made, SweepSettings(iterations=1, tasks=("textures", "leave-force-out"))
+def test_fewer_components_are_said(representations: RepresentationSet) -> None:
+    results, remarks = run_tasks(
+        representations, SweepSettings(iterations=1, tasks=("textures", "leave-force-out"))
     )
     textures = _of(results, "textures")
-    assert textures.k_max == textures.learnt - 3 < 50
-    assert any("individual textures: up to" in sentence for sentence in said)
-    assert textures.curves[0].deviation is None
+    assert textures.k_max == textures.n_train - 3 < 50
+    assert any("individual textures: up to" in remark for remark in remarks)
+    assert textures.curves[0].sd is None
     assert _of(results, "leave-force-out").classes == ("A", "B", "G")
 
 
 def test_another_design_leaves_one_out(tmp_path: Path) -> None:
     session = record(tmp_path / "session", "AX", repeats=2, travel_mm=12.0)
-    made = represent(join_sessions([session]), DEFAULT, tmp_path)
-    results, said = run_tasks(made, SweepSettings(iterations=1, k_max=2))
+    representations = represent(join_sessions([session]), DEFAULT, tmp_path)
+    results, remarks = run_tasks(representations, SweepSettings(iterations=1, k_max=2))
     assert [r.task.key for r in results] == ["textures", "leave-speed-out", "leave-force-out"]
-    assert any("does not fit this set" in sentence for sentence in said)
-    assert any("plates A to P" in sentence for sentence in said)
-    with pytest.raises(WrongUse, match="a speed and a force more"):
-        run_tasks(made, SweepSettings(tasks=("extrapolation",)))
+    assert any("does not fit this set" in remark for remark in remarks)
+    assert any("plates A to P" in remark for remark in remarks)
+    with pytest.raises(WrongUse, match="another speed and force"):
+        run_tasks(representations, SweepSettings(tasks=("extrapolation",)))
     with pytest.raises(WrongUse, match="no task 'everything'"):
         SweepSettings(tasks=("everything",))
 

@@ -37,34 +37,34 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="module")
-def made(session: Path) -> Iterator[Path]:
+def report(session: Path) -> Iterator[Path]:
     out = session.parent / "report"
     assert main(["analyse", str(session), "--out", str(out), "--iterations", "2"]) == 0
     yield out
 
 
-def test_the_folder_holds_everything_and_nothing_else(made: Path) -> None:
-    assert {path.name for path in made.iterdir()} == FILES
-    assert not list(made.parent.glob("*.partial"))
-    for svg in made.glob("*.svg"):
+def test_the_folder_holds_everything_and_nothing_else(report: Path) -> None:
+    assert {path.name for path in report.iterdir()} == FILES
+    assert not list(report.parent.glob("*.partial"))
+    for svg in report.glob("*.svg"):
         text = " ".join(ElementTree.parse(svg).getroot().itertext())
         assert "Simulated bench" in text
         assert "nan" not in text.lower().split()
 
 
-def test_numbers_agree_between_the_files(made: Path) -> None:
+def test_numbers_agree_between_the_files(report: Path) -> None:
     def refuse(word: str) -> None:
         raise AssertionError(word)
 
-    plain = json.loads((made / "results.json").read_text(), parse_constant=refuse)
+    plain = json.loads((report / "results.json").read_text(), parse_constant=refuse)
     assert plain["simulated"] is True and plain["trials"]["used"] == 107
     assert plain["inputs"][0]["plan_hash"] and plain["settings"]["encoder"]["sa_gain"] == 100.0
     assert list(plain["tasks"]) == [task.key for task in published.TASKS[:6]]
-    with (made / "table1.csv").open() as file:
+    with (report / "table1.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 6 * 6
-    for row, kept in zip(rows, plain["table1"], strict=True):
-        assert float(row["mean_percent"]) == kept["mean_percent"]
+    for row, entry in zip(rows, plain["table1"], strict=True):
+        assert float(row["mean_percent"]) == entry["mean_percent"]
     first = plain["tasks"]["textures"]["representations"]["original"]
     k = plain["tasks"]["textures"]["shown_components"]
     assert float(rows[0]["mean_percent"]) == pytest.approx(
@@ -75,7 +75,7 @@ def test_numbers_agree_between_the_files(made: Path) -> None:
     assert plain["force_matrix"]["paper"] == {"unconverged": 62, "of": 4320}
 
 
-def test_the_page_stands_alone_and_says_what_matters(made: Path) -> None:
+def test_the_page_stands_alone_and_says_what_matters(report: Path) -> None:
     class Page(HTMLParser):
         sources: list[str] = []  # noqa: RUF012
         words = ""
@@ -87,7 +87,7 @@ def test_the_page_stands_alone_and_says_what_matters(made: Path) -> None:
             self.words += data
 
     page = Page()
-    page.feed((made / "report.html").read_text())
+    page.feed((report / "report.html").read_text())
     assert len(page.sources) == 3
     assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)
     for words in (
@@ -101,16 +101,16 @@ def test_the_page_stands_alone_and_says_what_matters(made: Path) -> None:
         "not independent",
     ):
         assert words in page.words
-    assert str(made.parent / "session") in page.words
+    assert str(report.parent / "session") in page.words
 
 
-def test_several_reports_stand_side_by_side(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_several_reports_are_compared(
+    report: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plain = json.loads((made / "results.json").read_text())
+    plain = json.loads((report / "results.json").read_text())
     assert set(plain["evidence"]["halves"]) == {r.key for r in REPRESENTATIONS}
     assert plain["evidence"]["alone"]["untrained-force"]["force"]["SA"] > 0
-    words = (made / "report.html").read_text()
+    words = (report / "report.html").read_text()
     assert "What explains the features" in words and "it does not prove a cause" in words
 
     def other(name: str, **changed: Any) -> str:
@@ -120,7 +120,7 @@ def test_several_reports_stand_side_by_side(
         return str(tmp_path / name)
 
     again, out = other("again"), tmp_path / "orders"
-    assert main(["orders", str(made), again, "--out", str(out)]) == 0
+    assert main(["orders", str(report), again, "--out", str(out)]) == 0
     assert "Untrained speed: of 6 comparisons" in capsys.readouterr().out
     found = json.loads((out / "orders.json").read_text())["tasks"]
     first = plain["tasks"]["textures"]["order"]["compared"][0]
@@ -130,23 +130,23 @@ def test_several_reports_stand_side_by_side(
     page = (out / "orders.html").read_text()
     assert "not the paper's experiment" in page and "cannot be told apart" in page
     assert "Each line is a set" in page and "Each line is a set" not in words
-    for reports, said in (
-        ([made, made], "hold the same session"),
-        ([made, other("k", settings={**plain["settings"], "k_max": 7})], "another k_max"),
-        ([made, other("old", evidence=None, tasks={})], "none of the tasks"),
+    for reports, message in (
+        ([report, report], "hold the same session"),
+        ([report, other("k", settings={**plain["settings"], "k_max": 7})], "another k_max"),
+        ([report, other("old", evidence=None, tasks={})], "none of the tasks"),
         ([tmp_path], "cannot be read"),
     ):
         assert main(["orders", *map(str, reports), "--out", str(tmp_path / "no")]) == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
 
 
 def test_what_cannot_be_done_is_refused_and_leaves_nothing(
-    session: Path, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    session: Path, report: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     start = ["analyse", str(session), "--out"]
-    for words, said in (
-        ([str(made)], "is there already"),
+    for words, message in (
+        ([str(report)], "is there already"),
         ([str(tmp_path / "r"), "--preset", "fast"], "unknown encoder preset 'fast'"),
         ([str(tmp_path / "r"), "--task", "colours"], "no task 'colours'"),
         ([str(tmp_path / "r"), "--taxel", "19"], "no taxel 19"),
@@ -154,7 +154,7 @@ def test_what_cannot_be_done_is_refused_and_leaves_nothing(
         ([str(tmp_path / "r"), "--iterations", "0"], "at least 1"),
     ):
         assert main([*start, *words]) == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
     assert main(["analyse", str(tmp_path), "--out", str(tmp_path / "r")]) == 2
     assert list(tmp_path.iterdir()) == []
 
@@ -170,7 +170,7 @@ def test_interrupted_it_leaves_no_half_report(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_is_told_in_words(
+def test_a_full_disk_is_reported(
     session: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

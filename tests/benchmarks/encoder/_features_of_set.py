@@ -69,7 +69,7 @@ def main(session: str, n: str, workers: str, cache_folder: str) -> None:
             made = represent(trials, DEFAULT, Path(folder), resources=resources)
             end = time.perf_counter()
             sizes = {key: file.stat().st_size for key, file in made.files.items()}
-    four = stamps.began["encoding with a C that is known"] - start
+    four = stamps.began["encoding with a given C"] - start
     own, others = (
         resource.getrusage(who).ru_maxrss / 1024
         for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)

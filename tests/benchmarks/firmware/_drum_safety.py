@@ -66,12 +66,12 @@ def overforce_lift_us() -> float:
             ready = int(drum.x.loadcell_ready)
             while drum.x.cycle + MS <= ready:
                 drum.run(1)
-            drum.plant.disturb(False, PUSH_G)
+            drum.plant.set_disturbances(False, PUSH_G)
             drum.x.loadcell_counts = round(1e6)
             begun = until(drum, lambda ready=ready: drum.x.cycle >= ready, 2 * MS)
             took.append(until(drum, lambda: drum.x.drive < LIFTS, 2 * MS) - begun)
             assert drum.get("fault") == Fault.OVER_FORCE
-            drum.plant.disturb(False, 0.0)
+            drum.plant.set_disturbances(False, 0.0)
     return (max(took) + ENTRY_CYCLES) / US
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.chips.rig import open_chips
+from rigctl.simulation.chips.rig import open_chip_simulation
 from tests.firmware.building import built
 from tests.simulation.host import BOOT_US, Host
 
@@ -18,7 +18,7 @@ def measure() -> Iterator[dict[str, Any]]:
     """Yield ``world.firmware_factor``."""
     built("sim/libchips.so")
     images = built("firmware/drum.elf"), built("firmware/taxels.elf")
-    simulation = open_chips(WorldParameters(), 1, *images)
+    simulation = open_chip_simulation(WorldParameters(), 1, *images)
     host = Host(simulation)
     host.wait(BOOT_US)
     host.attend(1_000_000)

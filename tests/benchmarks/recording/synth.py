@@ -12,7 +12,7 @@ import numpy as np
 
 from rigctl.session.files.ground_truth import trial_truths
 from rigctl.session.read.session import Session
-from rigctl.synth.dataset import DatasetRequest, generate, plan_of
+from rigctl.synth.dataset import DatasetRequest, generate, load_plan
 from tests.acquisition.floor import open_floor
 
 SEED = 1
@@ -33,7 +33,7 @@ def measure() -> Iterator[dict[str, Any]]:
         protocol = folder / "bench.toml"
         protocol.write_text(TEXT)
         made_s(protocol, folder / "warm")
-        trial_s = sum(trial.duration_s for trial in plan_of(protocol, None, SEED).trials)
+        trial_s = sum(trial.duration_s for trial in load_plan(protocol, None, SEED).trials)
         wall_s, core_s = made_s(protocol, folder / "synth")
         with open_floor(folder, SEED) as floor:
             began_s, began_core_s = time.perf_counter(), time.process_time()
@@ -46,7 +46,7 @@ def measure() -> Iterator[dict[str, Any]]:
 
 def made_s(protocol: Path, folder: Path) -> tuple[float, float]:
     """Wall and processor seconds to make the bench's protocol."""
-    order = DatasetRequest(plan_of(protocol, None, SEED), SEED, folder, START_UTC)
+    order = DatasetRequest(load_plan(protocol, None, SEED), SEED, folder, START_UTC)
     began_s, began_core_s = time.perf_counter(), time.process_time()
     generate(order, lambda progress: None, lambda: False)
     return time.perf_counter() - began_s, time.process_time() - began_core_s

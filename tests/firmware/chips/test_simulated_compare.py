@@ -18,12 +18,12 @@ def test_a_match_right_behind_the_overflow_comes_in_its_round() -> None:
     chip = Chip(
         load_library(built("sim/libchips.so")), built("firmware/probe-compare.elf"), Kind.DRUM
     )
-    chip.exchange.report_steps = 1
+    chip.io.report_steps = 1
     rises: list[int] = []
-    while chip.exchange.cycle < ROUNDS * ROUND:
-        chip.run(int(chip.exchange.cycle) + 16_000)
-        signals = chip.edge_signal[: chip.exchange.edge_count]
-        rises += chip.edge_cycle[: chip.exchange.edge_count][signals == Output.STEP].tolist()
+    while chip.io.cycle < ROUNDS * ROUND:
+        chip.run(int(chip.io.cycle) + 16_000)
+        signals = chip.edge_signal[: chip.io.edge_count]
+        rises += chip.edge_cycle[: chip.io.edge_count][signals == Output.STEP].tolist()
     chip.close()
     apart = np.diff(rises)
     assert len(rises) >= ROUNDS - 2

@@ -19,7 +19,7 @@ class Probe:
     def __init__(self) -> None:
         library = load_library(built("sim/libchips.so"))
         self.chip = Chip(library, built("firmware/probe-hx711.elf"), Kind.DRUM)
-        self.x = self.chip.exchange
+        self.x = self.chip.io
         self.x.loadcell_period_q16 = PERIOD << 16
         self.x.host_byte_q16 = 1389 << 16
 

@@ -17,7 +17,7 @@ SLICES = 20_000
 def test_a_chip_that_falls_asleep_at_a_slices_end_sleeps_no_further(kind: Kind) -> None:
     image = built(f"firmware/{kind.name.lower()}.elf")
     chip = Chip(load_library(built("sim/libchips.so")), image, kind)
-    x = chip.exchange
+    x = chip.io
     chip.run(BOOTED)
     slept, past = x.slept_cycles, []
     for _ in range(SLICES):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.simulation.bench.contact import Footprint, contact_tables, footprint, mounted
+from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.simavr import Input, ResetBy
 from rigctl.wire.drum.codes import Command, Status
@@ -45,10 +45,10 @@ def test_every_check_has_a_control() -> None:
     assert {check for check, _ in ATTACK_CHECKS} == {check for *_, check in ATTACK_CONTROLS}
 
 
-def plates(bench: WorldParameters) -> list[Footprint]:
+def plates(bench: WorldParameters) -> list[ForceTable]:
     """The smooth plate and those with the highest and the widest ridges."""
-    seat = mounted(bench, 1, 0)
-    return [footprint(contact_tables(plate, bench), bench, seat) for plate in "ACD"]
+    seat = draw_mounting(bench, 1, 0)
+    return [force_table(contact_tables(plate, bench), bench, seat) for plate in "ACD"]
 
 
 def test_the_board_says_at_what_force_it_lifts_and_how_far_it_overruns() -> None:

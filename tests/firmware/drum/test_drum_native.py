@@ -10,15 +10,15 @@ from tests.firmware.building import built
 
 
 def test_headers_and_page_say_what_the_tables_say() -> None:
-    assert codegen.stale() == []
+    assert codegen.find_stale() == {}
 
 
 def test_a_changed_header_is_noticed() -> None:
     root = checkout()
     assert root is not None
-    path = next(iter(codegen.rendered()))
-    assert codegen.rendered()[path] == (root / path).read_text(encoding="utf-8")
-    assert set(codegen.stale(root / "docs")) == set(codegen.rendered())
+    path, text = next(iter(codegen.generate().items()))
+    assert text == (root / path).read_text(encoding="utf-8")
+    assert codegen.find_stale(root / "docs") == codegen.generate()
 
 
 def test_the_pure_parts_pass_their_tests_under_sanitizers() -> None:

@@ -25,7 +25,7 @@ class TaxelChip:
 
     def __init__(self, image: str = "firmware/taxels.elf") -> None:
         self.chip = Chip(load_library(built("sim/libchips.so")), built(image), Kind.TAXELS)
-        self.x = self.chip.exchange
+        self.x = self.chip.io
         self.x.report_samples = 1
         self.x.host_byte_q16 = BYTE_CYCLES << 16
         self.x.analog_rows = 1

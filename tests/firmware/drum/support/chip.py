@@ -47,7 +47,7 @@ class DrumChip:
 
     def __init__(self, image: str = "firmware/drum.elf") -> None:
         self.chip = Chip(load_library(built("sim/libchips.so")), built(image), Kind.DRUM)
-        self.x = self.chip.exchange
+        self.x = self.chip.io
         self.x.report_steps = 1
         self.x.host_byte_q16 = round(16e6 * 10 / 115200 * 65536)
         self.x.analog_rows = 1

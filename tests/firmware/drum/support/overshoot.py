@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.simulation.bench.contact import Footprint
+from rigctl.simulation.bench.contact import ForceTable
 
 
 def overshoot_g(
-    overrun_um: float, most_force_g: float, pressed: Footprint, actuator_share: float = 1.0
+    overrun_um: float, most_force_g: float, pressed: ForceTable, actuator_share: float = 1.0
 ) -> float:
     """Grams beyond ``most_force_g`` at most, wherever on the plate the sensor stands.
 
@@ -29,6 +29,6 @@ def overshoot_g(
     return travel_mm * float(slope.max(where=covered, initial=0.0))
 
 
-def linear(stiffness_g_mm: float) -> Footprint:
+def linear(stiffness_g_mm: float) -> ForceTable:
     """A contact whose force is in proportion to the travel."""
-    return Footprint(np.array([[0.0], [stiffness_g_mm]], np.float32), 1.0, 0.0)
+    return ForceTable(np.array([[0.0], [stiffness_g_mm]], np.float32), 1.0, 0.0)

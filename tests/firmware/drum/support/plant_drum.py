@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.contact import Footprint, contact_tables, footprint, mounted
+from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
-from rigctl.simulation.bench.mechanics import Mechanics, RodMotion
-from rigctl.simulation.bench.parameters import WorldParameters, checked
+from rigctl.simulation.bench.mechanics import DrumTrajectory, Mechanics
+from rigctl.simulation.bench.parameters import WorldParameters, validated
 from rigctl.simulation.chips.simavr import Output
 from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.codes import Command
@@ -43,10 +43,10 @@ class Trial:
 
 
 @lru_cache(maxsize=4)
-def pressed(plate: str, parameters: WorldParameters, seed: int) -> Footprint:
+def pressed(plate: str, parameters: WorldParameters, seed: int) -> ForceTable:
     """What a bench's first mounting of a plate does to the skin."""
-    seat = mounted(parameters, seed, 0)
-    return footprint(contact_tables(plate, parameters), parameters, seat)
+    seat = draw_mounting(parameters, seed, 0)
+    return force_table(contact_tables(plate, parameters), parameters, seat)
 
 
 class PlantDrum(DrumChip):
@@ -61,9 +61,9 @@ class PlantDrum(DrumChip):
         begin_mm: float = PLATE_START_MM,
     ) -> None:
         self._begin_mm = begin_mm
-        self.parameters = checked(parameters or WorldParameters())
+        self.parameters = validated(parameters or WorldParameters())
         self.plant = Mechanics(self.parameters)
-        self.plant.set_footprint(pressed(plate, self.parameters, seed))
+        self.plant.set_force_table(pressed(plate, self.parameters, seed))
         self._cell = LoadCellAmplifier(self.parameters, seed, self.plant, Disturbances())
         super().__init__(image)
 
@@ -78,7 +78,7 @@ class PlantDrum(DrumChip):
     def _press(self, duty: float) -> None:
         end_ms = int(self.x.cycle) // MS
         travel_mm = (self.x.drum_place - self._start_steps) * self.parameters.mm_per_step
-        self.plant.advance(end_ms, duty, RodMotion(end_ms * 1000.0, travel_mm, 0.0))
+        self.plant.advance(end_ms, duty, DrumTrajectory(end_ms * 1000.0, travel_mm, 0.0))
         self.rod_mm, self.force_g = self.plant.rod_mm, self.plant.force_g
         self.forces.append(self.force_g)
         if self.x.loadcell_ready <= (end_ms + 1) * MS:
