@@ -1,0 +1,1 @@
+"""Panels that open sessions, run analyses and show results."""

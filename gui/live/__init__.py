@@ -1,0 +1,1 @@
+"""Live plots of samples, spikes, force and speed, and the health strip."""

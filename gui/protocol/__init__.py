@@ -1,0 +1,1 @@
+"""Panels that choose, plan and watch a protocol."""

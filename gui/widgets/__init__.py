@@ -1,0 +1,1 @@
+"""Small widgets, themes and formats that several panels share."""

@@ -1,0 +1,1 @@
+"""Polls, moves, settings and calibration of the drum."""

@@ -1,0 +1,1 @@
+"""Checks of boards, disk and heartbeat while the engine runs."""

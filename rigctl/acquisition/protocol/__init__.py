@@ -1,0 +1,1 @@
+"""The runner: a plan step by step, trial by trial, with pauses and verdicts."""

@@ -1,0 +1,1 @@
+"""Requests, replies and events between the engine and its clients."""

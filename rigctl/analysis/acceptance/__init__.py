@@ -1,0 +1,1 @@
+"""Measurements and limits that say whether a rig is accepted."""

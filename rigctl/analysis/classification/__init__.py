@@ -1,0 +1,1 @@
+"""PCA and LDA, data splits, trained models and their predictions."""

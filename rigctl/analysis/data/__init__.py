@@ -1,0 +1,1 @@
+"""Sets of trials, the cache of what was encoded, and files in between."""

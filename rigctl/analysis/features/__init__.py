@@ -1,0 +1,1 @@
+"""Sessions to spike counts, force matrices and features."""

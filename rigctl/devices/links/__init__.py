@@ -1,0 +1,1 @@
+"""Byte links to a board: serial port, TCP."""

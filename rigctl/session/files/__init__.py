@@ -1,0 +1,1 @@
+"""Files beside a session: models, spikes, force matrices, ground truth."""

@@ -1,0 +1,1 @@
+"""The layout of a session on disk: tables, columns, attributes, header, lock."""

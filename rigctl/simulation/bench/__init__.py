@@ -1,0 +1,1 @@
+"""The simulated bench: mechanics, skin, load cell, textures, noise, ground truth."""

@@ -1,0 +1,1 @@
+"""The boards' firmware compiled for this computer."""

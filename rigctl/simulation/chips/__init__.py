@@ -1,0 +1,1 @@
+"""The boards' images on simulated AVR chips."""

@@ -1,0 +1,1 @@
+"""The drum's registers, safety states, polls and tare table."""

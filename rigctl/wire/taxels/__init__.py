@@ -1,0 +1,1 @@
+"""Frames of the taxel board: bytes to samples, status and self-test."""

@@ -89,7 +89,7 @@ def test_such_a_session_is_whole_and_of_use(tmp_path: Path) -> None:
         assert any("drum's clock cuts" in text for text in floor.texts("log"))
     report = verify(floor.session)
     assert report.whole, report.problems
-    assert any("cut by the drum's clock" in note for note in report.notes)
+    assert any("drum's clock marks the trials" in note for note in report.notes)
     told = summarise_session(floor.session)
     assert told["cut_by"] == "drum clock"
     assert told["world"]["trials"] == 4
