@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.acquisition.floor import Floor, open_floor
+from tests.acquisition.engine_harness import EngineHarness, open_harness
 
 
 @pytest.fixture
-def floor(tmp_path: Path) -> Iterator[Floor]:
+def harness(tmp_path: Path) -> Iterator[EngineHarness]:
     """An engine on a virtual rig, not yet serving."""
-    with open_floor(tmp_path) as opened:
+    with open_harness(tmp_path) as opened:
         yield opened

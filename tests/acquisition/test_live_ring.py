@@ -125,5 +125,5 @@ def test_a_file_that_is_no_ring_is_refused(tmp_path: Path) -> None:
     stranger.write_text("not a ring" * 20)
     with pytest.raises(RigFault, match="no live data"):
         LiveView(stranger)
-    with pytest.raises(RigFault, match="engine still running"):
+    with pytest.raises(RigFault, match="check that the engine runs"):
         LiveView(tmp_path / "absent")

@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.drum.poller import DrumPoller
-from rigctl.acquisition.drum.settings import jog_target
+from rigctl.acquisition.drum.settings import jog_target_steps
 from rigctl.config.rig_config import DrumGeometry, RigConfig
 from rigctl.errors import CommandRefused, WrongUse
 from rigctl.wire.drum.codes import Command
@@ -33,14 +33,18 @@ def by_hand(at_rig: Operator, work: Work, config: RigConfig = FORWARDS) -> None:
 
     async def main() -> None:
         await at_rig.reach(State.ARMED)
-        watch = DrumPoller(
-            at_rig.drum, at_rig.rig.loop, lambda: True, lambda why: None, lambda who, anew: None
+        poller = DrumPoller(
+            at_rig.drum,
+            at_rig.rig.loop,
+            lambda: True,
+            lambda why: None,
+            lambda identity, rebooted: None,
         )
-        await watch.connect()
-        polling = asyncio.ensure_future(watch.run())
+        await poller.connect()
+        polling = asyncio.ensure_future(poller.run())
         try:
-            await watch.turn()
-            await work(DrumMotion(watch, config))
+            await poller.wait_turn()
+            await work(DrumMotion(poller, config))
         finally:
             polling.cancel()
             await asyncio.gather(polling, return_exceptions=True)
@@ -56,7 +60,7 @@ def test_the_drum_turns_by_what_was_asked_and_says_so(at_rig: Operator, config: 
         for mm in (10.0, 1.0, -1.0, -10.0, 123.4):
             before_mm = turned_mm(at_rig)
             assert await motion.jog(mm) == pytest.approx(mm, abs=STEP_MM)
-            await motion.watch.turn()
+            await motion.poller.wait_turn()
             assert sign * (turned_mm(at_rig) - before_mm) == pytest.approx(mm, abs=STEP_MM)
 
     by_hand(at_rig, work, config)
@@ -81,7 +85,7 @@ def test_it_is_refused_in_words_unless_armed(at_rig: Operator) -> None:
             (Command.DISARM, State.IDLE, "the drum is 'off'"),
         ):
             await motion.command(command)
-            await motion.watch.until(
+            await motion.poller.wait_until(
                 lambda now, goal=state: now.state == goal and motion.ended(now), 15, "the way"
             )
             if words:
@@ -95,12 +99,12 @@ def test_a_stop_ends_it_on_the_way(at_rig: Operator) -> None:
     async def work(motion: DrumMotion) -> None:
         before_mm = turned_mm(at_rig)
         jogging = asyncio.ensure_future(motion.jog(300.0))
-        await motion.watch.until(lambda now: now.speed_mm_s > 100, 5, "getting going")
-        await motion.watch.drum.stop()
+        await motion.poller.wait_until(lambda now: now.speed_mm_s > 100, 5, "getting going")
+        await motion.poller.drum.stop()
         moved_mm = await jogging
         assert 0 < moved_mm < 200
-        await motion.watch.turn()
-        assert motion.watch.healthy().state == State.ARMED
+        await motion.poller.wait_turn()
+        assert motion.poller.healthy_state().state == State.ARMED
         assert turned_mm(at_rig) - before_mm == pytest.approx(moved_mm, abs=STEP_MM)
 
     by_hand(at_rig, work)
@@ -109,6 +113,6 @@ def test_a_stop_ends_it_on_the_way(at_rig: Operator) -> None:
 def test_the_target_stays_within_what_the_register_takes() -> None:
     most = BY_NAME["move_target"].high
     drum = FORWARDS.drum
-    assert jog_target(most - 10, 10.0, drum, STEP_MM) == most
-    assert jog_target(10 - most, -10.0, drum, STEP_MM) == -most
-    assert jog_target(0, 1.0, BACKWARDS.drum, STEP_MM) == -32
+    assert jog_target_steps(most - 10, 10.0, drum, STEP_MM) == most
+    assert jog_target_steps(10 - most, -10.0, drum, STEP_MM) == -most
+    assert jog_target_steps(0, 1.0, BACKWARDS.drum, STEP_MM) == -32

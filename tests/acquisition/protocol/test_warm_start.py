@@ -11,12 +11,12 @@ FIRST_START = """
 import sys
 from pathlib import Path
 from numba.core import event
-from tests.acquisition.floor import open_floor
+from tests.acquisition.engine_harness import open_harness
 from tests.acquisition.health.test_poll_retries import ONE
 
-with open_floor(Path(sys.argv[1])) as floor:
+with open_harness(Path(sys.argv[1])) as harness:
     with event.install_recorder("numba:compile") as late:
-        assert floor.record(ONE).ending == "done"
+        assert harness.record(ONE).outcome == "done"
 print(sorted({str(each.data["dispatcher"]) for _, each in late.buffer}))
 """
 

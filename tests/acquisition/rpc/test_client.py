@@ -21,7 +21,7 @@ def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_window_drives_a_rig_in_real_time_and_leaves() -> None:
     client = EngineClient.start("virtual")
     try:
-        client.request("arm", limit_s=30)
+        client.request("arm", timeout_s=30)
         status = client.request("status")
         assert set(status) == set(EngineStatus.__slots__)
         assert (status["rig"], status["simulated"]) == ("virtual", True)
@@ -36,7 +36,7 @@ def test_a_window_drives_a_rig_in_real_time_and_leaves() -> None:
         window = client.live.taxels(100)
         assert window.spikes.shape == (100, 36)
         assert client.live.drum(10).force_set_g[0] == status["force_set_g"]
-        with pytest.raises(EngineRefusal, match="no run is going") as refusal:
+        with pytest.raises(EngineRefusal, match="no run is active") as refusal:
             client.request("pause")
         assert refusal.value.exit_code == 2
         second = EngineClient.attach()

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rigctl.acquisition.rpc.messages import decode_message, encode_message
-from rigctl.acquisition.rpc.server import Server, await_client, listen
+from rigctl.acquisition.rpc.server import Server, accept_first_client, open_listener
 from rigctl.errors import BoardFault, WrongUse
 
 TOKEN = "a secret"
@@ -27,10 +27,10 @@ async def handle(command: str, args: dict[str, Any]) -> dict[str, Any]:
 async def talk(*lines: bytes, answers: int) -> list[dict[str, Any]]:
     """What a client gets back for these lines; fewer answers when it is cut off."""
     server = Server(TOKEN, handle)
-    listener = listen()
+    listener = open_listener()
     port = listener.getsockname()[1]
     await server.open(listener, None)
-    server.welcome({"event": "ready"})
+    server.set_greeting({"event": "ready"})
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.writelines(lines)
     heard = []
@@ -78,7 +78,7 @@ def test_args_must_be_an_object() -> None:
 
 @pytest.mark.parametrize(("token", "let_in"), [(TOKEN, True), ("wrong", False)])
 def test_the_first_client_is_awaited_before_any_loop_runs(token: str, let_in: bool) -> None:
-    with listen() as listener:
+    with open_listener() as listener:
         port = listener.getsockname()[1]
 
         def come() -> None:
@@ -88,7 +88,7 @@ def test_the_first_client_is_awaited_before_any_loop_runs(token: str, let_in: bo
 
         client = threading.Thread(target=come)
         client.start()
-        first = await_client(listener, TOKEN)
+        first = accept_first_client(listener, TOKEN)
         assert (first is not None) is let_in
         if first is not None:
             first.close()
@@ -96,5 +96,5 @@ def test_the_first_client_is_awaited_before_any_loop_runs(token: str, let_in: bo
 
 
 def test_nobody_coming_is_no_reason_to_wait_for_ever() -> None:
-    with listen() as listener:
-        assert await_client(listener, TOKEN, limit_s=0.05) is None
+    with open_listener() as listener:
+        assert accept_first_client(listener, TOKEN, timeout_s=0.05) is None

@@ -14,11 +14,11 @@ from rigctl.acquisition.rpc import stop_all
 from rigctl.acquisition.rpc.engine_files import (
     FOLDER_VARIABLE,
     EngineFile,
-    announce,
     runtime_folder,
+    write_engine_file,
 )
 from rigctl.acquisition.rpc.messages import decode_message, encode_message
-from rigctl.acquisition.rpc.server import listen
+from rigctl.acquisition.rpc.server import open_listener
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.cli import main
 
@@ -30,7 +30,7 @@ def nothing_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def announced(name: str, listener: socket.socket) -> None:
     port = listener.getsockname()[1]
-    announce(runtime_folder(), EngineFile(name, os.getpid(), port, "", name, ""))
+    write_engine_file(runtime_folder(), EngineFile(name, os.getpid(), port, "", name, ""))
 
 
 class Answering:
@@ -38,7 +38,7 @@ class Answering:
 
     def __init__(self, name: str) -> None:
         self.asked: list[str] = []
-        self._listener = listen()
+        self._listener = open_listener()
         self._listener.setblocking(True)
         announced(name, self._listener)
         self._thread = threading.Thread(target=self._serve)
@@ -78,7 +78,7 @@ def test_one_that_hangs_holds_none_of_the_others_up(
 ) -> None:
     monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
     told: list[StopResult] = []
-    with listen() as mute:
+    with open_listener() as mute:
         announced("mute", mute)  # the newest, so the first to be asked
         stop_engines(told.append)
     assert told[-1].rig == "mute"
@@ -89,7 +89,7 @@ def test_the_command_says_which_were_reached_and_which_were_not(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
-    with listen() as mute:
+    with open_listener() as mute:
         announced("mute", mute)
         assert main(["stop"]) == 3
     said = capsys.readouterr()
@@ -100,9 +100,9 @@ def test_the_command_says_which_were_reached_and_which_were_not(
 
 def test_those_that_are_stopped_already_are_left_out(engines: list[Answering]) -> None:
     told: list[StopResult] = []
-    assert stop_engines(told.append, but=("one",)) == 1
+    assert stop_engines(told.append, exclude=("one",)) == 1
     assert [each.rig for each in told] == ["two"]
-    assert stop_engines(told.append, but=("two",)) == 1  # so that its thread ends
+    assert stop_engines(told.append, exclude=("two",)) == 1  # so that its thread ends
 
 
 def test_where_nothing_runs_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:

@@ -45,7 +45,7 @@ def test_few_readings_are_no_estimate() -> None:
 
 def test_a_reboot_forgets_everything() -> None:
     fit = readings(1200, 10, np.zeros(1000))
-    fit.restart()
+    fit.reset()
     assert fit.estimate is None
 
 

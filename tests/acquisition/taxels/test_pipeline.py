@@ -59,13 +59,13 @@ def encoder() -> Encoder:
 
 
 def pumped(live: LiveWriter, block: Block, length: int) -> tuple[SamplePipeline, np.ndarray]:
-    pump = SamplePipeline(encoder(), live, time_stands=False)
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
     for piece in pieces(block, length):
-        pump.take(piece)
-    pump.flush()
+        pipeline.add_block(piece)
+    pipeline.flush()
     view = LiveView(live.path)
     try:
-        return pump, view.taxels(4096).spikes
+        return pipeline, view.taxels(4096).spikes
     finally:
         view.close()
 
@@ -79,26 +79,26 @@ def offline(block: Block, starts: list[int]) -> np.ndarray:
 @pytest.mark.parametrize("length", [1, 5, 7, 20, 33, 1200])
 def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, length: int) -> None:
     block = touch()
-    pump, spikes = pumped(live, block, length)
+    pipeline, spikes = pumped(live, block, length)
     expected = offline(block, [frame + 1 for frame in RISES])
     assert np.array_equal(spikes, expected)
     assert expected.sum() > 100
-    assert pump.samples == N
+    assert pipeline.samples == N
 
 
 def test_behind_a_gap_the_encoder_starts_anew(live: LiveWriter) -> None:
     block = touch(lost=range(500, 520))
-    pump, spikes = pumped(live, block, 20)
+    pipeline, spikes = pumped(live, block, 20)
     assert np.array_equal(spikes, offline(block, [301, 500, 681]))
-    assert (pump.gaps, pump.lost_samples) == (1, 20)
+    assert (pipeline.gaps, pipeline.lost_samples) == (1, 20)
 
 
 def test_shown_times_run_evenly_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
-    pump = SamplePipeline(encoder(), live, time_stands=False)
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
     random = np.random.default_rng(2)
     for piece in pieces(touch(), 20):
         late = float(random.uniform(0, 0.008))
-        pump.take(
+        pipeline.add_block(
             Block(
                 piece.counters,
                 piece.samples,
@@ -116,10 +116,10 @@ def test_shown_times_run_evenly_though_blocks_arrive_unevenly(live: LiveWriter) 
 
 
 def test_a_reboot_of_the_board_begins_anew(live: LiveWriter) -> None:
-    pump = SamplePipeline(encoder(), live, time_stands=False)
-    pump.cutter.expect(100)
-    pump.take(touch())
-    pump.take(touch(n=40))
-    pump.flush()
-    assert pump.samples == N + 40
-    assert pump.cutter.trial is None
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
+    pipeline.trial_cutter.expect(100)
+    pipeline.add_block(touch())
+    pipeline.add_block(touch(n=40))
+    pipeline.flush()
+    assert pipeline.samples == N + 40
+    assert pipeline.trial_cutter.trial is None

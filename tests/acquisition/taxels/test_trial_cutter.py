@@ -54,13 +54,13 @@ def cut(blocks: list[Block]) -> CutTrial | None:
     cutter = TrialCutter()
     cutter.expect(LENGTH)
     for block in blocks:
-        cutter.feed(block)
+        cutter.add_block(block)
     return cutter.trial
 
 
 def test_the_first_sample_is_the_frame_that_starts_after_the_rise() -> None:
     trial = cut([stream()])
-    assert trial == CutTrial(RISE_IN + 1, LENGTH, received=LENGTH, seen_to=N - 1)
+    assert trial == CutTrial(RISE_IN + 1, LENGTH, received=LENGTH, newest_counter=N - 1)
     assert trial.complete
 
 
@@ -94,16 +94,16 @@ def test_a_gap_between_blocks_before_the_rise_is_seen_too() -> None:
 
 def test_rises_are_counted_through_a_gap_modulo_four() -> None:
     cutter = TrialCutter()
-    cutter.feed(stream(rises_in=(50, 60, 70), lost=range(45, 80)))
-    assert cutter.rises == 3
+    cutter.add_block(stream(rises_in=(50, 60, 70), lost=range(45, 80)))
+    assert cutter.rise_count == 3
 
 
 def test_only_the_rise_that_was_expected_begins_a_trial() -> None:
     cutter = TrialCutter()
     early, late = sliced(stream(rises_in=(50, 200)), [120])
-    cutter.feed(early)
+    cutter.add_block(early)
     cutter.expect(LENGTH)
-    cutter.feed(late)
+    cutter.add_block(late)
     assert cutter.trial is not None
     assert cutter.trial.first_counter == 201
 
@@ -128,10 +128,10 @@ def begun(blocks: list[Block], known_after: int) -> CutTrial | None:
     cutter = TrialCutter()
     cutter.expect(LENGTH, by_wire=False)
     for block in blocks[:known_after]:
-        cutter.feed(block)
+        cutter.add_block(block)
     cutter.begin(RISE_IN + 1)
     for block in blocks[known_after:]:
-        cutter.feed(block)
+        cutter.add_block(block)
     return cutter.trial
 
 

@@ -11,7 +11,11 @@ import numpy as np
 import pytest
 
 from rigctl.acquisition.taxels.clock_fit import ClockFit
-from rigctl.acquisition.taxels.trial_start_by_clock import FRAME_WIRE_S, POLL_WIRE_S, place_of
+from rigctl.acquisition.taxels.trial_start_by_clock import (
+    FRAME_WIRE_S,
+    POLL_WIRE_S,
+    estimate_trial_start,
+)
 from rigctl.cli import main
 from rigctl.cli.rig.run import _rig
 from rigctl.config.rig_config import Ports, RigConfig, Signals
@@ -24,7 +28,7 @@ from rigctl.simulation.chips.rig import ChipSimulation
 from rigctl.simulation.virtual_rig import VirtualRig
 from rigctl.wire.drum.codes import Signal
 from rigctl.wire.drum.states import State
-from tests.acquisition.floor import TINY, Floor, open_floor, read
+from tests.acquisition.engine_harness import TINY, EngineHarness, open_harness, read
 from tests.firmware.taxels.chip import TaxelChip
 
 NO_WIRE = RigConfig(signals=Signals(sync=False))
@@ -64,11 +68,11 @@ def true_start_ms(session: Session, index: int) -> float:
 @pytest.mark.parametrize("kind", ["virtual", "firmware"])
 def test_the_first_sample_is_as_true_as_is_said(tmp_path: Path, kind: str) -> None:
     protocol = TINY.replace('"A", "L"', '"D"').replace("100, 120", "75, 120")
-    with open_floor(tmp_path, rig_kind=kind, config=NO_WIRE) as floor:
-        run = floor.record(protocol)
-        assert (run.ending, run.complete) == ("done", True)
-        reading_ms = first_reading_ms(floor.rig)
-        with read(floor.session) as session:
+    with open_harness(tmp_path, rig_kind=kind, config=NO_WIRE) as harness:
+        run = harness.record(protocol)
+        assert (run.outcome, run.complete) == ("done", True)
+        reading_ms = first_reading_ms(harness.rig)
+        with read(harness.session) as session:
             told = [event.data for event in session.events_of("trial")]
             late_ms = [
                 reading_ms(int(session.trials["first_counter"][index]))
@@ -84,29 +88,31 @@ def test_the_first_sample_is_as_true_as_is_said(tmp_path: Path, kind: str) -> No
 
 
 def test_such_a_session_is_whole_and_of_use(tmp_path: Path) -> None:
-    with open_floor(tmp_path, config=replace(NO_WIRE, ports=Ports(simulate="virtual"))) as floor:
-        assert floor.record().complete
-        assert any("drum's clock cuts" in text for text in floor.texts("log"))
-    report = verify(floor.session)
+    with open_harness(
+        tmp_path, config=replace(NO_WIRE, ports=Ports(simulate="virtual"))
+    ) as harness:
+        assert harness.record().complete
+        assert any("drum's clock cuts" in text for text in harness.texts("log"))
+    report = verify(harness.session)
     assert report.whole, report.problems
     assert any("cut by the drum's clock" in note for note in report.notes)
-    told = summarise_session(floor.session)
+    told = summarise_session(harness.session)
     assert told["cut_by"] == "drum clock"
     assert told["world"]["trials"] == 4
     assert told["world"]["max_speed_error_permille"] < 1
-    assert main(["encode", str(floor.session), "--out", str(tmp_path / "spikes.h5")]) == 0
-    resumed = _rig(Namespace(rig=None, resume=str(floor.session)))
-    assert Path(resumed) == floor.session / "rig.toml", "with the wires that it was begun with"
-    with read(floor.session) as session:
+    assert main(["encode", str(harness.session), "--out", str(tmp_path / "spikes.h5")]) == 0
+    resumed = _rig(Namespace(rig=None, resume=str(harness.session)))
+    assert Path(resumed) == harness.session / "rig.toml", "with the wires that it was begun with"
+    with read(harness.session) as session:
         assert not np.any(session.window(0).flags & 1), "the board drives no wire that is absent"
 
 
-def test_a_wire_that_is_fitted_and_broken_is_still_asked_for(floor: Floor) -> None:
-    assert floor.rig.faults is not None
-    floor.rig.faults.rewire(absent=[Signal.SYNC])
-    run = floor.record(TINY.replace('"A", "L"', '"A"').replace("100, 120", "120"))
+def test_a_wire_that_is_fitted_and_broken_is_still_asked_for(harness: EngineHarness) -> None:
+    assert harness.rig.faults is not None
+    harness.rig.faults.rewire(absent=[Signal.SYNC])
+    run = harness.record(TINY.replace('"A", "L"', '"A"').replace("100, 120", "120"))
     assert not run.complete
-    with read(floor.session) as session:
+    with read(harness.session) as session:
         assert session.header.cut_by == "sync line"
         assert set(session.trials["verdict"].tolist()) == {"rejected"}
         assert "never rose" in session.trials["reasons"][0]
@@ -140,7 +146,7 @@ def test_arrivals_that_scatter_place_it_within_what_they_say(ppm: float) -> None
     drum = clock(1200, POLL_WIRE_S, random.exponential(0.002, 400), 0.05)
     taxels = clock(ppm, FRAME_WIRE_S, random.exponential(0.004, 400), 0.05)
     rise_s = 119.9
-    place = place_of(round((rise_s - 90) * (1 + 1200e-6) * 1e6), drum, taxels)
+    place = estimate_trial_start(round((rise_s - 90) * (1 + 1200e-6) * 1e6), drum, taxels)
     assert place is not None
     right = (rise_s - 90) * (1 + ppm * 1e-6) * 1000
     assert abs(place.first_counter - right) < 2 < place.uncertainty_ms < 15
@@ -148,5 +154,5 @@ def test_arrivals_that_scatter_place_it_within_what_they_say(ppm: float) -> None
 
 def test_an_unknown_clock_places_nothing() -> None:
     known = clock(0, 0.0, np.zeros(400), 0.05)
-    assert place_of(1, known, ClockFit()) is None
-    assert place_of(1, ClockFit(), known) is None
+    assert estimate_trial_start(1, known, ClockFit()) is None
+    assert estimate_trial_start(1, ClockFit(), known) is None

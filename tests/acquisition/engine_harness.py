@@ -13,7 +13,7 @@ from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.server import listen
+from rigctl.acquisition.rpc.server import open_listener
 from rigctl.config.rig_config import RigConfig
 from rigctl.rig import Rig, open_rig
 from rigctl.session.read.session import Session
@@ -27,11 +27,11 @@ forces_g = [500]
 repeats = 1
 """
 
-Scenario = Callable[["Floor"], Awaitable[None]]
+Scenario = Callable[["EngineHarness"], Awaitable[None]]
 
 
 @dataclass
-class Floor:
+class EngineHarness:
     """One engine with its rig, what it said, and folders to work in."""
 
     rig: Rig
@@ -65,22 +65,22 @@ class Floor:
         """Let world time pass."""
         end_s = self.rig.loop.time() + seconds
         while self.rig.loop.time() < end_s:
-            await self.engine.boards.watch.turn()
+            await self.engine.boards.drum_poller.wait_turn()
 
     async def until(self, condition: Callable[[], bool], limit_s: float = 120.0) -> None:
         """Wait for something to become true, looking once a poll."""
         end_s = self.rig.loop.time() + limit_s
         while not condition():
             assert self.rig.loop.time() < end_s, "it never happened"
-            await self.engine.boards.watch.turn()
+            await self.engine.boards.drum_poller.wait_turn()
 
     def texts(self, kind: str) -> list[str]:
         """What was said of that kind."""
         return [event.text for event in self.said if event.kind == kind]
 
     async def _play(self, scenario: Scenario, order: RunRequest | None) -> None:
-        self.engine.news.listen(self.said.append)
-        with listen() as listener:
+        self.engine.event_bus.subscribe(self.said.append)
+        with open_listener() as listener:
             serving = self.rig.loop.create_task(
                 self.engine.serve(
                     EngineAddress(listener, "token"), CommandHandler(self.engine).handle, order
@@ -89,7 +89,7 @@ class Floor:
             acting = self.rig.loop.create_task(self._act(scenario, order is not None))
             await asyncio.wait((serving, acting), return_when=asyncio.FIRST_COMPLETED)
             if acting.done():
-                self.engine.end("the test is over")
+                self.engine.shut_down("the test is over")
             self.exit_code = await serving
             acting.cancel()
             with suppress(asyncio.CancelledError):
@@ -101,21 +101,21 @@ class Floor:
         await scenario(self)
 
 
-async def until_ended(floor: Floor) -> None:
+async def until_ended(harness: EngineHarness) -> None:
     """Watch the run to its end."""
-    await floor.until(lambda: floor.engine.run is not None and floor.engine.run.ended, 10_000)
+    await harness.until(lambda: harness.engine.run is not None and harness.engine.run.ended, 10_000)
 
 
 @contextmanager
-def open_floor(
+def open_harness(
     folder: Path, seed: int = 3, rig_kind: str = "virtual", config: RigConfig | None = None
-) -> Iterator[Floor]:
+) -> Iterator[EngineHarness]:
     """An engine on a simulated rig, not yet serving."""
     rig = open_rig(rig_kind, seed=seed, paced=False, config=config)
     live = LiveWriter(folder / "live.ring")
     engine = Engine(rig, live, lambda: "2026-01-02T03:04:05+00:00", seed, False)
     try:
-        yield Floor(rig, engine, folder)
+        yield EngineHarness(rig, engine, folder)
     finally:
         live.close()
         rig.close()
