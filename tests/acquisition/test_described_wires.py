@@ -1,4 +1,4 @@
-"""A simulated rig has the wires that its description says, the emergency stop's among them."""
+"""A simulated rig has the wires of its description, the emergency stop included."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drum turned by hand, lifted: so many millimetres of texture, on both kinds of boards."""
+"""Jogging the lifted drum by millimetres of texture, on both kinds of boards."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ FORWARDS, BACKWARDS = RigConfig(), RigConfig(drum=DrumGeometry(backwards=True))
 Work = Callable[[DrumMotion], Awaitable[None]]
 
 
-def turned_mm(at_rig: Operator) -> float:
-    """Travel of the texture since power-up, as the world logged it."""
-    return float(at_rig.simulation.truth.arrays().speed_mm_s.sum()) * 1e-3
+def turned_mm(operator: Operator) -> float:
+    """Return the travel of the texture since power-up, from the ground truth."""
+    return float(operator.simulation.truth.arrays().speed_mm_s.sum()) * 1e-3
 
 
-def by_hand(at_rig: Operator, work: Work, config: RigConfig = FORWARDS) -> None:
-    """Do ``work`` with the drum armed and polled as the engine polls it."""
+def by_hand(operator: Operator, work: Work, config: RigConfig = FORWARDS) -> None:
+    """Do ``work`` with the drum armed and polled as in the engine."""
 
     async def main() -> None:
-        await at_rig.reach(State.ARMED)
+        await operator.reach(State.ARMED)
         poller = DrumPoller(
-            at_rig.drum,
-            at_rig.rig.loop,
+            operator.drum,
+            operator.rig.loop,
             lambda: True,
             lambda why: None,
             lambda identity, rebooted: None,
@@ -49,34 +49,36 @@ def by_hand(at_rig: Operator, work: Work, config: RigConfig = FORWARDS) -> None:
             polling.cancel()
             await asyncio.gather(polling, return_exceptions=True)
 
-    at_rig.run(main())
+    operator.run(main())
 
 
 @pytest.mark.parametrize("config", [FORWARDS, BACKWARDS], ids=["forwards", "backwards"])
-def test_the_drum_turns_by_what_was_asked_and_says_so(at_rig: Operator, config: RigConfig) -> None:
+def test_a_jog_turns_by_the_requested_travel_and_reports_it(
+    operator: Operator, config: RigConfig
+) -> None:
     sign = -1 if config.drum.backwards else 1
 
     async def work(motion: DrumMotion) -> None:
         for mm in (10.0, 1.0, -1.0, -10.0, 123.4):
-            before_mm = turned_mm(at_rig)
+            before_mm = turned_mm(operator)
             assert await motion.jog(mm) == pytest.approx(mm, abs=STEP_MM)
             await motion.poller.wait_turn()
-            assert sign * (turned_mm(at_rig) - before_mm) == pytest.approx(mm, abs=STEP_MM)
+            assert sign * (turned_mm(operator) - before_mm) == pytest.approx(mm, abs=STEP_MM)
 
-    by_hand(at_rig, work, config)
+    by_hand(operator, work, config)
 
 
-def test_it_keeps_to_one_turn_and_to_what_the_board_takes(at_rig: Operator) -> None:
+def test_a_jog_stays_within_one_turn_and_the_boards_limits(operator: Operator) -> None:
     async def work(motion: DrumMotion) -> None:
         for mm in (401.0, -401.0, float("nan")):
             with pytest.raises(WrongUse, match="more than a turn"):
                 await motion.jog(mm)
         assert await motion.jog(0.01) == 0.0
 
-    by_hand(at_rig, work)
+    by_hand(operator, work)
 
 
-def test_it_is_refused_in_words_unless_armed(at_rig: Operator) -> None:
+def test_a_jog_is_refused_with_a_sentence_unless_armed(operator: Operator) -> None:
     async def work(motion: DrumMotion) -> None:
         for command, state, words in (
             (Command.TARE, State.ARMED, ""),
@@ -84,20 +86,24 @@ def test_it_is_refused_in_words_unless_armed(at_rig: Operator) -> None:
             (Command.RETRACT, State.ARMED, ""),
             (Command.DISARM, State.IDLE, "the drum is 'off'"),
         ):
-            await motion.command(command)
+            await motion.send_command(command)
             await motion.poller.wait_until(
-                lambda now, goal=state: now.state == goal and motion.ended(now), 15, "the way"
+                lambda now, goal=state: now.state == goal and motion.is_command_finished(now),
+                15,
+                "the way",
             )
             if words:
-                with pytest.raises(CommandRefused, match=f"{words}.*armed and lifted only"):
+                with pytest.raises(
+                    CommandRefused, match=f"{words}.*only while it is armed and lifted"
+                ):
                     await motion.jog(1.0)
 
-    by_hand(at_rig, work)
+    by_hand(operator, work)
 
 
-def test_a_stop_ends_it_on_the_way(at_rig: Operator) -> None:
+def test_a_stop_ends_a_jog(operator: Operator) -> None:
     async def work(motion: DrumMotion) -> None:
-        before_mm = turned_mm(at_rig)
+        before_mm = turned_mm(operator)
         jogging = asyncio.ensure_future(motion.jog(300.0))
         await motion.poller.wait_until(lambda now: now.speed_mm_s > 100, 5, "getting going")
         await motion.poller.drum.stop()
@@ -105,12 +111,12 @@ def test_a_stop_ends_it_on_the_way(at_rig: Operator) -> None:
         assert 0 < moved_mm < 200
         await motion.poller.wait_turn()
         assert motion.poller.healthy_state().state == State.ARMED
-        assert turned_mm(at_rig) - before_mm == pytest.approx(moved_mm, abs=STEP_MM)
+        assert turned_mm(operator) - before_mm == pytest.approx(moved_mm, abs=STEP_MM)
 
-    by_hand(at_rig, work)
+    by_hand(operator, work)
 
 
-def test_the_target_stays_within_what_the_register_takes() -> None:
+def test_the_target_stays_within_the_registers_limits() -> None:
     most = BY_NAME["move_target"].high
     drum = FORWARDS.drum
     assert jog_target_steps(most - 10, 10.0, drum, STEP_MM) == most

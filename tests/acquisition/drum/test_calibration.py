@@ -1,4 +1,4 @@
-"""Load cell, force loop and imbalance calibrated on the virtual rig, by the command line."""
+"""Calibration of load cell, force loop and imbalance on the virtual rig, by command line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ scale_ug_per_count = 2000  # µg/count: old
 """
 
 
-def test_a_line_through_empty_and_masses_is_the_scale() -> None:
+def test_the_scale_is_a_line_through_all_readings() -> None:
     points = [
         MassReading(0, 80_000, 100),
         MassReading(200, 163_333, 100),
@@ -56,19 +56,21 @@ def test_a_bridge_wired_the_other_way_gives_a_negative_scale() -> None:
         ),
     ],
 )
-def test_nonsense_is_refused_in_a_sentence(points: list[MassReading], sentence: str) -> None:
+def test_impossible_readings_are_refused_with_a_sentence(
+    points: list[MassReading], sentence: str
+) -> None:
     with pytest.raises(WrongUse, match=sentence):
         fit_scale(points)
 
 
 @pytest.mark.parametrize("masses", [[], [0.0], [-5.0], [500.0, 500.0]])
-def test_masses_that_say_nothing_are_refused(masses: list[float]) -> None:
+def test_invalid_masses_are_refused(masses: list[float]) -> None:
     with pytest.raises(WrongUse, match="known mass"):
         validate_masses(masses)
 
 
 def calibrated(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
-    """What the command says of the virtual rig, as JSON."""
+    """Return the command's JSON output on the virtual rig."""
     assert main(["calibrate", "--rig", "virtual", "--seed", "4", "--yes", "--json", *words]) == 0
     said: dict[str, object] = json.loads(capsys.readouterr().out.splitlines()[-1])
     return said
@@ -102,7 +104,7 @@ def test_wrong_use_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     assert "this rig presses with" in capsys.readouterr().err
 
 
-def test_the_command_tares_and_takes_another_drum_only_when_told(
+def test_the_command_tares_another_drum_only_with_anyway(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     counts = calibrated(capsys, "tare")["tare_counts"]

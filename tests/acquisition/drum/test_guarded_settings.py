@@ -1,6 +1,6 @@
-"""A board that takes what decides a force only lifted and at rest is told it as soon as it can be.
+"""Guarded settings, which the board takes only lifted and at rest, are written as soon as possible.
 
-The drum's own rules are tried in ``tests/contract``; here a board stands that refuses so.
+``tests/contract`` tests the board's own rules; here a patched driver refuses like the board.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ REFUSED = "drum: the board refused, because its state does not allow it"
 
 
 class Guard:
-    """Stands before the drum's settings: refuses those that are guarded unless ``may`` says yes."""
+    """A patch of ``Drum.set`` that refuses guarded settings outside the allowed states."""
 
     def __init__(self, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
         self.allowed = (State.IDLE, State.ARMED)
@@ -32,7 +32,7 @@ class Guard:
         monkeypatch.setattr(rig.drum, "set", self.set)
 
     async def set(self, **values: float) -> dict[str, float]:
-        """As :meth:`Drum.set`."""
+        """Write settings; see :meth:`Drum.set`."""
         guarded = set(values) & set(GUARDED_SETTINGS)
         state = State(int((await self._drum.get("state"))["state"]))
         changed = any(self._drum.settings[name] != values[name] for name in guarded)
@@ -48,10 +48,10 @@ async def taken(harness: EngineHarness) -> bool:
 
 
 @pytest.mark.parametrize("kind", [VIRTUAL, FIRMWARE])
-def test_a_rig_with_its_emergency_stop_pressed_is_connected_and_told_when_armed(
+def test_a_rig_with_its_emergency_stop_pressed_gets_guarded_settings_when_armed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    async def person(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         ask = CommandHandler(harness.engine).handle
         assert not await taken(harness)
         (said,) = harness.texts("check")
@@ -59,9 +59,9 @@ def test_a_rig_with_its_emergency_stop_pressed_is_connected_and_told_when_armed(
         assert said.endswith("arming the drum tries again")
         assert harness.rig.faults is not None
         harness.rig.faults.release_estop()
-        await harness.passes(0.2)
+        await harness.wait(0.2)
         await ask("clear_fault", {})
-        await harness.passes(0.2)
+        await harness.wait(0.2)
         await ask("arm", {})
         assert await taken(harness)
         await ask("tare", {})
@@ -72,14 +72,14 @@ def test_a_rig_with_its_emergency_stop_pressed_is_connected_and_told_when_armed(
             Guard(harness.rig, monkeypatch)  # the chips have one of their own
         assert harness.rig.faults is not None
         harness.rig.faults.press_estop()
-        harness.play(person)
+        harness.run(scenario)
         assert harness.exit_code == 0
 
 
-def test_what_the_board_holds_already_is_not_written_again(
+def test_unchanged_settings_are_not_written_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def person(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         ask = CommandHandler(harness.engine).handle
         assert await taken(harness)
         before = len([names for names in guard.sent if names & set(GUARDED_SETTINGS)])
@@ -89,27 +89,27 @@ def test_what_the_board_holds_already_is_not_written_again(
 
     with open_harness(tmp_path, config=MINE) as harness:
         guard = Guard(harness.rig, monkeypatch)
-        harness.play(person)
+        harness.run(scenario)
     assert harness.texts("check") == []
 
 
-def test_a_drum_that_takes_them_only_lifted_is_armed_first(
+def test_a_drum_that_takes_guarded_settings_only_lifted_is_armed_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def person(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         assert not await taken(harness)
         await CommandHandler(harness.engine).handle("arm", {})
         assert await taken(harness)
 
     with open_harness(tmp_path, config=MINE) as harness:
         Guard(harness.rig, monkeypatch).allowed = (State.ARMED,)
-        harness.play(person)
+        harness.run(scenario)
 
 
 def test_nothing_is_pressed_with_other_settings_than_described(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def person(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         ask = CommandHandler(harness.engine).handle
         for command in ("arm", "approach"):
             with pytest.raises(RigFault, match=r"scale_ug_per_count.* not set"):
@@ -118,7 +118,7 @@ def test_nothing_is_pressed_with_other_settings_than_described(
 
     with open_harness(tmp_path, config=MINE) as harness:
         Guard(harness.rig, monkeypatch).allowed = ()
-        harness.play(person)
+        harness.run(scenario)
 
 
 def test_a_run_ends_with_the_boards_sentence_before_anything_is_pressed(
@@ -126,7 +126,7 @@ def test_a_run_ends_with_the_boards_sentence_before_anything_is_pressed(
 ) -> None:
     with open_harness(tmp_path, config=MINE) as harness:
         Guard(harness.rig, monkeypatch).allowed = ()
-        harness.play(until_ended, harness.order())
+        harness.run(until_ended, harness.request())
         run = harness.engine.run
         assert run is not None
         assert (run.outcome, run.status().trials_committed) == ("failed", 0)

@@ -1,4 +1,4 @@
-"""Noise on the drum's line during a run is told in the status and spoils no trial."""
+"""Noise on the drum's line during a run: counted in the status, no trial lost."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ repeats = 1
 """
 
 
-def test_a_run_over_a_noisy_drum_line_is_whole_and_its_retries_are_told(tmp_path: Path) -> None:
+def test_a_run_over_a_noisy_drum_line_completes_and_counts_retries(tmp_path: Path) -> None:
     async def with_noise(harness: EngineHarness) -> None:
         assert harness.engine.status().poll_retries == 0
         assert harness.rig.faults is not None
@@ -25,7 +25,7 @@ def test_a_run_over_a_noisy_drum_line_is_whole_and_its_retries_are_told(tmp_path
         await until_ended(harness)
 
     with open_harness(tmp_path) as harness:
-        harness.play(with_noise, harness.order(ONE))
+        harness.run(with_noise, harness.request(ONE))
         run = harness.engine.run
         assert run is not None
         assert (run.outcome, harness.texts("link")) == ("done", [])

@@ -1,4 +1,4 @@
-"""Pauses, stops, faults and lost cables: the rig is lifted, the session whole, nothing replayed."""
+"""Pauses, stops, faults and lost cables: the drum lifts, the session stays valid."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rigctl.session.verify.session import verify
 from rigctl.session.write.part_writer import PartWriter
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
-from tests.acquisition.engine_harness import EngineHarness, open_harness, read, until_ended
+from tests.acquisition.engine_harness import EngineHarness, open_harness, open_session, until_ended
 
 PAIR = """
 name = "pair"
@@ -35,7 +35,7 @@ async def until_turning(harness: EngineHarness) -> None:
 
 
 def verdicts(harness: EngineHarness) -> list[tuple[int, str]]:
-    with read(harness.session) as session:
+    with open_session(harness.session) as session:
         return list(
             zip(
                 session.trials["trial_id"].tolist(),
@@ -45,8 +45,8 @@ def verdicts(harness: EngineHarness) -> list[tuple[int, str]]:
         )
 
 
-def test_a_pause_lifts_and_the_interrupted_trial_is_taken_anew(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_a_pause_lifts_and_the_interrupted_trial_repeats(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
         run = harness.engine.run
         assert run is not None
@@ -54,18 +54,18 @@ def test_a_pause_lifts_and_the_interrupted_trial_is_taken_anew(harness: EngineHa
         await harness.until(lambda: drum_state(harness) is State.IDLE)
         assert run.status().state == "paused"
         assert run.status().reasons == ("operator",)
-        await harness.passes(5)
+        await harness.wait(5)
         assert drum_state(harness) is State.IDLE
         run.control.resume()
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     assert verdicts(harness) == [(1, "aborted"), (1, "committed"), (2, "committed")]
     assert verify(harness.session).whole
 
 
-def test_one_reasons_end_does_not_lift_another(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_the_end_of_one_reason_does_not_remove_another(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
         run = harness.engine.run
         assert run is not None
@@ -73,17 +73,17 @@ def test_one_reasons_end_does_not_lift_another(harness: EngineHarness) -> None:
         run.control.pause("disk")
         await harness.until(lambda: drum_state(harness) is State.IDLE)
         run.control.resume("disk")
-        await harness.passes(2)
+        await harness.wait(2)
         assert run.status().state == "paused"
         run.control.resume("operator")
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     assert harness.engine.run is not None and harness.engine.run.complete
 
 
-def test_an_aborted_run_can_be_gone_on_with(harness: EngineHarness, tmp_path: Path) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_an_aborted_run_can_be_resumed(harness: EngineHarness, tmp_path: Path) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await harness.until(lambda: len(harness.texts("trial")) == 1)
         await until_turning(harness)
         assert harness.engine.run is not None
@@ -91,21 +91,21 @@ def test_an_aborted_run_can_be_gone_on_with(harness: EngineHarness, tmp_path: Pa
         await until_ended(harness)
         assert drum_state(harness) is State.IDLE
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     assert verdicts(harness) == [(1, "committed"), (2, "aborted")]
     assert verify(harness.session).whole
     (tmp_path / "again").mkdir()
     with open_harness(tmp_path / "again") as second:
-        second.play(until_ended, RunRequest(resume=str(harness.session), yes=True))
+        second.run(until_ended, RunRequest(resume=str(harness.session), yes=True))
         assert second.engine.run is not None and second.engine.run.complete
     assert verdicts(harness) == [(1, "committed"), (2, "aborted"), (2, "committed")]
     assert verify(harness.session).whole
-    with read(harness.session) as session:
+    with open_session(harness.session) as session:
         assert session.trials["attempt"].tolist() == [1, 1, 2]
 
 
 def test_a_resumed_session_waits_only_for_the_plate(harness: EngineHarness, tmp_path: Path) -> None:
-    """It once held for a full disk: the room left was taken as 0 until the first byte."""
+    """It once paused for a full disk: the free space counted as 0 until the first byte."""
 
     async def stopped(harness: EngineHarness) -> None:
         await harness.until(lambda: len(harness.texts("trial")) == 1)
@@ -113,33 +113,33 @@ def test_a_resumed_session_waits_only_for_the_plate(harness: EngineHarness, tmp_
         harness.engine.run.control.abort("enough")
         await until_ended(harness)
 
-    async def asked(harness: EngineHarness) -> None:
+    async def answer_prompt(harness: EngineHarness) -> None:
         run = harness.engine.run
         assert run is not None
         await harness.until(lambda: run.status().prompt is not None)
-        await harness.passes(2)
+        await harness.wait(2)
         assert run.status().reasons == ("prompt",)
         prompt = run.status().prompt
         assert prompt is not None
         run.control.answer(prompt.id, "ok")
         await until_ended(harness)
 
-    harness.play(stopped, harness.order(PAIR))
+    harness.run(stopped, harness.request(PAIR))
     (tmp_path / "again").mkdir()
     with open_harness(tmp_path / "again") as second:
-        second.play(asked, RunRequest(resume=str(harness.session)))
+        second.run(answer_prompt, RunRequest(resume=str(harness.session)))
         assert second.engine.run is not None and second.engine.run.complete
 
 
-def test_an_emergency_stop_ends_the_run_with_its_session_whole(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_an_emergency_stop_ends_the_run_with_a_valid_session(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await harness.until(lambda: len(harness.texts("trial")) == 1)
         await until_turning(harness)
         assert harness.rig.faults is not None
         harness.rig.faults.press_estop()
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     run = harness.engine.run
     assert run is not None
     assert run.outcome == "failed"
@@ -148,8 +148,8 @@ def test_an_emergency_stop_ends_the_run_with_its_session_whole(harness: EngineHa
     assert verify(harness.session).whole
 
 
-def test_lost_taxels_hold_the_run_until_they_are_back(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_lost_taxels_pause_the_run_until_they_are_back(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
         run, faults = harness.engine.run, harness.rig.faults
         assert run is not None and faults is not None
@@ -158,30 +158,30 @@ def test_lost_taxels_hold_the_run_until_they_are_back(harness: EngineHarness) ->
         await harness.until(lambda: run.status().reasons == ("link",))
         assert harness.rig.loop.time() - unplugged_s < 0.3
         await harness.until(lambda: drum_state(harness) is State.IDLE)
-        await harness.passes(3)
+        await harness.wait(3)
         faults.replug("taxels")
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     assert verdicts(harness) == [(1, "aborted"), (1, "committed"), (2, "committed")]
     assert any("taxels is back" in text for text in harness.texts("board"))
 
 
-def test_a_taxel_board_that_was_reset_costs_the_trial_only(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_a_reset_of_the_taxel_board_costs_one_trial(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
         assert harness.rig.faults is not None
         harness.rig.faults.reset("taxels")
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     assert harness.engine.run is not None and harness.engine.run.complete
     assert verdicts(harness)[0][1] != "committed"
     assert verdicts(harness)[-2:] == [(1, "committed"), (2, "committed")]
 
 
-def test_a_lost_drum_ends_the_run_and_is_asked_again_who_it_is(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_a_lost_drum_ends_the_run_and_is_reconnected(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
         faults = harness.rig.faults
         assert faults is not None
@@ -193,26 +193,26 @@ def test_a_lost_drum_ends_the_run_and_is_asked_again_who_it_is(harness: EngineHa
         faults.replug("drum")
         await harness.until(lambda: harness.engine.boards.drum_poller.connected)
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     assert harness.engine.run is not None
     assert harness.engine.run.outcome == "failed"
     assert verdicts(harness) == [(1, "aborted")]
     assert any("drum is back" in text for text in harness.texts("board"))
 
 
-def test_bytes_lost_on_the_line_cost_the_trial_and_it_is_repeated(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_a_trial_with_lost_bytes_is_repeated(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
-        await harness.passes(1.5)
+        await harness.wait(1.5)
         assert harness.rig.faults is not None
         harness.rig.faults.drop_bytes("taxels", "to_host", 0.001)
-        await harness.passes(0.5)
+        await harness.wait(0.5)
         harness.rig.faults.drop_bytes("taxels", "to_host", 0.0)
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     assert verdicts(harness) == [(1, "rejected"), (1, "committed"), (2, "committed")]
-    with read(harness.session) as session:
+    with open_session(harness.session) as session:
         assert "samples are missing" in session.trials["reasons"][0]
         assert len(session.gaps) > 0
     assert harness.engine.run is not None and harness.engine.run.status().trials_rejected == 1
@@ -221,7 +221,7 @@ def test_bytes_lost_on_the_line_cost_the_trial_and_it_is_repeated(harness: Engin
 def test_a_full_disk_ends_the_run_with_what_was_committed(
     harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def person(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await harness.until(lambda: len(harness.texts("trial")) == 1)
         await until_turning(harness)
         assert harness.engine.run is not None
@@ -233,7 +233,7 @@ def test_a_full_disk_ends_the_run_with_what_was_committed(
         await until_ended(harness)
         assert drum_state(harness) is State.IDLE
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     run = harness.engine.run
     assert run is not None and run.outcome == "failed"
     assert "disk is full" in run.text
@@ -241,7 +241,7 @@ def test_a_full_disk_ends_the_run_with_what_was_committed(
 
 
 def test_stop_takes_effect_within_one_exchange(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
         asked_s = harness.rig.loop.time()
         await harness.engine.send_stop("stopped by a test")
@@ -249,14 +249,14 @@ def test_stop_takes_effect_within_one_exchange(harness: EngineHarness) -> None:
         await harness.until(lambda: drum_state(harness) is not State.RUN, 0.1)
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
     assert harness.engine.run is not None
     assert harness.engine.run.outcome == "aborted"
     assert verdicts(harness) == [(1, "aborted")]
 
 
-def test_plates_are_asked_for_and_the_drum_is_off_meanwhile(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_the_drum_is_off_while_a_plate_is_requested(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         run = harness.engine.run
         assert run is not None
         for texture in ("A", "B"):
@@ -264,19 +264,19 @@ def test_plates_are_asked_for_and_the_drum_is_off_meanwhile(harness: EngineHarne
             prompt = run.status().prompt
             assert prompt is not None and prompt.texture == texture
             assert run.status().state == "prompt"
-            await harness.passes(3)
+            await harness.wait(3)
             assert drum_state(harness) is State.IDLE
             assert not run.control.answer(prompt.id + 1, "ok")
             assert run.control.answer(prompt.id, "ok")
         await until_ended(harness)
 
     protocol = PAIR.replace('"A"', '"A", "B"').replace("repeats = 2", "repeats = 1")
-    harness.play(person, harness.order(protocol, yes=False))
+    harness.run(scenario, harness.request(protocol, yes=False))
     assert verdicts(harness) == [(1, "committed"), (2, "committed")]
 
 
-def test_an_emergency_stop_while_people_change_the_plate_only_holds(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_an_emergency_stop_during_a_plate_change_only_pauses(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         run, faults = harness.engine.run, harness.rig.faults
         assert run is not None and faults is not None
         await harness.until(lambda: run.status().prompt is not None)
@@ -285,19 +285,19 @@ def test_an_emergency_stop_while_people_change_the_plate_only_holds(harness: Eng
         prompt = run.status().prompt
         assert prompt is not None
         run.control.answer(prompt.id, "ok")
-        await harness.passes(2)
+        await harness.wait(2)
         assert run.status().state == "paused"
         faults.release_estop()
-        await harness.passes(1)
+        await harness.wait(1)
         await harness.rig.drum.command(Command.CLEAR)
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR, yes=False))
+    harness.run(scenario, harness.request(PAIR, yes=False))
     assert verdicts(harness) == [(1, "committed"), (2, "committed")]
 
 
 def test_a_session_in_use_is_refused_to_a_second_run(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
         with pytest.raises(SessionError, match="being written"):
             harness.engine.start(RunRequest(resume=str(harness.session)))
@@ -305,11 +305,11 @@ def test_a_session_in_use_is_refused_to_a_second_run(harness: EngineHarness) -> 
         harness.engine.run.control.abort("enough")
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR))
+    harness.run(scenario, harness.request(PAIR))
 
 
 def test_a_session_of_another_rig_is_not_resumed(harness: EngineHarness, tmp_path: Path) -> None:
-    async def person(other: EngineHarness) -> None:
+    async def scenario(other: EngineHarness) -> None:
         with pytest.raises(SessionError, match="on the virtual rig and this is the bench one"):
             other.engine.start(RunRequest(resume=str(harness.session)))
 
@@ -317,11 +317,11 @@ def test_a_session_of_another_rig_is_not_resumed(harness: EngineHarness, tmp_pat
     (tmp_path / "again").mkdir()
     with open_harness(tmp_path / "again") as other:
         other.rig.kind = "bench"
-        other.play(person)
+        other.run(scenario)
 
 
-def test_a_run_ended_at_its_first_question_is_a_session_too(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_a_run_aborted_at_its_first_question_has_a_session(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         run = harness.engine.run
         assert run is not None
         await harness.until(lambda: run.status().prompt is not None)
@@ -330,7 +330,7 @@ def test_a_run_ended_at_its_first_question_is_a_session_too(harness: EngineHarne
         run.control.answer(prompt.id, "abort")
         await until_ended(harness)
 
-    harness.play(person, harness.order(PAIR, yes=False))
+    harness.run(scenario, harness.request(PAIR, yes=False))
     assert harness.engine.run is not None and harness.engine.run.outcome == "aborted"
     assert verdicts(harness) == []
     assert verify(harness.session).whole

@@ -1,4 +1,4 @@
-"""Everything is compiled before a rig is armed, also at the very first start."""
+"""All code is compiled before a rig is armed, also at the first start after installation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ print(sorted({str(each.data["dispatcher"]) for _, each in late.buffer}))
 """
 
 
-def test_nothing_is_compiled_once_the_boards_are_asked_who_they_are(tmp_path: Path) -> None:
+def test_nothing_is_compiled_once_the_boards_are_connected(tmp_path: Path) -> None:
     empty = tmp_path / "compiled"
     empty.mkdir()
     (tmp_path / "work").mkdir()

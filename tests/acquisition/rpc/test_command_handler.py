@@ -1,4 +1,4 @@
-"""What clients may ask of an engine, and what it answers."""
+"""The engine's commands and their results."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from rigctl.wire.drum.states import State
 from tests.acquisition.engine_harness import EngineHarness, until_ended
 
 
-def asked(harness: EngineHarness) -> Any:
-    """The desk of the harness's engine."""
+def handler_of(harness: EngineHarness) -> Any:
+    """Return the request handler of the harness's engine."""
     return CommandHandler(harness.engine).handle
 
 
@@ -27,9 +27,9 @@ def state_of(harness: EngineHarness) -> State:
     return State(harness.engine.status().state)
 
 
-def test_a_person_drives_the_drum_step_by_step(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
-        ask = asked(harness)
+def test_commands_control_the_drum_step_by_step(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
         assert harness.engine.status().run == RunStatus()
         await ask("arm", {})
         assert state_of(harness) is State.ARMED
@@ -42,7 +42,7 @@ def test_a_person_drives_the_drum_step_by_step(harness: EngineHarness) -> None:
         assert taken == {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50}
         await ask("approach", {})
         assert state_of(harness) is State.HOLD
-        await harness.passes(1)
+        await harness.wait(1)
         assert harness.engine.status().force_g == pytest.approx(300, rel=0.05)
         assert harness.engine.status().force_set_g == 300
         await ask("run", {})
@@ -52,12 +52,12 @@ def test_a_person_drives_the_drum_step_by_step(harness: EngineHarness) -> None:
         await ask("disarm", {})
         assert state_of(harness) is State.IDLE
 
-    harness.play(person)
+    harness.run(scenario)
 
 
-def test_a_jog_asked_for_before_a_stop_is_not_begun_after_it(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
-        ask = asked(harness)
+def test_a_jog_requested_before_a_stop_does_not_start_after_it(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
         await ask("arm", {})
         before = harness.engine.status().steps
         jog = asyncio.ensure_future(ask("jog", {"mm": 100}))
@@ -65,15 +65,15 @@ def test_a_jog_asked_for_before_a_stop_is_not_begun_after_it(harness: EngineHarn
         await ask("stop", {})
         with pytest.raises(CommandRefused, match="a stop came first"):
             await jog
-        await harness.passes(1)
+        await harness.wait(1)
         assert harness.engine.status().steps == before
 
-    harness.play(person)
+    harness.run(scenario)
 
 
 def test_refusals_are_sentences(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
-        ask = asked(harness)
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
         for command, args, error, words in (
             ("dance", {}, WrongUse, "has no command"),
             ("arm", {"quickly": True}, WrongUse, "command arm"),
@@ -81,7 +81,7 @@ def test_refusals_are_sentences(harness: EngineHarness) -> None:
                 "jog",
                 {"mm": 1},
                 CommandRefused,
-                "the drum is 'off'.*only while it is armed and lifted",
+                "'off'.*only while it is armed and lifted",
             ),
             ("jog", {"mm": 500}, WrongUse, "more than a turn"),
             ("jog", {"mm": "far"}, WrongUse, "must be a number"),
@@ -100,12 +100,12 @@ def test_refusals_are_sentences(harness: EngineHarness) -> None:
             with pytest.raises(error, match=words):
                 await ask(command, args)
 
-    harness.play(person)
+    harness.run(scenario)
 
 
-def test_only_what_an_operator_may_set_is_set(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
-        ask = asked(harness)
+def test_only_operator_settings_can_be_set(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
         await ask("arm", {})
         names = [entry.name for entry in register_table.SETTINGS]
         before = await harness.rig.drum.get(*names)
@@ -117,12 +117,12 @@ def test_only_what_an_operator_may_set_is_set(harness: EngineHarness) -> None:
         moved = {name for name in names if after[name] != before[name]}
         assert moved <= {"heartbeat"}  # not even the speed that came along
 
-    harness.play(person)
+    harness.run(scenario)
 
 
-def test_a_fault_is_injected_told_and_cleared(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
-        ask = asked(harness)
+def test_a_fault_is_injected_published_and_cleared(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
         await ask("arm", {})
         await ask("inject", {"fault": "press_estop"})
         await harness.until(lambda: state_of(harness) is State.FAULT_OFF)
@@ -130,44 +130,44 @@ def test_a_fault_is_injected_told_and_cleared(harness: EngineHarness) -> None:
         with pytest.raises(CommandRefused):
             await ask("clear_fault", {})
         await ask("inject", {"fault": "release_estop"})
-        await harness.passes(0.2)
+        await harness.wait(0.2)
         await ask("clear_fault", {})
         await harness.until(lambda: state_of(harness) is State.IDLE)
 
-    harness.play(person)
+    harness.run(scenario)
     assert any("emergency stop" in text for text in harness.texts("fault"))
 
 
-def test_the_encoders_range_is_taken_from_what_the_taxels_show(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
-        found = await asked(harness)("calibrate_range", {"seconds": 2})
+def test_the_encoders_range_is_calibrated_from_the_taxels(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        found = await handler_of(harness)("calibrate_range", {"seconds": 2})
         assert len(found["low"]) == len(found["high"]) == 18
         used = harness.engine.boards.encoder.normalisation
         assert np.array_equal(used.low, found["low"])
-        await harness.passes(5)
+        await harness.wait(5)
         assert np.array_equal(harness.engine.boards.encoder.normalisation.high, found["high"])
 
-    harness.play(person)
+    harness.run(scenario)
 
 
-def test_what_the_boards_say_of_themselves_is_told_and_asked_for(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
+def test_the_status_of_the_boards_is_published_and_requested(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         boards = harness.engine.status().boards
         assert boards["drum"].reset == boards["taxels"].reset == "power-up"
         assert boards["taxels"].supply_v == pytest.approx(5.0, abs=0.05)
         assert boards["taxels"].self_test == ()
         assert boards["drum"].self_test is None
-        assert await asked(harness)("test_taxels", {}) == {"found": []}
+        assert await handler_of(harness)("test_taxels", {}) == {"found": []}
 
-    harness.play(person)
+    harness.run(scenario)
     said = [text for text in harness.texts("board") if "self-test" in text]
     assert said == ["taxels' self-test: nothing found"] * 2
 
 
-def test_a_protocol_is_started_held_and_ended_by_messages(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
-        ask = asked(harness)
-        order = harness.order()
+def test_commands_start_pause_and_abort_a_protocol(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
+        order = harness.request()
         started = await ask(
             "start", {"protocol": order.protocol, "out": order.out, "yes": True, "seed": 5}
         )
@@ -191,13 +191,13 @@ def test_a_protocol_is_started_held_and_ended_by_messages(harness: EngineHarness
         assert harness.engine.status().run.state == "aborted"
         assert not harness.engine.status().recording.active
 
-    harness.play(person)
+    harness.run(scenario)
 
 
-def test_the_beat_stays_away_when_the_run_hangs_and_the_drum_saves_itself(
+def test_a_run_that_hangs_stops_the_heartbeat_and_the_drum_lifts(
     harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def person(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
         await harness.until(lambda: state_of(harness) is State.RUN)
         run = harness.engine.run
         assert run is not None
@@ -206,16 +206,16 @@ def test_the_beat_stays_away_when_the_run_hangs_and_the_drum_saves_itself(
         await harness.until(lambda: harness.engine.heartbeat_gate.overdue == ["runner"], 2)
         await until_ended(harness)
 
-    harness.play(person, harness.order())
+    harness.run(scenario, harness.request())
     assert any("stopped calling" in text for text in harness.texts("fault"))
     assert harness.engine.run is not None and harness.engine.run.outcome == "failed"
 
 
 def test_an_engine_without_client_and_run_ends_by_itself(harness: EngineHarness) -> None:
-    async def person(harness: EngineHarness) -> None:
-        await asked(harness)("arm", {})
-        await harness.passes(60)
+    async def scenario(harness: EngineHarness) -> None:
+        await handler_of(harness)("arm", {})
+        await harness.wait(60)
 
-    harness.play(person)
+    harness.run(scenario)
     assert harness.exit_code == 0
     assert harness.rig.loop.time() < 20

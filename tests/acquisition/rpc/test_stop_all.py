@@ -1,4 +1,4 @@
-"""STOP goes to all engines at once, and says of each whether it was reached."""
+"""STOP for all engines at once, with a result for each."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def announced(name: str, listener: socket.socket) -> None:
 
 
 class Answering:
-    """An engine's door: whoever comes is answered, and what was asked is remembered."""
+    """A server that accepts one client, replies to it and records its command."""
 
     def __init__(self, name: str) -> None:
         self.asked: list[str] = []
@@ -73,7 +73,7 @@ def test_every_engine_is_stopped(engines: list[Answering]) -> None:
     assert [engine.asked for engine in engines] == [["stop"], ["stop"]]
 
 
-def test_one_that_hangs_holds_none_of_the_others_up(
+def test_an_engine_that_hangs_does_not_delay_the_others(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
@@ -85,7 +85,7 @@ def test_one_that_hangs_holds_none_of_the_others_up(
     assert [bool(each.failure) for each in told] == [False, False, True]
 
 
-def test_the_command_says_which_were_reached_and_which_were_not(
+def test_the_command_reports_each_result(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
@@ -98,13 +98,13 @@ def test_the_command_says_which_were_reached_and_which_were_not(
     assert said.err.startswith(f"rigctl: mute (process {pid}): no answer to 'stop'")
 
 
-def test_those_that_are_stopped_already_are_left_out(engines: list[Answering]) -> None:
+def test_excluded_engines_are_not_stopped(engines: list[Answering]) -> None:
     told: list[StopResult] = []
     assert stop_engines(told.append, exclude=("one",)) == 1
     assert [each.rig for each in told] == ["two"]
     assert stop_engines(told.append, exclude=("two",)) == 1  # so that its thread ends
 
 
-def test_where_nothing_runs_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_an_engine_the_command_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stop"]) == 1
     assert "no engine is running" in capsys.readouterr().err

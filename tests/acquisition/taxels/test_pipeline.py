@@ -1,4 +1,4 @@
-"""Every sample once: recorded, encoded as offline, shown, whatever slices it came in."""
+"""The sample pipeline: each sample encoded once, as offline, for any block size."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RISES = (300, 700)
 
 
 def touch(n: int = N, lost: range = range(0)) -> Block:
-    """A press that comes and goes, with sync rising twice."""
+    """Return a block with one press and two rises of the sync line."""
     counters = np.arange(n)
     wave = 400 + 300 * np.sin(counters / 40)[:, None] + 10 * np.arange(18)
     rises = sum((counters >= frame).astype(np.int64) for frame in RISES)
@@ -71,7 +71,7 @@ def pumped(live: LiveWriter, block: Block, length: int) -> tuple[SamplePipeline,
 
 
 def offline(block: Block, starts: list[int]) -> np.ndarray:
-    """Spikes as a fresh encoder gives them for each stretch."""
+    """Return the spikes of a new encoder for each section."""
     bounds = [0, *starts, len(block)]
     return np.concatenate([encoder().encode(block.samples[a:b]) for a, b in pairwise(bounds)])
 
@@ -86,14 +86,14 @@ def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, lengt
     assert pipeline.samples == N
 
 
-def test_behind_a_gap_the_encoder_starts_anew(live: LiveWriter) -> None:
+def test_behind_a_gap_the_encoder_resets(live: LiveWriter) -> None:
     block = touch(lost=range(500, 520))
     pipeline, spikes = pumped(live, block, 20)
     assert np.array_equal(spikes, offline(block, [301, 500, 681]))
     assert (pipeline.gaps, pipeline.lost_samples) == (1, 20)
 
 
-def test_shown_times_run_evenly_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
+def test_sample_times_are_even_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
     pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
     random = np.random.default_rng(2)
     for piece in pieces(touch(), 20):
@@ -115,7 +115,7 @@ def test_shown_times_run_evenly_though_blocks_arrive_unevenly(live: LiveWriter) 
     assert abs(times[-1] - (10 + 1.199)) < 0.01
 
 
-def test_a_reboot_of_the_board_begins_anew(live: LiveWriter) -> None:
+def test_a_reboot_of_the_board_resets_the_pipeline(live: LiveWriter) -> None:
     pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
     pipeline.trial_cutter.expect(100)
     pipeline.add_block(touch())

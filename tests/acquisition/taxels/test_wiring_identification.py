@@ -1,4 +1,4 @@
-"""The order of the taxels is deduced from presses, and what cannot be is refused."""
+"""The order of the taxels from presses; contradictions are refused."""
 
 from __future__ import annotations
 
@@ -68,14 +68,14 @@ def test_a_layer_is_three_silent_inputs(share: float) -> None:
     assert order.upper == order.lower == ()
 
 
-def test_what_is_seen_is_said() -> None:
+def test_each_press_is_described() -> None:
     order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
     said = order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     assert said == "top layer: inputs A0, A1, A2; bottom layer: inputs A3, A4, A5"
     assert pressed(order, sensor, [0]).startswith("row 1, column 1: D4·A0 by ")
 
 
-def test_a_press_that_is_not_clear_or_at_a_known_place_is_asked_for_again() -> None:
+def test_an_unclear_or_repeated_press_is_refused() -> None:
     order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
     order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     with pytest.raises(WrongUse, match="no taxel of the top layer answered: press harder"):
@@ -90,7 +90,7 @@ def test_a_press_that_is_not_clear_or_at_a_known_place_is_asked_for_again() -> N
     assert order.place == 1
 
 
-def test_places_that_were_mixed_up_do_not_cross() -> None:
+def test_mixed_up_places_are_refused() -> None:
     order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
     order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     for place in [0, 1, 2, 3, 5, 4, 6, 7, 8]:
