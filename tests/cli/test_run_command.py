@@ -131,7 +131,7 @@ def test_who_leaves_while_a_prompt_waits_ends_the_run(place: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "code", "words"),
     [
-        (("run",), 2, "give a protocol"),
+        (("run",), 2, "give either a protocol"),
         (("run", "absent.toml"), 2, "absent.toml"),
         (("run", "one.toml", "--rig", "nowhere.toml"), 2, "nowhere.toml"),
         (("run", "--resume", "."), 2, "not a session"),

@@ -76,7 +76,7 @@ def test_every_engine_is_stopped(engines: list[Answering]) -> None:
 def test_an_engine_that_hangs_does_not_delay_the_others(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
+    monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.5)
     told: list[StopResult] = []
     with open_listener() as mute:
         announced("mute", mute)  # the newest, so the first to be asked
@@ -88,7 +88,7 @@ def test_an_engine_that_hangs_does_not_delay_the_others(
 def test_the_command_reports_each_result(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
+    monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.5)
     with open_listener() as mute:
         announced("mute", mute)
         assert main(["stop"]) == 3
