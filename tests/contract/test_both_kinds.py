@@ -84,7 +84,7 @@ async def do_trial(at: Operator, course: Course, speed_mm_s: float, force_g: flo
     await at.drum.set(move_target=1280.0)
     await at.do(Command.MOVE, 20.0)
     await just_after_a_conversion(at)
-    at.forget()
+    at.clear_record()
     at.simulation.truth.take()
     await at.do(Command.APPROACH, 20.0)
     await at.watch(REST_S)

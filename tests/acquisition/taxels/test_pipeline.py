@@ -58,7 +58,7 @@ def encoder() -> Encoder:
     return Encoder(Normalisation.full_scale(18))
 
 
-def pumped(live: LiveWriter, block: Block, length: int) -> tuple[SamplePipeline, np.ndarray]:
+def run_pipeline(live: LiveWriter, block: Block, length: int) -> tuple[SamplePipeline, np.ndarray]:
     pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
     for piece in pieces(block, length):
         pipeline.add_block(piece)
@@ -79,18 +79,18 @@ def offline(block: Block, starts: list[int]) -> np.ndarray:
 @pytest.mark.parametrize("length", [1, 5, 7, 20, 33, 1200])
 def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, length: int) -> None:
     block = touch()
-    pipeline, spikes = pumped(live, block, length)
+    pipeline, spikes = run_pipeline(live, block, length)
     expected = offline(block, [frame + 1 for frame in RISES])
     assert np.array_equal(spikes, expected)
     assert expected.sum() > 100
-    assert pipeline.samples == N
+    assert pipeline.sample_count == N
 
 
 def test_behind_a_gap_the_encoder_resets(live: LiveWriter) -> None:
     block = touch(lost=range(500, 520))
-    pipeline, spikes = pumped(live, block, 20)
+    pipeline, spikes = run_pipeline(live, block, 20)
     assert np.array_equal(spikes, offline(block, [301, 500, 681]))
-    assert (pipeline.gaps, pipeline.lost_samples) == (1, 20)
+    assert (pipeline.gap_count, pipeline.lost_samples) == (1, 20)
 
 
 def test_sample_times_are_even_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
@@ -121,5 +121,5 @@ def test_a_reboot_of_the_board_resets_the_pipeline(live: LiveWriter) -> None:
     pipeline.add_block(touch())
     pipeline.add_block(touch(n=40))
     pipeline.flush()
-    assert pipeline.samples == N + 40
+    assert pipeline.sample_count == N + 40
     assert pipeline.trial_cutter.trial is None

@@ -95,7 +95,7 @@ def test_a_session_without_the_wire_is_valid_and_usable(tmp_path: Path) -> None:
         assert any("drum's clock cuts" in text for text in harness.texts("log"))
     report = verify(harness.session)
     assert report.whole, report.problems
-    assert any("cut by the drum's clock" in note for note in report.notes)
+    assert any("the drum's clock marks the trials" in note for note in report.notes)
     told = summarise_session(harness.session)
     assert told["cut_by"] == "drum clock"
     assert told["world"]["trials"] == 4
