@@ -92,7 +92,7 @@ class EngineLink(QObject):
     @property
     def engine_names(self) -> tuple[str, ...]:
         """Return the name of the connected engine; empty without a connection."""
-        return (self._client.announcement.name,) if self._client is not None else ()
+        return (self._client.engine_file.name,) if self._client is not None else ()
 
     @property
     def live(self) -> LiveView | None:

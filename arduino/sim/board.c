@@ -1,4 +1,4 @@
-/* One board: loading its image, running it slice by slice, resetting it. */
+/* One board: load its image, run it slice by slice, reset it. */
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,26 +13,26 @@
 #define MCUSR_ADDRESS 0x54 /* the same on both chips */
 #define EXTERNAL_INTERRUPTS 8
 #define BURST_CYCLES 1000
-#define EEPROM_REFUSED (-2) /* simavr answers −1 when it has done it */
+#define EEPROM_REJECTED (-2) /* simavr returns −1 for success */
 
 static const char *const MCU[] = {"atmega2560", "atmega328p"};
 
-/* simavr would sleep for real; here the world sets the pace. */
+/* Count sleep instead of sleeping in real time, as simavr would. */
 static void on_sleep(avr_t *avr, avr_cycle_count_t cycles)
 {
     sim_board *board = avr->custom.data;
-    board->exchange.slept_cycles += cycles + 1;
+    board->io.slept_cycles += cycles + 1;
 }
 
-/* simavr tells its standard output what it loads; that belongs to the program around it. */
+/* Discard simavr's log: standard output belongs to the program around it. */
 static void on_log(avr_t *avr, const int level, const char *format, va_list arguments)
 {
     (void)avr, (void)level, (void)format, (void)arguments;
 }
 
-/* Its presence alone ends simavr's burst at a slice's end, and it stays there: simavr calls what is
- * due before it asks how long to sleep. A chip that fell asleep in a slice's last cycle slept on to
- * its own next timer: of 15,000 slices three ended 400 to 1,250 cycles late, the drum farther on. */
+/* This timer ends simavr's burst at the slice's end. It re-registers itself because simavr calls due
+ * timers before it computes how long to sleep: without it, a chip that fell asleep in a slice's last
+ * cycle slept until its own next timer, and 3 of 15,000 slices ended 400 to 1,250 cycles late. */
 static avr_cycle_count_t on_stop(avr_t *avr, avr_cycle_count_t when, void *param)
 {
     (void)when, (void)param;
@@ -58,7 +58,7 @@ static avr_cycle_count_t on_event(avr_t *avr, avr_cycle_count_t when, void *para
     return next == NEVER ? 0 : next;
 }
 
-/* Registers the one timer behind all events that come from outside the chip. */
+/* Register the timer for all events from outside the chip. */
 void schedule(sim_board *board)
 {
     uint64_t next = earliest(board), now = board->avr->cycle;
@@ -73,18 +73,18 @@ static void on_reset(avr_t *avr)
     board->was_reset = 1;
 }
 
-/* A reset leaves simavr looking at its timers after every instruction; they bound a burst by
- * themselves, so longer ones give the same cycles in half the time. */
+/* After a reset simavr checks its timers after every instruction. Timers end a burst anyway, so
+ * longer bursts give the same cycles in half the time. */
 static void bound_burst(sim_board *board)
 {
-    board->avr->run_cycle_limit = board->exchange.watch_interrupts ? 1 : BURST_CYCLES;
+    board->avr->run_cycle_limit = board->io.watch_interrupts ? 1 : BURST_CYCLES;
 }
 
-/* What every reset undoes: level-triggered pins, pin states, timers, receiver state. */
+/* Restore what a reset clears: level-triggered pins, pin states, timers, receiver state. */
 static void restore(sim_board *board)
 {
     board->was_reset = 0;
-    board->compare_latched = 0;
+    board->analog.compare_latched = 0;
     /* Strict level triggering polls each low pin every few cycles and halves the speed. */
     for (int n = 0; n < EXTERNAL_INTERRUPTS; n++) avr_extint_set_strict_lvl_trig(board->avr, n, 0);
     bound_burst(board);
@@ -97,7 +97,7 @@ static void restore(sim_board *board)
     schedule(board);
 }
 
-/* simavr's own structure of a peripheral; the first of its kind in its list. */
+/* Return simavr's first peripheral of a kind. */
 avr_io_t *find_io(avr_t *avr, const char *kind)
 {
     avr_io_t *io = avr->io_port;
@@ -114,7 +114,7 @@ static avr_t *load(const char *image, const char *mcu)
     avr_t *avr = avr_make_mcu_by_name(mcu);
     if (!avr) return NULL;
     avr_init(avr);
-    firmware.frequency = FREQUENCY; /* before loading: baud and ADC clocks are taken from it */
+    firmware.frequency = FREQUENCY; /* before loading, which derives baud and ADC clocks from it */
     avr_load_firmware(avr, &firmware);
     avr->frequency = FREQUENCY;
     avr->vcc = avr->avcc = avr->aref = MILLIVOLTS;
@@ -141,7 +141,7 @@ sim_board *sim_open(const char *image, int kind)
     else sensor_open(board);
     profile_open(board);
     sim_reset(board, 1);
-    board->exchange.resets = 0;
+    board->io.resets = 0;
     return board;
 }
 
@@ -152,9 +152,9 @@ void sim_close(sim_board *board)
     free(board);
 }
 
-sim_exchange *sim_exchange_of(sim_board *board) { return &board->exchange; }
+sim_io *sim_io_of(sim_board *board) { return &board->io; }
 
-unsigned long sim_exchange_size(void) { return sizeof(sim_exchange); }
+unsigned long sim_io_size(void) { return sizeof(sim_io); }
 
 void report_edge(sim_board *board, int signal, int level)
 {
@@ -163,20 +163,20 @@ void report_edge(sim_board *board, int signal, int level)
 
 void report_edge_at(sim_board *board, uint64_t cycle, int signal, int level)
 {
-    sim_exchange *x = &board->exchange;
-    if (x->edge_count == SIM_MAX_EDGES) {
-        x->overflows++;
+    sim_io *io = &board->io;
+    if (io->edge_count == SIM_MAX_EDGES) {
+        io->overflows++;
         return;
     }
-    x->edge_cycle[x->edge_count] = cycle;
-    x->edge_signal[x->edge_count] = signal;
-    x->edge_level[x->edge_count++] = level;
+    io->edge_cycle[io->edge_count] = cycle;
+    io->edge_signal[io->edge_count] = signal;
+    io->edge_level[io->edge_count++] = level;
 }
 
-/* Outside of a run: what is reported now belongs to the next one. */
+/* Prepare for edges outside of a run; they belong to the next run. */
 static void begin_outside(sim_board *board)
 {
-    if (!board->keep_edges) board->exchange.edge_count = 0;
+    if (!board->keep_edges) board->io.edge_count = 0;
     board->keep_edges = 1;
 }
 
@@ -184,14 +184,14 @@ static void begin(sim_board *board, uint64_t until)
 {
     board->slice_start = board->avr->cycle;
     board->slice_end = until;
-    board->exchange.tx_count = 0;
-    if (!board->keep_edges) board->exchange.edge_count = 0;
+    board->io.tx_count = 0;
+    if (!board->keep_edges) board->io.edge_count = 0;
     board->keep_edges = 0;
     serial_begin(board);
     pins_begin(board);
     bridge_begin(board);
     bound_burst(board);
-    if (board->kind == SIM_DRUM) motor_show_mark(board); /* the wiring may be another */
+    if (board->kind == SIM_DRUM) motor_show_mark(board); /* the wiring may have changed */
     avr_cycle_timer_register(board->avr, until - board->avr->cycle, on_stop, board);
     schedule(board);
 }
@@ -204,15 +204,15 @@ int sim_run(sim_board *board, uint64_t until)
     int state = cpu_Running;
     while (avr->cycle < until && state != cpu_Done && state != cpu_Crashed) {
         state = avr_run(avr);
-        if (board->exchange.watch_interrupts) profile_look(board);
+        if (board->io.watch_interrupts) profile_instruction(board);
         if (board->was_reset) {
-            board->exchange.resets++;
+            board->io.resets++;
             restore(board);
         }
     }
     if (board->kind == SIM_DRUM) motor_end(board), bridge_end(board);
-    board->exchange.cycle = avr->cycle;
-    board->exchange.loadcell_ready = (uint64_t)board->loadcell.ready_q16 >> 16;
+    board->io.cycle = avr->cycle;
+    board->io.loadcell_ready = (uint64_t)board->loadcell.ready_q16 >> 16;
     return state == cpu_Done || state == cpu_Crashed;
 }
 
@@ -223,7 +223,7 @@ void sim_reset(sim_board *board, int cause)
     avr_reset(avr);
     avr->data[MCUSR_ADDRESS] = cause == 1 ? 1 : 2;
     if (cause == 1) memset(avr->data + avr->ioend + 1, 0, avr->ramend - avr->ioend);
-    board->exchange.resets++;
+    board->io.resets++;
     board->slice_end = avr->cycle;
     restore(board);
 }
@@ -231,25 +231,20 @@ void sim_reset(sim_board *board, int cause)
 void sim_place_drum(sim_board *board, int64_t steps)
 {
     begin_outside(board);
-    board->drum = (struct drum){
-        .steps = steps, .from = steps, .index_pin = board->drum.index_pin};
-    board->exchange.drum_steps = steps;
-    board->exchange.drum_place = steps;
+    motor_place(board, steps);
     pins_restore(board);
 }
 
 int sim_eeprom_read(sim_board *board, uint32_t offset, uint8_t *bytes, uint32_t size)
 {
-    avr_eeprom_desc_t what = {.ee = bytes, .offset = offset, .size = size};
+    avr_eeprom_desc_t range = {.ee = bytes, .offset = offset, .size = size};
     if (offset + size > board->avr->e2end + 1u) return 1;
-    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_GET, &what) == EEPROM_REFUSED;
+    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_GET, &range) == EEPROM_REJECTED;
 }
 
 int sim_eeprom_write(sim_board *board, uint32_t offset, const uint8_t *bytes, uint32_t size)
 {
-    avr_eeprom_desc_t what = {.ee = (uint8_t *)bytes, .offset = offset, .size = size};
+    avr_eeprom_desc_t range = {.ee = (uint8_t *)bytes, .offset = offset, .size = size};
     if (offset + size > board->avr->e2end + 1u) return 1;
-    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_SET, &what) == EEPROM_REFUSED;
+    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_SET, &range) == EEPROM_REJECTED;
 }
-
-uint8_t sim_peek(sim_board *board, uint32_t address) { return board->avr->data[address]; }

@@ -1,4 +1,4 @@
-/* The actuator's bridge: its duty from the PWM registers, averaged over a slice. */
+/* The actuator's bridge: the duty of the PWM registers, averaged over a slice. */
 #include "board.h"
 
 /* Timer 4 of the 2560, whose compare pins PH3 and PH4 drive the bridge. */
@@ -14,30 +14,30 @@ static unsigned timer4_top(const uint8_t *data)
     return FIXED[data[TCCR4A] & 3];
 }
 
-/* Share of time that a half of the bridge is on: by compare output, or by its port bit. */
+/* Share of time for which a half bridge is on, by compare output or by port bit. */
 static double half_duty(const uint8_t *data, int com_shift, int ocr, int bit)
 {
     if (!BIT(data[DDRH], bit)) return 0;
     if (BIT(data[TCCR4A], com_shift + 1) == 0) return BIT(data[PORTH], bit);
     unsigned top = timer4_top(data), on = data[ocr] | data[ocr + 1] << 8;
-    /* Fast PWM: high for a count more than the register says, of a count more than the top. */
+    /* Fast PWM: high for one count more than the register, of one count more than the top. */
     return top ? (on > top ? 1.0 : (on + 1.0) / (top + 1.0)) : 0;
 }
 
 static double bridge_duty(const sim_board *board)
 {
     const uint8_t *data = board->avr->data;
-    if (!board->out_level[SIM_OUT_BRIDGE] || !BIT(data[DDRH], 5)) return 0;
+    if (!board->pins.out_level[SIM_OUT_BRIDGE] || !BIT(data[DDRH], 5)) return 0;
     return half_duty(data, 6, OCR4AL, PRESS_BIT) - half_duty(data, 4, OCR4BL, LIFT_BIT);
 }
 
-/* Adds up what the duty was until now, and looks what it is. */
+/* Integrate the duty up to now, then read the present duty. */
 void bridge_changed(sim_board *board)
 {
     uint64_t now = board->avr->cycle;
-    board->duty_sum += board->duty * (double)(now - board->duty_since);
-    board->duty_since = now;
-    board->duty = bridge_duty(board);
+    board->bridge.sum += board->bridge.duty * (double)(now - board->bridge.since);
+    board->bridge.since = now;
+    board->bridge.duty = bridge_duty(board);
 }
 
 static void on_bridge_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param)
@@ -64,13 +64,13 @@ void bridge_open(sim_board *board)
 
 void bridge_begin(sim_board *board)
 {
-    board->duty_sum = 0;
-    board->duty_since = board->avr->cycle;
+    board->bridge.sum = 0;
+    board->bridge.since = board->avr->cycle;
 }
 
 void bridge_end(sim_board *board)
 {
     uint64_t length = board->avr->cycle - board->slice_start;
     bridge_changed(board);
-    board->exchange.drive = length ? board->duty_sum / (double)length : board->duty;
+    board->io.drive = length ? board->bridge.sum / (double)length : board->bridge.duty;
 }

@@ -1,5 +1,5 @@
-/* The HX711 as its data sheet describes it: its own conversion clock, a two-wire readout whose
- * pulse count chooses the next gain, power-down by a long clock, four conversions of settling. */
+/* The HX711 as in its data sheet: its own conversion clock, a two-wire readout whose pulse count
+ * selects the next gain, power-down by a long clock pulse, four conversions of settling. */
 #include "board.h"
 
 #define PORT_DOUT 'D'
@@ -13,7 +13,7 @@
 static void put_dout(sim_board *board, int level)
 {
     board->loadcell.dout = level;
-    set_pin(board, PORT_DOUT, BIT_DOUT, level);
+    pins_set(board, PORT_DOUT, BIT_DOUT, level);
 }
 
 static void start(sim_board *board, int settling)
@@ -21,36 +21,36 @@ static void start(sim_board *board, int settling)
     struct loadcell *cell = &board->loadcell;
     cell->settling = settling;
     cell->pulses = 0;
-    cell->ready_q16 = (board->avr->cycle << 16) + board->exchange.loadcell_period_q16;
+    cell->ready_q16 = (board->avr->cycle << 16) + board->io.loadcell_period_q16;
 }
 
 void loadcell_open(sim_board *board)
 {
     board->loadcell.gain_pulses = DATA_PULSES + 1;
-    board->exchange.loadcell_period_q16 = (int64_t)200000 << 16;
+    board->io.loadcell_period_q16 = (int64_t)200000 << 16;
     start(board, SETTLING);
     put_dout(board, 1);
 }
 
 void loadcell_restore(sim_board *board)
 {
-    set_pin(board, PORT_DOUT, BIT_DOUT, board->loadcell.dout);
+    pins_set(board, PORT_DOUT, BIT_DOUT, board->loadcell.dout);
 }
 
 static int32_t conversion(sim_board *board)
 {
     struct loadcell *cell = &board->loadcell;
-    int32_t counts = board->exchange.loadcell_counts;
-    if (board->exchange.loadcell_mode == SIM_LOADCELL_FROZEN) return cell->last;
-    if (board->exchange.loadcell_mode == SIM_LOADCELL_SATURATED) return FULL_SCALE;
+    int32_t counts = board->io.loadcell_counts;
+    if (board->io.loadcell_mode == SIM_LOADCELL_FROZEN) return cell->last;
+    if (board->io.loadcell_mode == SIM_LOADCELL_SATURATED) return FULL_SCALE;
     if (cell->gain_pulses == LAST_PULSE) counts /= 2;
-    if (cell->gain_pulses == DATA_PULSES + 2) counts = 0; /* nothing is wired to input B */
+    if (cell->gain_pulses == DATA_PULSES + 2) counts = 0; /* input B is not connected */
     if (counts > FULL_SCALE) counts = FULL_SCALE;
     if (counts < -FULL_SCALE - 1) counts = -FULL_SCALE - 1;
     return counts;
 }
 
-/* A read is over when the next conversion ends; its pulses beyond the data chose the gain. */
+/* A read ends with the next conversion; its pulses after the data have selected the gain. */
 static void close_read(struct loadcell *cell)
 {
     int chosen = cell->pulses > LAST_PULSE ? LAST_PULSE : cell->pulses;
@@ -62,15 +62,15 @@ static void close_read(struct loadcell *cell)
 static void finish_conversion(sim_board *board)
 {
     struct loadcell *cell = &board->loadcell;
-    cell->ready_q16 += board->exchange.loadcell_period_q16;
+    cell->ready_q16 += board->io.loadcell_period_q16;
     if (cell->pulses > DATA_PULSES) close_read(cell);
     if (cell->settling > 1) {
         cell->settling--;
         return;
     }
-    /* A half-done read keeps its register: the conversion that ends meanwhile is lost. */
-    if (cell->pulses || board->exchange.loadcell_mode == SIM_LOADCELL_SILENT) return;
-    board->exchange.loadcell_conversions++;
+    /* An unfinished read holds the register: a conversion that ends meanwhile is lost. */
+    if (cell->pulses || board->io.loadcell_mode == SIM_LOADCELL_SILENT) return;
+    board->io.loadcell_conversions++;
     cell->held = cell->last = conversion(board);
     if (!cell->dout) put_dout(board, 1);
     put_dout(board, 0);
@@ -104,10 +104,10 @@ void loadcell_run(sim_board *board, uint64_t now)
 static void end_of_read(sim_board *board)
 {
     struct loadcell *cell = &board->loadcell;
-    sim_exchange *x = &board->exchange;
+    sim_io *io = &board->io;
     uint64_t now = board->avr->cycle;
-    if (now - cell->read_start > x->longest_read) x->longest_read = now - cell->read_start;
-    if (now - cell->offered > x->loadcell_latency) x->loadcell_latency = now - cell->offered;
+    if (now - cell->read_start > io->longest_read) io->longest_read = now - cell->read_start;
+    if (now - cell->offered > io->loadcell_latency) io->loadcell_latency = now - cell->offered;
 }
 
 static void clock_rise(sim_board *board)
@@ -121,7 +121,7 @@ static void clock_rise(sim_board *board)
         return;
     }
     put_dout(board, 1);
-    if (cell->pulses == DATA_PULSES + 1) board->exchange.loadcell_reads++;
+    if (cell->pulses == DATA_PULSES + 1) board->io.loadcell_reads++;
 }
 
 void loadcell_clock(sim_board *board, int level)

@@ -1,10 +1,10 @@
-/* The board's cable: bytes at real byte times in both directions. */
+/* The board's cable: each byte takes its real time in both directions. */
 #include "board.h"
 
 #define BITS_PER_BYTE 10 /* 8N1; simavr counts 11 */
 #define QUEUE (SIM_MAX_BYTES * 2)
 
-/* avr_uart.c sets cycles_per_byte whenever UBRRnL is written; put right before each use. */
+/* avr_uart.c sets cycles_per_byte on each write of UBRRnL; correct it before each use. */
 static uint64_t byte_cycles(sim_board *board)
 {
     avr_uart_t *uart = board->serial.uart;
@@ -18,17 +18,17 @@ static uint64_t byte_cycles(sim_board *board)
 static void on_byte(avr_irq_t *irq, uint32_t value, void *param)
 {
     sim_board *board = param;
-    sim_exchange *x = &board->exchange;
+    sim_io *io = &board->io;
     struct serial *s = &board->serial;
     uint64_t now = board->avr->cycle, begin = now > s->wire_free ? now : s->wire_free;
     (void)irq;
     s->wire_free = begin + byte_cycles(board);
-    if (x->tx_count == SIM_MAX_BYTES) {
-        x->overflows++;
+    if (io->tx_count == SIM_MAX_BYTES) {
+        io->overflows++;
         return;
     }
-    x->tx_cycle[x->tx_count] = s->wire_free;
-    x->tx[x->tx_count++] = value;
+    io->tx_cycle[io->tx_count] = s->wire_free;
+    io->tx[io->tx_count++] = value;
 }
 
 static void on_room(avr_irq_t *irq, uint32_t value, void *param)
@@ -58,15 +58,15 @@ static void on_fetched(avr_irq_t *irq, uint32_t value, void *param)
     if (!value || !s->rx_raised) return;
     uint64_t waited = board->avr->cycle - s->rx_raised;
     s->rx_raised = 0;
-    if (waited > board->exchange.rx_latency) board->exchange.rx_latency = waited;
+    if (waited > board->io.rx_latency) board->io.rx_latency = waited;
 }
 
 void serial_open(sim_board *board)
 {
     avr_t *avr = board->avr;
     struct serial *s = &board->serial;
-    uint32_t flags = 0; /* neither sleep when polled nor print lines */
-    s->uart = (avr_uart_t *)find_io(avr, "uart"); /* the four of the 2560 stand together */
+    uint32_t flags = 0; /* do not sleep when polled, do not print lines */
+    s->uart = (avr_uart_t *)find_io(avr, "uart"); /* the four of the 2560 are adjacent */
     while (s->uart->name != '0') s->uart = (avr_uart_t *)s->uart->io.next;
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
     avr_irq_t *irq = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), 0);
@@ -88,14 +88,14 @@ void serial_restore(sim_board *board)
 void serial_begin(sim_board *board)
 {
     struct serial *s = &board->serial;
-    sim_exchange *x = &board->exchange;
-    uint64_t now = board->avr->cycle, from = x->rx_start > now ? x->rx_start : now;
+    sim_io *io = &board->io;
+    uint64_t now = board->avr->cycle, from = io->rx_start > now ? io->rx_start : now;
     if (s->head == s->tail && s->next_q16 < from << 16) s->next_q16 = from << 16;
-    for (int i = 0; i < x->rx_count; i++) {
-        if ((s->tail + 1) % QUEUE == s->head) x->overflows++;
-        else s->queue[s->tail] = x->rx[i], s->tail = (s->tail + 1) % QUEUE;
+    for (int i = 0; i < io->rx_count; i++) {
+        if ((s->tail + 1) % QUEUE == s->head) io->overflows++;
+        else s->queue[s->tail] = io->rx[i], s->tail = (s->tail + 1) % QUEUE;
     }
-    x->rx_count = 0;
+    io->rx_count = 0;
 }
 
 uint64_t serial_next(const sim_board *board)
@@ -104,7 +104,7 @@ uint64_t serial_next(const sim_board *board)
     return s->head == s->tail ? NEVER : (s->next_q16 + 0xffff) >> 16;
 }
 
-/* A wire cannot wait: what comes while the receiver is full is lost. */
+/* Pass due bytes to the chip; a byte that arrives while the receiver is full is lost. */
 void serial_run(sim_board *board, uint64_t now)
 {
     struct serial *s = &board->serial;
@@ -112,8 +112,8 @@ void serial_run(sim_board *board, uint64_t now)
         uint8_t byte = s->queue[s->head];
         s->head = (s->head + 1) % QUEUE;
         byte_cycles(board);
-        if (s->full) board->exchange.rx_overruns++;
+        if (s->full) board->io.rx_overruns++;
         else avr_raise_irq(s->input, byte);
-        s->next_q16 += board->exchange.host_byte_q16;
+        s->next_q16 += board->io.host_byte_q16;
     }
 }

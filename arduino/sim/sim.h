@@ -1,12 +1,12 @@
-/* Two of the bench's boards as simavr chips, driven from outside in slices of chip cycles.
+/* The bench's two boards as simavr chips, driven from outside in slices of chip cycles.
  *
- * One sim_board is one AVR with the peripherals wired to it: a serial cable with real byte
- * times, input pins that change at exact cycles, output edges with cycle stamps, analog
- * voltages that move linearly within a slice, and for the drum an HX711 and an index mark.
- * A caller fills the inputs of the exchange, calls sim_run() once, and reads the outputs.
- * Boards share nothing, so several may live in one process, each used by one thread at a time.
+ * A sim_board is one AVR with its peripherals: a serial cable with real byte times, input pins that
+ * change at exact cycles, output edges with cycle stamps, analog voltages that change linearly
+ * within a slice, and for the drum an HX711, a motor with an index mark and a bridge. A caller fills
+ * the inputs of sim_io, calls sim_run() once and reads the outputs. Boards share nothing, so one
+ * process may hold several, each used by one thread at a time.
  *
- * simavr is GPL-3: this is a test tool built from a checkout, it is never part of a wheel.
+ * simavr is GPL-3: this is a test tool built from a checkout, never part of a wheel.
  */
 #ifndef RIGCTL_SIM_H
 #define RIGCTL_SIM_H
@@ -32,11 +32,11 @@ enum sim_output {
     SIM_OUT_SYNC = 3,   /* PA2, drum */
     SIM_OUT_BRIDGE = 4, /* PH5, drum, active high */
     SIM_OUT_SCK = 5,    /* PE3, drum: consumed by the HX711, not reported */
-    SIM_OUT_INDEX = 6,  /* drum: the mark as the shim presents it to PE4 */
+    SIM_OUT_INDEX = 6,  /* drum: the index mark at PE4 */
     SIM_OUT_SAMPLE = 7, /* taxels: a conversion started; level is its line × 6 + input */
 };
 
-/* Input signals that a caller may set at a cycle. */
+/* Input pins that a caller may set at a cycle. */
 enum sim_input {
     SIM_IN_ESTOP = 0,     /* PE5, drum, high = tripped */
     SIM_IN_END_UP = 1,    /* PC7, drum, high = at the end */
@@ -47,15 +47,15 @@ enum sim_input {
 
 enum sim_loadcell_mode {
     SIM_LOADCELL_NORMAL = 0,
-    SIM_LOADCELL_SILENT = 1,    /* no conversion ever gets ready */
+    SIM_LOADCELL_SILENT = 1,    /* no conversion becomes ready */
     SIM_LOADCELL_FROZEN = 2,    /* repeats the last conversion */
     SIM_LOADCELL_SATURATED = 3, /* full scale */
 };
 
-/* What a caller and a board hand each other in one slice. Python mirrors this layout; the
- * size is compared when the library is loaded. */
-typedef struct sim_exchange {
-    /* in, kept until changed */
+/* Inputs and outputs of a board. Python parses this declaration; the size is checked when the
+ * library is loaded. */
+typedef struct sim_io {
+    /* in, valid until changed */
     /* Voltages as shares of the reference: rows at equal distances, the first at the slice's
      * start, the last at its end, linear in between. Noise is added, in codes, per interval. */
     double analog[SIM_MAX_ROWS][SIM_CHANNELS];
@@ -73,9 +73,9 @@ typedef struct sim_exchange {
     int32_t report_samples;            /* 1: report SIM_OUT_SAMPLE edges */
     int32_t report_steps;              /* 1: report SIM_OUT_STEP edges */
     int32_t analog_rows;               /* 1: constant, row 0 */
-    int32_t watch_interrupts;          /* 1: look at the interrupt flag after each instruction */
-    /* The sensor's wiring, a bit a line or an input: held by a short, connected to each other,
-     * without a divider. */
+    int32_t watch_interrupts;          /* 1: check the interrupt flag after each instruction */
+    /* Faults of the sensor's wiring, one bit per line or input: shorted to a level, connected to each
+     * other, without a divider. */
     int32_t lines_low, lines_high, lines_together;
     int32_t inputs_low, inputs_high, inputs_together, inputs_open;
     int32_t driven_low;                /* 1: the driven line is low and dividers go to 5 V */
@@ -97,14 +97,14 @@ typedef struct sim_exchange {
     int32_t edge_count;
     uint64_t cycle;
     double drive;             /* mean signed duty of the bridge over the slice, + presses */
-    int64_t drum_steps;       /* where the driver has the drum, in steps from the mark's start */
-    double drum_place;        /* where the drum is at the end: it takes a step's time for a step */
+    int64_t drum_steps;       /* commanded position of the drum, in steps from the mark's start */
+    double drum_place;        /* true position at the end: a step takes its time */
     uint64_t loadcell_ready;  /* cycle of the next conversion's end */
     /* out, since the board was opened */
     uint64_t resets;
-    uint64_t rx_overruns;     /* bytes from the host that the chip had no room for */
+    uint64_t rx_overruns;     /* bytes from the host that the full receiver lost */
     uint64_t rx_latency;      /* longest wait of a received byte for its interrupt, cycles */
-    uint64_t overflows;       /* bytes or edges that did not fit into this exchange */
+    uint64_t overflows;       /* bytes or edges that did not fit */
     uint64_t slept_cycles;
     uint64_t isr_cycles;      /* inside interrupt routines, without the entry itself */
     uint64_t isr_count;
@@ -113,29 +113,26 @@ typedef struct sim_exchange {
     uint64_t loadcell_reads;  /* conversions that were shifted out completely */
     uint64_t longest_read;    /* first clock rise to last clock fall of a read, cycles */
     uint64_t loadcell_latency; /* longest time from an offered conversion to its read's end */
-    uint64_t longest_off;     /* interrupts off outside of interrupt routines, while watched */
-} sim_exchange;
+    uint64_t longest_off;     /* interrupts off outside of interrupt routines, with watch_interrupts */
+} sim_io;
 
 /* Loads an ELF image. Returns NULL when it cannot be read. */
 sim_board *sim_open(const char *image, int kind);
 void sim_close(sim_board *board);
-sim_exchange *sim_exchange_of(sim_board *board);
-unsigned long sim_exchange_size(void);
+sim_io *sim_io_of(sim_board *board);
+unsigned long sim_io_size(void);
 
-/* Runs to a cycle (at most one instruction past it). Returns 0, or 1 when the chip stopped. */
+/* Runs to a cycle (at most one instruction past it). Returns 0, or 1 if the chip stopped. */
 int sim_run(sim_board *board, uint64_t until);
 
 /* Pulls the reset pin (cause 2) or cycles the power (cause 1); SRAM is lost only by power. */
 void sim_reset(sim_board *board, int cause);
 
-/* Turns the drum to a step of its turn; for the angle at which it stands at power-up. */
+/* Turns the drum to a step of its turn, its angle at power-up. */
 void sim_place_drum(sim_board *board, int64_t steps);
 
 /* Reads or writes the EEPROM; the contents outlive every reset. Returns 0 when it fits. */
 int sim_eeprom_read(sim_board *board, uint32_t offset, uint8_t *bytes, uint32_t size);
 int sim_eeprom_write(sim_board *board, uint32_t offset, const uint8_t *bytes, uint32_t size);
-
-/* One byte of data memory, for tests that look at a register. */
-uint8_t sim_peek(sim_board *board, uint32_t address);
 
 #endif

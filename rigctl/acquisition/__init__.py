@@ -1,1 +1,1 @@
-"""A protocol happening: engine, pump, live view, runner, client."""
+"""Protocol execution: the engine, its boards, the sample pipeline, the runner and the client."""

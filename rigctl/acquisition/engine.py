@@ -1,8 +1,8 @@
-"""The engine: both boards, pump, recorder, encoder and runner in one loop that does nothing else.
+"""The engine: both boards, sample pipeline, recorder and runner in one event loop.
 
-It is born with a rig and often with a first client, connects the boards, and from then on does
-what clients ask (:mod:`rigctl.acquisition.rpc.command_handler`). A client may die at any time;
-a run goes on without one. Without client and run the engine makes the rig safe and ends.
+It starts with a rig and often with a first client, connects the boards, and then executes the
+clients' commands (:mod:`rigctl.acquisition.rpc.command_handler`). A client may die at any time;
+a run continues without one. Without client and run the engine makes the rig safe and ends.
 """
 
 from __future__ import annotations
@@ -29,202 +29,219 @@ from rigctl.acquisition.rpc.messages import (
     RecordingStatus,
     RunStatus,
 )
-from rigctl.acquisition.rpc.server import Handler, Server
+from rigctl.acquisition.rpc.server import RequestHandler, Server
 from rigctl.acquisition.status import StatusBuilder
-from rigctl.acquisition.taxels.pipeline import UNWATCHED_SAMPLES, WATCHED_SAMPLES
+from rigctl.acquisition.taxels.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.errors import RigctlError, RigFault
 from rigctl.values import Event
 
-ALONE_LIMIT_S = 10.0
-"""Without client and run the engine ends after so long."""
+IDLE_TIMEOUT_S = 10.0
+"""Without client and run the engine ends after this time."""
 
 
 @dataclass(frozen=True, slots=True)
 class EngineAddress:
-    """How clients reach the engine: a listening socket, its token, and who is there already."""
+    """A listening socket, the token that clients must show, and the first client, if connected."""
 
     listener: socket.socket
     token: str
-    first: socket.socket | None = None
+    first_client: socket.socket | None = None
 
 
 class Engine:
-    """Everything that happens on one rig. :meth:`serve` is its life.
+    """The control program of one rig; :meth:`serve` runs it.
 
-    ``watched``: loop time goes as fast as ours, so that people can watch.
+    ``real_time``: loop time is as fast as real time, so that people can watch.
     """
 
     def __init__(
         self,
-        bench: RigInterface,
-        live: LiveWriter,
+        rig: RigInterface,
+        live_writer: LiveWriter,
         utc_now: Callable[[], str],
         rig_seed: int = 0,
-        watched: bool = True,
+        real_time: bool = True,
     ) -> None:
-        self.bench = bench
-        self.news = EventBus(bench.loop.time)
-        self.vitals = HeartbeatGate(bench.loop.time)
+        self.rig = rig
+        self.event_bus = EventBus(rig.loop.time)
+        self.heartbeat_gate = HeartbeatGate(rig.loop.time)
         self.boards = Boards(
-            bench,
-            live,
-            self.news,
-            self.vitals.may_beat,
-            self._taxels_changed,
+            rig,
+            live_writer,
+            self.event_bus,
+            self.spawn,
+            self.heartbeat_gate.is_open,
+            self._taxel_link_changed,
             self._fail_run,
-            WATCHED_SAMPLES if watched else UNWATCHED_SAMPLES,
+            REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
         )
         self.run: Run | None = None
         self.is_ready = False
-        self._now_s = bench.loop.time
+        self._now_s = rig.loop.time
         self._utc_now = utc_now
         self._rig_seed = rig_seed
         self._texture: str | None = None
-        self._status = StatusBuilder(bench.kind, bench.simulated, self.boards)
-        self._guard: DiskMonitor | None = None
+        self._status_builder = StatusBuilder(rig.kind, rig.simulated, self.boards)
+        self._disk_monitor: DiskMonitor | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._run_task: asyncio.Task[None] | None = None
         self._server: Server | None = None
-        self._alone_since_s = self._now_s()
-        self._ended = asyncio.Event()
+        self._last_used_s = self._now_s()
+        self._shutdown_requested = asyncio.Event()
 
     async def serve(
-        self, doors: EngineAddress, handle: Handler, order: RunRequest | None = None
+        self, address: EngineAddress, handle: RequestHandler, request: RunRequest | None = None
     ) -> int:
         """Connect, serve clients until the engine ends, make the rig safe; return the exit code.
 
-        ``handle`` executes the clients' commands.
+        ``handle`` executes the clients' commands; ``request`` is a run to start at once.
         """
-        self._server = Server(doors.token, handle)
-        self.news.listen(self._tell_clients)
-        await self._server.open(doors.listener, doors.first)
+        self._server = Server(address.token, handle)
+        self.event_bus.subscribe(self._send_event)
+        await self._server.open(address.listener, address.first_client)
         try:
-            await self.boards.connect(self.spawn)
+            await self.boards.connect()
             self.spawn(self._tick())
-            if order is not None:
-                self.start(order)
+            if request is not None:
+                self.start(request)
         except RigctlError as error:
-            self._server.welcome(_message("failed", str(error), {"exit_code": error.exit_code}))
-            await self._leave()
+            failed = _message("failed", str(error), {"exit_code": error.exit_code})
+            self._server.set_greeting(failed)
+            await self._close()
             return error.exit_code
         self.is_ready = True
-        self._server.welcome(_message("ready", "", {"rig": self.bench.description}))
-        await self._ended.wait()
-        await self._leave()
+        self._server.set_greeting(_message("ready", "", {"rig": self.rig.description}))
+        await self._shutdown_requested.wait()
+        await self._close()
         return 0
 
-    def start(self, order: RunRequest) -> Run:
-        """Begin a run. Raises what is wrong with the order or the disk."""
-        opened = open_run(order, self._bearings())
+    def start(self, request: RunRequest) -> Run:
+        """Start a run. Raises where the request or the disk is at fault."""
+        opened = open_run(request, self._run_context())
         recorder, boards = opened.recorder, self.boards
         control = RunControl(
-            boards.watch,
-            self.news,
-            lambda: self.vitals.check_in("runner"),
+            boards.drum_poller,
+            self.event_bus,
+            lambda: self.heartbeat_gate.check_in("runner"),
             lambda: recorder.failure,
         )
         parts = RunParts(
-            boards.motion, boards.pump, self.news, recorder, control, boards.health, self.set_plate
+            boards.motion,
+            boards.pipeline,
+            self.event_bus,
+            recorder,
+            control,
+            boards.board_health,
+            self.set_plate,
         )
-        unasked = order.yes and self.bench.simulated
-        options = RunOptions(unasked, opened.resumed, opened.done, opened.attempts)
-        self._guard = DiskMonitor(recorder)
+        unattended = request.yes and self.rig.simulated
+        options = RunOptions(unattended, opened.resumed, opened.done, opened.attempts)
+        self._disk_monitor = DiskMonitor(recorder)
         self.run = Run(parts, opened.plan, options)
         self._run_task = self.spawn(self._execute(self.run))
-        self.news.tell("run", f"the run begins: {self.run.folder}", session=str(self.run.folder))
+        folder = str(self.run.folder)
+        self.event_bus.publish("run", f"the run begins: {folder}", session=folder)
         return self.run
 
     @property
     def is_running(self) -> bool:
-        """Whether a run is going, paused ones included."""
+        """Whether a run is active, paused ones included."""
         return self.run is not None and not self.run.ended
 
     def set_plate(self, texture: str) -> bool:
-        """A plate is changed: True where it did so by itself."""
+        """Note the mounted plate; return whether a simulated rig mounted it by itself."""
         self._texture = texture
-        return self.bench.set_plate(texture)
+        return self.rig.set_plate(texture)
 
     def status(self) -> EngineStatus:
-        """How everything stands now."""
+        """Return the status message."""
         recording = RecordingStatus()
-        if self._guard is not None:
-            recording = self._guard.status(self.boards.pump.recording)
+        if self._disk_monitor is not None:
+            recording = self._disk_monitor.status(self.boards.pipeline.is_recording)
         run = self.run.status() if self.run else RunStatus()
-        return self._status.build(self._now_s(), self._texture, recording, run)
+        return self._status_builder.build(self._now_s(), self._texture, recording, run)
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        """Have something done beside everything else; its failure ends the engine safely."""
-        task = self.bench.loop.create_task(self._guarded(work))
+        """Start a task; its failure ends the engine safely."""
+        task = self.rig.loop.create_task(self._supervise(work))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
 
-    async def stop(self, text: str) -> None:
+    async def send_stop(self, text: str) -> None:
         """Stop and lift, ahead of everything else; a run ends."""
         if self.run is not None:
             self.run.control.abort(text)
-        self.boards.motion.stops += 1
-        await self.bench.drum.stop()
-        self.news.tell("stop", text)
+        self.boards.motion.stop_count += 1
+        await self.rig.drum.stop()
+        self.event_bus.publish("stop", text)
 
-    def end(self, text: str) -> None:
-        """End the engine: a run is aborted first, and the rig made safe."""
+    def shut_down(self, text: str) -> None:
+        """End the engine: abort a run first, then make the rig safe."""
         if self.run is not None:
             self.run.control.abort(text)
-        self._ended.set()
+        self._shutdown_requested.set()
 
     async def _execute(self, run: Run) -> None:
-        self.vitals.check_in("runner")
+        self.heartbeat_gate.check_in("runner")
         try:
             await run.execute()
         finally:
-            self.vitals.excuse("runner")
-            self.vitals.excuse("recorder")
-        self.bench.save_truth(run.folder)
-        self._tell_status()
+            self.heartbeat_gate.check_out("runner")
+            self.heartbeat_gate.check_out("recorder")
+        self.rig.save_truth(run.folder)
+        self._send_status()
 
-    async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
+    async def _supervise(self, work: Coroutine[Any, Any, None]) -> None:
         try:
             await work
         except Exception as error:  # noqa: BLE001 - top of a task: it becomes a visible fault
             sentence = f"the engine failed inside: {error!r}; report this with the session"
-            self.news.tell("fault", sentence)
-            self.end(sentence)
+            self.event_bus.publish("fault", sentence)
+            self.shut_down(sentence)
 
     async def _tick(self) -> None:
-        """Ten times a second: look after pump, recorder and clients, and tell the status."""
+        """Ten times a second: serve pipeline, recorder and clients, and send the status."""
         while True:
             await asyncio.sleep(STATUS_PERIOD_S)
-            self.boards.pump.flush()
-            self.vitals.check_in("pump")
-            self._look_after_disk()
-            self._look_if_alone()
-            self._tell_status()
+            self.boards.pipeline.flush()
+            self.heartbeat_gate.check_in("pipeline")
+            self._check_disk()
+            self._check_idle()
+            self._send_status()
 
-    def _tell_status(self) -> None:
-        if self._server is not None and len(self._server):
-            self._server.broadcast(_message("status", "", self.status(), self._now_s()))
-
-    def _look_after_disk(self) -> None:
-        if self._guard is None or self.run is None or self.run.ended:
+    def _check_disk(self) -> None:
+        monitor = self._disk_monitor
+        if monitor is None or self.run is None or self.run.ended:
             return
-        self._guard.look(self._now_s())
-        if self._guard.works:
-            self.vitals.check_in("recorder")
+        monitor.update(self._now_s())
+        if monitor.recorder_works:
+            self.heartbeat_gate.check_in("recorder")
         control = self.run.control
-        if self._guard.must_hold(DISK in control.reasons):
+        if monitor.must_pause(DISK in control.reasons):
             control.pause(DISK)
         else:
             control.resume(DISK)
 
-    def _look_if_alone(self) -> None:
+    def _check_idle(self) -> None:
         now_s = self._now_s()
-        if self.is_running or (self._server is not None and len(self._server)):
-            self._alone_since_s = now_s
-        elif now_s - self._alone_since_s > ALONE_LIMIT_S:
-            self.end("nobody is left")
+        if self.is_running or self._has_clients():
+            self._last_used_s = now_s
+        elif now_s - self._last_used_s > IDLE_TIMEOUT_S:
+            self.shut_down("no client is left")
 
-    def _taxels_changed(self, connected: bool) -> None:
+    def _has_clients(self) -> bool:
+        return self._server is not None and len(self._server) > 0
+
+    def _send_status(self) -> None:
+        if self._server is not None and self._has_clients():
+            self._server.broadcast(_message("status", "", self.status(), self._now_s()))
+
+    def _send_event(self, event: Event) -> None:
+        if self._server is not None:
+            self._server.broadcast(_message(event.kind, event.text, event.data, event.at_s))
+
+    def _taxel_link_changed(self, connected: bool) -> None:
         if self.run is not None and connected:
             self.run.control.resume(LINK)
         elif self.run is not None and not self.run.ended:
@@ -234,32 +251,28 @@ class Engine:
         if self.run is not None:
             self.run.control.fail(fault)
 
-    def _tell_clients(self, event: Event) -> None:
-        if self._server is not None:
-            self._server.broadcast(_message(event.kind, event.text, event.data, event.at_s))
-
-    def _bearings(self) -> RunContext:
+    def _run_context(self) -> RunContext:
         return RunContext(
-            config=self.bench.config,
-            rig=self.bench.kind,
-            simulated=self.bench.simulated,
-            world=self.bench.world,
+            config=self.rig.config,
+            rig=self.rig.kind,
+            simulated=self.rig.simulated,
+            world=self.rig.world,
             rig_seed=self._rig_seed,
             boards=tuple(self.boards.identities.values()),
             start_utc=self._utc_now(),
             start_loop_s=self._now_s(),
         )
 
-    async def _leave(self) -> None:
-        """See a run to its safe end, switch the rig off, let go of everything."""
+    async def _close(self) -> None:
+        """Wait for a run's safe end, switch the rig off, close boards and connections."""
         if self.run is not None and self._run_task is not None:
             self.run.control.abort("the engine ends")
             await self._run_task
         try:
-            if self.boards.watch.connected and self.boards.watch.state is not None:
+            if self.boards.drum_poller.connected and self.boards.drum_poller.state is not None:
                 await self.boards.motion.disarm()
         except RigFault as fault:
-            self.news.tell("fault", str(fault))
+            self.event_bus.publish("fault", str(fault))
         for task in tuple(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)

@@ -1,4 +1,4 @@
-"""What happens is said once and heard everywhere: in the session, and by every client."""
+"""Events of the engine: published once, delivered to the session and to every client."""
 
 from __future__ import annotations
 
@@ -7,23 +7,21 @@ from typing import Any
 
 from rigctl.values import Event
 
-Listener = Callable[[Event], None]
-
 
 class EventBus:
-    """Stamps events with loop time and passes them on, in order, to whoever listens."""
+    """Stamps events with loop time and delivers them, in order, to every subscriber."""
 
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s = now_s
-        self._listeners: list[Listener] = []
+        self._subscribers: list[Callable[[Event], None]] = []
 
-    def listen(self, listener: Listener) -> Callable[[], None]:
-        """Hear every event from now on; the answer ends that."""
-        self._listeners.append(listener)
-        return lambda: self._listeners.remove(listener)
+    def subscribe(self, subscriber: Callable[[Event], None]) -> Callable[[], None]:
+        """Call ``subscriber`` with every new event; return the function that unsubscribes it."""
+        self._subscribers.append(subscriber)
+        return lambda: self._subscribers.remove(subscriber)
 
-    def tell(self, kind: str, text: str, **data: Any) -> None:
-        """Something happened now; see :class:`rigctl.values.Event`."""
+    def publish(self, kind: str, text: str, **data: Any) -> None:
+        """Publish an event that happens now; see :class:`rigctl.values.Event`."""
         event = Event(self._now_s(), kind, text, data)
-        for listener in tuple(self._listeners):
-            listener(event)
+        for subscriber in tuple(self._subscribers):
+            subscriber(event)

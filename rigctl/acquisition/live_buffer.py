@@ -1,7 +1,7 @@
-"""What happens now, in memory that processes share: the engine writes, windows look.
+"""Live data in memory that processes share: the engine writes it, windows read it.
 
 The file holds the last half minute of taxel samples with their spikes and the last minutes of
-load-cell samples. A reader never stops the writer, and never sees a row that is half written.
+load-cell samples. A reader never blocks the writer, and never sees a half-written row.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ MAGIC = 0x3145_5649_4C47_4952  # "RIGLIVE1", low byte first
 TAXEL_ROWS = 1 << 15
 DRUM_ROWS = 1 << 13
 _HEADER_BYTES = 1024
+_HEADER_WORDS = 8  # magic, taxels, taxel rows, drum rows, version of the range, three spare
 _RANGE_OFFSET = 64
 _RANGE_TRIES = 1000
 _NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-_HEADER_WORDS = 8  # magic, taxels, taxel rows, drum rows, version of the range, three spare
 
 
 class RowCounts(NamedTuple):
-    """Rows written since the engine started; a head that stands still means no news."""
+    """Rows written since the engine started; an unchanged count means no new data."""
 
     taxels: int
     drum: int
@@ -67,7 +67,7 @@ class TaxelWindow:
 
 @dataclass(frozen=True, slots=True)
 class DrumWindow:
-    """Newest load-cell samples with what the drum was told to do, oldest first.
+    """Newest load-cell samples with the drum's set-points, oldest first.
 
     All (n,): ``time_s`` loop time, ``force_g``, ``force_set_g``, ``speed_mm_s``,
     ``speed_set_mm_s`` float64, ``state`` uint8 (value of ``State``). ``first`` as above.
@@ -96,17 +96,16 @@ def _taxel_columns(n_taxels: int) -> tuple[RingColumn, ...]:
 
 
 _DRUM_COLUMNS = (
-    RingColumn("time_s", np.float64),
-    RingColumn("force_g", np.float64),
-    RingColumn("force_set_g", np.float64),
-    RingColumn("speed_mm_s", np.float64),
-    RingColumn("speed_set_mm_s", np.float64),
+    *(
+        RingColumn(name, np.float64)
+        for name in ("time_s", "force_g", "force_set_g", "speed_mm_s", "speed_set_mm_s")
+    ),
     RingColumn("state", np.uint8),
 )
 
 
-class _Memory:
-    """The file's parts, for the writer and for readers."""
+class _LiveFile:
+    """Views of the file's parts, for the writer and for readers."""
 
     def __init__(self, memory: mmap.mmap, n_taxels: int, taxel_rows: int, drum_rows: int) -> None:
         self.memory = memory
@@ -115,8 +114,8 @@ class _Memory:
             memory, dtype=np.uint16, count=2 * n_taxels, offset=_RANGE_OFFSET
         ).reshape(2, n_taxels)
         self.taxels = RingBuffer(memory, _HEADER_BYTES, taxel_rows, _taxel_columns(n_taxels))
-        drum_at = _HEADER_BYTES + ring_bytes(taxel_rows, _taxel_columns(n_taxels))
-        self.drum = RingBuffer(memory, drum_at, drum_rows, _DRUM_COLUMNS)
+        drum_offset = _HEADER_BYTES + ring_bytes(taxel_rows, _taxel_columns(n_taxels))
+        self.drum = RingBuffer(memory, drum_offset, drum_rows, _DRUM_COLUMNS)
 
     def close(self) -> None:
         self.taxels.release()
@@ -127,7 +126,7 @@ class _Memory:
 
 
 class LiveWriter:
-    """The engine's side: makes the file and adds rows to it."""
+    """The engine's side: creates the file and appends rows."""
 
     def __init__(
         self,
@@ -145,16 +144,16 @@ class LiveWriter:
             memory = mmap.mmap(descriptor, size)
         finally:
             os.close(descriptor)
-        self._memory = _Memory(memory, n_taxels, taxel_rows, drum_rows)
-        self._memory.header[1:5] = (n_taxels, taxel_rows, drum_rows, 0)
-        self._memory.header[0] = MAGIC
+        self._file = _LiveFile(memory, n_taxels, taxel_rows, drum_rows)
+        self._file.header[1:5] = (n_taxels, taxel_rows, drum_rows, 0)
+        self._file.header[0] = MAGIC
 
     def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
-        """Say which readings the encoder maps to 0 and 1; its version is odd meanwhile."""
-        self._memory.header[4] += 1
-        self._memory.range[0] = low
-        self._memory.range[1] = high
-        self._memory.header[4] += 1
+        """Store the readings that the encoder maps to 0 and 1; the version is odd meanwhile."""
+        self._file.header[4] += 1
+        self._file.range[0] = low
+        self._file.range[1] = high
+        self._file.header[4] += 1
 
     def add_taxels(
         self,
@@ -164,8 +163,8 @@ class LiveWriter:
         flags: NDArray[np.uint8],
         spikes: NDArray[np.uint8],
     ) -> None:
-        """Add samples, oldest first, shapes as in :class:`TaxelWindow`."""
-        self._memory.taxels.append(
+        """Append samples, oldest first, shapes as in :class:`TaxelWindow`."""
+        self._file.taxels.append(
             len(counters),
             time_s=time_s,
             counters=counters,
@@ -183,8 +182,8 @@ class LiveWriter:
         speed_set_mm_s: float,
         state: int,
     ) -> None:
-        """Add load-cell samples, oldest first, with the state of the poll that brought them."""
-        self._memory.drum.append(
+        """Append the load-cell samples of one poll, oldest first, with that poll's state."""
+        self._file.drum.append(
             len(time_s),
             time_s=time_s,
             force_g=force_g,
@@ -195,13 +194,13 @@ class LiveWriter:
         )
 
     def close(self) -> None:
-        """Remove the file; readers that have it open keep what they see."""
-        self._memory.close()
+        """Remove the file; readers that have it open keep their data."""
+        self._file.close()
         self.path.unlink(missing_ok=True)
 
 
 class LiveView:
-    """A window's side: copies of the newest rows, whenever it likes."""
+    """A window's side: copies of the newest rows at any time."""
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
@@ -209,48 +208,48 @@ class LiveView:
         with self.path.open("rb") as file:
             memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         self.n_taxels = n_taxels
-        self._memory = _Memory(memory, n_taxels, taxel_rows, drum_rows)
+        self._file = _LiveFile(memory, n_taxels, taxel_rows, drum_rows)
 
     @property
     def heads(self) -> RowCounts:
         """Rows written so far."""
-        return RowCounts(self._memory.taxels.head, self._memory.drum.head)
+        return RowCounts(self._file.taxels.head, self._file.drum.head)
 
     @property
     def normalisation(self) -> LiveRange:
         """Lowest and highest reading of each taxel, as the live encoder uses them."""
-        low, high = self._memory.range.copy()
-        for _ in range(_RANGE_TRIES):  # an engine killed half way leaves the version odd
-            version = int(self._memory.header[4])
-            low, high = self._memory.range.copy()
-            if version % 2 == 0 and int(self._memory.header[4]) == version:
+        low, high = self._file.range.copy()
+        for _ in range(_RANGE_TRIES):  # a killed engine may leave the version odd
+            version = int(self._file.header[4])
+            low, high = self._file.range.copy()
+            if version % 2 == 0 and int(self._file.header[4]) == version:
                 break
         return LiveRange(low, high)
 
     def taxels(self, n: int) -> TaxelWindow:
-        """The newest ``n`` samples, or as many as there are."""
-        first, rows = self._memory.taxels.newest(n)
+        """Return the newest ``n`` samples, or all if there are fewer."""
+        first, rows = self._file.taxels.newest(n)
         return TaxelWindow(first, **rows)
 
     def drum(self, n: int) -> DrumWindow:
-        """The newest ``n`` load-cell samples, or as many as there are."""
-        first, rows = self._memory.drum.newest(n)
+        """Return the newest ``n`` load-cell samples, or all if there are fewer."""
+        first, rows = self._file.drum.newest(n)
         return DrumWindow(first, **rows)
 
     def close(self) -> None:
-        """Let go of the file."""
-        self._memory.close()
+        """Close the file."""
+        self._file.close()
 
 
 def _read_header(path: Path) -> tuple[int, int, int]:
-    """Taxels, taxel rows and drum rows; RigFault where the file is not a live ring."""
+    """Return taxels, taxel rows and drum rows. Raises RigFault where it is no live-data file."""
     try:
         with path.open("rb") as file:
             words = np.frombuffer(file.read(8 * _HEADER_WORDS), dtype=np.int64)
     except OSError as error:
         raise RigFault(
-            f"live data {path} cannot be opened ({error.strerror}): is the engine still running?"
+            f"live data {path} cannot be opened ({error.strerror}): check that the engine runs"
         ) from error
     if words.shape[0] < _HEADER_WORDS or words[0] != MAGIC:
-        raise RigFault(f"{path} holds no live data of this version: start the engine anew")
+        raise RigFault(f"{path} holds no live data of this version: restart the engine")
     return int(words[1]), int(words[2]), int(words[3])

@@ -1,9 +1,10 @@
 """A ring of rows in a memory-mapped file: one process writes, any number read, none waits.
 
-The writer first says how far it is about to write (``begun``), then writes the rows, then says
-that they are there (``head``). A reader copies the rows it wants and looks at ``begun``
-afterwards: rows that the writer may have touched meanwhile are the oldest ones, and it drops
-them. Both numbers count rows since the file was made, are aligned 64-bit words and never wrap.
+The writer first stores how far it is about to write (``reserved``), then writes the rows, then
+stores that they are complete (``head``). A reader copies the rows it wants and reads ``reserved``
+afterwards: the rows that the writer may have changed meanwhile are the oldest ones, and the reader
+drops them. Both numbers count rows since the file was created, are aligned 64-bit words and never
+wrap.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _COUNTERS_BYTES = 64
 
 
 class RingColumn(NamedTuple):
-    """One column of a ring: its name, element type and elements a row."""
+    """One column of a ring: its name, element type and elements per row."""
 
     name: str
     dtype: DTypeLike
@@ -36,43 +37,43 @@ class RingBuffer:
 
     @property
     def head(self) -> int:
-        """Rows written since the file was made."""
+        """Rows written since the file was created."""
         return int(self._counters[1])
 
     @property
-    def begun(self) -> int:
-        """Rows written or being written since the file was made."""
+    def reserved(self) -> int:
+        """Rows written or being written since the file was created."""
         return int(self._counters[0])
 
     def append(self, count: int, **values: NDArray[Any] | float) -> None:
         """Add ``count`` rows, oldest first: for each column an array, or one value for all."""
         if count > self.rows:
             values = {
-                name: _part(value, count - self.rows, count) for name, value in values.items()
+                name: _slice(value, count - self.rows, count) for name, value in values.items()
             }
             count = self.rows
         head = self.head
         self._counters[0] = head + count
-        place = head % self.rows
-        first = min(count, self.rows - place)
+        start = head % self.rows
+        first = min(count, self.rows - start)
         for name, column in self._columns.items():
-            column[place : place + first] = _part(values[name], 0, first)
+            column[start : start + first] = _slice(values[name], 0, first)
             if count > first:
-                column[: count - first] = _part(values[name], first, count)
+                column[: count - first] = _slice(values[name], first, count)
         self._counters[1] = head + count
 
     def newest(self, n: int) -> tuple[int, Mapping[str, NDArray[Any]]]:
-        """Copies of the newest ``n`` rows or fewer, and the number of the first of them."""
+        """Return the number of the first row, and copies of the newest ``n`` rows or fewer."""
         head = self.head
-        first = max(0, head - n, self.begun - self.rows)
+        first = max(0, head - n, self.reserved - self.rows)
         copies = {name: self._copy(column, first, head) for name, column in self._columns.items()}
-        safe = min(head, max(first, self.begun - self.rows))
+        safe = min(head, max(first, self.reserved - self.rows))
         if safe > first:
             copies = {name: copy[safe - first :] for name, copy in copies.items()}
         return safe, copies
 
     def release(self) -> None:
-        """Let go of the buffer, so that it can be closed."""
+        """Drop all views of the buffer, so that it can be closed."""
         self._counters = np.zeros(2, dtype=np.int64)
         self._columns = {}
 
@@ -84,13 +85,13 @@ class RingBuffer:
         return np.concatenate((column[start:], column[: start + count - self.rows]))
 
 
-def _part(value: NDArray[Any] | float, first: int, behind: int) -> NDArray[Any] | float:
-    return value[first:behind] if isinstance(value, np.ndarray) else value
+def _slice(value: NDArray[Any] | float, start: int, stop: int) -> NDArray[Any] | float:
+    return value[start:stop] if isinstance(value, np.ndarray) else value
 
 
 def ring_bytes(rows: int, columns: Sequence[RingColumn]) -> int:
-    """Size of a ring in bytes."""
-    return _COUNTERS_BYTES + sum(_aligned(_column_bytes(rows, column)) for column in columns)
+    """Return the size of a ring in bytes."""
+    return _COUNTERS_BYTES + sum(_column_bytes(rows, column) for column in columns)
 
 
 def _views(
@@ -100,12 +101,10 @@ def _views(
         count = rows * column.width
         flat = np.frombuffer(buffer, dtype=column.dtype, count=count, offset=offset)
         yield column.name, flat if column.width == 1 else flat.reshape(rows, column.width)
-        offset += _aligned(_column_bytes(rows, column))
+        offset += _column_bytes(rows, column)
 
 
 def _column_bytes(rows: int, column: RingColumn) -> int:
-    return rows * column.width * np.dtype(column.dtype).itemsize
-
-
-def _aligned(size: int) -> int:
+    """Return the size of one column, rounded up to the alignment."""
+    size = rows * column.width * np.dtype(column.dtype).itemsize
     return -(-size // ALIGNMENT_BYTES) * ALIGNMENT_BYTES

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import asdict
 
 from rigctl.acquisition.boards import Boards
-from rigctl.acquisition.health.boards import TAXELS, BoardFigures
+from rigctl.acquisition.health.boards import TAXELS, BoardCounters
 from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus, RecordingStatus, RunStatus
 from rigctl.acquisition.taxels.clock_fit import ClockFit
 from rigctl.values import BoardIdentity
@@ -40,14 +40,14 @@ class StatusBuilder:
         self._boards = boards
         self._rate_meter = RateMeter()
         self._loadcell_lost = 0
-        boards.watch.watch(lambda state: self._count_lost(state.loadcell_lost))
+        boards.drum_poller.subscribe(lambda state: self._count_lost(state.loadcell_lost))
 
     def build(
         self, now_s: float, texture: str | None, recording: RecordingStatus, run: RunStatus
     ) -> EngineStatus:
         """Return the status at loop time ``now_s``."""
         boards = self._boards
-        poller, pipeline, settings = boards.watch, boards.pump, boards.motion.settings
+        poller, pipeline, settings = boards.drum_poller, boards.pipeline, boards.motion.settings
         drum = poller.state
         arrival_s = pipeline.last_arrival_s
         fault = Fault(drum.fault if drum else 0)
@@ -73,28 +73,28 @@ class StatusBuilder:
             actuator_position_um=drum.actuator_position_um if drum else 0,
             tared=bool(bits >> Status.TARED & 1),
             homed=bool(bits >> Status.HOMED & 1),
-            frame_rate_hz=self._rate_meter.update(now_s, pipeline.samples),
+            frame_rate_hz=self._rate_meter.update(now_s, pipeline.sample_count),
             lost_samples=pipeline.lost_samples,
-            gaps=pipeline.gaps,
+            gaps=pipeline.gap_count,
             last_block_age_s=None if arrival_s is None else now_s - arrival_s,
             poll_age_s=now_s - drum.at_s if drum else None,
             poll_retries=poller.drum.retries,
             loadcell_lost=self._loadcell_lost,
-            clock_ppm={"drum": _ppm(poller.clock), "taxels": _ppm(pipeline.clock)},
+            clock_ppm={"drum": _ppm(poller.clock_fit), "taxels": _ppm(pipeline.clock_fit)},
             boards=self._build_boards(),
             recording=recording,
             run=run,
         )
 
     def _build_boards(self) -> dict[str, BoardStatus]:
-        counters = self._boards.health.figures()
+        counters = self._boards.board_health.counters()
         return {
             name: self._build_board(name, identity, counters.get(name))
             for name, identity in self._boards.identities.items()
         }
 
     def _build_board(
-        self, name: str, identity: BoardIdentity, counters: BoardFigures | None
+        self, name: str, identity: BoardIdentity, counters: BoardCounters | None
     ) -> BoardStatus:
         taxels, is_taxels = self._boards.taxels, name == TAXELS
         supply_mv = taxels.status.supply_mv if is_taxels and taxels.status else None
@@ -113,6 +113,6 @@ class StatusBuilder:
         self._loadcell_lost += count
 
 
-def _ppm(clock: ClockFit) -> float | None:
-    estimate = clock.estimate
+def _ppm(clock_fit: ClockFit) -> float | None:
+    estimate = clock_fit.estimate
     return None if estimate is None else estimate.ppm

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rigctl import __version__
-from rigctl.acquisition.protocol.run_request import check_room
+from rigctl.acquisition.protocol.run_request import check_disk_space
 from rigctl.config.resources import source_commit
 from rigctl.errors import ProtocolError
 from rigctl.protocol import Plan, Protocol, RunTrial, load_protocol, parse_protocol
@@ -102,7 +102,7 @@ def generate(
         on_progress(DatasetProgress(len(plan.trials), found.committed, trial_s))
         return True
     left = 1 - found.attempts / max(1, len(plan.trials))
-    check_room(folder, round(1.1 * max(0.0, left) * trial_s * BYTES_PER_SECOND))
+    check_disk_space(folder, round(1.1 * max(0.0, left) * trial_s * BYTES_PER_SECOND))
     exists = bool(found.start_utc)
     header = replace(header, start_utc=found.start_utc) if exists else header
     texts = plan.protocol.text, plan.protocol.config.with_order().to_toml()

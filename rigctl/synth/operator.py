@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rigctl.acquisition.drum.settings import (
-    FARTHEST_STEPS,
-    nearest,
+    MAX_TARGET_STEPS,
+    nearest_steps,
     press_settings,
     rig_settings,
     settle_settings,
-    start_steps,
     trial_settings,
+    trial_start_steps,
 )
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import BoardFault
@@ -64,7 +64,7 @@ class DrumOperator:
         """Write a trial's set-points and move, lifted, to the start of its run-in."""
         self.rig.write_settings(**trial_settings(trial, self._config.drum))
         steps, target = self._start(trial)
-        if not self._homed or abs(target) > FARTHEST_STEPS:
+        if not self._homed or abs(target) > MAX_TARGET_STEPS:
             self._run_command(Command.HOME, State.ARMED)
             self._homed = True
             steps, target = self._start(trial)
@@ -103,8 +103,8 @@ class DrumOperator:
     def _start(self, trial: PlannedTrial) -> tuple[int, int]:
         """Return the drum's present position and the start of the run-in, steps."""
         p, steps_now = self.rig.parameters, int(self.rig.read("steps"))
-        within_turn = start_steps(trial, self._config.drum, p.mm_per_step)
-        return steps_now, nearest(within_turn, steps_now, round(p.steps_per_turn))
+        within_turn = trial_start_steps(trial, self._config.drum, p.mm_per_step)
+        return steps_now, nearest_steps(within_turn, steps_now, round(p.steps_per_turn))
 
     def _send(self, command: Command) -> None:
         if not self.rig.command(command):

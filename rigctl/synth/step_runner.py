@@ -239,7 +239,7 @@ class DatasetStepRunner:
         return max(self._recording.now_s, self._last_poll.at_s if self._last_poll else 0.0)
 
     def _add_block(self, block: Block) -> None:
-        self._cutter.feed(block)
+        self._cutter.add_block(block)
         self._recorder.add_block(block)
 
     def _add_drum(self, state: DrumState) -> None:

@@ -1,4 +1,4 @@
-"""An engine on the virtual rig, for every test of this folder that asks for one."""
+"""A fixture for all tests of this folder: an engine on the virtual rig."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.acquisition.floor import Floor, open_floor
+from tests.acquisition.engine_harness import EngineHarness, open_harness
 
 
 @pytest.fixture
-def floor(tmp_path: Path) -> Iterator[Floor]:
-    """An engine on a virtual rig, not yet serving."""
-    with open_floor(tmp_path) as opened:
+def harness(tmp_path: Path) -> Iterator[EngineHarness]:
+    """Return an engine on a virtual rig that does not serve yet."""
+    with open_harness(tmp_path) as opened:
         yield opened

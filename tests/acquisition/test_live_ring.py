@@ -1,4 +1,4 @@
-"""Live data between processes: what a window sees is whole, in order, and the newest there is."""
+"""Live data between processes: a reader gets complete rows, in order, the newest first of all."""
 
 from __future__ import annotations
 
@@ -41,15 +41,13 @@ def add(writer: LiveWriter, first: int, n: int) -> None:
     )
 
 
-def test_nothing_written_is_nothing_seen(view: LiveView) -> None:
+def test_an_empty_ring_has_no_rows(view: LiveView) -> None:
     assert len(view.taxels(100)) == 0
     assert len(view.drum(100)) == 0
     assert view.heads == (0, 0)
 
 
-def test_the_newest_rows_come_back_in_order_across_the_seam(
-    writer: LiveWriter, view: LiveView
-) -> None:
+def test_the_newest_rows_are_in_order_across_the_wrap(writer: LiveWriter, view: LiveView) -> None:
     for first in range(0, 1000, 20):
         add(writer, first, 20)
     window = view.taxels(200)
@@ -61,7 +59,7 @@ def test_the_newest_rows_come_back_in_order_across_the_seam(
     assert view.heads.taxels == 1000
 
 
-def test_asking_for_more_than_the_ring_holds_gives_what_it_holds(
+def test_a_window_larger_than_the_ring_gives_the_whole_ring(
     writer: LiveWriter, view: LiveView
 ) -> None:
     add(writer, 0, 100)
@@ -71,7 +69,7 @@ def test_asking_for_more_than_the_ring_holds_gives_what_it_holds(
     assert view.taxels(10_000).counters.tolist() == list(range(1000 - ROWS, 1000))
 
 
-def test_load_cell_samples_come_with_the_set_points_of_their_poll(
+def test_load_cell_samples_have_the_set_points_of_their_poll(
     writer: LiveWriter, view: LiveView
 ) -> None:
     writer.add_drum(np.array([1.0, 1.0125]), np.array([499.0, 501.0]), 500.0, 79.9, 80.0, 7)
@@ -82,7 +80,7 @@ def test_load_cell_samples_come_with_the_set_points_of_their_poll(
     assert window.state.tolist() == [7, 7]
 
 
-def test_the_encoders_range_is_seen(writer: LiveWriter, view: LiveView) -> None:
+def test_the_encoders_range_can_be_read(writer: LiveWriter, view: LiveView) -> None:
     low, high = np.arange(18, dtype=np.uint16), np.arange(900, 918, dtype=np.uint16)
     writer.set_range(low, high)
     seen = view.normalisation
@@ -120,10 +118,10 @@ def test_a_reader_in_another_process_never_sees_a_torn_row(tmp_path: Path) -> No
     assert process.exitcode == 0
 
 
-def test_a_file_that_is_no_ring_is_refused(tmp_path: Path) -> None:
+def test_a_file_without_live_data_is_refused(tmp_path: Path) -> None:
     stranger = tmp_path / "notes.txt"
     stranger.write_text("not a ring" * 20)
     with pytest.raises(RigFault, match="no live data"):
         LiveView(stranger)
-    with pytest.raises(RigFault, match="engine still running"):
+    with pytest.raises(RigFault, match="check that the engine runs"):
         LiveView(tmp_path / "absent")

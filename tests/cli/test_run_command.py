@@ -185,11 +185,11 @@ def test_a_killed_client_leaves_the_run_going(place: Path, running: subprocess.P
     running.communicate(timeout=LIMIT_S)
     watch(until_committed(3))
     client = EngineClient.attach()
-    with pytest.raises(EngineRefusal, match="a run is going"):
+    with pytest.raises(EngineRefusal, match="a run is active"):
         client.request("tare")
     assert client.live.heads.taxels > 0
-    engine = client.announcement
-    client.request("abort", limit_s=60)
+    engine = client.engine_file
+    client.request("abort", timeout_s=60)
     client.shut_down()
     while running_engines(runtime_folder()):
         pass

@@ -19,7 +19,7 @@ SEED = 5
 
 @pytest.fixture(scope="session")
 def images() -> Path:
-    """Folder of both boards' compiled images, built when they are not up to date."""
+    """Return the folder of both boards' firmware images, built where they are out of date."""
     root = checkout()
     assert root is not None
     (root / "build").mkdir(exist_ok=True)
@@ -30,8 +30,8 @@ def images() -> Path:
 
 
 @pytest.fixture(scope="module", params=[VIRTUAL, FIRMWARE])
-def at_rig(request: pytest.FixtureRequest) -> Iterator[Operator]:
-    """Somebody at a rig of each kind, both boards connected; one rig for a whole file."""
+def operator(request: pytest.FixtureRequest) -> Iterator[Operator]:
+    """Return the operator of a rig of each kind, both boards connected; one rig per file."""
     if request.param == FIRMWARE:
         request.getfixturevalue("images")
     rig = open_rig(request.param, seed=SEED, paced=False)

@@ -1,4 +1,4 @@
-"""Somebody at the rig: polls with the heartbeat, walks from state to state, keeps a record."""
+"""A scripted operator: polls with the heartbeat, changes states, records states and samples."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from rigctl.wire.drum.states import Fault, State
 Result = TypeVar("Result")
 POLL_S = 0.04
 NOMINAL = WorldParameters()
-WAY = {
+NEXT_COMMAND = {
     State.IDLE: Command.ARM,
     State.ARMED: Command.APPROACH,
     State.HOLD: Command.RUN,
 }
-"""The command that leads on from a state, towards contact."""
+"""The command that leads from a state towards contact."""
 
 
 class Operator:
-    """One simulated rig in the hands of a test. World time passes inside :meth:`run` only."""
+    """The operator of one simulated rig. World time passes inside :meth:`run` only."""
 
     def __init__(self, rig: Rig) -> None:
         assert rig.simulation is not None
@@ -44,7 +44,7 @@ class Operator:
         rig.taxels.on_fault(self.taxel_faults.append)
 
     def run(self, work: Coroutine[Any, Any, Result]) -> Result:
-        """Do ``work`` while the world goes on."""
+        """Run ``work`` in the rig's loop."""
         return self.rig.loop.run_until_complete(work)
 
     @property
@@ -63,17 +63,17 @@ class Operator:
         return Fault(self.states[-1].fault)
 
     def shows(self, status: Status) -> bool:
-        """A status bit of the newest poll."""
+        """Return a status bit of the newest poll."""
         return bool(self.states[-1].status_bits >> status & 1)
 
-    def forget(self) -> None:
+    def clear_record(self) -> None:
         """Begin a new record."""
         self.states.clear()
         self.blocks.clear()
         self.taxel_faults.clear()
 
     async def connect(self) -> None:
-        """Both boards; their settings as the nominal rig has them."""
+        """Connect both boards."""
         await self.drum.connect()
         await self.taxels.connect()
         await self.drum.poll()
@@ -91,7 +91,7 @@ class Operator:
         raise AssertionError(f"not done within {limit_s} s: {self.state.name}, {self.fault.name}")
 
     async def watch(self, seconds: float, beat: bool = True) -> None:
-        """Poll for some time."""
+        """Poll for this time."""
         end_s = self.now_s + seconds
         await self.until(lambda state: self.now_s >= end_s, seconds + 1, beat)
 
@@ -100,7 +100,7 @@ class Operator:
         return await self.until(lambda now: now.state == state, limit_s)
 
     async def reach(self, goal: State) -> None:
-        """From whatever state, to IDLE, ARMED, HOLD or RUN."""
+        """Go from any state to IDLE, ARMED, HOLD or RUN."""
         await self._make_sound()
         if State(self.states[-1].state) not in (State.IDLE, goal):
             await self.drum.stop()
@@ -110,7 +110,7 @@ class Operator:
         while self.state is not goal:
             if self.state is State.ARMED and not self.shows(Status.TARED):
                 await self.do(Command.TARE)
-            command = WAY[self.state]
+            command = NEXT_COMMAND[self.state]
             await self.drum.command(command)
             await self.until(lambda s, c=command: s.state == goal or _done(s))
 
@@ -120,7 +120,7 @@ class Operator:
         return await self.until(_done, limit_s)
 
     async def _make_sound(self) -> None:
-        """Connected, and no fault latched."""
+        """Reconnect and clear a latched fault where necessary."""
         if not self.taxels.connected:
             await self.taxels.connect()
         if not self.drum.connected:
@@ -132,26 +132,26 @@ class Operator:
 
     @property
     def counters(self) -> NDArray[np.int64]:
-        """Counters of every sample heard."""
+        """Counters of all received samples."""
         return np.concatenate([block.counters for block in self.blocks])
 
     @property
     def flags(self) -> NDArray[np.uint8]:
-        """Flags of every sample heard."""
+        """Flags of all received samples."""
         return np.concatenate([block.flags for block in self.blocks])
 
     @property
     def edges(self) -> NDArray[np.uint8]:
-        """Edge counts of every sample heard."""
+        """Edge counts of all received samples."""
         return np.concatenate([block.edges for block in self.blocks])
 
     @property
     def samples(self) -> NDArray[np.uint16]:
-        """Readings of every sample heard."""
+        """Readings of all received samples."""
         return np.concatenate([block.samples for block in self.blocks])
 
     async def lost(self, ask: Callable[[], Coroutine[Any, Any, object]]) -> float:
-        """Seconds until ``ask``, repeated 25 times a second, says that the link is lost."""
+        """Return the seconds until ``request``, repeated 25 times a second, reports a lost link."""
         start_s = self.now_s
         while self.now_s - start_s < 2.0:
             try:

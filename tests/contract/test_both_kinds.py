@@ -1,4 +1,4 @@
-"""The same trials on virtual boards and on chips: one firmware, so one course and one outcome."""
+"""The same trials on virtual boards and on chips: one firmware, so the same states and results."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ AT_REST = (
     "settings_from",
 )
 NOISY = {"tare_counts", "stiffness_g_per_mm", "heartbeat", "command_sequence"}
-"""What the load cell's noise or the number of polls decides."""
+"""Registers that depend on the load cell's noise or on the number of polls."""
 STIFFNESS = 0.03
 
 
 @dataclass
 class Course:
-    """What one kind of rig did."""
+    """The results of one kind of rig."""
 
     states: list[State] = field(default_factory=list)
     registers: dict[str, float] = field(default_factory=dict)
@@ -78,13 +78,13 @@ async def just_after_a_conversion(at: Operator) -> None:
 
 
 async def do_trial(at: Operator, course: Course, speed_mm_s: float, force_g: float) -> None:
-    """One contact; the truth of it, and the samples of its window."""
+    """Make one contact; return its ground truth and the samples of its window."""
     await at.drum.set(speed_set=speed_mm_s, force_set=force_g, travel_set=TRAVEL_MM)
     await at.do(Command.HOME, 20.0)  # all the way up: the way down is as long on both
     await at.drum.set(move_target=1280.0)
     await at.do(Command.MOVE, 20.0)
     await just_after_a_conversion(at)
-    at.forget()
+    at.clear_record()
     at.simulation.truth.take()
     await at.do(Command.APPROACH, 20.0)
     await at.watch(REST_S)
@@ -102,7 +102,7 @@ async def do_trial(at: Operator, course: Course, speed_mm_s: float, force_g: flo
 
 
 async def play(at: Operator, course: Course) -> None:
-    """Connect, arm, tare, home, and all trials on each plate."""
+    """Connect, arm, tare, home, and run all trials on each plate."""
     await at.connect()
     await at.drum.set(clock_trim_ppm=at.clocks_ppm["drum"], run_in_set=60.0)
     await at.reach(State.ARMED)
@@ -134,11 +134,11 @@ def courses(images: object) -> Iterator[tuple[Course, Course]]:
 
 
 def changes(states: list[State]) -> list[State]:
-    """Each state once for as long as it lasts."""
+    """Return the states in order, without repeats."""
     return [s for i, s in enumerate(states) if i == 0 or states[i - 1] is not s]
 
 
-def test_both_go_through_the_same_states(courses: tuple[Course, Course]) -> None:
+def test_both_have_the_same_states(courses: tuple[Course, Course]) -> None:
     virtual, chips = courses
     assert changes(virtual.states) == changes(chips.states)
     assert State.RUN in virtual.states

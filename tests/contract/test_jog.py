@@ -1,4 +1,4 @@
-"""The drum turned by hand, lifted: so many millimetres of texture, on both kinds of boards."""
+"""Jogging the lifted drum by millimetres of texture, on both kinds of boards."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.drum.poller import DrumPoller
-from rigctl.acquisition.drum.settings import jog_target
+from rigctl.acquisition.drum.settings import jog_target_steps
 from rigctl.config.rig_config import DrumGeometry, RigConfig
 from rigctl.errors import CommandRefused, WrongUse
 from rigctl.wire.drum.codes import Command
@@ -23,56 +23,62 @@ FORWARDS, BACKWARDS = RigConfig(), RigConfig(drum=DrumGeometry(backwards=True))
 Work = Callable[[DrumMotion], Awaitable[None]]
 
 
-def turned_mm(at_rig: Operator) -> float:
-    """Travel of the texture since power-up, as the world logged it."""
-    return float(at_rig.simulation.truth.arrays().speed_mm_s.sum()) * 1e-3
+def turned_mm(operator: Operator) -> float:
+    """Return the travel of the texture since power-up, from the ground truth."""
+    return float(operator.simulation.truth.arrays().speed_mm_s.sum()) * 1e-3
 
 
-def by_hand(at_rig: Operator, work: Work, config: RigConfig = FORWARDS) -> None:
-    """Do ``work`` with the drum armed and polled as the engine polls it."""
+def by_hand(operator: Operator, work: Work, config: RigConfig = FORWARDS) -> None:
+    """Do ``work`` with the drum armed and polled as in the engine."""
 
     async def main() -> None:
-        await at_rig.reach(State.ARMED)
-        watch = DrumPoller(
-            at_rig.drum, at_rig.rig.loop, lambda: True, lambda why: None, lambda who, anew: None
+        await operator.reach(State.ARMED)
+        poller = DrumPoller(
+            operator.drum,
+            operator.rig.loop,
+            lambda: True,
+            lambda why: None,
+            lambda identity, rebooted: None,
         )
-        await watch.connect()
-        polling = asyncio.ensure_future(watch.run())
+        await poller.connect()
+        polling = asyncio.ensure_future(poller.run())
         try:
-            await watch.turn()
-            await work(DrumMotion(watch, config))
+            await poller.wait_turn()
+            await work(DrumMotion(poller, config))
         finally:
             polling.cancel()
             await asyncio.gather(polling, return_exceptions=True)
 
-    at_rig.run(main())
+    operator.run(main())
 
 
 @pytest.mark.parametrize("config", [FORWARDS, BACKWARDS], ids=["forwards", "backwards"])
-def test_the_drum_turns_by_what_was_asked_and_says_so(at_rig: Operator, config: RigConfig) -> None:
+def test_a_jog_turns_by_the_requested_travel_and_reports_it(
+    operator: Operator, config: RigConfig
+) -> None:
     sign = -1 if config.drum.backwards else 1
 
     async def work(motion: DrumMotion) -> None:
         for mm in (10.0, 1.0, -1.0, -10.0, 123.4):
-            before_mm = turned_mm(at_rig)
+            before_mm = turned_mm(operator)
             assert await motion.jog(mm) == pytest.approx(mm, abs=STEP_MM)
-            await motion.watch.turn()
-            assert sign * (turned_mm(at_rig) - before_mm) == pytest.approx(mm, abs=STEP_MM)
+            await motion.poller.wait_turn()
+            assert sign * (turned_mm(operator) - before_mm) == pytest.approx(mm, abs=STEP_MM)
 
-    by_hand(at_rig, work, config)
+    by_hand(operator, work, config)
 
 
-def test_it_keeps_to_one_turn_and_to_what_the_board_takes(at_rig: Operator) -> None:
+def test_a_jog_stays_within_one_turn_and_the_boards_limits(operator: Operator) -> None:
     async def work(motion: DrumMotion) -> None:
         for mm in (401.0, -401.0, float("nan")):
             with pytest.raises(WrongUse, match="more than a turn"):
                 await motion.jog(mm)
         assert await motion.jog(0.01) == 0.0
 
-    by_hand(at_rig, work)
+    by_hand(operator, work)
 
 
-def test_it_is_refused_in_words_unless_armed(at_rig: Operator) -> None:
+def test_a_jog_is_refused_with_a_sentence_unless_armed(operator: Operator) -> None:
     async def work(motion: DrumMotion) -> None:
         for command, state, words in (
             (Command.TARE, State.ARMED, ""),
@@ -80,35 +86,39 @@ def test_it_is_refused_in_words_unless_armed(at_rig: Operator) -> None:
             (Command.RETRACT, State.ARMED, ""),
             (Command.DISARM, State.IDLE, "the drum is 'off'"),
         ):
-            await motion.command(command)
-            await motion.watch.until(
-                lambda now, goal=state: now.state == goal and motion.ended(now), 15, "the way"
+            await motion.send_command(command)
+            await motion.poller.wait_until(
+                lambda now, goal=state: now.state == goal and motion.is_command_finished(now),
+                15,
+                "the way",
             )
             if words:
-                with pytest.raises(CommandRefused, match=f"{words}.*armed and lifted only"):
+                with pytest.raises(
+                    CommandRefused, match=f"{words}.*only while it is armed and lifted"
+                ):
                     await motion.jog(1.0)
 
-    by_hand(at_rig, work)
+    by_hand(operator, work)
 
 
-def test_a_stop_ends_it_on_the_way(at_rig: Operator) -> None:
+def test_a_stop_ends_a_jog(operator: Operator) -> None:
     async def work(motion: DrumMotion) -> None:
-        before_mm = turned_mm(at_rig)
+        before_mm = turned_mm(operator)
         jogging = asyncio.ensure_future(motion.jog(300.0))
-        await motion.watch.until(lambda now: now.speed_mm_s > 100, 5, "getting going")
-        await motion.watch.drum.stop()
+        await motion.poller.wait_until(lambda now: now.speed_mm_s > 100, 5, "getting going")
+        await motion.poller.drum.stop()
         moved_mm = await jogging
         assert 0 < moved_mm < 200
-        await motion.watch.turn()
-        assert motion.watch.healthy().state == State.ARMED
-        assert turned_mm(at_rig) - before_mm == pytest.approx(moved_mm, abs=STEP_MM)
+        await motion.poller.wait_turn()
+        assert motion.poller.healthy_state().state == State.ARMED
+        assert turned_mm(operator) - before_mm == pytest.approx(moved_mm, abs=STEP_MM)
 
-    by_hand(at_rig, work)
+    by_hand(operator, work)
 
 
-def test_the_target_stays_within_what_the_register_takes() -> None:
+def test_the_target_stays_within_the_registers_limits() -> None:
     most = BY_NAME["move_target"].high
     drum = FORWARDS.drum
-    assert jog_target(most - 10, 10.0, drum, STEP_MM) == most
-    assert jog_target(10 - most, -10.0, drum, STEP_MM) == -most
-    assert jog_target(0, 1.0, BACKWARDS.drum, STEP_MM) == -32
+    assert jog_target_steps(most - 10, 10.0, drum, STEP_MM) == most
+    assert jog_target_steps(10 - most, -10.0, drum, STEP_MM) == -most
+    assert jog_target_steps(0, 1.0, BACKWARDS.drum, STEP_MM) == -32

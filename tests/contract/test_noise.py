@@ -1,4 +1,4 @@
-"""Noise on the drum's line is borne whatever its seed; polls are asked again in time."""
+"""Noise on the drum's line, with several seeds: polls repeat in time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.contract.operator import Operator
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13])
-def test_a_noisy_drum_line_is_borne_whatever_the_noise(seed: int) -> None:
+def test_a_noisy_drum_line_is_tolerated_for_every_seed(seed: int) -> None:
     rig = open_rig(VIRTUAL, seed=seed, paced=False)
     asyncio.set_event_loop(rig.loop)
     operator = Operator(rig)

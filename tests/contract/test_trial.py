@@ -1,4 +1,4 @@
-"""One trial on both kinds of boards, from power-up to lifted, looked at from all sides."""
+"""One trial on both kinds of boards, from power-up to lifted."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MM_PER_STEP = 0.03125
 
 @dataclass
 class Trial:
-    """The record of one trial and what the world knows of it."""
+    """The record of one trial with its ground truth."""
 
     states: list[DrumState]
     counters: NDArray[np.int64]
@@ -40,67 +40,67 @@ class Trial:
 
     @property
     def window(self) -> NDArray[np.intp]:
-        """Milliseconds of world time in which sync was high."""
+        """Return the milliseconds of world time in which sync was high."""
         return np.flatnonzero(self.sync)
 
     @property
     def sample_window(self) -> NDArray[np.intp]:
-        """Rows of samples taken with sync high."""
+        """Return the rows of samples with sync high."""
         return np.flatnonzero(self.flags & Flag.SYNC)
 
 
-async def perform(at_rig: Operator) -> Trial:
+async def perform(operator: Operator) -> Trial:
     """Arm, tare, home, move to the plate's start, approach, run, retract."""
-    drum, refused = at_rig.drum, []
-    at_rig.simulation.set_plate("G")
+    drum, refused = operator.drum, []
+    operator.simulation.set_plate("G")
     await drum.set(
         speed_set=SPEED_MM_S,
         force_set=FORCE_G,
         travel_set=TRAVEL_MM,
         run_in_set=RUN_IN_MM,
-        clock_trim_ppm=at_rig.clocks_ppm["drum"],
+        clock_trim_ppm=operator.clocks_ppm["drum"],
     )
-    await at_rig.watch(0.2)
+    await operator.watch(0.2)
     for command in (Command.ARM, Command.TARE, Command.HOME):
-        await at_rig.do(command)
+        await operator.do(command)
     await drum.set(move_target=PLATE_START_MM / MM_PER_STEP)
-    await at_rig.do(Command.MOVE)
-    await at_rig.do(Command.APPROACH)
+    await operator.do(Command.MOVE)
+    await operator.do(Command.APPROACH)
     for command in (Command.MOVE, Command.TARE, Command.HOME, Command.ARM, Command.CLEAR):
         try:
             await drum.command(command)
         except CommandRefused:
             refused.append(command.name)
-    run_from = len(at_rig.states)
-    await at_rig.do(Command.RUN)
-    await at_rig.do(Command.RETRACT)
-    await at_rig.watch(0.1)
-    truth = at_rig.simulation.truth.arrays()
+    run_from = len(operator.states)
+    await operator.do(Command.RUN)
+    await operator.do(Command.RETRACT)
+    await operator.watch(0.1)
+    truth = operator.simulation.truth.arrays()
     return Trial(
-        list(at_rig.states),
-        at_rig.counters,
-        at_rig.samples,
-        at_rig.flags,
-        at_rig.edges,
+        list(operator.states),
+        operator.counters,
+        operator.samples,
+        operator.flags,
+        operator.edges,
         truth.speed_mm_s,
         truth.force_g,
         truth.sync,
         run_from,
         refused,
-        at_rig.taxels.counters.lost,
-        at_rig.clocks_ppm["taxels"],
+        operator.taxels.counters.lost,
+        operator.clocks_ppm["taxels"],
     )
 
 
 @pytest.fixture(scope="module")
-def trial(at_rig: Operator) -> Trial:
-    """The trial of each kind of rig, performed once."""
-    at_rig.forget()
-    return at_rig.run(perform(at_rig))
+def trial(operator: Operator) -> Trial:
+    """Run the trial once on each kind of rig."""
+    operator.clear_record()
+    return operator.run(perform(operator))
 
 
 def visited(states: list[DrumState]) -> list[State]:
-    """States in order, repeats left out."""
+    """Return the states in order, without repeats."""
     seen = [State(s.state) for s in states]
     return [seen[0]] + [b for a, b in pairwise(seen) if a is not b]
 
@@ -165,7 +165,7 @@ def test_sync_is_high_once_for_the_travel_set_after_the_run_in(trial: Trial) -> 
     assert run_in_mm == pytest.approx(RUN_IN_MM, abs=2 * SPEED_MM_S * 1e-3)
 
 
-def test_the_boards_report_of_the_window_is_the_window(trial: Trial) -> None:
+def test_the_board_reports_the_window(trial: Trial) -> None:
     before, after = trial.states[trial.run_from - 1], trial.states[-1]
     assert after.sync_count == before.sync_count + 1
     duration_s = (after.sync_fall_us - after.sync_rise_us) * 1e-6
@@ -207,7 +207,7 @@ def test_touch_raises_the_readings(trial: Trial) -> None:
     assert (touched < lifted - 10).sum() == 0
 
 
-def test_after_the_retract_the_drum_stands_clear(trial: Trial) -> None:
+def test_after_the_retract_the_drum_is_clear(trial: Trial) -> None:
     last = trial.states[-1]
     assert (last.speed_mm_s, last.actuator_drive_permille) == (0.0, 0)
     assert trial.force_g[-1] == 0

@@ -1,4 +1,4 @@
-"""A board soldered as drawn shows each taxel at its place, on both kinds of simulated boards."""
+"""A sensor soldered as drawn shows each taxel at its place, on both kinds of simulated boards."""
 
 from __future__ import annotations
 

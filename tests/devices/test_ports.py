@@ -23,6 +23,7 @@ from rigctl.rig import open_rig
 from rigctl.wire.taxels import frames
 from tests.devices.bench import RegisterBoard
 from tests.devices.test_taxels import StreamingBoard
+from tests.wire import taxel_encoder
 
 
 def ports_cli(argv: list[str]) -> int:
@@ -55,7 +56,7 @@ class TerminalLink:
 def warm_kernels() -> None:
     """Compile before the clock runs."""
     empty = np.zeros(0, np.uint8)
-    frames.encode_data(np.zeros(0, np.int64), np.zeros((0, 18), np.uint16), empty, empty)
+    taxel_encoder.encode_data(np.zeros(0, np.int64), np.zeros((0, 18), np.uint16), empty, empty)
     frames.FrameDecoder()
 
 

@@ -15,6 +15,7 @@ from rigctl.values import Block
 from rigctl.wire.taxels import frames
 from rigctl.wire.taxels.self_test import SelfTest
 from tests.devices.bench import JumpingLoop, MemoryLink, run
+from tests.wire import taxel_encoder
 
 IDENTITY = frames.TaxelIdentity(
     firmware_version=0x0102, build_hash=0xDEADBEEF, boot_count=7, reset_cause=2
@@ -38,21 +39,21 @@ class StreamingBoard:
 
     def asked(self, data: bytes) -> None:
         if data == frames.encode_request(frames.IDENTIFY) and self.identity and not self.silent:
-            self._link.say(frames.encode_identity(self.identity), 0.001)
-            self._link.say(frames.encode_self_test(self.tested), 0.001)
+            self._link.say(taxel_encoder.encode_identity(self.identity), 0.001)
+            self._link.say(taxel_encoder.encode_self_test(self.tested), 0.001)
         elif data == frames.encode_request(frames.SELF_TEST) and not self.silent:
             self.tested = replace(self.tested, count=self.tested.count + 1)
-            self._link.say(frames.encode_self_test(self.tested), 0.021)
+            self._link.say(taxel_encoder.encode_self_test(self.tested), 0.021)
 
     def tick(self) -> None:
         counters = np.arange(self.counter, self.counter + 10)
         self.counter += 10
         samples = (counters[:, None] + np.arange(18)).astype(np.uint16) % 1024
         flags = np.zeros(10, np.uint8)
-        data = frames.encode_data(counters, samples, flags, flags)
+        data = taxel_encoder.encode_data(counters, samples, flags, flags)
         if self.counter % 100 == 0:
             boots = self.identity.boot_count if self.identity else 0
-            data += frames.encode_status(
+            data += taxel_encoder.encode_status(
                 replace(STATUS, sample_counter=self.counter, boot_count=boots)
             )
         if not self.silent:
@@ -63,7 +64,7 @@ class StreamingBoard:
         assert self.identity is not None
         self.counter = 0
         self.identity = replace(self.identity, boot_count=self.identity.boot_count + 1)
-        self._link.say(frames.encode_identity(self.identity))
+        self._link.say(taxel_encoder.encode_identity(self.identity))
 
 
 class Listener:

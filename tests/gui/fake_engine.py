@@ -97,7 +97,7 @@ class FakeEngine:
     """A replacement for EngineClient."""
 
     def __init__(self, folder: Path, seed: int = 0) -> None:
-        self.announcement = EngineFile("fake", 1, 9, "", "virtual", "")
+        self.engine_file = EngineFile("fake", 1, 9, "", "virtual", "")
         self.requests: list[tuple[str, dict[str, Any]]] = []
         self.status = deepcopy(STATUS)
         self.refusals: dict[str, str] = {}
@@ -138,7 +138,7 @@ class FakeEngine:
             self.live.close()
             self._writer.close()
 
-    def shut_down(self, limit_s: float = 30.0) -> int | None:
+    def shut_down(self, timeout_s: float = 30.0) -> int | None:
         """Close, as the engine would end."""
         self.close()
         return 0

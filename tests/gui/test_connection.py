@@ -132,9 +132,9 @@ def test_run_continues_without_the_window(app: QApplication, tmp_path: Path) -> 
     class Watched(FakeEngine):
         shut = False
 
-        def shut_down(self, limit_s: float = 30.0) -> int | None:
+        def shut_down(self, timeout_s: float = 30.0) -> int | None:
             self.shut = True
-            return super().shut_down(limit_s)
+            return super().shut_down(timeout_s)
 
     engine = Watched(tmp_path)
     window = MainWindow(lambda rig, world: engine)

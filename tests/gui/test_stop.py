@@ -16,10 +16,10 @@ from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import (
     FOLDER_VARIABLE,
     EngineFile,
-    announce,
     runtime_folder,
+    write_engine_file,
 )
-from rigctl.acquisition.rpc.server import listen
+from rigctl.acquisition.rpc.server import open_listener
 from rigctl.wire.drum.states import State
 from tests.gui.steps import Bench, click, press_escape, wait_until
 
@@ -122,7 +122,7 @@ def test_window_without_connection_stops_a_running_protocol(
     engine = start_protocol(tmp_path)
     try:
         press_escape(bench.window)
-        text = f"STOP reached virtual (process {engine.announcement.pid})"
+        text = f"STOP reached virtual (process {engine.engine_file.pid})"
         wait_until(lambda: bench.window.status_line.text() == text)
         assert wait_ended(engine)["state"] == "aborted"
     finally:
@@ -134,7 +134,7 @@ def test_window_stops_its_own_engine_first_then_all_others(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
-    announce(runtime_folder(), replace(bench.engine.announcement, pid=os.getpid()))
+    write_engine_file(runtime_folder(), replace(bench.engine.engine_file, pid=os.getpid()))
     engine = start_protocol(tmp_path)
     try:
         click(bench.window.toolbar.stop_button)
@@ -151,11 +151,11 @@ def test_hanging_engine_is_reported_without_blocking_the_window(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
-    monkeypatch.setattr(stop_all, "ANSWER_S", 0.2)
-    with listen() as mute:
+    monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.2)
+    with open_listener() as mute:
         port = mute.getsockname()[1]
         engine = EngineFile("mute", os.getpid(), port, "", "bench.toml", "")
-        announce(runtime_folder(), engine)
+        write_engine_file(runtime_folder(), engine)
         click(bench.window.toolbar.stop_button)
         assert bench.engine.commands == ["stop"]
         wait_until(lambda: "STOP did not reach bench.toml" in bench.window.status_line.text())

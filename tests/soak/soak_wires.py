@@ -9,7 +9,8 @@ import pytest
 
 from rigctl.rig import Rig, open_rig
 from rigctl.wire.drum.register_table import SETTINGS
-from rigctl.wire.taxels.frames import FrameDecoder, encode_data
+from rigctl.wire.taxels.frames import FrameDecoder
+from tests.wire.taxel_encoder import encode_data
 
 DECODER_BYTES = 20_000_000
 DRUM_BYTES = 1_000_000

@@ -21,7 +21,7 @@ from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 from rigctl.synth import step_runner
 from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, load_plan
-from tests.acquisition.floor import open_floor
+from tests.acquisition.engine_harness import open_harness
 
 TEXT = """
 name = "tiny"
@@ -195,9 +195,9 @@ def test_an_interrupted_one_is_a_session_that_opens(protocol: Path, tmp_path: Pa
 
 def test_it_is_like_a_trial_of_the_whole_virtual_rig(made: Path, tmp_path: Path) -> None:
     """Tolerances are those of docs/reference/synth.md."""
-    with open_floor(tmp_path, SEED) as floor:
-        floor.record(TEXT.replace("repeats = 7", "repeats = 1"))
-        real_folder = floor.session
+    with open_harness(tmp_path, SEED) as harness:
+        harness.record(TEXT.replace("repeats = 7", "repeats = 1"))
+        real_folder = harness.session
     with Session.open(made) as synth, Session.open(real_folder) as real:
         for one, other in zip(synth.committed(), real.committed(), strict=True):
             row = synth.trials[one]

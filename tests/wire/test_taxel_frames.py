@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rigctl.values import Block
 from rigctl.wire.taxels import frames as taxels
 from rigctl.wire.taxels.frames import Decoded, Flag, FrameDecoder
+from tests.wire import taxel_encoder
 
 IDENTITY = taxels.TaxelIdentity(
     firmware_version=0x0102, build_hash=0xDEADBEEF, boot_count=7, reset_cause=2
@@ -23,7 +24,7 @@ STATUS = taxels.TaxelStatus(0, 0, 1, 320, 5012, 2, 7, 900, 480, 3, 8)
 
 
 def stream(counters: NDArray[np.int64], seed: int = 1) -> bytes:
-    return taxels.encode_data(counters, *readings(counters, seed))
+    return taxel_encoder.encode_data(counters, *readings(counters, seed))
 
 
 def readings(
@@ -69,7 +70,7 @@ def only(pieces: list[Decoded]) -> Block:
 def test_a_frame_has_33_bytes_and_zlibs_crc() -> None:
     wire = stream(np.arange(1))
     assert len(wire) == taxels.FRAME_BYTES == 33
-    body = taxels.unframe(wire[:-1])
+    body = taxel_encoder.unframe(wire[:-1])
     assert body is not None
     assert body[0] == 0x11
     assert wire == taxels.frame(body)
@@ -81,7 +82,9 @@ def test_a_frame_has_33_bytes_and_zlibs_crc() -> None:
 def test_what_was_encoded_comes_back(first: int, n: int, seed: int) -> None:
     counters = np.arange(first, first + n)
     samples, flags, edges = readings(counters, seed)
-    block = only([FrameDecoder().feed(taxels.encode_data(counters, samples, flags, edges), 1.5)])
+    block = only(
+        [FrameDecoder().feed(taxel_encoder.encode_data(counters, samples, flags, edges), 1.5)]
+    )
     np.testing.assert_array_equal(block.counters % 65536, counters % 65536)
     np.testing.assert_array_equal(np.diff(block.counters), 1)
     np.testing.assert_array_equal(block.samples, samples)
@@ -93,12 +96,12 @@ def test_what_was_encoded_comes_back(first: int, n: int, seed: int) -> None:
 
 def test_status_identity_and_requests_come_back() -> None:
     decoded = FrameDecoder().feed(
-        taxels.encode_identity(IDENTITY) + taxels.encode_status(STATUS), 0.0
+        taxel_encoder.encode_identity(IDENTITY) + taxel_encoder.encode_status(STATUS), 0.0
     )
     assert decoded.identities == (IDENTITY,)
     assert decoded.statuses == (STATUS,)
     assert decoded.block is None
-    assert taxels.unframe(taxels.encode_request(taxels.IDENTIFY)[:-1]) == b"\x01"
+    assert taxel_encoder.unframe(taxels.encode_request(taxels.IDENTIFY)[:-1]) == b"\x01"
 
 
 pieces_of_a_stream = st.lists(
@@ -114,9 +117,9 @@ def test_any_slicing_gives_the_same(parts: list[str | bytes], cuts: list[int]) -
         if part == "data":
             wire += stream(np.arange(3 * i, 3 * i + 2))
         elif part == "status":
-            wire += taxels.encode_status(replace(STATUS, sample_counter=3 * i + 2))
+            wire += taxel_encoder.encode_status(replace(STATUS, sample_counter=3 * i + 2))
         elif part == "identity":
-            wire += taxels.encode_identity(IDENTITY)
+            wire += taxel_encoder.encode_identity(IDENTITY)
         elif isinstance(part, bytes):
             wire += part
     whole, _ = decode_slices(wire, [])
@@ -143,7 +146,7 @@ def test_every_lost_sample_is_counted(kept: list[bool], first: int) -> None:
     kept = [True, *kept, True]
     counters = np.flatnonzero(kept) + first
     decoder = FrameDecoder()
-    decoder.feed(taxels.encode_status(replace(STATUS, sample_counter=first)), 0.0)
+    decoder.feed(taxel_encoder.encode_status(replace(STATUS, sample_counter=first)), 0.0)
     block = only([decoder.feed(stream(counters), 0.0)])
     lost = [i for g in block.gaps for i in range(g.first_counter, g.first_counter + g.count)]
     np.testing.assert_array_equal(block.counters, counters)
@@ -154,7 +157,9 @@ def test_a_gap_says_who_lost_the_samples() -> None:
     counters = np.array([0, 1, 4, 5, 9])
     samples, flags, edges = readings(counters)
     flags = np.array([0, 0, 2, 2, 2], np.uint8) << taxels.DROPS_SHIFT
-    block = only([FrameDecoder().feed(taxels.encode_data(counters, samples, flags, edges), 0.0)])
+    block = only(
+        [FrameDecoder().feed(taxel_encoder.encode_data(counters, samples, flags, edges), 0.0)]
+    )
     assert [(g.first_counter, g.count, g.reason) for g in block.gaps] == [
         (2, 2, "dropped by the board"),
         (6, 3, "lost on the line"),
@@ -166,7 +171,7 @@ def test_the_counter_runs_on_across_the_wrap_of_its_16_bits_with_status_frames_b
     seen: list[int] = []
     for first in range(0, 140_000, 100):
         wire = stream(np.arange(first, first + 100))
-        wire += taxels.encode_status(replace(STATUS, sample_counter=first + 100))
+        wire += taxel_encoder.encode_status(replace(STATUS, sample_counter=first + 100))
         decoded = decoder.feed(wire, 0.0)
         assert decoded.reboots == 0
         assert decoded.block is not None
@@ -181,7 +186,7 @@ def test_a_long_silence_is_counted_through_the_status_frame() -> None:
     decoder.resync()
     assert decoder.waiting
     assert decoder.feed(stream(np.arange(200_000, 200_020)), 200.0).blocks == ()
-    decoder.feed(taxels.encode_status(replace(STATUS, sample_counter=200_020)), 200.0)
+    decoder.feed(taxel_encoder.encode_status(replace(STATUS, sample_counter=200_020)), 200.0)
     block = only([decoder.feed(stream(np.arange(200_020, 200_040)), 200.0)])
     assert block.counters[0] == 200_020
     assert [(g.first_counter, g.count) for g in block.gaps] == [(1000, 199_020)]
@@ -193,7 +198,7 @@ def test_joining_a_running_stream_waits_for_the_whole_counter(counter: int) -> N
     decoder.resync()
     torn = stream(np.arange(counter, counter + 1))[20:]
     assert decoder.feed(torn + stream(np.arange(counter + 1, counter + 50)), 0.0).blocks == ()
-    status = taxels.encode_status(replace(STATUS, sample_counter=counter + 50))
+    status = taxel_encoder.encode_status(replace(STATUS, sample_counter=counter + 50))
     decoded = decoder.feed(status + stream(np.arange(counter + 50, counter + 150)), 0.0)
     block = only([decoded])
     np.testing.assert_array_equal(block.counters, np.arange(counter + 50, counter + 150))
@@ -204,21 +209,21 @@ def test_the_32_bits_of_the_status_counter_wrap_too() -> None:
     decoder = FrameDecoder()
     decoder.resync()
     first = 2**32 - 150
-    decoder.feed(taxels.encode_status(replace(STATUS, sample_counter=first)), 0.0)
+    decoder.feed(taxel_encoder.encode_status(replace(STATUS, sample_counter=first)), 0.0)
     for start in range(first, first + 400, 100):
         wire = stream(np.arange(start, start + 100))
         status = replace(STATUS, sample_counter=(start + 100) % 2**32)
-        block = only([decoder.feed(wire + taxels.encode_status(status), 0.0)])
+        block = only([decoder.feed(wire + taxel_encoder.encode_status(status), 0.0)])
         assert (block.counters[0], block.gaps) == (start, ())
 
 
 @pytest.mark.parametrize("told_by", ["identity", "status", "counter"])
 def test_a_reboot_is_reported_and_counting_starts_anew(told_by: str) -> None:
-    wire = taxels.encode_identity(IDENTITY) + stream(np.arange(300))
+    wire = taxel_encoder.encode_identity(IDENTITY) + stream(np.arange(300))
     if told_by == "identity":
-        wire += taxels.encode_identity(replace(IDENTITY, boot_count=8))
+        wire += taxel_encoder.encode_identity(replace(IDENTITY, boot_count=8))
     elif told_by == "status":
-        wire += taxels.encode_status(replace(STATUS, boot_count=8))
+        wire += taxel_encoder.encode_status(replace(STATUS, boot_count=8))
     pieces, _ = decode_slices(wire + stream(np.arange(50)), [])
     before, after = pieces[-1].blocks
     assert pieces[-1].reboots == 1
@@ -232,7 +237,7 @@ def test_flags_and_edge_counts_stand_where_the_reference_says() -> None:
     samples = np.zeros((1, 18), np.uint16)
     flags = np.array([Flag.SYNC | Flag.LATE | 3 << taxels.DROPS_SHIFT], np.uint8)
     edges = np.array([0b0110], np.uint8)
-    body = taxels.unframe(taxels.encode_data(counters, samples, flags, edges)[:-1])
+    body = taxel_encoder.unframe(taxel_encoder.encode_data(counters, samples, flags, edges)[:-1])
     assert body is not None
     assert (body[3], body[26]) == (0x35, 0b0110_0000)
 

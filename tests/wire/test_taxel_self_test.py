@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigctl.wire.taxels import frames
 from rigctl.wire.taxels.frames import FrameDecoder
 from rigctl.wire.taxels.self_test import SelfTest, findings
+from tests.wire import taxel_encoder
 
 SMALL = st.integers(0, 255)
 OUTCOMES = st.builds(
@@ -32,8 +32,8 @@ def found(**bits: int) -> list[str]:
 def test_an_outcome_between_samples_comes_back_whole(outcome: SelfTest, cut: int) -> None:
     counters = np.arange(4, dtype=np.int64)
     marks = np.zeros(4, np.uint8)
-    data = frames.encode_data(counters, np.full((4, 18), 511, np.uint16), marks, marks)
-    wire = data + frames.encode_self_test(outcome) + data[:0]
+    data = taxel_encoder.encode_data(counters, np.full((4, 18), 511, np.uint16), marks, marks)
+    wire = data + taxel_encoder.encode_self_test(outcome) + data[:0]
     decoder = FrameDecoder()
     pieces = [decoder.feed(wire[i : i + cut], 0.0) for i in range(0, len(wire), cut)]
     assert [t for p in pieces for t in p.self_tests] == [outcome]

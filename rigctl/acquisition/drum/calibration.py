@@ -1,7 +1,7 @@
-"""Load cell, force loop and imbalance of a rig, calibrated with the drum board alone.
+"""Calibration of load cell, force loop and imbalance, with the drum board alone.
 
-The load cell is read lifted and switched off, with nothing on it and with known masses. The
-force loop is asked for gains at a force that it holds, the imbalance over a turn.
+The load cell is read while the drum is lifted and switched off, empty and with known masses. The
+board's step test at a force that it holds proposes the gains; the imbalance takes one turn.
 """
 
 from __future__ import annotations
@@ -16,25 +16,24 @@ from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.rig_interface import RigInterface
 from rigctl.errors import RigFault, WrongUse
-from rigctl.values import SCALE_BAND_UG_PER_COUNT, DrumState
-from rigctl.wire.drum.codes import Command
+from rigctl.values import SCALE_BAND_UG_PER_COUNT
+from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
 
 READINGS = 80
 """A second of the load cell, after a second in which it comes to rest."""
 REST_S = 1.0
-POLL_S = 0.04
-LEAST_COUNTS = 500
-MOST_SPREAD_SHARE = 0.01
-MOST_CURVE_SHARE = 0.02
-FULL_SCALE = 8_388_607
-TUNE_LIMIT_S, TURN_LIMIT_S = 10.0, 120.0
+MIN_SPAN_COUNTS = 500
+MAX_SPREAD_SHARE = 0.01
+MAX_NONLINEARITY_SHARE = 0.02
+FULL_SCALE_COUNTS = 8_388_607
+TUNE_TIMEOUT_S, TURN_TIMEOUT_S = 10.0, 120.0
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
-    """A known mass and what the load cell said: mean and standard deviation of raw counts."""
+class MassReading:
+    """A known mass with the mean and standard deviation of the load cell's raw counts."""
 
     mass_g: float
     mean_counts: float
@@ -42,16 +41,16 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
-    """``ug_per_count`` with its sign; ``curve_share``: how far off a straight line, of the most."""
+class LoadCellScale:
+    """Slope with its sign; ``nonlinearity_share``: largest deviation over the largest mass."""
 
     ug_per_count: int
-    curve_share: float
+    nonlinearity_share: float
 
 
 @dataclass(frozen=True, slots=True)
-class Gains:
-    """What a step test proposes, and what it found."""
+class ForceLoopGains:
+    """Gains that a step test proposes, with the measured stiffness and delay."""
 
     gain_p_per_s: float
     gain_i_per_s: float
@@ -59,148 +58,150 @@ class Gains:
     delay_ms: float
 
 
-def scale_of(points: Sequence[Point]) -> Scale:
-    """The straight line through an empty reading and one of each mass.
+def fit_scale(readings: Sequence[MassReading]) -> LoadCellScale:
+    """Return the straight line through an empty reading and one of each mass.
 
-    Raises WrongUse in a sentence for readings that cannot be right.
+    Raises WrongUse with a sentence for readings that cannot be right.
     """
-    masses = np.array([p.mass_g for p in points])
-    counts = np.array([p.mean_counts for p in points])
-    span = abs(float(counts[masses.argmax()] - counts[masses.argmin()]))
-    if np.abs(counts).max() >= FULL_SCALE - 1:
-        raise WrongUse("the load cell is at the end of its range: take a smaller mass")
-    if span < LEAST_COUNTS:
-        raise WrongUse(
-            f"the reading changed by {span:.0f} counts only: is the mass on the drum, and the "
-            "load cell wired?"
-        )
-    restless = max(points, key=lambda p: p.sd_counts)
-    if restless.sd_counts > MOST_SPREAD_SHARE * span:
-        raise WrongUse(
-            f"the reading at {restless.mass_g:g} g is restless (± {restless.sd_counts:.0f} of "
-            f"{span:.0f} counts): let the drum come to rest, then calibrate again"
-        )
+    masses = np.array([reading.mass_g for reading in readings])
+    counts = np.array([reading.mean_counts for reading in readings])
+    _validate_readings(readings, abs(float(counts[masses.argmax()] - counts[masses.argmin()])))
     g_per_count, offset = np.polyfit(counts, masses, 1)
-    curve = float(np.abs(masses - (g_per_count * counts + offset)).max() / masses.max())
-    if curve > MOST_CURVE_SHARE:
+    residual = np.abs(masses - (g_per_count * counts + offset))
+    nonlinearity = float(residual.max() / masses.max())
+    if nonlinearity > MAX_NONLINEARITY_SHARE:
         raise WrongUse(
-            f"the masses do not lie on a line ({100 * curve:.1f} % off): check them, and that "
-            "nothing touches the drum"
+            f"the masses do not lie on a line ({100 * nonlinearity:.1f} % off): check them, and "
+            "that nothing touches the drum"
         )
     ug_per_count = round(float(g_per_count) * 1e6)
     low, high = SCALE_BAND_UG_PER_COUNT
     if not low <= abs(ug_per_count) <= high:
         raise WrongUse(
-            f"a scale of {ug_per_count} µg a count cannot be, {low} to {high} can: check the "
-            "masses and the wiring"
+            f"a scale of {ug_per_count} µg per count is impossible ({low} to {high} are possible): "
+            "check the masses and the wiring"
         )
-    return Scale(ug_per_count, curve)
+    return LoadCellScale(ug_per_count, nonlinearity)
 
 
-def check_masses(masses_g: Sequence[float]) -> None:
-    """Raises WrongUse for masses that no calibration can be made with."""
+def _validate_readings(readings: Sequence[MassReading], span_counts: float) -> None:
+    if max(abs(reading.mean_counts) for reading in readings) >= FULL_SCALE_COUNTS - 1:
+        raise WrongUse("the load cell is at the end of its range: take a smaller mass")
+    if span_counts < MIN_SPAN_COUNTS:
+        raise WrongUse(
+            f"the reading changed by only {span_counts:.0f} counts: check that the mass is on the "
+            "drum and that the load cell is wired"
+        )
+    noisiest = max(readings, key=lambda reading: reading.sd_counts)
+    if noisiest.sd_counts > MAX_SPREAD_SHARE * span_counts:
+        raise WrongUse(
+            f"the reading at {noisiest.mass_g:g} g is restless (± {noisiest.sd_counts:.0f} of "
+            f"{span_counts:.0f} counts): let the drum come to rest, then calibrate again"
+        )
+
+
+def validate_masses(masses_g: Sequence[float]) -> None:
+    """Raise WrongUse for masses that cannot calibrate the load cell."""
     if not masses_g or min(masses_g) <= 0 or len(set(masses_g)) < len(masses_g):
         raise WrongUse("give each known mass once, in grams above 0: --mass 500")
 
 
 class Calibrator:
-    """One drum board, connected and watched, while something is calibrated."""
+    """One drum board, connected and polled during a calibration."""
 
-    def __init__(self, bench: RigInterface) -> None:
-        self._bench = bench
-        self._watch = DrumPoller(
-            bench.drum, bench.loop, lambda: True, lambda reason: None, lambda who, anew: None
+    def __init__(self, rig: RigInterface) -> None:
+        self._rig = rig
+        self._poller = DrumPoller(
+            rig.drum, rig.loop, lambda: True, lambda reason: None, lambda identity, rebooted: None
         )
-        self.motion = DrumMotion(self._watch, bench.config)
+        self.motion = DrumMotion(self._poller, rig.config)
 
-    async def during(self, work: Callable[[], Awaitable[object]]) -> None:
-        """Connect, do the work, and leave the drum lifted and off whatever happens."""
-        await self._watch.connect()
-        polling = asyncio.ensure_future(self._watch.run())
+    async def run(self, work: Callable[[], Awaitable[object]]) -> None:
+        """Connect, do the work, and always leave the drum lifted and switched off."""
+        await self._poller.connect()
+        polling = asyncio.ensure_future(self._poller.run())
         try:
-            await self._watch.turn()
+            await self._poller.wait_turn()
             await self.motion.configure()
             await work()
         finally:
             try:
-                if self._watch.connected and not self._watch.fault_latched:
+                if self._poller.connected and not self._poller.fault_latched:
                     await self.motion.disarm()
             finally:
                 polling.cancel()
                 await asyncio.gather(polling, return_exceptions=True)
 
-    async def point(self, mass_g: float) -> Point:
-        """Read the load cell at rest. Raises RigFault while the drum is not switched off."""
-        if self._watch.healthy().state != State.IDLE:
+    async def read_mass(self, mass_g: float) -> MassReading:
+        """Return a reading at rest. Raises RigFault while the drum is not switched off."""
+        if self._poller.healthy_state().state != State.IDLE:
             raise RigFault("the load cell is calibrated with the drum lifted and switched off")
-        await self._pass(REST_S)
+        await self._wait(REST_S)
         counts: list[int] = []
-        unwatch = self._watch.watch(lambda state: counts.extend(_raw(state)))
+        unsubscribe = self._poller.subscribe(
+            lambda state: counts.extend(sample.raw_counts for sample in state.loadcell)
+        )
         try:
             while len(counts) < READINGS:
-                await self._watch.turn()
-                self._watch.healthy()
+                await self._poller.wait_turn()
+                self._poller.healthy_state()
         finally:
-            unwatch()
-        return Point(mass_g, float(np.mean(counts)), float(np.std(counts)))
+            unsubscribe()
+        return MassReading(mass_g, float(np.mean(counts)), float(np.std(counts)))
 
     async def lift(self) -> None:
-        """Lift off, so that nothing but a mass is on the load cell."""
+        """Lift off, so that only a mass loads the load cell."""
         await self.motion.arm()
         await self.motion.disarm()
 
-    async def gains(self, force_g: float) -> Gains:
-        """Press, hold, step, lift. Raises RigFault where the answer makes no sense."""
+    async def tune_gains(self, force_g: float) -> ForceLoopGains:
+        """Press, hold, step and lift; return the gains. Raises RigFault for a bad response."""
         await self.motion.arm()
         await self.motion.tare()
         await self.motion.home()
         await self.motion.set_press(force_g)
         await self.motion.approach()
-        if not await self._ended(Command.TUNE, TUNE_LIMIT_S, "the step test"):
+        if not await self._succeeds(Command.TUNE, TUNE_TIMEOUT_S, "the step test"):
             raise RigFault(
                 "the force did not answer the step as an actuator's should: check the plate, "
                 "the mechanics and the load cell's scale"
             )
-        found = await self._watch.drum.get(
+        found = await self._poller.drum.get(
             "proposed_gain_p", "proposed_gain_i", "tuned_stiffness_g_per_mm", "tuned_delay"
         )
-        return Gains(*(round(value, 2) for value in found.values()))
+        return ForceLoopGains(*(round(value, 2) for value in found.values()))
 
     async def tare(self, anyway: bool) -> int:
-        """Tare the lifted drum; counts. ``anyway`` takes a reading far from the zero before."""
+        """Tare the lifted drum and return the counts; ``anyway`` allows one far from the last."""
         await self.motion.arm()
         await self.motion.tare(anyway)
-        return round((await self._watch.drum.get("tare_counts"))["tare_counts"])
+        return round((await self._poller.drum.get("tare_counts"))["tare_counts"])
 
-    async def imbalance(self) -> list[float]:
-        """Tare over a turn; the table in grams. Raises RigFault where it failed."""
+    async def measure_imbalance(self) -> list[float]:
+        """Tare over a turn and return the table in grams. Raises RigFault where it failed."""
         await self.motion.arm()
         await self.motion.home()
-        if not await self._ended(Command.TARE_TURN, TURN_LIMIT_S, "the turn"):
-            raise RigFault("the tare over a turn failed: is the drum free to turn?")
+        if not await self._succeeds(Command.TARE_TURN, TURN_TIMEOUT_S, "the turn"):
+            raise RigFault("the tare over a turn failed: check that the drum turns freely")
         names = [name for name in BY_NAME if name.startswith("tare_place_")]
-        counts = await self._watch.drum.get(*names)
-        scale = self._bench.config.loadcell.scale_ug_per_count
+        counts = await self._poller.drum.get(*names)
+        scale = self._rig.config.loadcell.scale_ug_per_count
         return [counts[name] * scale * 1e-6 for name in names]
 
-    async def save(self, **settings: float) -> None:
-        """Write settings to the board and keep them in its EEPROM."""
+    async def save_settings(self, **settings: float) -> None:
+        """Write settings to the board and store them in its EEPROM."""
         await self.motion.disarm()
-        await self.motion.apply(**settings)
-        if not await self._ended(Command.SAVE, TUNE_LIMIT_S, "saving"):
+        await self.motion.write_settings(**settings)
+        if not await self._succeeds(Command.SAVE, TUNE_TIMEOUT_S, "saving"):
             raise RigFault("the board did not save its settings: try again")
 
-    async def _ended(self, command: Command, limit_s: float, what: str) -> bool:
-        """Give a command and wait for its work; False where it failed."""
-        await self.motion.command(command)
-        state = await self._watch.until(self.motion.ended, limit_s, what)
-        return bool(state.values["command_result"] == 1)
+    async def _succeeds(self, command: Command, timeout_s: float, action: str) -> bool:
+        """Send a command, wait until it is finished, and return whether it succeeded."""
+        await self.motion.send_command(command)
+        state = await self._poller.wait_until(self.motion.is_command_finished, timeout_s, action)
+        return bool(state.values["command_result"] == CommandResult.DONE)
 
-    async def _pass(self, seconds: float) -> None:
-        end_s = self._bench.loop.time() + seconds
-        while self._bench.loop.time() < end_s:
-            await self._watch.turn()
-
-
-def _raw(state: DrumState) -> list[int]:
-    return [sample.raw_counts for sample in state.loadcell]
+    async def _wait(self, seconds: float) -> None:
+        end_s = self._rig.loop.time() + seconds
+        while self._rig.loop.time() < end_s:
+            await self._poller.wait_turn()

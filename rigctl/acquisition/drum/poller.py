@@ -1,8 +1,8 @@
-"""The one who polls the drum: 20 times a second, with the heartbeat, until the engine ends.
+"""The poll loop of the drum: 20 polls a second, with the heartbeat, until the engine ends.
 
-Everybody who waits for the drum waits here, for the next turn of the poll loop. A turn comes
-every 50 ms whether the board answers or not, so a waiter always learns of a fault or of a lost
-link, and can be called off.
+All code that waits for the drum waits for the next turn of this loop. A turn comes every 50 ms
+whether the board answers or not, so every wait notices a fault or a lost link and can be
+cancelled.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from rigctl.acquisition.rig_interface import DrumBoard
 from rigctl.acquisition.taxels.clock_fit import ClockFit
+from rigctl.devices.drum import Drum
 from rigctl.errors import BoardFault, LinkLost, RigFault
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum.codes import CommandResult
@@ -23,36 +23,37 @@ FAULT_STATES = (State.FAULT_LIFT, State.FAULT_OFF)
 
 
 class DrumPoller:
-    """Polls the drum, keeps its newest state, follows its clock, and reconnects.
+    """Polls the drum, stores its newest state, fits its clock, and reconnects.
 
-    ``may_beat`` is asked before each poll. ``on_lost(reason)`` is told of a loss,
-    ``on_back(identity, rebooted)`` of a return.
+    ``allows_heartbeat`` decides before each poll whether it carries the heartbeat.
+    ``on_lost(reason)`` is called when the link is lost, ``on_reconnected(identity, rebooted)``
+    when it is back.
     """
 
     def __init__(
         self,
-        drum: DrumBoard,
+        drum: Drum,
         loop: asyncio.AbstractEventLoop,
-        may_beat: Callable[[], bool],
+        allows_heartbeat: Callable[[], bool],
         on_lost: Callable[[str], None],
-        on_back: Callable[[BoardIdentity, bool], None],
+        on_reconnected: Callable[[BoardIdentity, bool], None],
     ) -> None:
         self.drum = drum
         self.loop = loop
-        self.clock = ClockFit()
+        self.clock_fit = ClockFit()
         self.state: DrumState | None = None
         self.identity: BoardIdentity | None = None
-        self.lost = "not connected yet"
-        self._may_beat = may_beat
+        self.link_error = "not connected yet"
+        self._allows_heartbeat = allows_heartbeat
         self._on_lost = on_lost
-        self._on_back = on_back
-        self._watchers: list[Callable[[DrumState], None]] = []
+        self._on_reconnected = on_reconnected
+        self._subscribers: list[Callable[[DrumState], None]] = []
         self._waiters: list[asyncio.Future[None]] = []
 
     @property
     def connected(self) -> bool:
         """Whether the drum answers."""
-        return not self.lost
+        return not self.link_error
 
     @property
     def fault_latched(self) -> bool:
@@ -61,18 +62,18 @@ class DrumPoller:
         return state is not None and bool(state.fault or state.state in FAULT_STATES)
 
     async def connect(self) -> BoardIdentity:
-        """First connection. Raises LinkLost or WrongBoard."""
+        """Connect for the first time and return the identity. Raises LinkLost or WrongBoard."""
         self.identity = await self.drum.connect()
-        self.lost = ""
+        self.link_error = ""
         return self.identity
 
-    def watch(self, watcher: Callable[[DrumState], None]) -> Callable[[], None]:
-        """Show every new state to ``watcher``; the answer ends that."""
-        self._watchers.append(watcher)
-        return lambda: self._watchers.remove(watcher)
+    def subscribe(self, subscriber: Callable[[DrumState], None]) -> Callable[[], None]:
+        """Call ``subscriber`` with every new state; return the function that unsubscribes it."""
+        self._subscribers.append(subscriber)
+        return lambda: self._subscribers.remove(subscriber)
 
     async def run(self) -> None:
-        """Poll until cancelled; the period holds on average, and missed turns are left out."""
+        """Poll until cancelled; the mean period is exact, and missed turns are skipped."""
         due_s = self.loop.time()
         while True:
             await self._turn()
@@ -80,60 +81,61 @@ class DrumPoller:
             due_s = max(due_s + period_s, self.loop.time())
             await asyncio.sleep(due_s - self.loop.time())
 
-    async def turn(self) -> None:
+    async def wait_turn(self) -> None:
         """Wait for the end of the next turn of the poll loop."""
         waiter: asyncio.Future[None] = self.loop.create_future()
         self._waiters.append(waiter)
         await waiter
 
-    async def until(
+    async def wait_until(
         self,
-        done: Callable[[DrumState], bool],
-        limit_s: float,
-        what: str,
+        is_done: Callable[[DrumState], bool],
+        timeout_s: float,
+        action: str,
         check: Callable[[], None] = lambda: None,
     ) -> DrumState:
-        """Wait until a new state is ``done``; ``check`` may raise at every turn.
+        """Return the first new state that ``is_done``; ``check`` may raise at every turn.
 
-        Raises LinkLost, BoardFault when the drum latched a fault, RigFault after ``limit_s``.
+        Raises LinkLost, BoardFault when the drum latched a fault, RigFault after ``timeout_s``;
+        ``action`` begins that sentence.
         """
-        end_s = self.loop.time() + limit_s
+        end_s = self.loop.time() + timeout_s
         while True:
-            await self.turn()
+            await self.wait_turn()
             check()
-            state = self.healthy()
-            if done(state):
+            state = self.healthy_state()
+            if is_done(state):
                 return state
             if self.loop.time() > end_s:
-                raise RigFault(f"{what} took longer than {limit_s:g} s: the run stops here")
+                raise RigFault(f"{action} took longer than {timeout_s:g} s: the run stops here")
 
-    def healthy(self) -> DrumState:
-        """The newest state. Raises LinkLost without one, BoardFault where a fault is latched."""
-        if self.lost or self.state is None:
-            raise LinkLost(self.lost or "drum: it was not polled yet")
+    def healthy_state(self) -> DrumState:
+        """Return the newest state. Raises LinkLost without one, BoardFault at a latched fault."""
+        if self.link_error or self.state is None:
+            raise LinkLost(self.link_error or "drum: it was not polled yet")
         if self.fault_latched:
             raise BoardFault(FAULT_TEXT[Fault(self.state.fault)])
         return self.state
 
     async def _turn(self) -> None:
         try:
-            if self.lost:
+            if self.link_error:
                 await self._reconnect()
             else:
                 await self._poll()
         except LinkLost as loss:
-            self._lose(str(loss))
+            self._set_lost(str(loss))
         waiters, self._waiters = self._waiters, []
         for waiter in waiters:
             if not waiter.done():
                 waiter.set_result(None)
 
     async def _poll(self) -> None:
-        state = await self.drum.poll(beat=self._may_beat())
-        self.clock.add(state.board_time_us / 1e6, state.at_s)
+        state = await self.drum.poll(beat=self._allows_heartbeat())
+        self.clock_fit.add(state.board_time_us / 1e6, state.at_s)
         self.state = state
-        for watcher in tuple(self._watchers):
-            watcher(state)
+        for subscriber in tuple(self._subscribers):
+            subscriber(state)
 
     async def _reconnect(self) -> None:
         before = self.identity
@@ -143,17 +145,17 @@ class DrumPoller:
             raise LinkLost(str(refusal)) from refusal
         rebooted = before is None or before.boot_count != self.identity.boot_count
         if rebooted:
-            self.clock.restart()
-        self.lost = ""
-        self._on_back(self.identity, rebooted)
+            self.clock_fit.reset()
+        self.link_error = ""
+        self._on_reconnected(self.identity, rebooted)
 
-    def _lose(self, reason: str) -> None:
-        news = not self.lost
-        self.lost = reason
-        if news:
+    def _set_lost(self, reason: str) -> None:
+        was_connected = self.connected
+        self.link_error = reason
+        if was_connected:
             self._on_lost(reason)
 
 
-def command_ended(state: DrumState) -> bool:
-    """Whether the last command's work is over."""
+def is_command_finished(state: DrumState) -> bool:
+    """Return whether the board has finished its last command."""
     return state.values["command_result"] != CommandResult.RUNNING

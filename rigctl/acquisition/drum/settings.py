@@ -1,4 +1,4 @@
-"""What a rig's description and a trial ask of the drum, as settings and places in steps."""
+"""Drum settings and positions in steps, from a rig's description and a trial."""
 
 from __future__ import annotations
 
@@ -10,8 +10,17 @@ from rigctl.values import PlannedTrial
 from rigctl.wire.drum.codes import ForceMode, Signal
 from rigctl.wire.drum.register_table import BY_NAME
 
-FARTHEST_STEPS: Final = 1_900_000
-"""Targets of MOVE end at two million steps; before that the drum homes and counts anew."""
+MAX_TARGET_STEPS: Final = 1_900_000
+"""The board takes MOVE targets up to two million steps; before that the drum homes again."""
+
+GUARDED_SETTINGS: Final = (
+    "over_force",
+    "scale_ug_per_count",
+    "optional_signals",
+    "signal_polarity",
+)
+"""Settings that decide what a force means or what stops the drum. The board takes them only while
+it is lifted and at rest, with the emergency stop closed."""
 
 _TARGET: Final = BY_NAME["move_target"]
 _FORCE_MODES = {
@@ -22,7 +31,7 @@ _FORCE_MODES = {
 
 
 def rig_settings(config: RigConfig) -> dict[str, float]:
-    """Settings that stay for a run, in engineering units by name."""
+    """Return the settings that stay for a run, in engineering units by name."""
     actuator, drum = config.actuator, config.drum
     return {
         "acceleration_set": drum.acceleration_mm_s2,
@@ -36,23 +45,17 @@ def rig_settings(config: RigConfig) -> dict[str, float]:
         "scale_ug_per_count": config.loadcell.scale_ug_per_count,
         "gain_p": actuator.gain_p_per_s,
         "gain_i": actuator.gain_i_per_s,
-        "optional_signals": _bits(config.signals),
-        "signal_polarity": _bits(config.inverted),
+        "optional_signals": _signal_bits(config.signals),
+        "signal_polarity": _signal_bits(config.inverted),
     }
 
 
-GUARDED: Final = ("over_force", "scale_ug_per_count", "optional_signals", "signal_polarity")
-"""Settings of a rig that decide what a force means or what stops it: the board takes them while it
-is lifted and at rest, with the emergency stop closed."""
-
-
-def _bits(flags: Signals | Inverted) -> int:
-    """The flags as bits of Signal."""
+def _signal_bits(flags: Signals | Inverted) -> int:
     return sum(1 << signal for signal in Signal if getattr(flags, signal.name.lower()))
 
 
 def settle_settings(settle: Settle) -> dict[str, float]:
-    """When the force counts as settled."""
+    """Return the settings that decide when the force has settled."""
     return {
         "settle_band": settle.band_percent * 10,
         "settle_time_ms": settle.time_s * 1000,
@@ -61,11 +64,13 @@ def settle_settings(settle: Settle) -> dict[str, float]:
 
 
 def trial_settings(trial: PlannedTrial, drum: DrumGeometry) -> dict[str, float]:
-    """Set-points of one trial."""
+    """Return the set-points of one trial."""
     backward = (trial.direction == "backward") != drum.backwards
     mode = _FORCE_MODES[trial.force_mode]
-    deep = mode is ForceMode.POSITION
-    press = {"depth_set_um": trial.depth_mm * 1000} if deep else {"force_set": trial.force_g}
+    if mode is ForceMode.POSITION:
+        press = {"depth_set_um": trial.depth_mm * 1000}
+    else:
+        press = {"force_set": trial.force_g}
     return {
         "speed_set": trial.speed_mm_s,
         "travel_set": trial.travel_mm + drum.sync_margin_mm,
@@ -76,12 +81,12 @@ def trial_settings(trial: PlannedTrial, drum: DrumGeometry) -> dict[str, float]:
 
 
 def press_settings(force_g: float) -> dict[str, float]:
-    """An approach without travel, whatever the trials ask for."""
+    """Return the set-points of an approach without travel."""
     return {"force_set": force_g, "force_mode": float(ForceMode.HOLD)}
 
 
-def start_steps(trial: PlannedTrial, drum: DrumGeometry, mm_per_step: float) -> int:
-    """Where the trial's run-in begins, steps from the index mark within one turn."""
+def trial_start_steps(trial: PlannedTrial, drum: DrumGeometry, mm_per_step: float) -> int:
+    """Return where the trial's run-in begins, in steps from the index mark within one turn."""
     start_mm = drum.plate_start_mm
     if trial.direction == "backward":
         start_mm += drum.plate_length_mm
@@ -89,14 +94,16 @@ def start_steps(trial: PlannedTrial, drum: DrumGeometry, mm_per_step: float) -> 
     return sign * round(start_mm / mm_per_step)
 
 
-def jog_target(steps_now: int, travel_mm: float, drum: DrumGeometry, mm_per_step: float) -> int:
-    """So much texture from here, forwards where positive, within what the board takes; steps."""
+def jog_target_steps(
+    current_steps: int, travel_mm: float, drum: DrumGeometry, mm_per_step: float
+) -> int:
+    """Return the position after this travel, forwards where positive, within the board's limits."""
     sign = -1 if drum.backwards else 1
-    target = steps_now + sign * round(travel_mm / mm_per_step)
+    target = current_steps + sign * round(travel_mm / mm_per_step)
     return round(min(max(target, _TARGET.low), _TARGET.high))
 
 
-def nearest(within_turn: int, steps_now: int, steps_per_turn: int) -> int:
-    """The place within a turn that is the shortest way from here, in steps counted on."""
-    turns = round((steps_now - within_turn) / steps_per_turn)
+def nearest_steps(within_turn: int, current_steps: int, steps_per_turn: int) -> int:
+    """Return the position nearest to the current one that is at ``within_turn`` of its turn."""
+    turns = round((current_steps - within_turn) / steps_per_turn)
     return within_turn + steps_per_turn * turns

@@ -1,7 +1,7 @@
-"""What both boards count of themselves: late ticks, longest interrupt, stack, time to spare.
+"""Health counters of both boards: late ticks, longest interrupt, free stack, idle time.
 
-The taxel board tells it ten times a second by itself. The drum's late ticks stand in every poll;
-its other counters are asked for once a second, behind everybody who waited for the same poll.
+The taxel board sends its counters ten times a second. The drum's late ticks are in every poll;
+its other counters are read once a second, after all other code that waited for the same poll.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 
 from rigctl.acquisition.drum.poller import DrumPoller
-from rigctl.acquisition.rig_interface import TaxelBoard
+from rigctl.devices.taxels import Taxels
 from rigctl.errors import RigFault
 from rigctl.values import BoardIdentity, DrumState, Event
 from rigctl.wire.drum.codes import reset_cause_text
 from rigctl.wire.taxels.frames import CYCLES_PER_US
 
 DRUM, TAXELS = "drum", "taxels"
-LOOK_TURNS = 20
-"""Polls between two looks at the drum's counters: a second."""
-KIND = "board"
+READ_PERIOD_TURNS = 20
+"""Polls between two reads of the drum's counters: a second."""
+EVENT_KIND = "board"
 START, END = "start", "end"
 
-_COUNTERS = ("longest_isr_us", "free_stack_bytes", "idle_permille")
+_DRUM_COUNTERS = ("longest_isr_us", "free_stack_bytes", "idle_permille")
 _RAM_BYTES = {DRUM: 8192, TAXELS: 2048}
 _U16 = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
-class BoardFigures:
-    """What one board counted.
+class BoardCounters:
+    """Health counters of one board.
 
-    ``late_ticks``: ticks or slots that began late, since the engine heard of the board, over
-    its restarts. ``longest_isr_us``, ``free_stack_bytes`` (never used): since the board's boot.
-    ``stack_free_percent``: of the chip's RAM. ``idle_percent``: of the last second.
+    ``late_ticks``: ticks or slots that began late since the engine first connected, over the
+    board's restarts. ``longest_isr_us``, ``free_stack_bytes`` (never used): since the board's
+    boot. ``stack_free_percent``: of the chip's RAM. ``idle_percent``: of the last second.
     """
 
     late_ticks: int
@@ -45,77 +45,82 @@ class BoardFigures:
     idle_percent: float
 
 
-class LateTicks:
-    """Sums up a counter of 16 bits that wraps, and begins anew when its board restarts."""
+class LateTickCounter:
+    """Total of a 16-bit counter that wraps and restarts with its board."""
 
     def __init__(self) -> None:
         self.total = 0
         self._last: tuple[int, int] | None = None
 
-    def note(self, boot_count: int, counted: int) -> None:
-        """The counter reads ``counted`` in that boot; the first reading is where we begin."""
+    def update(self, boot_count: int, reading: int) -> None:
+        """Add the increase since the last reading; the first reading counts as zero."""
         if self._last is not None:
             boot, before = self._last
-            self.total += (counted - before) % _U16 if boot == boot_count else counted
-        self._last = (boot_count, counted)
+            self.total += (reading - before) % _U16 if boot == boot_count else reading
+        self._last = (boot_count, reading)
 
 
 class BoardHealth:
-    """The newest figures of both boards. :meth:`follow` keeps the drum's up to date."""
+    """The newest counters of both boards. :meth:`run` reads those of the drum."""
 
     def __init__(
-        self, watch: DrumPoller, taxels: TaxelBoard, identities: Mapping[str, BoardIdentity]
+        self, poller: DrumPoller, taxels: Taxels, identities: Mapping[str, BoardIdentity]
     ) -> None:
-        self._watch = watch
+        self._poller = poller
         self._taxels = taxels
         self._identities = identities
-        self._late = {DRUM: LateTicks(), TAXELS: LateTicks()}
-        self._counters: Mapping[str, float] = {}
-        watch.watch(self._note_drum)
+        self._late_ticks = {DRUM: LateTickCounter(), TAXELS: LateTickCounter()}
+        self._drum_counters: Mapping[str, float] = {}
+        poller.subscribe(self._count_late_ticks)
 
-    async def follow(self) -> None:
-        """Ask the drum for its counters once a second, until cancelled."""
+    async def run(self) -> None:
+        """Read the drum's counters once a second, until cancelled."""
         while True:
-            # Whoever was woken by the same poll has asked before us by the next turn of the loop.
+            # Tasks that the same poll woke have sent their requests by the loop's next iteration.
             await asyncio.sleep(0)
-            if self._watch.connected:
-                with suppress(RigFault):  # a drum that is lost is told by the next poll
-                    self._counters = await self._watch.drum.get(*_COUNTERS)
-            for _ in range(LOOK_TURNS):
-                await self._watch.turn()
+            if self._poller.connected:
+                with suppress(RigFault):  # the next poll reports a lost drum
+                    self._drum_counters = await self._poller.drum.get(*_DRUM_COUNTERS)
+            for _ in range(READ_PERIOD_TURNS):
+                await self._poller.wait_turn()
 
-    def figures(self) -> dict[str, BoardFigures]:
-        """Figures by board, of those that told theirs."""
+    def counters(self) -> dict[str, BoardCounters]:
+        """Return the counters by board, of those that have reported."""
         found = {}
-        if self._counters:
-            told = [self._counters[name] for name in _COUNTERS]
-            found[DRUM] = _figures(DRUM, self._late[DRUM].total, *told)
+        if self._drum_counters:
+            readings = [self._drum_counters[name] for name in _DRUM_COUNTERS]
+            found[DRUM] = _board_counters(DRUM, self._late_ticks[DRUM].total, *readings)
         status = self._taxels.status
         if status is not None:
-            late, longest_us = self._late[TAXELS], status.longest_isr_cycles / CYCLES_PER_US
-            late.note(status.boot_count, status.late_slots)
-            told = [longest_us, status.free_stack_bytes, status.idle_permille]
-            found[TAXELS] = _figures(TAXELS, late.total, *told)
+            late_ticks = self._late_ticks[TAXELS]
+            late_ticks.update(status.boot_count, status.late_slots)
+            longest_us = status.longest_isr_cycles / CYCLES_PER_US
+            readings = [longest_us, status.free_stack_bytes, status.idle_permille]
+            found[TAXELS] = _board_counters(TAXELS, late_ticks.total, *readings)
         return found
 
-    def events(self, when: str, before: Mapping[str, BoardFigures]) -> list[Event]:
-        """For a recording's ``when``: a row a board; late ticks are those since ``before``."""
-        now_s = self._watch.loop.time()
+    def events(self, when: str, before: Mapping[str, BoardCounters]) -> list[Event]:
+        """Return one event per board for the session; late ticks are those since ``before``.
+
+        ``when``: start or end of the recording.
+        """
+        now_s = self._poller.loop.time()
         return [
             _event(now_s, when, self._identities[name], now, before.get(name, now))
-            for name, now in self.figures().items()
+            for name, now in self.counters().items()
         ]
 
-    def _note_drum(self, state: DrumState) -> None:
-        identity = self._watch.identity
+    def _count_late_ticks(self, state: DrumState) -> None:
+        identity = self._poller.identity
         if identity is not None:
-            self._late[DRUM].note(identity.boot_count, round(state.values["late_ticks"]))
+            reading = round(state.values["late_ticks"])
+            self._late_ticks[DRUM].update(identity.boot_count, reading)
 
 
-def _figures(
+def _board_counters(
     board: str, late_ticks: int, longest_isr_us: float, free_bytes: float, idle_permille: float
-) -> BoardFigures:
-    return BoardFigures(
+) -> BoardCounters:
+    return BoardCounters(
         late_ticks=late_ticks,
         longest_isr_us=round(longest_isr_us, 2),
         free_stack_bytes=round(free_bytes),
@@ -125,14 +130,14 @@ def _figures(
 
 
 def _event(
-    at_s: float, when: str, board: BoardIdentity, now: BoardFigures, before: BoardFigures
+    at_s: float, when: str, board: BoardIdentity, now: BoardCounters, before: BoardCounters
 ) -> Event:
-    late = now.late_ticks - before.late_ticks
+    late_ticks = now.late_ticks - before.late_ticks
     reset = reset_cause_text(board.reset_cause)
     text = (
-        f"{board.board} at the {when}: boot {board.boot_count} by {reset}, {late} late ticks, "
-        f"longest interrupt {now.longest_isr_us:g} µs, "
+        f"{board.board} at the {when}: boot {board.boot_count} by {reset}, {late_ticks} late "
+        f"ticks, longest interrupt {now.longest_isr_us:g} µs, "
         f"{now.stack_free_percent} % of its RAM never used"
     )
     data = {"board": board.board, "when": when, "boot_count": board.boot_count, "reset": reset}
-    return Event(at_s, KIND, text, {**data, **asdict(now), "late_ticks": late})
+    return Event(at_s, EVENT_KIND, text, {**data, **asdict(now), "late_ticks": late_ticks})

@@ -1,4 +1,4 @@
-"""Whether samples reach the disk, and for how long they still can: from what really got there."""
+"""Recording rate and remaining disk time, from the samples that reached the disk."""
 
 from __future__ import annotations
 
@@ -7,65 +7,64 @@ from collections import deque
 from rigctl.acquisition.rpc.messages import RecordingStatus
 from rigctl.session.write.recorder import Recorder, RecorderStatus
 
-TRUTH_WINDOW_S = 1.0
+ACTIVE_WINDOW_S = 1.0
 RATE_WINDOW_S = 30.0
 RESERVE_S = 120.0
 RESERVE_BYTES = 64 << 20
 HUNG_SAMPLES = 60_000
-"""A recorder with a minute of samples before it does not work any more."""
+"""A recorder whose queue holds a minute of samples counts as hung."""
 
 
 class DiskMonitor:
-    """Follows one recorder. Times are loop time; call :meth:`look` about ten times a second."""
+    """Follows one recorder. Times are loop time; call :meth:`update` about ten times a second."""
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
-        self._seen: deque[tuple[float, RecorderStatus]] = deque()
+        self._history: deque[tuple[float, RecorderStatus]] = deque()
 
-    def look(self, now_s: float) -> None:
-        """Take note of what is on disk now."""
-        self._seen.append((now_s, self._recorder.status))
-        while now_s - self._seen[0][0] > RATE_WINDOW_S:
-            self._seen.popleft()
+    def update(self, now_s: float) -> None:
+        """Read the recorder's status."""
+        self._history.append((now_s, self._recorder.status))
+        while now_s - self._history[0][0] > RATE_WINDOW_S:
+            self._history.popleft()
 
     @property
-    def works(self) -> bool:
-        """Whether the recorder kept up at the last look, or has said why not."""
-        status = self._seen[-1][1] if self._seen else self._recorder.status
+    def recorder_works(self) -> bool:
+        """Whether the recorder keeps up or has reported a failure."""
+        status = self._newest()
         return status.failure is not None or status.queue_samples < HUNG_SAMPLES
 
-    def must_hold(self, held: bool) -> bool:
-        """Whether the disk is so full that a run has to wait; ``held``: it waits already."""
-        reserve = self._reserve_bytes() * (2 if held else 1)
-        newest = self._seen[-1][1] if self._seen else None
-        return newest is not None and newest.disk_free_bytes < reserve
+    def must_pause(self, paused: bool) -> bool:
+        """Return whether the disk is too full to record; a ``paused`` run needs twice the room."""
+        reserve = (RESERVE_BYTES + RESERVE_S * self._bytes_per_s()) * (2 if paused else 1)
+        return bool(self._history) and self._newest().disk_free_bytes < reserve
 
     def status(self, recording: bool) -> RecordingStatus:
-        """The truth about the disk."""
-        newest = self._seen[-1][1] if self._seen else self._recorder.status
-        fresh = newest.samples_on_disk - self._samples_before(TRUTH_WINDOW_S)
+        """Return the recording's part of the status message."""
+        newest = self._newest()
+        last_s = newest.samples_on_disk - self._samples_before(ACTIVE_WINDOW_S)
         rate = self._bytes_per_s()
         return RecordingStatus(
-            active=recording and fresh > 0,
+            active=recording and last_s > 0,
             samples_on_disk=newest.samples_on_disk,
-            samples_last_s=fresh,
+            samples_last_s=last_s,
             folder=str(self._recorder.folder),
             disk_free_bytes=newest.disk_free_bytes,
             hours_left=newest.disk_free_bytes / rate / 3600 if rate > 0 else None,
             failure=newest.failure,
         )
 
+    def _newest(self) -> RecorderStatus:
+        return self._history[-1][1] if self._history else self._recorder.status
+
     def _samples_before(self, seconds: float) -> int:
-        for at_s, status in reversed(self._seen):
-            if self._seen[-1][0] - at_s >= seconds:
+        for at_s, status in reversed(self._history):
+            if self._history[-1][0] - at_s >= seconds:
                 return status.samples_on_disk
-        return self._seen[0][1].samples_on_disk if self._seen else 0
+        return self._history[0][1].samples_on_disk if self._history else 0
 
     def _bytes_per_s(self) -> float:
-        if len(self._seen) < 2:
+        if len(self._history) < 2:
             return 0.0
-        (first_s, first), (last_s, last) = self._seen[0], self._seen[-1]
+        (first_s, first), (last_s, last) = self._history[0], self._history[-1]
         return max(0.0, (last.bytes_on_disk - first.bytes_on_disk) / max(last_s - first_s, 1e-3))
-
-    def _reserve_bytes(self) -> float:
-        return RESERVE_BYTES + RESERVE_S * self._bytes_per_s()

@@ -1,4 +1,4 @@
-"""Whether the heartbeat may be sent: only while everybody who must be alive has checked in."""
+"""Decision whether the heartbeat may be sent: only while every part of the engine checks in."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ CHECK_IN_LIMIT_S = 1.0
 
 
 class HeartbeatGate:
-    """Who checked in when, in loop time.
+    """Last check-in of each part, in loop time.
 
-    A name counts from its first :meth:`check_in` until :meth:`excuse`. One that stays silent
-    longer than the limit withholds the beat; the drum then ramps down and lifts by itself.
+    A part counts from its first :meth:`check_in` until :meth:`check_out`. One that is silent for
+    longer than the limit blocks the heartbeat; the drum then ramps down and lifts by itself.
     """
 
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s = now_s
-        self._seen_s: dict[str, float] = {}
+        self._checked_in_s: dict[str, float] = {}
 
     def check_in(self, name: str) -> None:
-        """``name`` is alive now."""
-        self._seen_s[name] = self._now_s()
+        """Record that ``name`` is alive now."""
+        self._checked_in_s[name] = self._now_s()
 
-    def excuse(self, name: str) -> None:
-        """``name`` has nothing to do any more."""
-        self._seen_s.pop(name, None)
+    def check_out(self, name: str) -> None:
+        """Expect no more check-ins of ``name``."""
+        self._checked_in_s.pop(name, None)
 
     @property
-    def silent(self) -> list[str]:
-        """Names that should have checked in and did not."""
+    def overdue(self) -> list[str]:
+        """Names whose check-in is overdue."""
         oldest_s = self._now_s() - CHECK_IN_LIMIT_S
-        return [name for name, seen_s in self._seen_s.items() if seen_s < oldest_s]
+        return [name for name, at_s in self._checked_in_s.items() if at_s < oldest_s]
 
-    def may_beat(self) -> bool:
-        """Whether nobody is silent."""
-        return not self.silent
+    def is_open(self) -> bool:
+        """Return whether the heartbeat may be sent."""
+        return not self.overdue

@@ -1,7 +1,7 @@
-"""What somebody is told once: that an empty order of taxels means another one than it did.
+"""One-time notices to a user: an empty order of taxels has changed its meaning.
 
-What was said is remembered for the user, below ``$XDG_STATE_HOME`` or ``~/.local/state``, so that
-a second start is quiet. Where that cannot be written, it is said again.
+A shown notice is recorded for the user below ``$XDG_STATE_HOME`` or ``~/.local/state``, so that
+the next start does not repeat it. Where that folder cannot be written, it appears again.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 
 def state_folder() -> Path:
-    """Where it is remembered what a user was told."""
+    """Return the folder in which shown notices are recorded."""
     base = os.environ.get("XDG_STATE_HOME", "")
     return (Path(base) if base else Path.home() / ".local" / "state") / "rigctl"
 
 
 def wiring_notice(rig: str) -> str:
-    """The sentence for whoever opens this rig: empty where there is none, or it was said before.
+    """Return the notice for a rig, empty where none applies or it was shown before.
 
     ``rig`` is as :func:`rigctl.rig.open_rig` takes it; a simulated one has no wires to solder.
     """
@@ -30,27 +30,27 @@ def wiring_notice(rig: str) -> str:
     try:
         config = load_config(path) if path.is_file() else None
     except ConfigError:
-        return ""  # whoever opens it is told more than this
+        return ""  # opening the rig reports more than this
     if config is None or config.ports.simulate or config.taxels.wiring:
         return ""
-    if not _first_time(f"empty wiring: {path.resolve()}"):
+    if not _is_first_time(f"empty wiring: {path.resolve()}"):
         return ""
-    ranges = ", and low and high, which count places, have to be taken again"
+    ranges = ", and low and high, which count places, must be calibrated again"
     return (
         f"{path}: [taxels] wiring is empty, which means the order of the wiring drawing, "
         f"{list(DRAWN_WIRING)}, and no longer that of the wire: a sensor soldered to suit the old "
         f"order needs wiring = {list(range(N_TAXELS))}{ranges if config.taxels.low else ''}; "
-        f"rigctl calibrate --rig {path} wiring finds the true one (said once)"
+        f"rigctl calibrate --rig {path} wiring finds the true one (shown once)"
     )
 
 
-def _first_time(what: str) -> bool:
-    """Whether this user was not told so yet; from now on they were."""
-    mark = state_folder() / "told" / sha256(what.encode()).hexdigest()[:16]
+def _is_first_time(notice: str) -> bool:
+    """Record a notice as shown; return whether it was not recorded before."""
+    record = state_folder() / "told" / sha256(notice.encode()).hexdigest()[:16]
     try:
-        mark.parent.mkdir(parents=True, exist_ok=True)
-        with mark.open("x", encoding="utf-8") as file:
-            file.write(what + "\n")
+        record.parent.mkdir(parents=True, exist_ok=True)
+        with record.open("x", encoding="utf-8") as file:
+            file.write(notice + "\n")
     except FileExistsError:
         return False
     except OSError:

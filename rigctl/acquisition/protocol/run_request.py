@@ -1,4 +1,4 @@
-"""From an order to run a protocol to what the run needs: plan, session folder, what is done."""
+"""A request to run a protocol, and the session that is opened for it."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ from rigctl.values import BoardIdentity
 
 @dataclass(frozen=True, slots=True)
 class RunRequest:
-    """What somebody wants run: a protocol into a new folder, or a session gone on with.
+    """A protocol to run into a new folder, or a session to resume.
 
-    ``seed`` takes the place of the protocol's own; ``out`` and ``resume`` are folders.
+    ``seed`` replaces the protocol's own; ``out`` and ``resume`` are folders; ``yes`` answers
+    every question on a simulated rig.
     """
 
     protocol: str | None = None
@@ -36,12 +37,12 @@ class RunRequest:
 
     def __post_init__(self) -> None:
         if (self.protocol is None) == (self.resume is None):
-            raise WrongUse("give a protocol to run, or a session to go on with, not both")
+            raise WrongUse("give a protocol to run or a session to resume, not both")
 
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """What the engine knows of the rig at the start of a run."""
+    """The rig at the start of a run."""
 
     config: RigConfig
     rig: str
@@ -55,7 +56,10 @@ class RunContext:
 
 @dataclass(frozen=True, slots=True)
 class OpenedRun:
-    """A session ready to be recorded into."""
+    """A plan and the recorder of its session.
+
+    ``done``: trials committed before; ``attempts``: previous attempts at each trial.
+    """
 
     plan: Plan
     recorder: Recorder
@@ -64,70 +68,70 @@ class OpenedRun:
     attempts: dict[int, int]
 
 
-def open_run(order: RunRequest, bearings: RunContext) -> OpenedRun:
-    """Read the protocol, check the disk, lock the folder.
+def open_run(request: RunRequest, context: RunContext) -> OpenedRun:
+    """Read the protocol, check the disk and lock the folder.
 
     Raises ProtocolError, SessionError or DiskFault before anything moves.
     """
-    if order.resume is not None:
-        return _go_on(order, Path(order.resume), bearings)
-    assert order.protocol is not None
-    plan = load_protocol(find_protocol(order.protocol), bearings.config).plan(order.seed)
-    folder = Path(order.out) if order.out else default_folder(plan, bearings.start_utc)
-    check_room(folder, plan.bytes_estimate)
-    recorder = _recorder(folder, plan, bearings, resume=False)
+    if request.resume is not None:
+        return _resume(Path(request.resume), context)
+    assert request.protocol is not None
+    plan = load_protocol(find_protocol(request.protocol), context.config).plan(request.seed)
+    folder = Path(request.out) if request.out else _default_folder(plan, context.start_utc)
+    check_disk_space(folder, plan.bytes_estimate)
+    recorder = _open_recorder(folder, plan, context, resume=False)
     return OpenedRun(plan, recorder, False, frozenset(), {})
 
 
-def default_folder(plan: Plan, start_utc: str) -> Path:
-    """Where a session goes when nobody said: below ``sessions`` in the current folder."""
+def _default_folder(plan: Plan, start_utc: str) -> Path:
+    """Return a folder below ``sessions`` in the current folder."""
     stamp = start_utc[:19].replace(":", "").replace("T", "-")
     return Path("sessions") / f"{stamp}-{plan.protocol.name}"
 
 
-def check_room(folder: Path, needed_bytes: int) -> None:
-    """Raise DiskFault where the disk of ``folder`` cannot hold what the plan will record."""
-    place = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
-    free = shutil.disk_usage(place).free
+def check_disk_space(folder: Path, needed_bytes: int) -> None:
+    """Raise DiskFault where the disk of ``folder`` is too small for the plan's recording."""
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
+    free = shutil.disk_usage(existing).free
     if free < needed_bytes:
         raise DiskFault(
-            f"the plan records about {needed_bytes / 1e9:.1f} GB and {place} has room for "
+            f"the plan records about {needed_bytes / 1e9:.1f} GB and {existing} has room for "
             f"{free / 1e9:.1f} GB: make room, or choose another disk"
         )
 
 
-def _go_on(order: RunRequest, folder: Path, bearings: RunContext) -> OpenedRun:
+def _resume(folder: Path, context: RunContext) -> OpenedRun:
     with Session.open(folder) as session:
-        seed, tried = session.header.seed, Counter(session.trials["trial_id"].tolist())
+        seed, attempts = session.header.seed, Counter(session.trials["trial_id"].tolist())
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
         rig, simulation = session.header.rig, session.header.simulation
-    if rig != bearings.rig:
+    if rig != context.rig:
         raise SessionError(
-            f"{folder} was recorded on the {rig} rig and this is the {bearings.rig} one: "
+            f"{folder} was recorded on the {rig} rig and this is the {context.rig} one: "
             "connect the rig that began the session"
         )
-    check_same_world(folder, simulation, bearings.world)
-    plan = load_protocol(folder / layout.PROTOCOL_FILE, bearings.config).plan(seed)
+    check_same_world(folder, simulation, context.world)
+    plan = load_protocol(folder / layout.PROTOCOL_FILE, context.config).plan(seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned trial is committed")
-    left = 1 - len(done) / max(1, len(plan.trials))
-    check_room(folder, round(left * plan.bytes_estimate))
-    recorder = _recorder(folder, plan, bearings, resume=True)
-    return OpenedRun(plan, recorder, True, done, dict(tried))
+    remaining = 1 - len(done) / max(1, len(plan.trials))
+    check_disk_space(folder, round(remaining * plan.bytes_estimate))
+    recorder = _open_recorder(folder, plan, context, resume=True)
+    return OpenedRun(plan, recorder, True, done, dict(attempts))
 
 
-def _recorder(folder: Path, plan: Plan, bearings: RunContext, resume: bool) -> Recorder:
-    config = bearings.config
+def _open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:
+    config = context.config
     header = SessionHeader(
         plan_hash=plan.hash,
         seed=plan.seed,
         trials_planned=len(plan.trials),
-        rig=bearings.rig,
-        simulated=bearings.simulated,
-        start_utc=bearings.start_utc,
-        start_loop_s=bearings.start_loop_s,
+        rig=context.rig,
+        simulated=context.simulated,
+        start_utc=context.start_utc,
+        start_loop_s=context.start_loop_s,
         protocol=plan.protocol.name,
-        boards=bearings.boards,
+        boards=context.boards,
         operator=config.about.operator,
         sensor=config.about.sensor,
         software_version=__version__,
@@ -138,7 +142,7 @@ def _recorder(folder: Path, plan: Plan, bearings: RunContext, resume: bool) -> R
         taxel_high=config.taxels.high,
         wiring=config.taxels.order,
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
-        simulation={"seed": bearings.rig_seed, **bearings.world} if bearings.simulated else {},
+        simulation={"seed": context.rig_seed, **context.world} if context.simulated else {},
     )
     return Recorder(
         folder, header, plan.protocol.text, config.with_order().to_toml(), resume=resume

@@ -1,16 +1,16 @@
-"""A protocol happening: its steps in order, with pauses, questions, repeats and a safe way out.
+"""A run of a protocol: its steps in order, with pauses, questions, repeats and a safe end.
 
 ::
 
-    running ─► done            every step taken, the session closed
+    running ─► done            every step run, the session closed
      │   ▲
-     ▼   │ last reason gone    lifted and switched off meanwhile; the interrupted step begins
-    paused, prompt             anew, from the lifted drum
+     ▼   │ last reason gone    lifted and switched off meanwhile; then the interrupted step
+    paused, prompt             repeats, from the lifted drum
      │
-     ├─► aborted               somebody stopped it
+     ├─► aborted               stopped by a person or a client
      └─► failed                the rig or the disk failed
 
-Whatever way a run ends, the drum is lifted and the session is whole.
+However a run ends, the drum is lifted and the session is complete.
 """
 
 from __future__ import annotations
@@ -20,7 +20,12 @@ from pathlib import Path
 from rigctl.acquisition.health.boards import END
 from rigctl.acquisition.protocol.progress import RunProgress
 from rigctl.acquisition.protocol.run_control import RunPaused, RunStopped
-from rigctl.acquisition.protocol.step_runner import RunOptions, RunParts, StepRunner, steps_left
+from rigctl.acquisition.protocol.step_runner import (
+    RunOptions,
+    RunParts,
+    StepRunner,
+    remaining_steps,
+)
 from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
 from rigctl.errors import BoardFault, RigFault
 from rigctl.protocol import Plan, Step
@@ -28,29 +33,32 @@ from rigctl.values import DrumState, Event, PlannedTrial
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
 
-SAFE_LIMIT_S = 20.0
+SAFE_TIMEOUT_S = 20.0
 CLEAR_TURNS = 3
 
 
 class Run:
-    """One sitting of one plan; steered through ``control``."""
+    """One sitting of one plan, controlled through ``control``.
+
+    ``outcome``: done, aborted or failed, empty before the end; ``text``: a sentence on it.
+    """
 
     def __init__(self, parts: RunParts, plan: Plan, options: RunOptions) -> None:
         self.control = parts.control
-        self.ending = ""
+        self.outcome = ""
         self.text = ""
         self._parts = parts
         self._plan = plan
         self._options = options
-        self._watch = parts.motion.watch
-        self._now_s = parts.motion.watch.loop.time
+        self._poller = parts.motion.poller
+        self._now_s = parts.motion.poller.loop.time
         self._progress = RunProgress(plan.trials, options.done, plan.duration_s, self._now_s())
-        self._performer = StepRunner(parts, plan, options, self._progress)
+        self._step_runner = StepRunner(parts, plan, options, self._progress)
 
     @property
     def ended(self) -> bool:
         """Whether it is over and its session closed."""
-        return bool(self.ending)
+        return bool(self.outcome)
 
     @property
     def folder(self) -> Path:
@@ -63,135 +71,129 @@ class Run:
         return self._progress.committed == self._progress.planned
 
     async def execute(self) -> None:
-        """Take the plan's steps; what a user can meet is not raised but told."""
+        """Run the plan's steps; faults end the run and are published, not raised."""
         parts = self._parts
-        unlisten = parts.news.listen(self._record)
-        unwatch = self._watch.watch(self._record_drum)
+        unsubscribe_events = parts.event_bus.subscribe(self._record_event)
+        unsubscribe_states = self._poller.subscribe(self._record_drum)
         parts.motion.check = self.control.check
         try:
-            ending, text = await self._take_steps()
+            outcome, text = await self._run_steps()
             await self._make_safe()
         finally:
             parts.motion.check = lambda: None
-            unwatch()
-            unlisten()
-            parts.pump.record_to(None)
+            unsubscribe_states()
+            unsubscribe_events()
+            parts.pipeline.set_recorder(None)
             if parts.recorder.status.part == 0:
                 parts.recorder.begin_part("nothing was recorded", "")
-            self._performer.record_health(END)
+            self._step_runner.record_health(END)
             parts.recorder.close()
-        self._end(ending, text)
+        self._end(outcome, text)
 
     def status(self) -> RunStatus:
-        """How it stands."""
+        """Return the run's part of the status message."""
         now_s, progress = self._now_s(), self._progress
-        trial = self._performer.current
+        trial = self._step_runner.current
         return RunStatus(
             state=self._state(),
             text=self.text,
-            reasons=() if self.ended else tuple(self.control.reasons),
+            reasons=() if self.ended else self.control.reasons,
             trial_id=trial.trial_id if trial else None,
             trials_planned=progress.planned,
             trials_committed=progress.committed,
             trials_rejected=progress.rejected,
             eta_s=None if self.ended else progress.eta_s(now_s),
             elapsed_s=progress.elapsed_s(now_s),
-            current=_current(trial) if trial else None,
+            current=_current_trial(trial) if trial else None,
             prompt=None if self.ended else self.control.prompt,
             session=str(self.folder),
         )
 
     def _state(self) -> str:
         if self.ended:
-            return self.ending
+            return self.outcome
         if self.control.prompt is not None:
             return "prompt"
         return "paused" if self.control.reasons else "running"
 
-    async def _take_steps(self) -> tuple[str, str]:
-        """Last state of the run, and a sentence on it."""
+    async def _run_steps(self) -> tuple[str, str]:
+        """Return the outcome and a sentence on it."""
         try:
             await self._clear_old_fault()
             await self._parts.motion.configure()
             await self._parts.motion.set_settle(self._plan.protocol.settle)
-            for step in steps_left(self._plan.steps, self._options.done):
-                await self._take(step)
+            for step in remaining_steps(self._plan.steps, self._options.done):
+                await self._run_step(step)
         except RunStopped as stop:
             return "aborted", str(stop)
         except RigFault as fault:
-            if self.control.stopped is not None:  # a stop overtook what the run was asking
-                return "aborted", self.control.stopped
-            self._parts.news.tell("fault", str(fault))
+            if self.control.abort_reason is not None:  # a stop interrupted the run's request
+                return "aborted", self.control.abort_reason
+            self._parts.event_bus.publish("fault", str(fault))
             return "failed", str(fault)
         missing = self._progress.planned - self._progress.committed
         if missing:
             return "done", f"{missing} trials could not be committed: see their reasons"
-        return "done", "every trial is committed" if self._plan.trials else "every step is taken"
+        return "done", "every trial is committed" if self._plan.trials else "every step is done"
 
     async def _clear_old_fault(self) -> None:
-        """Who starts a run has seen the rig: an old fault is cleared, if its cause is gone."""
-        if not self._watch.fault_latched:
+        """Clear a fault from before the run, if its cause is gone: the operator saw the rig."""
+        if not self._poller.fault_latched:
             return
-        self._parts.news.tell("log", "a fault from before this run is cleared")
-        await self._watch.drum.command(Command.CLEAR)
+        self._parts.event_bus.publish("log", "a fault from before this run is cleared")
+        await self._poller.drum.command(Command.CLEAR)
         for _ in range(CLEAR_TURNS):
-            await self._watch.turn()
+            await self._poller.wait_turn()
             self.control.check_in()
 
-    async def _take(self, step: Step) -> None:
-        """Take one step; after each pause, begin it anew."""
+    async def _run_step(self, step: Step) -> None:
+        """Run one step; repeat it after each pause."""
         while True:
             try:
                 self.control.check()
-                return await self._performer.take(step)
+                return await self._step_runner.run_step(step)
             except RunPaused:
-                await self._hold()
+                await self._pause()
 
-    async def _hold(self) -> None:
+    async def _pause(self) -> None:
         since_s = self._now_s()
-        await self._performer.make_safe()
-        await self.control.hold()
-        self._progress.idle(self._now_s() - since_s)
+        await self._step_runner.make_safe()
+        await self.control.wait_resumed()
+        self._progress.add_idle(self._now_s() - since_s)
 
     async def _make_safe(self) -> None:
-        """Lift and switch off; where the board does it by itself, see that it does."""
+        """Lift and switch off; where the board does so by itself, wait for it."""
         try:
-            await self._performer.make_safe()
+            await self._step_runner.make_safe()
         except BoardFault:
-            await self._await_fault_off()
+            await self._wait_for_fault_off()
         except RigFault as fault:
-            self._parts.news.tell("fault", str(fault))
+            self._parts.event_bus.publish("fault", str(fault))
 
-    async def _await_fault_off(self) -> None:
-        end_s = self._now_s() + SAFE_LIMIT_S
-        while self._now_s() < end_s and self._watch.connected:
-            if self._watch.state is not None and self._watch.state.state == State.FAULT_OFF:
+    async def _wait_for_fault_off(self) -> None:
+        end_s = self._now_s() + SAFE_TIMEOUT_S
+        while self._now_s() < end_s and self._poller.connected:
+            if self._poller.state is not None and self._poller.state.state == State.FAULT_OFF:
                 return
-            await self._watch.turn()
+            await self._poller.wait_turn()
             self.control.check_in()
 
-    def _end(self, ending: str, text: str) -> None:
+    def _end(self, outcome: str, text: str) -> None:
         failure = self._parts.recorder.failure
-        if failure is not None and ending == "done":
-            ending, text = "failed", failure
-        self.ending, self.text = ending, text
-        folder = str(self.folder)
-        self._parts.news.tell("run", text, state=ending, session=folder)
+        if failure is not None and outcome == "done":
+            outcome, text = "failed", failure
+        self.outcome, self.text = outcome, text
+        self._parts.event_bus.publish("run", text, state=outcome, session=str(self.folder))
 
-    def _record(self, event: Event) -> None:
-        if self._parts.pump.recording:
+    def _record_event(self, event: Event) -> None:
+        if self._parts.pipeline.is_recording:
             self._parts.recorder.add_event(event)
 
     def _record_drum(self, state: DrumState) -> None:
-        if self._parts.pump.recording:
+        if self._parts.pipeline.is_recording:
             settings = self._parts.motion.settings
             self._parts.recorder.add_drum(state, settings["force_set"], settings["speed_set"])
 
 
-def _current(trial: PlannedTrial) -> CurrentTrial:
-    return CurrentTrial(
-        texture=trial.texture,
-        speed_mm_s=trial.speed_mm_s,
-        force_g=trial.force_g,
-        repeat=trial.repeat,
-    )
+def _current_trial(trial: PlannedTrial) -> CurrentTrial:
+    return CurrentTrial(trial.texture, trial.speed_mm_s, trial.force_g, trial.repeat)

@@ -1,4 +1,4 @@
-"""One attempt at one trial: from the lifted drum to the lifted drum, with a row to show for it."""
+"""One attempt at one trial, from the lifted drum to the lifted drum, with its row for the table."""
 
 from __future__ import annotations
 
@@ -15,61 +15,63 @@ from rigctl.acquisition.protocol.trial_quality import (
 from rigctl.acquisition.taxels.clock_fit import ClockEstimate
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.acquisition.taxels.trial_cutter import CutTrial
-from rigctl.acquisition.taxels.trial_start_by_clock import TrialStart, place_of
+from rigctl.acquisition.taxels.trial_start_by_clock import TrialStart, estimate_trial_start
 from rigctl.errors import RigFault
 from rigctl.values import DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
-LATE_DATA_LIMIT_S = 1.0
-TRAVEL_SLACK_S = 10.0
-TRAVEL_SLACK = 1.5
-CLOCK_ERROR_PPM = 100.0
-CLOCK_SPAN_S = 5.0
-CLOCK_LIMIT_S = 30.0
+LATE_SAMPLES_TIMEOUT_S = 1.0
+TRAVEL_EXTRA_S = 10.0
+TRAVEL_FACTOR = 1.5
+MAX_CLOCK_ERROR_PPM = 100.0
+MIN_CLOCK_SPAN_S = 5.0
+CLOCK_TIMEOUT_S = 30.0
 
 
 class TrialAttempt:
-    """Moves, presses, runs, cuts, judges. Use once; :meth:`row` is valid at any time."""
+    """Moves, presses, runs, cuts and judges one trial. Use once; :meth:`row` is always valid."""
 
     def __init__(
         self,
         motion: DrumMotion,
-        pump: SamplePipeline,
+        pipeline: SamplePipeline,
         trial: PlannedTrial,
         number: int,
         limits: QualityLimits,
     ) -> None:
         self.trial = trial
         self.number = number
+        self.start_by_clock: TrialStart | None = None
         self._motion = motion
-        self._pump = pump
+        self._poller = motion.poller
+        self._pipeline = pipeline
         self._limits = limits
-        self._now_s: Callable[[], float] = motion.watch.loop.time
+        self._now_s: Callable[[], float] = motion.poller.loop.time
         self._started_s = self._now_s()
         self._loadcell: list[LoadcellSample] = []
         self._measured = MeasuredTrial()
         self._cut: CutTrial | None = None
         self._by_wire = motion.config.signals.sync
-        self._rises: int | None = None
-        self.place: TrialStart | None = None
+        self._rises_before: int | None = None
 
     async def run(self) -> tuple[str, ...]:
-        """Take the trial; reasons against it, none when it is good. Ends with the lift begun.
+        """Record the trial, begin the lift, and return the reasons against it, none if it is good.
 
         Raises what ``motion.check`` raises, and RigFault.
         """
-        unwatch = self._motion.watch.watch(self._note)
+        cutter = self._pipeline.trial_cutter
+        unsubscribe = self._poller.subscribe(self._add_state)
         try:
             await self._prepare()
-            await self._touch_and_turn()
+            await self._press_and_turn()
         finally:
-            unwatch()
-            self._pump.flush()
-            self._cut = self._pump.cutter.trial
-            self._pump.cutter.forget()
+            unsubscribe()
+            self._pipeline.flush()
+            self._cut = cutter.trial
+            cutter.cancel()
         return judge(self.trial, self._cut, self._measured, self._limits)
 
     def row(self, verdict: Verdict, reasons: tuple[str, ...]) -> TrialRow:
-        """The attempt as it is stored; the recorder fills in part and first sample."""
+        """Return the attempt's row; the recorder fills in part and first sample."""
         cut = self._cut
         return TrialRow(
             trial=self.trial,
@@ -89,86 +91,87 @@ class TrialAttempt:
     async def _prepare(self) -> None:
         await self._motion.set_trial(self.trial)
         await self._motion.move_to_start(self.trial)
-        self._pump.flush()
-        self._pump.cutter.expect(self.trial.n_samples, self._by_wire)
+        self._pipeline.flush()
+        self._pipeline.trial_cutter.expect(self.trial.n_samples, self._by_wire)
 
-    async def _touch_and_turn(self) -> None:
+    async def _press_and_turn(self) -> None:
         motion = self._motion
         await motion.approach()
-        await self._set_clock()
-        self._rises = rises = motion.watch.healthy().sync_count
-        state = await motion.run(self._travel_limit_s())
+        await self._wait_for_clocks()
+        await motion.trim_clock()
+        self._rises_before = rises_before = self._poller.healthy_state().sync_count
+        state = await motion.run(self._travel_timeout_s())
         await motion.begin_lift()
-        if state.sync_count == rises:
-            raise RigFault("the drum ran without raising its sync line: load its firmware anew")
+        if state.sync_count == rises_before:
+            raise RigFault("the drum ran without raising its sync line: load its firmware again")
         self._measured = measure(self.trial, self._window(state))
-        await self._await_samples()
+        await self._wait_for_samples()
 
-    async def _set_clock(self) -> None:
-        """Wait until clock errors are known well enough for a true speed and a cut."""
-        watch = self._motion.watch
-        late_s = self._now_s() + CLOCK_LIMIT_S
-        while (name := self._unknown_clock()) is not None:
-            if self._now_s() > late_s:
+    async def _wait_for_clocks(self) -> None:
+        """Wait until the clock errors are known well enough for a true speed and a cut."""
+        end_s = self._now_s() + CLOCK_TIMEOUT_S
+        while (board := self._board_with_unknown_clock()) is not None:
+            if self._now_s() > end_s:
                 raise RigFault(
-                    f"the {name}'s clock cannot be followed, its data come too unevenly: "
+                    f"the {board}'s clock cannot be fitted because its data arrive too unevenly: "
                     "give the board a USB port of its own"
                 )
-            await watch.turn()
+            await self._poller.wait_turn()
             self._motion.check()
-        await self._motion.trim()
 
-    def _unknown_clock(self) -> str | None:
-        """Board whose clock is not known well enough yet; the sync line spares the taxels'."""
-        if not _is_known(self._motion.watch.clock.estimate):
+    def _board_with_unknown_clock(self) -> str | None:
+        """Return the board whose clock is not known yet; a sync wire needs no taxel clock."""
+        if not _is_known(self._poller.clock_fit.estimate):
             return "drum"
-        if not self._by_wire and not _is_known(self._pump.clock.estimate):
+        if not self._by_wire and not _is_known(self._pipeline.clock_fit.estimate):
             return "taxel board"
         return None
 
-    async def _await_samples(self) -> None:
-        """Give the last samples of the window time to arrive; a lost one is judged, not awaited."""
-        late_s = self._now_s() + LATE_DATA_LIMIT_S
-        while not self._is_cut() and self._now_s() < late_s:
-            await self._motion.watch.turn()
+    async def _wait_for_samples(self) -> None:
+        """Give the window's last samples time to arrive; lost ones are judged, not awaited."""
+        end_s = self._now_s() + LATE_SAMPLES_TIMEOUT_S
+        while not self._is_cut() and self._now_s() < end_s:
+            await self._poller.wait_turn()
             self._motion.check()
 
     def _is_cut(self) -> bool:
-        self._pump.flush()
-        cut = self._pump.cutter.trial
+        self._pipeline.flush()
+        cut = self._pipeline.trial_cutter.trial
         return cut is not None and cut.complete
 
     def _window(self, state: DrumState) -> TrialWindow:
         travel_mm = self._motion.settings["travel_set"]
-        ppm = clock_ppm(self._motion.watch.clock.estimate)
+        ppm = ppm_or_zero(self._poller.clock_fit.estimate)
         return TrialWindow(travel_mm, state.sync_rise_us, state.sync_fall_us, ppm, self._loadcell)
 
-    def _travel_limit_s(self) -> float:
+    def _travel_timeout_s(self) -> float:
         travel_mm = self._motion.config.drum.run_in_mm + self.trial.travel_mm
-        return TRAVEL_SLACK_S + TRAVEL_SLACK * travel_mm / self.trial.speed_mm_s
+        return TRAVEL_EXTRA_S + TRAVEL_FACTOR * travel_mm / self.trial.speed_mm_s
 
-    def _note(self, state: DrumState) -> None:
+    def _add_state(self, state: DrumState) -> None:
         self._loadcell.extend(state.loadcell)
-        rose = self._rises is not None and state.sync_count != self._rises
-        if rose and not self._by_wire and self.place is None:
+        rose = self._rises_before is not None and state.sync_count != self._rises_before
+        if rose and not self._by_wire and self.start_by_clock is None:
             self._cut_by_clock(state)
 
     def _cut_by_clock(self, state: DrumState) -> None:
-        """No wire shows the rise to the taxel board: the drum said when it was."""
-        self._pump.flush()
-        self.place = place_of(state.sync_rise_us, self._motion.watch.clock, self._pump.clock)
-        if self.place is not None:
-            self._pump.cutter.begin(self.place.first_counter)
+        """Cut at the rise's time on the drum: no wire shows it to the taxel board."""
+        self._pipeline.flush()
+        self.start_by_clock = estimate_trial_start(
+            state.sync_rise_us, self._poller.clock_fit, self._pipeline.clock_fit
+        )
+        if self.start_by_clock is not None:
+            self._pipeline.trial_cutter.begin(self.start_by_clock.first_counter)
 
 
 def _is_known(estimate: ClockEstimate | None) -> bool:
     return (
         estimate is not None
-        and estimate.span_s >= CLOCK_SPAN_S
-        and estimate.error_ppm <= CLOCK_ERROR_PPM
+        and estimate.span_s >= MIN_CLOCK_SPAN_S
+        and estimate.error_ppm <= MAX_CLOCK_ERROR_PPM
     )
 
 
-def clock_ppm(estimate: ClockEstimate | None) -> float:
-    """What is known of a clock's error, 0 where nothing is."""
+def ppm_or_zero(estimate: ClockEstimate | None) -> float:
+    """Return a clock's error, 0 where it is unknown."""
     return 0.0 if estimate is None else estimate.ppm

@@ -1,4 +1,4 @@
-"""Whether an attempt at a trial is good: from its own data, with every reason in words."""
+"""Quality of a trial attempt, judged from its own data, with each reason as a sentence."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from rigctl.values import SAMPLE_RATE_HZ, LoadcellSample, PlannedTrial
 
 @dataclass(frozen=True, slots=True)
 class QualityLimits:
-    """How far a trial may be off before it is taken again; shares of the set-point.
+    """Allowed deviations of a trial; shares of the set-point.
 
-    A force may be off by ``force_least_g`` whatever the share says: no load cell reads better.
+    A force may be off by ``min_force_tolerance_g`` in any case: no load cell reads better.
     """
 
     speed_share: float
     force_share: float
     lost_samples: int
     force_spread_share: float = 0.15
-    force_least_g: float = 4.0
+    min_force_tolerance_g: float = 4.0
     late_share: float = 0.01
 
     @classmethod
     def of(cls, quality: Quality) -> QualityLimits:
-        """What a protocol asks for."""
+        """Return the limits that a protocol sets."""
         speed, force = quality.speed_tolerance_percent, quality.force_tolerance_percent
         return cls(speed / 100, force / 100, quality.max_lost_samples)
 
 
 @dataclass(frozen=True, slots=True)
 class TrialWindow:
-    """The trial's window as the drum saw it.
+    """The trial's window as the drum measured it.
 
-    ``travel_mm`` of texture went by between the sync line's rise at ``rise_us`` and its fall at
+    ``travel_mm`` of texture passed between the sync line's rise at ``rise_us`` and its fall at
     ``fall_us``, unwrapped board time; the board's clock runs ``clock_ppm`` fast. ``loadcell``:
     samples of the attempt, some of them before or behind the window.
     """
@@ -51,7 +51,7 @@ class TrialWindow:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredTrial:
-    """What speed and force really were, and how long the window was; NaN where not measured."""
+    """Measured speed, force and length of the window; NaN where not measured."""
 
     mean_speed_mm_s: float = float("nan")
     mean_force_g: float = float("nan")
@@ -60,7 +60,7 @@ class MeasuredTrial:
 
 
 def measure(planned: PlannedTrial, window: TrialWindow) -> MeasuredTrial:
-    """Mean speed from the window's travel and time, force from the samples within the trial."""
+    """Return the mean speed over the window and the force over the samples of the trial."""
     board_s = (window.fall_us - window.rise_us) / 1e6
     if board_s <= 0:
         return MeasuredTrial()
@@ -76,7 +76,7 @@ def measure(planned: PlannedTrial, window: TrialWindow) -> MeasuredTrial:
 def judge(
     planned: PlannedTrial, cut: CutTrial | None, measured: MeasuredTrial, limits: QualityLimits
 ) -> tuple[str, ...]:
-    """Reasons to take the trial again; none means that it is good."""
+    """Return the reasons to repeat the trial, none where it is good."""
     if cut is None:
         return ("the sync line never rose in the taxel samples: check its wire",)
     return (
@@ -103,30 +103,36 @@ def _data_reasons(cut: CutTrial, limits: QualityLimits) -> list[str]:
 
 def _window_reasons(cut: CutTrial, measured: MeasuredTrial) -> list[str]:
     """Without the sync line's level in each sample, the drum's window must be long enough."""
-    held = measured.window_s * SAMPLE_RATE_HZ
-    if cut.by_wire or held >= cut.n_samples:
+    window_samples = measured.window_s * SAMPLE_RATE_HZ
+    if cut.by_wire or window_samples >= cut.n_samples:
         return []
-    return [f"the drum's window lasted {held:.0f} samples, {cut.n_samples} are needed"]
+    return [f"the drum's window lasted {window_samples:.0f} samples, {cut.n_samples} are needed"]
 
 
 def _motion_reasons(
     planned: PlannedTrial, measured: MeasuredTrial, limits: QualityLimits
 ) -> list[str]:
     reasons = []
-    if not _near(measured.mean_speed_mm_s, planned.speed_mm_s, limits.speed_share, 0.0):
+    speed_limit = limits.speed_share * planned.speed_mm_s
+    if not _is_close(measured.mean_speed_mm_s, planned.speed_mm_s, speed_limit):
         reasons.append(
             f"mean speed {measured.mean_speed_mm_s:.2f} mm/s instead of {planned.speed_mm_s:g}"
         )
     if planned.force_mode != "hold" or planned.force_g <= 0:
         return reasons
-    if not _near(measured.mean_force_g, planned.force_g, limits.force_share, limits.force_least_g):
+    force_limit = max(limits.force_share * planned.force_g, limits.min_force_tolerance_g)
+    if not _is_close(measured.mean_force_g, planned.force_g, force_limit):
         reasons.append(f"mean force {measured.mean_force_g:.1f} g instead of {planned.force_g:g}")
-    allowed = max(limits.force_spread_share * planned.force_g, 2 * limits.force_least_g)
-    if measured.force_spread_g > allowed:
-        reasons.append(f"force spread {measured.force_spread_g:.1f} g, at most {allowed:.1f} g")
+    spread_limit = max(
+        limits.force_spread_share * planned.force_g, 2 * limits.min_force_tolerance_g
+    )
+    if measured.force_spread_g > spread_limit:
+        reasons.append(
+            f"force spread {measured.force_spread_g:.1f} g, at most {spread_limit:.1f} g"
+        )
     return reasons
 
 
-def _near(value: float, wanted: float, share: float, least: float) -> bool:
-    """False for NaN as well: what was not measured is not good."""
-    return bool(abs(value - wanted) <= max(share * wanted, least))
+def _is_close(value: float, planned: float, limit: float) -> bool:
+    """Return whether a value is within its limit; False for NaN: it was not measured."""
+    return abs(value - planned) <= limit

@@ -1,6 +1,6 @@
-"""The desk: what clients may ask of the engine, one method a command.
+"""The commands of clients, one method each.
 
-Commands that move the rig are refused while a run is going; stop never is.
+Commands that move the rig are refused during a run; stop never is.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from rigctl.errors import WrongUse
 from rigctl.wire.drum.codes import Command
 
 Result = dict[str, Any]
-TRAVEL_SLACK = 1.5
-TRAVEL_SLACK_S = 10.0
+TRAVEL_FACTOR = 1.5
+TRAVEL_EXTRA_S = 10.0
 
-OPERATORS = {
+OPERATOR_SETTINGS = {
     "speed_mm_s": "speed_set",
     "force_g": "force_set",
     "acceleration_mm_s2": "acceleration_set",
     "travel_mm": "travel_set",
     "run_in_mm": "run_in_set",
 }
-"""What an operator may set, and its register. All else decides what a force means, what stops the
-drum or how it is built: that stands in ``rig.toml``, in a protocol, or comes from a calibration."""
+"""Settings of an operator, with their registers. All others decide what a force means, what stops
+the drum or how it is built; they come from ``rig.toml``, a protocol or a calibration."""
 
 
 class CommandHandler:
-    """Answers requests. Every method returns the reply's result or raises RigctlError."""
+    """Executes requests. Every method returns the reply's result or raises RigctlError."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -46,16 +46,16 @@ class CommandHandler:
         }
 
     async def handle(self, command: str, args: dict[str, Any]) -> Result:
-        """Answer one request. Raises WrongUse for what is no command or has wrong arguments."""
+        """Execute one request. Raises WrongUse for an unknown command or wrong arguments."""
         method = self._commands.get(command)
         if method is None:
-            known = ", ".join(sorted(self._commands))
-            raise WrongUse(f"the engine knows no command {command!r}: it knows {known}")
-        _check_arguments(f"command {command}", method, args)
+            names = ", ".join(sorted(self._commands))
+            raise WrongUse(f"the engine has no command {command!r}: it has {names}")
+        _validate_arguments(f"command {command}", method, args)
         return await method(**args)
 
     async def on_status(self) -> Result:
-        """How everything stands, as in the event of that name."""
+        """Return the data of the status event."""
         return as_dict(self._engine.status())
 
     async def on_arm(self) -> Result:
@@ -79,19 +79,19 @@ class CommandHandler:
         return {}
 
     async def on_jog(self, mm: float) -> Result:
-        """Turn the lifted drum by so many mm of texture, forwards where positive; mm turned."""
+        """Turn the lifted drum by mm of texture, forwards where positive; return the real mm."""
         motion = self._free_motion()
-        return {"moved_mm": await motion.jog(_number("mm", mm))}
+        return {"moved_mm": await motion.jog(_validate_number("mm", mm))}
 
     async def on_set(self, **values: float) -> Result:
-        """Write what an operator may set; the values that the board took."""
+        """Write an operator's settings; return the values that the board took."""
         motion = self._free_motion()
         for name, value in values.items():
-            _check_setting(name, value, motion.config.limits)
-        registers = {OPERATORS[name]: value for name, value in values.items()}
-        taken = await motion.watch.drum.set(**registers)
-        motion.settings.update(taken)
-        return {name: taken[OPERATORS[name]] for name in values}
+            _validate_setting(name, value, motion.config.limits)
+        registers = {OPERATOR_SETTINGS[name]: value for name, value in values.items()}
+        written = await motion.poller.drum.set(**registers)
+        motion.settings.update(written)
+        return {name: written[OPERATOR_SETTINGS[name]] for name in values}
 
     async def on_approach(self) -> Result:
         """Press until the force has settled."""
@@ -103,22 +103,22 @@ class CommandHandler:
         motion = self._free_motion()
         settings = motion.settings
         travel_mm = settings["run_in_set"] + settings["travel_set"]
-        await motion.run(TRAVEL_SLACK_S + TRAVEL_SLACK * travel_mm / settings["speed_set"])
+        await motion.run(TRAVEL_EXTRA_S + TRAVEL_FACTOR * travel_mm / settings["speed_set"])
         return {}
 
     async def on_retract(self) -> Result:
-        """Lift off from wherever the drum is."""
+        """Lift off from any state."""
         await self._free_motion().lift()
         return {}
 
     async def on_stop(self) -> Result:
         """Stop and lift at once; a run ends."""
-        await self._engine.stop("stopped by a client")
+        await self._engine.send_stop("stopped by a client")
         return {}
 
     async def on_clear_fault(self) -> Result:
         """Clear the latched fault, where its cause is gone."""
-        await self._engine.bench.drum.command(Command.CLEAR)
+        await self._engine.rig.drum.command(Command.CLEAR)
         return {}
 
     async def on_start(
@@ -129,87 +129,87 @@ class CommandHandler:
         yes: bool = False,
         resume: str | None = None,
     ) -> Result:
-        """Run a protocol into ``out``, or go on with the session in ``resume``."""
+        """Run a protocol into ``out``, or resume the session in ``resume``."""
         self._free_motion()
         run = self._engine.start(RunRequest(protocol, out, resume, seed, yes))
         return {"session": str(run.folder)}
 
     async def on_pause(self) -> Result:
-        """Lift off and hold the run."""
-        self._running().control.pause()
+        """Lift off and pause the run."""
+        self._active_run().control.pause()
         return {}
 
     async def on_resume(self) -> Result:
-        """Go on; the interrupted trial is taken anew."""
-        self._running().control.resume()
+        """Resume the run; the interrupted trial repeats."""
+        self._active_run().control.resume()
         return {}
 
     async def on_abort(self) -> Result:
         """End the run safely."""
-        self._running().control.abort("aborted by a client")
+        self._active_run().control.abort("aborted by a client")
         return {}
 
     async def on_answer(self, prompt_id: int, answer: str) -> Result:
-        """Answer a question: ``ok`` goes on, ``abort`` ends the run."""
-        if not self._running().control.answer(prompt_id, answer):
-            raise WrongUse(f"question {prompt_id} is not the one that is asked")
+        """Answer a question: ``ok`` continues, ``abort`` ends the run."""
+        if not self._active_run().control.answer(prompt_id, answer):
+            raise WrongUse(f"question {prompt_id} is not the current one")
         return {}
 
     async def on_plate(self, texture: str) -> Result:
-        """Say which plate is mounted; a simulated one changes by itself."""
+        """Note the mounted plate; a simulated rig mounts it by itself."""
         self._free_motion()
         return {"changed": self._engine.set_plate(texture)}
 
     async def on_calibrate_range(self, seconds: float = 10.0) -> Result:
-        """Take the range that the taxels show in the next seconds for the encoder."""
+        """Observe the taxels and set the observed range in the encoder."""
         found = await self._engine.boards.calibrate_range(float(seconds))
         return {"low": found.low.tolist(), "high": found.high.tolist()}
 
     async def on_test_taxels(self) -> Result:
-        """Have the taxel board test its lines and the sensor; what it found, a sentence each."""
+        """Start the taxel board's self-test; return one sentence per finding."""
         self._free_motion()
         taxels = self._engine.boards.taxels
         await taxels.test()
         return {"found": taxels.findings}
 
     async def on_inject(self, fault: str, **args: Any) -> Result:
-        """Make something go wrong on a simulated bench."""
-        panel = self._engine.bench.faults
-        if panel is None:
+        """Inject a fault into a simulated bench."""
+        faults = self._engine.rig.faults
+        if faults is None:
             raise WrongUse("faults can be injected on a simulated rig only")
-        method = getattr(panel, fault, None)
+        method = getattr(faults, fault, None)
         if fault.startswith("_") or not callable(method):
-            raise WrongUse(f"the simulated bench knows no fault {fault!r}")
-        _check_arguments(f"fault {fault}", method, args)
+            raise WrongUse(f"the simulated bench has no fault {fault!r}")
+        _validate_arguments(f"fault {fault}", method, args)
         method(**args)
         return {}
 
     async def on_shutdown(self) -> Result:
-        """End the engine; the rig is made safe first."""
-        self._engine.end("the engine was told to end")
+        """End the engine; it makes the rig safe first."""
+        self._engine.shut_down("a client ended the engine")
         return {}
 
     def _free_motion(self) -> DrumMotion:
-        """The drum's moves, for a person; refused while a run has them."""
+        """Return the drum's motion. Raises WrongUse during a run."""
         if self._engine.is_running:
-            raise WrongUse("a run is going: pause or abort it first")
+            raise WrongUse("a run is active: pause or abort it first")
         return self._engine.boards.motion
 
-    def _running(self) -> Run:
+    def _active_run(self) -> Run:
         run = self._engine.run
         if run is None or run.ended:
-            raise WrongUse("no run is going: start one first")
+            raise WrongUse("no run is active: start one first")
         return run
 
 
-def _check_setting(name: str, value: object, limits: RigLimits) -> None:
-    """Raise WrongUse for what is not an operator's to set, or not within this rig's limits."""
-    if name not in OPERATORS:
+def _validate_setting(name: str, value: object, limits: RigLimits) -> None:
+    """Raise WrongUse for a setting that is not the operator's, or outside this rig's limits."""
+    if name not in OPERATOR_SETTINGS:
         raise WrongUse(
-            f"{name} is not for an operator to set, who sets {', '.join(OPERATORS)}: change it in "
-            "rig.toml or in the protocol, or calibrate the rig"
+            f"{name} is not an operator's setting, which are {', '.join(OPERATOR_SETTINGS)}: "
+            "change it in rig.toml or in the protocol, or calibrate the rig"
         )
-    number = _number(name, value)
+    number = _validate_number(name, value)
     bounds = {
         "speed_mm_s": (limits.speed_min_mm_s, limits.speed_max_mm_s),
         "force_g": (limits.force_min_g, limits.force_max_g),
@@ -217,19 +217,19 @@ def _check_setting(name: str, value: object, limits: RigLimits) -> None:
     low, high = bounds.get(name, (-math.inf, math.inf))
     if not low <= number <= high:
         raise WrongUse(
-            f"{name} {number:g} is outside of this rig's limits, {low:g} to {high:g}: choose one "
+            f"{name} {number:g} is outside this rig's limits, {low:g} to {high:g}: choose one "
             "within them, or change [limits] in rig.toml"
         )
 
 
-def _number(name: str, value: object) -> float:
-    """The value. Raises WrongUse where it is no number."""
+def _validate_number(name: str, value: object) -> float:
+    """Return the value. Raises WrongUse where it is not a finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise WrongUse(f"{name} must be a number, not {value!r}")
     return value
 
 
-def _check_arguments(what: str, method: Callable[..., object], args: dict[str, Any]) -> None:
+def _validate_arguments(what: str, method: Callable[..., object], args: dict[str, Any]) -> None:
     try:
         inspect.signature(method).bind(**args)
     except TypeError as error:

@@ -1,8 +1,8 @@
-"""Where a running engine says how to reach it: one small private file an engine.
+"""The file of a running engine that says how to connect to it: one small private file per engine.
 
-The file lies in a folder of the user's own (mode 0700), is readable by the user alone (0600),
-and holds the port, the token that a client must show, the engine's process id and where its
-live data are. The engine removes it when it ends; one left by a killed engine is swept up.
+The file is in a folder of the user's own (mode 0700), is readable by the user alone (0600),
+and holds the port, the token that a client must show, the engine's process id and the path of
+its live data. The engine removes it when it ends; a reader removes the file of a killed engine.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SUFFIX = ".engine.json"
 
 @dataclass(frozen=True, slots=True)
 class EngineFile:
-    """How to reach one engine."""
+    """Connection data of one engine."""
 
     name: str
     pid: int
@@ -34,10 +34,10 @@ class EngineFile:
 
 
 def runtime_folder() -> Path:
-    """The user's own folder for running engines, made if need be.
+    """Return the user's own folder for running engines; create it if necessary.
 
     ``$RIGCTL_RUNTIME`` if set, else a folder below ``$XDG_RUNTIME_DIR`` or the folder for
-    temporary files. Raises WrongUse where the folder belongs to somebody else.
+    temporary files. Raises WrongUse where the folder belongs to another user.
     """
     chosen = os.environ.get(FOLDER_VARIABLE) or os.environ.get("XDG_RUNTIME_DIR")
     owner = str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
@@ -46,7 +46,7 @@ def runtime_folder() -> Path:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
         raise WrongUse(
-            f"no folder for running engines can be made at {folder} ({error.strerror}): "
+            f"the folder for running engines {folder} cannot be created ({error.strerror}): "
             f"set {FOLDER_VARIABLE} to a folder of your own"
         ) from error
     if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():
@@ -54,29 +54,29 @@ def runtime_folder() -> Path:
     return folder
 
 
-def new_name() -> str:
-    """A name that no other engine has."""
+def new_engine_name() -> str:
+    """Return a random engine name."""
     return secrets.token_hex(4)
 
 
-def announcement_path(folder: Path, name: str) -> Path:
-    """Where the engine of that name announces itself."""
+def engine_file_path(folder: Path, name: str) -> Path:
+    """Return the path of the engine's file."""
     return folder / (name + _SUFFIX)
 
 
-def announce(folder: Path, announcement: EngineFile) -> Path:
-    """Write the file in one step, so that a reader sees all of it or nothing."""
-    path = announcement_path(folder, announcement.name)
+def write_engine_file(folder: Path, engine: EngineFile) -> Path:
+    """Write the file in one step, so that a reader sees all of it or nothing; return its path."""
+    path = engine_file_path(folder, engine.name)
     draft = path.with_suffix(".draft")
     descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        json.dump(asdict(announcement), file)
+        json.dump(asdict(engine), file)
     draft.replace(path)
     return path
 
 
-def read_announcement(path: Path) -> EngineFile | None:
-    """The announcement in that file, None where there is none that makes sense."""
+def read_engine_file(path: Path) -> EngineFile | None:
+    """Return the contents of the file, None where it is absent or invalid."""
     try:
         return EngineFile(**json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
@@ -84,29 +84,25 @@ def read_announcement(path: Path) -> EngineFile | None:
 
 
 def running_engines(folder: Path) -> list[EngineFile]:
-    """Engines that run now, newest first; what dead ones left behind is removed."""
-    alive: list[tuple[float, EngineFile]] = []
+    """Return the running engines, newest first; remove the files of dead ones."""
+    running: list[tuple[float, EngineFile]] = []
     for path in folder.glob("*" + _SUFFIX):
-        found = read_announcement(path)
-        if found is not None and _is_alive(found.pid):
-            alive.append((_written_s(path), found))
+        engine = read_engine_file(path)
+        if engine is not None and _is_alive(engine.pid):
+            running.append((_modified_s(path), engine))
         else:
-            _sweep(path, found)
-    return [found for _, found in sorted(alive, key=lambda item: -item[0])]
+            path.unlink(missing_ok=True)
+            if engine is not None:
+                Path(engine.live).unlink(missing_ok=True)
+    return [engine for _, engine in sorted(running, key=lambda item: -item[0])]
 
 
-def _written_s(path: Path) -> float:
-    """When the file was written; 0 for one that is gone just now."""
+def _modified_s(path: Path) -> float:
+    """Return when the file was written, 0 where it has just been removed."""
     try:
         return path.stat().st_mtime
     except FileNotFoundError:
         return 0.0
-
-
-def _sweep(path: Path, found: EngineFile | None) -> None:
-    path.unlink(missing_ok=True)
-    if found is not None:
-        Path(found.live).unlink(missing_ok=True)
 
 
 def _is_alive(pid: int) -> bool:

@@ -1,7 +1,7 @@
-"""The engine's door: clients come with a token, ask one JSON line at a time, and are told events.
+"""The engine's server: clients log in with a token, send one JSON line per request, get events.
 
-A client that does not read is dropped before it costs memory; no client can make the loop wait.
-Nothing here sets a timer, so a client's coming and going leaves no trace in a simulated run.
+The server drops a client that does not read before it costs memory; no client can block the loop.
+It sets no timer, so clients that come and go change nothing in a simulated run.
 """
 
 from __future__ import annotations
@@ -16,38 +16,38 @@ from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, decode_message, en
 from rigctl.errors import RigctlError, WrongUse
 
 UNREAD_LIMIT_BYTES = 4 << 20
-FIRST_CLIENT_S = 30.0
-Handler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
+FIRST_CLIENT_TIMEOUT_S = 30.0
+RequestHandler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
-def listen() -> socket.socket:
-    """A listening socket on a free port of this machine's loopback."""
+def open_listener() -> socket.socket:
+    """Return a listening socket on a free port of this machine's loopback."""
     listener = socket.create_server(("127.0.0.1", 0), backlog=8)
     listener.setblocking(False)
     return listener
 
 
-def await_client(
-    listener: socket.socket, token: str, limit_s: float = FIRST_CLIENT_S
+def accept_first_client(
+    listener: socket.socket, token: str, timeout_s: float = FIRST_CLIENT_TIMEOUT_S
 ) -> socket.socket | None:
-    """Wait, before any loop runs, for the first client that shows the token; None if none came."""
-    listener.settimeout(limit_s)
+    """Return the first client, accepted before the loop runs; None without one or its token."""
+    listener.settimeout(timeout_s)
     try:
         connection, _ = listener.accept()
     except OSError:
         return None
     finally:
         listener.setblocking(False)
-    if _shows(connection, token, limit_s):
+    if _reads_token(connection, token, timeout_s):
         connection.setblocking(False)
         return connection
     connection.close()
     return None
 
 
-def _shows(connection: socket.socket, token: str, limit_s: float) -> bool:
-    """Whether the first line that comes holds the token."""
-    connection.settimeout(limit_s)
+def _reads_token(connection: socket.socket, token: str, timeout_s: float) -> bool:
+    """Read the first line and return whether it holds the token."""
+    connection.settimeout(timeout_s)
     try:
         with connection.makefile("rb", buffering=0) as lines:
             message = decode_message(lines.readline(LINE_LIMIT_BYTES))
@@ -56,29 +56,33 @@ def _shows(connection: socket.socket, token: str, limit_s: float) -> bool:
     return _is_token(message.get("token"), token)
 
 
+def _is_token(received: object, token: str) -> bool:
+    return isinstance(received, str) and hmac.compare_digest(received, token)
+
+
 class Server:
     """All clients of one engine.
 
-    ``handle(command, args)`` answers a request with a result or raises RigctlError.
+    ``handle(command, args)`` returns the result of a request or raises RigctlError.
     """
 
-    def __init__(self, token: str, handle: Handler) -> None:
+    def __init__(self, token: str, handle: RequestHandler) -> None:
         self._token = token
         self._handle = handle
         self._greeting: dict[str, Any] | None = None
-        self._clients: set[_Client] = set()
+        self._clients: set[_Connection] = set()
         self._server: asyncio.Server | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
-    async def open(self, listener: socket.socket, first: socket.socket | None) -> None:
-        """Serve who comes to ``listener``, and ``first`` who came and showed the token already."""
+    async def open(self, listener: socket.socket, first_client: socket.socket | None) -> None:
+        """Serve new connections, and a first client whose token was checked already."""
         loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(lambda: _Client(self), sock=listener)
-        if first is not None:
-            await loop.connect_accepted_socket(lambda: _Client(self, known=True), first)
+        self._server = await loop.create_server(lambda: _Connection(self), sock=listener)
+        if first_client is not None:
+            await loop.connect_accepted_socket(lambda: _Connection(self, True), first_client)
 
     async def close(self) -> None:
-        """Let the last words out, then send everybody away."""
+        """Send what is written, then close all connections."""
         if self._server is not None:
             self._server.close()
         for client in tuple(self._clients):
@@ -90,82 +94,81 @@ class Server:
     def __len__(self) -> int:
         return len(self._clients)
 
-    def welcome(self, message: dict[str, Any]) -> None:
-        """Tell every client that is there, and later each one that comes."""
+    def set_greeting(self, message: dict[str, Any]) -> None:
+        """Send a message to every present client, and to each future one when it connects."""
         self._greeting = message
         self.broadcast(message)
 
     def broadcast(self, message: dict[str, Any]) -> None:
-        """Tell every client."""
+        """Send a message to every client."""
         if not self._clients:
             return
         line = encode_message(message)
         for client in tuple(self._clients):
             client.write(line)
 
-    def knows(self, token: object) -> bool:
-        """Whether a client showed the right token."""
+    def is_token(self, token: object) -> bool:
+        """Return whether a client sent the right token."""
         return _is_token(token, self._token)
 
-    def came(self, client: _Client) -> None:
-        """A client showed its token."""
+    def add_client(self, client: _Connection) -> None:
+        """Add a client that has sent its token."""
         self._clients.add(client)
         if self._greeting is not None:
             client.write(encode_message(self._greeting))
 
-    def left(self, client: _Client) -> None:
-        """A connection ended."""
+    def remove_client(self, client: _Connection) -> None:
+        """Remove a client whose connection is closed."""
         self._clients.discard(client)
 
-    def answer(self, client: _Client, message: dict[str, Any]) -> None:
-        """Have a request answered; requests of one client may overtake each other."""
-        task = asyncio.get_running_loop().create_task(self._answer(client, message))
+    def handle_request(self, client: _Connection, message: dict[str, Any]) -> None:
+        """Start a task that replies; requests of one client may overtake each other."""
+        task = asyncio.get_running_loop().create_task(self._reply(client, message))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _answer(self, client: _Client, message: dict[str, Any]) -> None:
-        number, args = message.get("id"), message.get("args", {})
+    async def _reply(self, client: _Connection, message: dict[str, Any]) -> None:
+        args = message.get("args", {})
+        reply: dict[str, Any]
         try:
             if not isinstance(args, dict):
                 raise WrongUse("a request's args are a JSON object")
-            result = await self._handle(str(message.get("command")), args)
+            reply = {"ok": True, "result": await self._handle(str(message.get("command")), args)}
         except RigctlError as error:
             reply = {"ok": False, "error": str(error), "exit_code": error.exit_code}
-            client.write(encode_message({"reply": number, **reply}))
-        except Exception as error:  # noqa: BLE001 - top of a task: the asker must learn of it
+        except Exception as error:  # noqa: BLE001 - top of a task: the client must get a reply
             text = f"the engine failed inside: {error!r}; report this"
-            client.write(encode_message({"reply": number, "ok": False, "error": text}))
-        else:
-            client.write(encode_message({"reply": number, "ok": True, "result": result}))
+            reply = {"ok": False, "error": text}
+        client.write(encode_message({"reply": message.get("id"), **reply}))
 
 
-class _Client(asyncio.Protocol):
-    """One connection; strangers are cut off at their first line."""
+class _Connection(asyncio.Protocol):
+    """One client's connection, closed at the first line without the token."""
 
-    def __init__(self, server: Server, known: bool = False) -> None:
+    def __init__(self, server: Server, logged_in: bool = False) -> None:
         self._server = server
         self._transport: asyncio.Transport | None = None
         self._received = b""
-        self._known = known
+        self._logged_in = logged_in
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if self._known:
-            self._server.came(self)
+        if self._logged_in:
+            self._server.add_client(self)
 
     def data_received(self, data: bytes) -> None:
         *lines, self._received = (self._received + data).split(b"\n")
         if len(self._received) > LINE_LIMIT_BYTES:
             self.close()
         for line in lines:
-            self._take(line)
+            self._handle_line(line)
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._transport = None
-        self._server.left(self)
+        self._server.remove_client(self)
 
     def write(self, line: bytes) -> None:
         """Send a line, or drop a client that has stopped reading."""
@@ -176,24 +179,20 @@ class _Client(asyncio.Protocol):
             self._transport.abort()
 
     def close(self) -> None:
-        """End the connection once what was written is out."""
+        """Close the connection once the written lines are sent."""
         if self._transport is not None:
             self._transport.close()
 
-    def _take(self, line: bytes) -> None:
+    def _handle_line(self, line: bytes) -> None:
         try:
             message = decode_message(line)
         except ValueError:
             self.close()
             return
-        if self._known:
-            self._server.answer(self, message)
-        elif self._server.knows(message.get("token")):
-            self._known = True
-            self._server.came(self)
+        if self._logged_in:
+            self._server.handle_request(self, message)
+        elif self._server.is_token(message.get("token")):
+            self._logged_in = True
+            self._server.add_client(self)
         else:
             self.close()
-
-
-def _is_token(shown: object, token: str) -> bool:
-    return isinstance(shown, str) and hmac.compare_digest(shown, token)

@@ -1,4 +1,4 @@
-"""STOP for every engine of this user, all at once: one that hangs holds none of the others up."""
+"""STOP for every engine of this user at once: an engine that hangs does not delay the others."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import NamedTuple
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines, runtime_folder
 
-ANSWER_S = 5.0
+STOP_TIMEOUT_S = 5.0
 
 
 class StopResult(NamedTuple):
-    """An engine that was told to stop; ``failure``: what kept it from that, empty where it did."""
+    """Result of STOP for one engine; ``failure``: why it did not stop, empty where it did."""
 
     rig: str
     pid: int
@@ -22,26 +22,26 @@ class StopResult(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Which engine, for a sentence."""
+        """The engine's name in a sentence."""
         return f"{self.rig} (process {self.pid})"
 
 
-def stop_engines(tell: Callable[[StopResult], None], but: Collection[str] = ()) -> int:
-    """Stop each engine but those named, and tell of each as it answers; how many there were.
+def stop_engines(report: Callable[[StopResult], None], exclude: Collection[str] = ()) -> int:
+    """Stop every engine but the excluded ones, report each result, return how many there were.
 
-    Waits for the slowest, at most a few seconds. Raises WrongUse where no folder for engines can
-    be had.
+    Waits for the slowest, at most a few seconds. Raises WrongUse where there can be no folder for
+    engines.
     """
-    engines = [engine for engine in running_engines(runtime_folder()) if engine.name not in but]
-    answers: SimpleQueue[StopResult] = SimpleQueue()
+    engines = [engine for engine in running_engines(runtime_folder()) if engine.name not in exclude]
+    results: SimpleQueue[StopResult] = SimpleQueue()
     threads = [
-        threading.Thread(target=lambda e=engine: answers.put(_stop(e)), name="stop", daemon=True)
+        threading.Thread(target=lambda e=engine: results.put(_stop(e)), name="stop", daemon=True)
         for engine in engines
     ]
     for thread in threads:
         thread.start()
     for _ in engines:
-        tell(answers.get())
+        report(results.get())
     for thread in threads:
         thread.join()
     return len(engines)
@@ -51,9 +51,9 @@ def _stop(engine: EngineFile) -> StopResult:
     try:
         client = EngineClient.attach(engine)
         try:
-            client.request("stop", limit_s=ANSWER_S)
+            client.request("stop", timeout_s=STOP_TIMEOUT_S)
         finally:
             client.close()
-    except Exception as error:  # noqa: BLE001 - top of a thread: whoever stops must hear of it
+    except Exception as error:  # noqa: BLE001 - top of a thread: the user must see every failure
         return StopResult(engine.rig, engine.pid, str(error))
     return StopResult(engine.rig, engine.pid, "")

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rigctl.acquisition.drum.calibration import Calibrator, Point, check_masses, scale_of
+from rigctl.acquisition.drum.calibration import Calibrator, MassReading, fit_scale, validate_masses
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.options.prompt import ask
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     if args.part == "wiring":
         return calibrate_wiring.run(args)
     if args.part == "loadcell":
-        check_masses(args.mass)
+        validate_masses(args.mass)
     world = chosen_world(args.world)
     if notice := wiring_notice(args.rig):
         print(f"rigctl: {notice}", file=sys.stderr, flush=True)
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
             "imbalance": session.turn,
             "tare": session.tare,
         }
-        rig.loop.run_until_complete(session.calibrator.during(part[args.part]))
+        rig.loop.run_until_complete(session.calibrator.run(part[args.part]))
     session.report()
     return 0
 
@@ -91,10 +91,13 @@ class _CalibrationSession:
         await self.calibrator.lift()
         points = [await self._point(mass_g) for mass_g in (0.0, *sorted(self._args.mass))]
         self._rig.lay_mass(0.0)
-        scale = scale_of(points)
-        self.result |= {"scale_ug_per_count": scale.ug_per_count, "curve_share": scale.curve_share}
+        scale = fit_scale(points)
+        self.result |= {
+            "scale_ug_per_count": scale.ug_per_count,
+            "curve_share": scale.nonlinearity_share,
+        }
         self._lines.append(
-            f"{scale.ug_per_count} µg a count, {100 * scale.curve_share:.2f} % off a line"
+            f"{scale.ug_per_count} µg a count, {100 * scale.nonlinearity_share:.2f} % off a line"
         )
         masses = ", ".join(f"{mass:g} g" for mass in sorted(self._args.mass))
         today = datetime.now(UTC).strftime("%Y-%m-%d")
@@ -120,7 +123,7 @@ class _CalibrationSession:
                 f"--force {self._args.force:g} g: this rig presses with "
                 f"{limits.force_min_g:g} to {limits.force_max_g:g} g"
             )
-        found = await self.calibrator.gains(self._args.force)
+        found = await self.calibrator.tune_gains(self._args.force)
         self.result |= {name: getattr(found, name) for name in found.__slots__}
         self._lines.append(
             f"gain_p {found.gain_p_per_s:g} /s, gain_i {found.gain_i_per_s:g} /s, stiffness "
@@ -135,7 +138,7 @@ class _CalibrationSession:
     async def turn(self) -> None:
         """Turn the lifted drum once; the board keeps the table."""
         self._ask("Take the plate off, or leave it on as in use, and keep clear of the drum.")
-        table_g = await self.calibrator.imbalance()
+        table_g = await self.calibrator.measure_imbalance()
         self.result["table_g"] = [round(value, 3) for value in table_g]
         self._lines.append(f"imbalance {(max(table_g) - min(table_g)) / 2:.2f} g")
         await self._save("", {})
@@ -147,11 +150,11 @@ class _CalibrationSession:
             return
         print("\n".join(self._lines))
 
-    async def _point(self, mass_g: float) -> Point:
+    async def _point(self, mass_g: float) -> MassReading:
         if not self._rig.lay_mass(mass_g):
             what = f"Lay {mass_g:g} g on the drum" if mass_g else "Take everything off the drum"
             self._ask(f"{what} and let it come to rest.")
-        point = await self.calibrator.point(mass_g)
+        point = await self.calibrator.read_mass(mass_g)
         self._print(f"{mass_g:g} g: {point.mean_counts:.0f} counts ± {point.sd_counts:.0f}")
         return point
 
@@ -161,7 +164,7 @@ class _CalibrationSession:
             return
         path = Path(self._args.rig) if values and self._rig.kind == BENCH else None
         text = _edited(path, table, values) if path else ""
-        await self.calibrator.save(**settings)
+        await self.calibrator.save_settings(**settings)
         places = ["the board's EEPROM"]
         if path:
             replace_file(path, text)

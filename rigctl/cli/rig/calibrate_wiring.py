@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from rigctl.acquisition.taxels.wiring_identification import (
     PER_LAYER,
-    Means,
+    MeanReadings,
     WiringIdentification,
-    place_words,
+    place_name,
 )
 from rigctl.cli.options.prompt import ask
 from rigctl.config.rig_config import RigConfig, TaxelArray, load_config, parse_config
@@ -95,28 +95,33 @@ class _WiringSession:
         order = WiringIdentification()
         while not order.lower:
             rest = await self._mean(UNPLUG)
-            self._print_step(order.unplugged, rest, await self._mean(FLAT))
+            self._print_step(order.add_unplugged_press, rest, await self._mean(FLAT))
         rest = await self._mean(PLUG)
         while order.place < PER_LAYER:
-            question = PRESS.format(place=place_words(order.place))
-            self._print_step(order.pressed, rest, await self._mean(question))
+            question = PRESS.format(place=place_name(order.place))
+            self._print_step(order.add_press, rest, await self._mean(question))
         return order.wiring()
 
-    def _print_step(self, take: Callable[[Means, Means], str], rest: Means, pressed: Means) -> None:
+    def _print_step(
+        self,
+        take: Callable[[MeanReadings, MeanReadings], str],
+        rest: MeanReadings,
+        pressed: MeanReadings,
+    ) -> None:
         """Print the result of a step, or why it was not clear."""
         try:
             self._print(take(rest, pressed))
         except WrongUse as unclear:
             self._print(f"not clear: {unclear}")
 
-    async def _mean(self, question: str) -> Means:
+    async def _mean(self, question: str) -> MeanReadings:
         """Return the mean of one second, float64 (18,). Raises RigFault if the board is lost."""
         ask(question, "run this command at a terminal")
         await self._pass_until(asyncio.get_running_loop().time() + STALE_S)
         self._samples.clear()
         while sum(map(len, self._samples)) < SAMPLES:
             await self._pass_until(asyncio.get_running_loop().time() + POLL_S)
-        mean: Means = np.concatenate(self._samples).mean(axis=0)
+        mean: MeanReadings = np.concatenate(self._samples).mean(axis=0)
         return mean
 
     async def _pass_until(self, end_s: float) -> None:

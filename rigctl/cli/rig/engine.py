@@ -17,8 +17,13 @@ from rigctl.acquisition.engine import Engine, EngineAddress
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.engine_files import EngineFile, announce, new_name, runtime_folder
-from rigctl.acquisition.rpc.server import await_client, listen
+from rigctl.acquisition.rpc.engine_files import (
+    EngineFile,
+    new_engine_name,
+    runtime_folder,
+    write_engine_file,
+)
+from rigctl.acquisition.rpc.server import accept_first_client, open_listener
 from rigctl.cli.data.world import add_world, chosen_world, session_world
 from rigctl.rig import open_rig
 
@@ -43,20 +48,24 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
-    folder, name, token = runtime_folder(), args.name or new_name(), secrets.token_urlsafe(24)
+    folder, name, token = (
+        runtime_folder(),
+        args.name or new_engine_name(),
+        secrets.token_urlsafe(24),
+    )
     request = _request(args)
     rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
-    with closing(rig), listen() as listener:
+    with closing(rig), open_listener() as listener:
         live = LiveWriter(folder / f"{name}.live")
         watched = args.paced or not rig.simulated
         engine = Engine(rig, live, _utc_now, args.seed, watched)
         port = listener.getsockname()[1]
-        path = announce(
+        path = write_engine_file(
             folder, EngineFile(name, os.getpid(), port, token, args.rig, str(live.path))
         )
         try:
             # Simulated time has not begun, so the moment of the client's arrival changes no sample.
-            address = EngineAddress(listener, token, await_client(listener, token))
+            address = EngineAddress(listener, token, accept_first_client(listener, token))
             _end_on_signals(rig.loop, engine)
             return rig.loop.run_until_complete(
                 engine.serve(address, CommandHandler(engine).handle, request)
@@ -84,7 +93,7 @@ def _end_on_signals(loop: asyncio.AbstractEventLoop, engine: Engine) -> None:
     """End the engine on a signal as a client does: run aborted, rig safe, session whole."""
 
     def end() -> None:
-        engine.end("a signal ended the engine")
+        engine.shut_down("a signal ended the engine")
 
     for number in (signal.SIGINT, signal.SIGTERM):
         if sys.platform == "win32":

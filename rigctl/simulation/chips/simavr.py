@@ -74,7 +74,7 @@ _TYPES: dict[str, Any] = {
 
 @cache
 def io_type() -> type[ctypes.Structure]:
-    """Return ``sim_exchange`` as declared and documented in ``arduino/sim/sim.h``.
+    """Return ``sim_io`` as declared and documented in ``arduino/sim/sim.h``.
 
     Raises RigFault outside of a checkout.
     """
@@ -83,7 +83,7 @@ def io_type() -> type[ctypes.Structure]:
         raise RigFault("simulated chips need a checkout: use --rig virtual")
     text = re.sub(r"/\*.*?\*/", "", (root / "arduino/sim/sim.h").read_text(), flags=re.DOTALL)
     sizes = {name: int(size) for name, size in re.findall(r"#define (\w+) (\d+)", text)}
-    body = text.split("typedef struct sim_exchange {")[1].split("} sim_exchange;")[0]
+    body = text.split("typedef struct sim_io {")[1].split("} sim_io;")[0]
     fields = []
     for kind, names in re.findall(r"(\w+) ([^;]+);", body):
         for name, bounds in re.findall(r"(\w+)((?:\[\w+\])*)", names):
@@ -98,8 +98,8 @@ _POINTER, _SIZE = ctypes.c_void_p, ctypes.c_uint32
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "sim_open": (_POINTER, [ctypes.c_char_p, ctypes.c_int]),
     "sim_close": (None, [_POINTER]),
-    "sim_exchange_of": (_POINTER, [_POINTER]),
-    "sim_exchange_size": (ctypes.c_ulong, []),
+    "sim_io_of": (_POINTER, [_POINTER]),
+    "sim_io_size": (ctypes.c_ulong, []),
     "sim_run": (ctypes.c_int, [_POINTER, _U64]),
     "sim_reset": (None, [_POINTER, ctypes.c_int]),
     "sim_place_drum": (None, [_POINTER, ctypes.c_int64]),
@@ -112,14 +112,14 @@ def load_library(path: Path) -> ctypes.CDLL:
     """Load the shim. Raises RigFault if it is missing or of another version than this file."""
     try:
         library = ctypes.CDLL(str(path))
-    except OSError as error:
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
         raise RigFault(
             f"{path}: the chip simulator cannot be loaded ({error}): run `make firmware`"
         ) from error
-    for name, (result, arguments) in _SIGNATURES.items():
-        function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
-    if library.sim_exchange_size() != ctypes.sizeof(io_type()):
+    if library.sim_io_size() != ctypes.sizeof(io_type()):
         raise RigFault(f"{path}: the chip simulator is of another version: run `make firmware`")
     return library
 
@@ -138,7 +138,7 @@ class Chip:
         self._handle = library.sim_open(str(image).encode(), int(kind)) if image.is_file() else None
         if not self._handle:
             raise RigFault(f"{image}: no firmware image to run: run `make firmware`")
-        self.io: Any = io_type().from_address(library.sim_exchange_of(self._handle))
+        self.io: Any = io_type().from_address(library.sim_io_of(self._handle))
         self._map_arrays()
 
     def _map_arrays(self) -> None:

@@ -19,17 +19,18 @@ from numpy.typing import NDArray
 
 from rigctl.values import N_TAXELS, Block, Gap
 from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
-from rigctl.wire.taxels import cobs, kernels
-from rigctl.wire.taxels.self_test import SelfTest, decode_self_test_body, encode_self_test_body
+from rigctl.wire.taxels import kernels
+from rigctl.wire.taxels.self_test import SelfTest, decode_self_test_body
 
 WIRE_VERSION = 2
 BAUD = 500_000
 FRAME_BYTES = kernels.MAX_CHUNK + 1
-STATUS_EVERY = 100
 CYCLES_PER_US = 16
 """Cycles of the board's chip, the unit of its longest interrupt."""
 IDENTIFY, SELF_TEST = 0x01, 0x02
-DROPS_SHIFT, DROPS_MAX = 4, 15
+DROPS_SHIFT = 4
+MAX_RUN = 254
+"""Longest run of bytes without zero in COBS."""
 MIN_CHUNK = kernels.SELF_TEST_BODY + kernels.OVERHEAD + 1
 MAX_TAIL = 2 * kernels.MAX_CHUNK
 
@@ -112,84 +113,32 @@ class Decoded(NamedTuple):
         return self.blocks[-1] if self.blocks else None
 
 
+def cobs_encode(data: bytes) -> bytes:
+    """Return ``data`` without zero bytes, so that a zero can end a frame; the zero is not added.
+
+    Consistent overhead byte stuffing: Cheshire and Baker, IEEE/ACM Transactions on Networking
+    7(2), 1999.
+    """
+    out = bytearray()
+    for run in data.split(b"\0"):
+        rest = run
+        while len(rest) >= MAX_RUN:
+            out.append(MAX_RUN + 1)
+            out += rest[:MAX_RUN]
+            rest = rest[MAX_RUN:]
+        out.append(len(rest) + 1)
+        out += rest
+    return bytes(out)
+
+
 def frame(body: bytes) -> bytes:
     """Return the frame of ``body``: with CRC-32, stuffed, with the closing zero."""
-    return cobs.encode(body + zlib.crc32(body).to_bytes(4, "little")) + b"\0"
-
-
-def unframe(chunk: bytes) -> bytes | None:
-    """Return the body of the bytes between two zeros, None where they are damaged or empty."""
-    try:
-        data = cobs.decode(chunk)
-    except ValueError:
-        return None
-    body, crc = data[:-4], data[-4:]
-    return body if body and zlib.crc32(body).to_bytes(4, "little") == crc else None
+    return cobs_encode(body + zlib.crc32(body).to_bytes(4, "little")) + b"\0"
 
 
 def encode_request(kind: int) -> bytes:
     """Return a request to the board: IDENTIFY or SELF_TEST."""
     return frame(bytes([kind]))
-
-
-def encode_data(
-    counters: NDArray[np.int64],
-    samples: NDArray[np.uint16],
-    flags: NDArray[np.uint8],
-    edges: NDArray[np.uint8],
-) -> bytes:
-    """Return the frames of n samples; the arrays are those of :class:`rigctl.values.Block`."""
-    wire = np.empty((counters.shape[0], FRAME_BYTES), np.uint8)
-    kernels.encode_samples(counters, samples, flags, edges, wire)
-    return wire.tobytes()
-
-
-def encode_status(status: TaxelStatus) -> bytes:
-    """Return a status frame."""
-    s = status
-    return frame(
-        _STATUS.pack(
-            kernels.STATUS,
-            s.version,
-            s.sample_counter & 0xFFFFFFFF,
-            s.frames_dropped & 0xFFFFFFFF,
-            s.late_slots,
-            s.longest_isr_cycles,
-            s.supply_mv,
-            s.reset_cause,
-            s.boot_count,
-            s.free_stack_bytes,
-            s.idle_permille,
-            s.sync_rises & 0xFFFF,
-            s.self_test_bits,
-        )
-    )
-
-
-def encode_identity(identity: TaxelIdentity) -> bytes:
-    """Return an identity frame."""
-    i = identity
-    return frame(
-        _IDENTITY.pack(
-            kernels.IDENTITY,
-            i.magic,
-            i.wire_version,
-            i.board_id,
-            i.firmware_version,
-            i.build_hash,
-            i.n_taxels,
-            i.rate_hz,
-            i.boot_count,
-            i.reset_cause,
-            i.slot_cycles,
-            i.slots,
-        )
-    )
-
-
-def encode_self_test(test: SelfTest) -> bytes:
-    """Return a frame with the outcome of a self-test."""
-    return frame(bytes([kernels.SELF_TEST, WIRE_VERSION]) + encode_self_test_body(test))
 
 
 def _decode_status(body: bytes) -> TaxelStatus:

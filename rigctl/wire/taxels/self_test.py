@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from enum import IntFlag
 
 from rigctl.values import DRAWN_WIRING, N_TAXELS
@@ -54,14 +54,7 @@ class SelfTest:
     @property
     def passed(self) -> bool:
         """True without findings."""
-        return not any(_masks(self))
-
-
-def encode_self_test_body(test: SelfTest) -> bytes:
-    """Return the frame's body after type and version, 16 bytes."""
-    *small, silent, full = _masks(test)
-    wide = (silent.to_bytes(3, "little"), full.to_bytes(3, "little"))
-    return _BODY.pack(test.count, test.tested, *small, *wide)
+        return not any(astuple(self)[2:])
 
 
 def decode_self_test_body(body: bytes) -> SelfTest:
@@ -78,20 +71,6 @@ def findings(test: SelfTest, wiring: Sequence[int] = DRAWN_WIRING) -> list[str]:
     counted from 1.
     """
     return [*_line_findings(test), *_input_findings(test), *_taxel_findings(test, wiring)]
-
-
-def _masks(test: SelfTest) -> tuple[int, ...]:
-    return (
-        test.lines_low,
-        test.lines_high,
-        test.lines_together,
-        test.inputs_high,
-        test.inputs_low,
-        test.inputs_open,
-        test.inputs_together,
-        test.silent,
-        test.full,
-    )
 
 
 def _line_findings(test: SelfTest) -> Iterator[str]:

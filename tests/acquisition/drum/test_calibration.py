@@ -1,4 +1,4 @@
-"""Load cell, force loop and imbalance calibrated on the virtual rig, by the command line."""
+"""Calibration of load cell, force loop and imbalance on the virtual rig, by command line."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.drum.calibration import Point, check_masses, scale_of
+from rigctl.acquisition.drum.calibration import MassReading, fit_scale, validate_masses
 from rigctl.cli import main
 from rigctl.errors import WrongUse
 
@@ -21,41 +21,56 @@ scale_ug_per_count = 2000  # µg/count: old
 """
 
 
-def test_a_line_through_empty_and_masses_is_the_scale() -> None:
-    points = [Point(0, 80_000, 100), Point(200, 163_333, 100), Point(500, 288_333, 100)]
-    scale = scale_of(points)
+def test_the_scale_is_a_line_through_all_readings() -> None:
+    points = [
+        MassReading(0, 80_000, 100),
+        MassReading(200, 163_333, 100),
+        MassReading(500, 288_333, 100),
+    ]
+    scale = fit_scale(points)
     assert scale.ug_per_count == 2400
-    assert scale.curve_share < 1e-3
+    assert scale.nonlinearity_share < 1e-3
 
 
 def test_a_bridge_wired_the_other_way_gives_a_negative_scale() -> None:
-    assert scale_of([Point(0, 1000, 5), Point(500, -207_333, 5)]).ug_per_count == -2400
+    assert fit_scale([MassReading(0, 1000, 5), MassReading(500, -207_333, 5)]).ug_per_count == -2400
 
 
 @pytest.mark.parametrize(
     ("points", "sentence"),
     [
-        ([Point(0, 80_000, 50), Point(500, 80_100, 50)], "is the mass on the drum"),
-        ([Point(0, 80_000, 50), Point(500, 288_000, 9000)], "restless"),
-        ([Point(0, 0, 5), Point(200, 100_000, 5), Point(400, 150_000, 5)], "on a line"),
-        ([Point(0, 80_000, 5), Point(500, 8_388_607, 0)], "end of its range"),
-        ([Point(0, 0, 1), Point(5000, 1000, 1)], "cannot be"),
-        ([Point(0, 0, 50), Point(50, 500_000, 50)], "100 µg a count cannot be, 200 to 25000 can"),
+        (
+            [MassReading(0, 80_000, 50), MassReading(500, 80_100, 50)],
+            "that the mass is on the drum",
+        ),
+        ([MassReading(0, 80_000, 50), MassReading(500, 288_000, 9000)], "restless"),
+        (
+            [MassReading(0, 0, 5), MassReading(200, 100_000, 5), MassReading(400, 150_000, 5)],
+            "on a line",
+        ),
+        ([MassReading(0, 80_000, 5), MassReading(500, 8_388_607, 0)], "end of its range"),
+        ([MassReading(0, 0, 1), MassReading(5000, 1000, 1)], "is impossible"),
+        (
+            [MassReading(0, 0, 50), MassReading(50, 500_000, 50)],
+            r"100 µg per count is impossible \(200 to 25000 are possible\)",
+        ),
     ],
 )
-def test_nonsense_is_refused_in_a_sentence(points: list[Point], sentence: str) -> None:
+def test_impossible_readings_are_refused_with_a_sentence(
+    points: list[MassReading], sentence: str
+) -> None:
     with pytest.raises(WrongUse, match=sentence):
-        scale_of(points)
+        fit_scale(points)
 
 
 @pytest.mark.parametrize("masses", [[], [0.0], [-5.0], [500.0, 500.0]])
-def test_masses_that_say_nothing_are_refused(masses: list[float]) -> None:
+def test_invalid_masses_are_refused(masses: list[float]) -> None:
     with pytest.raises(WrongUse, match="known mass"):
-        check_masses(masses)
+        validate_masses(masses)
 
 
 def calibrated(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
-    """What the command says of the virtual rig, as JSON."""
+    """Return the command's JSON output on the virtual rig."""
     assert main(["calibrate", "--rig", "virtual", "--seed", "4", "--yes", "--json", *words]) == 0
     said: dict[str, object] = json.loads(capsys.readouterr().out.splitlines()[-1])
     return said
@@ -89,7 +104,7 @@ def test_wrong_use_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     assert "this rig presses with" in capsys.readouterr().err
 
 
-def test_the_command_tares_and_takes_another_drum_only_when_told(
+def test_the_command_tares_another_drum_only_with_anyway(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     counts = calibrated(capsys, "tare")["tare_counts"]

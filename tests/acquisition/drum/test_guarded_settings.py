@@ -1,6 +1,6 @@
-"""A board that takes what decides a force only lifted and at rest is told it as soon as it can be.
+"""Guarded settings, which the board takes only lifted and at rest, are written as soon as possible.
 
-The drum's own rules are tried in ``tests/contract``; here a board stands that refuses so.
+``tests/contract`` tests the board's own rules; here a patched driver refuses like the board.
 """
 
 from __future__ import annotations
@@ -9,20 +9,20 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.drum.settings import GUARDED
+from rigctl.acquisition.drum.settings import GUARDED_SETTINGS
 from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.config.rig_config import LoadCell, RigConfig, RigLimits
 from rigctl.errors import CommandRefused, RigFault
 from rigctl.rig import FIRMWARE, VIRTUAL, Rig
 from rigctl.wire.drum.states import State
-from tests.acquisition.floor import Floor, open_floor, until_ended
+from tests.acquisition.engine_harness import EngineHarness, open_harness, until_ended
 
 MINE = RigConfig(limits=RigLimits(over_force_g=1350), loadcell=LoadCell(scale_ug_per_count=2390))
 REFUSED = "drum: the board refused, because its state does not allow it"
 
 
 class Guard:
-    """Stands before the drum's settings: refuses those that are guarded unless ``may`` says yes."""
+    """A patch of ``Drum.set`` that refuses guarded settings outside the allowed states."""
 
     def __init__(self, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
         self.allowed = (State.IDLE, State.ARMED)
@@ -32,8 +32,8 @@ class Guard:
         monkeypatch.setattr(rig.drum, "set", self.set)
 
     async def set(self, **values: float) -> dict[str, float]:
-        """As :meth:`Drum.set`."""
-        guarded = set(values) & set(GUARDED)
+        """Write settings; see :meth:`Drum.set`."""
+        guarded = set(values) & set(GUARDED_SETTINGS)
         state = State(int((await self._drum.get("state"))["state"]))
         changed = any(self._drum.settings[name] != values[name] for name in guarded)
         if changed and state not in self.allowed:
@@ -42,93 +42,93 @@ class Guard:
         return await self._set(**values)
 
 
-async def taken(floor: Floor) -> bool:
-    found = await floor.rig.drum.get(*GUARDED)
+async def taken(harness: EngineHarness) -> bool:
+    found = await harness.rig.drum.get(*GUARDED_SETTINGS)
     return (found["over_force"], found["scale_ug_per_count"]) == (1350, 2390)
 
 
 @pytest.mark.parametrize("kind", [VIRTUAL, FIRMWARE])
-def test_a_rig_with_its_emergency_stop_pressed_is_connected_and_told_when_armed(
+def test_a_rig_with_its_emergency_stop_pressed_gets_guarded_settings_when_armed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    async def person(floor: Floor) -> None:
-        ask = CommandHandler(floor.engine).handle
-        assert not await taken(floor)
-        (said,) = floor.texts("check")
+    async def scenario(harness: EngineHarness) -> None:
+        ask = CommandHandler(harness.engine).handle
+        assert not await taken(harness)
+        (said,) = harness.texts("check")
         assert said.startswith(REFUSED) and "not set" in said
         assert said.endswith("arming the drum tries again")
-        assert floor.rig.faults is not None
-        floor.rig.faults.release_estop()
-        await floor.passes(0.2)
+        assert harness.rig.faults is not None
+        harness.rig.faults.release_estop()
+        await harness.wait(0.2)
         await ask("clear_fault", {})
-        await floor.passes(0.2)
+        await harness.wait(0.2)
         await ask("arm", {})
-        assert await taken(floor)
+        assert await taken(harness)
         await ask("tare", {})
         await ask("approach", {})
 
-    with open_floor(tmp_path, config=MINE, rig_kind=kind) as floor:
+    with open_harness(tmp_path, config=MINE, rig_kind=kind) as harness:
         if kind == VIRTUAL:
-            Guard(floor.rig, monkeypatch)  # the chips have one of their own
-        assert floor.rig.faults is not None
-        floor.rig.faults.press_estop()
-        floor.play(person)
-        assert floor.exit_code == 0
+            Guard(harness.rig, monkeypatch)  # the chips have one of their own
+        assert harness.rig.faults is not None
+        harness.rig.faults.press_estop()
+        harness.run(scenario)
+        assert harness.exit_code == 0
 
 
-def test_what_the_board_holds_already_is_not_written_again(
+def test_unchanged_settings_are_not_written_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def person(floor: Floor) -> None:
-        ask = CommandHandler(floor.engine).handle
-        assert await taken(floor)
-        before = len([names for names in guard.sent if names & set(GUARDED)])
+    async def scenario(harness: EngineHarness) -> None:
+        ask = CommandHandler(harness.engine).handle
+        assert await taken(harness)
+        before = len([names for names in guard.sent if names & set(GUARDED_SETTINGS)])
         for command in ("arm", "tare", "approach", "retract"):
             await ask(command, {})
-        assert len([names for names in guard.sent if names & set(GUARDED)]) == before == 1
+        assert len([names for names in guard.sent if names & set(GUARDED_SETTINGS)]) == before == 1
 
-    with open_floor(tmp_path, config=MINE) as floor:
-        guard = Guard(floor.rig, monkeypatch)
-        floor.play(person)
-    assert floor.texts("check") == []
+    with open_harness(tmp_path, config=MINE) as harness:
+        guard = Guard(harness.rig, monkeypatch)
+        harness.run(scenario)
+    assert harness.texts("check") == []
 
 
-def test_a_drum_that_takes_them_only_lifted_is_armed_first(
+def test_a_drum_that_takes_guarded_settings_only_lifted_is_armed_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def person(floor: Floor) -> None:
-        assert not await taken(floor)
-        await CommandHandler(floor.engine).handle("arm", {})
-        assert await taken(floor)
+    async def scenario(harness: EngineHarness) -> None:
+        assert not await taken(harness)
+        await CommandHandler(harness.engine).handle("arm", {})
+        assert await taken(harness)
 
-    with open_floor(tmp_path, config=MINE) as floor:
-        Guard(floor.rig, monkeypatch).allowed = (State.ARMED,)
-        floor.play(person)
+    with open_harness(tmp_path, config=MINE) as harness:
+        Guard(harness.rig, monkeypatch).allowed = (State.ARMED,)
+        harness.run(scenario)
 
 
 def test_nothing_is_pressed_with_other_settings_than_described(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def person(floor: Floor) -> None:
-        ask = CommandHandler(floor.engine).handle
+    async def scenario(harness: EngineHarness) -> None:
+        ask = CommandHandler(harness.engine).handle
         for command in ("arm", "approach"):
             with pytest.raises(RigFault, match=r"scale_ug_per_count.* not set"):
                 await ask(command, {})
-        assert floor.engine.status().state == State.ARMED
+        assert harness.engine.status().state == State.ARMED
 
-    with open_floor(tmp_path, config=MINE) as floor:
-        Guard(floor.rig, monkeypatch).allowed = ()
-        floor.play(person)
+    with open_harness(tmp_path, config=MINE) as harness:
+        Guard(harness.rig, monkeypatch).allowed = ()
+        harness.run(scenario)
 
 
 def test_a_run_ends_with_the_boards_sentence_before_anything_is_pressed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with open_floor(tmp_path, config=MINE) as floor:
-        Guard(floor.rig, monkeypatch).allowed = ()
-        floor.play(until_ended, floor.order())
-        run = floor.engine.run
+    with open_harness(tmp_path, config=MINE) as harness:
+        Guard(harness.rig, monkeypatch).allowed = ()
+        harness.run(until_ended, harness.request())
+        run = harness.engine.run
         assert run is not None
-        assert (run.ending, run.status().trials_committed) == ("failed", 0)
+        assert (run.outcome, run.status().trials_committed) == ("failed", 0)
         assert run.text.startswith(REFUSED)
-    assert "pressing down" not in floor.texts("state")
+    assert "pressing down" not in harness.texts("state")

@@ -1,4 +1,4 @@
-"""What both boards count of themselves: late ticks, longest interrupt, stack; where it stands."""
+"""Health counters of both boards in the status and in the session."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ import numpy as np
 import pytest
 
 from rigctl.acquisition.drum.poller import POLL_PERIOD_S
-from rigctl.acquisition.health.boards import LateTicks
+from rigctl.acquisition.health.boards import LateTickCounter
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.taxels.frames import Flag
-from tests.acquisition.floor import TINY, Floor, open_floor, read
+from tests.acquisition.engine_harness import TINY, EngineHarness, open_harness, open_session
 
 ONE = TINY.replace('"A", "L"', '"D"').replace("100, 120", "120")
 
 
 def test_late_ticks_are_counted_over_wraps_and_restarts() -> None:
-    late = LateTicks()
+    late = LateTickCounter()
     for boot, counted in ((1, 65530), (1, 65535), (1, 4), (2, 3), (2, 3)):
-        late.note(boot, counted)
+        late.update(boot, counted)
     assert late.total == 5 + 5 + 3
 
 
-def test_a_counter_is_taken_up_where_it_stands() -> None:
-    late = LateTicks()
-    late.note(7, 40)
+def test_the_first_reading_of_a_counter_counts_as_zero() -> None:
+    late = LateTickCounter()
+    late.update(7, 40)
     assert late.total == 0
 
 
 UNDISTURBED, DISTURBED = 1, 3
-"""Seeds: an edge's interrupt meets the end of a conversion on the chip of the second's taxels."""
+"""Seeds: with the second, an edge's interrupt meets the end of a conversion on the taxel chip."""
 
 
 def late_and_edged(session: Session) -> tuple[set[int], set[int]]:
-    """Samples with a late slot, and those in which the sync line or the index mark changed."""
+    """Return the samples with a late slot and those where the sync line or index mark changed."""
     (part,) = session.parts
     flags = part.read("/taxels/flags", 0, part.n_samples)
     edges = part.read("/taxels/edges", 0, part.n_samples)
@@ -46,15 +46,15 @@ def late_and_edged(session: Session) -> tuple[set[int], set[int]]:
 
 
 @pytest.mark.parametrize("kind", ["virtual", "firmware"])
-def test_a_session_tells_both_boards_at_its_start_and_end(tmp_path: Path, kind: str) -> None:
-    with open_floor(tmp_path, UNDISTURBED, kind) as floor:
-        assert floor.record(ONE).complete
-        boards = floor.engine.status().boards
-    assert verify(floor.session).whole
-    with read(floor.session) as session:
+def test_a_session_has_both_boards_counters_at_start_and_end(tmp_path: Path, kind: str) -> None:
+    with open_harness(tmp_path, UNDISTURBED, kind) as harness:
+        assert harness.record(ONE).complete
+        boards = harness.engine.status().boards
+    assert verify(harness.session).whole
+    with open_session(harness.session) as session:
         told = [(e.data["board"], e.data["when"]) for e in session.events_of("board")]
     assert told == [("drum", "start"), ("taxels", "start"), ("drum", "end"), ("taxels", "end")]
-    summary = summarise_session(floor.session)["boards"]
+    summary = summarise_session(harness.session)["boards"]
     for name in ("drum", "taxels"):
         assert boards[name].late_ticks == summary[name]["late_ticks"] == 0
         assert boards[name].longest_isr_us == summary[name]["longest_isr_us"]
@@ -66,31 +66,31 @@ def test_a_session_tells_both_boards_at_its_start_and_end(tmp_path: Path, kind: 
             assert longest_us is not None and 5 < longest_us <= 25
 
 
-def test_a_slot_that_an_edge_held_up_is_counted_and_its_frame_flagged(tmp_path: Path) -> None:
-    with open_floor(tmp_path, DISTURBED, "firmware") as floor:
-        assert floor.record(ONE).complete
-        counted = floor.engine.status().boards["taxels"].late_ticks
-    with read(floor.session) as session:
+def test_a_slot_delayed_by_an_edge_is_counted_and_its_frame_flagged(tmp_path: Path) -> None:
+    with open_harness(tmp_path, DISTURBED, "firmware") as harness:
+        assert harness.record(ONE).complete
+        counted = harness.engine.status().boards["taxels"].late_ticks
+    with open_session(harness.session) as session:
         late, edged = late_and_edged(session)
     assert counted == len(late) == 1
     assert late <= edged
 
 
-def test_the_look_at_the_counters_leaves_the_polls_their_pace(floor: Floor) -> None:
+def test_reading_the_counters_does_not_delay_the_polls(harness: EngineHarness) -> None:
     asked_for: list[int] = []
-    read_registers = floor.rig.drum.modbus.read
+    read_registers = harness.rig.drum.modbus.read
 
     async def noted(address: int, count: int) -> list[int]:
         if address == BY_NAME["longest_isr_us"].address:
             asked_for.append(count)
         return await read_registers(address, count)
 
-    async def person(floor: Floor) -> None:
-        floor.rig.drum.modbus.read = noted  # type: ignore[method-assign]  # a spy on a live line
+    async def scenario(harness: EngineHarness) -> None:
+        harness.rig.drum.modbus.read = noted  # type: ignore[method-assign]  # a spy on a live line
         polls: list[float] = []
-        floor.engine.boards.watch.watch(lambda state: polls.append(state.at_s))
-        await floor.passes(10)
+        harness.engine.boards.drum_poller.subscribe(lambda state: polls.append(state.at_s))
+        await harness.wait(10)
         assert np.abs(np.diff(polls) - POLL_PERIOD_S).max() < 0.2 * POLL_PERIOD_S
 
-    floor.play(person)
+    harness.run(scenario)
     assert 9 <= len(asked_for) <= 11, "once a second"

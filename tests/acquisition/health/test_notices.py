@@ -1,4 +1,4 @@
-"""A new meaning of an empty order is told once to whoever has one, and to nobody else."""
+"""The notice on the new meaning of an empty order: shown once, only where it applies."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigctl.cli import main
 
 @pytest.fixture(autouse=True)
 def unknown_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Somebody who was told nothing yet, and whose engines are found by nobody else."""
+    """Use state and runtime folders of this test."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("RIGCTL_RUNTIME", str(tmp_path / "runtime"))
 
@@ -23,7 +23,7 @@ def described(folder: Path, text: str) -> str:
     return str(path)
 
 
-def test_it_is_said_once_with_the_cure(tmp_path: Path) -> None:
+def test_the_notice_is_shown_once_with_the_cure(tmp_path: Path) -> None:
     rig = described(tmp_path, "[about]\nname = 'mine'")
     said = wiring_notice(rig)
     assert said.startswith(f"{rig}: [taxels] wiring is empty, which means the order of the wiring")
@@ -33,7 +33,7 @@ def test_it_is_said_once_with_the_cure(tmp_path: Path) -> None:
     assert wiring_notice(rig) == ""
 
 
-def test_a_calibrated_range_is_said_to_count_places(tmp_path: Path) -> None:
+def test_the_notice_mentions_a_calibrated_range(tmp_path: Path) -> None:
     text = f"[taxels]\nlow = {[1] * 18}\nhigh = {[2] * 18}\n"
     assert "low and high" in wiring_notice(described(tmp_path, text))
 
@@ -42,13 +42,13 @@ def test_a_calibrated_range_is_said_to_count_places(tmp_path: Path) -> None:
     "text",
     [f"[taxels]\nwiring = {list(range(18))}", '[ports]\nsimulate = "virtual"', "[taxels", ""],
 )
-def test_nobody_else_is_told(tmp_path: Path, text: str) -> None:
+def test_the_notice_is_not_shown_where_it_does_not_apply(tmp_path: Path, text: str) -> None:
     rig = described(tmp_path, text) if text else "virtual"
     assert wiring_notice(rig) == ""
     assert not state_folder().exists()
 
 
-def test_where_nothing_can_be_remembered_it_is_said_again(
+def test_the_notice_repeats_where_it_cannot_be_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -60,7 +60,7 @@ def test_where_nothing_can_be_remembered_it_is_said_again(
 @pytest.mark.parametrize(
     "words", [["run", "quick", "--json"], ["calibrate", "loadcell", "--mass", "100"]]
 )
-def test_the_command_line_says_it_before_it_opens_the_rig(
+def test_the_command_line_shows_the_notice_before_it_opens_the_rig(
     tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig = described(tmp_path, '[ports]\ndrum = "tcp://127.0.0.1:9"\ntaxels = "tcp://127.0.0.1:9"\n')

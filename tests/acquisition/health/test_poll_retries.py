@@ -1,11 +1,11 @@
-"""Noise on the drum's line during a run is told in the status and spoils no trial."""
+"""Noise on the drum's line during a run: counted in the status, no trial lost."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from rigctl.simulation.simulated_rig import DRUM, TO_BOARD, TO_HOST
-from tests.acquisition.floor import Floor, open_floor, until_ended
+from tests.acquisition.engine_harness import EngineHarness, open_harness, until_ended
 
 ONE = """
 name = "one"
@@ -16,17 +16,17 @@ repeats = 1
 """
 
 
-def test_a_run_over_a_noisy_drum_line_is_whole_and_its_retries_are_told(tmp_path: Path) -> None:
-    async def with_noise(floor: Floor) -> None:
-        assert floor.engine.status().poll_retries == 0
-        assert floor.rig.faults is not None
-        floor.rig.faults.corrupt_bytes(DRUM, TO_BOARD, 0.01)
-        floor.rig.faults.corrupt_bytes(DRUM, TO_HOST, 0.002)
-        await until_ended(floor)
+def test_a_run_over_a_noisy_drum_line_completes_and_counts_retries(tmp_path: Path) -> None:
+    async def with_noise(harness: EngineHarness) -> None:
+        assert harness.engine.status().poll_retries == 0
+        assert harness.rig.faults is not None
+        harness.rig.faults.corrupt_bytes(DRUM, TO_BOARD, 0.01)
+        harness.rig.faults.corrupt_bytes(DRUM, TO_HOST, 0.002)
+        await until_ended(harness)
 
-    with open_floor(tmp_path) as floor:
-        floor.play(with_noise, floor.order(ONE))
-        run = floor.engine.run
+    with open_harness(tmp_path) as harness:
+        harness.run(with_noise, harness.request(ONE))
+        run = harness.engine.run
         assert run is not None
-        assert (run.ending, floor.texts("link")) == ("done", [])
-        assert floor.engine.status().poll_retries > 10
+        assert (run.outcome, harness.texts("link")) == ("done", [])
+        assert harness.engine.status().poll_retries > 10

@@ -1,4 +1,4 @@
-"""A protocol on the boards' real firmware: committed, whole, and true as the world logs it."""
+"""A protocol on the boards' real firmware, compared with the ground truth."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from pathlib import Path
 
 from rigctl.session.files.ground_truth import trial_truths
 from rigctl.session.verify.session import verify
-from tests.acquisition.floor import TINY, open_floor, read
+from tests.acquisition.engine_harness import TINY, open_harness, open_session
 
 
-def test_a_trial_on_both_firmware_images_is_whole_and_true(tmp_path: Path) -> None:
-    with open_floor(tmp_path, rig_kind="firmware") as floor:
-        run = floor.record(TINY.replace('"A", "L"', '"D"').replace("100, 120", "120"))
-        assert (run.ending, run.complete) == ("done", True)
-        with read(floor.session) as session:
+def test_a_trial_on_both_firmware_images_is_complete_and_true(tmp_path: Path) -> None:
+    with open_harness(tmp_path, rig_kind="firmware") as harness:
+        run = harness.record(TINY.replace('"A", "L"', '"D"').replace("100, 120", "120"))
+        assert (run.outcome, run.complete) == ("done", True)
+        with open_session(harness.session) as session:
             assert len(session.gaps) == 0
             assert session.header.rig == "firmware"
             (truth,) = trial_truths(session)
-        assert verify(floor.session).whole
+        assert verify(harness.session).whole
     assert abs(truth.speed_error) < 0.001
     assert abs(truth.force_error) < 0.02

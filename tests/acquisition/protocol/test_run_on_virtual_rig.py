@@ -1,4 +1,4 @@
-"""A protocol on the virtual rig: every trial committed, nothing lost, speed and force true."""
+"""A protocol on the virtual rig: all trials committed, no sample lost, speed and force true."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from rigctl import __version__
 from rigctl.config.resources import source_commit
 from rigctl.session.files.ground_truth import trial_truths
 from rigctl.session.verify.session import verify
-from tests.acquisition.floor import TINY, Floor, open_floor, read
+from tests.acquisition.engine_harness import TINY, EngineHarness, open_harness, open_session
 
 
-def test_every_trial_is_committed_whole_and_true(floor: Floor) -> None:
-    run = floor.record()
-    assert (run.ending, run.complete) == ("done", True)
-    assert floor.exit_code == 0
-    with read(floor.session) as session:
+def test_every_trial_is_committed_complete_and_true(harness: EngineHarness) -> None:
+    run = harness.record()
+    assert (run.outcome, run.complete) == ("done", True)
+    assert harness.exit_code == 0
+    with open_session(harness.session) as session:
         assert session.trials["verdict"].tolist() == ["committed"] * 4
         assert len(session.gaps) == 0
         for index in session.committed():
@@ -29,12 +29,12 @@ def test_every_trial_is_committed_whole_and_true(floor: Floor) -> None:
     for truth in truths:
         assert abs(truth.speed_error) < 0.001
         assert abs(truth.force_error) < 0.02
-    assert verify(floor.session).whole
+    assert verify(harness.session).whole
 
 
-def test_the_window_begins_at_the_first_sample_behind_the_rise(floor: Floor) -> None:
-    floor.record()
-    with read(floor.session) as session:
+def test_the_window_begins_at_the_first_sample_behind_the_rise(harness: EngineHarness) -> None:
+    harness.record()
+    with open_session(harness.session) as session:
         for index in session.committed():
             window = session.window(int(index))
             part = session.parts[int(session.trials["part"][index]) - 1]
@@ -49,9 +49,9 @@ def test_two_runs_with_one_seed_are_equal_to_the_bit(tmp_path: Path) -> None:
     recorded = []
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-        with open_floor(tmp_path / name, seed=11) as floor:
-            floor.record(TINY.replace('"A", "L"', '"C"'))
-            with read(floor.session) as session:
+        with open_harness(tmp_path / name, seed=11) as harness:
+            harness.record(TINY.replace('"A", "L"', '"C"'))
+            with open_session(harness.session) as session:
                 part = session.parts[0]
                 samples = part.read("/taxels/samples", 0, part.n_samples)
                 counters = part.read("/taxels/counter", 0, part.n_samples)
@@ -61,12 +61,12 @@ def test_two_runs_with_one_seed_are_equal_to_the_bit(tmp_path: Path) -> None:
         assert np.array_equal(first, second)
 
 
-def test_both_clocks_and_boards_are_told(floor: Floor) -> None:
-    floor.record()
-    ppm = floor.engine.status().clock_ppm
+def test_both_clocks_and_boards_are_published(harness: EngineHarness) -> None:
+    harness.record()
+    ppm = harness.engine.status().clock_ppm
     assert ppm["drum"] is not None and abs(ppm["drum"] - 1200) < 100
     assert ppm["taxels"] is not None and abs(ppm["taxels"] + 900) < 100
-    with read(floor.session) as session:
+    with open_session(harness.session) as session:
         clocks = [event for event in session.events if event.kind == "clock"]
         header = session.header
         assert header.simulated
@@ -112,15 +112,15 @@ seconds = 1
 """
 
 
-def test_every_kind_of_step_is_taken_unattended(floor: Floor) -> None:
-    run = floor.record(EVERY_STEP)
-    assert (run.ending, run.complete) == ("done", True)
-    with read(floor.session) as session:
+def test_every_kind_of_step_runs_unattended(harness: EngineHarness) -> None:
+    run = harness.record(EVERY_STEP)
+    assert (run.outcome, run.complete) == ("done", True)
+    with open_session(harness.session) as session:
         kinds = [event.kind for event in session.events]
         assert set(session.trials["direction"].tolist()) == {"forward", "backward"}
         truths = trial_truths(session)
     assert kinds.count("baseline") == 2
     assert kinds.count("approach") == 4
-    assert floor.texts("message") == ["Wipe the sensor."]
+    assert harness.texts("message") == ["Wipe the sensor."]
     assert max(abs(truth.speed_error) for truth in truths) < 0.001
-    assert verify(floor.session).whole
+    assert verify(harness.session).whole

@@ -1,4 +1,4 @@
-"""Everything is compiled before a rig is armed, also at the very first start."""
+"""All code is compiled before a rig is armed, also at the first start after installation."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ FIRST_START = """
 import sys
 from pathlib import Path
 from numba.core import event
-from tests.acquisition.floor import open_floor
+from tests.acquisition.engine_harness import open_harness
 from tests.acquisition.health.test_poll_retries import ONE
 
-with open_floor(Path(sys.argv[1])) as floor:
+with open_harness(Path(sys.argv[1])) as harness:
     with event.install_recorder("numba:compile") as late:
-        assert floor.record(ONE).ending == "done"
+        assert harness.record(ONE).outcome == "done"
 print(sorted({str(each.data["dispatcher"]) for _, each in late.buffer}))
 """
 
 
-def test_nothing_is_compiled_once_the_boards_are_asked_who_they_are(tmp_path: Path) -> None:
+def test_nothing_is_compiled_once_the_boards_are_connected(tmp_path: Path) -> None:
     empty = tmp_path / "compiled"
     empty.mkdir()
     (tmp_path / "work").mkdir()

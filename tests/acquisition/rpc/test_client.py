@@ -1,4 +1,4 @@
-"""A client and an engine in two processes, as the window uses them."""
+"""A client and an engine in two processes, as in the window."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rigctl.errors import LinkLost, WrongUse
 
 @pytest.fixture(autouse=True)
 def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Engines announce themselves where no other test looks."""
+    """Keep engine files in a folder of this test."""
     monkeypatch.setenv("RIGCTL_RUNTIME", str(tmp_path))
 
 
-def test_a_window_drives_a_rig_in_real_time_and_leaves() -> None:
+def test_a_client_controls_a_rig_in_real_time() -> None:
     client = EngineClient.start("virtual")
     try:
-        client.request("arm", limit_s=30)
+        client.request("arm", timeout_s=30)
         status = client.request("status")
         assert set(status) == set(EngineStatus.__slots__)
         assert (status["rig"], status["simulated"]) == ("virtual", True)
@@ -36,7 +36,7 @@ def test_a_window_drives_a_rig_in_real_time_and_leaves() -> None:
         window = client.live.taxels(100)
         assert window.spikes.shape == (100, 36)
         assert client.live.drum(10).force_set_g[0] == status["force_set_g"]
-        with pytest.raises(EngineRefusal, match="no run is going") as refusal:
+        with pytest.raises(EngineRefusal, match="no run is active") as refusal:
             client.request("pause")
         assert refusal.value.exit_code == 2
         second = EngineClient.attach()
@@ -47,13 +47,13 @@ def test_a_window_drives_a_rig_in_real_time_and_leaves() -> None:
     assert running_engines(runtime_folder()) == []
 
 
-def test_a_rig_that_cannot_be_opened_says_why_through_the_client() -> None:
+def test_the_client_reports_why_a_rig_cannot_be_opened() -> None:
     with pytest.raises(EngineRefusal, match=r"there is no rig absent\.toml") as refusal:
         EngineClient.start("absent.toml")
     assert refusal.value.exit_code == 2
 
 
-def test_a_board_that_does_not_answer_is_told_with_its_exit_code(tmp_path: Path) -> None:
+def test_a_board_that_does_not_answer_gives_the_exit_code(tmp_path: Path) -> None:
     description = tmp_path / "rig.toml"
     description.write_text('[ports]\ndrum = "tcp://127.0.0.1:9"\ntaxels = "tcp://127.0.0.1:9"\n')
     with pytest.raises((EngineRefusal, LinkLost)) as refusal:
@@ -62,6 +62,6 @@ def test_a_board_that_does_not_answer_is_told_with_its_exit_code(tmp_path: Path)
     assert running_engines(runtime_folder()) == []
 
 
-def test_joining_where_nothing_runs_is_refused() -> None:
+def test_attach_without_an_engine_is_refused() -> None:
     with pytest.raises(WrongUse, match="no engine is running"):
         EngineClient.attach()

@@ -1,4 +1,4 @@
-"""What clients may ask of an engine, and what it answers."""
+"""The engine's commands and their results."""
 
 from __future__ import annotations
 
@@ -15,69 +15,74 @@ from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
 from rigctl.errors import CommandRefused, WrongUse
 from rigctl.wire.drum import register_table
 from rigctl.wire.drum.states import State
-from tests.acquisition.floor import Floor, until_ended
+from tests.acquisition.engine_harness import EngineHarness, until_ended
 
 
-def asked(floor: Floor) -> Any:
-    """The desk of the floor's engine."""
-    return CommandHandler(floor.engine).handle
+def handler_of(harness: EngineHarness) -> Any:
+    """Return the request handler of the harness's engine."""
+    return CommandHandler(harness.engine).handle
 
 
-def state_of(floor: Floor) -> State:
-    return State(floor.engine.status().state)
+def state_of(harness: EngineHarness) -> State:
+    return State(harness.engine.status().state)
 
 
-def test_a_person_drives_the_drum_step_by_step(floor: Floor) -> None:
-    async def person(floor: Floor) -> None:
-        ask = asked(floor)
-        assert floor.engine.status().run == RunStatus()
+def test_commands_control_the_drum_step_by_step(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
+        assert harness.engine.status().run == RunStatus()
         await ask("arm", {})
-        assert state_of(floor) is State.ARMED
+        assert state_of(harness) is State.ARMED
         await ask("tare", {})
         await ask("home", {})
-        status = floor.engine.status()
+        status = harness.engine.status()
         assert status.tared and status.homed
         assert await ask("jog", {"mm": -10}) == {"moved_mm": -10.0}
         taken = await ask("set", {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50})
         assert taken == {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50}
         await ask("approach", {})
-        assert state_of(floor) is State.HOLD
-        await floor.passes(1)
-        assert floor.engine.status().force_g == pytest.approx(300, rel=0.05)
-        assert floor.engine.status().force_set_g == 300
+        assert state_of(harness) is State.HOLD
+        await harness.wait(1)
+        assert harness.engine.status().force_g == pytest.approx(300, rel=0.05)
+        assert harness.engine.status().force_set_g == 300
         await ask("run", {})
-        assert state_of(floor) is State.HOLD
+        assert state_of(harness) is State.HOLD
         await ask("retract", {})
-        assert state_of(floor) is State.ARMED
+        assert state_of(harness) is State.ARMED
         await ask("disarm", {})
-        assert state_of(floor) is State.IDLE
+        assert state_of(harness) is State.IDLE
 
-    floor.play(person)
+    harness.run(scenario)
 
 
-def test_a_jog_asked_for_before_a_stop_is_not_begun_after_it(floor: Floor) -> None:
-    async def person(floor: Floor) -> None:
-        ask = asked(floor)
+def test_a_jog_requested_before_a_stop_does_not_start_after_it(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
         await ask("arm", {})
-        before = floor.engine.status().steps
+        before = harness.engine.status().steps
         jog = asyncio.ensure_future(ask("jog", {"mm": 100}))
         await asyncio.sleep(0.001)
         await ask("stop", {})
         with pytest.raises(CommandRefused, match="a stop came first"):
             await jog
-        await floor.passes(1)
-        assert floor.engine.status().steps == before
+        await harness.wait(1)
+        assert harness.engine.status().steps == before
 
-    floor.play(person)
+    harness.run(scenario)
 
 
-def test_refusals_are_sentences(floor: Floor) -> None:
-    async def person(floor: Floor) -> None:
-        ask = asked(floor)
+def test_refusals_are_sentences(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
         for command, args, error, words in (
-            ("dance", {}, WrongUse, "knows no command"),
+            ("dance", {}, WrongUse, "has no command"),
             ("arm", {"quickly": True}, WrongUse, "command arm"),
-            ("jog", {"mm": 1}, CommandRefused, "the drum is 'off'.*armed and lifted only"),
+            (
+                "jog",
+                {"mm": 1},
+                CommandRefused,
+                "'off'.*only while it is armed and lifted",
+            ),
             ("jog", {"mm": 500}, WrongUse, "more than a turn"),
             ("jog", {"mm": "far"}, WrongUse, "must be a number"),
             ("set", {"speed_mm_s": "fast"}, WrongUse, "must be a number"),
@@ -86,131 +91,131 @@ def test_refusals_are_sentences(floor: Floor) -> None:
             ("set", {"force_g": 1300}, WrongUse, "limits, 50 to 1200"),
             ("set", {"travel_mm": 5000}, WrongUse, "the drum takes"),
             ("approach", {}, CommandRefused, "refused APPROACH in state IDLE"),
-            ("pause", {}, WrongUse, "no run is going"),
+            ("pause", {}, WrongUse, "no run is active"),
             ("start", {}, WrongUse, "give a protocol"),
             ("start", {"protocol": "absent"}, WrongUse, "there is no protocol absent"),
-            ("inject", {"fault": "earthquake"}, WrongUse, "knows no fault"),
+            ("inject", {"fault": "earthquake"}, WrongUse, "has no fault"),
             ("inject", {"fault": "push", "args": 1}, WrongUse, "push"),
         ):
             with pytest.raises(error, match=words):
                 await ask(command, args)
 
-    floor.play(person)
+    harness.run(scenario)
 
 
-def test_only_what_an_operator_may_set_is_set(floor: Floor) -> None:
-    async def person(floor: Floor) -> None:
-        ask = asked(floor)
+def test_only_operator_settings_can_be_set(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
         await ask("arm", {})
         names = [entry.name for entry in register_table.SETTINGS]
-        before = await floor.rig.drum.get(*names)
+        before = await harness.rig.drum.get(*names)
         for entry in register_table.SETTINGS:
             values = {"speed_mm_s": 100, entry.name: entry.low * entry.scale}
-            with pytest.raises(WrongUse, match=f"{entry.name} is not for an operator to set"):
+            with pytest.raises(WrongUse, match=f"{entry.name} is not an operator's setting"):
                 await ask("set", values)
-        after = await floor.rig.drum.get(*names)
+        after = await harness.rig.drum.get(*names)
         moved = {name for name in names if after[name] != before[name]}
         assert moved <= {"heartbeat"}  # not even the speed that came along
 
-    floor.play(person)
+    harness.run(scenario)
 
 
-def test_a_fault_is_injected_told_and_cleared(floor: Floor) -> None:
-    async def person(floor: Floor) -> None:
-        ask = asked(floor)
+def test_a_fault_is_injected_published_and_cleared(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
         await ask("arm", {})
         await ask("inject", {"fault": "press_estop"})
-        await floor.until(lambda: state_of(floor) is State.FAULT_OFF)
-        assert "emergency stop" in floor.engine.status().fault_words
+        await harness.until(lambda: state_of(harness) is State.FAULT_OFF)
+        assert "emergency stop" in harness.engine.status().fault_words
         with pytest.raises(CommandRefused):
             await ask("clear_fault", {})
         await ask("inject", {"fault": "release_estop"})
-        await floor.passes(0.2)
+        await harness.wait(0.2)
         await ask("clear_fault", {})
-        await floor.until(lambda: state_of(floor) is State.IDLE)
+        await harness.until(lambda: state_of(harness) is State.IDLE)
 
-    floor.play(person)
-    assert any("emergency stop" in text for text in floor.texts("fault"))
+    harness.run(scenario)
+    assert any("emergency stop" in text for text in harness.texts("fault"))
 
 
-def test_the_encoders_range_is_taken_from_what_the_taxels_show(floor: Floor) -> None:
-    async def person(floor: Floor) -> None:
-        found = await asked(floor)("calibrate_range", {"seconds": 2})
+def test_the_encoders_range_is_calibrated_from_the_taxels(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        found = await handler_of(harness)("calibrate_range", {"seconds": 2})
         assert len(found["low"]) == len(found["high"]) == 18
-        used = floor.engine.boards.encoder.normalisation
+        used = harness.engine.boards.encoder.normalisation
         assert np.array_equal(used.low, found["low"])
-        await floor.passes(5)
-        assert np.array_equal(floor.engine.boards.encoder.normalisation.high, found["high"])
+        await harness.wait(5)
+        assert np.array_equal(harness.engine.boards.encoder.normalisation.high, found["high"])
 
-    floor.play(person)
+    harness.run(scenario)
 
 
-def test_what_the_boards_say_of_themselves_is_told_and_asked_for(floor: Floor) -> None:
-    async def person(floor: Floor) -> None:
-        boards = floor.engine.status().boards
+def test_the_status_of_the_boards_is_published_and_requested(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        boards = harness.engine.status().boards
         assert boards["drum"].reset == boards["taxels"].reset == "power-up"
         assert boards["taxels"].supply_v == pytest.approx(5.0, abs=0.05)
         assert boards["taxels"].self_test == ()
         assert boards["drum"].self_test is None
-        assert await asked(floor)("test_taxels", {}) == {"found": []}
+        assert await handler_of(harness)("test_taxels", {}) == {"found": []}
 
-    floor.play(person)
-    said = [text for text in floor.texts("board") if "self-test" in text]
+    harness.run(scenario)
+    said = [text for text in harness.texts("board") if "self-test" in text]
     assert said == ["taxels' self-test: nothing found"] * 2
 
 
-def test_a_protocol_is_started_held_and_ended_by_messages(floor: Floor) -> None:
-    async def person(floor: Floor) -> None:
-        ask = asked(floor)
-        order = floor.order()
+def test_commands_start_pause_and_abort_a_protocol(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        ask = handler_of(harness)
+        order = harness.request()
         started = await ask(
             "start", {"protocol": order.protocol, "out": order.out, "yes": True, "seed": 5}
         )
-        assert started == {"session": str(floor.session)}
-        with pytest.raises(WrongUse, match="a run is going"):
+        assert started == {"session": str(harness.session)}
+        with pytest.raises(WrongUse, match="a run is active"):
             await ask("arm", {})
-        with pytest.raises(WrongUse, match="a run is going"):
+        with pytest.raises(WrongUse, match="a run is active"):
             await ask("jog", {"mm": 1})
-        await floor.until(lambda: state_of(floor) is State.RUN)
-        status = floor.engine.status()
+        await harness.until(lambda: state_of(harness) is State.RUN)
+        status = harness.engine.status()
         assert status.run.current == CurrentTrial("A", 100.0, 500.0, 1)
         assert status.texture == "A"
-        await floor.until(lambda: floor.engine.status().recording.active)
+        await harness.until(lambda: harness.engine.status().recording.active)
         await ask("pause", {})
-        await floor.until(lambda: state_of(floor) is State.IDLE)
-        assert floor.engine.status().run.state == "paused"
+        await harness.until(lambda: state_of(harness) is State.IDLE)
+        assert harness.engine.status().run.state == "paused"
         await ask("resume", {})
-        await floor.until(lambda: state_of(floor) is State.RUN)
+        await harness.until(lambda: state_of(harness) is State.RUN)
         await ask("abort", {})
-        await until_ended(floor)
-        assert floor.engine.status().run.state == "aborted"
-        assert not floor.engine.status().recording.active
+        await until_ended(harness)
+        assert harness.engine.status().run.state == "aborted"
+        assert not harness.engine.status().recording.active
 
-    floor.play(person)
+    harness.run(scenario)
 
 
-def test_the_beat_stays_away_when_the_run_hangs_and_the_drum_saves_itself(
-    floor: Floor, monkeypatch: pytest.MonkeyPatch
+def test_a_run_that_hangs_stops_the_heartbeat_and_the_drum_lifts(
+    harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def person(floor: Floor) -> None:
-        await floor.until(lambda: state_of(floor) is State.RUN)
-        run = floor.engine.run
+    async def scenario(harness: EngineHarness) -> None:
+        await harness.until(lambda: state_of(harness) is State.RUN)
+        run = harness.engine.run
         assert run is not None
         monkeypatch.setattr(run.control, "check_in", lambda: None)
         monkeypatch.setattr(RunControl, "check", lambda self: None)
-        await floor.until(lambda: floor.engine.vitals.silent == ["runner"], 2)
-        await until_ended(floor)
+        await harness.until(lambda: harness.engine.heartbeat_gate.overdue == ["runner"], 2)
+        await until_ended(harness)
 
-    floor.play(person, floor.order())
-    assert any("stopped calling" in text for text in floor.texts("fault"))
-    assert floor.engine.run is not None and floor.engine.run.ending == "failed"
+    harness.run(scenario, harness.request())
+    assert any("stopped calling" in text for text in harness.texts("fault"))
+    assert harness.engine.run is not None and harness.engine.run.outcome == "failed"
 
 
-def test_an_engine_without_client_and_run_ends_by_itself(floor: Floor) -> None:
-    async def person(floor: Floor) -> None:
-        await asked(floor)("arm", {})
-        await floor.passes(60)
+def test_an_engine_without_client_and_run_ends_by_itself(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        await handler_of(harness)("arm", {})
+        await harness.wait(60)
 
-    floor.play(person)
-    assert floor.exit_code == 0
-    assert floor.rig.loop.time() < 20
+    harness.run(scenario)
+    assert harness.exit_code == 0
+    assert harness.rig.loop.time() < 20

@@ -1,4 +1,4 @@
-"""The engine's door: strangers stay outside, friends are answered in order of their ids."""
+"""The engine's server: token check, replies, errors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rigctl.acquisition.rpc.messages import decode_message, encode_message
-from rigctl.acquisition.rpc.server import Server, await_client, listen
+from rigctl.acquisition.rpc.server import Server, accept_first_client, open_listener
 from rigctl.errors import BoardFault, WrongUse
 
 TOKEN = "a secret"
@@ -25,12 +25,12 @@ async def handle(command: str, args: dict[str, Any]) -> dict[str, Any]:
 
 
 async def talk(*lines: bytes, answers: int) -> list[dict[str, Any]]:
-    """What a client gets back for these lines; fewer answers when it is cut off."""
+    """Return the messages that a client gets for these lines; fewer where it is disconnected."""
     server = Server(TOKEN, handle)
-    listener = listen()
+    listener = open_listener()
     port = listener.getsockname()[1]
     await server.open(listener, None)
-    server.welcome({"event": "ready"})
+    server.set_greeting({"event": "ready"})
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.writelines(lines)
     heard = []
@@ -46,7 +46,7 @@ def said(*messages: dict[str, Any], answers: int) -> list[dict[str, Any]]:
     return asyncio.run(talk(*map(encode_message, messages), answers=answers))
 
 
-def test_a_friend_is_greeted_and_answered() -> None:
+def test_a_client_with_the_token_gets_greeting_and_replies() -> None:
     heard = said(
         {"token": TOKEN},
         {"id": 1, "command": "arm", "args": {"gently": 1}},
@@ -62,11 +62,11 @@ def test_a_friend_is_greeted_and_answered() -> None:
 
 
 @pytest.mark.parametrize("first", [{"token": "wrong"}, {"id": 1, "command": "arm"}, {"token": 7}])
-def test_a_stranger_is_cut_off(first: dict[str, Any]) -> None:
+def test_a_client_without_the_token_is_disconnected(first: dict[str, Any]) -> None:
     assert said(first, {"id": 1, "command": "arm", "args": {}}, answers=2) == []
 
 
-def test_a_line_that_is_no_message_ends_the_connection() -> None:
+def test_an_invalid_line_closes_the_connection() -> None:
     lines = (encode_message({"token": TOKEN}), b"[1, 2]\n")
     assert asyncio.run(talk(*lines, answers=9)) == [{"event": "ready"}]
 
@@ -77,8 +77,8 @@ def test_args_must_be_an_object() -> None:
 
 
 @pytest.mark.parametrize(("token", "let_in"), [(TOKEN, True), ("wrong", False)])
-def test_the_first_client_is_awaited_before_any_loop_runs(token: str, let_in: bool) -> None:
-    with listen() as listener:
+def test_the_first_client_is_accepted_before_the_loop_runs(token: str, let_in: bool) -> None:
+    with open_listener() as listener:
         port = listener.getsockname()[1]
 
         def come() -> None:
@@ -88,13 +88,13 @@ def test_the_first_client_is_awaited_before_any_loop_runs(token: str, let_in: bo
 
         client = threading.Thread(target=come)
         client.start()
-        first = await_client(listener, TOKEN)
+        first = accept_first_client(listener, TOKEN)
         assert (first is not None) is let_in
         if first is not None:
             first.close()
         client.join()
 
 
-def test_nobody_coming_is_no_reason_to_wait_for_ever() -> None:
-    with listen() as listener:
-        assert await_client(listener, TOKEN, limit_s=0.05) is None
+def test_accepting_the_first_client_times_out() -> None:
+    with open_listener() as listener:
+        assert accept_first_client(listener, TOKEN, timeout_s=0.05) is None

@@ -1,4 +1,4 @@
-"""STOP goes to all engines at once, and says of each whether it was reached."""
+"""STOP for all engines at once, with a result for each."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from rigctl.acquisition.rpc import stop_all
 from rigctl.acquisition.rpc.engine_files import (
     FOLDER_VARIABLE,
     EngineFile,
-    announce,
     runtime_folder,
+    write_engine_file,
 )
 from rigctl.acquisition.rpc.messages import decode_message, encode_message
-from rigctl.acquisition.rpc.server import listen
+from rigctl.acquisition.rpc.server import open_listener
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.cli import main
 
@@ -30,15 +30,15 @@ def nothing_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def announced(name: str, listener: socket.socket) -> None:
     port = listener.getsockname()[1]
-    announce(runtime_folder(), EngineFile(name, os.getpid(), port, "", name, ""))
+    write_engine_file(runtime_folder(), EngineFile(name, os.getpid(), port, "", name, ""))
 
 
 class Answering:
-    """An engine's door: whoever comes is answered, and what was asked is remembered."""
+    """A server that accepts one client, replies to it and records its command."""
 
     def __init__(self, name: str) -> None:
         self.asked: list[str] = []
-        self._listener = listen()
+        self._listener = open_listener()
         self._listener.setblocking(True)
         announced(name, self._listener)
         self._thread = threading.Thread(target=self._serve)
@@ -73,23 +73,23 @@ def test_every_engine_is_stopped(engines: list[Answering]) -> None:
     assert [engine.asked for engine in engines] == [["stop"], ["stop"]]
 
 
-def test_one_that_hangs_holds_none_of_the_others_up(
+def test_an_engine_that_hangs_does_not_delay_the_others(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
+    monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.5)
     told: list[StopResult] = []
-    with listen() as mute:
+    with open_listener() as mute:
         announced("mute", mute)  # the newest, so the first to be asked
         stop_engines(told.append)
     assert told[-1].rig == "mute"
     assert [bool(each.failure) for each in told] == [False, False, True]
 
 
-def test_the_command_says_which_were_reached_and_which_were_not(
+def test_the_command_reports_each_result(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(stop_all, "ANSWER_S", 0.5)
-    with listen() as mute:
+    monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.5)
+    with open_listener() as mute:
         announced("mute", mute)
         assert main(["stop"]) == 3
     said = capsys.readouterr()
@@ -98,13 +98,13 @@ def test_the_command_says_which_were_reached_and_which_were_not(
     assert said.err.startswith(f"rigctl: mute (process {pid}): no answer to 'stop'")
 
 
-def test_those_that_are_stopped_already_are_left_out(engines: list[Answering]) -> None:
+def test_excluded_engines_are_not_stopped(engines: list[Answering]) -> None:
     told: list[StopResult] = []
-    assert stop_engines(told.append, but=("one",)) == 1
+    assert stop_engines(told.append, exclude=("one",)) == 1
     assert [each.rig for each in told] == ["two"]
-    assert stop_engines(told.append, but=("two",)) == 1  # so that its thread ends
+    assert stop_engines(told.append, exclude=("two",)) == 1  # so that its thread ends
 
 
-def test_where_nothing_runs_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_an_engine_the_command_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stop"]) == 1
     assert "no engine is running" in capsys.readouterr().err

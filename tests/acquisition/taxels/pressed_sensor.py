@@ -1,4 +1,4 @@
-"""A sensor under a finger: what the board would read of it, wired one way or another."""
+"""A model of a pressed sensor: the board's readings for any wiring."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ PER_LAYER, SIDE, N_INPUTS = 9, 3, 6
 
 
 def wiring_of(lines: Sequence[int], inputs: Sequence[int], turned: bool) -> tuple[int, ...]:
-    """The reading at each place of a sensor whose row r is ``lines[r]``.
+    """Return the reading at each place of a sensor whose row r is ``lines[r]``.
 
     The columns of the top layer are ``inputs[:3]``, those of the bottom one ``inputs[3:]``.
-    ``turned``: looked at from the side, so that lines are columns.
+    ``turned``: the sensor is turned, so that lines are columns.
     """
     places = [(r, c) for r in range(SIDE) for c in range(SIDE)]
     crossed = [(c, r) if turned else (r, c) for r, c in places]
@@ -24,9 +24,9 @@ def wiring_of(lines: Sequence[int], inputs: Sequence[int], turned: bool) -> tupl
 
 
 class PressedSensor:
-    """Gives readings in the order of the wire, float64 (18,); a press spreads to its neighbours.
+    """A sensor that reads in the order of the wire, float64 (18,); a press spreads to neighbours.
 
-    ``rest``: of every taxel; ``force``: what a press on the upper layer adds.
+    ``rest``: reading of every taxel; ``force``: change by a press on the upper layer.
     """
 
     def __init__(
@@ -43,11 +43,11 @@ class PressedSensor:
         return np.unique(self._wiring[PER_LAYER:] % N_INPUTS)
 
     def rest(self, unplugged: bool = False) -> NDArray[np.float64]:
-        """Nothing touches it."""
+        """Return the readings without a touch."""
         return self.press([], unplugged)
 
     def press(self, places: Iterable[int], unplugged: bool = False) -> NDArray[np.float64]:
-        """So many places at once; the lower layer feels two thirds, a neighbour a third."""
+        """Press several places at once; the lower layer gets two thirds, a neighbour one third."""
         felt = np.zeros(PER_LAYER)
         for place in places:
             row, column = divmod(place, SIDE)

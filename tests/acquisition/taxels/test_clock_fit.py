@@ -1,4 +1,4 @@
-"""The clock error of a board is found from uneven replies, and found soon."""
+"""The clock error of a board from replies with jitter."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def test_few_readings_are_no_estimate() -> None:
     assert readings(0, 0.4, np.zeros(10)).estimate is None
 
 
-def test_a_reboot_forgets_everything() -> None:
+def test_a_reset_drops_all_readings() -> None:
     fit = readings(1200, 10, np.zeros(1000))
-    fit.restart()
+    fit.reset()
     assert fit.estimate is None
 
 

@@ -1,4 +1,4 @@
-"""Every sample once: recorded, encoded as offline, shown, whatever slices it came in."""
+"""The sample pipeline: each sample encoded once, as offline, for any block size."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RISES = (300, 700)
 
 
 def touch(n: int = N, lost: range = range(0)) -> Block:
-    """A press that comes and goes, with sync rising twice."""
+    """Return a block with one press and two rises of the sync line."""
     counters = np.arange(n)
     wave = 400 + 300 * np.sin(counters / 40)[:, None] + 10 * np.arange(18)
     rises = sum((counters >= frame).astype(np.int64) for frame in RISES)
@@ -58,20 +58,20 @@ def encoder() -> Encoder:
     return Encoder(Normalisation.full_scale(18))
 
 
-def pumped(live: LiveWriter, block: Block, length: int) -> tuple[SamplePipeline, np.ndarray]:
-    pump = SamplePipeline(encoder(), live, time_stands=False)
+def run_pipeline(live: LiveWriter, block: Block, length: int) -> tuple[SamplePipeline, np.ndarray]:
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
     for piece in pieces(block, length):
-        pump.take(piece)
-    pump.flush()
+        pipeline.add_block(piece)
+    pipeline.flush()
     view = LiveView(live.path)
     try:
-        return pump, view.taxels(4096).spikes
+        return pipeline, view.taxels(4096).spikes
     finally:
         view.close()
 
 
 def offline(block: Block, starts: list[int]) -> np.ndarray:
-    """Spikes as a fresh encoder gives them for each stretch."""
+    """Return the spikes of a new encoder for each section."""
     bounds = [0, *starts, len(block)]
     return np.concatenate([encoder().encode(block.samples[a:b]) for a, b in pairwise(bounds)])
 
@@ -79,26 +79,26 @@ def offline(block: Block, starts: list[int]) -> np.ndarray:
 @pytest.mark.parametrize("length", [1, 5, 7, 20, 33, 1200])
 def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, length: int) -> None:
     block = touch()
-    pump, spikes = pumped(live, block, length)
+    pipeline, spikes = run_pipeline(live, block, length)
     expected = offline(block, [frame + 1 for frame in RISES])
     assert np.array_equal(spikes, expected)
     assert expected.sum() > 100
-    assert pump.samples == N
+    assert pipeline.sample_count == N
 
 
-def test_behind_a_gap_the_encoder_starts_anew(live: LiveWriter) -> None:
+def test_behind_a_gap_the_encoder_resets(live: LiveWriter) -> None:
     block = touch(lost=range(500, 520))
-    pump, spikes = pumped(live, block, 20)
+    pipeline, spikes = run_pipeline(live, block, 20)
     assert np.array_equal(spikes, offline(block, [301, 500, 681]))
-    assert (pump.gaps, pump.lost_samples) == (1, 20)
+    assert (pipeline.gap_count, pipeline.lost_samples) == (1, 20)
 
 
-def test_shown_times_run_evenly_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
-    pump = SamplePipeline(encoder(), live, time_stands=False)
+def test_sample_times_are_even_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
     random = np.random.default_rng(2)
     for piece in pieces(touch(), 20):
         late = float(random.uniform(0, 0.008))
-        pump.take(
+        pipeline.add_block(
             Block(
                 piece.counters,
                 piece.samples,
@@ -115,11 +115,11 @@ def test_shown_times_run_evenly_though_blocks_arrive_unevenly(live: LiveWriter) 
     assert abs(times[-1] - (10 + 1.199)) < 0.01
 
 
-def test_a_reboot_of_the_board_begins_anew(live: LiveWriter) -> None:
-    pump = SamplePipeline(encoder(), live, time_stands=False)
-    pump.cutter.expect(100)
-    pump.take(touch())
-    pump.take(touch(n=40))
-    pump.flush()
-    assert pump.samples == N + 40
-    assert pump.cutter.trial is None
+def test_a_reboot_of_the_board_resets_the_pipeline(live: LiveWriter) -> None:
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
+    pipeline.trial_cutter.expect(100)
+    pipeline.add_block(touch())
+    pipeline.add_block(touch(n=40))
+    pipeline.flush()
+    assert pipeline.sample_count == N + 40
+    assert pipeline.trial_cutter.trial is None

@@ -1,4 +1,4 @@
-"""A trial is cut from the taxel samples at the sync line's rise, to the sample."""
+"""Trials cut from the taxel samples at the sync line's rise, exact to the sample."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LENGTH = 200
 def stream(
     rises_in: tuple[int, ...] = (RISE_IN,), lost: range = range(0), n: int = N, high: int = 250
 ) -> Block:
-    """Samples 0…n-1 with sync rising during the given frames, ``lost`` ones missing."""
+    """Return samples 0…n-1 with sync rising during the given frames, without the ``lost`` ones."""
     counters = np.arange(n)
     rises = np.zeros(n, np.int64)
     flags = np.zeros(n, np.uint8)
@@ -54,18 +54,18 @@ def cut(blocks: list[Block]) -> CutTrial | None:
     cutter = TrialCutter()
     cutter.expect(LENGTH)
     for block in blocks:
-        cutter.feed(block)
+        cutter.add_block(block)
     return cutter.trial
 
 
 def test_the_first_sample_is_the_frame_that_starts_after_the_rise() -> None:
     trial = cut([stream()])
-    assert trial == CutTrial(RISE_IN + 1, LENGTH, received=LENGTH, seen_to=N - 1)
+    assert trial == CutTrial(RISE_IN + 1, LENGTH, received=LENGTH, newest_counter=N - 1)
     assert trial.complete
 
 
 @given(st.lists(st.integers(0, N), max_size=12))
-def test_any_slicing_of_the_samples_cuts_the_same_trial(cuts: list[int]) -> None:
+def test_any_block_size_cuts_the_same_trial(cuts: list[int]) -> None:
     trial = cut(sliced(stream(), cuts))
     whole = cut([stream()])
     assert trial is not None and whole is not None
@@ -73,7 +73,7 @@ def test_any_slicing_of_the_samples_cuts_the_same_trial(cuts: list[int]) -> None
     assert (trial.start_lost, trial.sync_low) == (False, 0)
 
 
-def test_a_lost_frame_within_the_trial_is_missed_and_nothing_moves() -> None:
+def test_a_lost_frame_within_the_trial_is_counted_and_moves_nothing() -> None:
     trial = cut([stream(lost=range(150, 153))])
     assert trial is not None
     assert (trial.first_counter, trial.received, trial.start_lost) == (101, LENGTH - 3, False)
@@ -85,7 +85,7 @@ def test_a_rise_in_a_lost_frame_is_known_but_its_place_is_not() -> None:
     assert trial.start_lost
 
 
-def test_a_gap_between_blocks_before_the_rise_is_seen_too() -> None:
+def test_a_gap_between_blocks_before_the_rise_is_detected() -> None:
     block = stream(lost=range(95, 101))
     trial = cut(sliced(block, [95]))
     assert trial is not None
@@ -94,28 +94,28 @@ def test_a_gap_between_blocks_before_the_rise_is_seen_too() -> None:
 
 def test_rises_are_counted_through_a_gap_modulo_four() -> None:
     cutter = TrialCutter()
-    cutter.feed(stream(rises_in=(50, 60, 70), lost=range(45, 80)))
-    assert cutter.rises == 3
+    cutter.add_block(stream(rises_in=(50, 60, 70), lost=range(45, 80)))
+    assert cutter.rise_count == 3
 
 
-def test_only_the_rise_that_was_expected_begins_a_trial() -> None:
+def test_only_an_expected_rise_begins_a_trial() -> None:
     cutter = TrialCutter()
     early, late = sliced(stream(rises_in=(50, 200)), [120])
-    cutter.feed(early)
+    cutter.add_block(early)
     cutter.expect(LENGTH)
-    cutter.feed(late)
+    cutter.add_block(late)
     assert cutter.trial is not None
     assert cutter.trial.first_counter == 201
 
 
-def test_sync_falling_within_the_trial_is_noticed() -> None:
+def test_sync_falling_within_the_trial_is_counted() -> None:
     trial = cut([stream(high=150)])
     assert trial is not None
     assert trial.sync_low == LENGTH - 149
 
 
 @pytest.mark.parametrize("first", [0, 3])
-def test_joining_a_running_stream_is_no_rise(first: int) -> None:
+def test_the_first_block_of_a_stream_is_no_rise(first: int) -> None:
     block = stream(rises_in=())
     joined = Block(
         block.counters, block.samples, block.flags, block.edges + np.uint8(first), (), 0.0
@@ -124,19 +124,19 @@ def test_joining_a_running_stream_is_no_rise(first: int) -> None:
 
 
 def begun(blocks: list[Block], known_after: int) -> CutTrial | None:
-    """Cut without the wire; after so many blocks somebody says which sample was the first."""
+    """Cut without the wire, given the first sample after a number of blocks."""
     cutter = TrialCutter()
     cutter.expect(LENGTH, by_wire=False)
     for block in blocks[:known_after]:
-        cutter.feed(block)
+        cutter.add_block(block)
     cutter.begin(RISE_IN + 1)
     for block in blocks[known_after:]:
-        cutter.feed(block)
+        cutter.add_block(block)
     return cutter.trial
 
 
 @given(st.lists(st.integers(0, N), max_size=8), st.integers(0, 8))
-def test_a_trial_told_of_late_is_followed_from_its_first_sample(cuts: list[int], at: int) -> None:
+def test_a_trial_begun_late_is_cut_from_its_first_sample(cuts: list[int], at: int) -> None:
     blocks = sliced(stream(rises_in=()), cuts)
     trial = begun(blocks, min(at, len(blocks)))
     assert trial is not None
@@ -144,7 +144,7 @@ def test_a_trial_told_of_late_is_followed_from_its_first_sample(cuts: list[int],
     assert not trial.by_wire
 
 
-def test_without_the_wire_lost_samples_are_missed_and_noise_on_the_line_begins_nothing() -> None:
+def test_without_the_wire_lost_samples_count_and_noise_on_the_line_begins_no_trial() -> None:
     blocks = sliced(stream(rises_in=(50, 70), lost=range(150, 160)), [120])
     trial = begun(blocks, 1)
     assert trial is not None

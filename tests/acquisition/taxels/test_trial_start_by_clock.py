@@ -1,4 +1,4 @@
-"""Trials without a sync wire: cut by the drum's clock, as true as its uncertainty says."""
+"""Trials without a sync wire: cut by the drum's clock, within the stated uncertainty."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ import numpy as np
 import pytest
 
 from rigctl.acquisition.taxels.clock_fit import ClockFit
-from rigctl.acquisition.taxels.trial_start_by_clock import FRAME_WIRE_S, POLL_WIRE_S, place_of
+from rigctl.acquisition.taxels.trial_start_by_clock import (
+    FRAME_WIRE_S,
+    POLL_WIRE_S,
+    estimate_trial_start,
+)
 from rigctl.cli import main
 from rigctl.cli.rig.run import _rig
 from rigctl.config.rig_config import Ports, RigConfig, Signals
@@ -24,16 +28,16 @@ from rigctl.simulation.chips.rig import ChipSimulation
 from rigctl.simulation.virtual_rig import VirtualRig
 from rigctl.wire.drum.codes import Signal
 from rigctl.wire.drum.states import State
-from tests.acquisition.floor import TINY, Floor, open_floor, read
+from tests.acquisition.engine_harness import TINY, EngineHarness, open_harness, open_session
 from tests.firmware.taxels.chip import TaxelChip
 
 NO_WIRE = RigConfig(signals=Signals(sync=False))
 EARLIEST_MS, LATEST_MS = -1.0, 2.0
-"""Of the first sample behind the window's true start; the sync line gives 0 to 1."""
+"""Delay of the first sample after the window's true start; the sync line gives 0 to 1."""
 
 
 def first_reading_ms(rig: Rig) -> Callable[[int], float]:
-    """World time at which the taxel board began the frame of that counter."""
+    """Return the world time at which the taxel board began the frame of that counter."""
     simulation = rig.simulation
     if isinstance(simulation, VirtualRig):
         taxels = simulation._taxels
@@ -47,7 +51,7 @@ def first_reading_ms(rig: Rig) -> Callable[[int], float]:
 
 
 def true_start_ms(session: Session, index: int) -> float:
-    """World time at which the run-in was over, from the world's own log of the travel."""
+    """Return the world time at the end of the run-in, from the ground truth of the travel."""
     with TruthReader(session.path / "world.h5") as truth:
         first_ms, speed = truth.first_ms, truth.window("speed_mm_s", 0, truth.n_rows)
     polls = session.drum(index).polls
@@ -62,13 +66,13 @@ def true_start_ms(session: Session, index: int) -> float:
 
 
 @pytest.mark.parametrize("kind", ["virtual", "firmware"])
-def test_the_first_sample_is_as_true_as_is_said(tmp_path: Path, kind: str) -> None:
+def test_the_first_sample_is_within_the_stated_uncertainty(tmp_path: Path, kind: str) -> None:
     protocol = TINY.replace('"A", "L"', '"D"').replace("100, 120", "75, 120")
-    with open_floor(tmp_path, rig_kind=kind, config=NO_WIRE) as floor:
-        run = floor.record(protocol)
-        assert (run.ending, run.complete) == ("done", True)
-        reading_ms = first_reading_ms(floor.rig)
-        with read(floor.session) as session:
+    with open_harness(tmp_path, rig_kind=kind, config=NO_WIRE) as harness:
+        run = harness.record(protocol)
+        assert (run.outcome, run.complete) == ("done", True)
+        reading_ms = first_reading_ms(harness.rig)
+        with open_session(harness.session) as session:
             told = [event.data for event in session.events_of("trial")]
             late_ms = [
                 reading_ms(int(session.trials["first_counter"][index]))
@@ -83,36 +87,38 @@ def test_the_first_sample_is_as_true_as_is_said(tmp_path: Path, kind: str) -> No
         assert abs(late) < data["cut_uncertainty_ms"] < 8
 
 
-def test_such_a_session_is_whole_and_of_use(tmp_path: Path) -> None:
-    with open_floor(tmp_path, config=replace(NO_WIRE, ports=Ports(simulate="virtual"))) as floor:
-        assert floor.record().complete
-        assert any("drum's clock cuts" in text for text in floor.texts("log"))
-    report = verify(floor.session)
+def test_a_session_without_the_wire_is_valid_and_usable(tmp_path: Path) -> None:
+    with open_harness(
+        tmp_path, config=replace(NO_WIRE, ports=Ports(simulate="virtual"))
+    ) as harness:
+        assert harness.record().complete
+        assert any("drum's clock cuts" in text for text in harness.texts("log"))
+    report = verify(harness.session)
     assert report.whole, report.problems
-    assert any("drum's clock marks the trials" in note for note in report.notes)
-    told = summarise_session(floor.session)
+    assert any("the drum's clock marks the trials" in note for note in report.notes)
+    told = summarise_session(harness.session)
     assert told["cut_by"] == "drum clock"
     assert told["world"]["trials"] == 4
     assert told["world"]["max_speed_error_permille"] < 1
-    assert main(["encode", str(floor.session), "--out", str(tmp_path / "spikes.h5")]) == 0
-    resumed = _rig(Namespace(rig=None, resume=str(floor.session)))
-    assert Path(resumed) == floor.session / "rig.toml", "with the wires that it was begun with"
-    with read(floor.session) as session:
+    assert main(["encode", str(harness.session), "--out", str(tmp_path / "spikes.h5")]) == 0
+    resumed = _rig(Namespace(rig=None, resume=str(harness.session)))
+    assert Path(resumed) == harness.session / "rig.toml", "with the wires that it was begun with"
+    with open_session(harness.session) as session:
         assert not np.any(session.window(0).flags & 1), "the board drives no wire that is absent"
 
 
-def test_a_wire_that_is_fitted_and_broken_is_still_asked_for(floor: Floor) -> None:
-    assert floor.rig.faults is not None
-    floor.rig.faults.rewire(absent=[Signal.SYNC])
-    run = floor.record(TINY.replace('"A", "L"', '"A"').replace("100, 120", "120"))
+def test_a_fitted_wire_that_is_broken_rejects_the_trial(harness: EngineHarness) -> None:
+    assert harness.rig.faults is not None
+    harness.rig.faults.rewire(absent=[Signal.SYNC])
+    run = harness.record(TINY.replace('"A", "L"', '"A"').replace("100, 120", "120"))
     assert not run.complete
-    with read(floor.session) as session:
+    with open_session(harness.session) as session:
         assert session.header.cut_by == "sync line"
         assert set(session.trials["verdict"].tolist()) == {"rejected"}
         assert "never rose" in session.trials["reasons"][0]
 
 
-def test_a_description_may_ask_for_simulated_boards_wired_so(tmp_path: Path) -> None:
+def test_a_description_may_have_simulated_boards_without_the_wire(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text('[ports]\nsimulate = "virtual"\n[signals]\nsync = false\n')
     rig = open_rig(str(path), paced=False)
@@ -126,7 +132,7 @@ def test_a_description_may_ask_for_simulated_boards_wired_so(tmp_path: Path) -> 
 
 
 def clock(ppm: float, wire_s: float, late_s: np.ndarray, step_s: float) -> ClockFit:
-    """A clock read every ``step_s`` for 20 s; what it says arrives late."""
+    """Return a clock read every ``step_s`` for 20 s, with delayed arrivals."""
     fit = ClockFit()
     for n, late in enumerate(late_s):
         true_s = 100 + n * step_s
@@ -135,18 +141,18 @@ def clock(ppm: float, wire_s: float, late_s: np.ndarray, step_s: float) -> Clock
 
 
 @pytest.mark.parametrize("ppm", [-5000.0, 0.0, 5000.0])
-def test_arrivals_that_scatter_place_it_within_what_they_say(ppm: float) -> None:
+def test_arrivals_with_jitter_give_a_start_within_the_uncertainty(ppm: float) -> None:
     random = np.random.default_rng(7)
     drum = clock(1200, POLL_WIRE_S, random.exponential(0.002, 400), 0.05)
     taxels = clock(ppm, FRAME_WIRE_S, random.exponential(0.004, 400), 0.05)
     rise_s = 119.9
-    place = place_of(round((rise_s - 90) * (1 + 1200e-6) * 1e6), drum, taxels)
+    place = estimate_trial_start(round((rise_s - 90) * (1 + 1200e-6) * 1e6), drum, taxels)
     assert place is not None
     right = (rise_s - 90) * (1 + ppm * 1e-6) * 1000
     assert abs(place.first_counter - right) < 2 < place.uncertainty_ms < 15
 
 
-def test_an_unknown_clock_places_nothing() -> None:
+def test_an_unknown_clock_gives_no_start() -> None:
     known = clock(0, 0.0, np.zeros(400), 0.05)
-    assert place_of(1, known, ClockFit()) is None
-    assert place_of(1, ClockFit(), known) is None
+    assert estimate_trial_start(1, known, ClockFit()) is None
+    assert estimate_trial_start(1, ClockFit(), known) is None

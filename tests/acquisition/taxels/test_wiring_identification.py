@@ -1,4 +1,4 @@
-"""The order of the taxels is deduced from presses, and what cannot be is refused."""
+"""The order of the taxels from presses; contradictions are refused."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ ALL = range(PER_LAYER)
 
 def found(sensor: PressedSensor, order: WiringIdentification | None = None) -> WiringIdentification:
     order = order or WiringIdentification()
-    order.unplugged(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
+    order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     for place in ALL:
-        order.pressed(sensor.rest(), sensor.press([place]))
+        order.add_press(sensor.rest(), sensor.press([place]))
     return order
 
 
@@ -50,7 +50,7 @@ def test_pressure_that_lowers_a_reading_is_as_good() -> None:
 
 
 def pressed(order: WiringIdentification, sensor: PressedSensor, places: list[int]) -> str:
-    return order.pressed(sensor.rest(), sensor.press(places))
+    return order.add_press(sensor.rest(), sensor.press(places))
 
 
 def changes(**by_reading: float) -> NDArray[np.float64]:
@@ -63,36 +63,36 @@ def changes(**by_reading: float) -> NDArray[np.float64]:
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_a_layer_is_three_silent_inputs(share: float) -> None:
     order = WiringIdentification()
-    with pytest.raises(WrongUse, match="of a layer it must be three"):
-        order.unplugged(np.zeros(18), np.full(18, 300 * share))
+    with pytest.raises(WrongUse, match="a layer has three inputs"):
+        order.add_unplugged_press(np.zeros(18), np.full(18, 300 * share))
     assert order.upper == order.lower == ()
 
 
-def test_what_is_seen_is_said() -> None:
+def test_each_press_is_described() -> None:
     order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
-    said = order.unplugged(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
+    said = order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     assert said == "top layer: inputs A0, A1, A2; bottom layer: inputs A3, A4, A5"
     assert pressed(order, sensor, [0]).startswith("row 1, column 1: D4·A0 by ")
 
 
-def test_a_press_that_is_not_clear_or_at_a_known_place_is_asked_for_again() -> None:
+def test_an_unclear_or_repeated_press_is_refused() -> None:
     order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
-    order.unplugged(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
+    order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     with pytest.raises(WrongUse, match="no taxel of the top layer answered: press harder"):
         pressed(order, sensor, [])
     with pytest.raises(WrongUse, match="answered alike: press one place only"):
         pressed(order, sensor, [0, 1])
     with pytest.raises(WrongUse, match="no taxel of the bottom layer"):
-        order.pressed(np.zeros(18), changes(r0=300))
+        order.add_press(np.zeros(18), changes(r0=300))
     pressed(order, sensor, [0])
     with pytest.raises(WrongUse, match=r"D4·A0 answered, as it did at row 1, column 1: press row"):
         pressed(order, sensor, [0])
     assert order.place == 1
 
 
-def test_places_that_were_mixed_up_do_not_cross() -> None:
+def test_mixed_up_places_are_refused() -> None:
     order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
-    order.unplugged(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
+    order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     for place in [0, 1, 2, 3, 5, 4, 6, 7, 8]:
         pressed(order, sensor, [place])
     with pytest.raises(WrongUse, match="do not cross as lines and inputs do"):

@@ -16,7 +16,7 @@ from rigctl.cli import main
 from rigctl.config.resources import find_protocol
 from rigctl.errors import SessionError
 from rigctl.protocol import RunTrial, Turn, load_protocol
-from tests.acquisition.floor import open_floor
+from tests.acquisition.engine_harness import open_harness
 
 SHORT = """
 name = "acceptance"
@@ -40,9 +40,9 @@ turns = 2
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Twenty presses and two turns on the virtual rig."""
     folder = tmp_path_factory.mktemp("acceptance")
-    with open_floor(folder) as floor:
-        floor.record(SHORT)
-        yield floor.session
+    with open_harness(folder) as harness:
+        harness.record(SHORT)
+        yield harness.session
 
 
 @pytest.fixture(scope="module")

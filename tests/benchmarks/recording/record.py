@@ -55,9 +55,9 @@ def recording_share(folder: Path) -> float:
         client = EngineClient.start(str(rig), run=order)
         try:
             _wait_for_recording(client)
-            return _share_of(client.announcement.pid)
+            return _share_of(client.engine_file.pid)
         finally:
-            client.request("abort", limit_s=30)
+            client.request("abort", timeout_s=30)
             client.shut_down()
 
 

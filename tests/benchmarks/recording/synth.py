@@ -13,7 +13,7 @@ import numpy as np
 from rigctl.session.files.ground_truth import trial_truths
 from rigctl.session.read.session import Session
 from rigctl.synth.dataset import DatasetRequest, generate, load_plan
-from tests.acquisition.floor import open_floor
+from tests.acquisition.engine_harness import open_harness
 
 SEED = 1
 START_UTC = "2026-01-02T03:04:05+00:00"
@@ -35,11 +35,11 @@ def measure() -> Iterator[dict[str, Any]]:
         made_s(protocol, folder / "warm")
         trial_s = sum(trial.duration_s for trial in load_plan(protocol, None, SEED).trials)
         wall_s, core_s = made_s(protocol, folder / "synth")
-        with open_floor(folder, SEED) as floor:
+        with open_harness(folder, SEED) as harness:
             began_s, began_core_s = time.perf_counter(), time.process_time()
-            floor.record(TEXT)
+            harness.record(TEXT)
             rig_s, rig_core_s = time.perf_counter() - began_s, time.process_time() - began_core_s
-            whole = floor.session
+            whole = harness.session
         yield from _factors(trial_s, (wall_s, core_s), (rig_s, rig_core_s))
         yield from _distances(folder / "synth", whole)
 

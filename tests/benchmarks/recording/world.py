@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.config.resources import find_protocol
-from tests.acquisition.floor import open_floor
+from tests.acquisition.engine_harness import open_harness
 
 SEED = 1
 ROUNDS = 3
@@ -33,7 +33,7 @@ def measure() -> Iterator[dict[str, Any]]:
 def recorded_factor() -> float:
     """World seconds a wall second while the quick protocol is recorded."""
     text = find_protocol("quick").read_text()
-    with tempfile.TemporaryDirectory() as folder, open_floor(Path(folder), SEED) as floor:
+    with tempfile.TemporaryDirectory() as folder, open_harness(Path(folder), SEED) as harness:
         began_s = time.perf_counter()
-        floor.record(text)
-        return floor.rig.loop.time() / (time.perf_counter() - began_s)
+        harness.record(text)
+        return harness.rig.loop.time() / (time.perf_counter() - began_s)
