@@ -270,14 +270,7 @@ def clip_to_range(_typing: Any, reading: Any, low: Any, width: Any) -> Any:
 
 
 def _to_float64(b: Any, numbers: Any, first: int) -> Any:
-    """Return a vector of some of the uint16 numbers, from ``first`` on, as float64.
-
-    Interleaving them with zeros makes them 32 bits wide: one operation, where widening and
-    splitting are three.
-    """
-    zeros, lanes = ir.Constant(numbers.type, None), range(first, first + VECTOR_WIDTH)
-    places = [place for i in lanes for place in (i, numbers.type.count)]
-    indices = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), places)
-    integers = b.shuffle_vector(numbers, zeros, indices)
-    wide = b.bitcast(integers, ir.VectorType(ir.IntType(32), VECTOR_WIDTH))
-    return b.sitofp(wide, VECTORS["float64"])
+    """Return a vector of some of the uint16 numbers, from ``first`` on, as float64."""
+    lanes = list(range(first, first + VECTOR_WIDTH))
+    indices = ir.Constant(ir.VectorType(ir.IntType(32), VECTOR_WIDTH), lanes)
+    return b.uitofp(b.shuffle_vector(numbers, numbers, indices), VECTORS["float64"])

@@ -153,17 +153,8 @@ def _store_words(_typing: Any, bits: Any, words: Any, at: Any) -> Any:
 
 
 @inline
-def _pack_byte(counters: Any, end: Any) -> Any:
-    """Pack eight samples' counters, none above 1, into bits; ``end``: behind the last of them."""
-    bits = zero_counters()
-    for i in range(1, BYTE + 1):
-        bits = _shift_in(bits, load(counters, end - i * WORD, 2))
-    return bits
-
-
-@inline
-def _exceeding(counters: Any, end: Any, limit: Any) -> Any:
-    """Pack whether they exceed ``limit`` into bits."""
+def _pack_byte(counters: Any, end: Any, limit: Any) -> Any:
+    """Pack into bits whether eight samples' counters exceed ``limit``; ``end``: behind the last."""
     bits = zero_counters()
     for i in range(1, BYTE + 1):
         bits = _shift_in(bits, _exceeds(load(counters, end - i * WORD, 2), limit))
@@ -183,10 +174,7 @@ def _pack_words(counters: Any, n: Any, packed: Any, word: Any) -> int:
     highest: int = _largest(maxima)
     for plane in range(packed.shape[0]):
         for row in range(BYTE):
-            end = (row + 1) * EIGHT_SAMPLES
-            are_bits = highest <= 1 and plane == 0
-            packed_row = _pack_byte(counters, end) if are_bits else _exceeding(counters, end, plane)
-            store(bits, row * WORD, packed_row)
+            store(bits, row * WORD, _pack_byte(counters, (row + 1) * EIGHT_SAMPLES, plane))
         _store_words(bits, packed, (plane * packed.shape[1] + word) * WORD)
     return highest
 
