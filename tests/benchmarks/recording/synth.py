@@ -77,8 +77,8 @@ def _distances(made: Path, recorded: Path) -> Iterator[dict[str, Any]]:
             for a, b in pairs
         ]
         truths = list(zip(trial_truths(synth), trial_truths(rig), strict=True))
-    force = [abs(a.force_g - b.force_g) / b.force_g for a, b in truths]
-    speed = [abs(a.speed_mm_s / b.speed_mm_s - 1) for a, b in truths]
+    force = [abs((1 + a.force_error) / (1 + b.force_error) - 1) for a, b in truths]
+    speed = [abs((1 + a.speed_error) / (1 + b.speed_error) - 1) for a, b in truths]
     yield _row("synth.level_difference", float(np.max(means)), "counts", f"{np.mean(means):.3f}")
     yield _row("synth.force_difference", 1e6 * max(force), "ppm", f"{1e6 * np.mean(force):.0f}")
     yield _row("synth.speed_difference", 1e6 * max(speed), "ppm", f"{1e6 * np.mean(speed):.1f}")
