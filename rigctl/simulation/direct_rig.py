@@ -43,7 +43,7 @@ class DirectRig:
         self._bench = Bench(parameters, seed, executor)
         self._drum = DrumCosimulation(self._bench)
         self._firmware = self._drum.firmware
-        self._firmware.io.attended = 1
+        self._firmware.io.heartbeat_on = 1
         self.taxels = VirtualTaxels(self._bench)
         self._drum.on_index = self.taxels.set_index
         self._bench.on_sync = self.taxels.set_sync
@@ -75,7 +75,7 @@ class DirectRig:
 
     def to_simulated_us(self, board_us: int) -> float:
         """Convert a time of the drum board to simulated time."""
-        return self._drum.us(board_us * CYCLES_PER_US + self._firmware.io.booted)
+        return self._drum.us(board_us * CYCLES_PER_US + self._firmware.io.boot_cycle)
 
     def set_plate(self, name: str) -> None:
         """Mount a plate. Raises WrongUse for a name that is not in the catalogue."""
@@ -105,12 +105,12 @@ class DirectRig:
 
     def advance(self, until_us: int, stop_on_change: bool = True) -> None:
         """Simulate whole milliseconds up to a time, or until state, fault or result changes."""
-        changes = self._firmware.io.changes
+        changes = self._firmware.io.change_count
         while self.time_us + 1000 <= until_us:
             until_ms = min(until_us // 1000, self._drum.time_ms + LOG_EVERY_MS)
             self._drum.run(until_ms, stop_on_change)
             self._collect()
-            if stop_on_change and self._firmware.io.changes != changes:
+            if stop_on_change and self._firmware.io.change_count != changes:
                 return
 
     def start_polling(self) -> None:

@@ -80,7 +80,7 @@ class DrumCable:
     def _receive(self, data: bytes) -> None:
         self._drum.firmware.receive(data, self._drum.cycle(self._now_us))
         # Whole milliseconds: the board runs in them, and has replied at the end of the next.
-        end_us = self._drum.us(self._drum.firmware.io.received_at)
+        end_us = self._drum.us(self._drum.firmware.io.rx_end_cycle)
         self._request_end_us = 1000.0 * math.ceil(end_us * 1e-3)
 
     def _split_replies(self) -> None:

@@ -165,12 +165,12 @@ class VirtualBench:
     @property
     def beat_ms(self) -> int:
         """World time of its own computer's last heartbeat."""
-        return self.plant.time_ms if self._board.io.attended else self._silent_since_ms
+        return self.plant.time_ms if self._board.io.heartbeat_on else self._silent_since_ms
 
     def beats(self, on: bool) -> None:
         """Let the heartbeat go on, or fall silent."""
         self._silent_since_ms = self.beat_ms
-        self._board.io.attended = on
+        self._board.io.heartbeat_on = on
 
     def run(self, milliseconds: int) -> None:
         """Let time pass, or less of it where state, fault or result change."""

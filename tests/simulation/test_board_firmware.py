@@ -97,7 +97,7 @@ def test_virtual_boards_and_chips_are_the_same_firmware(board: str) -> None:
 def test_several_boards_in_one_process_share_nothing() -> None:
     rigs = [DrumCosimulation(Bench(WorldParameters(), seed)) for seed in (1, 2)]
     for drum in rigs:
-        drum.firmware.io.attended = 1
+        drum.firmware.io.heartbeat_on = 1
         drum.run(400)
     command = BY_NAME["command"].address
     assert rigs[0].firmware.write(command, [Command.ARM, 1]) == 0
@@ -106,7 +106,7 @@ def test_several_boards_in_one_process_share_nothing() -> None:
     states = [State(drum.firmware.io.state) for drum in rigs]
     assert states == [State.RETRACT, State.IDLE]
     alone = DrumCosimulation(Bench(WorldParameters(), 2))
-    alone.firmware.io.attended = 1
+    alone.firmware.io.heartbeat_on = 1
     for until_ms in (400, 1000):
         alone.run(until_ms)
     assert alone.firmware.read(16, 40) == rigs[1].firmware.read(16, 40)

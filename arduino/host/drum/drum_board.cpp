@@ -53,8 +53,8 @@ void DrumBoard::boot(uint8_t reset_cause) {
 uint64_t DrumBoard::next_event() const {
     uint64_t next = next_tick_;
     if (engine_.moving()) next = std::min(next, next_step_q8_ >> 8);
-    if (exchange.conversion_due)
-        next = std::min(next, static_cast<uint64_t>(exchange.conversion_cycle));
+    if (io.conversion_due)
+        next = std::min(next, static_cast<uint64_t>(io.conversion_cycle));
     if (!to_board_.empty()) next = std::min(next, to_board_.first().cycle);
     return std::max(next, cycle_);
 }
@@ -70,8 +70,8 @@ void DrumBoard::run(uint64_t until_cycle) {
     cycle_ = until_cycle;
     count_duty();
     const bool passed = until_cycle > begun;
-    exchange.drive = passed ? duty_sum_ / static_cast<double>(until_cycle - begun) : 0;
-    exchange.place = place_now();
+    io.drive = passed ? duty_sum_ / static_cast<double>(until_cycle - begun) : 0;
+    io.position = place_now();
     report();
 }
 
@@ -79,7 +79,7 @@ void DrumBoard::run(uint64_t until_cycle) {
 void DrumBoard::happen() {
     if (engine_.moving() && next_step_q8_ >> 8 <= cycle_) return step();
     if (next_tick_ <= cycle_) return tick();
-    if (exchange.conversion_due && static_cast<uint64_t>(exchange.conversion_cycle) <= cycle_)
+    if (io.conversion_due && static_cast<uint64_t>(io.conversion_cycle) <= cycle_)
         return convert();
     take_byte();
 }
@@ -94,18 +94,18 @@ void DrumBoard::tick() {
     inputs.position_um = potentiometer_.position_um();
     inputs.estop_open = estop_latched_ || estop_open();
     estop_latched_ = estop_fitted_ && estop_open();
-    inputs.end_up = exchange.end_up;
-    inputs.end_down = exchange.end_down;
+    inputs.end_up = io.end_up;
+    inputs.end_down = io.end_down;
     inputs.index_high = index_pin_;
-    potentiometer_.take(static_cast<uint16_t>(exchange.potentiometer));
-    if (exchange.attended && milliseconds_ % BEAT_EVERY_MS == 0) beat();
+    potentiometer_.take(static_cast<uint16_t>(io.potentiometer));
+    if (io.heartbeat_on && milliseconds_ % BEAT_EVERY_MS == 0) beat();
     drum_->modbus().tick();
     drum_->tick(inputs);
 }
 
 void DrumBoard::convert() {
-    exchange.conversion_due = 0;
-    drum_->sample({static_cast<int32_t>(exchange.conversion_counts), now_us(), true});
+    io.conversion_due = 0;
+    drum_->sample({static_cast<int32_t>(io.conversion_counts), now_us(), true});
     if (drum_->thought_due()) drum_->think();
 }
 
@@ -138,7 +138,7 @@ double DrumBoard::place_now() const {
 }
 
 void DrumBoard::turn(bool backwards) {
-    if (!stepper_on_ || exchange.motor_jammed) return;
+    if (!stepper_on_ || io.motor_jammed) return;
     from_ = place_now();
     step_length_ = std::min(cycle_ - stepped_, LONGEST_STEP);
     stepped_ = cycle_;
@@ -148,15 +148,15 @@ void DrumBoard::turn(bool backwards) {
 
 void DrumBoard::place(int64_t steps) {
     steps_ = steps;
-    from_ = exchange.place = static_cast<double>(steps);
+    from_ = io.position = static_cast<double>(steps);
     show_mark();
 }
 
 // The mark's edges; the leading one when going forwards is the trailing one backwards.
 void DrumBoard::show_mark() {
     const int64_t at = steps_ % board::STEPS_PER_TURN;
-    const bool level = (at < 0 ? at + board::STEPS_PER_TURN : at) < exchange.mark_length_steps;
-    const bool pin = level != static_cast<bool>(exchange.mark_inverted);
+    const bool level = (at < 0 ? at + board::STEPS_PER_TURN : at) < io.mark_length_steps;
+    const bool pin = level != static_cast<bool>(io.mark_inverted);
     if (pin != index_pin_ && (pin != index_inverted_) != engine_.backwards())
         mark_ = {engine_.position(), static_cast<uint16_t>(mark_.count + 1)};
     index_pin_ = pin;
@@ -263,42 +263,41 @@ void DrumBoard::wire_signals(uint8_t fitted, uint8_t inverted) {
 
 void DrumBoard::receive(const uint8_t *bytes, int32_t count, uint64_t from_cycle) {
     for (int32_t i = 0; i < count; ++i) to_board_.put(bytes[i], from_cycle);
-    exchange.received_at = static_cast<int64_t>(to_board_.free_at());
+    io.rx_end_cycle = static_cast<int64_t>(to_board_.free_at());
 }
 
 void DrumBoard::send_out() {
     for (; !to_host_.empty(); to_host_.drop_first()) {
-        if (exchange.tx_count == MOST_BYTES) {
-            ++exchange.overflows;
+        if (io.tx_count == MAX_BYTES) {
+            ++io.overflows;
             continue;
         }
-        exchange.tx_cycle[exchange.tx_count] = static_cast<int64_t>(to_host_.first().cycle);
-        exchange.tx[exchange.tx_count++] = to_host_.first().byte;
+        io.tx_cycle[io.tx_count] = static_cast<int64_t>(to_host_.first().cycle);
+        io.tx[io.tx_count++] = to_host_.first().byte;
     }
-    exchange.sent_at = static_cast<int64_t>(to_host_.free_at());
 }
 
 void DrumBoard::report_edge(EdgeOf signal, bool level) {
-    if (exchange.edge_count == MOST_EDGES) {
-        ++exchange.overflows;
+    if (io.edge_count == MAX_EDGES) {
+        ++io.overflows;
         return;
     }
-    exchange.edge_cycle[exchange.edge_count] = static_cast<int64_t>(cycle_);
-    exchange.edge_signal[exchange.edge_count] = static_cast<int64_t>(signal);
-    exchange.edge_level[exchange.edge_count++] = level;
+    io.edge_cycle[io.edge_count] = static_cast<int64_t>(cycle_);
+    io.edge_signal[io.edge_count] = static_cast<int64_t>(signal);
+    io.edge_level[io.edge_count++] = level;
 }
 
 void DrumBoard::report() {
     const int64_t state = static_cast<int64_t>(drum_->machine().state());
     const int64_t fault = static_cast<int64_t>(drum_->machine().fault());
     const int64_t result = static_cast<int64_t>(drum_->result());
-    if (state != exchange.state || fault != exchange.fault || result != exchange.result)
-        ++exchange.changes;
-    exchange.state = state;
-    exchange.fault = fault;
-    exchange.result = result;
-    exchange.sequence = drum_->loadcell().sequence();
-    exchange.booted = static_cast<int64_t>(booted_);
+    if (state != io.state || fault != io.fault || result != io.result)
+        ++io.change_count;
+    io.state = state;
+    io.fault = fault;
+    io.result = result;
+    io.sample_sequence = drum_->loadcell().sequence();
+    io.boot_cycle = static_cast<int64_t>(booted_);
 }
 
 int32_t DrumBoard::write(uint16_t address, uint16_t count, const uint8_t *bytes) {
@@ -315,8 +314,8 @@ void DrumBoard::read(uint16_t address, uint16_t count, uint16_t *words) {
 }
 
 void DrumBoard::poll() {
-    read(static_cast<uint16_t>(exchange.poll_address), static_cast<uint16_t>(exchange.poll_count),
-         exchange.poll_words);
+    read(static_cast<uint16_t>(io.poll_address), static_cast<uint16_t>(io.poll_count),
+         io.poll_words);
 }
 
 void DrumBoard::beat() {

@@ -13,7 +13,7 @@
 
 #include "../serial_line.h"
 #include "drum.h"           // the brain
-#include "exchange.h"       // what bench and board tell each other
+#include "drum_io.h"
 #include "potentiometer.h"  // smoothing of its readings
 #include "store.h"          // boot count, saved settings
 
@@ -36,7 +36,7 @@ class DrumBoard {
     // The emergency stop's wire shows this level now: high is open.
     void set_estop(bool level);
 
-    Exchange exchange = {};
+    DrumIO io = {};
 
     // What ports.h asks of the board that runs.
     uint32_t now_us() const { return static_cast<uint32_t>((cycle_ - booted_) / CYCLES_PER_US); }

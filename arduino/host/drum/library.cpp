@@ -7,10 +7,10 @@
 #endif
 
 EXPORT const char *drum_sources() { return SOURCES; }
-EXPORT uint64_t drum_exchange_size() { return sizeof(Exchange); }
+EXPORT uint64_t drum_io_size() { return sizeof(DrumIO); }
 EXPORT DrumBoard *drum_open() { return new DrumBoard(); }
 EXPORT void drum_close(DrumBoard *board) { delete board; }
-EXPORT Exchange *drum_exchange(DrumBoard *board) { return &board->exchange; }
+EXPORT DrumIO *drum_io(DrumBoard *board) { return &board->io; }
 EXPORT void drum_boot(DrumBoard *board, int32_t cause) { board->boot(static_cast<uint8_t>(cause)); }
 EXPORT void drum_run(DrumBoard *board, int64_t until) { board->run(static_cast<uint64_t>(until)); }
 EXPORT void drum_poll(DrumBoard *board, int64_t) { board->poll(); }

@@ -7,10 +7,10 @@
 #endif
 
 EXPORT const char *taxels_sources() { return SOURCES; }
-EXPORT uint64_t taxels_exchange_size() { return sizeof(Exchange); }
+EXPORT uint64_t taxels_io_size() { return sizeof(TaxelIO); }
 EXPORT TaxelBoard *taxels_open() { return new TaxelBoard(); }
 EXPORT void taxels_close(TaxelBoard *board) { delete board; }
-EXPORT Exchange *taxels_exchange(TaxelBoard *board) { return &board->exchange; }
+EXPORT TaxelIO *taxels_io(TaxelBoard *board) { return &board->io; }
 EXPORT void taxels_run(TaxelBoard *board, int32_t frames) { board->run(frames); }
 EXPORT void taxels_close_frames(TaxelBoard *board, int32_t frames) { board->close(frames); }
 

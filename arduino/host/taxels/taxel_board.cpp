@@ -34,7 +34,7 @@ void TaxelBoard::boot(uint8_t reset_cause)
     line_ = SerialLine(BYTE_CYCLES);
     edges_.clear();
     requests_.clear();
-    exchange.tx_count = 0;
+    io.tx_count = 0;
     samples_ = 0;
     cycle_ = 0;
     sync_rises_ = marks_ = 0;
@@ -63,15 +63,15 @@ void TaxelBoard::count(const Edge &edge, Frame &frame)
 Frame TaxelBoard::close_frame(int32_t row)
 {
     Frame frame = Frame();
-    memcpy(frame.reading, exchange.readings[row], sizeof frame.reading);
+    memcpy(frame.reading, io.readings[row], sizeof frame.reading);
     cycle_ += FRAME_CYCLES;
     for (; !edges_.empty() && edges_.front().cycle < cycle_; edges_.pop_front())
         count(edges_.front(), frame);
     frame.counter = samples_++;
     frame.flags |= sync_level_ ? FLAG_SYNC : 0;
     frame.edges = uint8_t((sync_rises_ & 3) | (marks_ & 3) << 2);
-    exchange.flags[row] = frame.flags;
-    exchange.edges[row] = frame.edges;
+    io.flags[row] = frame.flags;
+    io.edges[row] = frame.edges;
     return frame;
 }
 
@@ -94,14 +94,13 @@ void TaxelBoard::receive(const uint8_t *bytes, int32_t count)
 bool TaxelBoard::send(const uint8_t *bytes, uint8_t size, uint8_t kept_free)
 {
     if (line_.waiting(cycle_) + size + kept_free > SEND_SIZE) return false;
-    if (exchange.tx_count + size > MOST_BYTES) {
-        ++exchange.overflows;
+    if (io.tx_count + size > MAX_BYTES) {
+        ++io.overflows;
         return false;
     }
-    memcpy(exchange.tx + exchange.tx_count, bytes, size);
-    exchange.tx_count += size;
+    memcpy(io.tx + io.tx_count, bytes, size);
+    io.tx_count += size;
     line_.pass(size, cycle_);
-    exchange.sent_at = int64_t(line_.free_at());
     return true;
 }
 

@@ -11,7 +11,7 @@
 #include <memory>
 
 #include "../serial_line.h"
-#include "exchange.h"  // what bench and board tell each other
+#include "taxel_io.h"
 #include "ports.h"     // what the brain asks for
 #include "talk.h"      // the brain
 
@@ -21,13 +21,13 @@ public:
     void boot(uint8_t reset_cause);
     // An edge of sync or index at a cycle, in rising order.
     void edge(EdgeOf signal, bool level, uint64_t cycle);
-    // Closes so many frames with the exchange's readings and sends them.
+    // Closes so many frames with the readings in io and sends them.
     void run(int32_t frames);
-    // Closes so many frames without sending anything; their flags and edges are in the exchange.
+    // Closes so many frames without sending anything; their flags and edges are in io.
     void close(int32_t frames);
     void receive(const uint8_t *bytes, int32_t count);
 
-    Exchange exchange = {};
+    TaxelIO io = {};
 
     // What ports.h asks of the board that runs.
     bool send(const uint8_t *bytes, uint8_t size, uint8_t kept_free);

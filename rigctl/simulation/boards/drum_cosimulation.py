@@ -62,7 +62,7 @@ class DrumCosimulation:
 
     def board_us(self, cycles: _Integers) -> _Integers:
         """Return the board's own time at these cycles, not wrapped."""
-        return (cycles - int(self.firmware.io.booted)) // (NOMINAL_HZ // 1_000_000)
+        return (cycles - int(self.firmware.io.boot_cycle)) // (NOMINAL_HZ // 1_000_000)
 
     def poll_every(self, every_ms: int, first_ms: int) -> None:
         """Poll the board periodically from a time on; an ``every_ms`` of 0 stops polling."""

@@ -1,6 +1,6 @@
 """The drum's firmware in this process.
 
-:class:`DrumIO` mirrors ``arduino/host/drum/exchange.h``.
+:class:`DrumIO` mirrors ``arduino/host/drum/drum_io.h``.
 """
 
 from __future__ import annotations
@@ -29,25 +29,24 @@ INTEGER_FIELDS = (
     "mark_inverted",
     "poll_address",
     "poll_count",
-    "attended",
+    "heartbeat_on",
     "conversion_due",
     "conversion_cycle",
     "conversion_counts",
     "state",
     "fault",
     "result",
-    "changes",
-    "sequence",
-    "booted",
-    "received_at",
-    "sent_at",
+    "change_count",
+    "sample_sequence",
+    "boot_cycle",
+    "rx_end_cycle",
     "tx_count",
     "edge_count",
     "overflows",
 )
 """The integers of :class:`DrumIO` in order; the kernel indexes them."""
 
-FLOAT_FIELDS = ("drive", "place")
+FLOAT_FIELDS = ("drive", "position")
 
 
 class DrumIO(ctypes.Structure):
@@ -79,7 +78,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 class DrumFirmware(FirmwareLibrary):
     """One drum board.
 
-    ``arrays`` are views of ``io`` for compiled code: :data:`INTEGER_FIELDS` int64 (23,),
+    ``arrays`` are views of ``io`` for compiled code: :data:`INTEGER_FIELDS` int64 (22,),
     :data:`FLOAT_FIELDS` float64 (2,) and the newest poll uint16 (40,). Raises RigFault if its
     library cannot be used.
     """

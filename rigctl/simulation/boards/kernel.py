@@ -51,8 +51,8 @@ _END_UP, _END_DOWN = map(INTEGER_FIELDS.index, ("end_up", "end_down"))
 _DUE, _DUE_CYCLE, _DUE_COUNTS = (
     INTEGER_FIELDS.index(f"conversion_{name}") for name in ("due", "cycle", "counts")
 )
-_CHANGES, _SEQUENCE = map(INTEGER_FIELDS.index, ("changes", "sequence"))
-_DRIVE, _PLACE = FLOAT_FIELDS.index("drive"), FLOAT_FIELDS.index("place")
+_CHANGES, _SEQUENCE = map(INTEGER_FIELDS.index, ("change_count", "sample_sequence"))
+_DRIVE, _POSITION = map(FLOAT_FIELDS.index, ("drive", "position"))
 _Floats = NDArray[np.float64]
 _Integers = NDArray[np.int64]
 _Bools = NDArray[np.bool_]
@@ -142,7 +142,7 @@ def _compile_kernel(digest: str) -> Callable[..., Any]:
                 conversions[sample, 0] = integers[_DUE_CYCLE]
                 conversions[sample, 1] = integers[_DUE_COUNTS]
                 sample += 1
-            travel_mm = (floats[_PLACE] - scales[START_STEPS]) * scales[MM_PER_STEP]
+            travel_mm = (floats[_POSITION] - scales[START_STEPS]) * scales[MM_PER_STEP]
             step_millisecond(s, c, log, force_table, travel_mm, floats[_DRIVE])
             if end_ms >= control[POLL_AT_MS]:
                 _call_board(control[_POLL], control[_HANDLE], 0)

@@ -19,7 +19,7 @@ I32, I64, U64 = ctypes.c_int32, ctypes.c_int64, ctypes.c_uint64
 _COMMON: Signatures = {
     "open": (POINTER, []),
     "close": (None, [POINTER]),
-    "exchange": (POINTER, [POINTER]),
+    "io": (POINTER, [POINTER]),
     "boot": (None, [POINTER, I32]),
 }
 
@@ -41,7 +41,7 @@ class FirmwareLibrary:
         self._name = name
         self._library = _load(name, io_type, {**_COMMON, **signatures}, path)
         self.handle: int = self.function("open")()
-        self.io: Any = io_type.from_address(self.call("exchange"))
+        self.io: Any = io_type.from_address(self.call("io"))
 
     def function(self, name: str) -> Any:
         """Return the library's function of that name."""
@@ -75,14 +75,15 @@ def _load(
     try:
         # PyDLL: calls are short, so releasing the GIL for each would cost more than it gains.
         library = ctypes.PyDLL(str(file))
-        size = _constant(library, f"{board}_exchange_size", U64)
         built_from = _constant(library, f"{board}_sources", ctypes.c_char_p).decode()
+        stale = root is not None and built_from != digest(board)
+        stale = stale or _constant(library, f"{board}_io_size", U64) != ctypes.sizeof(io_type)
     except (OSError, AttributeError) as error:
         raise RigFault(
             f"{file}: the virtual {board} board was not made for this system ({error}): "
             f"delete it, {CURE}{COMMAND}"
         ) from error
-    if size != ctypes.sizeof(io_type) or (root is not None and built_from != digest(board)):
+    if stale:
         raise RigFault(
             f"{file}: the virtual {board} board was made of other sources than arduino/ holds: "
             f"run {COMMAND}"

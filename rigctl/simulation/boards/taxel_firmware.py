@@ -1,6 +1,6 @@
 """The taxel board's firmware in this process.
 
-:class:`TaxelIO` mirrors ``arduino/host/taxels/exchange.h``.
+:class:`TaxelIO` mirrors ``arduino/host/taxels/taxel_io.h``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ class TaxelIO(ctypes.Structure):
 
     _fields_ = (
         ("tx_count", I64),
-        ("sent_at", I64),
         ("overflows", I64),
         ("readings", ctypes.c_uint16 * N_TAXELS * MAX_FRAMES),
         ("flags", ctypes.c_uint8 * MAX_FRAMES),
