@@ -1,4 +1,4 @@
-// What makes a function of a virtual board visible to the program that loads its library.
+// Exports a function of a virtual board from its library.
 #ifndef HOST_EXPORT_H
 #define HOST_EXPORT_H
 

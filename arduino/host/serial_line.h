@@ -1,4 +1,4 @@
-// A serial line of a virtual board: bytes that take their time, stamped in cycles of the board.
+// A serial line of a virtual board: bytes with their durations, stamped in cycles of the board.
 #ifndef HOST_SERIAL_LINE_H
 #define HOST_SERIAL_LINE_H
 
@@ -15,13 +15,13 @@ class SerialLine {
   public:
     explicit SerialLine(double byte_cycles) : byte_cycles_(byte_cycles) {}
 
-    // Puts a byte on the line at a cycle, behind those that are on it already.
+    // Puts a byte on the line at a cycle, after those that are on it already.
     void put(uint8_t byte, uint64_t cycle) {
         if (free_ < static_cast<double>(cycle)) free_ = static_cast<double>(cycle);
         free_ += byte_cycles_;
         bytes_.push_back({static_cast<uint64_t>(free_), byte});
     }
-    // The same for bytes of which only the line's own time counts.
+    // The same for bytes of which only the duration matters.
     void pass(uint32_t count, uint64_t cycle) {
         if (free_ < static_cast<double>(cycle)) free_ = static_cast<double>(cycle);
         free_ += byte_cycles_ * count;
@@ -31,7 +31,7 @@ class SerialLine {
     void drop_first() { bytes_.pop_front(); }
     void clear() { bytes_.clear(); }
 
-    // Cycle at which the last byte is over.
+    // Cycle at which the last byte ends.
     uint64_t free_at() const { return static_cast<uint64_t>(free_); }
     // Bytes that have not left yet.
     uint64_t waiting(uint64_t cycle) const {

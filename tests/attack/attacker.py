@@ -1,4 +1,4 @@
-"""Whoever attacks: brings a board to a state, does an attack's steps, and goes on pressing."""
+"""Run attacks: bring a board to a state, run the attack's steps and its continuation."""
 
 from __future__ import annotations
 
@@ -9,44 +9,60 @@ from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_entry import Register
 from rigctl.wire.drum.register_table import BY_NAME, SETTINGS_BLOCK
 from rigctl.wire.drum.states import State
-from tests.attack.benches import AttackBench, Log, limit_g, weaken
+from tests.attack.benches import AttackBench, Log, limit_g, slow_actuator
 from tests.attack.judge import Judge, States, covered, value_of
-from tests.attack.steps import Act, Attack, Step, What, Write, give, whole, write
+from tests.attack.steps import (
+    Action,
+    ActionKind,
+    Attack,
+    Step,
+    Write,
+    full_sequence,
+    send,
+    wait,
+    wait_until_idle,
+    write,
+)
 
 PASSING = (State.SELFTEST, State.POSITION, State.APPROACH, State.RUN, State.RETRACT)
-LONG_MS, SHORT_MS = 900, 20
-"""Between two looks at the log, and where motion is judged."""
+MAX_STEP_MS, MOTION_STEP_MS = 900, 20
+"""Longest time between two reads of the log, and the same while motion is checked."""
 COMMAND, SEQUENCE = BY_NAME["command"].address, BY_NAME["command_sequence"].address
 START = SETTINGS_BLOCK[0]
 FAR_STEPS = 10_000
 
 ARM: tuple[Step, ...] = (
-    Act(What.REST, 500),
-    give(Command.ARM),
-    Act(What.REST, 3000),
-    give(Command.TARE),
-    Act(What.WAIT, 800),
+    wait_until_idle(500),
+    send(Command.ARM),
+    wait_until_idle(3000),
+    send(Command.TARE),
+    wait(800),
 )
-HOLD: tuple[Step, ...] = (*ARM, give(Command.APPROACH), Act(What.REST, 6000))
-WAYS: dict[State, tuple[Step, ...]] = {
-    State.BOOT: (Act(What.RESET),),
-    State.SELFTEST: (Act(What.RESET), Act(What.WAIT, 20)),
-    State.IDLE: (Act(What.REST, 500),),
+HOLD: tuple[Step, ...] = (*ARM, send(Command.APPROACH), wait_until_idle(6000))
+PREPARATIONS: dict[State, tuple[Step, ...]] = {
+    State.BOOT: (Action(ActionKind.RESET),),
+    State.SELFTEST: (Action(ActionKind.RESET), wait(20)),
+    State.IDLE: (wait_until_idle(500),),
     State.ARMED: ARM,
-    State.POSITION: (*ARM, write("move_target", FAR_STEPS), give(Command.MOVE), Act(What.WAIT, 90)),
-    State.APPROACH: (*ARM, give(Command.APPROACH), Act(What.WAIT, 3250)),
+    State.POSITION: (*ARM, write("move_target", FAR_STEPS), send(Command.MOVE), wait(90)),
+    State.APPROACH: (*ARM, send(Command.APPROACH), wait(3250)),
     State.HOLD: HOLD,
-    State.RUN: (*HOLD, give(Command.RUN), Act(What.WAIT, 300)),
-    State.RETRACT: (*HOLD, give(Command.RETRACT), Act(What.WAIT, 20)),
-    State.FAULT_LIFT: (*HOLD, Act(What.BEATS, 0), Act(What.WAIT, 251), Act(What.BEATS, 1)),
-    State.FAULT_OFF: (*HOLD, Act(What.ESTOP, 1), Act(What.WAIT, 10)),
+    State.RUN: (*HOLD, send(Command.RUN), wait(300)),
+    State.RETRACT: (*HOLD, send(Command.RETRACT), wait(20)),
+    State.FAULT_LIFT: (
+        *HOLD,
+        Action(ActionKind.HEARTBEAT, 0),
+        wait(251),
+        Action(ActionKind.HEARTBEAT, 1),
+    ),
+    State.FAULT_OFF: (*HOLD, Action(ActionKind.ESTOP, 1), wait(10)),
 }
-"""From power-up to each state. APPROACH is just before or in first contact; FAULT_LIFT still
-presses; in FAULT_OFF the emergency stop is held and the drum rests on the skin."""
+"""Steps from power-up to each state. APPROACH is just before or in first contact; FAULT_LIFT still
+presses; in FAULT_OFF the emergency stop is pressed and the drum rests on the skin."""
 
 
 class Outcome(NamedTuple):
-    """What became of an attack; ``began`` is the state in which its steps were done."""
+    """Result of an attack; ``began`` is the state in which its steps ran."""
 
     attack: Attack
     began: State
@@ -59,87 +75,87 @@ class Outcome(NamedTuple):
 
 
 class Attacker:
-    """One attack on one bench that has just been switched on."""
+    """Runs one attack on a bench at power-up."""
 
     def __init__(self, bench: AttackBench) -> None:
         self._bench, self._log = bench, Log(bench)
         self.judge = Judge(limit_g(bench))
         self._sequence = 1000
 
-    def carry_out(self, attack: Attack) -> Outcome:
-        """Do it, from power-up to the end."""
-        self.carry_on(WAYS[attack.state])
+    def run(self, attack: Attack) -> Outcome:
+        """Run an attack from power-up to its end."""
+        self.run_steps(PREPARATIONS[attack.state])
         began = self._bench.state
-        self.carry_on(whole(attack))
+        self.run_steps(full_sequence(attack))
         judge = self.judge
         return Outcome(attack, began, judge.peak_g, judge.limit_g, judge.broken)
 
-    def carry_on(self, steps: Iterable[Step]) -> None:
-        """Do steps, one behind the other."""
+    def run_steps(self, steps: Iterable[Step]) -> None:
+        """Run steps in order."""
         for step in steps:
             if isinstance(step, Write):
                 self._write(step)
             else:
-                self._act(step.what, step.value)
+                self._act(step.kind, step.value)
 
-    def _act(self, what: What, value: int) -> None:
-        if what is What.GIVE:
+    def _act(self, kind: ActionKind, value: int) -> None:
+        if kind is ActionKind.SEND_COMMAND:
             self._sequence += 1
             self._write(Write(COMMAND, (value, self._sequence)))
-        elif what is What.WAIT:
-            self._pass(value, lambda: False)
-        elif what is What.REST:
-            self._pass(value, lambda: self._bench.state not in PASSING)
-        elif what is What.WEAKEN:
-            weaken(self._bench.plant)
-        elif what is What.BEATS:
-            self._look()
-            self._bench.beats(bool(value))
+        elif kind is ActionKind.WAIT:
+            self._advance(value, lambda: False)
+        elif kind is ActionKind.WAIT_UNTIL_IDLE:
+            self._advance(value, lambda: self._bench.state not in PASSING)
+        elif kind is ActionKind.SLOW_ACTUATOR:
+            slow_actuator(self._bench.plant)
+        elif kind is ActionKind.HEARTBEAT:
+            self._check_log()
+            self._bench.set_heartbeat(bool(value))
         else:
-            self._touch(what, value)
+            self._press_button(kind, value)
 
-    def _touch(self, what: What, value: int) -> None:
-        """Buttons: time before and after is judged apart."""
-        self._look()
-        if what is What.RESET:
+    def _press_button(self, kind: ActionKind, value: int) -> None:
+        """Press a button; the log before and after is checked separately."""
+        self._check_log()
+        if kind is ActionKind.RESET:
             self._bench.reset()
             self.judge.booted()
         else:
             self._bench.estop(bool(value))
-            self.judge.stop(bool(value))
-            self._pass(2, lambda: False, step_ms=1)
+            self.judge.set_stop(bool(value))
+            self._advance(2, lambda: False, step_ms=1)
 
-    def _pass(self, for_ms: int, done: Callable[[], bool], step_ms: int = LONG_MS) -> None:
+    def _advance(self, for_ms: int, done: Callable[[], bool], step_ms: int = MAX_STEP_MS) -> None:
         plant = self._bench.plant
         end_ms = plant.time_ms + for_ms
         while plant.time_ms < end_ms and not done():
-            longest = SHORT_MS if self.judge.tense else step_ms
+            longest = MOTION_STEP_MS if self.judge.checks_motion else step_ms
             self._bench.run(min(longest, step_ms, end_ms - plant.time_ms))
-            self._look()
+            self._check_log()
 
-    def _look(self) -> None:
+    def _check_log(self) -> None:
         state, span = self._bench.state, self._log.span()
-        self.judge.beat(self._bench.beat_ms)
-        self.judge.saw(span, state)
+        self.judge.heartbeat(self._bench.last_heartbeat_ms)
+        self.judge.check_span(span, state)
 
     def _write(self, request: Write) -> None:
         before, state = self._settings(), self._bench.state
-        self._look()
-        taken = self._bench.write(*request) == 0
+        self._check_log()
+        accepted = self._bench.write(*request) == 0
         self.judge.now_ms = self._bench.plant.time_ms
-        if taken and before:
-            self._judge_taken(request, before, (state, self._bench.state))
-        self._look()
+        if accepted and before:
+            self._check_accepted(request, before, (state, self._bench.state))
+        self._check_log()
 
-    def _judge_taken(self, request: Write, before: list[int], states: States) -> None:
+    def _check_accepted(self, request: Write, before: list[int], states: States) -> None:
         address, words = request
         given = address <= SEQUENCE < address + len(words)
         if given and before[SEQUENCE - START] != words[SEQUENCE - address]:
             command = words[COMMAND - address] if address <= COMMAND else before[COMMAND - START]
-            self.judge.obeyed(command, states)
+            self.judge.check_command(command, states)
         after = self._settings()
         for register in covered(address, len(words)):
-            self.judge.took(register, _of(before, register), _of(after, register), states)
+            self.judge.check_write(register, _of(before, register), _of(after, register), states)
 
     def _settings(self) -> list[int]:
         return self._bench.read(*SETTINGS_BLOCK)
@@ -150,9 +166,9 @@ def _of(settings: list[int], register: Register) -> int:
     return value_of(register, settings[place : place + register.words])
 
 
-def attacked(bench: AttackBench, attack: Attack) -> Outcome:
-    """Attack a bench that has just been switched on, and free it."""
+def run_attack(bench: AttackBench, attack: Attack) -> Outcome:
+    """Attack a bench at power-up, and free it."""
     try:
-        return Attacker(bench).carry_out(attack)
+        return Attacker(bench).run(attack)
     finally:
         bench.close()

@@ -1,7 +1,7 @@
-"""The bench that is attacked: the world's mechanics under a virtual board or under a chip.
+"""The attacked bench: simulated mechanics with a virtual board or a simulated chip.
 
-Both have the same plate, contact and actuator. What is handed to the judge comes from the
-mechanics' own log; what the board says of itself is for the attacker.
+Both have the same plate, contact and actuator. The judge reads the mechanics' own log; the board's
+registers are only for the attacker.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from tests.firmware.drum.support.plant_drum import pressed
 
 PLATE = "A"
 NEAR = validated(WorldParameters(contact_mm=10.0, actuator_start_mm=0.0))
-"""Contact as near as benches have it: an approach is short."""
+"""Shortest plausible distance to the contact, for a short approach."""
 SEED = 1
-WEAK_MM_S = 2.0
+SLOW_MM_S = 2.0
 MOST_G, OVERRUN_UM = (BY_NAME[name].address for name in ("most_force", "overrun_um"))
 
 
 class Span(NamedTuple):
-    """What the bench logged from one time to another, ms.
+    """The bench's log between two times, ms.
 
-    ``force_g`` and ``place_mm``: float64 (ms,), at the end of each millisecond, the place also at
-    the beginning; ``rod_mm``: at beginning and end; ``drive``: lowest and highest duty seen, of the
-    last millisecond at least.
+    ``force_g`` and ``place_mm``: float64 (ms,), at the end of each millisecond, ``place_mm`` also
+    at the start; ``rod_mm``: at start and end; ``drive``: lowest and highest duty, at least of the
+    last millisecond.
     """
 
     start_ms: int
@@ -48,7 +48,7 @@ class Span(NamedTuple):
 
 
 class AttackBench(Protocol):
-    """What an attacker can do with a bench, and what it logs."""
+    """A bench as the attacker uses it."""
 
     @property
     def plant(self) -> Mechanics:
@@ -56,23 +56,23 @@ class AttackBench(Protocol):
 
     @property
     def state(self) -> State:
-        """State that the board says."""
+        """State that the board reports."""
 
     @property
-    def beat_ms(self) -> int:
-        """World time of the last heartbeat that the bench's own computer sent."""
+    def last_heartbeat_ms(self) -> int:
+        """Simulated time of the last heartbeat."""
 
-    def beats(self, on: bool) -> None:
-        """Let the heartbeat go on, or fall silent."""
+    def set_heartbeat(self, on: bool) -> None:
+        """Switch the heartbeat on or off."""
 
     def run(self, milliseconds: int) -> None:
-        """Let time pass, or less of it where the board's state changes."""
+        """Advance, less if the board's state changes."""
 
     def drive(self) -> tuple[float, float]:
-        """Lowest and highest duty since the last call."""
+        """Return the lowest and highest duty since the last call."""
 
     def write(self, address: int, words: tuple[int, ...]) -> int:
-        """Write registers; 0 where the board took them."""
+        """Write registers; return 0 if the board accepts them."""
 
     def read(self, address: int, count: int) -> list[int]:
         """Read registers."""
@@ -88,29 +88,29 @@ class AttackBench(Protocol):
 
 
 class Log:
-    """Reads the mechanics' log span by span, so that no millisecond is left out."""
+    """Reads the mechanics' log in consecutive spans."""
 
     def __init__(self, bench: AttackBench) -> None:
         self._bench = bench
-        self._told_ms, self._rod_mm = bench.plant.time_ms, bench.plant.rod_mm
+        self._read_until_ms, self._rod_mm = bench.plant.time_ms, bench.plant.rod_mm
 
     def span(self) -> Span:
-        """What was logged since the last call."""
-        plant, start_ms, rod_mm = self._bench.plant, self._told_ms, self._rod_mm
-        self._told_ms, self._rod_mm = plant.time_ms, plant.rod_mm
-        rows = np.arange(start_ms, self._told_ms + 1) % RING_MS
+        """Return the log since the last call."""
+        plant, start_ms, rod_mm = self._bench.plant, self._read_until_ms, self._rod_mm
+        self._read_until_ms, self._rod_mm = plant.time_ms, plant.rod_mm
+        rows = np.arange(start_ms, self._read_until_ms + 1) % RING_MS
         force_g, place_mm = plant.log[rows[1:], FORCE_G], plant.log[rows, DRUM_MM]
         rods = (rod_mm, self._rod_mm)
-        return Span(start_ms, self._told_ms, force_g, place_mm, rods, self._bench.drive())
+        return Span(start_ms, self._read_until_ms, force_g, place_mm, rods, self._bench.drive())
 
 
-def weaken(plant: Mechanics) -> None:
-    """Make the actuator slow, as a worn or cold one is."""
-    plant.constants[ACTUATOR_SPEED] = WEAK_MM_S
+def slow_actuator(plant: Mechanics) -> None:
+    """Make the actuator slow, like a worn or cold one."""
+    plant.constants[ACTUATOR_SPEED] = SLOW_MM_S
 
 
 def limit_g(bench: AttackBench) -> float:
-    """True force that may come about on this bench, whatever is written."""
+    """Return the highest true force that any write may cause on this bench."""
     return _limit_g(bench.read(MOST_G, 1)[0], bench.read(OVERRUN_UM, 1)[0])
 
 
@@ -120,7 +120,7 @@ def _limit_g(most_g: int, overrun_um: int) -> float:
 
 
 class _Mechanics:
-    """A bench without its skin: nobody looks at the taxels."""
+    """A bench without skin: attacks do not read the taxels."""
 
     def __init__(self) -> None:
         self.parameters = NEAR
@@ -131,7 +131,7 @@ class _Mechanics:
         self.logged_ms = 0
 
     def log_truth(self) -> None:
-        """Forget what is behind: attacks are judged span by span."""
+        """Discard the log: attacks are checked in spans."""
         self.logged_ms = self.plant.time_ms
 
     def set_sync(self, level: int, at_us: int) -> None:
@@ -143,14 +143,14 @@ class _Mechanics:
 
 
 class VirtualBench:
-    """A virtual board at power-up, stepped in world time; its registers are at hand."""
+    """A virtual board at power-up with direct access to its registers."""
 
     def __init__(self, library: Path | None = None) -> None:
         self._mechanics = _Mechanics()
         self._drum = DrumCosimulation(self._mechanics, library)
         self._board = self._drum.firmware
         self._silent_since_ms = 0
-        self.beats(True)
+        self.set_heartbeat(True)
 
     @property
     def plant(self) -> Mechanics:
@@ -159,30 +159,30 @@ class VirtualBench:
 
     @property
     def state(self) -> State:
-        """State that the board says."""
+        """State that the board reports."""
         return State(self._board.io.state)
 
     @property
-    def beat_ms(self) -> int:
-        """World time of its own computer's last heartbeat."""
+    def last_heartbeat_ms(self) -> int:
+        """Simulated time of the last heartbeat."""
         return self.plant.time_ms if self._board.io.heartbeat_on else self._silent_since_ms
 
-    def beats(self, on: bool) -> None:
-        """Let the heartbeat go on, or fall silent."""
-        self._silent_since_ms = self.beat_ms
+    def set_heartbeat(self, on: bool) -> None:
+        """Switch the heartbeat on or off."""
+        self._silent_since_ms = self.last_heartbeat_ms
         self._board.io.heartbeat_on = on
 
     def run(self, milliseconds: int) -> None:
-        """Let time pass, or less of it where state, fault or result change."""
+        """Advance, less if state, fault or result changes."""
         self._drum.run(self.plant.time_ms + milliseconds, stop_on_change=True)
 
     def drive(self) -> tuple[float, float]:
-        """Duty of the last millisecond, twice."""
+        """Return the duty of the last millisecond, twice."""
         duty = self._board.io.drive
         return duty, duty
 
     def write(self, address: int, words: tuple[int, ...]) -> int:
-        """Write registers; 0 where the board took them."""
+        """Write registers; return 0 if the board accepts them."""
         return self._board.write(address, words)
 
     def read(self, address: int, count: int) -> list[int]:

@@ -1,4 +1,4 @@
-"""The same attacks on the drum's image on its chip, over its wire."""
+"""The same attacks on the drum's image on its simulated chip, over Modbus."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from rigctl.wire.drum.states import State
 from tests.attack.benches import NEAR, PLATE, SEED
 from tests.firmware.drum.support.plant_drum import PlantDrum
 
-BEAT_EVERY_MS = 80
+HEARTBEAT_PERIOD_MS = 80
 NO_ANSWER = -1
 HEARTBEAT, STATE = BY_NAME["heartbeat"].address, BY_NAME["state"].address
 
 
 class _Drum(PlantDrum):
-    """Keeps the duty of each millisecond until somebody asks."""
+    """A drum that logs the duty of each millisecond."""
 
     def __init__(self, image: str) -> None:
         self.duties: list[float] = []
@@ -29,11 +29,11 @@ class _Drum(PlantDrum):
 
 
 class ChipBench:
-    """A chip at power-up under the mechanics of the world, spoken to as Modbus master."""
+    """A chip at power-up with simulated mechanics and a Modbus master."""
 
     def __init__(self, image: str = "firmware/drum.elf") -> None:
         self._drum = _Drum(image)
-        self._beating, self._beats, self._beat_ms = True, 0, 0
+        self._heartbeat_on, self._heartbeats, self._heartbeat_at_ms = True, 0, 0
 
     @property
     def plant(self) -> Mechanics:
@@ -42,33 +42,33 @@ class ChipBench:
 
     @property
     def state(self) -> State:
-        """State that the board says; BOOT where it does not answer."""
+        """State that the board reports; BOOT if it does not reply."""
         return State((self.read(STATE, 1) or [State.BOOT])[0])
 
     @property
-    def beat_ms(self) -> int:
-        """World time at which a beat had arrived."""
-        return self._beat_ms
+    def last_heartbeat_ms(self) -> int:
+        """Simulated time at which the last heartbeat had arrived."""
+        return self._heartbeat_at_ms
 
-    def beats(self, on: bool) -> None:
-        """Let the heartbeat go on, or fall silent."""
-        self._beating = on
+    def set_heartbeat(self, on: bool) -> None:
+        """Switch the heartbeat on or off."""
+        self._heartbeat_on = on
         if on:
-            self._beat()
+            self._send_heartbeat()
 
     def run(self, milliseconds: int) -> None:
-        """Let time pass, until the next beat is due at most, and give it."""
-        self._drum.run(min(milliseconds, BEAT_EVERY_MS))
-        if self._beating and self.plant.time_ms - self._beat_ms >= BEAT_EVERY_MS:
-            self._beat()
+        """Advance, at most to the next due heartbeat, and send it."""
+        self._drum.run(min(milliseconds, HEARTBEAT_PERIOD_MS))
+        if self._heartbeat_on and self.plant.time_ms - self._heartbeat_at_ms >= HEARTBEAT_PERIOD_MS:
+            self._send_heartbeat()
 
     def drive(self) -> tuple[float, float]:
-        """Lowest and highest duty since the last call."""
+        """Return the lowest and highest duty since the last call."""
         duties, self._drum.duties = self._drum.duties, []
         return min(duties, default=0.0), max(duties, default=0.0)
 
     def write(self, address: int, words: tuple[int, ...]) -> int:
-        """Write registers; 0 where the board took them."""
+        """Write registers; return 0 if the board accepts them."""
         count = len(words)
         head = struct.pack(">BHHB", 16, address, count, 2 * count)
         answer = self._drum.exchange(head + struct.pack(f">{count}H", *words))
@@ -77,7 +77,7 @@ class ChipBench:
         return answer[2] if answer[1] & 0x80 else 0
 
     def read(self, address: int, count: int) -> list[int]:
-        """Read registers; nothing where the board does not answer."""
+        """Read registers; return an empty list without a reply."""
         answer = self._drum.exchange(struct.pack(">BHH", 3, address, count))
         return list(struct.unpack(f">{count}H", answer[3:])) if answer else []
 
@@ -93,7 +93,7 @@ class ChipBench:
         """Free the chip."""
         self._drum.chip.close()
 
-    def _beat(self) -> None:
-        self._beats = self._beats % 0xFFFF + 1
-        if self.write(HEARTBEAT, (self._beats,)) == 0:
-            self._beat_ms = self.plant.time_ms
+    def _send_heartbeat(self) -> None:
+        self._heartbeats = self._heartbeats % 0xFFFF + 1
+        if self.write(HEARTBEAT, (self._heartbeats,)) == 0:
+            self._heartbeat_at_ms = self.plant.time_ms

@@ -1,7 +1,8 @@
-"""Attacks on a drum board: what a computer may write, and what happens around it.
+"""Attacks on a drum board: writes of a computer, and events around them.
 
-An attack begins in a state of the board, does its steps there, and goes on as an attacker would
-(:func:`whole`). Attacks are drawn from a seed and a number, so that one can be had again alone.
+An attack begins in a state of the board, runs its steps there and then a fixed continuation
+(:func:`full_sequence`). A seed and a number determine a random attack, so that it can be repeated
+alone.
 """
 
 from __future__ import annotations
@@ -20,30 +21,30 @@ from rigctl.wire.drum.states import State
 VALUES = (0, 1, 0x7FFF, 0x8000, 0xFFFF)
 STATES = tuple(State)
 FIRST, LAST = SETTINGS[0].address, SETTINGS[-1].address
-MOST_WORDS = 8
+MAX_WORDS = 8
 PLACES = tuple(r for r in SETTINGS if r.name.startswith("tare_place"))
 GUARDED = tuple(r for r in SETTINGS if r.guard is not Guard.NONE and r not in PLACES[1:])
-"""What decides what a force means: drawn more often than the rest."""
+"""Settings that determine the meaning of a force: drawn more often than the others."""
 NO_COMMAND = 17
-"""A value of register ``command`` that means nothing."""
+"""A value of register ``command`` that is no command."""
 
-FEW = 32
-"""Values of a register that are all drawn as often: modes, and bits of wires."""
+FEW_VALUES = 32
+"""Registers with fewer values, such as modes and wire bits, draw each value equally often."""
 
 NO_LOAD, UNDER_LOAD = 30_000, 1_000_000
-"""Raw counts between which the bench's load cell reads, from nothing to 2,000 g."""
+"""Range of the bench's raw load-cell counts, from 0 to 2,000 g."""
 
 
-class What(Enum):
-    """What is done besides writing registers; the value of the act in brackets."""
+class ActionKind(Enum):
+    """Kind of an action other than a write; comments give the meaning of its value."""
 
-    GIVE = "command"  # a Command, with a new sequence
+    SEND_COMMAND = "command"  # a Command, with a new sequence
     ESTOP = "emergency stop"  # 1 pressed, 0 released
-    BEATS = "heartbeat"  # 1 goes on, 0 falls silent
+    HEARTBEAT = "heartbeat"  # 1 on, 0 off
     RESET = "reset"  # 0
     WAIT = "wait ms"
-    REST = "rest ms"  # until no state passes by itself, at most so long
-    WEAKEN = "weak actuator"  # 0: from now on it is slow
+    WAIT_UNTIL_IDLE = "rest ms"  # until the state does not change by itself, at most this long
+    SLOW_ACTUATOR = "weak actuator"  # 0
 
 
 class Write(NamedTuple):
@@ -57,22 +58,22 @@ class Write(NamedTuple):
         return f"{names[0]}({self.address}) := {' '.join(f'{word:04x}' for word in self.words)}"
 
 
-class Act(NamedTuple):
-    """Anything else."""
+class Action(NamedTuple):
+    """An action other than a write."""
 
-    what: What
+    kind: ActionKind
     value: int = 0
 
     def __str__(self) -> str:
-        known = self.what is What.GIVE and self.value < NO_COMMAND
-        return f"{self.what.value} {Command(self.value).name if known else self.value}"
+        known = self.kind is ActionKind.SEND_COMMAND and self.value < NO_COMMAND
+        return f"{self.kind.value} {Command(self.value).name if known else self.value}"
 
 
-Step = Write | Act
+Step = Write | Action
 
 
 class Attack(NamedTuple):
-    """Steps that are done in a state of the board."""
+    """Steps that run in a state of the board."""
 
     name: str
     state: State
@@ -93,68 +94,78 @@ def write(name: str, raw: int) -> Write:
     return Write(BY_NAME[name].address, _words(BY_NAME[name], raw))
 
 
-def give(command: Command) -> Act:
-    """Give a command."""
-    return Act(What.GIVE, command)
+def send(command: Command) -> Action:
+    """Send a command."""
+    return Action(ActionKind.SEND_COMMAND, command)
+
+
+def wait(milliseconds: int) -> Action:
+    """Wait."""
+    return Action(ActionKind.WAIT, milliseconds)
+
+
+def wait_until_idle(limit_ms: int) -> Action:
+    """Wait until the board's state does not change by itself."""
+    return Action(ActionKind.WAIT_UNTIL_IDLE, limit_ms)
 
 
 _REST: tuple[Step, ...] = (
-    Act(What.WAIT, 100),
-    give(Command.CLEAR),
-    give(Command.ARM),
-    Act(What.WAIT, 60),
-    Act(What.ESTOP, 0),
-    Act(What.WAIT, 5),
-    give(Command.CLEAR),
-    give(Command.TARE),
-    Act(What.WAIT, 700),
+    wait(100),
+    send(Command.CLEAR),
+    send(Command.ARM),
+    wait(60),
+    Action(ActionKind.ESTOP, 0),
+    wait(5),
+    send(Command.CLEAR),
+    send(Command.TARE),
+    wait(700),
 )
-_LIFT: tuple[Step, ...] = (give(Command.ARM), Act(What.REST, 1800))
+_LIFT: tuple[Step, ...] = (send(Command.ARM), wait_until_idle(1800))
 _PRESS: tuple[Step, ...] = (
     write("over_force", 30_000),
     write("force_set", 15_000),
-    give(Command.APPROACH),
-    Act(What.REST, 4500),
-    give(Command.TARE),
-    Act(What.WAIT, 800),
-    give(Command.APPROACH),
-    Act(What.REST, 4500),
-    give(Command.RUN),
-    Act(What.WAIT, 400),
+    send(Command.APPROACH),
+    wait_until_idle(4500),
+    send(Command.TARE),
+    wait(800),
+    send(Command.APPROACH),
+    wait_until_idle(4500),
+    send(Command.RUN),
+    wait(400),
 )
-_FALL_SILENT: tuple[Step, ...] = (
-    Act(What.BEATS, 0),
-    Act(What.WAIT, 1300),
-    give(Command.CLEAR),
-    give(Command.ARM),
-    Act(What.WAIT, 350),
-    Act(What.BEATS, 1),
+_STOP_HEARTBEAT: tuple[Step, ...] = (
+    Action(ActionKind.HEARTBEAT, 0),
+    wait(1300),
+    send(Command.CLEAR),
+    send(Command.ARM),
+    wait(350),
+    Action(ActionKind.HEARTBEAT, 1),
 )
 _STOP: tuple[Step, ...] = (
-    give(Command.CLEAR),
-    give(Command.ARM),
-    Act(What.WAIT, 100),
-    Act(What.ESTOP, 1),
-    Act(What.WAIT, 20),
-    give(Command.CLEAR),
-    give(Command.ARM),
-    Act(What.WAIT, 100),
+    send(Command.CLEAR),
+    send(Command.ARM),
+    wait(100),
+    Action(ActionKind.ESTOP, 1),
+    wait(20),
+    send(Command.CLEAR),
+    send(Command.ARM),
+    wait(100),
 )
 
 
-def whole(attack: Attack) -> tuple[Step, ...]:
-    """Return the attack's steps and what every attacker goes on with.
+def full_sequence(attack: Attack) -> tuple[Step, ...]:
+    """Return the attack's steps and the continuation of every attack.
 
-    The drum is brought to rest, lifted, and presses as hard as it can; what was written is written
-    again on the way, since it may have been refused before. Then the computer falls silent, and at
-    last the emergency stop is held.
+    The continuation brings the drum to rest, lifts it and presses as hard as possible; it repeats
+    the attack's writes on the way, since the board may have rejected them before. Then the
+    heartbeat stops, and finally the emergency stop is pressed.
     """
     again = tuple(step for step in attack.steps if isinstance(step, Write))
-    return (*attack.steps, *_REST, *again, *_LIFT, *again, *_PRESS, *_FALL_SILENT, *_STOP)
+    return (*attack.steps, *_REST, *again, *_LIFT, *again, *_PRESS, *_STOP_HEARTBEAT, *_STOP)
 
 
-def grid() -> Iterator[Attack]:
-    """Every writable register and word × :data:`VALUES` × every state."""
+def grid_attacks() -> Iterator[Attack]:
+    """Yield an attack for every writable register and word × :data:`VALUES` × every state."""
     for state in STATES:
         for write_ in _single_writes():
             yield Attack("grid", state, (write_,))
@@ -171,46 +182,46 @@ def _single_writes() -> Iterator[Write]:
                 yield Write(register.address, (value, value))
 
 
-def drawn(seed: int, number: int) -> Attack:
-    """Attack ``number`` of a seed: two writes at least, and what else comes to mind."""
+def random_attack(seed: int, number: int) -> Attack:
+    """Return attack ``number`` of a seed: at least two writes, and up to four other steps."""
     random = np.random.default_rng([seed, number])
     state = STATES[number % len(STATES)]
-    others = [_any_step(random) for _ in range(int(random.integers(0, 5)))]
-    steps: list[Step] = [_any_write(random), _any_write(random), *others]
+    others = [_random_step(random) for _ in range(int(random.integers(0, 5)))]
+    steps: list[Step] = [_random_write(random), _random_write(random), *others]
     order = random.permutation(len(steps))
     return Attack(f"seed {seed} number {number}", state, tuple(steps[i] for i in order))
 
 
-def _any_step(random: np.random.Generator) -> Step:
+def _random_step(random: np.random.Generator) -> Step:
     kind = random.random()
     if kind < 0.25:
-        return _any_write(random)
+        return _random_write(random)
     if kind < 0.45:
-        return Act(What.GIVE, int(random.integers(0, NO_COMMAND + 1)))
+        return Action(ActionKind.SEND_COMMAND, int(random.integers(0, NO_COMMAND + 1)))
     if kind < 0.65:
-        return Act(What.WAIT, int(np.exp(random.uniform(0, 6.5))))
+        return Action(ActionKind.WAIT, int(np.exp(random.uniform(0, 6.5))))
     if kind < 0.75:
-        return Act(What.ESTOP, int(random.integers(0, 2)))
+        return Action(ActionKind.ESTOP, int(random.integers(0, 2)))
     if kind < 0.85:
-        return Act(What.BEATS, int(random.integers(0, 2)))
-    return Act(What.RESET) if kind < 0.95 else Act(What.WEAKEN)
+        return Action(ActionKind.HEARTBEAT, int(random.integers(0, 2)))
+    return Action(ActionKind.RESET) if kind < 0.95 else Action(ActionKind.SLOW_ACTUATOR)
 
 
-def _any_write(random: np.random.Generator) -> Write:
-    """One setting mostly; now and then a block from anywhere, words from anywhere."""
+def _random_write(random: np.random.Generator) -> Write:
+    """Return a write of one setting, or in a tenth of the cases of a random block."""
     if random.random() < 0.1:
-        count = int(random.integers(2, MOST_WORDS + 1))
+        count = int(random.integers(2, MAX_WORDS + 1))
         start = int(random.integers(FIRST, LAST + 2 - count))
         return Write(start, tuple(int(random.choice(VALUES)) for _ in range(count)))
     choice = GUARDED if random.random() < 0.5 else SETTINGS
     register = choice[int(random.integers(len(choice)))]
-    return Write(register.address, _words(register, _any_value(register, random)))
+    return Write(register.address, _words(register, _random_value(register, random)))
 
 
-def _any_value(register: Register, random: np.random.Generator) -> int:
-    """Out of the blue, at a bound, inside, or small, where most scales and depths lie."""
+def _random_value(register: Register, random: np.random.Generator) -> int:
+    """Return a value: arbitrary, at a bound, inside, or small like most scales and depths."""
     kind = random.random()
-    if register.high < FEW and kind < 0.7:
+    if register.high < FEW_VALUES and kind < 0.7:
         return int(random.integers(register.low, register.high + 1))
     if kind < 0.2:
         return int(random.choice(VALUES))

@@ -1,4 +1,4 @@
-"""The search for the bench's unknowns: by the Original column alone, the same for a seed."""
+"""Identification of the bench's unknown parameters by the Original column alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rigctl.simulation.bench.parameters import IDENTIFIED, WorldParameters, para
 
 @pytest.fixture
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One session of two repeats a set of parameters."""
+    """Use one session of two repeats per candidate."""
     monkeypatch.setattr(search, "SEEDS", (1,))
     monkeypatch.setattr(search, "REPEATS", 2)
 
@@ -31,20 +31,20 @@ def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> N
     assert list(before.values()) == [91.78, 81.83, 37.44, 57.35, 36.81, 99.93]
 
 
-def test_every_unknown_has_a_start_and_nothing_else_is_searched() -> None:
+def test_every_identified_parameter_has_a_start_value_and_no_other_is_searched() -> None:
     names = [row.name for row in search.identified_parameters(WorldParameters())]
     assert names == list(search.START)
     assert names == [row.name for row in parameter_infos() if row.source == IDENTIFIED]
 
 
-def test_a_session_is_the_same_for_a_seed_whatever_is_made_beside_it() -> None:
+def test_a_session_depends_only_on_its_own_seed() -> None:
     (alone,) = simulate_slides(WorldParameters(), 1, [2])
     beside = simulate_slides(WorldParameters(), 1, [1, 2])[1]
     assert all(map(np.array_equal, alone.samples, beside.samples))
     assert len(alone.samples) == 16 * 15
 
 
-def test_a_plate_is_pressed_with_the_force_that_is_asked_for() -> None:
+def test_a_plate_is_pressed_with_the_requested_force() -> None:
     slider = Slider(WorldParameters(), 1)
     slider.mount("C")
     means = [slider.trial(120.0, force).mean() for force in (250.0, 500.0, 1000.0)]
@@ -52,23 +52,23 @@ def test_a_plate_is_pressed_with_the_force_that_is_asked_for() -> None:
     assert len(slider.trial(120.0, 250.0)) == 2000
 
 
-def test_a_step_is_kept_only_where_it_is_better_and_a_seed_repeats_it(brief: None) -> None:
+def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(brief: None) -> None:
     start = search.evaluate(replace(WorldParameters(), **search.START))
-    tried = []
+    candidates = []
     for _ in range(2):
-        found = search.ParameterSearch(start, 5)
-        tried.append(found.step())
-        assert found.best is min((start, tried[-1]), key=lambda one: one.error)
-    assert tried[0] == tried[1]
-    assert tried[0].parameters != start.parameters
+        parameter_search = search.ParameterSearch(start, 5)
+        candidates.append(parameter_search.step())
+        assert parameter_search.best is min((start, candidates[-1]), key=lambda one: one.error)
+    assert candidates[0] == candidates[1]
+    assert candidates[0].parameters != start.parameters
 
 
 def test_the_command_prints_a_world_file(brief: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--steps", "0", "--set", "plate_tilt_mm=0.02"]) == 0
-    said = capsys.readouterr().out
-    assert "plate_tilt_mm = 0.02  # mm" in said
-    assert "# untrained-speed: " in said
-    assert "# from trial to trial: mean " in said
+    output = capsys.readouterr().out
+    assert "plate_tilt_mm = 0.02  # mm" in output
+    assert "# untrained-speed: " in output
+    assert "# from trial to trial: mean " in output
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_the_command_prints_a_world_file(brief: None, capsys: pytest.CaptureFixt
         ("plate_tilt_mm=much", "write plate_tilt_mm=NUMBER"),
     ],
 )
-def test_a_wrong_start_is_refused_in_a_sentence(
+def test_a_wrong_start_is_rejected_with_a_sentence(
     wrong: str, why: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:

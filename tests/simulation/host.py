@@ -1,4 +1,4 @@
-"""A small host for tests: asks the simulated drum questions and lets the world go on."""
+"""A small host for tests: a Modbus master for the simulated drum, and a taxel decoder."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CRC_OF_BYTE = [_crc_of(byte) for byte in range(256)]
 
 
 def crc(data: bytes) -> int:
-    """CRC-16 of Modbus over serial line, 6.2.2; 0 over a frame with its own CRC."""
+    """Return the CRC-16 of Modbus over serial line, 6.2.2; 0 for a frame with its CRC."""
     value = 0xFFFF
     for byte in data:
         value = value >> 8 ^ _CRC_OF_BYTE[(value ^ byte) & 0xFF]
@@ -38,12 +38,12 @@ def crc(data: bytes) -> int:
 
 
 def framed(body: bytes) -> bytes:
-    """A request with its CRC."""
+    """Append the CRC to a request."""
     return body + struct.pack("<H", crc(body))
 
 
 class Refused(Exception):
-    """The drum answered with this exception code."""
+    """The drum replied with this exception code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"exception {code}")
@@ -51,7 +51,7 @@ class Refused(Exception):
 
 
 class Host:
-    """Both cables of a simulated rig in one place; every call takes world time."""
+    """A host on both cables of a simulated rig; every call takes simulated time."""
 
     def __init__(self, simulation: SimulatedRig) -> None:
         self.simulation = simulation
@@ -83,14 +83,14 @@ class Host:
         self.rejected += decoded.rejected_frames
 
     def wait(self, microseconds: int) -> None:
-        """Let the world go on, unattended."""
+        """Let simulated time pass without polling."""
         until = self.simulation.time_us + microseconds
         while self.simulation.time_us < until:
             step = min(self.simulation.slice_us, until - self.simulation.time_us)
             self.simulation.advance(self.simulation.time_us + step)
 
     def ask(self, request: bytes) -> bytes:
-        """The answer to a framed request, empty when none came in time."""
+        """Send a framed request and return the reply, empty after a timeout."""
         self.drum_bytes = b""
         self.simulation.drum.write(request)
         until = self.simulation.time_us + ANSWER_US
@@ -102,33 +102,33 @@ class Host:
 
     def _answer(self, body: bytes) -> bytes:
         answer = self.ask(framed(body))
-        assert answer, "the drum did not answer"
+        assert answer, "the drum did not reply"
         if answer[1] & 0x80:
             raise Refused(answer[2])
         return answer[2:-2]
 
     def read(self, address: int, count: int) -> tuple[int, ...]:
-        """Words by function 3. Raises Refused."""
+        """Read words with function 3. Raises Refused."""
         data = self._answer(struct.pack(">BBHH", UNIT, 3, address, count))
         return struct.unpack(f">{count}H", data[1:])
 
     def write(self, address: int, *words: int) -> None:
-        """Words by function 16. Raises Refused."""
+        """Write words with function 16. Raises Refused."""
         head = struct.pack(">BBHHB", UNIT, 16, address, len(words), 2 * len(words))
         self._answer(head + struct.pack(f">{len(words)}H", *words))
 
     def get(self, name: str) -> int:
-        """One register's integer."""
+        """Read a register's integer."""
         entry = BY_NAME[name]
         layout = BlockLayout(entry.address, entry.words * entry.count, REGISTERS)
         return layout.unpack(self.read(layout.address, layout.count))[name][0]
 
     def put(self, name: str, raw: int) -> None:
-        """Set one register's integer. Raises Refused."""
+        """Write a register's integer. Raises Refused."""
         self.write(BY_NAME[name].address, *pack_value(BY_NAME[name], raw))
 
     def poll(self) -> dict[str, int]:
-        """One function-23 exchange: heartbeat out, the poll block in."""
+        """Send a heartbeat and read the poll block with function 23."""
         self._beat = (self._beat + 1) & 0xFFFF
         body = struct.pack(">BBHHHHBH", UNIT, 23, *POLL_BLOCK, 64, 1, 2, self._beat)
         words = struct.unpack(f">{POLL_BLOCK[1]}H", self._answer(body)[1:])
@@ -136,20 +136,20 @@ class Host:
         return {name: numbers[0] for name, numbers in raw.items()}
 
     def command(self, command: Command) -> None:
-        """Give a command with a beat. Raises Refused."""
+        """Send a command with a heartbeat. Raises Refused."""
         self._beat = (self._beat + 1) & 0xFFFF
         self._sequence = (self._sequence + 1) & 0xFFFF
         self.write(64, self._beat, command, self._sequence)
 
     def attend(self, microseconds: int) -> dict[str, int]:
-        """Poll at 50 Hz for so long; the last poll."""
+        """Poll at 50 Hz for a time and return the last poll."""
         until = self.simulation.time_us + microseconds
         return self.until(lambda poll: self.simulation.time_us >= until, microseconds + POLL_US)
 
     def until(
         self, condition: Callable[[dict[str, int]], bool], limit_us: int = 20_000_000
     ) -> dict[str, int]:
-        """Poll at 50 Hz until the poll shows the condition; the poll that does."""
+        """Poll at 50 Hz until a poll meets the condition, and return it."""
         end = self.simulation.time_us + limit_us
         while True:
             begun = self.simulation.time_us
@@ -160,15 +160,15 @@ class Host:
             self.wait(max(1, begun + POLL_US - self.simulation.time_us))
 
     def state(self, state: State, limit_us: int = 20_000_000) -> dict[str, int]:
-        """Poll until the drum is in a state; the poll that says so."""
+        """Poll until the drum is in a state, and return the poll."""
         return self.until(lambda poll: poll["state"] == state, limit_us)
 
     def fault(self) -> Fault:
-        """The latched fault."""
+        """Read the latched fault."""
         return Fault(self.get("fault"))
 
     def armed(self) -> None:
-        """From power-up to armed and tared."""
+        """Arm and tare after power-up."""
         self.wait(BOOT_US)
         self.until(lambda poll: poll["state"] == State.IDLE)
         self.command(Command.ARM)
@@ -177,7 +177,7 @@ class Host:
         self.until(lambda poll: poll["command_result"] == 1)
 
     def holding(self, force_g: float = 500.0) -> None:
-        """From power-up to holding a force."""
+        """Arm, tare and approach after power-up."""
         self.armed()
         self.put("force_set", round(10 * force_g))
         self.command(Command.APPROACH)

@@ -1,4 +1,4 @@
-"""The world's physics: what a bench would show."""
+"""Physics of the simulated bench."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def test_the_actuator_reaches_its_speed_with_its_lag_and_ends_at_its_ends() -> N
     assert bench.plant.rod_mm == 0.0
 
 
-def test_play_opens_only_under_a_force_above_the_drums_weight() -> None:
+def test_backlash_opens_only_under_a_force_above_the_drums_weight() -> None:
     risen_mm = []
     for backlash_mm in (0.0, 0.05):
         bench = Bench(dataclasses.replace(QUIET, drum_weight_g=800.0, backlash_mm=backlash_mm), 0)
@@ -169,7 +169,7 @@ def test_run_out_comes_once_a_turn() -> None:
 
 @pytest.mark.parametrize(("plate", "space_mm"), [("B", 8.0), ("I", 16.0), ("L", 8.0), ("P", 4.0)])
 @pytest.mark.parametrize("speed_mm_s", [40.0, 120.0])
-def test_a_taxel_sings_at_speed_over_spacing(
+def test_a_taxel_oscillates_at_speed_over_spacing(
     plate: str, space_mm: float, speed_mm_s: float
 ) -> None:
     bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
@@ -188,7 +188,7 @@ def test_at_rest_without_contact_the_readings_are_low_and_quiet() -> None:
     assert 0.3 < counts.std(axis=0).mean() < 1.5
 
 
-def test_under_contact_the_readings_rise_with_force_and_hardly_bend() -> None:
+def test_under_contact_the_readings_rise_almost_linearly_with_force() -> None:
     means = []
     for force_g in (250.0, 500.0, 1000.0):
         bench = Bench(WorldParameters(start_mm=20.0), 1)
@@ -201,7 +201,7 @@ def test_under_contact_the_readings_rise_with_force_and_hardly_bend() -> None:
     assert 1.2 * (means[1] - means[0]) < means[2] - means[1] < 2.5 * (means[1] - means[0])
 
 
-def test_the_top_layer_feels_the_texture_more_than_the_bottom_one() -> None:
+def test_the_top_layer_is_more_sensitive_to_texture_than_the_bottom_layer() -> None:
     bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
     bench.set_plate("B")
     press(bench, 500.0)
@@ -209,7 +209,7 @@ def test_the_top_layer_feels_the_texture_more_than_the_bottom_one() -> None:
     assert np.all(share[:9] > 1.4 * share[9:])
 
 
-def test_each_taxel_is_read_at_its_own_instant() -> None:
+def test_each_taxel_is_read_at_its_own_time() -> None:
     bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, gain_spread=0.0), 0)
     bench.set_plate("L")
     press(bench, 500.0)
@@ -244,7 +244,7 @@ def test_the_sensor_is_wired_as_drawn() -> None:
         assert behind == pytest.approx(50, abs=2)
 
 
-def test_readings_of_one_input_pull_at_each_other() -> None:
+def test_readings_of_one_input_have_crosstalk() -> None:
     levels = []
     for crosstalk in (0.0, 0.1):
         bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, crosstalk=crosstalk), 0)
@@ -256,7 +256,7 @@ def test_readings_of_one_input_pull_at_each_other() -> None:
     assert np.ptp(free, axis=0).max() > 0.05
 
 
-def test_a_mounted_plate_keeps_its_seat_until_it_is_mounted_anew() -> None:
+def test_a_mounted_plate_keeps_its_alignment_until_it_is_mounted_again() -> None:
     seated = dataclasses.replace(QUIET, plate_tilt_mm=0.05, plate_seating_mm=0.2)
 
     def patterns(seed: int) -> list[NDArray[np.float64]]:
@@ -269,14 +269,14 @@ def test_a_mounted_plate_keeps_its_seat_until_it_is_mounted_anew() -> None:
                 bench.advance(bench.plant.time_ms + 900, -1.0, AT_REST)
         return means
 
-    first, again, anew, _ = patterns(1)
+    first, again, remounted, _ = patterns(1)
     assert np.abs(again / first - 1).max() < 0.01
-    assert np.abs(anew / first - 1).max() > 0.05
+    assert np.abs(remounted / first - 1).max() > 0.05
     assert np.array_equal(first, patterns(1)[0])
     assert np.abs(patterns(2)[0] / first - 1).max() > 0.05
 
 
-def test_dead_and_stuck_readings_do_not_feel() -> None:
+def test_dead_and_stuck_readings_do_not_change_with_force() -> None:
     broken = dataclasses.replace(QUIET, dead_taxels=(2,), stuck_taxels=(11,), start_mm=20.0)
     bench = Bench(broken, 0)
     bench.set_plate("B")
@@ -334,7 +334,7 @@ def test_the_catalogue_has_sixteen_plates_with_their_heights_and_spacings() -> N
             assert np.mean(np.abs(heights - shifted)) < 0.01
 
 
-def test_the_clamp_is_smooth_and_carries_as_the_plate_does() -> None:
+def test_the_clamp_is_smooth_and_carries_the_same_force_as_the_plate() -> None:
     tables = contact_tables("C", QUIET)
     gap = tables.conductance[50, round(394 / 0.05) : round(396 / 0.05), 0]
     assert np.ptp(gap) < 0.02 * tables.conductance[50, :, 0].max()
@@ -343,7 +343,7 @@ def test_the_clamp_is_smooth_and_carries_as_the_plate_does() -> None:
     assert np.all(np.abs(force[row] / force[row].mean() - 1.0) < 0.2)
 
 
-def test_truth_is_the_same_taken_whole_or_in_pieces() -> None:
+def test_ground_truth_is_the_same_taken_whole_or_in_parts() -> None:
     whole, pieces = Bench(WorldParameters(), 1), Bench(WorldParameters(), 1)
     trajectory = DrumTrajectory(0.0, 0.0, 80.0)
     taken = []

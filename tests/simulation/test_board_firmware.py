@@ -1,4 +1,4 @@
-"""The boards' firmware compiled for this computer: what is loaded, and what boards share."""
+"""The boards' firmware compiled for this computer: loading, and independence of boards."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rigctl.wire.drum.states import State
 
 ROOT = checkout()
 assert ROOT is not None
-BOTH_WAYS = (
+COMPILER_SOURCES = (
     r"install a C\+\+ compiler \(g\+\+ or clang\+\+\) or `pip install ziglang`, then run python"
 )
 
@@ -33,10 +33,12 @@ def one_sentence(error: pytest.ExceptionInfo[BaseException]) -> bool:
 
 
 @pytest.mark.parametrize("board", [DrumFirmware, TaxelFirmware])
-def test_a_missing_library_names_both_ways_to_a_compiler(
+def test_a_missing_library_names_both_sources_of_a_compiler(
     tmp_path: Path, board: type[DrumFirmware | TaxelFirmware]
 ) -> None:
-    with pytest.raises(RigFault, match=rf"none\.so: .*is not compiled: {BOTH_WAYS}") as error:
+    with pytest.raises(
+        RigFault, match=rf"none\.so: .*is not compiled: {COMPILER_SOURCES}"
+    ) as error:
         board(tmp_path / "none.so")
     assert one_sentence(error)
 
@@ -66,17 +68,17 @@ def test_a_stale_library_is_refused_by_name(
     assert one_sentence(error)
 
 
-def test_without_a_compiler_the_build_names_both_ways(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_the_build_names_both_sources(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CXX", raising=False)
     monkeypatch.setattr(host_build.shutil, "which", lambda name: None)
     monkeypatch.setattr(host_build.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(host_build.BuildFailed, match=f"no C\\+\\+ compiler.*{BOTH_WAYS}"):
+    with pytest.raises(host_build.BuildFailed, match=f"no C\\+\\+ compiler.*{COMPILER_SOURCES}"):
         host_build.compiler()
     monkeypatch.setattr(host_build.importlib.util, "find_spec", lambda name: object())
     assert host_build.compiler() == [sys.executable, "-m", "ziglang", "c++"]
 
 
-def test_what_does_not_compile_is_told_with_the_compilers_words(tmp_path: Path) -> None:
+def test_a_compile_error_shows_the_compilers_message(tmp_path: Path) -> None:
     with pytest.raises(host_build.BuildFailed, match="could not compile the drum board"):
         host_build.build("drum", tmp_path / "broken.so", ["UNIT_TEST_OF=(", "State=42"])
     assert list(tmp_path.iterdir()) == []
@@ -84,14 +86,14 @@ def test_what_does_not_compile_is_told_with_the_compilers_words(tmp_path: Path) 
 
 @pytest.mark.parametrize("board", ["drum", "taxels"])
 def test_virtual_boards_and_chips_are_the_same_firmware(board: str) -> None:
-    """Both tell the hash of the same sources, as the Makefile of the images reckons it."""
-    said = subprocess.run(
+    """Both contain the hash of the same sources, as computed by the images' Makefile."""
+    output = subprocess.run(
         ["make", "-s", "-n", "-W", f"{board}/board.h", "-C", ROOT / "arduino", board],
         capture_output=True,
         text=True,
         check=True,
     ).stdout
-    assert f"-DBUILD_HASH=0x{host_build.image_hash(board)}UL" in said
+    assert f"-DBUILD_HASH=0x{host_build.image_hash(board)}UL" in output
 
 
 def test_several_boards_in_one_process_share_nothing() -> None:
@@ -114,7 +116,7 @@ def test_several_boards_in_one_process_share_nothing() -> None:
         drum.firmware.close()
 
 
-def test_a_closed_rig_is_closed_twice_without_harm() -> None:
+def test_a_closed_rig_can_be_closed_again() -> None:
     rig = open_virtual_rig()
     rig.close()
     rig.close()

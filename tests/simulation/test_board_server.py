@@ -1,4 +1,4 @@
-"""Outside programs on the simulated boards: pyserial, pymodbus and Debian's mbpoll."""
+"""Other programs on the simulated boards: pyserial, pymodbus and Debian's mbpoll."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def test_mbpoll_reads_the_identity(boards: Boards) -> None:
         "-1",
     ]
     for _ in range(2):
-        said = subprocess.run(
+        output = subprocess.run(
             ["mbpoll", *options, boards["drum"]["pty"]],
             capture_output=True,
             text=True,
             timeout=DEADLINE_S,
             check=True,
         )
-        assert "[1]: \t0x5247" in said.stdout
+        assert "[1]: \t0x5247" in output.stdout
 
 
 def test_pymodbus_reads_over_the_terminal(boards: Boards) -> None:
@@ -92,7 +92,7 @@ def test_pymodbus_reads_over_tcp(boards: Boards) -> None:
     assert len(asyncio.run(read())) == 40
 
 
-def test_pyserial_hears_the_taxels_and_two_programs_hear_the_same(boards: Boards) -> None:
+def test_pyserial_reads_the_taxels_and_two_programs_read_the_same(boards: Boards) -> None:
     host, port = boards["taxels"]["tcp"].split(":")
     with (
         serial.Serial(boards["taxels"]["pty"], 500_000, timeout=DEADLINE_S) as first,

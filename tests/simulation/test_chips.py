@@ -1,4 +1,4 @@
-"""Both firmware images on simulated chips: two clocks, two cables, one world."""
+"""Both firmware images on simulated chips: two clocks, two cables, one bench."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def host() -> Iterator[Host]:
 
 @pytest.fixture(scope="module")
 def run() -> Iterator[Host]:
-    """A host that has lifted, pressed and drawn one plate past the sensor."""
+    """A host that has lifted, pressed and run one trial."""
     simulation = opened(seed=3)
     host = Host(simulation)
     host.wait(BOOT_US)
@@ -58,7 +58,7 @@ def run() -> Iterator[Host]:
     simulation.close()
 
 
-def test_both_boards_say_who_they_are(host: Host) -> None:
+def test_both_boards_identify_themselves(host: Host) -> None:
     host.wait(BOOT_US)
     assert host.get("magic") == 0x5247 and host.get("board_id") == 1
     assert host.get("boot_count") == 1 and host.get("reset_cause") == POWER_ON
@@ -97,16 +97,16 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
         host.wait(BOOT_US)
         host.command(Command.ARM)
         host.attend(300_000)
-        said = hashlib.sha256(b"".join(host.taxel_bytes) + host.drum_bytes).hexdigest()
+        digest = hashlib.sha256(b"".join(host.taxel_bytes) + host.drum_bytes).hexdigest()
         simulation.close()
-        return said
+        return digest
 
     assert fingerprint(1) == fingerprint(1)
     assert fingerprint(1) != fingerprint(2)
 
 
 def _cycle_of_frame_zero() -> int:
-    """When the board takes its first sample after a reset."""
+    """Return the cycle of the board's first sample after a reset."""
     with TaxelChip() as alone:
         alone.run(2)
         return int(alone.sampled(0)[0])
@@ -136,7 +136,7 @@ def test_the_sync_window_covers_the_set_travel_at_the_set_force(run: Host) -> No
     assert truth.force_g[inside].mean() == pytest.approx(500.0, rel=0.02)
 
 
-def test_the_drum_stands_where_the_firmware_counted_it(run: Host) -> None:
+def test_the_drum_position_matches_the_firmwares_step_count(run: Host) -> None:
     simulation = run.simulation
     assert isinstance(simulation, ChipSimulation)
     began = WorldParameters().start_mm / WorldParameters().mm_per_step
@@ -160,7 +160,7 @@ def test_texture_moves_the_taxels_while_the_drum_turns(run: Host) -> None:
     assert inside.mean() > samples[:200].mean() + 50
 
 
-def test_reset_button_counts_a_boot_and_the_other_board_goes_on(host: Host) -> None:
+def test_reset_button_counts_a_boot_and_the_other_board_keeps_running(host: Host) -> None:
     host.wait(BOOT_US)
     host.simulation.faults.reset("taxels")
     host.wait(BOOT_US)
@@ -201,7 +201,7 @@ def test_load_cell_faults_reach_the_amplifier(host: Host, fault: str, expected: 
     assert poll["fault"] == expected
 
 
-def test_an_unplugged_board_keeps_running_and_answers_again(host: Host) -> None:
+def test_an_unplugged_board_keeps_running_and_replies_again(host: Host) -> None:
     host.wait(BOOT_US)
     host.simulation.faults.unplug("taxels")
     assert host.lost == ["taxels: the port vanished: plug the board in again"]
@@ -214,7 +214,7 @@ def test_an_unplugged_board_keeps_running_and_answers_again(host: Host) -> None:
     assert later.identities[-1].boot_count == 1
 
 
-def test_a_missing_image_is_one_sentence_with_the_cure(tmp_path: Path) -> None:
+def test_a_missing_image_raises_a_sentence_with_the_remedy(tmp_path: Path) -> None:
     built("sim/libchips.so")
     with pytest.raises(RigFault, match="run `make firmware`"):
         open_chip_simulation(WorldParameters(), 1, tmp_path / "drum.elf", tmp_path / "taxels.elf")

@@ -1,4 +1,4 @@
-"""The loop's clock is the world's: time-outs, sleeps and files without a wall clock."""
+"""The event loop runs in simulated time: timeouts, sleeps and files without a wall clock."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rigctl.simulation.simulated_rig import (
 
 
 class ClockOnly:
-    """A simulation in which nothing happens but time, and one callback a given instant."""
+    """A simulation in which only time passes, with callbacks at given times."""
 
     def __init__(self, slice_us: int = 5000) -> None:
         self.time_us = 0
@@ -54,7 +54,7 @@ def loop() -> Iterator[SimulatedTimeLoop]:
     loop.close()
 
 
-def test_sleep_of_an_hour_ends_at_the_exact_world_time() -> None:
+def test_sleep_of_an_hour_ends_at_the_exact_simulated_time() -> None:
     loop = SimulatedTimeLoop(ClockOnly(slice_us=10_000_000))
 
     async def sleep() -> float:
@@ -65,7 +65,7 @@ def test_sleep_of_an_hour_ends_at_the_exact_world_time() -> None:
     loop.close()
 
 
-def test_the_world_never_passes_the_earliest_timer(loop: SimulatedTimeLoop) -> None:
+def test_the_simulation_never_passes_the_earliest_timer(loop: SimulatedTimeLoop) -> None:
     fired: list[float] = []
     for delay_us in (1, 2, 7, 290, 4999, 5000, 5001, 70_000, 123_457):
         loop.call_later(delay_us / 1e6, lambda: fired.append(loop.time()))
@@ -75,7 +75,7 @@ def test_the_world_never_passes_the_earliest_timer(loop: SimulatedTimeLoop) -> N
     assert fired == [t / 1e6 for t in (1, 2, 7, 290, 4999, 5000, 5001, 70_000, 123_457)]
 
 
-def test_timeout_is_world_time(loop: SimulatedTimeLoop) -> None:
+def test_timeout_is_simulated_time(loop: SimulatedTimeLoop) -> None:
     async def wait_for_nothing() -> float:
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(loop.create_future(), 0.06)
@@ -84,7 +84,7 @@ def test_timeout_is_world_time(loop: SimulatedTimeLoop) -> None:
     assert loop.run_until_complete(wait_for_nothing()) == 0.06
 
 
-def test_something_that_happens_in_the_world_wakes_a_task_in_the_same_slice(
+def test_an_event_of_the_simulation_wakes_a_task_in_the_same_slice(
     loop: SimulatedTimeLoop,
 ) -> None:
     async def wait() -> float:
@@ -98,7 +98,7 @@ def test_something_that_happens_in_the_world_wakes_a_task_in_the_same_slice(
     assert loop.run_until_complete(wait()) == 0.010
 
 
-def test_real_sockets_are_served_while_the_world_runs(loop: SimulatedTimeLoop) -> None:
+def test_real_sockets_are_served_while_the_simulation_runs(loop: SimulatedTimeLoop) -> None:
     here, there = socket.socketpair()
     here.setblocking(False)
 
@@ -131,7 +131,7 @@ def test_a_paced_loop_stops_at_its_timers_too() -> None:
         loop.close()
 
 
-def test_a_chatty_client_does_not_stop_a_paced_world() -> None:
+def test_a_busy_client_does_not_stop_a_paced_simulation() -> None:
     loop = SimulatedTimeLoop(ClockOnly(), pace=50.0)
     here, there = socket.socketpair()
     here.setblocking(False)

@@ -1,4 +1,4 @@
-"""The drum's wire: exceptions as the standard says, silence for what is not ours, no debris."""
+"""The drum's Modbus: standard exceptions, silence for other units, no partial writes."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_a_bad_crc_gets_silence_and_is_counted(host: Host) -> None:
     assert host.poll()["crc_errors"] == before + 1
 
 
-def test_a_torn_frame_is_served_and_10_ms_of_silence_start_anew(host: Host) -> None:
+def test_a_split_frame_is_served_and_10_ms_of_silence_begin_a_new_one(host: Host) -> None:
     request = framed(struct.pack(">BBHH", 1, 3, 0, 1))
     host.simulation.drum.write(request[:3])
     host.wait(5_000)
@@ -104,7 +104,7 @@ def test_a_torn_frame_is_served_and_10_ms_of_silence_start_anew(host: Host) -> N
     assert host.ask(request)[3:5] == b"RG"
 
 
-def test_the_answer_starts_soon_and_takes_its_time_on_the_wire(host: Host) -> None:
+def test_the_reply_starts_within_2_ms_and_takes_its_byte_times(host: Host) -> None:
     begun = host.simulation.time_us
     host.read(16, 40)
     wire_us = (8 + 85) * 10 / 115200 * 1e6
@@ -113,7 +113,7 @@ def test_the_answer_starts_soon_and_takes_its_time_on_the_wire(host: Host) -> No
 
 @settings(max_examples=60, deadline=None)
 @given(st.binary(min_size=1, max_size=200))
-def test_garbage_changes_no_setting_and_hangs_nothing(host: Host, data: bytes) -> None:
+def test_noise_changes_no_setting_and_does_not_block(host: Host, data: bytes) -> None:
     before = host.read(64, 32)
     host.simulation.drum.write(data)
     host.wait(40_000)

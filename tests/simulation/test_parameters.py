@@ -1,4 +1,4 @@
-"""The parameter table: complete, plausible, refused in a sentence, and shown on its page."""
+"""The parameters: complete, plausible, validated, and shown on their page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated skin measured as real recordings were, and held to what they show."""
+"""The simulated skin has the statistics of real recordings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rigctl.simulation.bench.parameters import WorldParameters
 SEED, REPEATS = 1, 8
 
 
-def test_the_skin_does_what_real_skins_do_and_the_page_says_so() -> None:
+def test_the_skin_has_the_statistics_of_real_skins_and_of_the_page() -> None:
     (session,) = simulate_slides(WorldParameters(), REPEATS, [SEED])
     figures = measure_skin(session)
     print("\n".join(figures.lines()))
@@ -22,11 +22,11 @@ def test_the_skin_does_what_real_skins_do_and_the_page_says_so() -> None:
 
 
 def shown(figures: SkinMeasures) -> list[str]:
-    """How the page tells the figures, behind those of other labs."""
+    """Return the figures as the last columns of the page's table rows."""
     mean, amplitude = (
         " / ".join(f"{abs(share):.2f}" for share in shares)
         for shares in (figures.mean_shares, figures.amplitude_shares)
     )
     scatter = f"{figures.mean_scatter:.1%} / {figures.amplitude_scatter:.1%}"
     growths = f"× {figures.growth:.1f}", f"× {figures.mean_growth:.1f}"
-    return [f"| {told} |\n" for told in (mean, amplitude, *growths, scatter)]
+    return [f"| {cell} |\n" for cell in (mean, amplitude, *growths, scatter)]

@@ -1,4 +1,4 @@
-"""The virtual drum as a host meets it: moves, forces, faults, refusals."""
+"""The virtual drum from the host's side: moves, forces, faults, rejected commands."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def host(rig: VirtualRig) -> Host:
     return Host(rig)
 
 
-def test_it_says_who_it_is(host: Host) -> None:
+def test_it_identifies_itself(host: Host) -> None:
     host.wait(100_000)
     assert host.get("magic") == MAGIC
     assert host.get("boot_count") == 1
@@ -137,7 +137,7 @@ def test_stop_in_a_run_ramps_down_and_lifts(rig: VirtualRig, host: Host) -> None
     assert rig.truth.arrays().sync[-1] == 0
 
 
-def test_lock_mode_holds_the_place_not_the_force(host: Host) -> None:
+def test_lock_mode_holds_the_position_not_the_force(host: Host) -> None:
     host.armed()
     host.put("force_mode", 1)
     host.command(Command.APPROACH)
@@ -267,7 +267,7 @@ def test_a_jammed_drum_is_found_by_the_index_mark(rig: VirtualRig, host: Host) -
     assert abs(host.get("index_error_steps")) > 4
 
 
-def test_a_reset_forgets_everything_but_what_was_saved(rig: VirtualRig, host: Host) -> None:
+def test_a_reset_clears_all_settings_that_were_not_saved(rig: VirtualRig, host: Host) -> None:
     host.armed()
     host.put("force_set", 3000)
     host.command(Command.SAVE)
@@ -281,7 +281,7 @@ def test_a_reset_forgets_everything_but_what_was_saved(rig: VirtualRig, host: Ho
     assert host.get("state") == State.IDLE
 
 
-def test_contact_faults_are_judged_from_the_true_world(rig: VirtualRig, host: Host) -> None:
+def test_the_true_force_does_not_overshoot(rig: VirtualRig, host: Host) -> None:
     host.holding(1000.0)
     assert rig.truth.arrays().force_g.max() < 1100.0
 
@@ -310,7 +310,7 @@ def test_home_without_an_index_sensor_is_refused(host: Host) -> None:
         host.command(Command.HOME)
 
 
-def test_homing_a_held_drum_fails_and_says_so(rig: VirtualRig, host: Host) -> None:
+def test_homing_a_jammed_drum_fails(rig: VirtualRig, host: Host) -> None:
     host.armed()
     rig.faults.jam_motor(True)
     host.command(Command.HOME)

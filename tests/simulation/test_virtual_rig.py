@@ -17,7 +17,7 @@ from tests.simulation.host import Host, framed
 
 
 def trace(seed: int, slices_us: tuple[int, ...], parameters: WorldParameters) -> str:
-    """Hash of everything that came over both cables, and of the truth, of a short session."""
+    """Return a hash of all received bytes and the ground truth of a short session."""
     rig = open_virtual_rig(parameters, seed)
     rig.set_plate("L")
     heard = hashlib.sha256()
@@ -83,7 +83,7 @@ def test_frames_come_at_the_boards_own_rate(rig: VirtualRig, host: Host) -> None
     assert len(host.statuses) == frames // 100
 
 
-def test_the_taxel_board_answers_requests(rig: VirtualRig, host: Host) -> None:
+def test_the_taxel_board_replies_to_requests(rig: VirtualRig, host: Host) -> None:
     host.wait(50_000)
     assert len(host.identities) == 1
     rig.taxels.write(encode_request(IDENTIFY))
@@ -122,7 +122,7 @@ def test_every_index_mark_is_counted_on_both_boards(host: Host) -> None:
     assert host.blocks[-1].edges[-1] >> 2 == 3
 
 
-def test_unplug_is_told_once_and_replug_opens_again(rig: VirtualRig, host: Host) -> None:
+def test_unplug_is_reported_once_and_replug_opens_again(rig: VirtualRig, host: Host) -> None:
     rig.faults.unplug("drum")
     assert len(host.lost) == 1
     assert "vanished" in host.lost[0]
@@ -153,7 +153,7 @@ def test_a_stalled_cable_is_silent_and_recovers(rig: VirtualRig, host: Host) -> 
     assert sum(gap.count for b in host.blocks for gap in b.gaps) == pytest.approx(100, abs=10)
 
 
-def test_a_noisy_cable_costs_frames_that_are_counted(rig: VirtualRig, host: Host) -> None:
+def test_a_noisy_cable_loses_frames_that_are_counted(rig: VirtualRig, host: Host) -> None:
     host.wait(100_000)
     rig.faults.corrupt_bytes("taxels", "to_host", 0.001)
     host.wait(2_000_000)
@@ -165,7 +165,7 @@ def test_a_noisy_cable_costs_frames_that_are_counted(rig: VirtualRig, host: Host
     assert got + lost == host.blocks[-1].counters[-1] + 1
 
 
-def test_reset_of_the_taxel_board_starts_its_counter_anew(rig: VirtualRig, host: Host) -> None:
+def test_reset_of_the_taxel_board_restarts_its_counter(rig: VirtualRig, host: Host) -> None:
     host.wait(300_000)
     rig.faults.reset("taxels")
     host.wait(300_000)
@@ -183,6 +183,6 @@ def test_faults_of_the_drum_reach_it_with_a_dropped_request(rig: VirtualRig, hos
     assert host.fault() is Fault.HEARTBEAT
 
 
-def test_an_unknown_plate_is_refused_in_a_sentence(rig: VirtualRig) -> None:
+def test_an_unknown_plate_is_rejected_with_a_sentence(rig: VirtualRig) -> None:
     with pytest.raises(WrongUse, match="A to P"):
         rig.set_plate("Q")

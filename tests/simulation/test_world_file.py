@@ -1,4 +1,4 @@
-"""A world file: any parameter can be given, and every mistake is refused at its line."""
+"""World files: every parameter can be set, and every mistake is reported with its line."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from rigctl.simulation.bench.world_file import (
 
 READINGS = st.lists(st.integers(0, 17), max_size=18, unique=True).map(tuple)
 DRUM = {"circumference_mm", "plate_start_mm", "plate_length_mm"}
-"""Parameters that must fit each other."""
+"""Parameters that depend on each other."""
 
 
 def parsed(text: str, name: str = "world.toml") -> WorldParameters:
@@ -66,7 +66,7 @@ def test_a_printed_world_reads_back_equal(world: WorldParameters) -> None:
 
 
 @pytest.mark.parametrize("row", parameter_infos(), ids=lambda row: row.name)
-def test_every_parameter_is_printed_with_its_meaning_and_held_to_its_range(
+def test_every_parameter_is_printed_with_its_meaning_and_range_checked(
     row: ParameterInfo,
 ) -> None:
     (line,) = [
@@ -118,7 +118,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ("[plates]\nB = 3", ["line 2: plates.B", "must be a table, written [plates.B]"]),
     ],
 )
-def test_a_mistake_names_file_line_and_cure(text: str, words: list[str]) -> None:
+def test_a_mistake_names_file_line_and_remedy(text: str, words: list[str]) -> None:
     with pytest.raises(ConfigError) as refused:
         parsed(text, "lab.toml")
     sentence = str(refused.value)
@@ -143,20 +143,20 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         load_world(tmp_path / "absent.toml")
 
 
-def test_what_a_session_keeps_makes_the_same_world_again() -> None:
+def test_the_header_of_a_session_restores_the_same_world() -> None:
     world = SimulatedWorld(replace(WorldParameters(), start_mm=5.0, dead_taxels=(2,)), "lab.toml")
     world = world._replace(
         parameters=replace(world.parameters, plates=(Plate("B", "waves", 1.25),))
     )
-    kept = json.loads(json.dumps(world.header_fields()))
-    assert world_from_header(kept, Path("s")) == world
+    header = json.loads(json.dumps(world.header_fields()))
+    assert world_from_header(header, Path("s")) == world
     assert world_from_header({"seed": 1}, Path("s")) is None
-    kept["world"]["warp"] = kept["world"].pop("start_mm")
+    header["world"]["warp"] = header["world"].pop("start_mm")
     with pytest.raises(SessionError, match="s was recorded in the world of another version"):
-        world_from_header(kept, Path("s"))
+        world_from_header(header, Path("s"))
 
 
-def test_a_plate_of_a_labs_own_is_printed_as_high_and_as_wide_as_it_says() -> None:
+def test_a_labs_own_plate_has_its_height_and_spacing() -> None:
     text = 'base_height_mm = 0.5\n[plates.C]\ngroup = "waves"\nheight_mm = 1.5\nspace_mm = 5\n'
     world = parsed(text + "[plates.G]\nridge_share = 0.2\n[plates.L]\ngroup = 'smooth'")
     along_mm = np.arange(0.0, 20.0, 0.01)
@@ -172,7 +172,7 @@ def test_a_plate_of_a_labs_own_is_printed_as_high_and_as_wide_as_it_says() -> No
     assert other.max() == pytest.approx(CATALOGUE["H"].height * 0.5)
 
 
-def test_the_description_of_a_rig_without_one_fits_its_world() -> None:
+def test_the_default_rig_description_fits_its_world() -> None:
     text = "circumference_mm = 500\nplate_length_mm = 380\nloadcell_ug_per_count = 3000"
     described = SimulatedWorld(parsed(text)).rig_config()
     assert described.drum.circumference_mm == 500

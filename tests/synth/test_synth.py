@@ -1,4 +1,4 @@
-"""A virtual data set: whole, simulated by its own word, and like what the virtual rig records."""
+"""A virtual data set: complete, marked as simulated, and like a recording of the virtual rig."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ def make(
     workers: int = 1,
     resume: bool = False,
 ) -> list[DatasetProgress]:
-    told: list[DatasetProgress] = []
-    order = DatasetRequest(
+    progress: list[DatasetProgress] = []
+    request = DatasetRequest(
         load_plan(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00", resume
     )
-    generate(order, told.append, lambda: len(told) >= stop_at, workers)
-    return told
+    generate(request, progress.append, lambda: len(progress) >= stop_at, workers)
+    return progress
 
 
 def tables(folder: Path) -> dict[str, NDArray[Any]]:
-    """Everything that is recorded, over all parts; loop time to a nanosecond."""
+    """Return all recorded data over all parts; loop time rounded to a nanosecond."""
     with Session.open(folder) as session:
         found = {
             name: np.concatenate([p.read(f"/taxels/{name}", 0, p.n_samples) for p in session.parts])
@@ -75,23 +75,23 @@ def tables(folder: Path) -> dict[str, NDArray[Any]]:
 
 
 def assert_equal(one: dict[str, NDArray[Any]], other: dict[str, NDArray[Any]]) -> None:
-    """Bit for bit."""
+    """Compare bit for bit."""
     assert one.keys() == other.keys()
     assert [name for name in one if not np.array_equal(one[name], other[name])] == []
 
 
 @pytest.fixture(scope="module")
-def made(protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def session_folder(protocol: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("synth") / "session"
     make(protocol, folder)
     return folder
 
 
-def test_the_session_is_whole_and_says_that_it_is_simulated(made: Path) -> None:
-    report = verify(made)
+def test_the_session_is_complete_and_marked_as_simulated(session_folder: Path) -> None:
+    report = verify(session_folder)
     assert report.problems == []
     assert report.trials_committed == 4
-    with Session.open(made) as session:
+    with Session.open(session_folder) as session:
         header = session.header
         assert (header.rig, header.simulated, header.trials_planned) == ("synth", True, 4)
         assert (header.software_version, header.software_commit) == (__version__, source_commit())
@@ -101,8 +101,8 @@ def test_the_session_is_whole_and_says_that_it_is_simulated(made: Path) -> None:
         assert [part.attributes["texture"] for part in session.parts] == ["L", "D"]
 
 
-def test_each_trial_has_its_load_cell_polls_and_truth(made: Path) -> None:
-    with Session.open(made) as session:
+def test_each_trial_has_its_load_cell_polls_and_truth(session_folder: Path) -> None:
+    with Session.open(session_folder) as session:
         truths = trial_truths(session)
         assert [truth.trial_id for truth in truths] == [1, 2, 3, 4]
         assert max(abs(truth.speed_error) for truth in truths) < 1e-3
@@ -124,14 +124,14 @@ def test_each_trial_has_its_load_cell_polls_and_truth(made: Path) -> None:
 
 
 def test_a_seed_gives_the_same_samples_however_they_are_batched(
-    made: Path, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    session_folder: Path, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(step_runner, "QUEUE_SAMPLES", 0)
     monkeypatch.setattr(step_runner, "TRUTH_ROWS", 0)
     make(protocol, tmp_path / "again", stop_at=2, workers=2)
     make(protocol, tmp_path / "other", seed=SEED + 1, stop_at=1)
     with (
-        Session.open(made) as one,
+        Session.open(session_folder) as one,
         Session.open(tmp_path / "again") as two,
         Session.open(tmp_path / "other") as other,
     ):
@@ -145,24 +145,24 @@ def test_every_force_mode_is_recorded(tmp_path: Path, mode: str) -> None:
     path = tmp_path / "deep.toml"
     text = TEXT.replace("forces_g = [500]", "depths_mm = [0.5]") if mode == "position" else TEXT
     path.write_text(f"{text}\n[trial]\nforce_mode = '{mode}'\n")
-    make(path, tmp_path / "made", stop_at=1)
-    with Session.open(tmp_path / "made") as session:
+    make(path, tmp_path / "session_folder", stop_at=1)
+    with Session.open(tmp_path / "session_folder") as session:
         (index,) = session.committed()
         assert len(session.drum(int(index)).polls) > 9 * session.trials[index]["count"] / 1000
 
 
-def test_an_interrupted_one_goes_on_as_if_nothing_had_been(
-    made: Path, protocol: Path, tmp_path: Path
+def test_a_resumed_data_set_equals_an_uninterrupted_one(
+    session_folder: Path, protocol: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "torn"
     make(protocol, folder, stop_at=1)
     (folder / "world.h5").write_bytes(b"what a kill left")
-    told = make(protocol, folder, resume=True)
-    assert told[-1].committed == 4
+    progress = make(protocol, folder, resume=True)
+    assert progress[-1].committed == 4
     assert verify(folder).problems == []
     with Session.open(folder) as session:
         assert sorted(session.trials["trial_id"]) == [1, 2, 3, 4]
-    assert_equal(tables(folder), tables(made))
+    assert_equal(tables(folder), tables(session_folder))
     before = sorted(folder.iterdir())
     assert make(protocol, folder, resume=True)[-1].committed == 4
     assert sorted(folder.iterdir()) == before
@@ -170,7 +170,7 @@ def test_an_interrupted_one_goes_on_as_if_nothing_had_been(
         make(protocol, folder, seed=SEED + 1, resume=True)
 
 
-def test_several_sessions_have_gains_of_their_own(
+def test_several_sessions_have_their_own_gains(
     protocol: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plan = ["synth", "--plan", str(protocol), "--seed", str(SEED), "--out", str(tmp_path / "all")]
@@ -183,7 +183,7 @@ def test_several_sessions_have_gains_of_their_own(
     assert main([*plan, "--repeats", "1", "--sessions", "2"]) == 2
 
 
-def test_an_interrupted_one_is_a_session_that_opens(protocol: Path, tmp_path: Path) -> None:
+def test_an_interrupted_data_set_is_a_valid_session(protocol: Path, tmp_path: Path) -> None:
     make(protocol, tmp_path / "part", stop_at=1)
     report = verify(tmp_path / "part")
     assert report.whole
@@ -193,12 +193,12 @@ def test_an_interrupted_one_is_a_session_that_opens(protocol: Path, tmp_path: Pa
         assert session.finished
 
 
-def test_it_is_like_a_trial_of_the_whole_virtual_rig(made: Path, tmp_path: Path) -> None:
+def test_trials_match_those_of_the_virtual_rig(session_folder: Path, tmp_path: Path) -> None:
     """Tolerances are those of docs/reference/synth.md."""
     with open_harness(tmp_path, SEED) as harness:
         harness.record(TEXT.replace("repeats = 7", "repeats = 1"))
         real_folder = harness.session
-    with Session.open(made) as synth, Session.open(real_folder) as real:
+    with Session.open(session_folder) as synth, Session.open(real_folder) as real:
         for one, other in zip(synth.committed(), real.committed(), strict=True):
             row = synth.trials[one]
             assert row["trial_id"] == real.trials[other]["trial_id"]
@@ -216,13 +216,13 @@ def test_it_is_like_a_trial_of_the_whole_virtual_rig(made: Path, tmp_path: Path)
 
 
 def spectrum(samples: NDArray[np.uint16]) -> tuple[float, NDArray[np.float64]]:
-    """Width of a bin in Hz; amplitude (bins, taxels) in counts."""
+    """Return the width of a bin in Hz and the amplitude (bins, taxels) in counts."""
     level = samples - samples.mean(axis=0)
     return 1000 / len(samples), 2 * np.abs(np.fft.rfft(level, axis=0)) / len(samples)
 
 
-def test_the_command_makes_a_session_and_refuses_in_a_sentence(
-    protocol: Path, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_command_makes_a_session_and_reports_errors(
+    protocol: Path, session_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plan, out = ["synth", "--plan", str(protocol)], ["--out", str(tmp_path / "session")]
     assert main([*plan, "--repeats", "1", "--seed", "5", *out]) == 0
@@ -231,12 +231,12 @@ def test_the_command_makes_a_session_and_refuses_in_a_sentence(
     assert main([*plan, "--repeats", "0", "--seed", "5", "--out", str(tmp_path / "no")]) == 2
     assert "repeats" in capsys.readouterr().err
     copy = tmp_path / "taken"
-    shutil.copytree(made, copy)
+    shutil.copytree(session_folder, copy)
     with pytest.raises(SessionError):
         make(protocol, copy)
 
 
-def test_repeats_that_stand_elsewhere_are_not_guessed(tmp_path: Path) -> None:
+def test_repeats_in_another_notation_are_rejected(tmp_path: Path) -> None:
     path = tmp_path / "odd.toml"
     path.write_text(TEXT.replace("repeats = 7", '"repeats" = 7'))
     with pytest.raises(ProtocolError):

@@ -5,13 +5,13 @@
 namespace {
 
 constexpr uint16_t BEAT_EVERY_MS = 20;
-constexpr uint64_t REPLY_CYCLES = 8000;  // a chip needs about 0.5 ms to work a reply out
-// What a chip has of them and a PC does not: nothing is late, no stack is short.
+constexpr uint64_t REPLY_CYCLES = 8000;  // a chip needs about 0.5 ms to compute a reply
+// Diagnostics that only a chip has: on a PC nothing is late and no stack is short.
 constexpr uint16_t FREE_STACK_BYTES = 4096, ALL_IDLE_PERMILLE = 1000;
 
 bool has(uint8_t bits, Signal signal) { return bits >> static_cast<uint8_t>(signal) & 1; }
 
-// The board whose brain runs in this thread; ports.h has no other way to say which.
+// The board whose firmware runs in this thread; the functions of ports.h take no board.
 thread_local DrumBoard *running = nullptr;
 
 class Running {
@@ -75,7 +75,7 @@ void DrumBoard::run(uint64_t until_cycle) {
     report();
 }
 
-// One thing, the most urgent first, as interrupts come before the loop.
+// Handles one event, the most urgent first, as interrupts precede the main loop.
 void DrumBoard::happen() {
     if (engine_.moving() && next_step_q8_ >> 8 <= cycle_) return step();
     if (next_tick_ <= cycle_) return tick();
@@ -109,7 +109,7 @@ void DrumBoard::convert() {
     if (drum_->thought_due()) drum_->think();
 }
 
-// A reply that does not fit behind those still going out is dropped whole.
+// A reply that does not fit into the transmit ring is dropped completely.
 void DrumBoard::take_byte() {
     const uint8_t byte = to_board_.first().byte;
     to_board_.drop_first();
@@ -129,7 +129,7 @@ void DrumBoard::step() {
     next_step_q8_ += engine_.next_interval();
 }
 
-// Between two steps the drum glides on to where the last one wants it, as long as a step lasts.
+// The drum takes the duration of a step to reach each new step.
 double DrumBoard::place_now() const {
     const uint64_t since = cycle_ - stepped_;
     if (since >= step_length_) return static_cast<double>(steps_);
@@ -152,7 +152,7 @@ void DrumBoard::place(int64_t steps) {
     show_mark();
 }
 
-// The mark's edges; the leading one when going forwards is the trailing one backwards.
+// Edges of the index mark; the leading edge forwards is the trailing edge backwards.
 void DrumBoard::show_mark() {
     const int64_t at = steps_ % board::STEPS_PER_TURN;
     const bool level = (at < 0 ? at + board::STEPS_PER_TURN : at) < io.mark_length_steps;
@@ -205,7 +205,7 @@ void DrumBoard::stop_at_once() {
 
 // --- actuator, emergency stop -------------------------------------------------------------------
 
-// Adds up what the duty was until now.
+// Integrates the duty up to now.
 void DrumBoard::count_duty() {
     const double duty = bridge_on_ ? permille_ * 1e-3 : 0;
     duty_sum_ += duty * static_cast<double>(cycle_ - duty_since_);
@@ -246,8 +246,8 @@ void DrumBoard::set_estop(bool level) {
     look_at_estop();
 }
 
-// What was seen before anybody told how it is wired means nothing; an opening after that is kept
-// until the brain has seen it, or a change of wires could make it unseen.
+// Levels before the wiring is configured are ignored; after that, an opening is latched until the
+// firmware has read it, because a change of the wiring could hide it.
 void DrumBoard::wire_signals(uint8_t fitted, uint8_t inverted) {
     estop_fitted_ = has(fitted, Signal::Estop);
     estop_inverted_ = has(inverted, Signal::Estop);

@@ -1,8 +1,8 @@
-// The drum's board on the PC: the brain that the chip runs, and a body that lives in cycles.
+// The drum board on the PC: the chip's firmware core with simulated hardware that counts cycles.
 //
-// Whoever owns the bench runs it up to a cycle. On the way ticks, steps, conversions and bytes
-// happen in the order of their cycles, each at once: what a chip needs for its work is left out.
-// Boards share nothing but the pointer to the one that is running, so that many fit a process.
+// The owner of the bench runs it up to a cycle. Ticks, steps, conversions and bytes happen in the
+// order of their cycles, each without computing time. Boards share only the pointer to the running
+// board, so that one process may hold many.
 #ifndef HOST_DRUM_BOARD_H
 #define HOST_DRUM_BOARD_H
 
@@ -12,7 +12,7 @@
 #include <memory>
 
 #include "../serial_line.h"
-#include "drum.h"           // the brain
+#include "drum.h"           // the firmware core
 #include "drum_io.h"
 #include "potentiometer.h"  // smoothing of its readings
 #include "store.h"          // boot count, saved settings
@@ -21,24 +21,24 @@ class DrumBoard {
   public:
     DrumBoard();
 
-    // Falls off and starts anew, with the cause of reset of the chip's MCUSR; EEPROM is kept.
+    // Resets and boots, with the reset cause in the chip's MCUSR; the EEPROM persists.
     void boot(uint8_t reset_cause);
     void run(uint64_t until_cycle);
     void receive(const uint8_t *bytes, int32_t count, uint64_t from_cycle);
-    // Registers, as a Modbus master would; the answer is a Modbus exception code, 0 for done.
+    // Accesses registers like a Modbus master; returns a Modbus exception code, 0 for success.
     int32_t write(uint16_t address, uint16_t count, const uint8_t *bytes);
     void read(uint16_t address, uint16_t count, uint16_t *words);
     void poll();
-    // Writes the next heartbeat, as a computer that is alive does.
+    // Writes the next heartbeat, like a host.
     void beat();
     // Turns the drum to a step behind its mark.
     void place(int64_t steps);
-    // The emergency stop's wire shows this level now: high is open.
+    // Sets the level of the emergency stop's wire: high is open.
     void set_estop(bool level);
 
     DrumIO io = {};
 
-    // What ports.h asks of the board that runs.
+    // Implementation of ports.h for the running board.
     uint32_t now_us() const { return static_cast<uint32_t>((cycle_ - booted_) / CYCLES_PER_US); }
     ports::Health health() const;
     void enable_stepper(bool on);
@@ -58,7 +58,7 @@ class DrumBoard {
 
   private:
     static constexpr uint64_t CYCLES_PER_US = 16, CYCLES_PER_TICK = 16000;
-    static constexpr uint64_t LONGEST_STEP = 80000;  // slower steps are single jerks
+    static constexpr uint64_t LONGEST_STEP = 80000;  // slower steps are single movements
     static constexpr uint64_t SEND_SIZE = 512;       // ring of the chip's transmitter
     static constexpr double BYTE_CYCLES = 10 * 16e6 / BAUD;
 
@@ -92,8 +92,8 @@ class DrumBoard {
     uint32_t milliseconds_ = 0;
     ports::SyncLine sync_ = {0, 0, 0, false};
     ports::IndexMark mark_ = {0, 0};
-    int64_t steps_ = 0;                        // where the last step wants the drum
-    double from_ = 0;                          // where it was at that step
+    int64_t steps_ = 0;                        // position commanded by the last step
+    double from_ = 0;                          // position at that step
     uint64_t stepped_ = 0, step_length_ = 0;   // cycle of the last step, time from the one before
     bool stepper_on_ = false, bridge_on_ = false;
     bool sync_fitted_ = true, sync_inverted_ = false, sync_level_ = false;

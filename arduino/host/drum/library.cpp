@@ -1,4 +1,4 @@
-// The drum's virtual board as a library of plain functions; rigctl/simulation/boards/drum_firmware.py calls them.
+// C functions of the drum's virtual board, for rigctl/simulation/boards/drum_firmware.py.
 #include "../export.h"
 #include "drum_board.h"
 

@@ -1,4 +1,4 @@
-// The taxels' virtual board as a library of plain functions; rigctl/simulation/boards/taxel_firmware.py calls them.
+// C functions of the virtual taxel board, for rigctl/simulation/boards/taxel_firmware.py.
 #include "../export.h"
 #include "taxel_board.h"
 

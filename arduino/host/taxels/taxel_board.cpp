@@ -4,16 +4,16 @@
 
 namespace {
 
-// What a chip has of it and a PC does not: no interrupt is late, no stack is short.
+// Diagnostics that only a chip has: on a PC no interrupt is late and no stack is short.
 const uint16_t FREE_STACK_BYTES = 1024, ALL_IDLE_PERMILLE = 1000;
 const uint16_t SUPPLY_MV = 5000;
 
-// An ideal divider and pull-up: what the self-test reads where the wiring is sound.
+// An ideal divider and pull-up: the self-test's readings of fault-free wiring.
 const uint32_t PULL_OHM = 35000;
 const uint16_t PULLED_UP = uint16_t(1023UL * DIVIDER_OHM / (DIVIDER_OHM + PULL_OHM));
 const uint16_t BANDGAP_READING = uint16_t(uint32_t(BANDGAP_MV) * 1024 / SUPPLY_MV);
 
-// The board whose brain runs in this thread; ports.h has no other way to say which.
+// The board whose firmware runs in this thread; the functions of ports.h take no board.
 thread_local TaxelBoard *running = nullptr;
 
 class Running {
@@ -48,7 +48,7 @@ void TaxelBoard::edge(EdgeOf signal, bool level, uint64_t cycle)
     edges_.push_back({signal, level, cycle});
 }
 
-// An edge counts into the frame in which it falls, as the chip's interrupt has it.
+// An edge counts in the frame in which it occurs, like in the chip's interrupt.
 void TaxelBoard::count(const Edge &edge, Frame &frame)
 {
     if (edge.signal == EdgeOf::Sync) {

@@ -1,7 +1,7 @@
-// The taxels' board on the PC: the brain that the chip runs, and a body that lives in frames.
+// The taxel board on the PC: the chip's firmware core with simulated hardware that counts frames.
 //
-// The bench hands over the readings of whole frames; edges of sync and index come before the
-// frames in which they fall. Times are cycles of the board since its first frame began.
+// The bench passes the readings of whole frames; edges of sync and index precede the frames in
+// which they occur. Times are cycles of the board since the start of its first frame.
 #ifndef HOST_TAXEL_BOARD_H
 #define HOST_TAXEL_BOARD_H
 
@@ -12,24 +12,24 @@
 
 #include "../serial_line.h"
 #include "taxel_io.h"
-#include "ports.h"     // what the brain asks for
-#include "talk.h"      // the brain
+#include "ports.h"     // functions that the core calls
+#include "talk.h"      // the firmware core
 
 class TaxelBoard {
 public:
-    // Falls off and starts anew, with the cause of reset of the chip's MCUSR.
+    // Resets and boots, with the reset cause in the chip's MCUSR.
     void boot(uint8_t reset_cause);
     // An edge of sync or index at a cycle, in rising order.
     void edge(EdgeOf signal, bool level, uint64_t cycle);
-    // Closes so many frames with the readings in io and sends them.
+    // Closes frames with the readings in io and sends them.
     void run(int32_t frames);
-    // Closes so many frames without sending anything; their flags and edges are in io.
+    // Closes frames without sending; their flags and edges are in io.
     void close(int32_t frames);
     void receive(const uint8_t *bytes, int32_t count);
 
     TaxelIO io = {};
 
-    // What ports.h asks of the board that runs.
+    // Implementation of ports.h for the running board.
     bool send(const uint8_t *bytes, uint8_t size, uint8_t kept_free);
     bool take(uint8_t &byte);
     void report(Status &status) const;

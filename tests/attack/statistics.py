@@ -1,4 +1,4 @@
-"""Carries out many attacks and keeps what matters: how many, the worst, and what did not stand."""
+"""Run many attacks and collect their number, the worst ones and the successful ones."""
 
 from __future__ import annotations
 
@@ -7,39 +7,39 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 
 from rigctl.wire.drum.states import State
-from tests.attack.attacker import Outcome, attacked
+from tests.attack.attacker import Outcome, run_attack
 from tests.attack.benches import AttackBench
 from tests.attack.steps import Attack
 
 SHOWN = 10
 
 
-class Tally:
-    """What came of attacks. ``worst`` is ordered by force, the highest first."""
+class AttackStatistics:
+    """Statistics of attacks. ``worst`` is sorted by force, the highest first."""
 
-    def __init__(self, keep: int) -> None:
+    def __init__(self, worst_count: int) -> None:
         self.began: Counter[State] = Counter()
         self.broken: list[Outcome] = []
         self.limit_g = 0.0
-        self._keep = keep
+        self._worst_count = worst_count
         self._worst: list[tuple[float, int, Outcome]] = []
 
     @property
     def count(self) -> int:
-        """Attacks carried out."""
+        """Number of attacks."""
         return self.began.total()
 
     @property
     def worst(self) -> list[Outcome]:
-        """The attacks that came nearest to the limit."""
+        """The attacks with the highest forces."""
         return [outcome for *_, outcome in sorted(self._worst, reverse=True)]
 
     def add(self, outcome: Outcome) -> None:
-        """Count one in."""
+        """Add an outcome."""
         self.began[outcome.began] += 1
         self.limit_g = outcome.limit_g
         heapq.heappush(self._worst, (outcome.peak_g, self.count, outcome))
-        if len(self._worst) > self._keep:
+        if len(self._worst) > self._worst_count:
             heapq.heappop(self._worst)
         if outcome.broken:
             self.broken.append(outcome)
@@ -51,16 +51,16 @@ class Tally:
             f"highest {worst.peak_g:.0f} g of {self.limit_g:.0f} g: {worst.attack}"
         )
 
-    def told(self) -> str:
-        """The first that succeeded, a line each."""
+    def summary(self) -> str:
+        """Return the first successful attacks, one per line."""
         return "\n".join(map(str, self.broken[:SHOWN]))
 
 
-def carried_out(
-    bench: Callable[[], AttackBench], attacks: Iterable[Attack], keep: int = 1
-) -> Tally:
-    """Attack a bench that is new each time."""
-    tally = Tally(keep)
+def run_attacks(
+    bench: Callable[[], AttackBench], attacks: Iterable[Attack], worst_count: int = 1
+) -> AttackStatistics:
+    """Run each attack on a new bench."""
+    statistics = AttackStatistics(worst_count)
     for attack in attacks:
-        tally.add(attacked(bench(), attack))
-    return tally
+        statistics.add(run_attack(bench(), attack))
+    return statistics
