@@ -90,10 +90,12 @@ def classify_sessions(model: str, sessions: tuple[str, ...], progress: Progress)
     """Classify sessions as ``rigctl classify`` does. Raises RigctlError."""
     from rigctl.analysis.classification.classify_sessions import classify
     from rigctl.analysis.classification.predictions import prediction_rows, summary
+    from rigctl.analysis.data.cache import Resources
     from rigctl.session.files.model_file import load_model
 
     loaded = load_model(Path(model).expanduser())
-    found = classify(loaded, tuple(map(Path, sessions)), progress=_counted(progress))
+    resources = Resources(progress=_counted(progress))
+    found = classify(loaded, tuple(map(Path, sessions)), resources)
     verdicts = {True: "correct", False: "<b>wrong</b>", None: "unknown to the model"}
     head = [
         "Trial", "True", "mm/s", "g", "Predicted", "", "Posterior", "Runner-up", "Margin",

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from rigctl.analysis.classification.prediction_remarks import prediction_remarks
+from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.condition_tasks import c_per_trial
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.analysis.data.wiring_check import check_source_wiring
-from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, map_with_progress
 from rigctl.analysis.features.transferred_c import (
     RateError,
     check_c_covers,
@@ -97,11 +97,7 @@ class _Posteriors(NamedTuple):
 
 
 def classify(
-    model: Model,
-    paths: Sequence[Path],
-    *,
-    executor: Executor = SERIAL,
-    progress: Progress = lambda stage, done, total: None,
+    model: Model, paths: Sequence[Path], resources: Resources = SERIAL_RESOURCES
 ) -> Classification:
     """Predict the texture of every complete trial of some sessions.
 
@@ -115,15 +111,13 @@ def classify(
     trials = trials.without_gaps()
     chunks = [trials.trials[at : at + CHUNK] for at in range(0, len(trials.trials), CHUNK)]
     tasks = [_PredictionTask(trials.files, chunk, model) for chunk in chunks]
-    parts = list(
-        map_with_progress(_posteriors, tasks, executor=executor, stage=STAGE, progress=progress)
-    )
+    parts = list(resources.map(_posteriors, tasks, STAGE))
     logs = np.concatenate([part.logs for part in parts])
     pairs = zip(trials.trials, logs, strict=True)
     predictions = tuple(_prediction(model, trials, trial, row) for trial, row in pairs)
     lengths = [n for part in parts for n in part.lengths]
     clipped = np.sum([part.clipped for part in parts], axis=0) / max(1, sum(lengths))
-    errors, warnings = _rate_errors(model, trials, executor, progress)
+    errors, warnings = _rate_errors(model, trials, resources)
     new = [found.texture for found in predictions if not found.in_model]
     remarks = prediction_remarks(model, trials, new, clipped, lengths)
     return Classification(
@@ -224,16 +218,14 @@ def _confusion(model: Model, predictions: Sequence[Prediction]) -> NDArray[np.in
 
 
 def _rate_errors(
-    model: Model, trials: TrialSet, executor: Executor, progress: Progress
+    model: Model, trials: TrialSet, resources: Resources
 ) -> tuple[tuple[RateError, ...], list[str]]:
     """Return the rate errors of C and a warning, where the model was not trained on a session."""
     if model.c is None:
         return (), []
-    unseen = unseen_sessions(trials, model.training.inputs, progress)
+    unseen = unseen_sessions(trials, model.training.inputs, resources)
     if not unseen:
         return (), []
     encoder = (model.c, model.normalisation, model.parameters)
-    errors = measure_rate_errors(
-        trials, *encoder, blind=model.force == "blind", executor=executor, progress=progress
-    )
+    errors = measure_rate_errors(trials, *encoder, resources, blind=model.force == "blind")
     return tuple(errors), [transfer_warning(errors, model.c, unseen)]

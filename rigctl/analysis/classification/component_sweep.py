@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from rigctl.errors import WrongUse
 
 Matrix = NDArray[np.float64]
 Labels = NDArray[np.int64]
-Fold = tuple[NDArray[np.intp], NDArray[np.intp]]
+Rows = NDArray[np.intp]
 
 # A component whose within-class variance is this small a part of its whole variance, given the
 # components before it, is numerically without any; dividing by it would amplify rounding.
@@ -37,13 +36,6 @@ FINE_SHARE = 1e-6
 
 # Folds whose scatters, p × p each, are in memory at once.
 FOLDS_IN_MEMORY = 8
-
-
-class ScatterDivisor(StrEnum):
-    """The divisor of the pooled within-class scatter: samples, or samples less classes."""
-
-    N = "n"
-    N_LESS_CLASSES = "n-k"
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,12 +98,11 @@ def fit_pca(features: Matrix, k_max: int) -> PrincipalComponents:
     return _from_rows(mean, centred, k_max)
 
 
-def fit_nested_lda(
-    scores: Matrix, labels: Labels, divisor: ScatterDivisor = ScatterDivisor.N_LESS_CLASSES
-) -> NestedLda:
+def fit_nested_lda(scores: Matrix, labels: Labels) -> NestedLda:
     """Return the discriminants of all leading subsets of coordinates: scores float64 (n, k_max).
 
-    Raises :class:`WrongUse` for fewer than two classes, or no more rows than classes.
+    The pooled covariance has the divisor n − classes. Raises :class:`WrongUse` for fewer than two
+    classes, or no more rows than classes.
     """
     classes, index, counts = np.unique(labels, return_inverse=True, return_counts=True)
     n, n_classes = len(labels), len(classes)
@@ -123,63 +114,46 @@ def fit_nested_lda(
     np.add.at(means, index, scores)
     means /= counts[:, None]
     within = scores - means[index]
-    freedom = n if divisor is ScatterDivisor.N else n - n_classes
-    factor, dropped = _factor(within.T @ within / freedom, scores.var(axis=0))
+    factor, dropped = _factor(within.T @ within / (n - n_classes), scores.var(axis=0))
     whitened = _forward(factor, means.T, dropped)
     return NestedLda(classes, factor, whitened, np.log(counts / n), dropped)
 
 
-def predict_folds(
-    features: Matrix,
-    labels: Labels,
-    folds: Sequence[Fold],
-    k_max: int,
-    divisor: ScatterDivisor = ScatterDivisor.N_LESS_CLASSES,
-) -> list[Labels]:
-    """Return the predictions of PCA + LDA for k = 1 … k_max, for each fold in turn.
+def fit_fold_pcas(
+    features: Matrix, training_rows: Sequence[Rows], k_max: int
+) -> list[PrincipalComponents]:
+    """Return the principal components of each fold's training rows: features float64 (n, p).
 
-    ``features`` float64 (n, p); ``folds``: (training rows, test rows) each. Returns for each fold
-    an array (k_max, n_test). Raises :class:`WrongUse` where a fold is too small for k_max.
+    Raises :class:`WrongUse` where a fold is too small for k_max or a feature is not finite.
     """
-    results = []
-    for (train, test), pca in zip(folds, fit_fold_pcas(features, folds, k_max), strict=True):
-        lda = fit_nested_lda(pca.transform(features[train]), labels[train], divisor)
-        results.append(lda.predict(pca.transform(features[test])))
-    return results
-
-
-def fit_fold_pcas(features: Matrix, folds: Sequence[Fold], k_max: int) -> list[PrincipalComponents]:
-    """Return the principal components of each fold's training rows; see :func:`predict_folds`."""
     if not np.isfinite(features).all():
         row = int(np.flatnonzero(~np.isfinite(features).all(axis=1))[0])
         raise WrongUse(f"the features of trial {row + 1} of the set are not all finite")
-    smallest = min(len(train) for train, _ in folds)
+    smallest = min(map(len, training_rows))
     _check_components(smallest, features.shape[1], k_max)
-    if features.shape[1] > smallest:
-        return [fit_pca(features[train], k_max) for train, _ in folds]
-    return _fold_pcas_by_difference(features, folds, k_max)
+    if features.shape[1] > smallest or len(training_rows) == 1:
+        return [fit_pca(features[rows], k_max) for rows in training_rows]
+    return _fold_pcas_by_difference(features, training_rows, k_max)
 
 
 def _fold_pcas_by_difference(
-    features: Matrix, folds: Sequence[Fold], k_max: int
+    features: Matrix, training_rows: Sequence[Rows], k_max: int
 ) -> list[PrincipalComponents]:
     """Return each fold's components from the total scatter less that of its left-out rows."""
     offset = features.mean(axis=0)
     centred = features - offset
-    left_out = [np.setdiff1d(np.arange(len(features)), train) for train, _ in folds]
+    left_out = [np.setdiff1d(np.arange(len(features)), rows) for rows in training_rows]
     total, scatters = _scatters(centred, left_out)
     total_sum, pcas = centred.sum(axis=0), []
-    for (train, _), rows, scatter in zip(folds, left_out, scatters, strict=True):
-        n = len(train)
+    for rows, scatter in zip(left_out, scatters, strict=True):
+        n = len(features) - len(rows)
         mean = (total_sum - centred[rows].sum(axis=0)) / n
         within = total - scatter - n * np.outer(mean, mean)
         pcas.append(_from_covariance(offset + mean, within / (n - 1), k_max))
     return pcas
 
 
-def _scatters(
-    centred: Matrix, left_out: Sequence[NDArray[np.intp]]
-) -> tuple[Matrix, Iterable[Matrix]]:
+def _scatters(centred: Matrix, left_out: Sequence[Rows]) -> tuple[Matrix, Iterable[Matrix]]:
     """Return the scatter of all rows, and of each fold's left-out rows, float64 (p, p) each.
 
     Where few folds leave out disjoint rows, the total is the sum of theirs and of the rest.

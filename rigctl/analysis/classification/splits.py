@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.component_sweep import Fold, Labels
+from rigctl.analysis.classification.component_sweep import Labels, Rows
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.paper import published
 from rigctl.errors import WrongUse
 
-Rows = NDArray[np.intp]
+Fold = tuple[Rows, Rows]
+"""Training rows and test rows."""
 FAMILIES = ("folds", "extrapolation", "leave-speed-out", "leave-force-out")
 
 

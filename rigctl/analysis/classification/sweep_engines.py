@@ -13,11 +13,11 @@ from rigctl.analysis.classification.component_sweep import (
     Labels,
     Matrix,
     PrincipalComponents,
+    Rows,
     fit_fold_pcas,
     fit_nested_lda,
-    fit_pca,
 )
-from rigctl.analysis.classification.splits import Rows, Split
+from rigctl.analysis.classification.splits import Split
 
 # Below this share of the first component's variance a component is rounding, not data.
 RANK_SHARE = 1e-12
@@ -59,16 +59,11 @@ def predict_splits(
         for split in splits
     ]
     local_labels = {key: values[rows] for key, values in labels.items()}
+    pcas = fit_fold_pcas(dense, [split.train for split in local], k_max)
     return [
         _predict_split(dense, local_labels, split, pca, engine)
-        for split, pca in zip(local, _fit_pcas(dense, local, k_max), strict=True)
+        for split, pca in zip(local, pcas, strict=True)
     ]
-
-
-def _fit_pcas(features: Matrix, splits: Sequence[Split], k_max: int) -> list[PrincipalComponents]:
-    if len(splits) == 1:
-        return [fit_pca(features[splits[0].train], k_max)]
-    return fit_fold_pcas(features, [(split.train, split.train[:0]) for split in splits], k_max)
 
 
 def _predict_split(

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import platformdirs
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 import rigctl.encoding
 from rigctl.analysis.data.fingerprint import hash_array
-from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, T
+from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, R, T
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -121,6 +121,13 @@ class Resources:
     cache: Cache = field(default_factory=Cache)
     progress: Progress = lambda stage, done, total: None
 
+    def map(self, function: Callable[[T], R], tasks: Sequence[T], stage: str) -> Iterator[R]:
+        """Yield the results in task order and report progress."""
+        self.progress(stage, 0, len(tasks))
+        for done, result in enumerate(self.executor.map(function, tasks), start=1):
+            self.progress(stage, done, len(tasks))
+            yield result
+
     def map_cached(
         self, function: Callable[[T], Arrays], tasks: Sequence[T], keys: Sequence[str], stage: str
     ) -> Iterator[Arrays]:
@@ -143,6 +150,10 @@ class Resources:
                 self.cache.hits += 1
             self.progress(stage, done, len(tasks))
             yield result
+
+
+SERIAL_RESOURCES: Final = Resources()
+"""This process alone, without a cache."""
 
 
 def cache_key(*parts: Any) -> str:

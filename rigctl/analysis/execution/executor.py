@@ -113,21 +113,6 @@ def local_executor(n_workers: int) -> Iterator[Executor]:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def map_with_progress(
-    function: Callable[[T], R],
-    tasks: Sequence[T],
-    *,
-    executor: Executor = SERIAL,
-    stage: str = "",
-    progress: Progress = lambda stage, done, total: None,
-) -> Iterator[R]:
-    """Yield what :meth:`Executor.map` yields and report progress."""
-    progress(stage, 0, len(tasks))
-    for done, result in enumerate(executor.map(function, tasks), start=1):
-        progress(stage, done, len(tasks))
-        yield result
-
-
 def limit_blas_threads() -> threadpool_limits:
     """Limit BLAS to one thread in this process, for good or within a ``with``."""
     # Only libraries that are loaded can be limited, and SciPy brings one of its own.

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.cache import Resources
+from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.feature_file import FeatureFile
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.features.spike_counts import (
@@ -105,7 +105,7 @@ def represent(
     reference_g: float = REFERENCE_FORCE_G,
     source: ForceMatrixSource | None = None,
     ranges: RangesOver | Normalisation = RangesOver.ALL,
-    resources: Resources | None = None,
+    resources: Resources = SERIAL_RESOURCES,
 ) -> RepresentationSet:
     """Encode a set in every representation that it allows; write feature files into ``folder``.
 
@@ -114,7 +114,6 @@ def represent(
     paper, over those that it trains on, or given. The set leaves out trials with gaps and lists
     them in a remark. Raises SessionError where no complete trial is left.
     """
-    resources = resources or Resources()
     prepared = prepare_trials(trials, resources, ranges)
     trials = prepared.trials
     remarks = list(trials.remarks)
@@ -136,12 +135,7 @@ def represent(
         if source is not None:
             force = source.force
             transferred = measure_transferred_c(
-                source,
-                trials,
-                prepared.normalisation,
-                parameters,
-                executor=resources.executor,
-                progress=resources.progress,
+                source, trials, prepared.normalisation, parameters, resources
             )
             remarks.append(transferred.sentence)
         if force is not None:

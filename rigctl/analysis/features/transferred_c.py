@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.condition_tasks import select_c
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet, open_trials
 from rigctl.analysis.data.wiring_check import check_source_wiring
-from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, map_with_progress
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.force_search import TOLERANCE_HZ, mean_sa_rates_hz
 from rigctl.encoding.normalisation import Normalisation
@@ -80,19 +80,17 @@ class _RateTask(NamedTuple):
 
 
 def load_c(
-    file: Path, trials: TrialSet, progress: Progress = lambda stage, done, total: None
+    file: Path, trials: TrialSet, resources: Resources = SERIAL_RESOURCES
 ) -> ForceMatrixSource:
     """Return the C of a model or a spikes.h5. Raises SessionError or WrongUse where it misfits."""
     force, inputs = load_force(file)
     check_source_wiring(file, inputs, trials.provenance)
     check_c_covers(trials, force, by_texture=True)
-    return ForceMatrixSource(file, force, unseen_sessions(trials, inputs, progress))
+    return ForceMatrixSource(file, force, unseen_sessions(trials, inputs, resources))
 
 
 def unseen_sessions(
-    trials: TrialSet,
-    sources: Sequence[Mapping[str, Any]],
-    progress: Progress = lambda stage, done, total: None,
+    trials: TrialSet, sources: Sequence[Mapping[str, Any]], resources: Resources
 ) -> tuple[Path, ...]:
     """Return the sessions of a set that are not in ``sources``, compared by content digest.
 
@@ -103,10 +101,10 @@ def unseen_sessions(
     unseen = []
     n = len(trials.paths)
     for number, (path, source) in enumerate(zip(trials.paths, trials.provenance, strict=True)):
-        progress(COMPARING, number, n)
+        resources.progress(COMPARING, number, n)
         if _identity(source) not in identities and content_digest(path) not in contents:
             unseen.append(path)
-    progress(COMPARING, n, n)
+    resources.progress(COMPARING, n, n)
     return tuple(unseen)
 
 
@@ -120,13 +118,10 @@ def measure_transferred_c(
     trials: TrialSet,
     normalisation: Normalisation,
     parameters: EncoderParameters,
-    *,
-    executor: Executor = SERIAL,
-    progress: Progress = lambda stage, done, total: None,
+    resources: Resources,
 ) -> TransferredC:
     """Measure the rate errors of a C from other recordings on the trials that it scales."""
-    encoder = (source.force, normalisation, parameters)
-    errors = measure_rate_errors(trials, *encoder, executor=executor, progress=progress)
+    errors = measure_rate_errors(trials, source.force, normalisation, parameters, resources)
     sentence = f"C is taken from {source.file} and was not searched"
     if source.unseen:
         sentence = f"{transfer_warning(errors, source.force, source.unseen)}. {sentence}"
@@ -161,17 +156,16 @@ def measure_rate_errors(
     force: ForceMatrix,
     normalisation: Normalisation,
     parameters: EncoderParameters,
+    resources: Resources,
     *,
     blind: bool = False,
-    executor: Executor = SERIAL,
-    progress: Progress = lambda stage, done, total: None,
 ) -> list[RateError]:
     """Return the rate errors at each speed and force that also has trials at the reference force.
 
     ``blind``: with the mean of C over its textures instead of the trial's own.
     """
     tasks = _tasks(trials, force, normalisation, parameters, blind)
-    found = map_with_progress(_rates, tasks, executor=executor, stage=STAGE, progress=progress)
+    found = resources.map(_rates, tasks, STAGE)
     pooled: dict[tuple[float, float], list[Floats]] = {}
     for task, by_force in zip(tasks, found, strict=True):
         for force_g, rates in by_force.items():

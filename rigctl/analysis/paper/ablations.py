@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.classification.splits import Design, make_splits
 from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
-from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, map_with_progress
+from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.features.representations import RepresentationSet
 from rigctl.analysis.paper import published
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult
@@ -78,9 +78,7 @@ def measure_ablations(
     representations: RepresentationSet,
     results: Sequence[TaskResult],
     settings: SweepSettings,
-    *,
-    executor: Executor = SERIAL,
-    progress: Progress = lambda stage, done, total: None,
+    resources: Resources,
 ) -> Ablations | None:
     """Measure the ablations for the tasks of Table 1; None where none of them was run.
 
@@ -95,18 +93,10 @@ def measure_ablations(
         for r in representations.present
         for layout in [representations.scaled if r.speed_scaled else representations.unscaled]
     ]
-    computed = map_with_progress(
-        _split_variance,
-        jobs,
-        executor=executor,
-        stage="what explains the features",
-        progress=progress,
-    )
+    computed = resources.map(_split_variance, jobs, "what explains the features")
     halves = {r.key: both for r, both in zip(representations.present, computed, strict=True)}
     draws = min(DRAWS, settings.iterations)
-    alone = _accuracies_alone(
-        representations, design, results, (settings.seed, draws), executor, progress
-    )
+    alone = _accuracies_alone(representations, design, results, (settings.seed, draws), resources)
     return Ablations(representations.trials.forces_g, halves, alone, draws)
 
 
@@ -196,8 +186,7 @@ def _accuracies_alone(
     design: Design,
     results: Sequence[TaskResult],
     draws: tuple[int, int],
-    executor: Executor,
-    progress: Progress,
+    resources: Resources,
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Return the accuracies by task, representation and half. ``draws``: seed and count."""
     jobs, names = [], []
@@ -212,7 +201,7 @@ def _accuracies_alone(
                     names.append((r.key, name))
     shares: dict[tuple[str, str, str], list[float]] = {}
     stage = "classifying by SA rates and RA counts alone"
-    scores = map_with_progress(_score_half, jobs, executor=executor, stage=stage, progress=progress)
+    scores = resources.map(_score_half, jobs, stage)
     for (key, name), score in zip(names, scores, strict=True):
         for task, share in score.items():
             shares.setdefault((task, key, name), []).append(share)

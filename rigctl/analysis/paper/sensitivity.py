@@ -73,7 +73,7 @@ def compare_presets(
     """
     limited = replace(settings, k_max=min(COMPONENTS, settings.k_max))
     rows: list[SensitivityRow] = []
-    number, executor, progress = 0, resources.executor, resources.progress
+    number, progress = 0, resources.progress
     presets = sum(PRESETS[name] != base[0].parameters for name in PRESET_ORDER)
     for name in PRESET_ORDER:
         if PRESETS[name] == base[0].parameters:
@@ -81,7 +81,8 @@ def compare_presets(
             continue
         part = folder / name
         part.mkdir()
-        preset_progress, number = _PresetProgress(number, presets, progress), number + 1
+        shown = _PresetProgress(number, presets, progress).show
+        preset_resources, number = replace(resources, progress=shown), number + 1
         representations = represent(
             trials,
             PRESETS[name],
@@ -89,11 +90,9 @@ def compare_presets(
             reference_g=reference_g,
             source=source,
             ranges=ranges,
-            resources=replace(resources, progress=preset_progress.show),
+            resources=preset_resources,
         )
-        results, _ = run_tasks(
-            representations, limited, executor=executor, progress=preset_progress.show
-        )
+        results, _ = run_tasks(representations, limited, preset_resources)
         rows += _preset_rows(name, representations, results)
         shutil.rmtree(part)
     progress(STAGE, STEPS * presets, STEPS * presets)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.classification.splits import Design, extrapolation_fits, make_splits
 from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
-from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, map_with_progress
+from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.features.representations import Representation, RepresentationSet
 from rigctl.analysis.paper import published
 from rigctl.errors import WrongUse
@@ -126,9 +126,7 @@ class _Score(NamedTuple):
 def run_tasks(
     representations: RepresentationSet,
     settings: SweepSettings,
-    *,
-    executor: Executor = SERIAL,
-    progress: Progress = lambda stage, done, total: None,
+    resources: Resources = SERIAL_RESOURCES,
 ) -> tuple[list[TaskResult], tuple[str, ...]]:
     """Return the results of the tasks that fit the trials, and remarks on omissions and changes.
 
@@ -142,9 +140,7 @@ def run_tasks(
         for plan, representation in runs
         for iteration in range(settings.iterations)
     ]
-    scores = map_with_progress(
-        _score, jobs, executor=executor, stage="classifying", progress=progress
-    )
+    scores = resources.map(_score, jobs, "classifying")
     curves: dict[str, list[Curve]] = {task.key: [] for plan in plans for task in plan.tasks}
     for plan, representation in runs:
         draws = [next(scores) for _ in range(settings.iterations)]

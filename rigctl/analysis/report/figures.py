@@ -212,7 +212,7 @@ def _plot_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
 
 
 def _plot_confusion(axes: Axes, held_out: HeldOutPredictions) -> None:
-    matrix = held_out.confusion(held_out.shown_components)
+    matrix = held_out.confusion()
     plot_matrix(axes, matrix, held_out.classes, lambda count, share: str(count) if count else "")
     axes.set_xlabel("predicted texture")
     axes.set_ylabel("true texture")

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from rigctl.analysis.classification.training import ModelRequest, train_model
 from rigctl.analysis.data.atomic_directory import atomic_directory
-from rigctl.analysis.data.cache import Resources
+from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.import_remarks import imported_remarks
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions
 from rigctl.analysis.features.representations import RepresentationSet, represent
@@ -80,22 +80,19 @@ class _Analysis(NamedTuple):
 
 
 def make_report(
-    request: ReportRequest,
-    made_utc: str,
-    resources: Resources | None = None,
+    request: ReportRequest, made_utc: str, resources: Resources = SERIAL_RESOURCES
 ) -> ReportResult:
     """Analyse the sessions and write the report. ``made_utc``: wall-clock time of the report.
 
     Raises SessionError or WrongUse for sessions that cannot be analysed, DiskFault where nothing
     can be written; then there is no report folder.
     """
-    resources = resources or Resources()
     executor, progress = resources.executor, resources.progress
     trials = join_sessions(request.sessions)
     check_selection(trials, request.trial, request.taxel)
     if request.model is not None:
         check_output_path(request.model.path)
-    source = None if request.c is None else load_c(request.c, trials, progress)
+    source = None if request.c is None else load_c(request.c, trials, resources)
     executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:
         executor.check_visible([folder])
@@ -120,7 +117,7 @@ def _analyse(
 ) -> _Analysis:
     """Encode, classify and train; feature files go into the new folder ``folder``."""
     folder.mkdir()
-    executor, progress, settings = resources.executor, resources.progress, request.settings
+    settings = request.settings
     representations = represent(
         trials,
         request.parameters,
@@ -130,16 +127,14 @@ def _analyse(
         ranges=request.ranges,
         resources=resources,
     )
-    results, remarks = run_tasks(representations, settings, executor=executor, progress=progress)
-    ablations = measure_ablations(
-        representations, results, settings, executor=executor, progress=progress
-    )
+    results, remarks = run_tasks(representations, settings, resources)
+    ablations = measure_ablations(representations, results, settings, resources)
     remarks = (
         *imported_remarks(trials),
         *representations.remarks,
         *remarks,
         *_component_remarks(results),
-        *executor.remarks,
+        *resources.executor.remarks,
     )
     preset_rows: list[SensitivityRow] = []
     if request.sensitivity:
@@ -156,7 +151,7 @@ def _analyse(
     model = None
     if request.model is not None:
         model, remark = train_model(
-            representations, request.model, made_utc, settings.seed, progress
+            representations, request.model, made_utc, settings.seed, resources.progress
         )
         remarks = (*remarks, remark)
     return _Analysis(representations, tuple(results), remarks, preset_rows, ablations, model)

@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     """Print or write the predictions; the last line gives the share that is right."""
     from rigctl.analysis.classification.classify_sessions import classify
     from rigctl.analysis.classification.predictions import as_csv, as_dict, as_text
+    from rigctl.analysis.data.cache import Cache, Resources
     from rigctl.analysis.execution.executor import local_executor
     from rigctl.errors import WrongUse
     from rigctl.session.files.model_file import check_output_path, load_model
@@ -44,7 +45,8 @@ def run(args: argparse.Namespace) -> int:
     line = ProgressLine(sys.stderr)
     try:
         with local_executor(args.workers) as executor:
-            found = classify(model, args.sessions, executor=executor, progress=line.show_stage)
+            resources = Resources(executor, Cache(), line.show_stage)
+            found = classify(model, args.sessions, resources)
     finally:
         line.end()
     plain = json.dumps(as_dict(found), allow_nan=False, ensure_ascii=False)

@@ -13,18 +13,14 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.model_selection import StratifiedKFold
 
-from rigctl.analysis.classification.component_sweep import (
-    Fold,
-    ScatterDivisor,
-    fit_nested_lda,
-    fit_pca,
-    predict_folds,
-)
+from rigctl.analysis.classification.component_sweep import fit_nested_lda, fit_pca
+from rigctl.analysis.classification.splits import Fold, Split
+from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.errors import WrongUse
 
 
 class ScaledCovariance(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
-    """A class's covariance times a factor: N / (N − K) turns one pooled divisor into the other."""
+    """A class's covariance times N / (N − K), which turns the pooled divisor N into N − K."""
 
     def __init__(self, factor: float) -> None:
         self.factor = factor
@@ -35,15 +31,19 @@ class ScaledCovariance(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         return self
 
 
-def sklearn_predictions(
-    features: Any, labels: Any, folds: list[Fold], k: int, divisor: ScatterDivisor
-) -> list[Any]:
+def predict_folds(features: Any, labels: Any, folds: list[Fold], k_max: int) -> list[Any]:
+    splits = [Split(train, {"classes": test}) for train, test in folds]
+    found = predict_splits(features, {"classes": labels}, splits, k_max, SweepEngine.OWN)
+    return [one.predictions["classes"] for one in found]
+
+
+def sklearn_predictions(features: Any, labels: Any, folds: list[Fold], k: int) -> list[Any]:
     results = []
     for train, test in folds:
         n, n_classes = len(train), len(np.unique(labels[train]))
-        factor = 1.0 if divisor is ScatterDivisor.N else n / (n - n_classes)
         pca = PCA(k, svd_solver="full").fit(features[train])
-        lda = LinearDiscriminantAnalysis("lsqr", covariance_estimator=ScaledCovariance(factor))
+        pooled = ScaledCovariance(n / (n - n_classes))
+        lda = LinearDiscriminantAnalysis("lsqr", covariance_estimator=pooled)
         lda.fit(pca.transform(features[train]), labels[train])
         results.append(lda.predict(pca.transform(features[test])))
     return results
@@ -87,15 +87,14 @@ DATA_SETS = {
 }
 
 
-@pytest.mark.parametrize("divisor", list(ScatterDivisor))
 @pytest.mark.parametrize("name", sorted(DATA_SETS))
-def test_every_prediction_is_scikit_learns(name: str, divisor: ScatterDivisor) -> None:
+def test_every_prediction_is_scikit_learns(name: str) -> None:
     (features, labels), k_max = DATA_SETS[name]
     folds = folds_of(labels)
-    ours = predict_folds(features, labels, folds, k_max, divisor)
+    ours = predict_folds(features, labels, folds, k_max)
     few = k_max < 15
     for k in range(1, k_max + 1) if few else (1, 5, k_max // 3, k_max):
-        theirs = sklearn_predictions(features, labels, folds, k, divisor)
+        theirs = sklearn_predictions(features, labels, folds, k)
         for mine, other in zip(ours, theirs, strict=True):
             np.testing.assert_array_equal(mine[k - 1], other, err_msg=f"k = {k}")
 
@@ -123,7 +122,7 @@ def test_folds_that_do_not_cover_the_set() -> None:
     test = np.flatnonzero(np.arange(400) % 4 == 1)
     folds = [(train, test)]
     ours = predict_folds(features, labels, folds, 20)[0]
-    theirs = sklearn_predictions(features, labels, folds, 20, ScatterDivisor.N_LESS_CLASSES)[0]
+    theirs = sklearn_predictions(features, labels, folds, 20)[0]
     np.testing.assert_array_equal(ours[19], theirs)
 
 

@@ -8,11 +8,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.held_out import (
-    HeldOutPredictions,
-    LabelledTrials,
-    classify_held_out,
-)
+from rigctl.analysis.classification.held_out import HeldOutPredictions, classify_held_out
+from rigctl.analysis.classification.splits import Design
 from rigctl.analysis.report.demo import accuracy_sentence, analyse_session
 from rigctl.errors import SessionError, WrongUse
 from tests.analysis.recordings import record
@@ -25,9 +22,15 @@ def test_the_answer_counts_as_one_would_by_hand() -> None:
     )
     assert held_out.correct_counts().tolist() == [3, 5]
     assert held_out.chance == 0.6
-    assert held_out.confusion(1).tolist() == [[2, 1], [1, 1]]
+    assert held_out.confusion().tolist() == [[2, 1], [1, 1]]
     assert "60.0% (3 of n = 5 trials" in accuracy_sentence(held_out)
     assert "chance 60.0%" in accuracy_sentence(held_out)
+
+
+def design(textures: str, speed_mm_s: float) -> Design:
+    names, labels = np.unique(list(textures), return_inverse=True)
+    n = len(labels)
+    return Design(tuple(names.tolist()), labels, np.full(n, speed_mm_s), np.full(n, 500.0))
 
 
 def test_labels_that_mean_nothing_are_told_at_chance() -> None:
@@ -36,8 +39,8 @@ def test_labels_that_mean_nothing_are_told_at_chance() -> None:
     for seed in range(12):
         rng = np.random.default_rng(seed)
         samples = [rng.integers(300, 700, (200, 3)).astype(np.uint16) for _ in range(80)]
-        textures = [str(name) for name in rng.permutation(np.repeat(list("ABDL"), 20))]
-        held_out = classify_held_out(LabelledTrials(samples, [120.0] * 80, textures), seed=seed)
+        textures = "".join(rng.permutation(np.repeat(list("ABDL"), 20)))
+        held_out = classify_held_out(samples, design(textures, 120.0), seed=seed)
         shares.append(held_out.correct_counts().mean() / held_out.n)
     assert held_out.chance == 0.25
     assert abs(np.mean(shares) - 0.25) < 0.04
@@ -46,9 +49,9 @@ def test_labels_that_mean_nothing_are_told_at_chance() -> None:
 def test_what_cannot_be_classified_is_refused_in_words() -> None:
     samples = [np.zeros((100, 2), np.uint16)] * 3
     with pytest.raises(WrongUse, match="two textures"):
-        classify_held_out(LabelledTrials(samples, [40.0] * 3, ["A"] * 3))
+        classify_held_out(samples, design("AAA", 40.0))
     with pytest.raises(WrongUse, match="texture B has a single"):
-        classify_held_out(LabelledTrials(samples, [40.0] * 3, ["A", "B", "A"]))
+        classify_held_out(samples, design("ABA", 40.0))
 
 
 def test_a_session_becomes_an_answer_and_two_figures(tmp_path: Path) -> None:
@@ -56,7 +59,7 @@ def test_a_session_becomes_an_answer_and_two_figures(tmp_path: Path) -> None:
     session = record(tmp_path / "session", travel_mm=60.0, torn=(5,))
     answer = analyse_session(session, tmp_path / "figures", progress=lambda s, _: stages.append(s))
     assert answer.held_out.n == 23
-    assert answer.remarks == ("left out for gaps in their samples: trial 5",)
+    assert answer.remarks == (f"{session}: 1 trial left out for gaps in their samples: 5",)
     right = answer.held_out.correct_counts()[answer.held_out.shown_components - 1]
     assert right / 23 > 2 * answer.held_out.chance
     assert "fold 1 of 4" in stages

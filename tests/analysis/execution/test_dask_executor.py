@@ -84,10 +84,9 @@ def test_results_are_equal_although_a_worker_is_killed(
     with dask_executor.dask_executor(cluster.two) as executor:
         assert executor.is_local and executor.remarks == ()
         executor.check_visible([session, tmp_path])
-        together = represent(
-            trials, DEFAULT, folders[1], resources=Resources(executor, progress=progress)
-        )
-        results, _ = run_tasks(together, SETTINGS, executor=executor, progress=progress)
+        resources = Resources(executor, progress=progress)
+        together = represent(trials, DEFAULT, folders[1], resources=resources)
+        results, _ = run_tasks(together, SETTINGS, resources)
     assert {key: path.read_bytes() for key, path in alone.files.items()} == {
         key: path.read_bytes() for key, path in together.files.items()
     }

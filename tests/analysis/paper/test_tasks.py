@@ -10,6 +10,7 @@ import pytest
 
 from rigctl.analysis.classification.splits import Design, Split, make_splits, stratified_folds
 from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
+from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.execution.executor import local_executor
 from rigctl.analysis.features.representations import RepresentationSet, represent
@@ -120,7 +121,7 @@ def test_processes_give_equal_answers(representations: RepresentationSet) -> Non
     chosen = SweepSettings(iterations=2, k_max=4, tasks=("textures",))
     alone, _ = run_tasks(representations, chosen)
     with local_executor(2) as executor:
-        together, _ = run_tasks(representations, chosen, executor=executor)
+        together, _ = run_tasks(representations, chosen, Resources(executor))
     for a, b in zip(alone[0].curves, together[0].curves, strict=True):
         np.testing.assert_array_equal(a.accuracy, b.accuracy)
 

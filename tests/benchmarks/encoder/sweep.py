@@ -14,8 +14,8 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.classification.component_sweep import Fold, ScatterDivisor, predict_folds
-from rigctl.analysis.classification.splits import stratified_folds
+from rigctl.analysis.classification.splits import Fold, Split, stratified_folds
+from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from tests.benchmarks.encoder._peers import row
 
 N_TRIALS, N_FEATURES, N_CLASSES, K_MAX, N_FOLDS = 8000, 2160, 16, 50, 4
@@ -36,7 +36,7 @@ def _measure() -> Iterator[dict[str, Any]]:
     features, labels = big_set()
     folds = stratified_folds(labels, N_FOLDS, seed=0)
     all_three = (
-        lambda: predict_folds(features, labels, folds, K_MAX, ScatterDivisor.N),
+        lambda: _predict(features, labels, folds, K_MAX, SweepEngine.OWN),
         lambda: _one_pipeline(features, labels, folds[0]),
         lambda: hoisted(features, labels, folds, K_MAX),
     )
@@ -72,10 +72,25 @@ def big_set() -> Data:
     return hidden @ mix + rng.normal(0, 5, (N_TRIALS, N_FEATURES)), labels
 
 
+def _predict(
+    features: NDArray[np.float64],
+    labels: NDArray[np.int64],
+    folds: list[Fold],
+    k_max: int,
+    engine: SweepEngine,
+) -> list[NDArray[np.int64]]:
+    splits = [Split(train, {"classes": test}) for train, test in folds]
+    found = predict_splits(features, {"classes": labels}, splits, k_max, engine)
+    return [one.predictions["classes"] for one in found]
+
+
 def hoisted(
     features: NDArray[np.float64], labels: NDArray[np.int64], folds: list[Fold], k_max: int
 ) -> list[NDArray[np.int64]]:
-    """Predictions (k_max, n_test) of each fold by scikit-learn with the PCA taken out by hand."""
+    """Predictions (k_max, n_test) of each fold by scikit-learn with the PCA taken out by hand.
+
+    Its LDA divides the covariance by N, not by N − K: equal classes make no difference of it.
+    """
     results = []
     for train, test in folds:
         pca = PCA(k_max, svd_solver=SOLVER).fit(features[train])
@@ -99,11 +114,10 @@ def _differing(big: int, n_big: int) -> dict[str, Any]:
     for loader, k_max in ((load_wine, 13), (load_digits, 40)):
         features, labels = loader(return_X_y=True)
         folds = stratified_folds(labels, N_FOLDS, seed=0)
-        theirs = hoisted(features, labels, folds, k_max)
-        ours = predict_folds(features, labels, folds, k_max, ScatterDivisor.N)
+        ours, theirs = (_predict(features, labels, folds, k_max, e) for e in SweepEngine)
         differing += _count_differing(ours, theirs)
         compared += sum(t.size for t in theirs)
-    note = f"of {compared} predictions, every trial and every k, in three data sets; divisor N"
+    note = f"of {compared} predictions, every trial and every k, in three data sets"
     return row("sweep.differing_predictions", differing, "predictions", "scikit-learn", 0, note)
 
 
