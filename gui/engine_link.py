@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from PySide6.QtCore import QElapsedTimer, QObject, Signal
 
-from rigctl.acquisition.live_buffer import LiveView
+from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
@@ -95,7 +95,7 @@ class EngineLink(QObject):
         return (self._client.engine_file.name,) if self._client is not None else ()
 
     @property
-    def live(self) -> LiveView | None:
+    def live(self) -> LiveReader | None:
         """Return the live samples, None without a connection."""
         return self._client.live if self._client is not None else None
 

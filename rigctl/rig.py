@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from rigctl.acquisition.rig import Rig
 from rigctl.config.resources import firmware_image
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.devices.drum import Drum
@@ -28,77 +29,9 @@ from rigctl.wire.drum.codes import Signal
 
 if TYPE_CHECKING:
     from rigctl.simulation.bench.world_file import SimulatedWorld
-    from rigctl.simulation.simulated_rig import FaultInjection, SimulatedRig
+    from rigctl.simulation.simulated_rig import SimulatedRig
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
-
-
-class Rig:
-    """Two boards, their event loop, and the description of the bench.
-
-    ``kind`` is virtual, firmware or bench. ``faults`` injects faults on a simulated rig and is
-    None at the bench. ``world`` is what a session stores about a simulated rig.
-    """
-
-    def __init__(
-        self,
-        kind: str,
-        description: str,
-        config: RigConfig,
-        loop: asyncio.AbstractEventLoop,
-        drum: Drum,
-        taxels: Taxels,
-        simulation: SimulatedRig | None = None,
-        world: dict[str, Any] | None = None,
-    ) -> None:
-        self.kind = kind
-        self.description = description
-        self.config = config
-        self.loop = loop
-        self.drum = drum
-        self.taxels = taxels
-        self.simulation = simulation
-        self.world = world or {}
-
-    @property
-    def simulated(self) -> bool:
-        """True without a real bench."""
-        return self.simulation is not None
-
-    @property
-    def faults(self) -> FaultInjection | None:
-        """The fault injection of a simulated rig; None at the bench."""
-        return self.simulation.faults if self.simulation else None
-
-    def set_plate(self, texture: str) -> bool:
-        """Change a simulated plate; False at the bench, where a person has to change it."""
-        if self.simulation is None:
-            return False
-        self.simulation.set_plate(texture)
-        return True
-
-    def lay_mass(self, mass_g: float) -> bool:
-        """Load a simulated load cell; False at the bench, where a person has to place the mass."""
-        if self.simulation is None:
-            return False
-        self.simulation.faults.push(mass_g)
-        return True
-
-    def save_truth(self, folder: Path) -> None:
-        """Append the simulated ground truth since the last call to a session, if there is one."""
-        if self.simulation is not None:
-            from rigctl.session.files.ground_truth import write_truth
-
-            write_truth(folder, self.simulation.truth.take())
-
-    def close(self) -> None:
-        """Free ports and boards, then close the loop unless it is running."""
-        self.drum.close()
-        self.taxels.close()
-        if self.simulation is not None:
-            self.simulation.close()
-        if not self.loop.is_running():
-            self.loop.close()
 
 
 def open_rig(

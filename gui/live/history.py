@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.live_buffer import LiveView, TaxelWindow
+from rigctl.acquisition.live_buffer import LiveReader, TaxelWindow
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 N_ROWS = 2 * N_TAXELS
@@ -54,9 +54,9 @@ class History:
         """Return the spikes of each sample, uint8 (n, 36), columns SA 1–18 then RA 1–18."""
         return self._spikes[self._end - len(self) : self._end]
 
-    def pull(self, live: LiveView) -> int:
+    def pull(self, live: LiveReader) -> int:
         """Append what the engine wrote since the last pull; return the number of samples."""
-        n_new = live.heads.taxels - self._head
+        n_new = live.taxel_head - self._head
         if n_new <= 0:
             return 0
         window = live.taxels(min(n_new + _MARGIN, self.capacity))

@@ -15,7 +15,7 @@ from gui.live.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, RateBars
 from gui.live.traces import Traces
 from gui.widgets.plot_axes import colour_axes, fixed_plot, taxel_ticks, time_plot
 from gui.widgets.theme import Theme
-from rigctl.acquisition.live_buffer import LiveView
+from rigctl.acquisition.live_buffer import LiveReader
 
 DRUM_ROWS = 1200
 _RIGHT_PX = 216
@@ -37,7 +37,7 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self.set_span(SPAN_S)
         self.set_theme(theme)
 
-    def refresh(self, live: LiveView) -> int:
+    def refresh(self, live: LiveReader) -> int:
         """Draw the new samples; return their number."""
         n_new = self.history.pull(live)
         low, high = (np.asarray(side, float) for side in live.normalisation)
@@ -120,7 +120,7 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         height = round(area.bottom()) - round(area.top())
         image.refresh(self.history, width, height, self.devicePixelRatioF())
 
-    def _refresh_drum(self, live: LiveView) -> None:
+    def _refresh_drum(self, live: LiveReader) -> None:
         window = live.drum(DRUM_ROWS)
         newest_s = max(self.history.newest_s, float(window.time_s[-1]) if len(window) else 0.0)
         shown = window.time_s > newest_s - self._span_s - 0.5

@@ -13,7 +13,7 @@ from rigctl.acquisition.drum.poller import RECONNECT_PERIOD_S, DrumPoller
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import DRUM, TAXELS, BoardHealth
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.rig_interface import RigInterface
+from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation, RunningRange
@@ -40,7 +40,7 @@ class Boards:
 
     def __init__(
         self,
-        rig: RigInterface,
+        rig: Rig,
         live_writer: LiveWriter,
         event_bus: EventBus,
         spawn: Spawn,
@@ -148,11 +148,11 @@ class Boards:
         settings = self.motion.settings
         self._live_writer.add_drum(
             np.array([sample.board_time_us / 1e6 + delay_s for sample in state.loadcell]),
-            np.array([sample.force_g for sample in state.loadcell]),
-            settings.get("force_set", 0.0),
-            state.speed_mm_s,
-            settings.get("speed_set", 0.0),
-            state.state,
+            force_g=np.array([sample.force_g for sample in state.loadcell]),
+            force_set_g=settings.get("force_set", 0.0),
+            speed_mm_s=state.speed_mm_s,
+            speed_set_mm_s=settings.get("speed_set", 0.0),
+            state=state.state,
         )
         before, self._published_state = self._published_state, (state.state, state.fault)
         if state.fault and state.fault != before[1]:
@@ -225,7 +225,7 @@ class Boards:
         )
 
 
-def _compiled_encoder(rig: RigInterface) -> Encoder:
+def _compiled_encoder(rig: Rig) -> Encoder:
     """Return the live encoder, compiled before anything moves."""
     taxels = rig.config.taxels
     if taxels.low:

@@ -8,28 +8,25 @@ a run continues without one. Without client and run the engine makes the rig saf
 from __future__ import annotations
 
 import asyncio
-import socket
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.event_bus import EventBus
-from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.protocol.run_control import DISK, LINK, RunControl
+from rigctl.acquisition.protocol.run_control import DISK, LINK
 from rigctl.acquisition.protocol.run_request import RunContext, RunRequest, open_run
 from rigctl.acquisition.protocol.runner import Run
-from rigctl.acquisition.protocol.step_runner import RunOptions, RunParts
-from rigctl.acquisition.rig_interface import RigInterface
+from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import (
     STATUS_PERIOD_S,
     EngineStatus,
     RecordingStatus,
     RunStatus,
 )
-from rigctl.acquisition.rpc.server import RequestHandler, Server
+from rigctl.acquisition.rpc.server import EngineAddress, RequestHandler, Server
 from rigctl.acquisition.status import StatusBuilder
 from rigctl.acquisition.taxels.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.errors import RigctlError, RigFault
@@ -37,15 +34,6 @@ from rigctl.values import Event
 
 IDLE_TIMEOUT_S = 10.0
 """Without client and run the engine ends after this time."""
-
-
-@dataclass(frozen=True, slots=True)
-class EngineAddress:
-    """A listening socket, the token that clients must show, and the first client, if connected."""
-
-    listener: socket.socket
-    token: str
-    first_client: socket.socket | None = None
 
 
 class Engine:
@@ -56,7 +44,7 @@ class Engine:
 
     def __init__(
         self,
-        rig: RigInterface,
+        rig: Rig,
         live_writer: LiveWriter,
         utc_now: Callable[[], str],
         rig_seed: int = 0,
@@ -82,10 +70,9 @@ class Engine:
         self._rig_seed = rig_seed
         self._texture: str | None = None
         self._status_builder = StatusBuilder(rig.kind, rig.simulated, self.boards)
-        self._disk_monitor: DiskMonitor | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._run_task: asyncio.Task[None] | None = None
-        self._server: Server | None = None
+        self._server = Server()
         self._last_used_s = self._now_s()
         self._shutdown_requested = asyncio.Event()
 
@@ -94,11 +81,10 @@ class Engine:
     ) -> int:
         """Connect, serve clients until the engine ends, make the rig safe; return the exit code.
 
-        ``handle`` executes the clients' commands; ``request`` is a run to start at once.
+        ``handle`` executes the clients' commands; ``request`` is a run to start immediately.
         """
-        self._server = Server(address.token, handle)
         self.event_bus.subscribe(self._send_event)
-        await self._server.open(address.listener, address.first_client)
+        await self._server.open(address, handle)
         try:
             await self.boards.connect()
             self.spawn(self._tick())
@@ -117,27 +103,11 @@ class Engine:
 
     def start(self, request: RunRequest) -> Run:
         """Start a run. Raises where the request or the disk is at fault."""
-        opened = open_run(request, self._run_context())
-        recorder, boards = opened.recorder, self.boards
-        control = RunControl(
-            boards.drum_poller,
-            self.event_bus,
-            lambda: self.heartbeat_gate.check_in("runner"),
-            lambda: recorder.failure,
-        )
-        parts = RunParts(
-            boards.motion,
-            boards.pipeline,
-            self.event_bus,
-            recorder,
-            control,
-            boards.board_health,
-            self.set_plate,
-        )
-        unattended = request.yes and self.rig.simulated
-        options = RunOptions(unattended, opened.resumed, opened.done, opened.attempts)
-        self._disk_monitor = DiskMonitor(recorder)
-        self.run = Run(parts, opened.plan, options)
+        identities = tuple(self.boards.identities.values())
+        context = RunContext(self.rig, self._rig_seed, identities, self._utc_now())
+        check_in = partial(self.heartbeat_gate.check_in, "runner")
+        opened = open_run(request, context)
+        self.run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
         self._run_task = self.spawn(self._execute(self.run))
         folder = str(self.run.folder)
         self.event_bus.publish("run", f"the run begins: {folder}", session=folder)
@@ -155,10 +125,10 @@ class Engine:
 
     def status(self) -> EngineStatus:
         """Return the status message."""
-        recording = RecordingStatus()
-        if self._disk_monitor is not None:
-            recording = self._disk_monitor.status(self.boards.pipeline.is_recording)
-        run = self.run.status() if self.run else RunStatus()
+        recording, run = RecordingStatus(), RunStatus()
+        if self.run is not None:
+            recording = self.run.disk_monitor.status(self.boards.pipeline.is_recording)
+            run = self.run.status()
         return self._status_builder.build(self._now_s(), self._texture, recording, run)
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
@@ -211,13 +181,12 @@ class Engine:
             self._send_status()
 
     def _check_disk(self) -> None:
-        monitor = self._disk_monitor
-        if monitor is None or self.run is None or self.run.ended:
+        if self.run is None or self.run.ended:
             return
+        monitor, control = self.run.disk_monitor, self.run.control
         monitor.update(self._now_s())
         if monitor.recorder_works:
             self.heartbeat_gate.check_in("recorder")
-        control = self.run.control
         if monitor.must_pause(DISK in control.reasons):
             control.pause(DISK)
         else:
@@ -225,21 +194,17 @@ class Engine:
 
     def _check_idle(self) -> None:
         now_s = self._now_s()
-        if self.is_running or self._has_clients():
+        if self.is_running or len(self._server):
             self._last_used_s = now_s
         elif now_s - self._last_used_s > IDLE_TIMEOUT_S:
             self.shut_down("no client is left")
 
-    def _has_clients(self) -> bool:
-        return self._server is not None and len(self._server) > 0
-
     def _send_status(self) -> None:
-        if self._server is not None and self._has_clients():
+        if len(self._server):
             self._server.broadcast(_message("status", "", self.status(), self._now_s()))
 
     def _send_event(self, event: Event) -> None:
-        if self._server is not None:
-            self._server.broadcast(_message(event.kind, event.text, event.data, event.at_s))
+        self._server.broadcast(_message(event.kind, event.text, event.data, event.at_s))
 
     def _taxel_link_changed(self, connected: bool) -> None:
         if self.run is not None and connected:
@@ -250,18 +215,6 @@ class Engine:
     def _fail_run(self, fault: RigFault) -> None:
         if self.run is not None:
             self.run.control.fail(fault)
-
-    def _run_context(self) -> RunContext:
-        return RunContext(
-            config=self.rig.config,
-            rig=self.rig.kind,
-            simulated=self.rig.simulated,
-            world=self.rig.world,
-            rig_seed=self._rig_seed,
-            boards=tuple(self.boards.identities.values()),
-            start_utc=self._utc_now(),
-            start_loop_s=self._now_s(),
-        )
 
     async def _close(self) -> None:
         """Wait for a run's safe end, switch the rig off, close boards and connections."""
@@ -277,7 +230,6 @@ class Engine:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self.boards.close()
-        assert self._server is not None
         await self._server.close()
 
 

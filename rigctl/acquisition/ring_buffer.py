@@ -9,31 +9,31 @@ wrap.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+import mmap
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 ALIGNMENT_BYTES = 64
 _COUNTERS_BYTES = 64
 
-
-class RingColumn(NamedTuple):
-    """One column of a ring: its name, element type and elements per row."""
-
-    name: str
-    dtype: DTypeLike
-    width: int = 1
+RingColumns = Mapping[str, np.dtype[Any]]
+"""The element type of each column by name; a subarray type has several elements per row."""
 
 
 class RingBuffer:
-    """Rows of a few columns inside a buffer that processes share."""
+    """Rows of a few columns inside memory that processes share."""
 
-    def __init__(self, buffer: Any, offset: int, rows: int, columns: Sequence[RingColumn]) -> None:
+    def __init__(self, memory: mmap.mmap, offset: int, rows: int, columns: RingColumns) -> None:
         self.rows = rows
-        self._counters = np.frombuffer(buffer, dtype=np.int64, count=2, offset=offset)
-        self._columns = dict(_views(buffer, offset + _COUNTERS_BYTES, rows, columns))
+        self._counters = np.ndarray(2, np.int64, memory, offset)
+        self._columns: dict[str, NDArray[Any]] = {}
+        offset += _COUNTERS_BYTES
+        for name, dtype in columns.items():
+            self._columns[name] = np.ndarray((rows, *dtype.shape), dtype.base, memory, offset)
+            offset += _column_bytes(rows, dtype)
 
     @property
     def head(self) -> int:
@@ -46,65 +46,44 @@ class RingBuffer:
         return int(self._counters[0])
 
     def append(self, count: int, **values: NDArray[Any] | float) -> None:
-        """Add ``count`` rows, oldest first: for each column an array, or one value for all."""
-        if count > self.rows:
-            values = {
-                name: _slice(value, count - self.rows, count) for name, value in values.items()
-            }
-            count = self.rows
+        """Add ``count`` rows, oldest first, at most :attr:`rows`.
+
+        ``values``: for each column an array, or one value for all rows.
+        """
         head = self.head
         self._counters[0] = head + count
         start = head % self.rows
         first = min(count, self.rows - start)
         for name, column in self._columns.items():
-            column[start : start + first] = _slice(values[name], 0, first)
+            value = values[name]
+            column[start : start + first] = (
+                value[:first] if isinstance(value, np.ndarray) else value
+            )
             if count > first:
-                column[: count - first] = _slice(values[name], first, count)
+                column[: count - first] = value[first:] if isinstance(value, np.ndarray) else value
         self._counters[1] = head + count
 
-    def newest(self, n: int) -> tuple[int, Mapping[str, NDArray[Any]]]:
+    def newest(self, n: int) -> tuple[int, dict[str, NDArray[Any]]]:
         """Return the number of the first row, and copies of the newest ``n`` rows or fewer."""
         head = self.head
         first = max(0, head - n, self.reserved - self.rows)
         copies = {name: self._copy(column, first, head) for name, column in self._columns.items()}
         safe = min(head, max(first, self.reserved - self.rows))
-        if safe > first:
-            copies = {name: copy[safe - first :] for name, copy in copies.items()}
-        return safe, copies
-
-    def release(self) -> None:
-        """Drop all views of the buffer, so that it can be closed."""
-        self._counters = np.zeros(2, dtype=np.int64)
-        self._columns = {}
+        return safe, {name: copy[safe - first :] for name, copy in copies.items()}
 
     def _copy(self, column: NDArray[Any], first: int, head: int) -> NDArray[Any]:
         start = first % self.rows
-        count = max(0, head - first)
-        if start + count <= self.rows:
-            return column[start : start + count].copy()
-        return np.concatenate((column[start:], column[: start + count - self.rows]))
+        end = start + max(0, head - first)
+        if end <= self.rows:
+            return column[start:end].copy()
+        return np.concatenate((column[start:], column[: end - self.rows]))
 
 
-def _slice(value: NDArray[Any] | float, start: int, stop: int) -> NDArray[Any] | float:
-    return value[start:stop] if isinstance(value, np.ndarray) else value
-
-
-def ring_bytes(rows: int, columns: Sequence[RingColumn]) -> int:
+def ring_bytes(rows: int, columns: RingColumns) -> int:
     """Return the size of a ring in bytes."""
-    return _COUNTERS_BYTES + sum(_column_bytes(rows, column) for column in columns)
+    return _COUNTERS_BYTES + sum(_column_bytes(rows, dtype) for dtype in columns.values())
 
 
-def _views(
-    buffer: Any, offset: int, rows: int, columns: Sequence[RingColumn]
-) -> Iterator[tuple[str, NDArray[Any]]]:
-    for column in columns:
-        count = rows * column.width
-        flat = np.frombuffer(buffer, dtype=column.dtype, count=count, offset=offset)
-        yield column.name, flat if column.width == 1 else flat.reshape(rows, column.width)
-        offset += _column_bytes(rows, column)
-
-
-def _column_bytes(rows: int, column: RingColumn) -> int:
+def _column_bytes(rows: int, dtype: np.dtype[Any]) -> int:
     """Return the size of one column, rounded up to the alignment."""
-    size = rows * column.width * np.dtype(column.dtype).itemsize
-    return -(-size // ALIGNMENT_BYTES) * ALIGNMENT_BYTES
+    return -(-rows * dtype.itemsize // ALIGNMENT_BYTES) * ALIGNMENT_BYTES

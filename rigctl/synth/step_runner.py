@@ -9,13 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.acquisition.protocol.trial_quality import (
-    MeasuredTrial,
-    QualityLimits,
-    TrialWindow,
-    judge,
-    measure,
-)
+from rigctl.acquisition.protocol.trial_quality import MeasuredTrial, judge, measure, trial_row
 from rigctl.acquisition.taxels.trial_cutter import TrialCutter
 from rigctl.errors import DiskFault
 from rigctl.protocol import (
@@ -35,7 +29,7 @@ from rigctl.simulation.direct_rig import DirectRig
 from rigctl.synth.operator import DrumOperator
 from rigctl.synth.resume import ResumedRecorder
 from rigctl.synth.trial_recording import TrialRecording
-from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, TrialRow, Verdict
+from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, Verdict
 from rigctl.wire.drum.codes import Status
 
 QUEUE_SAMPLES = 100_000
@@ -154,10 +148,11 @@ class DatasetStepRunner:
         self._loadcell.clear()
         started_s = self._record_window()
         self._operator.lift()
-        measured = self._measure(trial)
-        reasons = judge(trial, self._cutter.trial, measured, QualityLimits.of(self._quality))
+        cut, measured = self._cutter.trial, self._measure(trial)
+        reasons = judge(trial, cut, measured, self._quality)
         verdict = Verdict.REJECTED if reasons else Verdict.COMMITTED
-        row = self._row(trial, number, verdict, reasons, started_s, measured)
+        times_s = started_s, self._now_s()
+        row = trial_row(trial, number, verdict, reasons, cut, measured, *times_s)
         self._recorder.add_trial(row)
         why = f": {'; '.join(reasons)}" if reasons else ""
         self._event("trial", f"trial {trial.trial_id} {verdict}{why}", trial_id=trial.trial_id)
@@ -202,38 +197,11 @@ class DatasetStepRunner:
         self._throttle()
 
     def _measure(self, trial: PlannedTrial) -> MeasuredTrial:
-        last = self._last_poll
-        if last is None:
+        if self._last_poll is None:
             return MeasuredTrial()
         travel_mm = self._rig.read("travel_set")
         ppm = self._rig.parameters.drum_clock_ppm
-        window = TrialWindow(travel_mm, last.sync_rise_us, last.sync_fall_us, ppm, self._loadcell)
-        return measure(trial, window)
-
-    def _row(
-        self,
-        trial: PlannedTrial,
-        number: int,
-        verdict: Verdict,
-        reasons: tuple[str, ...],
-        started_s: float,
-        measured: MeasuredTrial,
-    ) -> TrialRow:
-        cut = self._cutter.trial
-        return TrialRow(
-            trial=trial,
-            attempt=number,
-            part=0,
-            first_counter=cut.first_counter if cut else -1,
-            first_sample=-1,
-            count=cut.n_samples if cut else 0,
-            verdict=verdict,
-            reasons=reasons,
-            started_s=started_s,
-            ended_s=self._now_s(),
-            mean_speed_mm_s=measured.mean_speed_mm_s,
-            mean_force_g=measured.mean_force_g,
-        )
+        return measure(trial, self._last_poll, self._loadcell, travel_mm, ppm)
 
     def _now_s(self) -> float:
         return max(self._recording.now_s, self._last_poll.at_s if self._last_poll else 0.0)

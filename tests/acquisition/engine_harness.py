@@ -8,14 +8,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rigctl.acquisition.engine import Engine, EngineAddress
+from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
+from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.server import open_listener
+from rigctl.acquisition.rpc.server import EngineAddress, open_listener
 from rigctl.config.rig_config import RigConfig
-from rigctl.rig import Rig, open_rig
+from rigctl.rig import open_rig
 from rigctl.session.read.session import Session
 from rigctl.values import Event
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.acquisition.live_buffer import LiveView, LiveWriter
+from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
 from rigctl.errors import RigFault
 
 ROWS = 256
@@ -24,8 +24,8 @@ def writer(tmp_path: Path) -> Iterator[LiveWriter]:
 
 
 @pytest.fixture
-def view(writer: LiveWriter) -> Iterator[LiveView]:
-    seen = LiveView(writer.path)
+def view(writer: LiveWriter) -> Iterator[LiveReader]:
+    seen = LiveReader(writer.path)
     yield seen
     seen.close()
 
@@ -33,21 +33,21 @@ def view(writer: LiveWriter) -> Iterator[LiveView]:
 def add(writer: LiveWriter, first: int, n: int) -> None:
     counters = np.arange(first, first + n, dtype=np.int64)
     writer.add_taxels(
-        counters / 1000.0,
-        counters,
-        np.repeat((counters % 1024).astype(np.uint16)[:, None], 18, axis=1),
-        (counters % 7).astype(np.uint8),
-        np.repeat((counters % 3).astype(np.uint8)[:, None], 36, axis=1),
+        time_s=counters / 1000.0,
+        counters=counters,
+        samples=np.repeat((counters % 1024).astype(np.uint16)[:, None], 18, axis=1),
+        flags=(counters % 7).astype(np.uint8),
+        spikes=np.repeat((counters % 3).astype(np.uint8)[:, None], 36, axis=1),
     )
 
 
-def test_an_empty_ring_has_no_rows(view: LiveView) -> None:
+def test_an_empty_ring_has_no_rows(view: LiveReader) -> None:
     assert len(view.taxels(100)) == 0
     assert len(view.drum(100)) == 0
-    assert view.heads == (0, 0)
+    assert view.taxel_head == 0
 
 
-def test_the_newest_rows_are_in_order_across_the_wrap(writer: LiveWriter, view: LiveView) -> None:
+def test_the_newest_rows_are_in_order_across_the_wrap(writer: LiveWriter, view: LiveReader) -> None:
     for first in range(0, 1000, 20):
         add(writer, first, 20)
     window = view.taxels(200)
@@ -56,11 +56,11 @@ def test_the_newest_rows_are_in_order_across_the_wrap(writer: LiveWriter, view: 
     assert np.array_equal(window.time_s, window.counters / 1000.0)
     assert np.array_equal(window.samples[:, 17], window.counters % 1024)
     assert np.array_equal(window.spikes[:, 35], window.counters % 3)
-    assert view.heads.taxels == 1000
+    assert view.taxel_head == 1000
 
 
 def test_a_window_larger_than_the_ring_gives_the_whole_ring(
-    writer: LiveWriter, view: LiveView
+    writer: LiveWriter, view: LiveReader
 ) -> None:
     add(writer, 0, 100)
     assert len(view.taxels(10_000)) == 100
@@ -70,9 +70,16 @@ def test_a_window_larger_than_the_ring_gives_the_whole_ring(
 
 
 def test_load_cell_samples_have_the_set_points_of_their_poll(
-    writer: LiveWriter, view: LiveView
+    writer: LiveWriter, view: LiveReader
 ) -> None:
-    writer.add_drum(np.array([1.0, 1.0125]), np.array([499.0, 501.0]), 500.0, 79.9, 80.0, 7)
+    writer.add_drum(
+        np.array([1.0, 1.0125]),
+        force_g=np.array([499.0, 501.0]),
+        force_set_g=500.0,
+        speed_mm_s=79.9,
+        speed_set_mm_s=80.0,
+        state=7,
+    )
     window = view.drum(10)
     assert window.force_g.tolist() == [499.0, 501.0]
     assert window.force_set_g.tolist() == [500.0, 500.0]
@@ -80,12 +87,10 @@ def test_load_cell_samples_have_the_set_points_of_their_poll(
     assert window.state.tolist() == [7, 7]
 
 
-def test_the_encoders_range_can_be_read(writer: LiveWriter, view: LiveView) -> None:
+def test_the_encoders_range_can_be_read(writer: LiveWriter, view: LiveReader) -> None:
     low, high = np.arange(18, dtype=np.uint16), np.arange(900, 918, dtype=np.uint16)
     writer.set_range(low, high)
-    seen = view.normalisation
-    assert np.array_equal(seen.low, low)
-    assert np.array_equal(seen.high, high)
+    assert np.array_equal(view.normalisation, (low, high))
 
 
 def _write_fast(path: Path, rows: int, started: multiprocessing.synchronize.Event) -> None:
@@ -103,9 +108,9 @@ def test_a_reader_in_another_process_never_sees_a_torn_row(tmp_path: Path) -> No
     process = context.Process(target=_write_fast, args=(path, 400_000, started))
     process.start()
     assert started.wait(60)
-    view = LiveView(path)
+    view = LiveReader(path)
     last = 0
-    while process.is_alive() and view.heads.taxels < 400_000:
+    while process.is_alive() and view.taxel_head < 400_000:
         window = view.taxels(ROWS)
         expected = np.arange(window.first, window.first + len(window))
         assert np.array_equal(window.counters, expected)
@@ -122,6 +127,6 @@ def test_a_file_without_live_data_is_refused(tmp_path: Path) -> None:
     stranger = tmp_path / "notes.txt"
     stranger.write_text("not a ring" * 20)
     with pytest.raises(RigFault, match="no live data"):
-        LiveView(stranger)
+        LiveReader(stranger)
     with pytest.raises(RigFault, match="check that the engine runs"):
-        LiveView(tmp_path / "absent")
+        LiveReader(tmp_path / "absent")

@@ -187,7 +187,7 @@ def test_a_killed_client_leaves_the_run_going(place: Path, running: subprocess.P
     client = EngineClient.attach()
     with pytest.raises(EngineRefusal, match="a run is active"):
         client.request("tare")
-    assert client.live.heads.taxels > 0
+    assert client.live.taxel_head > 0
     engine = client.engine_file
     client.request("abort", timeout_s=60)
     client.shut_down()

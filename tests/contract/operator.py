@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.acquisition.rig import Rig
 from rigctl.errors import LinkLost, RigFault
-from rigctl.rig import Rig
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.values import Block, DrumState
 from rigctl.wire.drum.codes import Command, CommandResult, Status

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.acquisition.live_buffer import LiveView, LiveWriter
+from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
 from rigctl.acquisition.rpc.engine_files import EngineFile
 from rigctl.errors import RigctlError
 from rigctl.wire.drum.states import State
@@ -109,7 +109,7 @@ class FakeEngine:
         self._counter = 0
         self._writer = LiveWriter(folder / "live")
         self._writer.set_range(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
-        self.live = LiveView(folder / "live")
+        self.live = LiveReader(folder / "live")
 
     @property
     def commands(self) -> list[str]:
@@ -167,10 +167,23 @@ class FakeEngine:
         samples = (500 + 180 * wave + 12 * noise).astype(np.uint16)
         rate = dense * (1 + np.sin(2 * np.pi * 0.7 * time_s))[:, None]
         spikes = (self._random.random((n, 36)) < rate).astype(np.uint8)
-        self._writer.add_taxels(time_s, counters, samples, np.zeros(n, np.uint8), spikes)
+        self._writer.add_taxels(
+            time_s=time_s,
+            counters=counters,
+            samples=samples,
+            flags=np.zeros(n, np.uint8),
+            spikes=spikes,
+        )
         drum_s = time_s[::12]
         force = 500 + 4 * self._random.standard_normal(len(drum_s))
-        self._writer.add_drum(drum_s, force, 500.0, 80.0, 80.0, int(State.RUN))
+        self._writer.add_drum(
+            drum_s,
+            force_g=force,
+            force_set_g=500.0,
+            speed_mm_s=80.0,
+            speed_set_mm_s=80.0,
+            state=int(State.RUN),
+        )
         self._counter += n
 
     def _reply(self, number: int, command: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from gui.live.scrolling_image import columns_between, rgb
 from gui.live.spike_rates import RateBars
 from gui.live.traces import Traces
 from gui.widgets.theme import DARK, LIGHT
-from rigctl.acquisition.live_buffer import LiveView, LiveWriter
+from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
 from tests.gui.fake_engine import FakeEngine
 
 WIDTH, HEIGHT = 500, 180
@@ -28,11 +28,11 @@ def _write(
     counters = np.arange(first, first + n, dtype=np.int64)
     none = np.zeros((n, 36), np.uint8)
     writer.add_taxels(
-        counters / 1000,
-        counters,
-        samples.astype(np.uint16),
-        np.zeros(n, np.uint8),
-        none if spikes is None else spikes,
+        time_s=counters / 1000,
+        counters=counters,
+        samples=samples.astype(np.uint16),
+        flags=np.zeros(n, np.uint8),
+        spikes=none if spikes is None else spikes,
     )
 
 
@@ -45,7 +45,7 @@ def writer(tmp_path: Path):  # type: ignore[no-untyped-def]
 
 @pytest.fixture
 def view(writer: LiveWriter):  # type: ignore[no-untyped-def]
-    buffer = LiveView(writer.path)
+    buffer = LiveReader(writer.path)
     yield buffer
     buffer.close()
 
@@ -62,7 +62,7 @@ def test_pulls_of_any_length_give_the_same_history(engine: FakeEngine) -> None:
     assert len(whole) == 3000
 
 
-def test_reboot_of_the_board_clears_the_history(writer: LiveWriter, view: LiveView) -> None:
+def test_reboot_of_the_board_clears_the_history(writer: LiveWriter, view: LiveReader) -> None:
     history = History()
     _write(writer, 5000, np.ones((100, 18)))
     history.pull(view)
@@ -88,7 +88,7 @@ def test_columns_of_lost_samples_are_marked() -> None:
 
 
 def test_one_sample_of_a_spike_in_a_trace_is_visible(
-    app: QApplication, writer: LiveWriter, view: LiveView
+    app: QApplication, writer: LiveWriter, view: LiveReader
 ) -> None:
     samples = np.full((10_000, 18), 100)
     samples[5000, 4] = 1000
@@ -107,7 +107,7 @@ def traces_column(counter: int) -> int:
 
 
 def test_every_spike_is_a_tick_in_its_row(
-    app: QApplication, writer: LiveWriter, view: LiveView
+    app: QApplication, writer: LiveWriter, view: LiveReader
 ) -> None:
     spikes = np.zeros((10_000, 36), np.uint8)
     for row in range(36):

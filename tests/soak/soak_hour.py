@@ -9,7 +9,8 @@ import asyncio
 
 import pytest
 
-from rigctl.rig import Rig, open_rig
+from rigctl.acquisition.rig import Rig
+from rigctl.rig import open_rig
 from rigctl.values import Block
 
 WORLD_S = {"virtual": 3600.0, "firmware": 600.0}

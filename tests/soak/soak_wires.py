@@ -7,7 +7,8 @@ import asyncio
 import numpy as np
 import pytest
 
-from rigctl.rig import Rig, open_rig
+from rigctl.acquisition.rig import Rig
+from rigctl.rig import open_rig
 from rigctl.wire.drum.register_table import SETTINGS
 from rigctl.wire.taxels.frames import FrameDecoder
 from tests.wire.taxel_encoder import encode_data

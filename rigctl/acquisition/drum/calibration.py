@@ -14,7 +14,8 @@ import numpy as np
 
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.drum.poller import DrumPoller
-from rigctl.acquisition.rig_interface import RigInterface
+from rigctl.acquisition.drum.settings import press_settings
+from rigctl.acquisition.rig import Rig
 from rigctl.errors import RigFault, WrongUse
 from rigctl.values import SCALE_BAND_UG_PER_COUNT
 from rigctl.wire.drum.codes import Command, CommandResult
@@ -109,7 +110,7 @@ def validate_masses(masses_g: Sequence[float]) -> None:
 class Calibrator:
     """One drum board, connected and polled during a calibration."""
 
-    def __init__(self, rig: RigInterface) -> None:
+    def __init__(self, rig: Rig) -> None:
         self._rig = rig
         self._poller = DrumPoller(
             rig.drum, rig.loop, lambda: True, lambda reason: None, lambda identity, rebooted: None
@@ -159,7 +160,7 @@ class Calibrator:
         await self.motion.arm()
         await self.motion.tare()
         await self.motion.home()
-        await self.motion.set_press(force_g)
+        await self.motion.write_settings(**press_settings(force_g))
         await self.motion.approach()
         if not await self._succeeds(Command.TUNE, TUNE_TIMEOUT_S, "the step test"):
             raise RigFault(

@@ -16,15 +16,11 @@ from rigctl.acquisition.drum.settings import (
     MAX_TARGET_STEPS,
     jog_target_steps,
     nearest_steps,
-    press_settings,
     rig_settings,
-    settle_settings,
-    trial_settings,
     trial_start_steps,
 )
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import CommandRefused, RigFault, WrongUse
-from rigctl.protocol import Settle
 from rigctl.values import DrumState, PlannedTrial
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import STATE_TEXT, State
@@ -235,18 +231,6 @@ class DrumMotion:
     async def index_error_steps(self) -> int:
         """Return the steps counted at the last index mark less those expected."""
         return round((await self.poller.drum.get("index_error_steps"))["index_error_steps"])
-
-    async def set_trial(self, trial: PlannedTrial) -> None:
-        """Write the set-points of the trial."""
-        await self.write_settings(**trial_settings(trial, self.config.drum))
-
-    async def set_press(self, force_g: float) -> None:
-        """Write the force of an approach without travel."""
-        await self.write_settings(**press_settings(force_g))
-
-    async def set_settle(self, settle: Settle) -> None:
-        """Write when the force counts as settled."""
-        await self.write_settings(**settle_settings(settle))
 
     async def trim_clock(self) -> None:
         """Write the board's clock error where the estimate is better than the value it has."""

@@ -13,6 +13,7 @@ from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.rpc.messages import PromptStatus
 from rigctl.errors import DiskFault, LinkLost, RigFault
+from rigctl.session.write.recorder import Recorder
 
 OPERATOR, PROMPT, LINK, DISK, FAULT = "operator", "prompt", "link", "disk", "fault"
 LINK_TIMEOUT_S = 60.0
@@ -29,23 +30,22 @@ class RunStopped(Exception):
 class RunControl:
     """Reasons to pause, questions to the operator, and reasons to end.
 
-    ``check_in`` reports to the heartbeat that the run is alive; ``disk_failure`` returns the
-    recorder's failure, None without one.
+    ``check_in`` reports to the heartbeat that the run is alive.
     """
 
     def __init__(
         self,
         poller: DrumPoller,
         event_bus: EventBus,
+        recorder: Recorder,
         check_in: Callable[[], None],
-        disk_failure: Callable[[], str | None],
     ) -> None:
         self.prompt: PromptStatus | None = None
         self.check_in = check_in
         self.abort_reason: str | None = None
         self._poller = poller
         self._event_bus = event_bus
-        self._disk_failure = disk_failure
+        self._recorder = recorder
         self._paused_since_s: dict[str, float] = {}
         self._prompt_count = 0
         self._failure: RigFault | None = None
@@ -53,8 +53,7 @@ class RunControl:
     @property
     def reasons(self) -> tuple[str, ...]:
         """What the run waits for, in order of appearance."""
-        prompt = (PROMPT,) if self._has_prompt() else ()
-        return (*self._paused_since_s, *prompt)
+        return (*self._paused_since_s, *((PROMPT,) if self.prompt else ()))
 
     def pause(self, reason: str = OPERATOR) -> None:
         """Pause for this reason until :meth:`resume` is called for it."""
@@ -109,12 +108,9 @@ class RunControl:
         self._prompt_count += 1
         self.prompt = PromptStatus(self._prompt_count, text, texture)
         self._event_bus.publish("prompt", text, id=self._prompt_count, texture=texture)
-        while self._has_prompt():
+        while PROMPT in self.reasons:
             await self._paused_turn()
         await self.wait_resumed()
-
-    def _has_prompt(self) -> bool:
-        return self.prompt is not None
 
     async def _paused_turn(self) -> None:
         """Wait for the next poll; a fault is now a reason to pause, as people are at the rig."""
@@ -129,7 +125,7 @@ class RunControl:
             self.resume(FAULT)
 
     def _check_end(self) -> None:
-        disk_failure = self._disk_failure()
+        disk_failure = self._recorder.failure
         if self.abort_reason is not None:
             raise RunStopped(self.abort_reason)
         if self._failure is not None:

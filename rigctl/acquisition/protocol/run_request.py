@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from rigctl import __version__
+from rigctl.acquisition.rig import Rig
 from rigctl.config.resources import find_protocol, source_commit
-from rigctl.config.rig_config import RigConfig
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol import Plan, load_protocol
 from rigctl.session.format import layout
@@ -44,28 +44,26 @@ class RunRequest:
 class RunContext:
     """The rig at the start of a run."""
 
-    config: RigConfig
-    rig: str
-    simulated: bool
+    rig: Rig
     rig_seed: int
-    world: dict[str, Any]
     boards: tuple[BoardIdentity, ...]
     start_utc: str
-    start_loop_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class OpenedRun:
-    """A plan and the recorder of its session.
+    """A plan, the recorder of its session, and the results of earlier sittings.
 
-    ``done``: trials committed before; ``attempts``: previous attempts at each trial.
+    ``unattended``: plates change without an operator and questions are skipped. ``done``: trials
+    committed before; ``attempts``: number of previous attempts at each trial.
     """
 
     plan: Plan
     recorder: Recorder
-    resumed: bool
-    done: frozenset[int]
-    attempts: dict[int, int]
+    unattended: bool
+    resumed: bool = False
+    done: frozenset[int] = frozenset()
+    attempts: Mapping[int, int] = field(default_factory=dict)
 
 
 def open_run(request: RunRequest, context: RunContext) -> OpenedRun:
@@ -73,14 +71,14 @@ def open_run(request: RunRequest, context: RunContext) -> OpenedRun:
 
     Raises ProtocolError, SessionError or DiskFault before anything moves.
     """
+    unattended = request.yes and context.rig.simulated
     if request.resume is not None:
-        return _resume(Path(request.resume), context)
+        return _resume(Path(request.resume), context, unattended)
     assert request.protocol is not None
-    plan = load_protocol(find_protocol(request.protocol), context.config).plan(request.seed)
+    plan = load_protocol(find_protocol(request.protocol), context.rig.config).plan(request.seed)
     folder = Path(request.out) if request.out else _default_folder(plan, context.start_utc)
     check_disk_space(folder, plan.bytes_estimate)
-    recorder = _open_recorder(folder, plan, context, resume=False)
-    return OpenedRun(plan, recorder, False, frozenset(), {})
+    return OpenedRun(plan, _open_recorder(folder, plan, context, resume=False), unattended)
 
 
 def _default_folder(plan: Plan, start_utc: str) -> Path:
@@ -100,36 +98,36 @@ def check_disk_space(folder: Path, needed_bytes: int) -> None:
         )
 
 
-def _resume(folder: Path, context: RunContext) -> OpenedRun:
+def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
+    rig = context.rig
     with Session.open(folder) as session:
-        seed, attempts = session.header.seed, Counter(session.trials["trial_id"].tolist())
+        header, attempts = session.header, Counter(session.trials["trial_id"].tolist())
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
-        rig, simulation = session.header.rig, session.header.simulation
-    if rig != context.rig:
+    if header.rig != rig.kind:
         raise SessionError(
-            f"{folder} was recorded on the {rig} rig and this is the {context.rig} one: "
+            f"{folder} was recorded on the {header.rig} rig and this is the {rig.kind} one: "
             "connect the rig that began the session"
         )
-    check_same_world(folder, simulation, context.world)
-    plan = load_protocol(folder / layout.PROTOCOL_FILE, context.config).plan(seed)
+    check_same_world(folder, header.simulation, rig.world)
+    plan = load_protocol(folder / layout.PROTOCOL_FILE, rig.config).plan(header.seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned trial is committed")
     remaining = 1 - len(done) / max(1, len(plan.trials))
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
     recorder = _open_recorder(folder, plan, context, resume=True)
-    return OpenedRun(plan, recorder, True, done, dict(attempts))
+    return OpenedRun(plan, recorder, unattended, True, done, attempts)
 
 
 def _open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:
-    config = context.config
+    rig, config = context.rig, context.rig.config
     header = SessionHeader(
         plan_hash=plan.hash,
         seed=plan.seed,
         trials_planned=len(plan.trials),
-        rig=context.rig,
-        simulated=context.simulated,
+        rig=rig.kind,
+        simulated=rig.simulated,
         start_utc=context.start_utc,
-        start_loop_s=context.start_loop_s,
+        start_loop_s=rig.loop.time(),
         protocol=plan.protocol.name,
         boards=context.boards,
         operator=config.about.operator,
@@ -142,7 +140,7 @@ def _open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) 
         taxel_high=config.taxels.high,
         wiring=config.taxels.order,
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
-        simulation={"seed": context.rig_seed, **context.world} if context.simulated else {},
+        simulation={"seed": context.rig_seed, **rig.world} if rig.simulated else {},
     )
     return Recorder(
         folder, header, plan.protocol.text, config.with_order().to_toml(), resume=resume

@@ -15,20 +15,21 @@ However a run ends, the drum is lifted and the session is complete.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
+from rigctl.acquisition.boards import Boards
+from rigctl.acquisition.drum.settings import settle_settings
+from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import END
+from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.acquisition.protocol.progress import RunProgress
-from rigctl.acquisition.protocol.run_control import RunPaused, RunStopped
-from rigctl.acquisition.protocol.step_runner import (
-    RunOptions,
-    RunParts,
-    StepRunner,
-    remaining_steps,
-)
+from rigctl.acquisition.protocol.run_control import RunControl, RunPaused, RunStopped
+from rigctl.acquisition.protocol.run_request import OpenedRun
+from rigctl.acquisition.protocol.step_runner import StepRunner, remaining_steps
 from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
 from rigctl.errors import BoardFault, RigFault
-from rigctl.protocol import Plan, Step
+from rigctl.protocol import Step
 from rigctl.values import DrumState, Event, PlannedTrial
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
@@ -43,17 +44,30 @@ class Run:
     ``outcome``: done, aborted or failed, empty before the end; ``text``: a sentence on it.
     """
 
-    def __init__(self, parts: RunParts, plan: Plan, options: RunOptions) -> None:
-        self.control = parts.control
+    def __init__(
+        self,
+        boards: Boards,
+        event_bus: EventBus,
+        opened: OpenedRun,
+        check_in: Callable[[], None],
+        set_plate: Callable[[str], object],
+    ) -> None:
+        plan, self._recorder = opened.plan, opened.recorder
+        self.control = RunControl(boards.drum_poller, event_bus, self._recorder, check_in)
+        self.disk_monitor = DiskMonitor(self._recorder)
         self.outcome = ""
         self.text = ""
-        self._parts = parts
+        self._opened = opened
         self._plan = plan
-        self._options = options
-        self._poller = parts.motion.poller
-        self._now_s = parts.motion.poller.loop.time
-        self._progress = RunProgress(plan.trials, options.done, plan.duration_s, self._now_s())
-        self._step_runner = StepRunner(parts, plan, options, self._progress)
+        self._event_bus = event_bus
+        self._motion = boards.motion
+        self._pipeline = boards.pipeline
+        self._poller = boards.drum_poller
+        self._now_s = boards.drum_poller.loop.time
+        self._progress = RunProgress(plan.trials, opened.done, plan.duration_s, self._now_s())
+        self._step_runner = StepRunner(
+            boards, event_bus.publish, opened, self.control, self._progress, set_plate
+        )
 
     @property
     def ended(self) -> bool:
@@ -63,7 +77,7 @@ class Run:
     @property
     def folder(self) -> Path:
         """The session's folder."""
-        return self._parts.recorder.folder
+        return self._recorder.folder
 
     @property
     def complete(self) -> bool:
@@ -72,22 +86,21 @@ class Run:
 
     async def execute(self) -> None:
         """Run the plan's steps; faults end the run and are published, not raised."""
-        parts = self._parts
-        unsubscribe_events = parts.event_bus.subscribe(self._record_event)
+        unsubscribe_events = self._event_bus.subscribe(self._record_event)
         unsubscribe_states = self._poller.subscribe(self._record_drum)
-        parts.motion.check = self.control.check
+        self._motion.check = self.control.check
         try:
             outcome, text = await self._run_steps()
             await self._make_safe()
         finally:
-            parts.motion.check = lambda: None
+            self._motion.check = lambda: None
             unsubscribe_states()
             unsubscribe_events()
-            parts.pipeline.set_recorder(None)
-            if parts.recorder.status.part == 0:
-                parts.recorder.begin_part("nothing was recorded", "")
+            self._pipeline.set_recorder(None)
+            if self._recorder.status.part == 0:
+                self._recorder.begin_part("nothing was recorded", "")
             self._step_runner.record_health(END)
-            parts.recorder.close()
+            self._recorder.close()
         self._end(outcome, text)
 
     def status(self) -> RunStatus:
@@ -120,16 +133,16 @@ class Run:
         """Return the outcome and a sentence on it."""
         try:
             await self._clear_old_fault()
-            await self._parts.motion.configure()
-            await self._parts.motion.set_settle(self._plan.protocol.settle)
-            for step in remaining_steps(self._plan.steps, self._options.done):
+            await self._motion.configure()
+            await self._motion.write_settings(**settle_settings(self._plan.protocol.settle))
+            for step in remaining_steps(self._plan.steps, self._opened.done):
                 await self._run_step(step)
         except RunStopped as stop:
             return "aborted", str(stop)
         except RigFault as fault:
             if self.control.abort_reason is not None:  # a stop interrupted the run's request
                 return "aborted", self.control.abort_reason
-            self._parts.event_bus.publish("fault", str(fault))
+            self._event_bus.publish("fault", str(fault))
             return "failed", str(fault)
         missing = self._progress.planned - self._progress.committed
         if missing:
@@ -140,7 +153,7 @@ class Run:
         """Clear a fault from before the run, if its cause is gone: the operator saw the rig."""
         if not self._poller.fault_latched:
             return
-        self._parts.event_bus.publish("log", "a fault from before this run is cleared")
+        self._event_bus.publish("log", "a fault from before this run is cleared")
         await self._poller.drum.command(Command.CLEAR)
         for _ in range(CLEAR_TURNS):
             await self._poller.wait_turn()
@@ -168,7 +181,7 @@ class Run:
         except BoardFault:
             await self._wait_for_fault_off()
         except RigFault as fault:
-            self._parts.event_bus.publish("fault", str(fault))
+            self._event_bus.publish("fault", str(fault))
 
     async def _wait_for_fault_off(self) -> None:
         end_s = self._now_s() + SAFE_TIMEOUT_S
@@ -179,20 +192,20 @@ class Run:
             self.control.check_in()
 
     def _end(self, outcome: str, text: str) -> None:
-        failure = self._parts.recorder.failure
+        failure = self._recorder.failure
         if failure is not None and outcome == "done":
             outcome, text = "failed", failure
         self.outcome, self.text = outcome, text
-        self._parts.event_bus.publish("run", text, state=outcome, session=str(self.folder))
+        self._event_bus.publish("run", text, state=outcome, session=str(self.folder))
 
     def _record_event(self, event: Event) -> None:
-        if self._parts.pipeline.is_recording:
-            self._parts.recorder.add_event(event)
+        if self._pipeline.is_recording:
+            self._recorder.add_event(event)
 
     def _record_drum(self, state: DrumState) -> None:
-        if self._parts.pipeline.is_recording:
-            settings = self._parts.motion.settings
-            self._parts.recorder.add_drum(state, settings["force_set"], settings["speed_set"])
+        if self._pipeline.is_recording:
+            settings = self._motion.settings
+            self._recorder.add_drum(state, settings["force_set"], settings["speed_set"])
 
 
 def _current_trial(trial: PlannedTrial) -> CurrentTrial:

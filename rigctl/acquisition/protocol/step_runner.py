@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import singledispatchmethod
 from typing import Any
 
-from rigctl.acquisition.drum.motion import DrumMotion
-from rigctl.acquisition.event_bus import EventBus
-from rigctl.acquisition.health.boards import START, BoardCounters, BoardHealth
+from rigctl.acquisition.boards import Boards
+from rigctl.acquisition.drum.settings import press_settings
+from rigctl.acquisition.health.boards import START, BoardCounters
 from rigctl.acquisition.protocol.progress import RunProgress
 from rigctl.acquisition.protocol.run_control import RunControl, RunPaused, RunStopped
+from rigctl.acquisition.protocol.run_request import OpenedRun
 from rigctl.acquisition.protocol.trial_attempt import TrialAttempt, ppm_or_zero
-from rigctl.acquisition.protocol.trial_quality import QualityLimits
-from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.errors import RigFault
 from rigctl.protocol import (
     ApproachOnly,
     Baseline,
     ChangePlate,
     Message,
-    Plan,
     Rest,
     RunTrial,
     Step,
@@ -29,57 +27,38 @@ from rigctl.protocol import (
     Turn,
 )
 from rigctl.session.format.header import CUT_BY_CLOCK
-from rigctl.session.write.recorder import Recorder
 from rigctl.values import PlannedTrial, Verdict
 
 CLOCK_EVENT_PPM = 20.0
 """A clock error that changes by this much is published again."""
 
 
-@dataclass(frozen=True, slots=True)
-class RunParts:
-    """The parts of the engine that a run uses; ``set_plate`` reports the mounted plate."""
-
-    motion: DrumMotion
-    pipeline: SamplePipeline
-    event_bus: EventBus
-    recorder: Recorder
-    control: RunControl
-    board_health: BoardHealth
-    set_plate: Callable[[str], object]
-
-
-@dataclass(frozen=True, slots=True)
-class RunOptions:
-    """Answers without an operator, and the results of earlier sittings.
-
-    ``unattended``: plates change by themselves and questions are skipped. ``done``: trials
-    committed before; ``attempts``: number of previous attempts at each trial.
-    """
-
-    unattended: bool
-    resumed: bool
-    done: frozenset[int]
-    attempts: dict[int, int]
-
-
 class StepRunner:
-    """Runs steps. ``parts.control`` may interrupt them."""
+    """Runs steps. ``control`` may interrupt them; ``set_plate`` reports the mounted plate."""
 
     def __init__(
-        self, parts: RunParts, plan: Plan, options: RunOptions, progress: RunProgress
+        self,
+        boards: Boards,
+        publish: Callable[..., None],
+        opened: OpenedRun,
+        control: RunControl,
+        progress: RunProgress,
+        set_plate: Callable[[str], object],
     ) -> None:
         self.current: PlannedTrial | None = None
         self._texture = ""
-        self._parts = parts
-        self._motion = parts.motion
-        self._publish = parts.event_bus.publish
-        self._options = options
+        self._health = boards.board_health
+        self._motion = boards.motion
+        self._pipeline = boards.pipeline
+        self._publish = publish
+        self._recorder = opened.recorder
+        self._control = control
         self._progress = progress
-        self._attempts = dict(options.attempts)
-        self._max_attempts = plan.protocol.quality.attempts
-        self._limits = QualityLimits.of(plan.protocol.quality)
-        self._part_reason = "resume" if options.resumed else "start"
+        self._set_plate = set_plate
+        self._unattended = opened.unattended
+        self._attempts = Counter(opened.attempts)
+        self._quality = opened.plan.protocol.quality
+        self._part_reason = "resume" if opened.resumed else "start"
         self._tared = False
         self._start_counters: dict[str, BoardCounters] | None = None
         self._clocks_ppm = [float("inf"), float("inf")]
@@ -96,15 +75,14 @@ class StepRunner:
         try:
             await self._without_pauses(self._motion.disarm)
         finally:
-            self._parts.pipeline.set_recorder(None)
+            self._pipeline.set_recorder(None)
 
     def record_health(self, when: str) -> None:
         """Write the boards' health counters to the session."""
-        board_health = self._parts.board_health
         if self._start_counters is None:
-            self._start_counters = board_health.counters()
-        for event in board_health.events(when, self._start_counters):
-            self._parts.recorder.add_event(event)
+            self._start_counters = self._health.counters()
+        for event in self._health.events(when, self._start_counters):
+            self._recorder.add_event(event)
 
     @singledispatchmethod
     async def _run(self, step: Any) -> None:
@@ -112,19 +90,19 @@ class StepRunner:
 
     @_run.register
     async def _(self, step: ChangePlate) -> None:
-        if not self._options.unattended:
+        if not self._unattended:
             await self.make_safe()
-            await self._parts.control.ask(step.prompt, step.texture)
-        self._parts.set_plate(step.texture)
+            await self._control.ask(step.prompt, step.texture)
+        self._set_plate(step.texture)
         self._texture = step.texture
         self._tared = False
-        self._parts.pipeline.set_recorder(None)
+        self._pipeline.set_recorder(None)
         self._part_reason = self._part_reason or "plate"
 
     @_run.register
     async def _(self, step: RunTrial) -> None:
         trial = step.trial
-        for _ in range(self._max_attempts):
+        for _ in range(self._quality.attempts):
             self.current = trial
             await self._prepare()
             if await self._attempt(trial):
@@ -132,7 +110,7 @@ class StepRunner:
                 return
             self._progress.rejected += 1
         self._progress.finish(trial)
-        text = f"trial {trial.trial_id} is given up after {self._max_attempts} attempts"
+        text = f"trial {trial.trial_id} is given up after {self._quality.attempts} attempts"
         self._publish("trial", text, trial_id=trial.trial_id)
 
     @_run.register
@@ -143,7 +121,7 @@ class StepRunner:
     @_run.register
     async def _(self, step: Rest) -> None:
         await self._prepare()
-        await self._parts.control.wait(step.seconds)
+        await self._control.wait(step.seconds)
 
     @_run.register
     async def _(self, step: Turn) -> None:
@@ -160,32 +138,31 @@ class StepRunner:
     async def _(self, step: Baseline) -> None:
         await self._prepare()
         self._publish("baseline", f"{step.seconds:g} s without contact begin")
-        await self._parts.control.wait(step.seconds)
+        await self._control.wait(step.seconds)
         self._publish("baseline", "the time without contact ends")
 
     @_run.register
     async def _(self, step: ApproachOnly) -> None:
         await self._prepare()
-        await self._motion.set_press(step.force_g)
+        await self._motion.write_settings(**press_settings(step.force_g))
         await self._motion.approach()
         self._publish("approach", f"{step.force_g:g} g without travel begin")
-        await self._parts.control.wait(step.seconds)
+        await self._control.wait(step.seconds)
         self._publish("approach", "the press ends")
         await self._without_pauses(self._motion.lift)
 
     @_run.register
     async def _(self, step: Message) -> None:
         self._publish("message", step.text)
-        if step.wait and not self._options.unattended:
+        if step.wait and not self._unattended:
             await self.make_safe()
-            await self._parts.control.ask(step.text, None)
+            await self._control.ask(step.text, None)
 
     async def _prepare(self) -> None:
         """Record, arm, home and tare, as far as necessary."""
-        parts = self._parts
-        if not parts.pipeline.is_recording:
-            parts.recorder.begin_part(self._part_reason or "goes on", self._texture)
-            parts.pipeline.set_recorder(parts.recorder)
+        if not self._pipeline.is_recording:
+            self._recorder.begin_part(self._part_reason or "goes on", self._texture)
+            self._pipeline.set_recorder(self._recorder)
             self._part_reason = ""
             if self._start_counters is None:
                 self.record_health(START)
@@ -198,9 +175,9 @@ class StepRunner:
 
     async def _attempt(self, trial: PlannedTrial) -> bool:
         """Run the trial once, store its row in any case, and return whether it is committed."""
-        number = self._attempts.get(trial.trial_id, 0) + 1
-        self._attempts[trial.trial_id] = number
-        attempt = TrialAttempt(self._motion, self._parts.pipeline, trial, number, self._limits)
+        self._attempts[trial.trial_id] += 1
+        number = self._attempts[trial.trial_id]
+        attempt = TrialAttempt(self._motion, self._pipeline, trial, number, self._quality)
         try:
             reasons = await attempt.run()
         except (RunPaused, RunStopped, RigFault) as end:
@@ -217,7 +194,7 @@ class StepRunner:
 
     async def _without_pauses(self, move: Callable[[], Any]) -> None:
         """Do one move to its end, whatever the reasons to pause or stop."""
-        check, self._motion.check = self._motion.check, self._parts.control.check_in
+        check, self._motion.check = self._motion.check, self._control.check_in
         try:
             await move()
         finally:
@@ -227,7 +204,7 @@ class StepRunner:
         self, attempt: TrialAttempt, verdict: Verdict, reasons: tuple[str, ...], **data: Any
     ) -> None:
         row = attempt.row(verdict, reasons)
-        self._parts.recorder.commit_trial(row)
+        self._recorder.commit_trial(row)
         why = f": {'; '.join(reasons)}" if reasons else ""
         self._publish(
             "trial",
@@ -242,7 +219,7 @@ class StepRunner:
 
     def _publish_clocks(self) -> None:
         """Publish both boards' clock errors with the first trial and when they change."""
-        fits = (self._motion.poller.clock_fit, self._parts.pipeline.clock_fit)
+        fits = (self._motion.poller.clock_fit, self._pipeline.clock_fit)
         ppm = [ppm_or_zero(fit.estimate) for fit in fits]
         changes = [abs(new - old) for new, old in zip(ppm, self._clocks_ppm, strict=True)]
         if max(changes) < CLOCK_EVENT_PPM:

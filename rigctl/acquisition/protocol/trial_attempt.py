@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from rigctl.acquisition.drum.motion import DrumMotion
-from rigctl.acquisition.protocol.trial_quality import (
-    MeasuredTrial,
-    QualityLimits,
-    TrialWindow,
-    judge,
-    measure,
-)
+from rigctl.acquisition.drum.settings import trial_settings
+from rigctl.acquisition.protocol.trial_quality import MeasuredTrial, judge, measure, trial_row
 from rigctl.acquisition.taxels.clock_fit import ClockEstimate
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.acquisition.taxels.trial_cutter import CutTrial
 from rigctl.acquisition.taxels.trial_start_by_clock import TrialStart, estimate_trial_start
 from rigctl.errors import RigFault
+from rigctl.protocol import Quality
 from rigctl.values import DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
 LATE_SAMPLES_TIMEOUT_S = 1.0
@@ -36,7 +30,7 @@ class TrialAttempt:
         pipeline: SamplePipeline,
         trial: PlannedTrial,
         number: int,
-        limits: QualityLimits,
+        quality: Quality,
     ) -> None:
         self.trial = trial
         self.number = number
@@ -44,8 +38,8 @@ class TrialAttempt:
         self._motion = motion
         self._poller = motion.poller
         self._pipeline = pipeline
-        self._limits = limits
-        self._now_s: Callable[[], float] = motion.poller.loop.time
+        self._quality = quality
+        self._now_s = motion.poller.loop.time
         self._started_s = self._now_s()
         self._loadcell: list[LoadcellSample] = []
         self._measured = MeasuredTrial()
@@ -58,7 +52,6 @@ class TrialAttempt:
 
         Raises what ``motion.check`` raises, and RigFault.
         """
-        cutter = self._pipeline.trial_cutter
         unsubscribe = self._poller.subscribe(self._add_state)
         try:
             await self._prepare()
@@ -66,30 +59,19 @@ class TrialAttempt:
         finally:
             unsubscribe()
             self._pipeline.flush()
-            self._cut = cutter.trial
-            cutter.cancel()
-        return judge(self.trial, self._cut, self._measured, self._limits)
+            self._cut = self._pipeline.trial_cutter.trial
+            self._pipeline.trial_cutter.cancel()
+        return judge(self.trial, self._cut, self._measured, self._quality)
 
     def row(self, verdict: Verdict, reasons: tuple[str, ...]) -> TrialRow:
         """Return the attempt's row; the recorder fills in part and first sample."""
-        cut = self._cut
-        return TrialRow(
-            trial=self.trial,
-            attempt=self.number,
-            part=0,
-            first_counter=cut.first_counter if cut else -1,
-            first_sample=-1,
-            count=cut.n_samples if cut else 0,
-            verdict=verdict,
-            reasons=reasons,
-            started_s=self._started_s,
-            ended_s=self._now_s(),
-            mean_speed_mm_s=self._measured.mean_speed_mm_s,
-            mean_force_g=self._measured.mean_force_g,
+        times_s = self._started_s, self._now_s()
+        return trial_row(
+            self.trial, self.number, verdict, reasons, self._cut, self._measured, *times_s
         )
 
     async def _prepare(self) -> None:
-        await self._motion.set_trial(self.trial)
+        await self._motion.write_settings(**trial_settings(self.trial, self._motion.config.drum))
         await self._motion.move_to_start(self.trial)
         self._pipeline.flush()
         self._pipeline.trial_cutter.expect(self.trial.n_samples, self._by_wire)
@@ -104,7 +86,13 @@ class TrialAttempt:
         await motion.begin_lift()
         if state.sync_count == rises_before:
             raise RigFault("the drum ran without raising its sync line: load its firmware again")
-        self._measured = measure(self.trial, self._window(state))
+        self._measured = measure(
+            self.trial,
+            state,
+            self._loadcell,
+            motion.settings["travel_set"],
+            ppm_or_zero(self._poller.clock_fit.estimate),
+        )
         await self._wait_for_samples()
 
     async def _wait_for_clocks(self) -> None:
@@ -138,11 +126,6 @@ class TrialAttempt:
         self._pipeline.flush()
         cut = self._pipeline.trial_cutter.trial
         return cut is not None and cut.complete
-
-    def _window(self, state: DrumState) -> TrialWindow:
-        travel_mm = self._motion.settings["travel_set"]
-        ppm = ppm_or_zero(self._poller.clock_fit.estimate)
-        return TrialWindow(travel_mm, state.sync_rise_us, state.sync_fall_us, ppm, self._loadcell)
 
     def _travel_timeout_s(self) -> float:
         travel_mm = self._motion.config.drum.run_in_mm + self.trial.travel_mm

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from rigctl.acquisition.live_buffer import LiveView
+from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.engine_files import (
     EngineFile,
     engine_file_path,
@@ -59,7 +59,7 @@ class EngineClient:
         self._awaited_ids: set[int] = set()
         self._received = bytearray()
         self._last_id = 0
-        self._live: LiveView | None = None
+        self._live: LiveReader | None = None
         self._link_error = ""
         self._socket = _connect(engine_file)
         self._write({"token": engine_file.token})
@@ -106,10 +106,10 @@ class EngineClient:
         return cls(engines[0])
 
     @property
-    def live(self) -> LiveView:
+    def live(self) -> LiveReader:
         """The engine's live data."""
         if self._live is None:
-            self._live = LiveView(Path(self.engine_file.live))
+            self._live = LiveReader(Path(self.engine_file.live))
         return self._live
 
     def send(self, command: str, **args: Any) -> int:

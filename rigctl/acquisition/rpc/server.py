@@ -10,6 +10,7 @@ import asyncio
 import hmac
 import socket
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from typing import Any
 
 from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, decode_message, encode_message
@@ -18,6 +19,15 @@ from rigctl.errors import RigctlError, WrongUse
 UNREAD_LIMIT_BYTES = 4 << 20
 FIRST_CLIENT_TIMEOUT_S = 30.0
 RequestHandler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
+
+
+@dataclass(frozen=True, slots=True)
+class EngineAddress:
+    """A listening socket, the token that clients must show, and the first client, if connected."""
+
+    listener: socket.socket
+    token: str
+    first_client: socket.socket | None = None
 
 
 def open_listener() -> socket.socket:
@@ -61,25 +71,25 @@ def _is_token(received: object, token: str) -> bool:
 
 
 class Server:
-    """All clients of one engine.
+    """All clients of one engine."""
 
-    ``handle(command, args)`` returns the result of a request or raises RigctlError.
-    """
-
-    def __init__(self, token: str, handle: RequestHandler) -> None:
-        self._token = token
-        self._handle = handle
+    def __init__(self) -> None:
         self._greeting: dict[str, Any] | None = None
         self._clients: set[_Connection] = set()
         self._server: asyncio.Server | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
-    async def open(self, listener: socket.socket, first_client: socket.socket | None) -> None:
-        """Serve new connections, and a first client whose token was checked already."""
+    async def open(self, address: EngineAddress, handle: RequestHandler) -> None:
+        """Serve new connections, and a first client whose token was checked already.
+
+        ``handle(command, args)`` returns the result of a request or raises RigctlError.
+        """
         loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(lambda: _Connection(self), sock=listener)
-        if first_client is not None:
-            await loop.connect_accepted_socket(lambda: _Connection(self, True), first_client)
+        self._token, self._handle = address.token, handle
+        self._server = await loop.create_server(lambda: _Connection(self), sock=address.listener)
+        if address.first_client is not None:
+            connection = _Connection(self, logged_in=True)
+            await loop.connect_accepted_socket(lambda: connection, address.first_client)
 
     async def close(self) -> None:
         """Send what is written, then close all connections."""

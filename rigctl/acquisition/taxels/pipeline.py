@@ -106,8 +106,13 @@ class SamplePipeline:
         spikes = self._encode(block, starts)
         for subscriber in self._subscribers:
             subscriber(block)
-        times = self._smoothed_time.update(block)
-        self._live_writer.add_taxels(times, block.counters, block.samples, block.flags, spikes)
+        self._live_writer.add_taxels(
+            time_s=self._smoothed_time.update(block),
+            counters=block.counters,
+            samples=block.samples,
+            flags=block.flags,
+            spikes=spikes,
+        )
 
     def _reset(self) -> None:
         """The board rebooted: its counters and its clock restart."""

@@ -55,7 +55,6 @@ class TrialCutter:
 
     def __init__(self) -> None:
         self.trial: CutTrial | None = None
-        self.rise_count = 0
         self._expected_samples: int | None = None
         self._last_rises: int | None = None
         self._next_counter = -1
@@ -99,11 +98,9 @@ class TrialCutter:
             self._add_to_trial(block)  # almost always: nothing rose
             self._next_counter = int(block.counters[-1]) + 1
             return []
-        before = rises[:1] if self._last_rises is None else np.array([self._last_rises], np.uint8)
-        steps = (np.diff(rises, prepend=before) & _RISES).astype(np.int64)
-        changed = np.flatnonzero(steps)
+        before = rises[0] if self._last_rises is None else np.uint8(self._last_rises)
+        changed = np.flatnonzero(np.diff(rises, prepend=before))
         starts = [int(block.counters[row]) + 1 for row in changed]
-        self.rise_count += int(steps[changed].sum())
         if self._expected_samples is not None and self._buffered is None and starts:
             self._begin_at_rise(starts[0], self._expected_counter(block, int(changed[0])))
         self._add_to_trial(block)

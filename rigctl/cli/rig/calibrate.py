@@ -12,13 +12,14 @@ from typing import Any
 
 from rigctl.acquisition.drum.calibration import Calibrator, MassReading, fit_scale, validate_masses
 from rigctl.acquisition.health.notices import wiring_notice
+from rigctl.acquisition.rig import Rig
 from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.options.prompt import ask
 from rigctl.cli.rig import calibrate_wiring
 from rigctl.config.rig_config import parse_config
 from rigctl.config.toml_edit import Value, replace_file, set_keys
 from rigctl.errors import WrongUse
-from rigctl.rig import BENCH, Rig, open_rig
+from rigctl.rig import BENCH, open_rig
 
 
 def add_parser(subparsers: Any) -> None:

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.acquisition.engine import Engine, EngineAddress
+from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.rpc.command_handler import CommandHandler
@@ -23,7 +23,7 @@ from rigctl.acquisition.rpc.engine_files import (
     runtime_folder,
     write_engine_file,
 )
-from rigctl.acquisition.rpc.server import accept_first_client, open_listener
+from rigctl.acquisition.rpc.server import EngineAddress, accept_first_client, open_listener
 from rigctl.cli.data.world import add_world, chosen_world, session_world
 from rigctl.rig import open_rig
 

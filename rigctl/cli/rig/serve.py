@@ -10,8 +10,9 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
+from rigctl.acquisition.rig import Rig
 from rigctl.cli.data.world import add_world, chosen_world
-from rigctl.rig import FIRMWARE, VIRTUAL, Rig, open_rig
+from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 
 
 def add_parser(subparsers: Any) -> None:

@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.drum.settings import GUARDED_SETTINGS
+from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.config.rig_config import LoadCell, RigConfig, RigLimits
 from rigctl.errors import CommandRefused, RigFault
-from rigctl.rig import FIRMWARE, VIRTUAL, Rig
+from rigctl.rig import FIRMWARE, VIRTUAL
 from rigctl.wire.drum.states import State
 from tests.acquisition.engine_harness import EngineHarness, open_harness, until_ended
 

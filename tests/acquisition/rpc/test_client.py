@@ -26,13 +26,13 @@ def test_a_client_controls_a_rig_in_real_time() -> None:
         assert set(status) == set(EngineStatus.__slots__)
         assert (status["rig"], status["simulated"]) == ("virtual", True)
         assert status["state_words"] == "armed, lifted"
-        seen = client.live.heads.taxels
+        seen = client.live.taxel_head
         number = client.send("tare")
         events = client.wait(5)
         while not any(event.get("reply") == number for event in events):
             events += client.wait(5)
         assert any(event.get("event") == "status" for event in events)
-        assert client.live.heads.taxels > seen
+        assert client.live.taxel_head > seen
         window = client.live.taxels(100)
         assert window.spikes.shape == (100, 36)
         assert client.live.drum(10).force_set_g[0] == status["force_set_g"]

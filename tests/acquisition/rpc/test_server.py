@@ -10,7 +10,12 @@ from typing import Any
 import pytest
 
 from rigctl.acquisition.rpc.messages import decode_message, encode_message
-from rigctl.acquisition.rpc.server import Server, accept_first_client, open_listener
+from rigctl.acquisition.rpc.server import (
+    EngineAddress,
+    Server,
+    accept_first_client,
+    open_listener,
+)
 from rigctl.errors import BoardFault, WrongUse
 
 TOKEN = "a secret"
@@ -26,10 +31,10 @@ async def handle(command: str, args: dict[str, Any]) -> dict[str, Any]:
 
 async def talk(*lines: bytes, answers: int) -> list[dict[str, Any]]:
     """Return the messages that a client gets for these lines; fewer where it is disconnected."""
-    server = Server(TOKEN, handle)
+    server = Server()
     listener = open_listener()
     port = listener.getsockname()[1]
-    await server.open(listener, None)
+    await server.open(EngineAddress(listener, TOKEN), handle)
     server.set_greeting({"event": "ready"})
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.writelines(lines)

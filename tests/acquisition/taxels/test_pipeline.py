@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.acquisition.live_buffer import LiveView, LiveWriter
+from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation
@@ -63,7 +63,7 @@ def run_pipeline(live: LiveWriter, block: Block, length: int) -> tuple[SamplePip
     for piece in pieces(block, length):
         pipeline.add_block(piece)
     pipeline.flush()
-    view = LiveView(live.path)
+    view = LiveReader(live.path)
     try:
         return pipeline, view.taxels(4096).spikes
     finally:
@@ -108,7 +108,7 @@ def test_sample_times_are_even_though_blocks_arrive_unevenly(live: LiveWriter) -
                 10 + piece.counters[-1] / 1000 + late,
             )
         )
-    view = LiveView(live.path)
+    view = LiveReader(live.path)
     times = view.taxels(4096).time_s
     view.close()
     assert np.all(np.diff(times) > 0.0005)

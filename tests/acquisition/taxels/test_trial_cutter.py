@@ -92,10 +92,9 @@ def test_a_gap_between_blocks_before_the_rise_is_detected() -> None:
     assert trial.start_lost
 
 
-def test_rises_are_counted_through_a_gap_modulo_four() -> None:
-    cutter = TrialCutter()
-    cutter.add_block(stream(rises_in=(50, 60, 70), lost=range(45, 80)))
-    assert cutter.rise_count == 3
+def test_rises_within_a_gap_are_known_at_its_end() -> None:
+    block = stream(rises_in=(50, 60, 70), lost=range(45, 80))
+    assert TrialCutter().add_block(block) == [81]
 
 
 def test_only_an_expected_rise_begins_a_trial() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.taxels.clock_fit import ClockFit
 from rigctl.acquisition.taxels.trial_start_by_clock import (
     FRAME_WIRE_S,
@@ -19,7 +20,7 @@ from rigctl.acquisition.taxels.trial_start_by_clock import (
 from rigctl.cli import main
 from rigctl.cli.rig.run import _rig
 from rigctl.config.rig_config import Ports, RigConfig, Signals
-from rigctl.rig import Rig, open_rig
+from rigctl.rig import open_rig
 from rigctl.session.files.ground_truth_reader import TruthReader
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session

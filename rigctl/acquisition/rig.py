@@ -1,0 +1,68 @@
+"""A rig of any kind, as the engine and the command line use it."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rigctl.config.rig_config import RigConfig
+from rigctl.devices.drum import Drum
+from rigctl.devices.taxels import Taxels
+from rigctl.session.files.ground_truth import write_truth
+
+
+@dataclass(eq=False, slots=True)
+class Rig:
+    """Two boards, their event loop, and the description of the bench.
+
+    ``kind``: virtual, firmware or bench. ``simulation``: the
+    :class:`rigctl.simulation.simulated_rig.SimulatedRig` behind the boards, which the engine must
+    not import; None at the bench. ``world``: what a session stores about a simulated rig.
+    """
+
+    kind: str
+    description: str
+    config: RigConfig
+    loop: asyncio.AbstractEventLoop
+    drum: Drum
+    taxels: Taxels
+    simulation: Any = None
+    world: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def simulated(self) -> bool:
+        """True without a real bench."""
+        return self.simulation is not None
+
+    @property
+    def faults(self) -> Any:
+        """The fault injection of a simulated rig; None at the bench."""
+        return self.simulation.faults if self.simulated else None
+
+    def set_plate(self, texture: str) -> bool:
+        """Change a simulated plate; False at the bench, where a person has to change it."""
+        if self.simulated:
+            self.simulation.set_plate(texture)
+        return self.simulated
+
+    def lay_mass(self, mass_g: float) -> bool:
+        """Load a simulated load cell; False at the bench, where a person has to place the mass."""
+        if self.simulated:
+            self.simulation.faults.push(mass_g)
+        return self.simulated
+
+    def save_truth(self, folder: Path) -> None:
+        """Append the simulated ground truth since the last call to a session, if there is one."""
+        if self.simulated:
+            write_truth(folder, self.simulation.truth.take())
+
+    def close(self) -> None:
+        """Free ports and boards, then close the loop unless it is running."""
+        self.drum.close()
+        self.taxels.close()
+        if self.simulated:
+            self.simulation.close()
+        if not self.loop.is_running():
+            self.loop.close()
