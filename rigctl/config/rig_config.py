@@ -44,19 +44,19 @@ def _flag(default: bool, doc: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """Who and what; stored with every session."""
+    """Names that every session stores."""
 
     name: str = _text("nominal", "name of this rig")
-    operator: str = _text("", "who records")
-    sensor: str = _text("", "which sensor is mounted")
+    operator: str = _text("", "person who records")
+    sensor: str = _text("", "name of the sensor")
 
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Serial ports of the boards, or simulated ones in their place."""
+    """Serial ports of the boards, or simulated boards instead."""
 
-    drum: str = _text("", "port of the drum board; empty: ask each port who it is")
-    taxels: str = _text("", "port of the taxel board; empty: ask each port who it is")
+    drum: str = _text("", "port of the drum board; empty: search all ports")
+    taxels: str = _text("", "port of the taxel board; empty: search all ports")
     simulate: str = _text(
         "",
         "virtual or firmware: simulated boards, wired as this file says",
@@ -66,38 +66,38 @@ class Ports:
 
 @dataclass(frozen=True, slots=True)
 class DrumGeometry:
-    """The drum, its plate, and how a trial lies on it."""
+    """The drum, its plate, and the place of a trial on it."""
 
     circumference_mm: float = _number(400, "mm", 50, 5000, "texture travel of one turn")
     plate_start_mm: float = _number(10, "mm", 0, 5000, "from the index mark to the plate's start")
     plate_length_mm: float = _number(370, "mm", 10, 5000, "texture on the plate")
     run_in_mm: float = _number(100, "mm", 0, 200, "ramp and settling before the recorded window")
-    sync_margin_mm: float = _number(5, "mm", 0, 50, "sync stays high so much behind the window")
-    acceleration_mm_s2: float = _number(600, "mm/s²", 50, 2000, "of every ramp")
+    sync_margin_mm: float = _number(5, "mm", 0, 50, "sync stays high this far past the window")
+    acceleration_mm_s2: float = _number(600, "mm/s²", 50, 2000, "acceleration of every ramp")
     rapid_mm_s: float = _number(200, "mm/s", 5, 300, "speed of moves between trials, lifted")
     backwards: bool = _flag(False, "the drum's forward is the motor's backward")
 
 
 @dataclass(frozen=True, slots=True)
 class RigLimits:
-    """What a protocol may ask of this rig, and when the rig stops itself."""
+    """Limits of a protocol, and the force at which the board lifts."""
 
-    speed_min_mm_s: float = _number(20, "mm/s", 5, 200, "least speed in contact")
+    speed_min_mm_s: float = _number(20, "mm/s", 5, 200, "lowest speed in contact")
     speed_max_mm_s: float = _number(150, "mm/s", 5, 200, "highest speed in contact")
-    force_min_g: float = _number(50, "g", 50, 1500, "least force")
-    force_max_g: float = _number(1200, "g", 50, 1500, "highest force asked for")
-    over_force_g: float = _number(1400, "g", 100, 3000, "the board lifts at once above it")
+    force_min_g: float = _number(50, "g", 50, 1500, "lowest force")
+    force_max_g: float = _number(1200, "g", 50, 1500, "highest force of a protocol")
+    over_force_g: float = _number(1400, "g", 100, 3000, "the board lifts immediately above it")
 
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """Pressing down and lifting off."""
+    """The actuator that presses and lifts the drum, and its force loop."""
 
     lift_clearance_mm: float = _number(3, "mm", 0.5, 20, "lift above the last contact")
     approach_limit_mm: float = _number(30, "mm", 0.5, 50, "travel without contact: a fault")
-    approach_timeout_s: float = _number(10, "s", 0.5, 30, "time to settle that is a fault")
-    stiffness_g_per_mm: float = _number(900, "g/mm", 50, 5000, "stiffest contact: the first guess")
-    dead_band_permille: int = _integer(100, "‰", 0, 500, "least duty that moves the actuator")
+    approach_timeout_s: float = _number(10, "s", 0.5, 30, "longest time to settle; more is a fault")
+    stiffness_g_per_mm: float = _number(900, "g/mm", 50, 5000, "stiffest contact: first estimate")
+    dead_band_permille: int = _integer(100, "‰", 0, 500, "lowest duty that moves the actuator")
     gain_p_per_s: float = _number(6, "1/s", 0.01, 50, "of the force loop: error over stiffness")
     gain_i_per_s: float = _number(5, "1/s", 0, 50, "of the force loop: how fast it learns")
 
@@ -109,15 +109,15 @@ class LoadCell:
     scale_ug_per_count: int = _integer(
         2400, "µg/count", -_SCALES[1], _SCALES[1], "sign included; from calibration with masses"
     )
-    calibrated: str = _text("", "when and with what masses, for people")
+    calibrated: str = _text("", "date and masses of the calibration, for people")
 
 
 @dataclass(frozen=True, slots=True)
 class Clocks:
-    """How fast the boards' clocks run, where it was measured."""
+    """Measured errors of the boards' clocks."""
 
-    drum_ppm: float = _number(0, "ppm", -10000, 10000, "drum board fast by so much")
-    taxels_ppm: float = _number(0, "ppm", -10000, 10000, "taxel board fast by so much")
+    drum_ppm: float = _number(0, "ppm", -10000, 10000, "error of the drum board; positive: fast")
+    taxels_ppm: float = _number(0, "ppm", -10000, 10000, "error of the taxel board; positive: fast")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +138,8 @@ class Inverted:
     estop: bool = _flag(False, "contact that closes when pressed: a broken wire goes unnoticed")
     index: bool = _flag(False, "mark reads low")
     end_switches: bool = _flag(False, "switches that close at the end")
-    position: bool = _flag(False, "potentiometer that reads most at the upper end")
-    sync: bool = _flag(False, "line is high outside of the window, an inverter lies in the wire")
+    position: bool = _flag(False, "potentiometer with its highest reading at the upper end")
+    sync: bool = _flag(False, "line is high outside the window: an inverter in the wire")
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,16 +150,16 @@ class TaxelArray:
     rows: int = _integer(3, "", 1, MAX_TAXELS, "rows of a layer")
     columns: int = _integer(3, "", 1, MAX_TAXELS, "columns of a layer")
     wiring: tuple[int, ...] = _integers(
-        "", 0, MAX_TAXELS, "reading that stands at each place, layer by layer; empty: as drawn"
+        "", 0, MAX_TAXELS, "reading at each place, layer by layer; empty: as drawn"
     )
     pressure_raises: bool = _flag(True, "a pressed taxel reads higher")
-    low: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "least reading of each taxel")
+    low: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "lowest reading of each taxel")
     high: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "highest reading of each taxel")
-    range_from: str = _text("", "when and from what the range was taken, for people")
+    range_from: str = _text("", "date and source of the range, for people")
 
     @property
     def order(self) -> tuple[int, ...]:
-        """The reading that stands at each place: ``wiring``, or that of the boards' drawing."""
+        """The reading at each place: ``wiring``, or the order of the wiring drawing."""
         if self.wiring:
             return self.wiring
         return DRAWN_WIRING if self.count == N_TAXELS else tuple(range(self.count))
@@ -167,7 +167,7 @@ class TaxelArray:
 
 @dataclass(frozen=True, slots=True)
 class EncoderConfig:
-    """How readings become spikes, live."""
+    """The live encoder."""
 
     preset: str = _text("default", "name of an encoder preset")
 

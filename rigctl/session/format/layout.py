@@ -83,7 +83,7 @@ class ArrayLayout:
 SAMPLE_UNIT = "attribute `sample_unit`"
 """The unit of a reading depends on the source, so an attribute of the part holds it."""
 
-PLACES = "a column a place of the sensor, layer by layer; attribute `wiring`: the readings there"
+PLACES = "one column for each place, layer by layer; attribute `wiring`: the reading at each"
 
 TAXEL_ARRAYS = (
     ArrayLayout("/taxels/samples", "u2", SAMPLE_UNIT, PLACES, True),
@@ -98,7 +98,7 @@ TAXEL_ARRAYS = (
 
 ARRIVALS = TableLayout(
     "/taxels/arrivals",
-    "one row a block of samples as the host received it",
+    "one row for each block of samples, as received",
     1024,
     (
         Column("first_row", "i8", "rows", "first row of the block in /taxels/samples"),
@@ -108,7 +108,7 @@ ARRIVALS = TableLayout(
 
 DRUM = TableLayout(
     "/drum",
-    "one row a poll of the drum",
+    "one row for each poll of the drum",
     512,
     (
         Column("at_s", "f8", "s", "loop time of the reply"),
@@ -135,19 +135,19 @@ DRUM = TableLayout(
 
 LOADCELL = TableLayout(
     "/loadcell",
-    "one row a conversion of the load cell, each exactly once",
+    "one row for each conversion of the load cell",
     1024,
     (
         Column("sequence", "i8", "", "number of the conversion, unwrapped"),
         Column("board_time_us", "i8", "µs", "the drum's clock when it was ready, unwrapped"),
-        Column("raw_counts", "i4", "counts", "what the amplifier said"),
+        Column("raw_counts", "i4", "counts", "reading of the amplifier"),
         Column("force_g", "f4", "g", "after tare and scale"),
     ),
 )
 
 TRIALS = TableLayout(
     "/trials",
-    "one row an attempt at a trial, written when it ended",
+    "one row for each attempt at a trial, written at its end",
     32,
     (
         Column("trial_id", "i4", "", "number in planned order, from 1"),
@@ -165,7 +165,7 @@ TRIALS = TableLayout(
         Column("first_sample", "i8", "rows", "its row in /taxels/samples; -1: no window"),
         Column("count", "i8", "samples", "length of the window, counted from first_counter"),
         Column("verdict", "S12", "", "committed, rejected or aborted"),
-        Column("reasons", "S192", "", "why, joined by '; '"),
+        Column("reasons", "S192", "", "reasons of the verdict, joined by '; '"),
         Column("started_s", "f8", "s", "loop time at which the attempt began"),
         Column("ended_s", "f8", "s", "loop time at which it ended"),
         Column("mean_speed_mm_s", "f8", "mm/s", "over the window, from the polls"),
@@ -175,7 +175,7 @@ TRIALS = TableLayout(
 
 EVENTS = TableLayout(
     "/events",
-    "what happened, for people and for programs",
+    "events, for people and programs",
     64,
     (
         Column("at_s", "f8", "s", "loop time"),
@@ -187,18 +187,18 @@ EVENTS = TableLayout(
 
 GAPS = TableLayout(
     "/gaps",
-    "samples that the board took and this file does not hold",
+    "samples that the board took and that are not in this file",
     64,
     (
         Column("first_counter", "i8", "samples", "counter of the first lost sample"),
-        Column("count", "i8", "samples", "how many were lost"),
+        Column("count", "i8", "samples", "number of lost samples"),
         Column("row", "i8", "rows", "row of /taxels/samples before which they are missing"),
-        Column("reason", "S32", "", "where they were lost"),
+        Column("reason", "S32", "", "place of the loss"),
     ),
 )
 
 TABLES = (ARRIVALS, DRUM, LOADCELL, TRIALS, EVENTS, GAPS)
-TEXTS = (("/protocol_toml", "the protocol as it was run"), ("/rig_toml", "the rig's description"))
+TEXTS = (("/protocol_toml", "text of the protocol"), ("/rig_toml", "text of rig.toml"))
 
 
 def part_name(number: int) -> str:
