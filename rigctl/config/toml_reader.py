@@ -128,8 +128,10 @@ class TomlTable:
         return int(self._number(key, value, "", low, high))
 
     def numbers(self, key: str, *, unit: str = "", low: float, high: float) -> tuple[float, ...]:
-        """A list of at least one number within [low, high], none twice."""
-        values = self._take(key, None)
+        """A list of at least one number within [low, high], none twice; empty if absent."""
+        values = self._take(key, [])
+        if key not in self:
+            return ()
         if not isinstance(values, list) or not values:
             self.fail(key, f"must be a list of numbers, such as [{low:g}], not {_say(values)}")
         checked = tuple(self._number(key, value, unit, low, high) for value in values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText
@@ -39,20 +40,21 @@ def parse_protocol(text: str, name: str, config: RigConfig | None = None) -> Pro
 
 def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     root = text.root
-    root.allow("textures", "speeds_mm_s", "forces_g", "depths_mm")
+    root.allow("textures")
     order, trial, plates = root.table("order"), root.table("trial"), root.table("plates")
     force_mode = trial.choice("force_mode", FORCE_MODES, "hold")
     kind = order.choice("kind", ORDERS, "blocked")
+    _refuse_other_presses(root, force_mode)
     protocol = Protocol(
         name=root.text("name", stem),
         text=text.source,
         config=config,
         description=root.text("description", ""),
         textures=_textures(root),
-        speeds_mm_s=_speeds(root, config),
-        forces_g=_forces(root, config, force_mode),
-        depths_mm=_depths(root, force_mode),
-        repeats=_repeats(root),
+        speeds_mm_s=root.numbers("speeds_mm_s", **_speed_range(config)),
+        forces_g=root.numbers("forces_g", **_force_range(config)),
+        depths_mm=root.numbers("depths_mm", unit="mm", **_bounds("depth_set_um", 1e-3)),
+        repeats=root.integer("repeats", 1, low=1, high=MAX_TRIALS),
         order=kind,
         order_seed=_seed(order, kind),
         across_plates=_across_plates(order, kind),
@@ -85,34 +87,22 @@ def _textures(root: TomlTable) -> tuple[str, ...]:
     return textures
 
 
-def _speeds(root: TomlTable, config: RigConfig) -> tuple[float, ...]:
-    if "speeds_mm_s" not in root:
-        return ()
+def _speed_range(config: RigConfig) -> dict[str, Any]:
     limits = config.limits
-    return root.numbers(
-        "speeds_mm_s", unit="mm/s", low=limits.speed_min_mm_s, high=limits.speed_max_mm_s
-    )
+    return {"unit": "mm/s", "low": limits.speed_min_mm_s, "high": limits.speed_max_mm_s}
 
 
-def _forces(root: TomlTable, config: RigConfig, force_mode: str) -> tuple[float, ...]:
-    if "forces_g" not in root:
-        return ()
-    if force_mode == "position":
+def _force_range(config: RigConfig) -> dict[str, Any]:
+    limits = config.limits
+    return {"unit": "g", "low": limits.force_min_g, "high": limits.force_max_g}
+
+
+def _refuse_other_presses(root: TomlTable, force_mode: str) -> None:
+    """Raise for forces in force mode position, and for depths in any other mode."""
+    if "forces_g" in root and force_mode == "position":
         root.fail("forces_g", "force mode position presses to a depth: give depths_mm instead")
-    limits = config.limits
-    return root.numbers("forces_g", unit="g", low=limits.force_min_g, high=limits.force_max_g)
-
-
-def _depths(root: TomlTable, force_mode: str) -> tuple[float, ...]:
-    if "depths_mm" not in root:
-        return ()
-    if force_mode != "position":
+    if "depths_mm" in root and force_mode != "position":
         root.fail("depths_mm", 'needs trial.force_mode = "position"')
-    return root.numbers("depths_mm", unit="mm", **_bounds("depth_set_um", 1e-3))
-
-
-def _repeats(root: TomlTable) -> int:
-    return root.integer("repeats", 1, low=1, high=MAX_TRIALS)
 
 
 def _seed(order: TomlTable, kind: str) -> int:
@@ -176,17 +166,12 @@ def _seconds(table: TomlTable) -> float:
 
 
 def _approach_only(table: TomlTable, config: RigConfig) -> Step:
-    limits = config.limits
-    force = table.number("force_g", unit="g", low=limits.force_min_g, high=limits.force_max_g)
-    return ApproachOnly(force, _seconds(table))
+    return ApproachOnly(table.number("force_g", **_force_range(config)), _seconds(table))
 
 
 def _turn(table: TomlTable, config: RigConfig) -> Step:
-    limits = config.limits
-    speed = table.number(
-        "speed_mm_s", unit="mm/s", low=limits.speed_min_mm_s, high=limits.speed_max_mm_s
-    )
-    return Turn(speed, table.integer("turns", low=1, high=MAX_TURNS))
+    speed_mm_s = table.number("speed_mm_s", **_speed_range(config))
+    return Turn(speed_mm_s, table.integer("turns", low=1, high=MAX_TURNS))
 
 
 _KINDS: dict[str, Callable[[TomlTable, RigConfig], Step]] = {

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import groupby, product
+from operator import attrgetter
 from random import Random
 
 from rigctl.config.rig_config import RigConfig
@@ -77,16 +78,12 @@ class Protocol:
     plate_prompt: str = "Mount plate {texture}, then confirm."
     settle: Settle = Settle()
     quality: Quality = Quality()
-    steps: tuple[FreeStep, ...] = field(default=())
+    steps: tuple[FreeStep, ...] = ()
 
     def plan(self, seed: int | None = None) -> Plan:
         """Return the plan; ``seed`` overrides that of the file."""
         used = self.order_seed if seed is None else seed
         return Plan(self, used, tuple(_steps(self, used)))
-
-    def with_repeats(self, repeats: int) -> Protocol:
-        """Return the protocol with another number of repeats."""
-        return replace(self, repeats=repeats)
 
 
 @dataclass(frozen=True)
@@ -110,7 +107,8 @@ class Plan:
     @property
     def duration_s(self) -> float:
         """Rig time of all steps, by the overheads in :mod:`rigctl.protocol.steps`."""
-        return sum(map(self.step_seconds, self.steps))
+        config, settle_s = self.protocol.config, self.protocol.settle.time_s
+        return sum(rig_seconds(step, config, settle_s) for step in self.steps)
 
     @property
     def people_s(self) -> float:
@@ -131,10 +129,6 @@ class Plan:
         parts = [self.protocol.settle, self.protocol.quality, *self.steps]
         text = "\n".join(map(repr, parts))  # a frozen value's repr shows each field by name
         return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-    def step_seconds(self, step: Step) -> float:
-        """Return the rig time of one step."""
-        return rig_seconds(step, self.protocol.config, self.protocol.settle.time_s)
 
 
 def _steps(protocol: Protocol, seed: int) -> Iterator[Step]:
@@ -171,12 +165,8 @@ def _plate_blocks(protocol: Protocol, seed: int) -> list[tuple[str, list[Planned
         return blocks
     if not protocol.across_plates:
         return [(texture, _shuffled(trials, random)) for texture, trials in blocks]
-    mixed: list[tuple[str, list[PlannedTrial]]] = []
-    for trial in _shuffled([trial for _, trials in blocks for trial in trials], random):
-        if not mixed or mixed[-1][0] != trial.texture:
-            mixed.append((trial.texture, []))
-        mixed[-1][1].append(trial)
-    return mixed
+    mixed = _shuffled([trial for _, trials in blocks for trial in trials], random)
+    return [(plate, list(run)) for plate, run in groupby(mixed, attrgetter("texture"))]
 
 
 def _shuffled(trials: list[PlannedTrial], random: Random) -> list[PlannedTrial]:

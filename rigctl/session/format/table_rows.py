@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields, replace
+from operator import attrgetter
 from typing import Any
 
-from rigctl.session.format.layout import EVENTS, TRIALS
+from rigctl.session.format.layout import EVENTS, TRIALS, Column
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
 
 REASON_SEPARATOR = "; "
 _EVENT_WIDTH = {column.name: column.text_bytes for column in EVENTS.columns}
-_TRIAL_WIDTH = {column.name: column.text_bytes for column in TRIALS.columns}
+_PLANNED = tuple(field.name for field in fields(PlannedTrial))
+_trial_values = attrgetter(
+    *(f"trial.{name}" if name in _PLANNED else name for name in TRIALS.dtype.names or ())
+)
 
 Row = tuple[Any, ...]
 
@@ -64,65 +69,28 @@ def event_row(event: Event) -> Row:
 def parse_event(row: Any) -> Event:
     """Return the event in a row of /events."""
     return Event(
-        float(row["at_s"]), _text(row["kind"]), _text(row["text"]), json.loads(_text(row["data"]))
+        float(row["at_s"]), str(row["kind"]), str(row["text"]), json.loads(str(row["data"]))
     )
 
 
 def trial_row(row: TrialRow, part: int, first_sample: int) -> Row:
     """Return one row of /trials; the writer supplies ``part`` and ``first_sample``."""
-    trial = row.trial
-    return (
-        trial.trial_id,
-        row.attempt,
-        part,
-        clip_text(trial.texture, _TRIAL_WIDTH["texture"]),
-        trial.speed_mm_s,
-        trial.force_g,
-        trial.repeat,
-        trial.travel_mm,
-        trial.force_mode.encode(),
-        trial.direction.encode(),
-        trial.depth_mm,
-        row.first_counter,
-        first_sample,
-        row.count,
-        row.verdict.value.encode(),
-        clip_text(REASON_SEPARATOR.join(row.reasons), _TRIAL_WIDTH["reasons"]),
-        row.started_s,
-        row.ended_s,
-        row.mean_speed_mm_s,
-        row.mean_force_g,
-    )
+    stored = replace(row, part=part, first_sample=first_sample)
+    return tuple(map(_encode, _trial_values(stored), TRIALS.columns))
 
 
 def parse_trial(row: Any) -> TrialRow:
-    """Return the attempt in a row of /trials."""
-    reasons = _text(row["reasons"])
-    return TrialRow(
-        trial=PlannedTrial(
-            int(row["trial_id"]),
-            _text(row["texture"]),
-            float(row["speed_mm_s"]),
-            float(row["force_g"]),
-            int(row["repeat"]),
-            float(row["travel_mm"]),
-            _text(row["force_mode"]),
-            _text(row["direction"]),
-            float(row["depth_mm"]),
-        ),
-        attempt=int(row["attempt"]),
-        part=int(row["part"]),
-        first_counter=int(row["first_counter"]),
-        first_sample=int(row["first_sample"]),
-        count=int(row["count"]),
-        verdict=Verdict(_text(row["verdict"])),
-        reasons=tuple(reasons.split(REASON_SEPARATOR)) if reasons else (),
-        started_s=float(row["started_s"]),
-        ended_s=float(row["ended_s"]),
-        mean_speed_mm_s=float(row["mean_speed_mm_s"]),
-        mean_force_g=float(row["mean_force_g"]),
-    )
+    """Return the attempt in a row of /trials, text as Unicode."""
+    values: dict[str, Any] = dict(zip(row.dtype.names, row.item(), strict=True))
+    trial = PlannedTrial(**{name: values.pop(name) for name in _PLANNED})
+    reasons = values.pop("reasons")
+    values["reasons"] = tuple(reasons.split(REASON_SEPARATOR)) if reasons else ()
+    values["verdict"] = Verdict(values["verdict"])
+    return TrialRow(trial=trial, **values)
 
 
-def _text(value: Any) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)
+def _encode(value: Any, column: Column) -> Any:
+    if not column.text_bytes:
+        return value
+    text = REASON_SEPARATOR.join(value) if isinstance(value, tuple) else value
+    return clip_text(text, column.text_bytes)

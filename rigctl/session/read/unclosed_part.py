@@ -1,11 +1,11 @@
 """Make HDF5 read a part whose writer was killed as if the writer had closed it.
 
-This is no reader of its own: h5py reads such a part from this map as it reads any other from its
-file. HDF5's own mode for such a file is SWMR, in which it waits for a writer to repair what it
-cannot read: for ever, if the file was also cut short. So the program maps the file copy-on-write
-and replaces the superblock in the map by one that has no open writer and the file's real length;
-damage is then an error at once. The file itself does not change. Superblock versions 2 and 3 and
-their checksum: HDF5 File Format Specification 3.0, sections II.A and VIII (Jenkins' lookup3).
+h5py then reads such a part from this map as it reads any other from its file. HDF5 itself opens
+such a file in SWMR mode only, in which it waits for a writer to repair what it cannot read, and
+never returns if the file was also cut short. So the program maps the file copy-on-write and
+replaces the superblock in the map by one that has no open writer and the file's real length; damage
+is then an immediate error. The file itself does not change. Superblock versions 2 and 3 and their
+checksum: HDF5 File Format Specification 3.0, sections II.A and VIII (Jenkins' lookup3).
 """
 
 from __future__ import annotations
@@ -20,24 +20,8 @@ CHECKSUM_AT = 44
 FLAGS_AT = 11
 FILE_LENGTH_AT = 28
 _MASK = 0xFFFFFFFF
-_A, _B, _C = range(3)
-_MIX = (
-    (4, (_A, _C, _B)),
-    (6, (_B, _A, _C)),
-    (8, (_C, _B, _A)),
-    (16, (_A, _C, _B)),
-    (19, (_B, _A, _C)),
-    (4, (_C, _B, _A)),
-)
-_FINAL = (
-    (14, (_C, _B)),
-    (11, (_A, _C)),
-    (25, (_B, _A)),
-    (16, (_C, _B)),
-    (4, (_A, _C)),
-    (14, (_B, _A)),
-    (24, (_C, _B)),
-)
+_MIX_BITS = (4, 6, 8, 16, 19, 4)
+_FINAL_BITS = (14, 11, 25, 16, 4, 14, 24)
 
 
 def map_as_closed(path: Path) -> mmap.mmap:
@@ -53,22 +37,17 @@ def map_as_closed(path: Path) -> mmap.mmap:
 
 def lookup3(data: bytes) -> int:
     """Return Bob Jenkins' hashlittle with start value 0, the checksum of HDF5's metadata."""
-    words = [(0xDEADBEEF + len(data)) & _MASK] * 3
-    while len(data) > 12:
-        _add(words, data[:12])
-        for bits, (x, y, z) in _MIX:
-            words[x] = ((words[x] - words[y]) ^ _rotate_left(words[y], bits)) & _MASK
-            words[y] = (words[y] + words[z]) & _MASK
-        data = data[12:]
-    _add(words, data.ljust(12, b"\0"))
-    for bits, (x, y) in _FINAL:
-        words[x] = ((words[x] ^ words[y]) - _rotate_left(words[y], bits)) & _MASK
-    return words[_C]
-
-
-def _add(words: list[int], block: bytes) -> None:
-    for place, value in enumerate(struct.unpack("<3I", block)):
-        words[place] = (words[place] + value) & _MASK
+    a = b = c = 0xDEADBEEF + len(data)
+    blocks = list(struct.iter_unpack("<3I", data + bytes(-len(data) % 12)))
+    for number, (x, y, z) in enumerate(blocks, start=1):
+        a, b, c = (a + x) & _MASK, (b + y) & _MASK, (c + z) & _MASK
+        if number == len(blocks):
+            break
+        for bits in _MIX_BITS:  # a, b and c take turns
+            a, b, c = b, (c + b) & _MASK, ((a - c) ^ _rotate_left(c, bits)) & _MASK
+    for bits in _FINAL_BITS:
+        a, b, c = b, ((c ^ b) - _rotate_left(b, bits)) & _MASK, a
+    return b
 
 
 def _rotate_left(value: int, bits: int) -> int:
