@@ -16,8 +16,9 @@ from rigctl.session.files.ground_truth import TRUTH_PATTERN, check_truth
 from rigctl.session.format import layout
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.read.session import Session
-from rigctl.session.write.recorder import Recorder, RecorderStatus
+from rigctl.session.write.recorder import Recorder
 from rigctl.session.write.session_folder import check_same_world
+from rigctl.session.write.writer import RecorderStatus
 from rigctl.values import Block, DrumState, Event, TrialRow
 
 

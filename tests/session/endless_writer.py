@@ -37,7 +37,7 @@ def record(rec: Recorder) -> None:
         bench.trial(trials[number % len(trials)])
         if number % 3 == 0:
             rec.wait_written()
-            print(f"trials {rec.status.trials_on_disk}", flush=True)
+            print(f"trials {number + 1}", flush=True)
         if number == 20:
             rec.begin_part("plate change", "B")
 

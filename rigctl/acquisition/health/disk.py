@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import deque
 
 from rigctl.acquisition.rpc.messages import RecordingStatus
-from rigctl.session.write.recorder import Recorder, RecorderStatus
+from rigctl.session.write.recorder import Recorder
+from rigctl.session.write.writer import RecorderStatus
 
 ACTIVE_WINDOW_S = 1.0
 RATE_WINDOW_S = 30.0

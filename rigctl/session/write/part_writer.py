@@ -71,7 +71,6 @@ class PartWriter:
         self.samples_written = 0
         self._blocks: list[Block] = []
         self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.TABLES}
-        self._dtypes = {t.path: t.dtype for t in layout.TABLES}
         _write_new(path, layout.build_empty_part(attributes, n_taxels, texts))
         self._file = h5py.File(_temporary_path(path), "r+", libver=layout.LIBVER)
         self._datasets = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
@@ -117,7 +116,7 @@ class PartWriter:
         for path in order:
             rows, self._rows[path] = self._rows[path], []
             if rows:
-                _append(self._tables[path], np.array(rows, dtype=self._dtypes[path]))
+                _append(self._tables[path], np.array(rows, dtype=self._tables[path].dtype))
                 touched.append(self._tables[path])
         for dataset in touched:
             dataset.flush()

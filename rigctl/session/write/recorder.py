@@ -16,8 +16,9 @@ contains the remedy.
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from rigctl.errors import DiskFault
 from rigctl.session.format import layout
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.write.session_folder import prepare_folder
-from rigctl.session.write.writer import SessionWriter, failure_message
+from rigctl.session.write.writer import RecorderStatus, SessionWriter, failure_message
 from rigctl.values import Block, DrumState, Event, Gap, TrialRow
 
 FLUSH_PERIOD_S = 0.25
@@ -33,25 +34,6 @@ QUEUE_LIMIT_SAMPLES = 600_000
 """Ten minutes of samples, about 28 MB: longer than any stall that a disk recovers from."""
 WAKE_AT_SAMPLES = 20_000
 """A fast simulation reaches this before the flush period ends."""
-
-
-@dataclass(frozen=True, slots=True)
-class RecorderStatus:
-    """Snapshot of a recorder's queue and files; counts are over its own parts.
-
-    ``samples_on_disk``, ``trials_on_disk``: flushed, so another process can read them.
-    ``samples_dropped``: lost because the queue was full; each loss is also a gap row.
-    ``failure``: one sentence with the remedy if the recorder stopped or lost samples.
-    """
-
-    part: int
-    samples_on_disk: int
-    samples_dropped: int
-    trials_on_disk: int
-    bytes_on_disk: int
-    disk_free_bytes: int
-    queue_samples: int
-    failure: str | None
 
 
 class Recorder:
@@ -77,7 +59,9 @@ class Recorder:
         self._lock = prepare_folder(folder, header, texts, resume)
         last = max(map(layout.part_number, folder.glob(layout.PART_PATTERN)), default=0)
         self._writer = SessionWriter(folder, header, texts, last)
-        self._queue = _ActionQueue(queue_limit_samples)
+        self._actions: deque[tuple[Callable[[], None], int]] = deque()
+        self._limit_samples = queue_limit_samples
+        self._put_samples = self._taken_samples = 0  # each is changed by one thread only
         self._dropped = 0
         self._overflow: Gap | None = None
         self._failure: str | None = None
@@ -89,17 +73,7 @@ class Recorder:
     @property
     def status(self) -> RecorderStatus:
         """Snapshot, cheap enough for every display update."""
-        disk = self._writer.disk
-        return RecorderStatus(
-            part=disk.part,
-            samples_on_disk=disk.samples,
-            samples_dropped=self._dropped,
-            trials_on_disk=disk.trials,
-            bytes_on_disk=disk.bytes,
-            disk_free_bytes=disk.free_bytes,
-            queue_samples=self._queue.samples,
-            failure=self.failure,
-        )
+        return replace(self._writer.status, queue_samples=self._queue_samples, failure=self.failure)
 
     @property
     def failure(self) -> str | None:
@@ -121,12 +95,12 @@ class Recorder:
         """Record samples; if the queue is full, drop them and record a gap."""
         if self._failure is not None:
             return
-        if not self._queue.has_room(len(block)):
+        if self._queue_samples + len(block) > self._limit_samples:
             self._drop(block)
             return
         self._put_overflow()
         self._put(partial(self._writer.add_block, block), len(block))
-        if self._queue.samples >= WAKE_AT_SAMPLES:
+        if self._queue_samples >= WAKE_AT_SAMPLES:
             self._wake.set()
 
     def add_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
@@ -152,7 +126,8 @@ class Recorder:
     def wait_written(self) -> None:
         """Wait until all added data is on the medium. Raises DiskFault if writing failed."""
         done = threading.Event()
-        self._put(partial(self._writer.notify_when_written, done))
+        self._put(self._writer.sync)
+        self._put(done.set)
         self._wake.set()
         while not done.wait(FLUSH_PERIOD_S) and self._thread.is_alive():
             pass
@@ -173,9 +148,20 @@ class Recorder:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @property
+    def _queue_samples(self) -> int:
+        return self._put_samples - self._taken_samples
+
     def _put(self, action: Callable[[], None], samples: int = 0) -> None:
         if self._failure is None and not self._closing:
-            self._queue.put(action, samples)
+            self._put_samples += samples
+            self._actions.append((action, samples))
+
+    def _take(self) -> list[Callable[[], None]]:
+        """Remove and return all actions, oldest first."""
+        taken = [self._actions.popleft() for _ in range(len(self._actions))]
+        self._taken_samples += sum(samples for _, samples in taken)
+        return [action for action, _ in taken]
 
     def _drop(self, block: Block) -> None:
         first = int(block.counters[0])
@@ -201,40 +187,9 @@ class Recorder:
         except Exception as error:  # noqa: BLE001 - top of a thread: `failure` reports it
             self._failure = failure_message(error, self.folder)
             self._writer.abandon()
-            self._queue.take()
+            self._take()
 
     def _write_batch(self) -> None:
-        actions = self._queue.take()
-        for action in actions:
+        for action in self._take():
             action()
-        if actions:
-            self._writer.flush()
-        else:
-            self._writer.update_free_space()
-
-
-class _ActionQueue:
-    """Queue of actions between two threads; ``samples`` of the queued actions are limited."""
-
-    def __init__(self, limit_samples: int) -> None:
-        self._limit_samples = limit_samples
-        self._lock = threading.Lock()
-        self._actions: list[Callable[[], None]] = []
-        self.samples = 0
-
-    def has_room(self, samples: int) -> bool:
-        """Return whether the queue has room for so many more samples."""
-        return self.samples + samples <= self._limit_samples
-
-    def put(self, action: Callable[[], None], samples: int) -> None:
-        """Append an action that writes so many samples."""
-        with self._lock:
-            self._actions.append(action)
-            self.samples += samples
-
-    def take(self) -> list[Callable[[], None]]:
-        """Remove and return all actions, oldest first."""
-        with self._lock:
-            actions, self._actions = self._actions, []
-            self.samples = 0
-        return actions
+        self._writer.flush()

@@ -10,8 +10,9 @@ import errno
 import os
 import re
 import shutil
-import threading
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 from rigctl.errors import DiskFault
@@ -34,23 +35,27 @@ _REMEDIES = {
 
 
 @dataclass(frozen=True, slots=True)
-class DiskStatus:
-    """Flushed data and free space; counts are over this writer's parts."""
+class RecorderStatus:
+    """Snapshot of a recorder's queue and files; counts are over its own parts.
 
-    part: int = 0
-    samples: int = 0
-    trials: int = 0
-    bytes: int = 0
-    free_bytes: int = 0
+    ``samples_on_disk``: flushed, so another process can read them.
+    ``failure``: one sentence with the remedy if the recorder stopped or lost samples.
+    """
+
+    part: int
+    samples_on_disk: int
+    bytes_on_disk: int
+    disk_free_bytes: int
+    queue_samples: int = 0
+    failure: str | None = None
 
 
 class SessionWriter:
-    """Writer of a session's parts. Each flush replaces ``disk`` as a whole."""
+    """Writer of a session's parts. Each flush replaces ``status`` as a whole."""
 
     def __init__(
         self, folder: Path, header: SessionHeader, texts: tuple[str, str], last_part: int
     ) -> None:
-        self.disk = DiskStatus(part=last_part, free_bytes=shutil.disk_usage(folder).free)
         self._folder = folder
         self._header = header
         self._texts = texts
@@ -58,10 +63,9 @@ class SessionWriter:
         self._part: PartWriter | None = None
         self._texture = ""
         self._last_at_s = header.start_loop_s
-        self._trials = 0
-        self._closed = DiskStatus()
+        self._closed_samples = self._closed_bytes = 0
         self._sync_due = False
-        self._waiting: list[threading.Event] = []
+        self.status = self._read_status()
 
     def begin_part(self, reason: str, texture: str) -> None:
         """Close the open part and create the next."""
@@ -82,8 +86,7 @@ class SessionWriter:
 
     def add_block(self, block: Block) -> None:
         """Add samples; a lower counter means that the board restarted and begins a new part."""
-        part = self._open_part()
-        self._last_at_s = max(self._last_at_s, block.arrived_s)
+        part = self._open_part(block.arrived_s)
         expected = part.counters.next_counter
         if len(block) and expected is not None and block.counters[0] < expected:
             self.begin_part("the taxel board restarted", self._texture)
@@ -96,40 +99,34 @@ class SessionWriter:
 
     def add_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
         """Add a poll and its load-cell samples."""
-        part = self._open_part()
-        self._last_at_s = max(self._last_at_s, state.at_s)
+        part = self._open_part(state.at_s)
         part.add_rows(layout.DRUM, [drum_row(state, force_set_g, speed_set_mm_s)])
         part.add_rows(layout.LOADCELL, state.loadcell)  # the table has a sample's fields
 
     def add_event(self, event: Event) -> None:
         """Add an event."""
-        self._last_at_s = max(self._last_at_s, event.at_s)
-        self._open_part().add_rows(layout.EVENTS, [event_row(event)])
+        self._open_part(event.at_s).add_rows(layout.EVENTS, [event_row(event)])
 
     def commit_trial(self, row: TrialRow) -> None:
         """Add an attempt's row; an fsync follows the next flush."""
-        part = self._open_part()
-        self._last_at_s = max(self._last_at_s, row.ended_s)
+        part = self._open_part(row.ended_s)
         first_sample = part.counters.row_of(row.first_counter)
         part.add_rows(layout.TRIALS, [trial_row(row, self._number, first_sample)])
-        self._trials += 1
         self._sync_due = True
 
-    def notify_when_written(self, done: threading.Event) -> None:
-        """Set ``done`` after the next flush and fsync."""
-        self._waiting.append(done)
+    def sync(self) -> None:
+        """Write all added rows and sync them to the medium (fsync)."""
         self._sync_due = True
+        self.flush()
 
     def flush(self) -> None:
-        """Write all added rows to the file and update ``disk``."""
-        part = self._part
-        if part is not None:
-            part.write()
+        """Write all added rows to the file and update ``status``."""
+        if self._part is not None:
+            self._part.write()
             if self._sync_due:
-                part.sync()
-            self._publish(part.samples_written, part.size_bytes())
+                self._part.sync()
         self._sync_due = False
-        self._release_waiting()
+        self.status = self._read_status()
 
     def close_part(self) -> None:
         """Close the open part with an event as its last row; nothing writes to it again."""
@@ -138,50 +135,35 @@ class SessionWriter:
         self.add_event(
             Event(self._last_at_s, layout.PART_END_KIND, "The part was closed in order.")
         )
-        self._sync_due = True
-        self.flush()
+        self.sync()
         part, self._part = self._part, None
         part.close()
-        size = part.path.stat().st_size
-        self._closed = replace(
-            self._closed,
-            samples=self._closed.samples + part.samples_written,
-            bytes=self._closed.bytes + size,
-        )
-        self._publish(0, 0)
-
-    def update_free_space(self) -> None:
-        """Update the free space in ``disk`` while there is nothing to write."""
-        self.disk = replace(self.disk, free_bytes=shutil.disk_usage(self._folder).free)
+        self._closed_samples += part.samples_written
+        self._closed_bytes += part.path.stat().st_size
+        self.status = self._read_status()
 
     def abandon(self) -> None:
         """Close the file after a failure; flushed rows stay readable."""
         part, self._part = self._part, None
-        try:
+        # The failure that the caller reports may keep HDF5 from writing its last bytes too.
+        with suppress(OSError, RuntimeError):
             if part is not None:
                 part.abandon()
-        except (OSError, RuntimeError):
-            return  # HDF5 cannot write its last bytes either; the caller reports it
-        finally:
-            self._release_waiting()
 
-    def _release_waiting(self) -> None:
-        waiting, self._waiting = self._waiting, []
-        for done in waiting:
-            done.set()
-
-    def _open_part(self) -> PartWriter:
+    def _open_part(self, at_s: float = -inf) -> PartWriter:
+        """Return the open part, for data of loop time ``at_s``."""
         if self._part is None:
             raise DiskFault("begin a part before recording data")
+        self._last_at_s = max(self._last_at_s, at_s)
         return self._part
 
-    def _publish(self, samples: int, size: int) -> None:
-        self.disk = DiskStatus(
+    def _read_status(self) -> RecorderStatus:
+        part = self._part
+        return RecorderStatus(
             part=self._number,
-            samples=self._closed.samples + samples,
-            trials=self._trials,
-            bytes=self._closed.bytes + size,
-            free_bytes=shutil.disk_usage(self._folder).free,
+            samples_on_disk=self._closed_samples + (part.samples_written if part else 0),
+            bytes_on_disk=self._closed_bytes + (part.size_bytes() if part else 0),
+            disk_free_bytes=shutil.disk_usage(self._folder).free,
         )
 
 
