@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
-from rigctl.errors import SessionError, WrongUse
+from rigctl.session.files.analysis_file import open_analysis_file
 from rigctl.session.format.annotated_arrays import read_array, read_text, write_array, write_text
 
 ENCODER_UNITS = {
@@ -49,17 +48,8 @@ def read_ranges(group: Any) -> Normalisation:
 
 def load_ranges(path: Path) -> Normalisation:
     """Return the taxel ranges of a spikes or model file. Raises SessionError for another file."""
-    try:
-        with h5py.File(path, "r") as file:
-            ranges = read_ranges(file["encoder"])
-    except FileNotFoundError:
-        raise SessionError(
-            f"there is no file {path}: --ranges takes all, training or one"
-        ) from None
-    except (OSError, KeyError, WrongUse) as error:
-        raise SessionError(
-            f"{path} holds no taxel ranges ({error}): give a spikes.h5 or a model file"
-        ) from error
+    with open_analysis_file(path, "--ranges takes all, training or one") as file:
+        ranges = read_ranges(file["encoder"])
     return Normalisation(ranges.low, ranges.high, f"those of {path}: {ranges.source}")
 
 

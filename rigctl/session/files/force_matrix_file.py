@@ -5,21 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.errors import SessionError, WrongUse
-from rigctl.session.files.source_sessions import SOURCES_OF_LAYOUT, read_inputs
-from rigctl.session.format.annotated_arrays import (
-    read_array,
-    read_attributes,
-    read_texts,
-    write_array,
-    write_texts,
-)
-
-LAYOUT_VERSION = 1
+from rigctl.errors import SessionError
+from rigctl.session.files.analysis_file import open_analysis_file
+from rigctl.session.files.source_sessions import read_inputs
+from rigctl.session.format.annotated_arrays import read_array, read_texts, write_array, write_texts
 
 AXES = "texture, taxel, speed, force"
 EVALUATIONS_DOC = "encodings that it took, those of some trials by their share of the samples"
@@ -33,13 +25,7 @@ def write_force(group: Any, force: ForceMatrix) -> None:
     )
     write_array(group, "speeds_mm_s", np.array(force.speeds_mm_s), "mm/s", "planned", "speed")
     write_array(group, "forces_g", np.array(force.forces_g), "g", "planned", "force")
-    write_array(
-        group,
-        "reference_g",
-        np.float64(force.reference_g),
-        "g",
-        "force whose SA rates are aimed at",
-    )
+    write_array(group, "reference_g", force.reference_g, "g", "force whose SA rates are aimed at")
     write_array(group, "c", force.c, "none", "factor on the SA current", AXES)
     write_array(group, "status", force.status, "none", STATUS_DOC, AXES)
     write_array(group, "residual_hz", force.residual_hz, "Hz", "rate reached less the target", AXES)
@@ -68,25 +54,12 @@ def read_force(group: Any) -> ForceMatrix:
 def load_force(path: Path) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
     """Return C of a model or spikes file, and the source sessions of its search.
 
-    Raises SessionError for a newer, damaged or other file, WrongUse for one without C.
+    Raises SessionError for a newer, damaged or other file and for one without C.
     """
-    try:
-        with h5py.File(path, "r") as file:
-            attributes = read_attributes(file)
-            if attributes.get("layout") not in SOURCES_OF_LAYOUT:
-                raise SessionError(f"{path} is neither a model nor a spikes.h5: give one to --c")
-            if attributes.get("layout_version") != LAYOUT_VERSION:
-                raise SessionError(
-                    f"{path} has layout version {attributes.get('layout_version')}, this program "
-                    f"reads {LAYOUT_VERSION}: use the rigctl that made it, or make it again"
-                )
-            if "c" not in file:
-                raise WrongUse(
-                    f"{path} holds no C: name a model of a Force Scaled representation, or a "
-                    "spikes.h5 of sessions with several forces"
-                )
-            return read_force(file["c"]), read_inputs(file)
-    except FileNotFoundError:
-        raise SessionError(f"there is no file {path}: --c takes a model or a spikes.h5") from None
-    except (OSError, KeyError, ValueError) as error:
-        raise SessionError(f"{path} holds no C, or is damaged: {error}") from error
+    with open_analysis_file(path, "--c takes a model or a spikes.h5") as file:
+        if "c" not in file:
+            raise SessionError(
+                f"{path} holds no C: name a model of a Force Scaled representation, or a "
+                "spikes.h5 of sessions with several forces"
+            )
+        return read_force(file["c"]), read_inputs(file)

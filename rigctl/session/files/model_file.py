@@ -13,14 +13,18 @@ import h5py
 import numpy as np
 
 from rigctl.encoding.features import FeatureLayout
-from rigctl.errors import DiskFault, SessionError, WrongUse
+from rigctl.errors import DiskFault, WrongUse
+from rigctl.session.files.analysis_file import (
+    LAYOUT_VERSION,
+    MODEL_LAYOUT,
+    open_analysis_file,
+)
 from rigctl.session.files.encoder_group import read_parameters, read_ranges, write_encoder
 from rigctl.session.files.force_matrix_file import read_force, write_force
 from rigctl.session.files.model import Model, TrainingInfo
 from rigctl.session.format.annotated_arrays import (
     Attributes,
     read_array,
-    read_attributes,
     read_text,
     read_texts,
     write_array,
@@ -30,8 +34,31 @@ from rigctl.session.format.annotated_arrays import (
 )
 from rigctl.session.format.layout import LIBVER
 
-LAYOUT = "rigctl-model"
-LAYOUT_VERSION = 1
+_ARRAYS = (
+    ("pca/mean", "of the features", "training mean", "feature"),
+    ("pca/axes", "", "unit vectors", "feature, component"),
+    ("pca/variance", "squared", "divisor n - 1", "component"),
+    (
+        "lda/factor",
+        "of the features",
+        "lower Cholesky factor of the pooled covariance, divisor n - classes",
+        "component, component",
+    ),
+    (
+        "lda/whitened_means",
+        "",
+        "factor · whitened = class mean of the scores",
+        "component, class",
+    ),
+    ("lda/log_priors", "", "ln of the training share", "class"),
+    (
+        "lda/dropped",
+        "",
+        "components from 0 without within-class variance: they take no part",
+        "dropped component",
+    ),
+)
+"""Data set, unit, meaning and axes of each array of :class:`Model`."""
 
 
 def check_output_path(path: Path) -> None:
@@ -58,38 +85,12 @@ def save_model(model: Model, path: Path) -> None:
 
 def load_model(path: Path) -> Model:
     """Return a model. Raises SessionError for a damaged, newer or other file."""
-    with _open(path) as file:
-        try:
-            return _read(file)
-        except (KeyError, ValueError, OSError, WrongUse, IndexError) as error:
-            raise SessionError(f"{path} is damaged, it lacks what a model has: {error}") from error
-
-
-def _open(path: Path) -> Any:
-    try:
-        file = h5py.File(path, "r")
-    except FileNotFoundError:
-        raise SessionError(f"there is no file {path}: give one that --save-model made") from None
-    except OSError as error:
-        raise SessionError(
-            f"{path} is not a model, or is damaged: HDF5 cannot open it ({error})"
-        ) from error
-    attributes = read_attributes(file)
-    if attributes.get("layout") != LAYOUT:
-        file.close()
-        raise SessionError(f"{path} is an HDF5 file, but not a rigctl model")
-    version = attributes.get("layout_version")
-    if version != LAYOUT_VERSION:
-        file.close()
-        raise SessionError(
-            f"{path} has model layout version {version}, this program reads {LAYOUT_VERSION}: "
-            "use the rigctl that made it, or train it again"
-        )
-    return file
+    with open_analysis_file(path, "give one that --save-model made", MODEL_LAYOUT) as file:
+        return _read(file)
 
 
 def _write(file: Any, model: Model) -> None:
-    header: Attributes = {"layout": LAYOUT, "layout_version": LAYOUT_VERSION}
+    header: Attributes = {"layout": MODEL_LAYOUT, "layout_version": LAYOUT_VERSION}
     write_attributes(file, {**header, "simulated": int(model.training.simulated)})
     write_text(file, "representation", model.representation, "the paper's name of it")
     write_text(file, "key", model.key, "the same as a short word")
@@ -97,8 +98,8 @@ def _write(file: Any, model: Model) -> None:
     write_texts(file, "classes", model.classes, "what is told apart", "class")
     write_encoder(file.create_group("encoder"), model.parameters, model.normalisation)
     _write_features(file.create_group("features"), model.features)
-    _write_pca(file.create_group("pca"), model)
-    _write_lda(file.create_group("lda"), model)
+    for path, unit, doc, axes in _ARRAYS:
+        write_array(file, path, getattr(model, _field(path)), unit, doc, axes)
     if model.c is not None:
         write_force(file.create_group("c"), model.c)
     _write_training(file.create_group("training"), model.training)
@@ -111,23 +112,6 @@ def _write_features(group: Any, features: FeatureLayout) -> None:
     write_array(group, "speed_scaled", features.scaled, "", "1: windows of texture travelled")
     order = "SA taxel 1 … n, RA taxel 1 … n; each with its windows; SA in Hz, RA as counts"
     write_text(group, "order", order, "what a feature vector holds")
-
-
-def _write_pca(group: Any, model: Model) -> None:
-    write_array(group, "mean", model.mean, "of the features", "training mean", "feature")
-    write_array(group, "axes", model.axes, "", "unit vectors", "feature, component")
-    write_array(group, "variance", model.variance, "squared", "divisor n - 1", "component")
-
-
-def _write_lda(group: Any, model: Model) -> None:
-    axes = "component, component"
-    doc = "lower Cholesky factor of the pooled covariance, divisor n - classes"
-    write_array(group, "factor", model.factor, "of the features", doc, axes)
-    doc = "factor · whitened = class mean of the scores"
-    write_array(group, "whitened_means", model.whitened_means, "", doc, "component, class")
-    write_array(group, "log_priors", model.log_priors, "", "ln of the training share", "class")
-    doc = "components from 0 without within-class variance: they take no part"
-    write_array(group, "dropped", model.dropped, "", doc, "dropped component")
 
 
 def _write_training(group: Any, training: TrainingInfo) -> None:
@@ -143,7 +127,6 @@ def _write_training(group: Any, training: TrainingInfo) -> None:
 
 
 def _read(file: Any) -> Model:
-    pca, lda = file["pca"], file["lda"]
     parameters = read_parameters(file["encoder"])
     model = Model(
         representation=read_text(file, "representation"),
@@ -153,13 +136,8 @@ def _read(file: Any) -> Model:
         parameters=parameters,
         normalisation=read_ranges(file["encoder"]),
         features=_read_features(file["features"]),
-        mean=read_array(pca, "mean"),
-        axes=read_array(pca, "axes"),
-        variance=read_array(pca, "variance"),
-        factor=read_array(lda, "factor"),
-        whitened_means=read_array(lda, "whitened_means"),
-        log_priors=read_array(lda, "log_priors"),
-        dropped=read_array(lda, "dropped", np.int64),
+        **{_field(path): read_array(file, path) for path, *_ in _ARRAYS[:-1]},
+        dropped=read_array(file, "lda/dropped", np.int64),
         c=read_force(file["c"]) if "c" in file else None,
         training=_read_training(file["training"], bool(file.attrs["simulated"])),
         sample_rate_hz=round(parameters.sample_rate_hz),
@@ -193,17 +171,22 @@ def _read_training(group: Any, simulated: bool) -> TrainingInfo:
 
 def _check_shapes(model: Model) -> None:
     """Raise ValueError if shapes do not agree or a value is not finite."""
-    p, k, n = model.features.n_features(model.n_taxels), model.components, len(model.classes)
-    shapes = {
-        "mean": (p,),
-        "axes": (p, k),
-        "factor": (k, k),
-        "whitened_means": (k, n),
-        "log_priors": (n,),
+    sizes = {
+        "feature": model.features.n_features(model.n_taxels),
+        "component": model.components,
+        "class": len(model.classes),
+        "dropped component": len(model.dropped),
     }
-    for name, shape in shapes.items():
-        array = getattr(model, name)
+    for path, _, _, axes in _ARRAYS:
+        array = getattr(model, _field(path))
+        shape = tuple(sizes[axis] for axis in axes.split(", "))
         if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(f"{name} should be {shape} finite numbers and is {array.shape}")
+            raise ValueError(
+                f"{_field(path)} should be {shape} finite numbers and is {array.shape}"
+            )
     if model.force and model.c is None:
         raise ValueError("its representation is scaled to force, but there is no C")
+
+
+def _field(path: str) -> str:
+    return path.rpartition("/")[2]

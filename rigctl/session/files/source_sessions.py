@@ -7,14 +7,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import h5py
-
 from rigctl.errors import SessionError
-from rigctl.session.format.annotated_arrays import read_attributes, read_text
+from rigctl.session.files.analysis_file import open_analysis_file
+from rigctl.session.format.annotated_arrays import read_text
 from rigctl.session.read.part_file import part_paths
-
-SOURCES_OF_LAYOUT = {"rigctl-model": "training/inputs", "rigctl-spikes": "inputs"}
-"""Data set with the source sessions in files of these layouts."""
 
 
 def content_digest(folder: Path) -> str:
@@ -36,14 +32,11 @@ def content_digest(folder: Path) -> str:
 
 def load_inputs(path: Path) -> tuple[dict[str, Any], ...]:
     """Return a mapping for each source session. Raises SessionError for a damaged or other file."""
-    try:
-        with h5py.File(path, "r") as file:
-            return read_inputs(file)
-    except (OSError, KeyError, ValueError) as error:
-        raise SessionError(f"{path} does not list its source sessions: {error}") from error
+    with open_analysis_file(path, "give one that rigctl made") as file:
+        return read_inputs(file)
 
 
 def read_inputs(file: Any) -> tuple[dict[str, Any], ...]:
     """Return the same from an open file. Raises KeyError or ValueError where there are none."""
-    dataset = SOURCES_OF_LAYOUT[str(read_attributes(file).get("layout"))]
+    dataset = "training/inputs" if "training" in file else "inputs"
     return tuple(json.loads(read_text(file, dataset)))

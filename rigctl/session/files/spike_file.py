@@ -20,6 +20,7 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
+from rigctl.session.files.analysis_file import LAYOUT_VERSION, SPIKES_LAYOUT
 from rigctl.session.files.encoder_group import write_encoder
 from rigctl.session.files.force_matrix_file import write_force
 from rigctl.session.format.annotated_arrays import (
@@ -31,7 +32,6 @@ from rigctl.session.format.annotated_arrays import (
 )
 from rigctl.session.format.layout import LIBVER
 
-LAYOUT, LAYOUT_VERSION = "rigctl-spikes", 1
 SAMPLE_CHUNK = 1 << 16
 
 
@@ -116,7 +116,7 @@ class SpikeFileWriter:
         write_array(group, f"{name}_s", seconds, "s", doc, "trial, window")
 
     def _write_header(self, encoding: EncodingInfo) -> None:
-        header: Attributes = {"layout": LAYOUT, "layout_version": LAYOUT_VERSION}
+        header: Attributes = {"layout": SPIKES_LAYOUT, "layout_version": LAYOUT_VERSION}
         write_attributes(self._file, {**header, "simulated": int(encoding.simulated)})
         origin = "SIMULATED: no bench stood behind it" if encoding.simulated else "a real bench"
         write_text(self._file, "origin", origin, "where the samples come from")

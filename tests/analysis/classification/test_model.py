@@ -21,7 +21,8 @@ from rigctl.analysis.features.transferred_c import load_c
 from rigctl.cli import main
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.files.model_file import LAYOUT_VERSION, load_model, save_model
+from rigctl.session.files.analysis_file import LAYOUT_VERSION
+from rigctl.session.files.model_file import load_model, save_model
 from tests.analysis.recordings import record
 
 UTC = "2026-11-21T12:00:00Z"
@@ -197,7 +198,7 @@ def test_files_that_are_no_model_are_sentences(made: RepresentationSet, tmp_path
         load_model(tmp_path / "text.h5")
     with h5py.File(tmp_path / "else.h5", "w") as file:
         file["x"] = 1
-    with pytest.raises(SessionError, match="an HDF5 file, but not a rigctl model"):
+    with pytest.raises(SessionError, match="an HDF5 file, but not a model"):
         load_model(tmp_path / "else.h5")
 
     def changed(name: str, change: Any) -> Path:
@@ -222,7 +223,7 @@ def test_files_that_are_no_model_are_sentences(made: RepresentationSet, tmp_path
 
     for name, change, message in (
         ("newer", newer, f"layout version {LAYOUT_VERSION + 1}, this program reads"),
-        ("lacking", lacking, "is damaged, it lacks what a model has"),
+        ("lacking", lacking, "is not a model, or is damaged: .*'axes'"),
         ("holed", holed, r"factor should be \(12, 12\) finite numbers"),
         ("unknown", unknown, "encoder parameter reset is 'never'"),
     ):
@@ -299,7 +300,7 @@ def test_analyse_takes_c_from_a_model_and_reports_its_rate_error(
     of_spikes = load_c(spikes, trials)
     np.testing.assert_array_equal(of_spikes.force.c, load_c(model, trials).force.c)
     assert of_spikes.unseen == () and load_c(spikes, join_sessions([day])).unseen == (day,)
-    with pytest.raises(SessionError, match=r"is neither a model nor a spikes\.h5"):
+    with pytest.raises(SessionError, match=r"is an HDF5 file, but not a model or a spikes\.h5"):
         load_c(next(day.glob("part-*.h5")), trials)
     plainly = saved(made, tmp_path / "plain.h5", "Original")
     assert main(["analyse", str(day), "--out", str(tmp_path / "x"), "--c", str(plainly)]) == 2

@@ -151,7 +151,7 @@ def test_ranges_come_from_all_from_training_or_from_a_file(
         np.testing.assert_array_equal(one["spikes/sample"][:], two["spikes/sample"][:])
     capsys.readouterr()
     assert main([*words, str(tmp_path / "no"), "--ranges", str(days[0] / "part-0001.h5")]) == 2
-    assert "holds no taxel ranges" in capsys.readouterr().err
+    assert "not a model or a spikes.h5: --ranges takes" in capsys.readouterr().err
 
 
 def test_a_taxel_is_drawn_and_tabulated(days: list[Path], tmp_path: Path) -> None:
