@@ -100,7 +100,7 @@ class WorkerTasks:
 
     def plan_protocol(self, path: str, seed: int | None) -> PlanSummary:
         """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed."""
-        from rigctl.protocol import load_protocol
+        from rigctl.protocol.loader import load_protocol
 
         try:
             plan = load_protocol(Path(path)).plan(seed)

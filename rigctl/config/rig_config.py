@@ -8,56 +8,36 @@ which names file, line and key.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from rigctl.config.toml_reader import TomlTable, TomlText
+from rigctl.config.toml_section import flag, number, read_section, text
 from rigctl.errors import ConfigError
 from rigctl.values import DRAWN_WIRING, N_TAXELS, SCALE_BAND_UG_PER_COUNT
 
 ADC_MAX = 1023
 MAX_TAXELS = 1024
 _SCALES = SCALE_BAND_UG_PER_COUNT
-_Section = TypeVar("_Section")
-
-
-def _number(default: float, unit: str, low: float, high: float, doc: str) -> Any:
-    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "doc": doc})
-
-
-def _integer(default: int, unit: str, low: int, high: int, doc: str) -> Any:
-    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "doc": doc})
-
-
-def _integers(unit: str, low: int, high: int, doc: str) -> Any:
-    return field(default=(), metadata={"unit": unit, "low": low, "high": high, "doc": doc})
-
-
-def _text(default: str, doc: str, choices: tuple[str, ...] = ()) -> Any:
-    return field(default=default, metadata={"unit": "", "doc": doc, "choices": choices})
-
-
-def _flag(default: bool, doc: str) -> Any:
-    return field(default=default, metadata={"unit": "", "doc": doc})
 
 
 @dataclass(frozen=True, slots=True)
 class About:
     """Names that every session stores."""
 
-    name: str = _text("nominal", "name of this rig")
-    operator: str = _text("", "person who records")
-    sensor: str = _text("", "name of the sensor")
+    name: str = text("nominal", "name of this rig")
+    operator: str = text("", "person who records")
+    sensor: str = text("", "name of the sensor")
 
 
 @dataclass(frozen=True, slots=True)
 class Ports:
     """Serial ports of the boards, or simulated boards instead."""
 
-    drum: str = _text("", "port of the drum board; empty: search all ports")
-    taxels: str = _text("", "port of the taxel board; empty: search all ports")
-    simulate: str = _text(
+    drum: str = text("", "port of the drum board; empty: search all ports")
+    taxels: str = text("", "port of the taxel board; empty: search all ports")
+    simulate: str = text(
         "",
         "virtual or firmware: simulated boards, wired as this file says",
         ("", "virtual", "firmware"),
@@ -68,94 +48,94 @@ class Ports:
 class DrumGeometry:
     """The drum, its plate, and the place of a trial on it."""
 
-    circumference_mm: float = _number(400, "mm", 50, 5000, "texture travel of one turn")
-    plate_start_mm: float = _number(10, "mm", 0, 5000, "from the index mark to the plate's start")
-    plate_length_mm: float = _number(370, "mm", 10, 5000, "texture on the plate")
-    run_in_mm: float = _number(100, "mm", 0, 200, "ramp and settling before the recorded window")
-    sync_margin_mm: float = _number(5, "mm", 0, 50, "sync stays high this far past the window")
-    acceleration_mm_s2: float = _number(600, "mm/s²", 50, 2000, "acceleration of every ramp")
-    rapid_mm_s: float = _number(200, "mm/s", 5, 300, "speed of moves between trials, lifted")
-    backwards: bool = _flag(False, "the drum's forward is the motor's backward")
+    circumference_mm: float = number(400, "mm", 50, 5000, "texture travel of one turn")
+    plate_start_mm: float = number(10, "mm", 0, 5000, "from the index mark to the plate's start")
+    plate_length_mm: float = number(370, "mm", 10, 5000, "texture on the plate")
+    run_in_mm: float = number(100, "mm", 0, 200, "ramp and settling before the recorded window")
+    sync_margin_mm: float = number(5, "mm", 0, 50, "sync stays high this far past the window")
+    acceleration_mm_s2: float = number(600, "mm/s²", 50, 2000, "acceleration of every ramp")
+    rapid_mm_s: float = number(200, "mm/s", 5, 300, "speed of moves between trials, lifted")
+    backwards: bool = flag(False, "the drum's forward is the motor's backward")
 
 
 @dataclass(frozen=True, slots=True)
 class RigLimits:
     """Limits of a protocol, and the force at which the board lifts."""
 
-    speed_min_mm_s: float = _number(20, "mm/s", 5, 200, "lowest speed in contact")
-    speed_max_mm_s: float = _number(150, "mm/s", 5, 200, "highest speed in contact")
-    force_min_g: float = _number(50, "g", 50, 1500, "lowest force")
-    force_max_g: float = _number(1200, "g", 50, 1500, "highest force of a protocol")
-    over_force_g: float = _number(1400, "g", 100, 3000, "the board lifts immediately above it")
+    speed_min_mm_s: float = number(20, "mm/s", 5, 200, "lowest speed in contact")
+    speed_max_mm_s: float = number(150, "mm/s", 5, 200, "highest speed in contact")
+    force_min_g: float = number(50, "g", 50, 1500, "lowest force")
+    force_max_g: float = number(1200, "g", 50, 1500, "highest force of a protocol")
+    over_force_g: float = number(1400, "g", 100, 3000, "the board lifts immediately above it")
 
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
     """The actuator that presses and lifts the drum, and its force loop."""
 
-    lift_clearance_mm: float = _number(3, "mm", 0.5, 20, "lift above the last contact")
-    approach_limit_mm: float = _number(30, "mm", 0.5, 50, "travel without contact: a fault")
-    approach_timeout_s: float = _number(10, "s", 0.5, 30, "longest time to settle; more is a fault")
-    stiffness_g_per_mm: float = _number(900, "g/mm", 50, 5000, "stiffest contact: first estimate")
-    dead_band_permille: int = _integer(100, "‰", 0, 500, "lowest duty that moves the actuator")
-    gain_p_per_s: float = _number(6, "1/s", 0.01, 50, "of the force loop: error over stiffness")
-    gain_i_per_s: float = _number(5, "1/s", 0, 50, "of the force loop: how fast it learns")
+    lift_clearance_mm: float = number(3, "mm", 0.5, 20, "lift above the last contact")
+    approach_limit_mm: float = number(30, "mm", 0.5, 50, "travel without contact: a fault")
+    approach_timeout_s: float = number(10, "s", 0.5, 30, "longest time to settle; more is a fault")
+    stiffness_g_per_mm: float = number(900, "g/mm", 50, 5000, "stiffest contact: first estimate")
+    dead_band_permille: int = number(100, "‰", 0, 500, "lowest duty that moves the actuator")
+    gain_p_per_s: float = number(6, "1/s", 0.01, 50, "of the force loop: error over stiffness")
+    gain_i_per_s: float = number(5, "1/s", 0, 50, "of the force loop: how fast it learns")
 
 
 @dataclass(frozen=True, slots=True)
 class LoadCell:
     """From the amplifier's counts to grams."""
 
-    scale_ug_per_count: int = _integer(
+    scale_ug_per_count: int = number(
         2400, "µg/count", -_SCALES[1], _SCALES[1], "sign included; from calibration with masses"
     )
-    calibrated: str = _text("", "date and masses of the calibration, for people")
+    calibrated: str = text("", "date and masses of the calibration, for people")
 
 
 @dataclass(frozen=True, slots=True)
 class Clocks:
     """Measured errors of the boards' clocks."""
 
-    drum_ppm: float = _number(0, "ppm", -10000, 10000, "error of the drum board; positive: fast")
-    taxels_ppm: float = _number(0, "ppm", -10000, 10000, "error of the taxel board; positive: fast")
+    drum_ppm: float = number(0, "ppm", -10000, 10000, "error of the drum board; positive: fast")
+    taxels_ppm: float = number(0, "ppm", -10000, 10000, "error of the taxel board; positive: fast")
 
 
 @dataclass(frozen=True, slots=True)
 class Signals:
     """Which optional wires are fitted."""
 
-    estop: bool = _flag(True, "emergency stop")
-    index: bool = _flag(True, "index mark of the drum")
-    end_switches: bool = _flag(True, "end switches of the actuator")
-    position: bool = _flag(True, "position potentiometer of the actuator")
-    sync: bool = _flag(True, "sync line to the taxel board; else the drum's clock cuts trials")
+    estop: bool = flag(True, "emergency stop")
+    index: bool = flag(True, "index mark of the drum")
+    end_switches: bool = flag(True, "end switches of the actuator")
+    position: bool = flag(True, "position potentiometer of the actuator")
+    sync: bool = flag(True, "sync line to the taxel board; else the drum's clock cuts trials")
 
 
 @dataclass(frozen=True, slots=True)
 class Inverted:
     """Which optional wires mean the opposite of what the wiring drawing says."""
 
-    estop: bool = _flag(False, "contact that closes when pressed: a broken wire goes unnoticed")
-    index: bool = _flag(False, "mark reads low")
-    end_switches: bool = _flag(False, "switches that close at the end")
-    position: bool = _flag(False, "potentiometer with its highest reading at the upper end")
-    sync: bool = _flag(False, "line is high outside the window: an inverter in the wire")
+    estop: bool = flag(False, "contact that closes when pressed: a broken wire goes unnoticed")
+    index: bool = flag(False, "mark reads low")
+    end_switches: bool = flag(False, "switches that close at the end")
+    position: bool = flag(False, "potentiometer with its highest reading at the upper end")
+    sync: bool = flag(False, "line is high outside the window: an inverter in the wire")
 
 
 @dataclass(frozen=True, slots=True)
 class TaxelArray:
     """The sensor: how many taxels, their order and their calibrated range."""
 
-    count: int = _integer(18, "", 1, MAX_TAXELS, "taxels in a frame")
-    rows: int = _integer(3, "", 1, MAX_TAXELS, "rows of a layer")
-    columns: int = _integer(3, "", 1, MAX_TAXELS, "columns of a layer")
-    wiring: tuple[int, ...] = _integers(
-        "", 0, MAX_TAXELS, "reading at each place, layer by layer; empty: as drawn"
+    count: int = number(18, "", 1, MAX_TAXELS, "taxels in a frame")
+    rows: int = number(3, "", 1, MAX_TAXELS, "rows of a layer")
+    columns: int = number(3, "", 1, MAX_TAXELS, "columns of a layer")
+    wiring: tuple[int, ...] = number(
+        (), "", 0, MAX_TAXELS, "reading at each place, layer by layer; empty: as drawn"
     )
-    pressure_raises: bool = _flag(True, "a pressed taxel reads higher")
-    low: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "lowest reading of each taxel")
-    high: tuple[int, ...] = _integers("counts", 0, ADC_MAX, "highest reading of each taxel")
-    range_from: str = _text("", "date and source of the range, for people")
+    pressure_raises: bool = flag(True, "a pressed taxel reads higher")
+    low: tuple[int, ...] = number((), "counts", 0, ADC_MAX, "lowest reading of each taxel")
+    high: tuple[int, ...] = number((), "counts", 0, ADC_MAX, "highest reading of each taxel")
+    range_from: str = text("", "date and source of the range, for people")
 
     @property
     def order(self) -> tuple[int, ...]:
@@ -169,7 +149,7 @@ class TaxelArray:
 class EncoderConfig:
     """The live encoder."""
 
-    preset: str = _text("default", "name of an encoder preset")
+    preset: str = text("default", "name of an encoder preset")
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +196,7 @@ def _config(text: TomlText) -> RigConfig:
     tables = {f.name: root.table(f.name) for f in fields(RigConfig)}
     root.finish()
     values: dict[str, Any] = {
-        f.name: _section(tables[f.name], type(f.default)) for f in fields(RigConfig)
+        f.name: read_section(tables[f.name], type(f.default)) for f in fields(RigConfig)
     }
     config = RigConfig(**values)
     _check_geometry(config, tables["drum"])
@@ -224,28 +204,6 @@ def _config(text: TomlText) -> RigConfig:
     _check_taxels(config.taxels, tables["taxels"])
     _check_scale(config.loadcell, tables["loadcell"])
     return config
-
-
-def _section(table: TomlTable, kind: type[_Section]) -> _Section:
-    # Every section is a dataclass, which ``type`` cannot say.
-    values = {f.name: _value(table, f) for f in fields(kind)}  # type: ignore[arg-type]
-    table.finish()
-    return kind(**values)
-
-
-def _value(table: TomlTable, item: Any) -> Any:
-    meta, default = item.metadata, item.default
-    if isinstance(default, bool):
-        return table.flag(item.name, default)
-    if isinstance(default, str):
-        if meta["choices"]:
-            return table.choice(item.name, meta["choices"], default)
-        return table.text(item.name, default)
-    if isinstance(default, tuple):
-        return table.integers(item.name, default, low=meta["low"], high=meta["high"])
-    if item.type == "int":
-        return table.integer(item.name, default, low=meta["low"], high=meta["high"])
-    return table.number(item.name, default, unit=meta["unit"], low=meta["low"], high=meta["high"])
 
 
 def _check_geometry(config: RigConfig, table: TomlTable) -> None:

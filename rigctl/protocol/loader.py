@@ -8,10 +8,10 @@ from typing import Any
 
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText
+from rigctl.config.toml_section import read_section
 from rigctl.errors import ProtocolError
-from rigctl.protocol.plan import FreeStep, Protocol, Quality, Settle
+from rigctl.protocol.plan import FreeStep, Protocol, Quality, Settle, register_range
 from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
-from rigctl.wire.drum.register_table import BY_NAME
 
 PLACES = ("start", "plate_start", "between_plates", "plate_end", "end", "every")
 DIRECTIONS = ("forward", "backward", "alternate")
@@ -53,17 +53,17 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
         textures=_textures(root),
         speeds_mm_s=root.numbers("speeds_mm_s", **_speed_range(config)),
         forces_g=root.numbers("forces_g", **_force_range(config)),
-        depths_mm=root.numbers("depths_mm", unit="mm", **_bounds("depth_set_um", 1e-3)),
+        depths_mm=root.numbers("depths_mm", unit="mm", **register_range("depth_set_um", 1e-3)),
         repeats=root.integer("repeats", 1, low=1, high=MAX_TRIALS),
         order=kind,
         order_seed=_seed(order, kind),
         across_plates=_across_plates(order, kind),
-        travel_mm=trial.number("travel_mm", 240, unit="mm", **_bounds("travel_set")),
+        travel_mm=trial.number("travel_mm", 240, unit="mm", **register_range("travel_set")),
         force_mode=force_mode,
         direction=trial.choice("direction", DIRECTIONS, "forward"),
         plate_prompt=plates.text("prompt", "Mount plate {texture}, then confirm."),
         settle=_settle(root.table("settle")),
-        quality=_quality(root.table("quality")),
+        quality=read_section(root.table("quality"), Quality),
         steps=tuple(_free_step(table, config) for table in root.tables("steps")),
     )
     for table in (order, trial, plates, root):
@@ -71,12 +71,6 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     _validate_trials(protocol, root)
     _validate_travel(protocol, root, trial)
     return protocol
-
-
-def _bounds(register: str, unit: float = 1.0) -> dict[str, float]:
-    """Return the bounds of a register of the drum, in its engineering unit times ``unit``."""
-    entry = BY_NAME[register]
-    return {"low": entry.low * entry.scale * unit, "high": entry.high * entry.scale * unit}
 
 
 def _textures(root: TomlTable) -> tuple[str, ...]:
@@ -119,38 +113,10 @@ def _across_plates(order: TomlTable, kind: str) -> bool:
 
 
 def _settle(table: TomlTable) -> Settle:
-    default = Settle()
-    settle = Settle(
-        band_percent=table.number(
-            "band_percent", default.band_percent, unit="%", **_bounds("settle_band", 0.1)
-        ),
-        time_s=table.number("time_s", default.time_s, unit="s", **_bounds("settle_time_ms", 1e-3)),
-        timeout_s=table.number(
-            "timeout_s", default.timeout_s, unit="s", **_bounds("approach_timeout_ms", 1e-3)
-        ),
-    )
-    table.finish()
+    settle = read_section(table, Settle)
     if settle.timeout_s <= settle.time_s:
         table.fail("timeout_s", f"must be longer than time_s, which is {settle.time_s:g} s")
     return settle
-
-
-def _quality(table: TomlTable) -> Quality:
-    default = Quality()
-    quality = Quality(
-        max_lost_samples=table.integer(
-            "max_lost_samples", default.max_lost_samples, low=0, high=1000
-        ),
-        force_tolerance_percent=table.number(
-            "force_tolerance_percent", default.force_tolerance_percent, unit="%", low=0.1, high=100
-        ),
-        speed_tolerance_percent=table.number(
-            "speed_tolerance_percent", default.speed_tolerance_percent, unit="%", low=0.01, high=100
-        ),
-        attempts=table.integer("attempts", default.attempts, low=1, high=100),
-    )
-    table.finish()
-    return quality
 
 
 def _free_step(table: TomlTable, config: RigConfig) -> FreeStep:

@@ -9,10 +9,13 @@ from functools import cached_property
 from itertools import groupby, product
 from operator import attrgetter
 from random import Random
+from typing import Any
 
 from rigctl.config.rig_config import RigConfig
+from rigctl.config.toml_section import number
 from rigctl.protocol.steps import PLATE_CHANGE_S, ChangePlate, RunTrial, Step, rig_seconds
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
+from rigctl.wire.drum.register_table import BY_NAME
 
 BYTES_PER_TRIAL = 700
 BYTES_PER_POLL = 102
@@ -23,23 +26,29 @@ LOADCELL_RATE_HZ = 80
 BLOCK_RATE_HZ = 100
 
 
+def register_range(register: str, unit: float = 1.0) -> dict[str, Any]:
+    """Return the range of a register of the drum, in its engineering unit times ``unit``."""
+    entry = BY_NAME[register]
+    return {"low": entry.low * entry.scale * unit, "high": entry.high * entry.scale * unit}
+
+
 @dataclass(frozen=True, slots=True)
 class Settle:
     """When the force counts as settled, before the drum turns."""
 
-    band_percent: float = 2.0
-    time_s: float = 0.3
-    timeout_s: float = 10.0
+    band_percent: float = number(2.0, "%", **register_range("settle_band", 0.1))
+    time_s: float = number(0.3, "s", **register_range("settle_time_ms", 1e-3))
+    timeout_s: float = number(10.0, "s", **register_range("approach_timeout_ms", 1e-3))
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
     """Limits that a trial must keep to be committed, and the number of attempts."""
 
-    max_lost_samples: int = 0
-    force_tolerance_percent: float = 5.0
-    speed_tolerance_percent: float = 1.0
-    attempts: int = 3
+    max_lost_samples: int = number(0, "", 0, 1000)
+    force_tolerance_percent: float = number(5.0, "%", 0.1, 100)
+    speed_tolerance_percent: float = number(1.0, "%", 0.01, 100)
+    attempts: int = number(3, "", 1, 100)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,9 @@ from rigctl import __version__
 from rigctl.acquisition.protocol.run_request import check_disk_space
 from rigctl.config.resources import source_commit
 from rigctl.errors import ProtocolError
-from rigctl.protocol import Plan, Protocol, RunTrial, load_protocol, parse_protocol
+from rigctl.protocol.loader import load_protocol, parse_protocol
+from rigctl.protocol.plan import Plan, Protocol
+from rigctl.protocol.steps import RunTrial
 from rigctl.session.format.header import CUT_BY_WIRE, SessionHeader
 from rigctl.session.write.recorder import Recorder
 from rigctl.simulation.bench.world_file import NOMINAL_WORLD, SimulatedWorld

@@ -15,7 +15,7 @@ from rigctl.acquisition.drum.settings import (
 )
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import BoardFault
-from rigctl.protocol import Settle
+from rigctl.protocol.plan import Settle
 from rigctl.simulation.direct_rig import POLL_MS, DirectRig
 from rigctl.values import DrumState, PlannedTrial
 from rigctl.wire.drum.codes import Command, CommandResult

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.errors import SessionError
-from rigctl.protocol import Plan
+from rigctl.protocol.plan import Plan
 from rigctl.session.files.ground_truth import TRUTH_PATTERN, check_truth
 from rigctl.session.format import layout
 from rigctl.session.format.header import SessionHeader

@@ -12,12 +12,12 @@ import numpy as np
 from rigctl.acquisition.protocol.trial_quality import MeasuredTrial, judge, measure, trial_row
 from rigctl.acquisition.taxels.trial_cutter import TrialCutter
 from rigctl.errors import DiskFault
-from rigctl.protocol import (
+from rigctl.protocol.plan import Protocol
+from rigctl.protocol.steps import (
     ApproachOnly,
     Baseline,
     ChangePlate,
     Message,
-    Protocol,
     Rest,
     RunTrial,
     Tare,

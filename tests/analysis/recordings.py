@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.protocol import parse_protocol
+from rigctl.protocol.loader import parse_protocol
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import Block, DrumState, Gap, PlannedTrial

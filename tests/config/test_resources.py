@@ -15,7 +15,7 @@ from rigctl.errors import ProtocolError, WrongUse
 ROOT = Path(__file__).resolve().parents[2]
 ASK = """
 from rigctl.config import resources
-from rigctl.protocol import load_protocol
+from rigctl.protocol.loader import load_protocol
 print(resources.__file__)
 print(len(load_protocol(resources.find_protocol("paper")).plan().trials))
 try:

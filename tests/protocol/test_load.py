@@ -12,18 +12,9 @@ from hypothesis import strategies as st
 from rigctl.config.resources import protocols
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import ProtocolError
-from rigctl.protocol import (
-    ApproachOnly,
-    Baseline,
-    ChangePlate,
-    Message,
-    Plan,
-    Rest,
-    RunTrial,
-    Tare,
-    load_protocol,
-    parse_protocol,
-)
+from rigctl.protocol.loader import load_protocol, parse_protocol
+from rigctl.protocol.plan import Plan
+from rigctl.protocol.steps import ApproachOnly, Baseline, ChangePlate, Message, Rest, RunTrial, Tare
 
 GOOD = """\
 textures = ["A", "B"]

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.config.rig_config import RigConfig
-from rigctl.protocol import ChangePlate, Protocol, RunTrial
+from rigctl.protocol.plan import Protocol
+from rigctl.protocol.steps import ChangePlate, RunTrial
 
 TEXTURES = st.lists(st.sampled_from("ABCDEFGH"), min_size=1, max_size=5, unique=True)
 SPEEDS = st.lists(st.sampled_from([40.0, 60.0, 80.0, 120.0]), min_size=1, max_size=3, unique=True)

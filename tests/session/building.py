@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.protocol import Plan, parse_protocol
+from rigctl.protocol.loader import parse_protocol
+from rigctl.protocol.plan import Plan
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import (

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rigctl.config.resources import find_protocol
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError, SessionError
-from rigctl.protocol import load_protocol
+from rigctl.protocol.loader import load_protocol
 from rigctl.simulation.bench.parameters import (
     ParameterInfo,
     Plate,

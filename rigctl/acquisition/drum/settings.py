@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from rigctl.config.rig_config import DrumGeometry, Inverted, RigConfig, Signals
-from rigctl.protocol import Settle
+from rigctl.protocol.plan import Settle
 from rigctl.values import PlannedTrial
 from rigctl.wire.drum.codes import ForceMode, Signal
 from rigctl.wire.drum.register_table import BY_NAME

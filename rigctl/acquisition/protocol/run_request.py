@@ -12,7 +12,8 @@ from rigctl import __version__
 from rigctl.acquisition.rig import Rig
 from rigctl.config.resources import find_protocol, source_commit
 from rigctl.errors import DiskFault, SessionError, WrongUse
-from rigctl.protocol import Plan, load_protocol
+from rigctl.protocol.loader import load_protocol
+from rigctl.protocol.plan import Plan
 from rigctl.session.format import layout
 from rigctl.session.format.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
 from rigctl.session.read.session import Session

@@ -29,7 +29,7 @@ from rigctl.acquisition.protocol.run_request import OpenedRun
 from rigctl.acquisition.protocol.step_runner import StepRunner, remaining_steps
 from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
 from rigctl.errors import BoardFault, RigFault
-from rigctl.protocol import Step
+from rigctl.protocol.steps import Step
 from rigctl.values import DrumState, Event, PlannedTrial
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State

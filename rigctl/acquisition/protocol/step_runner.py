@@ -15,7 +15,7 @@ from rigctl.acquisition.protocol.run_control import RunControl, RunPaused, RunSt
 from rigctl.acquisition.protocol.run_request import OpenedRun
 from rigctl.acquisition.protocol.trial_attempt import TrialAttempt, ppm_or_zero
 from rigctl.errors import RigFault
-from rigctl.protocol import (
+from rigctl.protocol.steps import (
     ApproachOnly,
     Baseline,
     ChangePlate,

@@ -10,7 +10,7 @@ from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.acquisition.taxels.trial_cutter import CutTrial
 from rigctl.acquisition.taxels.trial_start_by_clock import TrialStart, estimate_trial_start
 from rigctl.errors import RigFault
-from rigctl.protocol import Quality
+from rigctl.protocol.plan import Quality
 from rigctl.values import DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
 LATE_SAMPLES_TIMEOUT_S = 1.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.acquisition.taxels.trial_cutter import CutTrial
-from rigctl.protocol import Quality
+from rigctl.protocol.plan import Quality
 from rigctl.values import (
     SAMPLE_RATE_HZ,
     DrumState,

@@ -11,7 +11,8 @@ from typing import Any
 from rigctl.config.resources import find_protocol
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.errors import NegativeAnswer
-from rigctl.protocol import Plan, load_protocol
+from rigctl.protocol.loader import load_protocol
+from rigctl.protocol.plan import Plan
 
 NOMINAL = ("virtual", "firmware")
 """Rigs that need no description: they have the nominal one."""

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rigctl.errors import RigctlError, SessionError
-from rigctl.protocol import Plan, parse_protocol
+from rigctl.protocol.loader import parse_protocol
+from rigctl.protocol.plan import Plan
 from rigctl.session.files.ground_truth import TRUTH_PATTERN, summarise_truth
 from rigctl.session.format import layout
 from rigctl.session.format.wiring import session_wiring

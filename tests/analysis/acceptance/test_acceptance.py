@@ -15,7 +15,8 @@ from rigctl.analysis.acceptance.report import check_limits, is_accepted
 from rigctl.cli import main
 from rigctl.config.resources import find_protocol
 from rigctl.errors import SessionError
-from rigctl.protocol import RunTrial, Turn, load_protocol
+from rigctl.protocol.loader import load_protocol
+from rigctl.protocol.steps import RunTrial, Turn
 from tests.acquisition.engine_harness import open_harness
 
 SHORT = """

@@ -1,0 +1,53 @@
+"""Dataclasses that mirror a TOML table: each field declares unit, range and meaning of its key."""
+
+from __future__ import annotations
+
+from dataclasses import field, fields
+from typing import Any, TypeVar
+
+from rigctl.config.toml_reader import TomlTable
+
+_Section = TypeVar("_Section")
+
+
+def number(
+    default: float | tuple[int, ...], unit: str, low: float, high: float, doc: str = ""
+) -> Any:
+    """Declare a number, a whole number or a tuple of whole numbers; the annotation says which."""
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "doc": doc})
+
+
+def text(default: str, doc: str, choices: tuple[str, ...] = ()) -> Any:
+    """Declare a text, one of ``choices`` if there are any."""
+    return field(default=default, metadata={"unit": "", "doc": doc, "choices": choices})
+
+
+def flag(default: bool, doc: str) -> Any:
+    """Declare true or false."""
+    return field(default=default, metadata={"unit": "", "doc": doc})
+
+
+def read_section(table: TomlTable, kind: type[_Section]) -> _Section:
+    """Return the dataclass ``kind`` with the table's values; a missing key has its default.
+
+    Raises the error of the table's text for an unknown key or an invalid value.
+    """
+    # ``type`` cannot say that every section is a dataclass.
+    values = {f.name: _read_value(table, f) for f in fields(kind)}  # type: ignore[arg-type]
+    table.finish()
+    return kind(**values)
+
+
+def _read_value(table: TomlTable, item: Any) -> Any:
+    meta, default = item.metadata, item.default
+    if isinstance(default, bool):
+        return table.flag(item.name, default)
+    if isinstance(default, str):
+        if meta["choices"]:
+            return table.choice(item.name, meta["choices"], default)
+        return table.text(item.name, default)
+    if isinstance(default, tuple):
+        return table.integers(item.name, default, low=meta["low"], high=meta["high"])
+    if item.type == "int":
+        return table.integer(item.name, default, low=meta["low"], high=meta["high"])
+    return table.number(item.name, default, unit=meta["unit"], low=meta["low"], high=meta["high"])
