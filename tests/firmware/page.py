@@ -1,9 +1,9 @@
-"""Writes ``docs/reference/firmware.md`` from what the bench printed: ``build/bench.jsonl``.
+"""Write ``docs/reference/firmware.md`` from the figures in ``build/bench.jsonl``.
 
 GROUPS='firmware firmware_drift firmware_force firmware_map taxels taxels_million'
 python -m tests.benchmarks $GROUPS && python -m tests.firmware.page
 
-Other files that a bench wrote may be named instead.
+Arguments name other files of figures instead.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tests.firmware.taxels.checks import CONTROLS as TAXEL_CONTROLS
 Row = dict[str, Any]
 DRUM, TAXELS = "firmware.drum.", "firmware.taxels."
 MAP = "firmware.drum.force_map."
-ASKED = {
+LIMITS = {
     "step_jitter_cycles": "± 5",
     "rate_error_ppm": "< 5",
     "step_count_error": "0",
@@ -65,10 +65,10 @@ ASKED = {
     "approach_excess": "≤ 10 %",
     "force_map_settle_s": "< 1",
     "force_map_mean_error": "< 1 %",
-    "force_map": "all, or the map of what can",
+    "force_map": "all, else see the map",
 }
-"""What each figure of the drum is held against."""
-ASKED_OF_TAXELS = {
+"""Limit of each figure of the drum."""
+TAXEL_LIMITS = {
     "frame_cycles_error": "0",
     "jitter_cycles": "± 1",
     "lost_frames": "0",
@@ -77,7 +77,7 @@ ASKED_OF_TAXELS = {
     "longest_isr_us": "≤ 25",
     "interrupts_off_us": "≤ 10",
 }
-"""What each figure of the taxel board is held against."""
+"""Limit of each figure of the taxel board."""
 SHARES = {"acceleration_error", "idle_share", "isr_load"}
 SHARE_FAMILIES = ("force_", "approach_excess", "variant_")
 
@@ -85,21 +85,21 @@ HEAD = """# The firmware in numbers
 
 <!-- Written by `python -m tests.firmware.page` from build/bench.jsonl; do not edit. -->
 
-Both images run on simulated chips (simavr), and everything here is counted in their cycles:
-{run} Run
+Both images run on simulated chips (simavr), and all figures count cycles of these chips.
+{run} To measure again, run
 `make bench BENCH_ARGS="firmware firmware_drift firmware_force firmware_map taxels taxels_million"`
-and then `python -m tests.firmware.page` to have them anew (an hour at most); the figures are the
-same on any machine. The simulator's own floor of an edge is ± 5 cycles; silicon has none. Peers'
-figures are those that they publish, with the source named in the bench's `peer`; nothing of theirs
-was run here. Forces are the world's true contact force on the [nominal plant](world.md), not what
-the load cell says.
+and then `python -m tests.firmware.page` (an hour at most); the figures are the same on any machine.
+The simulator resolves an edge to ± 5 cycles; a real chip has no such limit. Figures of peers are
+those that they publish, with their source; we ran none of their programs. Forces are the true
+contact force of the [nominal simulated bench](world.md), not the reading of the load cell. A
+*plant* is a simulated bench with one set of parameters.
 
-What the drum does by itself, state by state, stands in [drum-wire.md](drum-wire.md#states).
+[drum-wire.md](drum-wire.md#states) describes the firmware's states.
 """
 
 
 def page(rows: list[Row]) -> str:
-    """The whole page. Raises ValueError where the rows hold no figure of the drum."""
+    """Return the page. Raises ValueError if the rows hold no figure of the drum."""
     drum = [r for r in rows if r["name"].startswith(DRUM) and "cells" not in r]
     if not drum:
         raise ValueError(
@@ -113,18 +113,20 @@ def page(rows: list[Row]) -> str:
     return "".join([*parts, "\n## Negative controls\n\n", controls(), CELLS_HEAD, cells()])
 
 
-MAP_HEAD = """Each plant is the nominal one with this one number at the end of its range; the hard
-ones have them all: lag 50 ms, dead band 20 %, run-out and backlash 0.1 mm, and plate D, whose wide
-ridges no mean over the sensor levels out. The board has the settings that it boots with.
-{trials} trials on each plant:
-forces from the lowest and at each the speeds from the slowest, {speeds} mm/s, one behind the other
-on the same drum; and this anew from {places} mm behind the mark, since a drum that rests on a ridge
-has another height below the sensor once it turns. A mark for each speed: `·` kept all that is asked
-for from everywhere, else {marks}.
+MAP_HEAD = """\
+Each plant is the nominal one with one parameter at the end of its range. The *hard* plants
+combine them: lag 50 ms, dead band 20 %, run-out and backlash 0.1 mm, and plate D, whose ridges
+are too wide for the sensor to average out. The board has its boot settings. Each plant gets
+{trials} trials: one sequence from each of three starting points, {places} mm after the index mark,
+because the height below the sensor at rest on a ridge differs from the mean height once the drum
+turns. A sequence runs the forces from the lowest, and at each force the speeds from the slowest,
+{speeds} mm/s. There is one mark for each speed: `·` if all limits hold from every starting point,
+otherwise {marks}.
 
-*Approach* is the highest single millisecond of the true force while the drum is still, over the set
-force. *Swing* is the farthest mean of 200 ms inside the sync window, *peak in motion* its highest
-single millisecond: a ridge that passes below the sensor, faster than any actuator of this kind.
+*Approach* is the highest single millisecond of the true force while the drum is still, over the
+set force. *Swing* is the largest deviation of a 200 ms mean inside the sync window. *Peak in
+motion* is the highest single millisecond there: a ridge that passes below the sensor faster than
+such an actuator can follow.
 
 """.format(
     trials=len(GRID) * len(PLACES_MM),
@@ -132,33 +134,33 @@ single millisecond: a ridge that passes below the sensor, faster than any actuat
     places=", ".join(f"{mm:g}" for mm in PLACES_MM),
     marks=", ".join(f"`{letter}` {what}" for letter, what in MARKS.items()),
 )
-MAP_TABLE = "| plant | settles in, s |{forces} worst, and what was missed |\n|---|---|{rules}---|\n"
+MAP_TABLE = (
+    "| plant | settles in, s |{forces} worst figures, and missed limits |\n|---|---|{rules}---|\n"
+)
 
 
 def said_of_run(drum: Iterable[Row]) -> str:
-    """Which image the figures are of."""
+    """Return a sentence with the build of the image."""
     notes = [r["note"] for r in drum if "build " in r["note"]]
     build = notes[0].split("build ")[1].split(";")[0] if notes else "unknown"
-    return f"the drum's is build `{build}`."
+    return f"The drum's image is build `{build}`."
 
 
 def table(rows: Iterable[Row], prefix: str) -> str:
-    """One line a figure: value, what is asked for, scene, peer."""
-    lines = [
-        "| figure | value | asked for | scene | published by a peer |\n|---|---|---|---|---|\n"
-    ]
+    """Return a table: one row for each figure, with value, limit, scene and peer."""
+    lines = ["| figure | value | limit | scene | published by a peer |\n|---|---|---|---|---|\n"]
     for r in rows:
         name = r["name"].removeprefix(prefix)
         peer = f"{amount(r['peer_value'], name, r['unit'])}, {r['peer']}" if r["peer"] else ""
         scene = r["note"].rsplit("; build/", 1)[0]
         value = amount(r["value"], name, r["unit"])
-        asked = (ASKED if prefix == DRUM else ASKED_OF_TAXELS).get(name, "")
-        lines.append(f"| `{name}` | {value} | {asked} | {scene} | {peer} |\n")
+        limit = (LIMITS if prefix == DRUM else TAXEL_LIMITS).get(name, "")
+        lines.append(f"| `{name}` | {value} | {limit} | {scene} | {peer} |\n")
     return "".join(lines)
 
 
 def amount(value: float, name: str, unit: str) -> str:
-    """A value with its unit; a share as percent."""
+    """Format a value with its unit, and a share as percent."""
     if name in SHARES or (name.startswith(SHARE_FAMILIES) and unit == ""):
         return f"{value:.2%}".replace("%", " %")
     number = f"{value:,.4g}" if isinstance(value, float) and abs(value) < 1000 else f"{value:,.0f}"
@@ -166,7 +168,7 @@ def amount(value: float, name: str, unit: str) -> str:
 
 
 def force_map(rows: Iterable[Row]) -> str:
-    """One line a plant, in the order of the plants, with a mark for each trial."""
+    """Return a table: one row for each plant, with a mark for each trial."""
     forces = [f"{force} g" for force in FORCES_G]
     head = MAP_TABLE.format(forces="".join(f" {f} |" for f in forces), rules="---|" * len(forces))
     found = {r["name"].removeprefix(MAP): r for r in rows if r["name"].startswith(MAP)}
@@ -179,21 +181,22 @@ def force_map(rows: Iterable[Row]) -> str:
 
 
 ATTACK = """
-Whatever a computer writes, in whatever state, is tried by `tests/attack`: every writable register
-and word with 0, 1, 0x7FFF, 0x8000 and 0xFFFF in every state, and writes, commands, resets, lost
-heartbeats and presses of the emergency stop drawn from a seed; on virtual boards, and the worst of
-them on the chip. The judge is the bench's own log. `make attack` does it for longer, with another
-seed each time. A firmware without a rule is compiled for this computer, and must be caught.
+`tests/attack` tries everything that a computer can write in every state: every writable register
+and word with 0, 1, 0x7FFF, 0x8000 and 0xFFFF, and random writes, commands, resets, lost
+heartbeats and presses of the emergency stop from a seed. It attacks virtual boards, and repeats
+the worst attacks on the chip. The ground truth of the simulated bench decides. `make attack` runs
+longer, with another seed each time. As a control, the tests compile a firmware without a rule for
+this computer, and the attacks must find it.
 """
 
 
 def controls() -> str:
-    """Which broken image fails which check."""
+    """Return the table of broken images and the checks that fail on them."""
     head = (
-        "Each check of `drum_checks.py`, `drum_attacks.py` and `taxel_checks.py` in\n"
-        "`tests/firmware` passes on the image, and must fail on the image that is broken in its\n"
-        "point; `arduino/Makefile` builds them.\n\n"
-        "| broken image | what is broken | the check that fails on it |\n|---|---|---|\n"
+        "Each check of `drum/support/checks.py`, `drum/support/attacks.py` and `taxels/checks.py`\n"
+        "in `tests/firmware` passes on the image, and must fail on an image that is broken in\n"
+        "this one point; `arduino/Makefile` builds them.\n\n"
+        "| broken image | defect | check that fails on it |\n|---|---|---|\n"
     )
     drum = (*CONTROLS, *ATTACK_CONTROLS)
     found = [(f"drum-{name}", what, check.__name__) for name, what, check in drum]
@@ -205,15 +208,15 @@ def controls() -> str:
 CELLS_HEAD = """
 ## States × events on the chip
 
-Every cell of the state table is tried natively, and on the compiled image where a bench can bring
-it about. `·` is a cell that the image was driven through, accepted or refused as the table says;
-the rest is out of reach, for the reason given.
+The tests try every cell of the state table natively, and on the compiled image if a bench can reach
+it. `·` is a cell that the image passed through, accepted or refused as the table says; the other
+cells are unreachable, for the reason given.
 
 """
 
 
 def cells() -> str:
-    """The table of cells, and the reasons."""
+    """Return the table of cells, and the reasons."""
     why: dict[str, str] = {}
     head = "".join(f" {s.name} |" for s in State)
     lines = [f"| event |{head}\n|---|{'---|' * len(State)}\n"]
@@ -228,13 +231,13 @@ def cells() -> str:
 
 
 def rows_of(path: Path) -> list[Row]:
-    """Rows of a bench's file, the last of each name."""
+    """Return the rows of a file of figures, the last of each name."""
     rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     return [list(same)[-1] for _, same in groupby(rows, key=lambda r: r["name"])]
 
 
 def main(files: list[str]) -> int:
-    """Write the page; 2 where there is nothing to write it from."""
+    """Write the page; return 2 if there are no figures."""
     root = checkout()
     assert root is not None
     paths = [Path(name) for name in files] or [root / "build" / "bench.jsonl"]

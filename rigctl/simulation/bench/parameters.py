@@ -48,8 +48,8 @@ class Plate:
 
     name: str
     group: str
-    height_mm: float = _p(1.0, "mm", 0.1, 4, "of ridges and waves")
-    space_mm: float = _p(6.0, "mm", 1, 20, "from ridge to ridge")
+    height_mm: float = _p(1.0, "mm", 0.1, 4, "height of ridges and waves")
+    space_mm: float = _p(6.0, "mm", 1, 20, "distance from ridge to ridge")
     ridge_share: float = _p(0.5, "", 0.1, 0.9, "share of the spacing that a ridge takes")
 
 
@@ -61,37 +61,35 @@ class WorldParameters:
     circumference_mm: float = _p(400.0, "mm", 300, 600, "texture travel of one turn")
     steps_per_turn: float = _p(12800, "steps", 3200, 51200, "200 full steps × 16 × belt 4:1")
     radius_error_ppm: float = _p(0.0, "ppm", -10000, 10000, "true travel over nominal travel")
-    start_mm: float = _p(251.0, "mm", 0, 400, "place under the sensor at power-up")
-    plate_start_mm: float = _p(10.0, "mm", 5, 20, "start of the plate behind the index mark")
+    start_mm: float = _p(251.0, "mm", 0, 400, "position under the sensor at power-up")
+    plate_start_mm: float = _p(10.0, "mm", 5, 20, "start of the plate after the index mark")
     plate_length_mm: float = _p(370.0, "mm", 300, 385, "texture on the plate; the rest is clamp")
-    plate_seating_mm: float = _p(0.2, "mm", 0, 1, "spread of where a plate snaps in")
+    plate_seating_mm: float = _p(0.2, "mm", 0, 1, "spread of a plate's position")
     index_length_mm: float = _p(2.0, "mm", 1, 5, "length of the index mark, from 0")
     run_out_mm: float = _p(0.05, "mm", 0, 0.1, "amplitude of the drum's eccentricity, once a turn")
-    run_out_phase_deg: float = _p(40.0, "°", 0, 360, "place of the eccentricity's rise")
+    run_out_phase_deg: float = _p(40.0, "°", 0, 360, "angle of the eccentricity's rise")
 
     # Actuator
     actuator_speed_mm_s: float = _p(10.0, "mm/s", 6, 15, "speed at full duty, 24 V")
     actuator_lag_ms: float = _p(30.0, "ms", 15, 50, "first-order lag of its speed")
     dead_band: float = _p(0.08, "duty", 0.02, 0.2, "duty below which nothing moves")
-    stiction: float = _p(0.01, "duty", 0, 0.05, "more duty to break loose from rest")
-    backlash_mm: float = _p(0.05, "mm", 0, 0.1, "play of the screw")
-    drum_weight_g: float = _p(1500.0, "g", 800, 4000, "holds the play on one flank below it")
+    stiction: float = _p(0.01, "duty", 0, 0.05, "extra duty to break loose from rest")
+    backlash_mm: float = _p(0.05, "mm", 0, 0.1, "backlash of the screw")
+    drum_weight_g: float = _p(1500.0, "g", 800, 4000, "weight that keeps the screw on one flank")
     actuator_travel_mm: float = _p(50.0, "mm", 40, 60, "from upper to lower end")
     actuator_start_mm: float = _p(5.0, "mm", 0, 30, "position at power-up")
 
     # Contact
     contact_mm: float = _p(20.0, "mm", 10, 30, "actuator travel at which the drum touches")
     stiffness_g_mm: float = _p(
-        600.0, "g/mm", 300, 900, "of skin and frame under a smooth plate at 500 g"
+        600.0, "g/mm", 300, 900, "stiffness of skin and frame, smooth plate, 500 g"
     )
-    frame_share: float = _p(
-        0.5, "", 0.3, 0.8, "share of that give which is the frame's", IDENTIFIED
-    )
+    frame_share: float = _p(0.5, "", 0.3, 0.8, "share of that deflection in the frame", IDENTIFIED)
     pressure_power: float = _p(2.1, "", 1.5, 2.2, "pressure is this power of the depth", IDENTIFIED)
 
     # Load cell
     loadcell_rate_hz: float = _p(80.0, "Hz", 80, 80, "conversions a second by its own clock")
-    loadcell_clock_ppm: float = _p(8000.0, "ppm", -30000, 30000, "its clock fast by so much")
+    loadcell_clock_ppm: float = _p(8000.0, "ppm", -30000, 30000, "error of its clock, + is fast")
     loadcell_average_ms: float = _p(10.0, "ms", 5, 12, "span that one conversion averages")
     loadcell_ug_per_count: float = _p(2400.0, "µg", 1000, 5000, "weight of one count")
     loadcell_offset_counts: float = _p(80000.0, "counts", -500000, 500000, "drum's weight, bridge")
@@ -104,8 +102,8 @@ class WorldParameters:
     moved_mass_g: float = _p(300.0, "g", 0, 1500, "mass whose acceleration the cell feels")
 
     # Clocks of the boards
-    drum_clock_ppm: float = _p(1200.0, "ppm", -5000, 5000, "Mega's resonator fast by so much")
-    taxel_clock_ppm: float = _p(-900.0, "ppm", -5000, 5000, "Uno's resonator fast by so much")
+    drum_clock_ppm: float = _p(1200.0, "ppm", -5000, 5000, "Mega's clock error, + is fast")
+    taxel_clock_ppm: float = _p(-900.0, "ppm", -5000, 5000, "Uno's clock error, + is fast")
 
     # Textures
     base_height_mm: float = _p(1.5, "mm", 0.5, 2, "height of the base ridges", IDENTIFIED)
@@ -118,7 +116,7 @@ class WorldParameters:
     taxel_size_mm: float = _p(3.0, "mm", 3, 3, "width of a taxel, most sensitive inside", SENSOR)
     sensor_skew_deg: float = _p(3.0, "°", -5, 5, "turn of the sensor against the travel")
     edge_drop_mm: float = _p(
-        0.12, "mm", 0.05, 0.2, "depth that the drum's curve takes from the outer rows", IDENTIFIED
+        0.12, "mm", 0.05, 0.2, "loss of depth at the outer rows from the drum's curve", IDENTIFIED
     )
     bridging_mm: float = _p(
         0.25, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED
@@ -132,7 +130,7 @@ class WorldParameters:
     top_gain: float = _p(
         0.051, "", 0.03, 1, "conductance of a top taxel at the mean pressure of 250 g", IDENTIFIED
     )
-    bottom_gain: float = _p(0.07, "", 0.03, 0.8, "the same of a bottom taxel", IDENTIFIED)
+    bottom_gain: float = _p(0.07, "", 0.03, 0.8, "the same for a bottom taxel", IDENTIFIED)
     conductance_power: float = _p(
         1.3, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
     )
@@ -158,12 +156,12 @@ class WorldParameters:
         0.01, "", 0, 0.03, "change of all gains from contact to contact, rms", RECORDINGS
     )
     contact_texture_spread: float = _p(
-        0.04, "", 0, 0.08, "change of the texture felt from contact to contact, rms", RECORDINGS
+        0.04, "", 0, 0.08, "change of the sensed texture from contact to contact, rms", RECORDINGS
     )
     viscous_lag_ms: float = _p(2.9, "ms", 2, 20, "lag of the skin's pressure", IDENTIFIED)
     relaxation: float = _p(0.1, "", 0, 0.3, "share of the pressure that settles slowly", IDENTIFIED)
     relaxation_s: float = _p(1.5, "s", 0.5, 10, "time constant of that share")
-    friction_noise: float = _p(0.01, "", 0, 0.05, "jitter of pressure while it slides, rms")
+    friction_noise: float = _p(0.01, "", 0, 0.05, "jitter of the pressure during sliding, rms")
     crosstalk: float = _p(0.02, "", 0, 0.1, "share of the other lines' signal in a reading")
     adc_noise_counts: float = _p(0.7, "counts", 0, 3, "noise of one conversion, rms")
     dead_taxels: tuple[int, ...] = ()

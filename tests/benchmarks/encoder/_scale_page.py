@@ -23,32 +23,35 @@ UNITS = {
 }  # fmt: skip
 
 HEAD = """\
-# What very many trials would cost
+# The cost of very many trials
 
-`make scale` writes this page (`python -m tests.benchmarks.encoder.scale PAGE`)
-from rates measured in that run; a test renders it anew from the rates at its end and fails where a
-number differs. It is linear reckoning from {trials} trials, not an experiment. Times are processor
-time of one core; only the disk is timed by the clock. The measured set lies in the page cache, so
-reading a large one from the disk is reckoned apart.
+`make scale` writes this page (`python -m tests.benchmarks.encoder.scale PAGE`) from rates that it
+measures in the same run. A test renders the page from the rates at its end and fails if a number
+differs. The page extrapolates linearly from {trials} trials; it is not an experiment with larger
+sets. Times are processor time of one core; only the disk is timed by the clock. The measured set is
+in the page cache, so reading a large set from the disk is a separate row.
 
 Measured on {made}, on {machine}.
 
-## A trial's share
+## Rates
+
+Rates are for one trial unless the row says otherwise.
 
 """
 BREAKS = """
-## Where it breaks first
+## Limits
 
-What grows with the trials, and the number of trials at which it alone fills what the measuring
-machine has ({memory} of memory, {disk} free on its disk). The first line is the first to break.
+Each row is data that grows with the number of trials, and the number of trials at which it alone
+fills the measuring machine ({memory} of memory, {disk} free on its disk). The first row reaches its
+limit first.
 
 """
 
 
 ALIKE = """
-The covariance of features does not grow with the trials: 2160² × 8 bytes are {covariance} for any
-number, so a draw can be summed from pieces of its rows. Nor does `results.json` grow: it holds
-draws × components of each task and representation.
+The covariance of features does not grow with the number of trials: 2160² × 8 bytes are
+{covariance}, so a draw can sum it over pieces of its rows. `results.json` does not grow either: it
+holds draws × components of each task and representation.
 
 ## Rates of this run
 
@@ -56,9 +59,9 @@ draws × components of each task and representation.
 
 
 BOUND = """\
-Below {tall:,.0f} trials a fit has fewer rows than features, which takes a whole singular value
-decomposition; above, a covariance and its leading vectors, which cost less. So times of draws are
-upper bounds here.
+Below {tall:,.0f} trials, a fit has fewer rows than features and needs a whole singular value
+decomposition. Above, it needs a covariance and its leading vectors, which cost less. The times of
+draws are therefore upper bounds.
 """
 
 
@@ -98,18 +101,18 @@ def rates_of(text: str) -> dict[str, Any]:
 def _shares(rates: Mapping[str, Any]) -> str:
     whole = f"{_time(rates['draw_s'])}, and {_time(rates['draw_fixed_s'])} for each draw"
     return _table(
-        ("what", "measured"),
+        ("rate", "measured"),
         [
             ("session on disk, as recorded", _bytes(rates["session_bytes"])),
-            ("its row in the table of trials, in memory", _bytes(rates["table_bytes"])),
-            ("opening the session, for each of its trials", _time(rates["join_s"])),
-            ("reading, encoding, search of C: work that is shared out", _time(rates["encode_s"])),
-            ("the first process beside it: features into files", _time(rates["write_s"])),
-            ("counts of its spikes, kept until C is known", _bytes(rates["counts_bytes"])),
-            ("its features in all six representations, on disk", _bytes(rates["feature_bytes"])),
-            ("a draw of all tasks and representations, for each trial of the set", whole),
-            ("a draw's rows in memory, for each trial of the set", _bytes(rates["draw_bytes"])),
-            ("handing out one piece of work through Dask", _time(rates["task_s"])),
+            ("row in the table of trials, in memory", _bytes(rates["table_bytes"])),
+            ("opening the session", _time(rates["join_s"])),
+            ("reading, encoding, search for C (workers share this)", _time(rates["encode_s"])),
+            ("writing features (first process only)", _time(rates["write_s"])),
+            ("spike counts, kept until C is known", _bytes(rates["counts_bytes"])),
+            ("features in all six representations, on disk", _bytes(rates["feature_bytes"])),
+            ("one draw of all tasks and representations, per trial of the set", whole),
+            ("rows of one draw in memory, per trial of the set", _bytes(rates["draw_bytes"])),
+            ("one task through Dask", _time(rates["task_s"])),
             ("results from Dask workers", f"{_bytes(rates['travel_bytes_s'])}/s"),
             ("this disk, written and synced", f"{_bytes(rates['synced_bytes_s'])}/s"),
         ],
@@ -128,12 +131,12 @@ def _sets(rates: Mapping[str, Any]) -> str:
         ("table of trials, memory", "table_bytes"),
         ("counts in the first process, memory", "counts_bytes"),
         ("one draw of 2160 features, memory", "draw_bytes"),
-        ("the conditions sent with one draw's job", "draw_job_bytes"),
+        ("conditions sent with the task of one draw", "draw_job_bytes"),
     ):
         add(what, lambda n, key=key: _bytes(n * rates[key]))
     one = rates["condition_bytes"] / CONDITIONS
     add(f"one condition of {CONDITIONS}, memory", lambda n: _bytes(n * one))
-    add("sessions once through this disk, as it writes", lambda n: _time(_read_s(n, rates)))
+    add("sessions once through this disk, at its write speed", lambda n: _time(_read_s(n, rates)))
     bound = ", at most" if _is_bound(rates) else ""
     for workers in WORKERS:
         name = "one process" if workers == 1 else f"{workers} Dask workers"
@@ -145,7 +148,7 @@ def _sets(rates: Mapping[str, Any]) -> str:
 def _of_line(rates: Mapping[str, Any]) -> str:
     """How the cost of a draw was measured, and what that is worth."""
     low, high = (f"{n:,}" for n in rates["sweep_trials"])
-    told = f"The cost of a draw is a line through {low} and {high} made-up trials."
+    told = f"The cost of a draw is a line through {low} and {high} generated trials."
     if not _is_bound(rates):
         return f"\n{told}\n"
     return f"\n{told}\n{BOUND.format(tall=TALL_TRIALS)}"
@@ -181,17 +184,17 @@ def breaks(rates: Mapping[str, Any]) -> list[tuple[float, Break]]:
     """Trials at which each store is full, fewest first."""
     found = [
         Break("the rows of one draw", rates["draw_bytes"], "memory",
-              "sum means and covariances over pieces of the rows; workers sum their own pieces"),
+              "sum means and covariances over pieces of the rows, each worker its own"),
         Break("counts kept until C is known", rates["counts_bytes"], "memory",
-              "write the plain rows at once and read the counts back from the cache"),
+              "write the unscaled rows first and read the counts back from the cache"),
         Break("the table of trials", rates["table_bytes"], "memory",
-              "columns of numbers (25 bytes a trial) instead of an object a trial"),
+              "columns of numbers (25 bytes a trial) instead of one object a trial"),
         Break(f"one of {CONDITIONS} conditions", rates["condition_bytes"] / CONDITIONS, "memory",
-              "search C on a sample of a condition's trials, and encode the others in pieces"),
+              "search C on a sample of the condition's trials, and encode the rest in pieces"),
         Break("the features", rates["feature_bytes"], "disk",
-              "counts as they are (bytes, not float64), or one representation at a time"),
+              "store counts as bytes instead of float64, or one representation at a time"),
         Break("the sessions", rates["session_bytes"], "disk",
-              "sessions on several disks or an object store; they are read where they lie"),
+              "sessions on several disks or an object store; the analysis reads them in place"),
     ]  # fmt: skip
     store = {"memory": rates["memory_bytes"], "disk": rates["disk_free_bytes"]}
     return sorted((store[b.store] / b.bytes_a_trial, b) for b in found)
@@ -202,17 +205,17 @@ def _broken(rates: Mapping[str, Any]) -> str:
         (b.what, f"{_bytes(b.bytes_a_trial)} of {b.store}", _round(n), b.mend)
         for n, b in breaks(rates)
     ]
-    text = _table(("what", "a trial", "full at, trials", "how it would be mended"), rows)
+    text = _table(("data", "per trial", "full at, trials", "remedy"), rows)
     at = 10**8
     tasks = at / rates["chunk_trials"] * rates["task_s"]
     return (
-        f"{text}\nIn time, at 10⁸ trials:\n\n"
-        f"- Dask's scheduler and client take {_time(tasks)} to hand out the reading in chunks of "
-        f"{rates['chunk_trials']} trials. Larger chunks mend it.\n"
-        f"- The first process writes features for {_time(at * rates['write_s'])}, whoever encodes. "
-        "Workers that write into files of their own mend it.\n"
-        f"- More than {CONDITIONS} workers do not speed the search of C up, as a condition is one "
-        "piece. Pieces of a condition mend it.\n"
+        f"{text}\nLimits in time, at 10⁸ trials:\n\n"
+        f"- Dask's scheduler and client take {_time(tasks)} to distribute the reading in chunks of "
+        f"{rates['chunk_trials']} trials. Remedy: larger chunks.\n"
+        f"- The first process writes features for {_time(at * rates['write_s'])}, with any number "
+        "of workers. Remedy: each worker writes its own files.\n"
+        f"- More than {CONDITIONS} workers do not speed up the search for C, because a condition "
+        "is one task. Remedy: divide conditions into pieces.\n"
     )
 
 

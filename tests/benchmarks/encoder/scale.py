@@ -78,7 +78,7 @@ def _machine() -> str:
         ),
         "processor",
     )
-    return f"{os.cpu_count()} processors ({model}), load {os.getloadavg()[0]:.1f} when it began"
+    return f"{os.cpu_count()} processors ({model}), load {os.getloadavg()[0]:.1f} at the start"
 
 
 def _of_session(session: Path) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def frames_begin_every_16000_cycles(image: str) -> None:
         assert np.abs(drift).max() <= 1
 
 
-def samples_keep_their_instants(image: str) -> None:
+def the_sample_times_do_not_move(image: str) -> None:
     """Every taxel at its slot to a cycle, both ends of each distance jittering by one."""
     with TaxelChip(image) as board:
         board.run(MILLISECONDS)
@@ -51,7 +51,7 @@ def no_frame_is_dropped(image: str) -> None:
         assert not board.flags.any()
 
 
-def the_watchdog_is_kept_quiet(image: str) -> None:
+def the_watchdog_does_not_fire(image: str) -> None:
     """The program says that it is alive, and so is never restarted."""
     with TaxelChip(image) as board:
         board.run(MILLISECONDS)
@@ -59,9 +59,9 @@ def the_watchdog_is_kept_quiet(image: str) -> None:
 
 
 CONTROLS: list[tuple[str, str, Check]] = [
-    ("stuck-counter", "frames do not count on", every_frame_has_the_next_number),
+    ("stuck-counter", "the frame counter does not advance", every_frame_has_the_next_number),
     ("never-clear", "the compare flag stays set", frames_begin_every_16000_cycles),
-    ("by-software", "an interrupt starts conversions", samples_keep_their_instants),
+    ("by-software", "an interrupt starts conversions", the_sample_times_do_not_move),
     ("slow-wire", "250 kbaud for 33 bytes a millisecond", no_frame_is_dropped),
-    ("never-kick", "nobody kicks the watchdog", the_watchdog_is_kept_quiet),
+    ("never-kick", "the firmware never kicks the watchdog", the_watchdog_does_not_fire),
 ]

@@ -71,7 +71,7 @@ def nothing_changes_what_a_held_force_means(image: str) -> None:
         assert max(drum.forces) < 1.1 * SET_FORCE_G
 
 
-def no_impossible_scale_is_taken(image: str) -> None:
+def no_impossible_scale_is_accepted(image: str) -> None:
     """In no state; a cell that is mounted upside down is possible."""
     with DrumChip(image) as drum:
         for scale in IMPOSSIBLE_SCALES:
@@ -150,7 +150,7 @@ def a_tare_in_contact_is_refused(image: str) -> None:
         assert max(drum.forces) < 1.1 * SET_FORCE_G
 
 
-def a_lift_goes_on_until_contact_is_gone(image: str) -> None:
+def a_lift_continues_until_contact_is_gone(image: str) -> None:
     """An actuator that has become slow lifts 1.3 mm in 700 ms, out of 1.7 mm."""
     with DrumChip(image) as drum:
         drum.arm()
@@ -171,27 +171,27 @@ ATTACK_CHECKS: tuple[tuple[Check, str], ...] = tuple(
     (check, IMAGE)
     for check in (
         nothing_changes_what_a_held_force_means,
-        no_impossible_scale_is_taken,
+        no_impossible_scale_is_accepted,
         a_wrong_scale_ends_at_the_boards_own_limit,
         a_depth_ends_at_the_boards_own_limit,
         a_held_emergency_stop_is_not_configured_away,
         a_tare_in_contact_is_refused,
-        a_lift_goes_on_until_contact_is_gone,
+        a_lift_continues_until_contact_is_gone,
     )
 )
 """Each check, and the good image that it passes on."""
 
 ATTACK_CONTROLS: tuple[tuple[str, str, Check], ...] = (
     ("unguarded", "settings change in any state", nothing_changes_what_a_held_force_means),
-    ("any-scale", "a scale of any size is taken", no_impossible_scale_is_taken),
+    ("any-scale", "any scale is accepted", no_impossible_scale_is_accepted),
     ("no-raw-limit", "no limit in raw counts", a_wrong_scale_ends_at_the_boards_own_limit),
     ("no-raw-limit", "no limit in raw counts", a_depth_ends_at_the_boards_own_limit),
     (
         "estop-configurable",
-        "wires are told while the emergency stop is open",
+        "signal settings change while the emergency stop is open",
         a_held_emergency_stop_is_not_configured_away,
     ),
-    ("tare-in-contact", "every tare is taken", a_tare_in_contact_is_refused),
-    ("short-lift", "a fault lifts for 700 ms", a_lift_goes_on_until_contact_is_gone),
+    ("tare-in-contact", "any tare is accepted", a_tare_in_contact_is_refused),
+    ("short-lift", "a fault lifts for 700 ms", a_lift_continues_until_contact_is_gone),
 )
 """Broken image, what is broken in it, and the check that must fail on it."""

@@ -38,11 +38,11 @@ def unreachable(state: State, event: StateEvent) -> str:
     if event in COMPLETIONS.get(state, ()):
         return ""
     if event not in COMMANDS and event not in FAULTS:
-        return "a completion is raised only in the state that it completes"
+        return "a completion event occurs only in the state that it completes"
     if state is State.BOOT:
-        return "BOOT is over before the first tick, and before the first byte is read"
+        return "BOOT ends before the first tick and the first received byte"
     if state is State.SELFTEST and event is StateEvent.TIMED_FAULT:
-        return "in SELFTEST a silent load cell is the self-test's own failure"
+        return "in SELFTEST, a silent load cell is a failed self-test"
     return ""
 
 

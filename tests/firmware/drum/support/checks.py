@@ -133,7 +133,7 @@ CHECKS: tuple[tuple[Check, str], ...] = (
 
 CONTROLS: tuple[tuple[str, str, Check], ...] = (
     ("no-estop", "no E-stop interrupt, only the tick", the_emergency_stop_acts_within_100_us),
-    ("unwatched", "hangs, and no watchdog runs", a_hung_loop_is_reset_within_100_ms),
+    ("unwatched", "the loop hangs without a watchdog", a_hung_loop_is_reset_within_100_ms),
     ("deaf", "heartbeat ignored", a_silent_computer_is_noticed),
     ("swapped", "actuator's sign swapped", the_set_force_is_reached_and_held),
     ("gain-10", "loop gain times ten", the_set_force_is_reached_and_held),
