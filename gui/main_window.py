@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QCloseEvent
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtGui import QActionGroup, QCloseEvent, QKeyEvent
 from PySide6.QtWidgets import (
     QApplication,
-    QHBoxLayout,
     QMainWindow,
+    QMenu,
     QSplitter,
     QStackedWidget,
     QTabWidget,
@@ -27,17 +27,15 @@ from gui.operate.prompt import PromptPanel
 from gui.operate.stop_engines import EngineStopper
 from gui.operate.toolbar import Toolbar
 from gui.protocol.protocol_panel import ProtocolPanel
-from gui.view_menu import ViewMenu
-from gui.widgets import theme as themes
 from gui.widgets.file_browser import FileBrowser, PathKind
-from gui.widgets.layouts import container, scroll_area, vbox
-from gui.widgets.stop_key import StopKey
-from gui.widgets.theme import ThemeChoice
+from gui.widgets.layouts import container, hbox, scroll_area, vbox
+from gui.widgets.theme import ThemeChoice, apply_theme
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rpc.messages import EngineStatus
 
 FRAME_MS = 33
 TABS_PX = 316
+SPANS_S = (2, 5, 10)
 STOP_TIMED_OUT = "STOP was sent, but the engine does not answer: press the emergency stop"
 ENGINE_SILENT = "the engine does not answer: press the emergency stop if the drum moves"
 
@@ -51,7 +49,7 @@ class MainWindow(QMainWindow):
         super().__init__()
         self.setWindowTitle("rigctl")
         self._theme_choice = choice
-        theme = self._apply_theme()
+        theme = apply_theme(choice)
         self.engine_link, self.engine_stopper = EngineLink(factory), EngineStopper()
         self.toolbar, self.health_strip, self.prompt_panel = Toolbar(), HealthStrip(), PromptPanel()
         self.operate_panel, self.protocol_panel = OperatePanel(), ProtocolPanel()
@@ -63,7 +61,9 @@ class MainWindow(QMainWindow):
         self._add_menus()
         self._connect_engine()
         self._connect_panels()
-        self._stop_key = StopKey(self, self.stop)
+        app = QApplication.instance()
+        assert app is not None
+        app.installEventFilter(self)
         self.timer = QTimer(self)
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self.poll)
@@ -72,9 +72,8 @@ class MainWindow(QMainWindow):
     def poll(self) -> None:
         """Process the messages of engine and workers, and draw new samples; 30 times a second."""
         self.engine_link.poll()
-        self.engine_stopper.poll()
         self.analysis_tab.worker.poll()
-        self.protocol_panel.planner.worker.poll()
+        self.protocol_panel.worker.poll()
         live = self.engine_link.live
         if live is not None and self.stack.currentWidget() is self.live_plots:
             self.live_plots.refresh(live)
@@ -104,27 +103,30 @@ class MainWindow(QMainWindow):
     def set_theme(self, choice: ThemeChoice) -> None:
         """Apply another theme."""
         self._theme_choice = choice
-        theme = self._apply_theme()
+        theme = apply_theme(choice)
         self.live_plots.set_theme(theme)
         self.analysis_tab.trial_view.set_theme(theme)
         self.event_log.reset_colours()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Stop on Esc wherever the focus is; an open menu or list still gets the key and closes."""
+        if event.type() != QEvent.Type.KeyPress or not isinstance(watched, QWidget):
+            return False
+        if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:
+            return False
+        if not event.isAutoRepeat():
+            self.stop()
+        return QApplication.activePopupWidget() is None
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Leave the engine, which continues a run, and end the worker processes."""
         self.timer.stop()
         self.analysis_tab.worker.cancel()
-        self.protocol_panel.planner.worker.cancel()
+        self.protocol_panel.worker.cancel()
         self.engine_link.close()
         self.engine_link.wait_closed()
         self.engine_stopper.wait()
         super().closeEvent(event)
-
-    def _apply_theme(self) -> themes.Theme:
-        theme = themes.resolve(self._theme_choice)
-        app = QApplication.instance()
-        assert isinstance(app, QApplication)
-        themes.apply(app, theme)
-        return theme
 
     def _lay_out(self) -> None:
         self.tabs = QTabWidget()
@@ -136,29 +138,28 @@ class MainWindow(QMainWindow):
         pages: tuple[QWidget, ...] = (self.live_plots, *self.analysis_tab.views, self.file_browser)
         for page in pages:
             self.stack.addWidget(page)
-        middle = QHBoxLayout()
-        middle.setContentsMargins(0, 0, 0, 0)
-        middle.addWidget(self.tabs)
-        middle.addWidget(self.stack, 1)
         splitter = QSplitter(Qt.Orientation.Vertical)
-        splitter.addWidget(container(middle))
+        splitter.addWidget(container(hbox(self.tabs, self.stack, wide=1, spacing=6)))
         splitter.addWidget(self.event_log)
         splitter.setStretchFactor(0, 1)
         splitter.setSizes([1000, 84])
         splitter.setCollapsible(0, False)
-        column = vbox(self.toolbar, self.health_strip, spacing=5)
-        column.setContentsMargins(0, 0, 0, 4)
-        column.addWidget(_indented(self.prompt_panel))
-        column.addWidget(_indented(splitter), 1)
-        column.addWidget(_indented(self.status_line))
+        indented = (
+            container(vbox(widget, margins=(8, 0, 8, 0)))
+            for widget in (self.prompt_panel, splitter, self.status_line)
+        )
+        column = vbox(self.toolbar, self.health_strip, *indented, spacing=5, margins=(0, 0, 0, 4))
+        column.setStretch(3, 1)
         self.setCentralWidget(container(column))
         self.resize(1280, 800)
 
     def _add_menus(self) -> None:
-        view_menu = ViewMenu(self.menuBar(), self._theme_choice)
-        view_menu.theme_chosen.connect(self.set_theme)
-        view_menu.span_chosen.connect(self.live_plots.set_span)
-        self.menuBar().addMenu(view_menu)
+        view = self.menuBar().addMenu("&View")
+        themes = {choice.value: choice for choice in ThemeChoice}
+        _add_choices(view.addMenu("&Theme"), themes, self._theme_choice, self.set_theme)
+        spans = {f"{span_s} s": span_s for span_s in SPANS_S}
+        set_span = self.live_plots.set_span
+        _add_choices(view.addMenu("Time &span"), spans, SPANS_S[-1], set_span)
         close = self.menuBar().addMenu("&Window").addAction("&Close")
         close.setShortcut("Ctrl+Q")
         close.triggered.connect(self.close)
@@ -249,8 +250,13 @@ class MainWindow(QMainWindow):
             self.report("lost", ENGINE_SILENT)
 
 
-def _indented(widget: QWidget) -> QWidget:
-    """Return the widget between the window's side margins."""
-    layout = vbox(widget)
-    layout.setContentsMargins(8, 0, 8, 0)
-    return container(layout)
+def _add_choices(
+    menu: QMenu, choices: Mapping[str, Any], checked: Any, chosen: Callable[[Any], object]
+) -> None:
+    """Add exclusive choices, by their texts, to a menu; ``chosen`` gets the value of one."""
+    group = QActionGroup(menu)
+    for text, value in choices.items():
+        action = group.addAction(menu.addAction(text))
+        action.setCheckable(True)
+        action.setChecked(value == checked)
+        action.triggered.connect(lambda _=False, value=value: chosen(value))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import count
 from pathlib import Path
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QWidget
+from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
 
-from gui.analysis.results import AnalysisRequest, model_path
-from gui.widgets.file_browser import PathKind
+from gui.analysis.worker_tasks import AnalysisRequest, model_path
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import elastic, label, show_text
-from gui.widgets.layouts import combo_box, form_layout, hbox, small_button, spin_box
+from gui.widgets.layouts import combo_box, form_layout, hbox, push_button
 from rigctl.encoding.parameters import PRESETS
 
 TASKS = {
@@ -41,38 +42,31 @@ class AnalysisOptionsForm(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.session_names = elastic(label("–"))
-        self.add_button = small_button("+", "Add another session")
-        self.remove_button = small_button("−", "Remove the added sessions")
+        self.add_button = browse_button(
+            self.path_requested, PathKind.SESSION, "Add another session", self.add_session, "+"
+        )
+        self.remove_button = push_button("−", self._remove_added, "Remove the added sessions")
         self.task, self.engine = combo_box(TASKS), combo_box(ENGINES)
-        self.draws, self.components = spin_box(1, 10_000, 20), spin_box(1, 1000, 50)
+        self.draws = QSpinBox(minimum=1, maximum=10_000, value=20)
+        self.components = QSpinBox(minimum=1, maximum=1000, value=50)
         self.draws.setToolTip("Number of random splits into training and test trials")
         self.components.setToolTip("Largest number of principal components")
         self.preset = combo_box({name: name for name in PRESETS})
-        self.reference = QDoubleSpinBox()
-        self.reference.setRange(0.0, 1e6)
-        self.reference.setDecimals(1)
-        self.reference.setValue(500.0)
-        self.reference.setSuffix(" g")
+        self.reference = QDoubleSpinBox(decimals=1, maximum=1e6, value=500.0, suffix=" g")
         self.reference.setToolTip("Force to which the SA rates of the other forces are scaled")
-        self.seed = spin_box(0, MAX_SEED, 0)
+        self.seed = QSpinBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the draws")
         self.sensitivity = QCheckBox("Compare all encoder presets")
         self.model = combo_box({"None": "", **REPRESENTATIONS})
         self.model.setToolTip("Representation of a model that is trained on all trials")
-        self.c = QLineEdit()
-        self.c.setPlaceholderText("found by a search")
+        self.c = QLineEdit(placeholderText="found by a search")
         self.c.setToolTip("Model file that C is taken from; the analysis measures its rate error")
-        self.c_button = small_button("…", "Choose a model file")
+        self.c_button = browse_button(
+            self.path_requested, PathKind.MODEL, "Choose a model file", self.c.setText
+        )
         self._open_session = ""
         self._added: list[str] = []
         self._lay_out()
-        self.add_button.clicked.connect(
-            lambda: self.path_requested.emit(PathKind.SESSION, self.add_session)
-        )
-        self.remove_button.clicked.connect(self._remove_added)
-        self.c_button.clicked.connect(
-            lambda: self.path_requested.emit(PathKind.MODEL, self.c.setText)
-        )
 
     def show_session(self, path: str) -> None:
         """Make another session the open one."""
@@ -122,16 +116,13 @@ class AnalysisOptionsForm(QWidget):
         form = form_layout(4)
         self.setLayout(form)
         form.addRow("Sessions", hbox(self.session_names, self.add_button, self.remove_button))
-        for name, widget in (
-            ("Tasks", self.task),
-            ("Draws", self.draws),
-            ("Components", self.components),
-            ("Encoder", self.preset),
-            ("Reference force", self.reference),
-            ("Seed", self.seed),
-            ("Engine", self.engine),
-        ):
-            form.addRow(name, widget)
+        form.addRow("Tasks", self.task)
+        form.addRow("Draws", self.draws)
+        form.addRow("Components", self.components)
+        form.addRow("Encoder", self.preset)
+        form.addRow("Reference force", self.reference)
+        form.addRow("Seed", self.seed)
+        form.addRow("Engine", self.engine)
         form.addRow("C from", hbox(self.c, self.c_button))
         form.addRow("Save model", self.model)
         form.addRow(self.sensitivity)
@@ -140,9 +131,5 @@ class AnalysisOptionsForm(QWidget):
 
 def _new_folder(session: Path) -> Path:
     """Return a free name: that of the session and a number."""
-    number = 1
-    while True:
-        folder = session.with_name(f"{session.name}-report-{number}")
-        if not folder.exists() and not model_path(folder).exists():
-            return folder
-        number += 1
+    folders = (session.with_name(f"{session.name}-report-{number}") for number in count(1))
+    return next(f for f in folders if not f.exists() and not model_path(f).exists())

@@ -1,18 +1,14 @@
-"""Analyses and their results as pages for the window. This module does not import Qt."""
+"""The results of analyses as pages for the window. This module does not import Qt."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from rigctl.analysis.classification.classify_sessions import Classification
-
-Progress = Callable[[str, float], None]
-"""Takes the stage of the work and its progress from 0 to 1."""
+    from rigctl.analysis.report.report_folder import ReportResult
 
 FIGURES = (("fig3", "Accuracy"), ("confusion", "Confusion"), ("fig2c", "One taxel"))
 
@@ -26,125 +22,15 @@ class ResultsPage(NamedTuple):
 
 
 class AnalysisResults(NamedTuple):
-    """The result in a sentence, its pages, and the folder of the report."""
+    """The result in a sentence, and its pages."""
 
     sentence: str
     pages: tuple[ResultsPage, ...]
-    folder: str = ""
 
 
-class AnalysisRequest(NamedTuple):
-    """The options of ``rigctl analyse``.
-
-    ``task``: empty for all. ``representation``: that of a model to save beside the report, empty
-    for none. ``c``: a model file that C is taken from, empty for a search.
-    """
-
-    sessions: tuple[str, ...]
-    folder: str
-    task: str = ""
-    draws: int = 20
-    components: int = 50
-    engine: str = "own"
-    preset: str = "default"
-    reference_g: float = 500.0
-    seed: int = 0
-    sensitivity: bool = False
-    representation: str = ""
-    c: str = ""
-
-
-def analyse(request: AnalysisRequest, progress: Progress) -> AnalysisResults:
-    """Write a report as ``rigctl analyse`` does. Raises RigctlError."""
-    from rigctl.analysis.classification.sweep_engines import SweepEngine
-    from rigctl.analysis.classification.training import ModelRequest
-    from rigctl.analysis.data.cache import Cache, Resources, cache_folder
-    from rigctl.analysis.paper.tasks import SweepSettings
-    from rigctl.analysis.report.report_folder import ReportRequest, make_report
-    from rigctl.encoding.parameters import preset
-
-    out = Path(request.folder)
-    tasks = (request.task,) if request.task else ()
-    engine = SweepEngine(request.engine)
-    model = None
-    if request.representation:
-        model = ModelRequest(model_path(out), request.representation, request.components)
-    report_request = ReportRequest(
-        tuple(map(Path, request.sessions)),
-        out,
-        SweepSettings(request.draws, request.components, request.seed, engine, tasks),
-        preset(request.preset),
-        request.reference_g,
-        model=model,
-        c=Path(request.c).expanduser() if request.c else None,
-        sensitivity=request.sensitivity,
-    )
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    cache = Cache(cache_folder())
-    report = make_report(report_request, now, Resources(cache=cache, progress=_counted(progress)))
-    cache.trim()
-    return _report_results(report, out)
-
-
-def classify_sessions(model: str, sessions: tuple[str, ...], progress: Progress) -> AnalysisResults:
-    """Classify sessions as ``rigctl classify`` does. Raises RigctlError."""
-    from rigctl.analysis.classification.classify_sessions import classify
-    from rigctl.analysis.classification.predictions import prediction_rows, summary
-    from rigctl.analysis.data.cache import Resources
-    from rigctl.session.files.model_file import load_model
-
-    loaded = load_model(Path(model).expanduser())
-    resources = Resources(progress=_counted(progress))
-    found = classify(loaded, tuple(map(Path, sessions)), resources)
-    verdicts = {True: "correct", False: "<b>wrong</b>", None: "unknown to the model"}
-    head = [
-        "Trial", "True", "mm/s", "g", "Predicted", "", "Posterior", "Runner-up", "Margin",
-    ]  # fmt: skip
-    cells = [
-        [
-            f"{row['trial_id']}", escape(row["texture"]), f"{row['speed_mm_s']:g}",
-            f"{row['force_g']:g}", f"<b>{escape(row['predicted'])}</b>", verdicts[row["right"]],
-            f"{row['posterior']:.1%}", escape(row["runner_up"]), f"{row['margin']:.2f}",
-        ]
-        for row in prediction_rows(found)
-    ]  # fmt: skip
-    predictions = f"<h3>{escape(summary(found))}</h3>{table(head, cells)}"
-    pages = (
-        ResultsPage("Predictions", predictions),
-        ResultsPage("Confusion", _confusion(found)),
-        ResultsPage("Remarks", _bullets(found.remarks)),
-    )
-    return AnalysisResults(summary(found), pages)
-
-
-def _counted(progress: Progress) -> Callable[[str, int, int], None]:
-    """Return a callback that takes a count and its total instead of a share."""
-    return lambda stage, n_done, n_total: progress(stage, n_done / max(n_total, 1))
-
-
-def discard(folder: str) -> None:
-    """Remove the partial report of a cancelled analysis, whose process could not do so itself."""
-    import shutil
-
-    from rigctl.analysis.data.atomic_directory import PARTIAL
-
-    out = Path(folder).absolute()
-    shutil.rmtree(out.with_name(PARTIAL.format(name=out.name)), ignore_errors=True)
-
-
-def model_path(out: Path) -> Path:
-    """Return the path of a report's model: beside its folder."""
-    return out.with_name(f"{out.name}-model.h5")
-
-
-def table(head: list[str], rows: list[list[str]]) -> str:
-    """Return an HTML table; the cells are HTML, too."""
-    header = "".join(f'<th align="left">{cell}</th>' for cell in head)
-    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f'<table cellspacing="0" cellpadding="5"><tr>{header}</tr>{body}</table>'
-
-
-def _report_results(report: Any, out: Path) -> AnalysisResults:
+def report_results(report: ReportResult) -> AnalysisResults:
+    """Return the results of a report: Table 1, its figures and its remarks."""
+    out = report.folder
     pages = [ResultsPage("Table 1", _table_1(report))]
     pages += [ResultsPage(title, figure=str(out / f"{stem}.png")) for stem, title in FIGURES]
     if (out / "sensitivity.csv").exists():
@@ -161,10 +47,42 @@ def _report_results(report: Any, out: Path) -> AnalysisResults:
     )
     if report.model is not None:
         sentence += f"; the model is {report.model}"
-    return AnalysisResults(sentence, tuple(pages), str(out))
+    return AnalysisResults(sentence, tuple(pages))
 
 
-def _table_1(report: Any) -> str:
+def prediction_results(found: Classification) -> AnalysisResults:
+    """Return the predictions of a model: each trial, the confusion matrix and the remarks."""
+    from rigctl.analysis.classification.predictions import summary
+
+    verdicts = {True: "correct", False: "<b>wrong</b>", None: "unknown to the model"}
+    head = [
+        "Trial", "True", "mm/s", "g", "Predicted", "", "Posterior", "Runner-up", "Margin",
+    ]  # fmt: skip
+    cells = [
+        [
+            f"{p.trial_id}", escape(p.texture), f"{p.speed_mm_s:g}", f"{p.force_g:g}",
+            f"<b>{escape(p.predicted)}</b>", verdicts[p.right], f"{p.posterior:.1%}",
+            escape(p.runner_up), f"{p.margin:.2f}",
+        ]
+        for p in found.predictions
+    ]  # fmt: skip
+    predictions = f"<h3>{escape(summary(found))}</h3>{table(head, cells)}"
+    pages = (
+        ResultsPage("Predictions", predictions),
+        ResultsPage("Confusion", _confusion(found)),
+        ResultsPage("Remarks", _bullets(found.remarks)),
+    )
+    return AnalysisResults(summary(found), pages)
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """Return an HTML table; the cells are HTML, too."""
+    header = "".join(f'<th align="left">{cell}</th>' for cell in head)
+    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return f'<table cellspacing="0" cellpadding="5"><tr>{header}</tr>{body}</table>'
+
+
+def _table_1(report: ReportResult) -> str:
     """Return our accuracies above the paper's: one row per task, one column per representation."""
     from rigctl.analysis.paper.result_tables import table_rows
     from rigctl.analysis.report.html_page import ABSENT

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from PySide6.QtCore import QElapsedTimer, Signal
-from PySide6.QtWidgets import QGroupBox, QHBoxLayout, QLineEdit, QProgressBar, QPushButton
+from PySide6.QtWidgets import QGroupBox, QHBoxLayout, QLineEdit, QProgressBar
 
 from gui.analysis.options_form import AnalysisOptionsForm
-from gui.widgets.file_browser import PathKind
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label
-from gui.widgets.layouts import combo_box, container, hbox, small_button, vbox
+from gui.widgets.layouts import combo_box, container, hbox, push_button, vbox
 
 
 class _Method(NamedTuple):
@@ -54,19 +54,23 @@ class AnalysisRunBox(QGroupBox):
         self.method = combo_box({method.name: key for key, method in METHODS.items()})
         self.description = label("", "muted", wraps=True)
         self.form = AnalysisOptionsForm()
-        self.model = QLineEdit()
-        self.model.setPlaceholderText("Model file")
-        self.model_button = small_button("…", "Choose a model file")
+        self.model = QLineEdit(placeholderText="Model file")
+        self.model_button = browse_button(
+            self.path_requested, PathKind.MODEL, "Choose a model file", self.model.setText
+        )
         self.model_row = container(hbox(self.model, self.model_button))
-        self.run_button, self.cancel_button = QPushButton("Classify"), QPushButton("Cancel")
-        self.results_button = QPushButton("Results")
-        self.results_button.setToolTip("Show the last results again")
+        self.run_button = push_button("Classify", self._run)
+        self.cancel_button = push_button("Cancel", self.cancel_requested.emit)
+        self.results_button = push_button(
+            "Results", self.results_requested.emit, "Show the last results again"
+        )
         self.bar, self.stage = QProgressBar(), label("", "muted", wraps=True)
         self.result = label("", wraps=True)
         self._since_stage = QElapsedTimer()
         self._stage, self._first_share = "", 0.0
         self._lay_out()
-        self._connect()
+        self.method.currentIndexChanged.connect(lambda _: self._show_method())
+        self.form.path_requested.connect(self.path_requested)
         self._show_method()
 
     def show_progress(self, stage: str, share: float) -> None:
@@ -103,24 +107,14 @@ class AnalysisRunBox(QGroupBox):
         self.model_row.setVisible(key == MODEL)
         self.run_button.setText(METHODS[key].button)
 
-    def _connect(self) -> None:
-        self.method.currentIndexChanged.connect(lambda _: self._show_method())
-        self.run_button.clicked.connect(lambda: self.run_requested.emit(self.method.currentData()))
-        self.cancel_button.clicked.connect(self.cancel_requested)
-        self.results_button.clicked.connect(self.results_requested)
-        self.model_button.clicked.connect(
-            lambda: self.path_requested.emit(PathKind.MODEL, self.model.setText)
-        )
-        self.form.path_requested.connect(self.path_requested)
+    def _run(self) -> None:
+        self.run_requested.emit(self.method.currentData())
 
     def _lay_out(self) -> None:
-        column = vbox(self.method, self.description, self.model_row, spacing=5)
-        column.setContentsMargins(8, 6, 8, 8)
         buttons = QHBoxLayout()
         for button in (self.run_button, self.cancel_button, self.results_button):
             buttons.addWidget(button)
-        column.addLayout(buttons)
+        method = (self.method, self.description, self.model_row)
         # The form is long and comes last: Cancel and the bar stay visible.
-        for widget in (self.stage, self.bar, self.result, self.form):
-            column.addWidget(widget)
-        self.setLayout(column)
+        rows = (*method, buttons, self.stage, self.bar, self.result, self.form)
+        self.setLayout(vbox(*rows, spacing=5, margins=(8, 6, 8, 8)))

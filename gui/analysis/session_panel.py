@@ -14,17 +14,15 @@ from PySide6.QtWidgets import (
     QAbstractItemView,
     QHeaderView,
     QLineEdit,
-    QPushButton,
     QTableView,
-    QVBoxLayout,
     QWidget,
 )
 
 from gui.analysis.run_box import AnalysisRunBox
 from gui.analysis.worker_tasks import SessionTable
-from gui.widgets.file_browser import PathKind
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property
-from gui.widgets.layouts import hbox, small_button
+from gui.widgets.layouts import hbox, push_button, vbox
 
 _Index = QModelIndex | QPersistentModelIndex
 _ROOT = QModelIndex()
@@ -82,13 +80,14 @@ class SessionPanel(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.folder = QLineEdit()
-        self.folder.setPlaceholderText("Session folder")
-        self.folder_button = small_button("…", "Choose a session folder")
-        self.open_button = QPushButton("Open")
+        self.folder = QLineEdit(placeholderText="Session folder")
+        self.folder_button = browse_button(
+            self.path_requested, PathKind.SESSION, "Choose a session folder", self.open_session
+        )
+        self.open_button = push_button("Open", self._open)
         self.about = label("No session is open.", "muted", wraps=True)
         self.model = TrialModel()
-        self.table = QTableView()
+        self.table = QTableView(showGrid=False)
         self.run_box = AnalysisRunBox()
         self._path = ""
         self._set_up()
@@ -148,25 +147,21 @@ class SessionPanel(QWidget):
         self.table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.table.setMinimumHeight(120)
         self.table.setAlternatingRowColors(True)
-        self.table.setShowGrid(False)
-        self.folder_button.clicked.connect(
-            lambda: self.path_requested.emit(PathKind.SESSION, self.open_session)
-        )
-        for signal in (self.open_button.clicked, self.folder.returnPressed):
-            signal.connect(lambda: self.open_requested.emit(self.folder.text()))
+        self.folder.returnPressed.connect(self._open)
         self.table.selectionModel().selectionChanged.connect(self._request_trial)
         self.run_box.run_requested.connect(lambda key: self.run_requested.emit(key, self._path))
         self.run_box.path_requested.connect(self.path_requested)
+
+    def _open(self) -> None:
+        self.open_requested.emit(self.folder.text())
 
     def _request_trial(self, selected: QItemSelection) -> None:
         if indexes := selected.indexes():
             self.trial_requested.emit(indexes[0].row())
 
     def _lay_out(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(6, 8, 6, 6)
-        column.setSpacing(5)
-        column.addLayout(hbox(self.folder, self.folder_button, self.open_button))
-        column.addWidget(self.about)
-        column.addWidget(self.table, 1)
-        column.addWidget(self.run_box)
+        folder = hbox(self.folder, self.folder_button, self.open_button)
+        rows = (folder, self.about, self.table, self.run_box)
+        column = vbox(*rows, spacing=5, margins=(6, 8, 6, 6))
+        column.setStretch(2, 1)
+        self.setLayout(column)

@@ -5,9 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QLineF, QRectF
-from PySide6.QtGui import QPainter
-from PySide6.QtWidgets import QGraphicsItem
 
 from gui.analysis.worker_tasks import TrialData
 from gui.live.history import N_ROWS
@@ -82,37 +79,16 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
 
     def _draw_spikes(self, data: TrialData) -> None:
         shown_row = np.argsort(ROW_ORDER)[data.spike_row]
-        time_s, length_s = data.spike_sample / SAMPLE_RATE_HZ, len(data.samples) / SAMPLE_RATE_HZ
+        time_s = data.spike_sample / SAMPLE_RATE_HZ
+        ends = np.array([0.1, 0.9])
         for group, colour in enumerate(self._theme.groups):
             in_group = shown_row // PER_GROUP == group
             self.spikes_plot.addItem(
-                SpikeTicks(time_s[in_group], shown_row[in_group], colour, length_s)
+                pg.PlotCurveItem(
+                    np.repeat(time_s[in_group], 2),
+                    (-shown_row[in_group, None] - ends).ravel(),
+                    connect="pairs",
+                    pen=pg.mkPen(colour, width=1),
+                    skipFiniteCheck=True,
+                )
             )
-
-
-class SpikeTicks(QGraphicsItem):
-    """Spikes as short vertical lines, painted in one call."""
-
-    def __init__(
-        self,
-        time_s: NDArray[np.float64],
-        row: NDArray[np.int64],
-        colour: str,
-        length_s: float,
-    ) -> None:
-        super().__init__()
-        self._pen = pg.mkPen(colour, width=1)
-        self._length_s = length_s
-        self._lines = [
-            QLineF(t, -r - 0.1, t, -r - 0.9)
-            for t, r in zip(time_s.tolist(), row.tolist(), strict=True)
-        ]
-
-    def boundingRect(self) -> QRectF:
-        """Return the rectangle of the whole raster."""
-        return QRectF(0.0, -N_ROWS, self._length_s, N_ROWS)
-
-    def paint(self, painter: QPainter, *_: object) -> None:
-        """Draw the lines."""
-        painter.setPen(self._pen)
-        painter.drawLines(self._lines)

@@ -5,7 +5,9 @@ This module does not import Qt, and each task imports its own slow modules.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from datetime import UTC, datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,14 +15,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.analysis import results
-from gui.analysis.results import AnalysisRequest, AnalysisResults, Progress
+from gui.analysis.results import AnalysisResults, prediction_results, report_results
 from gui.widgets.formatting import duration, size
 from rigctl.errors import RigctlError
 
 if TYPE_CHECKING:
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.session.read.session import Session
+
+Progress = Callable[[str, float], None]
+"""Takes the stage of the work and its progress from 0 to 1."""
 
 FIGURES = "figures"
 COLUMNS = ("Trial", "Plate", "mm/s", "g", "Verdict")
@@ -54,6 +58,32 @@ class QuickCheckResult(NamedTuple):
 
     sentence: str
     figure: str
+
+
+class AnalysisRequest(NamedTuple):
+    """The options of ``rigctl analyse``.
+
+    ``task``: empty for all. ``representation``: that of a model to save beside the report, empty
+    for none. ``c``: a model file that C is taken from, empty for a search.
+    """
+
+    sessions: tuple[str, ...]
+    folder: str
+    task: str
+    draws: int
+    components: int
+    engine: str
+    preset: str
+    reference_g: float
+    seed: int
+    sensitivity: bool
+    representation: str
+    c: str
+
+
+def model_path(report: Path) -> Path:
+    """Return the path of a report's model: beside its folder."""
+    return report.with_name(f"{report.name}-model.h5")
 
 
 class PlanSummary(NamedTuple):
@@ -149,15 +179,54 @@ class WorkerTasks:
 
     def analyse(self, request: AnalysisRequest) -> AnalysisResults:
         """Write a report on sessions as ``rigctl analyse`` does."""
-        return results.analyse(request, self._progress)
+        from rigctl.analysis.classification.sweep_engines import SweepEngine
+        from rigctl.analysis.classification.training import ModelRequest
+        from rigctl.analysis.data.cache import Cache, Resources, cache_folder
+        from rigctl.analysis.paper.tasks import SweepSettings
+        from rigctl.analysis.report.report_folder import ReportRequest, make_report
+        from rigctl.encoding.parameters import preset
+
+        out, model = Path(request.folder), None
+        tasks = (request.task,) if request.task else ()
+        engine = SweepEngine(request.engine)
+        if request.representation:
+            model = ModelRequest(model_path(out), request.representation, request.components)
+        report_request = ReportRequest(
+            tuple(map(Path, request.sessions)),
+            out,
+            SweepSettings(request.draws, request.components, request.seed, engine, tasks),
+            preset(request.preset),
+            request.reference_g,
+            model=model,
+            c=Path(request.c).expanduser() if request.c else None,
+            sensitivity=request.sensitivity,
+        )
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        cache = Cache(cache_folder())
+        resources = Resources(cache=cache, progress=self._show_count)
+        report = make_report(report_request, now, resources)
+        cache.trim()
+        return report_results(report)
 
     def classify(self, model: str, sessions: tuple[str, ...]) -> AnalysisResults:
         """Classify sessions with a trained model as ``rigctl classify`` does."""
-        return results.classify_sessions(model, sessions, self._progress)
+        from rigctl.analysis.classification.classify_sessions import classify
+        from rigctl.analysis.data.cache import Resources
+        from rigctl.session.files.model_file import load_model
+
+        loaded = load_model(Path(model).expanduser())
+        resources = Resources(progress=self._show_count)
+        return prediction_results(classify(loaded, tuple(map(Path, sessions)), resources))
 
     def discard(self, folder: str) -> None:
-        """Remove the partial report of a cancelled analysis."""
-        results.discard(folder)
+        """Remove the partial report of a cancelled analysis, whose process could not do so."""
+        from rigctl.analysis.data.atomic_directory import PARTIAL
+
+        out = Path(folder).absolute()
+        shutil.rmtree(out.with_name(PARTIAL.format(name=out.name)), ignore_errors=True)
+
+    def _show_count(self, stage: str, n_done: int, n_total: int) -> None:
+        self._progress(stage, n_done / max(n_total, 1))
 
 
 def _trial_texts(row: Any) -> tuple[str, ...]:

@@ -6,8 +6,9 @@ from string import ascii_uppercase
 from typing import Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QPushButton
+from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel
 
+from gui.widgets.layouts import push_button
 from rigctl.acquisition.rpc.messages import EngineStatus
 
 TEXTURES = tuple(ascii_uppercase[:16])
@@ -41,8 +42,7 @@ class BenchControls(QGroupBox):
         self.plate.activated.connect(self._send_plate)
         self.fault = QComboBox()
         self.fault.addItems(list(FAULTS))
-        self.inject = QPushButton("Inject")
-        self.inject.clicked.connect(self._inject)
+        self.inject = push_button("Inject", self._inject)
         self._fault_row = (QLabel("Fault"), self.fault, self.inject)
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 8)

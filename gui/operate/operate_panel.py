@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 from PySide6.QtCore import Qt, Signal
@@ -11,16 +12,13 @@ from PySide6.QtWidgets import (
     QGroupBox,
     QHBoxLayout,
     QLabel,
-    QPushButton,
-    QVBoxLayout,
     QWidget,
 )
 
 from gui.operate.bench_controls import BenchControls
 from gui.operate.jog import JogButtons
-from gui.widgets.formatting import fault_sentence
 from gui.widgets.labels import elastic, label, set_property, show_text
-from gui.widgets.layouts import group_box
+from gui.widgets.layouts import group_box, push_button, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State, StateEvent, next_state
@@ -89,12 +87,17 @@ class OperatePanel(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.buttons = {action.command: self._button(action) for action in ACTIONS}
+        emit = self.command_requested.emit
+        self.buttons = {
+            action.command: push_button(
+                action.text, partial(emit, action.command, {}), action.tooltip
+            )
+            for action in ACTIONS
+        }
         self.speed = _register_spin_box("speed_set", " mm/s", 5.0)
         self.force = _register_spin_box("force_set", " g", 50.0)
-        self.set_button = QPushButton("Set")
-        self.set_button.setToolTip("Send speed and force to the drum, which then reports them back")
-        self.set_button.clicked.connect(self._send_set_points)
+        tooltip = "Send speed and force to the drum, which then reports them back"
+        self.set_button = push_button("Set", self._send_set_points, tooltip)
         self.set_points = elastic(label("–", "muted"))
         self.readings = {name: elastic(label("–", "heading")) for name in _READINGS}
         self.fault = label("no fault", "muted", wraps=True)
@@ -125,8 +128,7 @@ class OperatePanel(QWidget):
         self.set_button.setEnabled(status.drum_connected and not status.run.is_active)
         self.jog.show_status(status)
         self.bench.show_status(status)
-        sentence = status.fault_words if status.fault else "no fault"
-        show_text(self.fault, sentence or fault_sentence(status.fault))
+        show_text(self.fault, status.fault_words if status.fault else "no fault")
         set_property(self.fault, "role", "bad" if status.fault else "muted")
         if status.drum_connected:
             self._show_readings(status)
@@ -148,23 +150,14 @@ class OperatePanel(QWidget):
         args = {"speed_mm_s": self.speed.value(), "force_g": self.force.value()}
         self.command_requested.emit("set", args)
 
-    def _button(self, action: Action) -> QPushButton:
-        button = QPushButton(action.text)
-        button.setToolTip(action.tooltip)
-        button.clicked.connect(lambda: self.command_requested.emit(action.command, {}))
-        return button
-
     def _lay_out(self) -> None:
         drum, grid = self._action_box("Drum", (ARM, DISARM, HOME, TARE, RANGE, TEST))
         grid.addWidget(self.jog, grid.rowCount(), 0, 1, 3)
         contact, _ = self._action_box("Contact", (APPROACH, RUN, RETRACT))
-        column = QVBoxLayout(self)
-        column.setContentsMargins(6, 4, 6, 6)
-        column.setSpacing(4)
         boxes = (drum, self._set_point_box(), contact, self._fault_box(), self._reading_box())
-        for box in (*boxes, self.bench):
-            column.addWidget(box)
+        column = vbox(*boxes, self.bench, spacing=4, margins=(6, 4, 6, 6))
         column.addStretch(1)
+        self.setLayout(column)
 
     def _action_box(self, title: str, actions: tuple[Action, ...]) -> tuple[QGroupBox, QGridLayout]:
         box, grid = group_box(title, QGridLayout())
@@ -207,11 +200,13 @@ class OperatePanel(QWidget):
 def _register_spin_box(register_name: str, suffix: str, step: float) -> QDoubleSpinBox:
     """Return a field with the limits and the default of the board's register."""
     register = BY_NAME[register_name]
-    spin_box = QDoubleSpinBox()
-    spin_box.setRange(register.low * register.scale, register.high * register.scale)
-    spin_box.setValue(register.default * register.scale)
-    spin_box.setSuffix(suffix)
-    spin_box.setSingleStep(step)
-    spin_box.setDecimals(1 if register.scale < 0.1 else 0)
+    spin_box = QDoubleSpinBox(
+        minimum=register.low * register.scale,
+        maximum=register.high * register.scale,
+        value=register.default * register.scale,
+        suffix=suffix,
+        singleStep=step,
+        decimals=1 if register.scale < 0.1 else 0,
+    )
     spin_box.setAlignment(Qt.AlignmentFlag.AlignRight)
     return spin_box

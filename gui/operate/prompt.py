@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton
+from PySide6.QtWidgets import QFrame, QPushButton
 
 from gui.widgets.labels import label
+from gui.widgets.layouts import hbox
 from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.rpc.messages import PromptStatus
 
@@ -26,12 +27,8 @@ class PromptPanel(QFrame):
         self.abort = QPushButton("Abort the run")
         self.confirm.clicked.connect(lambda: self._answer("ok"))
         self.abort.clicked.connect(lambda: self._answer("abort"))
-        row = QHBoxLayout(self)
-        row.setContentsMargins(10, 6, 10, 6)
-        row.addWidget(lamp)
-        row.addWidget(self.text, 1)
-        row.addWidget(self.confirm)
-        row.addWidget(self.abort)
+        row = (lamp, self.text, self.confirm, self.abort)
+        self.setLayout(hbox(*row, wide=1, spacing=6, margins=(10, 6, 10, 6)))
         self.hide()
 
     def show_prompt(self, prompt: PromptStatus | None) -> None:

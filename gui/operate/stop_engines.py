@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Collection
-from queue import Empty, SimpleQueue
 
 from PySide6.QtCore import QObject, Signal
 
@@ -15,14 +14,13 @@ NO_ENGINE = "STOP: no engine is running; press the rig's emergency stop if the d
 
 
 class EngineStopper(QObject):
-    """Stops engines; :meth:`poll`, in the window's thread, reports each result."""
+    """Stops engines and reports each result. Qt passes the signal to the window's thread."""
 
     reported = Signal(str, str)
     """Kind and text for the event log."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._reports: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._threads: list[threading.Thread] = []
 
     def stop(self, exclude: Collection[str] = ()) -> None:
@@ -32,14 +30,6 @@ class EngineStopper(QObject):
         self._threads.append(thread)
         thread.start()
 
-    def poll(self) -> None:
-        """Report the results since the last call."""
-        while True:
-            try:
-                self.reported.emit(*self._reports.get_nowait())
-            except Empty:
-                return
-
     def wait(self) -> None:
         """Wait for the threads, which end within seconds."""
         for thread in self._threads:
@@ -48,13 +38,13 @@ class EngineStopper(QObject):
     def _stop(self, exclude: Collection[str]) -> None:
         try:
             if not stop_engines(self._report, exclude) and not exclude:
-                self._reports.put(("stop", NO_ENGINE))
+                self.reported.emit("stop", NO_ENGINE)
         except RigctlError as error:
-            self._reports.put(("lost", f"STOP reached no engine: {error}"))
+            self.reported.emit("lost", f"STOP reached no engine: {error}")
 
     def _report(self, result: StopResult) -> None:
         if result.failure:
             text = f"STOP did not reach {result.name}: press its emergency stop ({result.failure})"
-            self._reports.put(("lost", text))
+            self.reported.emit("lost", text)
         else:
-            self._reports.put(("stop", f"STOP reached {result.name}"))
+            self.reported.emit("stop", f"STOP reached {result.name}")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QPushButton
+from PySide6.QtWidgets import QComboBox, QFrame, QPushButton
 
 from gui.engine_link import JOIN, NOT_CONNECTED
 from gui.widgets.file_browser import PathKind
-from gui.widgets.formatting import fault_sentence
 from gui.widgets.labels import elastic, label, set_property, show_text
-from gui.widgets.layouts import container, vbox
+from gui.widgets.layouts import container, hbox, push_button, vbox
 from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus
 
@@ -68,9 +67,8 @@ class Toolbar(QFrame):
         self.world.setToolTip("World of a simulated rig: its plates, sensor and mechanics")
         # A running engine that the window joins already has its world.
         self.rig.currentIndexChanged.connect(lambda _: self.world.setHidden(self._joins))
-        self.connect_button = QPushButton("Connect")
+        self.connect_button = push_button("Connect", self._toggle_connection)
         self.connect_button.setMinimumWidth(104)
-        self.connect_button.clicked.connect(self._toggle_connection)
         self.state, self.state_words = label("–", "state"), elastic(label(NOT_CONNECTED, "muted"))
         self.recording_lamp = StatusLamp(18)
         self.recording, self.samples = label("Not recording", "heading"), label("", "muted")
@@ -145,19 +143,14 @@ class Toolbar(QFrame):
         set_property(self.recording, "role", "bad" if level is Level.BAD else "heading")
 
     def _lay_out(self) -> None:
-        row = QHBoxLayout(self)
-        row.setContentsMargins(8, 5, 8, 5)
-        row.setSpacing(8)
-        row.addWidget(self.rig)
-        row.addWidget(self.world)
-        row.addWidget(self.connect_button)
-        row.addSpacing(10)
-        row.addLayout(vbox(self.state, self.state_words), 1)
-        row.addWidget(self.recording_lamp)
+        state = vbox(self.state, self.state_words)
         recording = container(vbox(self.recording, self.samples))
         recording.setFixedWidth(230)
-        row.addWidget(recording)
-        row.addWidget(self.stop_button)
+        left = (self.rig, self.world, self.connect_button)
+        right = (self.recording_lamp, recording, self.stop_button)
+        row = hbox(*left, state, *right, wide=3, spacing=8, margins=(8, 5, 8, 5))
+        row.insertSpacing(3, 10)
+        self.setLayout(row)
 
 
 def judge_recording(recording: RecordingStatus, unrecorded: int) -> tuple[Level, str, str]:
@@ -177,7 +170,7 @@ def judge_recording(recording: RecordingStatus, unrecorded: int) -> tuple[Level,
 
 def _state_words(status: EngineStatus) -> str:
     if status.fault:
-        return status.fault_words or fault_sentence(status.fault)
+        return status.fault_words
     if not status.drum_connected:
         return "the drum board is not connected"
     return status.state_words

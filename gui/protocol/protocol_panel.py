@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QDateTime, QSignalBlocker, Qt, Signal
@@ -12,17 +13,17 @@ from PySide6.QtWidgets import (
     QGroupBox,
     QLineEdit,
     QProgressBar,
-    QPushButton,
+    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
 
+from gui.analysis.worker import Worker
 from gui.analysis.worker_tasks import PlanSummary
-from gui.protocol.planner import Planner
-from gui.widgets.file_browser import PathKind
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import elastic, label, set_property, show_text
-from gui.widgets.layouts import form_layout, group_box, hbox, small_button, spin_box
+from gui.widgets.layouts import form_layout, group_box, hbox, push_button, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.config import resources
 
@@ -48,21 +49,35 @@ class ProtocolPanel(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.planner = Planner()
+        self.worker = Worker()
+        """Plans the protocol: the paper's 24,000 trials take seconds."""
+        self._next_plan: tuple[str, int | None] | None = None
         self.protocol = QComboBox()
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
         self.out.setToolTip("Every session gets a new folder in here")
-        self.seed = spin_box(0, MAX_SEED, 0)
+        self.seed = QSpinBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the random order of trials; stored with the session")
-        self.open_button = small_button("…", "Open a protocol file")
-        self.out_button = small_button("…", "Choose a folder")
+        requested = self.path_requested
+        self.open_button = browse_button(
+            requested, PathKind.PROTOCOL, "Open a protocol file", self.add_protocol
+        )
+        self.out_button = browse_button(
+            requested, PathKind.OUTPUT, "Choose a folder", self.out.setText
+        )
+        self.continue_button = browse_button(
+            requested,
+            PathKind.INTERRUPTED,
+            "Run the remaining trials of an interrupted session",
+            self.continue_session,
+            "Continue a session …",
+        )
         self.plan_rows = {name: label("–") for name in _PLAN_ROWS}
         self.problem = label("", "bad", wraps=True)
-        self.buttons = {name: QPushButton(name) for name in ("Start", "Pause", "Resume", "Abort")}
-        self.continue_button = QPushButton("Continue a session …")
-        self.continue_button.setToolTip("Run the remaining trials of an interrupted session")
-        self.bar = QProgressBar()
-        self.bar.setFormat("%p %")
+        self.buttons = {"Start": push_button("Start", self._start)}
+        for name in ("Pause", "Resume", "Abort"):
+            send = partial(self.command_requested.emit, name.lower(), {})
+            self.buttons[name] = push_button(name, send)
+        self.bar = QProgressBar(format="%p %")
         self.run_rows = {name: elastic(label("–")) for name in _RUN_ROWS}
         self.state = label("No run", "heading", wraps=True)
         self._is_planned = False
@@ -140,10 +155,21 @@ class ProtocolPanel(QWidget):
         self.run_rows["Session"].setToolTip(run.session or "")
 
     def _request_plan(self, seed: int | None = None) -> None:
-        """Request a plan; until it is there, Start stays disabled."""
+        """Request a plan in place of one that waits; until it is there, Start stays disabled."""
         self._is_planned = False
         if path := self.protocol.currentData():
-            self.planner.request(path, seed)
+            self._next_plan = (path, seed)
+            self._submit_plan()
+
+    def _submit_plan(self) -> None:
+        if self._next_plan is not None and not self.worker.is_busy:
+            (path, seed), self._next_plan = self._next_plan, None
+            self.worker.submit("plan_protocol", path=path, seed=seed)
+
+    def _finish_plan(self, plan: PlanSummary) -> None:
+        if self._next_plan is None:
+            self.show_plan(plan)
+        self._submit_plan()
 
     def _start(self) -> None:
         path = self.protocol.currentData()
@@ -154,29 +180,15 @@ class ProtocolPanel(QWidget):
         self.command_requested.emit("start", args)
 
     def _connect(self) -> None:
-        self.planner.planned.connect(self.show_plan)
+        self.worker.finished.connect(lambda _, plan: self._finish_plan(plan))
+        self.worker.failed.connect(lambda _, text: self._finish_plan(PlanSummary(problem=text)))
         self.protocol.currentIndexChanged.connect(lambda _: self._request_plan())
         self.seed.valueChanged.connect(self._request_plan)
-        for button, kind, selected in (
-            (self.open_button, PathKind.PROTOCOL, self.add_protocol),
-            (self.out_button, PathKind.OUTPUT, self.out.setText),
-            (self.continue_button, PathKind.INTERRUPTED, self.continue_session),
-        ):
-            button.clicked.connect(lambda _, k=kind, s=selected: self.path_requested.emit(k, s))
-        self.buttons["Start"].clicked.connect(self._start)
-        for name in ("Pause", "Resume", "Abort"):
-            command = name.lower()
-            self.buttons[name].clicked.connect(
-                lambda _, c=command: self.command_requested.emit(c, {})
-            )
 
     def _lay_out(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(6, 4, 6, 6)
-        column.setSpacing(4)
-        column.addWidget(self._protocol_box())
-        column.addWidget(self._run_box())
+        column = vbox(self._protocol_box(), self._run_box(), spacing=4, margins=(6, 4, 6, 6))
         column.addStretch(1)
+        self.setLayout(column)
 
     def _protocol_box(self) -> QGroupBox:
         box, form = group_box("Protocol", form_layout(5))

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFileDialog, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, Signal, SignalInstance
+from PySide6.QtWidgets import QFileDialog, QPushButton, QWidget
 
 from gui.widgets.labels import label
+from gui.widgets.layouts import push_button, vbox
 
 _FILE, _FOLDER = QFileDialog.FileMode.ExistingFile, QFileDialog.FileMode.Directory
 
@@ -29,6 +30,17 @@ class PathKind(Enum):
     INTERRUPTED = ("Folder of the session to continue", _FOLDER)
 
 
+def browse_button(
+    requested: SignalInstance,
+    kind: PathKind,
+    tooltip: str,
+    selected: Callable[[str], None],
+    text: str = "…",
+) -> QPushButton:
+    """Return a button that emits ``requested`` with a kind and the function for the path."""
+    return push_button(text, lambda: requested.emit(kind, selected), tooltip)
+
+
 class FileBrowser(QWidget):
     """A page that holds Qt's own file dialog as a plain widget."""
 
@@ -38,9 +50,8 @@ class FileBrowser(QWidget):
         super().__init__()
         self.title = label("", "heading")
         self.title.setIndent(9)
-        self._column = QVBoxLayout(self)
-        self._column.setContentsMargins(0, 0, 0, 0)
-        self._column.addWidget(self.title)
+        self._column = vbox(self.title, spacing=6)
+        self.setLayout(self._column)
         self.dialog: QFileDialog | None = None
 
     def open(self, kind: PathKind, selected: Callable[[str], None]) -> None:

@@ -1,17 +1,6 @@
-"""Text for numbers, durations and faults."""
+"""Text for sizes and durations."""
 
 from __future__ import annotations
-
-from rigctl.wire.drum.states import FAULT_TEXT, Fault
-
-
-def fault_sentence(fault: int) -> str:
-    """Return the meaning and remedy of the board's fault number; empty for no fault."""
-    if not fault:
-        return ""
-    if fault in Fault._value2member_map_:
-        return FAULT_TEXT[Fault(fault)]
-    return f"fault {fault}, which this program does not know: update it or the firmware"
 
 
 def duration(seconds: float | None) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeVar
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
+    QBoxLayout,
     QComboBox,
     QFormLayout,
     QGroupBox,
@@ -13,12 +15,14 @@ from PySide6.QtWidgets import (
     QLayout,
     QPushButton,
     QScrollArea,
-    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
 
 _Layout = TypeVar("_Layout", bound=QLayout)
+_Box = TypeVar("_Box", bound=QBoxLayout)
+_Margins = tuple[int, int, int, int]
+_NONE = (0, 0, 0, 0)
 
 
 def group_box(title: str, layout: _Layout) -> tuple[QGroupBox, _Layout]:
@@ -29,24 +33,30 @@ def group_box(title: str, layout: _Layout) -> tuple[QGroupBox, _Layout]:
     return box, layout
 
 
-def vbox(*widgets: QWidget, spacing: int = 0) -> QVBoxLayout:
-    """Return a vertical layout without margins."""
-    layout = QVBoxLayout()
-    layout.setContentsMargins(0, 0, 0, 0)
-    layout.setSpacing(spacing)
-    for widget in widgets:
-        layout.addWidget(widget)
+def vbox(*items: QWidget | QLayout, spacing: int = 0, margins: _Margins = _NONE) -> QVBoxLayout:
+    """Return a vertical layout; ``margins`` are left, top, right and bottom."""
+    return _fill(QVBoxLayout(), items, spacing, margins)
+
+
+def hbox(
+    *items: QWidget | QLayout, wide: int = 0, spacing: int = 4, margins: _Margins = _NONE
+) -> QHBoxLayout:
+    """Return a horizontal layout; the item with the index ``wide`` takes the spare width."""
+    layout = _fill(QHBoxLayout(), items, spacing, margins)
+    layout.setStretch(wide, 1)
     return layout
 
 
-def hbox(wide: QWidget, *narrow: QWidget) -> QHBoxLayout:
-    """Return a horizontal layout without margins; the first widget takes the spare width."""
-    layout = QHBoxLayout()
-    layout.setContentsMargins(0, 0, 0, 0)
-    layout.setSpacing(4)
-    layout.addWidget(wide, 1)
-    for widget in narrow:
-        layout.addWidget(widget)
+def _fill(
+    layout: _Box, items: tuple[QWidget | QLayout, ...], spacing: int, margins: _Margins
+) -> _Box:
+    layout.setContentsMargins(*margins)
+    layout.setSpacing(spacing)
+    for item in items:
+        if isinstance(item, QWidget):
+            layout.addWidget(item)
+        else:
+            layout.addLayout(item)
     return layout
 
 
@@ -86,17 +96,11 @@ def combo_box(items: dict[str, str]) -> QComboBox:
     return box
 
 
-def spin_box(low: int, high: int, value: int) -> QSpinBox:
-    """Return a field for an integer."""
-    box = QSpinBox()
-    box.setRange(low, high)
-    box.setValue(value)
-    return box
-
-
-def small_button(text: str, tooltip: str) -> QPushButton:
-    """Return a button that is as wide as one character."""
+def push_button(text: str, clicked: Callable[[], object], tooltip: str = "") -> QPushButton:
+    """Return a button that calls ``clicked``; one character makes it small."""
     button = QPushButton(text)
-    button.setFixedWidth(34)
     button.setToolTip(tooltip)
+    button.clicked.connect(lambda: clicked())
+    if len(text) == 1:
+        button.setFixedWidth(34)
     return button

@@ -59,14 +59,8 @@ class StatusLamp(QWidget):
 
 def _diamond(box: QRectF) -> QPolygonF:
     x, y = box.center().x(), box.center().y()
-    return QPolygonF(
-        [
-            QPointF(x, box.top()),
-            QPointF(box.right(), y),
-            QPointF(x, box.bottom()),
-            QPointF(box.left(), y),
-        ]
-    )
+    corners = ((x, box.top()), (box.right(), y), (x, box.bottom()), (box.left(), y))
+    return QPolygonF([QPointF(*corner) for corner in corners])
 
 
 def _triangle(box: QRectF) -> QPolygonF:

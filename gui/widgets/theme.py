@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QPalette
@@ -46,68 +47,48 @@ class Theme:
     groups: tuple[str, str, str, str]
 
 
-LIGHT = Theme(
-    name="light",
-    window="#f3f4f6",
-    panel="#ffffff",
-    text="#1b1f24",
-    muted="#59636e",
-    line="#ccd2d9",
-    accent="#0b62a8",
-    ok="#1a7f37",
-    warn="#8f5f00",
-    bad="#b42318",
-    bad_back="#fde7e4",
-    plot="#ffffff",
-    gap="#f6d5d1",
-    set_point="#9aa3ad",
-    force="#0b62a8",
-    speed="#1a7f37",
-    layers=("#1c5a94", "#00765f"),
-    groups=("#00629e", "#c24e00", "#3c9bd1", "#c08400"),
-)
+_COLOURS: dict[str, tuple[Any, Any]] = {
+    "window": ("#f3f4f6", "#171a1f"),
+    "panel": ("#ffffff", "#1f242a"),
+    "text": ("#1b1f24", "#e6e9ed"),
+    "muted": ("#59636e", "#9aa4af"),
+    "line": ("#ccd2d9", "#39414a"),
+    "accent": ("#0b62a8", "#5fb0ee"),
+    "ok": ("#1a7f37", "#52c772"),
+    "warn": ("#8f5f00", "#e3b341"),
+    "bad": ("#b42318", "#ff8178"),
+    "bad_back": ("#fde7e4", "#4a1f1c"),
+    "plot": ("#ffffff", "#111418"),
+    "gap": ("#f6d5d1", "#4a211e"),
+    "set_point": ("#9aa3ad", "#707a85"),
+    "force": ("#0b62a8", "#6fb8f2"),
+    "speed": ("#1a7f37", "#67cf85"),
+    "layers": (("#1c5a94", "#00765f"), ("#86b9ea", "#4fcfae")),
+    "groups": (
+        ("#00629e", "#c24e00", "#3c9bd1", "#c08400"),
+        ("#4aa5e6", "#ff8b45", "#9ad5ff", "#ffcb5c"),
+    ),
+}
+"""The colours of the light theme and of the dark one."""
 
-DARK = Theme(
-    name="dark",
-    window="#171a1f",
-    panel="#1f242a",
-    text="#e6e9ed",
-    muted="#9aa4af",
-    line="#39414a",
-    accent="#5fb0ee",
-    ok="#52c772",
-    warn="#e3b341",
-    bad="#ff8178",
-    bad_back="#4a1f1c",
-    plot="#111418",
-    gap="#4a211e",
-    set_point="#707a85",
-    force="#6fb8f2",
-    speed="#67cf85",
-    layers=("#86b9ea", "#4fcfae"),
-    groups=("#4aa5e6", "#ff8b45", "#9ad5ff", "#ffcb5c"),
-)
-
-
+LIGHT = Theme("light", **{key: light for key, (light, _) in _COLOURS.items()})
+DARK = Theme("dark", **{key: dark for key, (_, dark) in _COLOURS.items()})
 _APPLIED = "rigctl_theme"
 
 
-def resolve(choice: ThemeChoice) -> Theme:
-    """Return the theme of a choice; the system's scheme decides for SYSTEM, else light."""
-    if choice is ThemeChoice.SYSTEM:
-        dark = QApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark
-        return DARK if dark else LIGHT
-    return DARK if choice is ThemeChoice.DARK else LIGHT
-
-
-def apply(app: QApplication, theme: Theme) -> None:
-    """Set the colours of all widgets of the application, if they have others."""
-    if app.property(_APPLIED) == theme.name:
-        return  # polishing every widget again takes seconds
-    app.setProperty(_APPLIED, theme.name)
-    app.setStyle("Fusion")
-    app.setPalette(_palette(theme))
-    app.setStyleSheet(_style_sheet(theme))
+def apply_theme(choice: ThemeChoice) -> Theme:
+    """Set the colours of all widgets; return the theme, which follows the system for SYSTEM."""
+    app = QApplication.instance()
+    assert isinstance(app, QApplication)
+    system_is_dark = app.styleHints().colorScheme() is Qt.ColorScheme.Dark
+    is_dark = system_is_dark if choice is ThemeChoice.SYSTEM else choice is ThemeChoice.DARK
+    theme = DARK if is_dark else LIGHT
+    if app.property(_APPLIED) != theme.name:  # polishing every widget again takes seconds
+        app.setProperty(_APPLIED, theme.name)
+        app.setStyle("Fusion")
+        app.setPalette(_palette(theme))
+        app.setStyleSheet(_style_sheet(theme))
+    return theme
 
 
 def applied_theme() -> Theme:
@@ -134,9 +115,9 @@ def _palette(theme: Theme) -> QPalette:
     }
     for colour_role, colour in pairs.items():
         palette.setColor(colour_role, QColor(colour))
+    faded = QColor(theme.muted)
+    faded.setAlpha(150)
     for colour_role in (role.WindowText, role.Text, role.ButtonText):
-        faded = QColor(theme.muted)
-        faded.setAlpha(150)
         palette.setColor(QPalette.ColorGroup.Disabled, colour_role, faded)
     return palette
 

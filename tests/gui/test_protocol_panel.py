@@ -30,7 +30,7 @@ def _panel(bench: Bench) -> ProtocolPanel:
 
 def wait_planned(bench: Bench) -> None:
     """Wait for the plan of the chosen protocol."""
-    wait_until(lambda: not bench.window.protocol_panel.planner.worker.is_busy)
+    wait_until(lambda: not bench.window.protocol_panel.worker.is_busy)
 
 
 def test_the_quick_protocol_is_offered_with_its_count(bench: Bench) -> None:
