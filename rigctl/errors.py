@@ -1,22 +1,5 @@
 """Errors that a user can meet, with the exit code of each.
 
-::
-
-    RigctlError                     every failure that a user can meet; one sentence with the cure
-    ├── NegativeAnswer   exit 1     a check was made and its result is negative (verify, check)
-    ├── WrongUse         exit 2     the request was impossible; nothing was changed
-    │   ├── ConfigError             rig.toml or a world file: names file and key
-    │   ├── ProtocolError           protocols/*.toml: names file, line or key
-    │   └── SessionError            a folder that is not a session, is locked, or is damaged
-    ├── WorkersLost      exit 3     the worker processes or machines of an analysis are gone
-    └── RigFault         exit 3     the bench failed; the rig is safe, recorded data is kept
-        ├── LinkLost                a port vanished or fell silent
-        │   └── BoardRebooted       a board rebooted by itself
-        ├── WrongBoard              another board or firmware answered
-        ├── CommandRefused          the board refused: wrong state or value out of range
-        ├── BoardFault              the board latched a fault
-        └── DiskFault               the recorder cannot write
-
 A message says what failed, where, and what to do, without a traceback.
 """
 
@@ -64,7 +47,7 @@ class LinkLost(RigFault):
 
 
 class BoardRebooted(LinkLost):
-    """The board rebooted by itself: its settings are the defaults, connect it again."""
+    """The board rebooted without a request: its settings are the defaults, connect it again."""
 
 
 class WrongBoard(RigFault):

@@ -109,13 +109,13 @@ class Drum:
         self.identity = identity
         return identity
 
-    async def poll(self, beat: bool = True) -> DrumState:
-        """Return the state with the new load-cell samples; ``beat`` writes the heartbeat.
+    async def poll(self, heartbeat: bool = True) -> DrumState:
+        """Return the state with the new load-cell samples; ``heartbeat`` writes one.
 
         Raises BoardRebooted where the board's clock shows a reboot.
         """
         async with self._poll_lock:
-            if beat:
+            if heartbeat:
                 words = await self._poll_with_heartbeat()
             else:
                 words = await self.modbus.read(*register_table.POLL_BLOCK)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rigctl import __version__
-from rigctl.acquisition.protocol.run_request import check_disk_space
-from rigctl.config.resources import source_commit
-from rigctl.errors import ProtocolError
+import tomlkit
+
+from rigctl.acquisition.protocol.run_request import check_disk_space, session_header
 from rigctl.protocol.loader import load_protocol, parse_protocol
-from rigctl.protocol.plan import Plan, Protocol
+from rigctl.protocol.plan import Plan
 from rigctl.protocol.steps import RunTrial
 from rigctl.session.format.header import CUT_BY_WIRE, SessionHeader
 from rigctl.session.write.recorder import Recorder
@@ -33,8 +32,6 @@ skin. 5: another noise generator."""
 
 BYTES_PER_SECOND = 62_000
 """Samples, polls, load cell and ground truth; measured, rounded up."""
-
-_REPEATS = re.compile(r"^repeats\s*=.*$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,18 +67,10 @@ def load_plan(
     """
     protocol = load_protocol(path, world.rig_config())
     if repeats is not None:
-        protocol = _with_repeats(protocol, repeats, str(path))
+        document = tomlkit.parse(protocol.text)
+        document["repeats"] = repeats
+        protocol = parse_protocol(document.as_string(), str(path), protocol.config)
     return protocol.plan(seed)
-
-
-def _with_repeats(protocol: Protocol, repeats: int, name: str) -> Protocol:
-    text, found = _REPEATS.subn(f"repeats = {repeats}", protocol.text, count=1)
-    if not found:
-        text = f"repeats = {repeats}\n{protocol.text}"
-    changed = parse_protocol(text, name, protocol.config)
-    if changed.repeats != repeats:
-        raise ProtocolError(f"{name}: write repeats on a line of its own to change it")
-    return changed
 
 
 def generate(
@@ -111,14 +100,11 @@ def generate(
     with Recorder(folder, header, *texts, resume=exists) as recorder:
         remove_damaged_truth(folder)
         resumed = ResumedRecorder(recorder, found.attempts, header.wiring)
-        parameters = request.world.parameters
         runner = DatasetStepRunner(
-            plan.protocol, parameters, request.seed, folder, resumed, workers
+            plan.protocol, request.world.parameters, request.seed, folder, resumed, workers
         )
-        try:
+        with closing(runner):
             return _run_steps(runner, plan, on_progress, stop)
-        finally:
-            runner.close()
 
 
 def _run_steps(
@@ -139,21 +125,12 @@ def _run_steps(
 
 
 def _header(request: DatasetRequest) -> SessionHeader:
-    plan, config = request.plan, request.plan.protocol.config
-    return SessionHeader(
-        plan_hash=plan.hash,
-        seed=plan.seed,
-        trials_planned=len(plan.trials),
+    return session_header(
+        request.plan,
         rig="synth",
         simulated=True,
         start_utc=request.start_utc,
-        protocol=plan.protocol.name,
         sensor="simulated",
-        software_version=__version__,
-        software_commit=source_commit(),
-        encoder_preset=config.encoder.preset,
-        n_taxels=config.taxels.count,
-        wiring=config.taxels.order,
         cut_by=CUT_BY_WIRE,
         simulation={
             "seed": request.seed,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from functools import singledispatchmethod
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from rigctl.protocol.steps import (
     Message,
     Rest,
     RunTrial,
+    Step,
     Tare,
     Turn,
 )
@@ -80,66 +80,51 @@ class DatasetStepRunner:
         if self._executor is not None:
             self._executor.shutdown(cancel_futures=True)
 
-    @singledispatchmethod
-    def run(self, step: Any) -> None:
+    def run(self, step: Step) -> None:
         """Run one step of the plan. Raises BoardFault and DiskFault."""
-        raise TypeError(f"not a step of a plan: {step!r}")
+        if isinstance(step, ChangePlate):
+            self._change_plate(step.texture)
+            return
+        self._begin()
+        match step:
+            case RunTrial():
+                self._run_trial(step.trial)
+            case Tare():
+                self._operator.tare()
+            case Rest():
+                self._operator.wait(step.seconds)
+            case Baseline():
+                self._record_still(step.seconds, "without contact")
+            case Turn():
+                self._event("turn", f"{step.turns} turns at {step.speed_mm_s:g} mm/s left out")
+            case ApproachOnly():
+                self._operator.press(step.force_g)
+                self._record_still(step.seconds, f"pressed with {step.force_g:g} g, no travel")
+                self._operator.lift()
+            case Message():
+                self._event("message", step.text)
 
-    @run.register
-    def _(self, step: ChangePlate) -> None:
-        self._rig.set_plate(step.texture)
-        self._texture = step.texture
+    def _change_plate(self, texture: str) -> None:
+        self._rig.set_plate(texture)
+        self._texture = texture
         self._tared = False
         self._reason = self._reason or "plate"
 
-    @run.register
-    def _(self, step: RunTrial) -> None:
-        self._begin()
-        for number in range(1, self._quality.attempts + 1):
-            if self._attempt(step.trial, number):
-                self.committed += 1
-                return
-
-    @run.register
-    def _(self, step: Tare) -> None:
-        self._begin()
-        self._operator.tare()
-
-    @run.register
-    def _(self, step: Rest) -> None:
-        self._begin()
-        self._operator.wait(step.seconds)
-
-    @run.register
-    def _(self, step: Baseline) -> None:
-        self._begin()
-        self._record_still(step.seconds, "without contact")
-
-    @run.register
-    def _(self, step: Turn) -> None:
-        self._begin()
-        self._event("turn", f"{step.turns} turns at {step.speed_mm_s:g} mm/s left out")
-
-    @run.register
-    def _(self, step: ApproachOnly) -> None:
-        self._begin()
-        self._operator.press(step.force_g)
-        self._record_still(step.seconds, f"pressed with {step.force_g:g} g, no travel")
-        self._operator.lift()
-
-    @run.register
-    def _(self, step: Message) -> None:
-        self._begin()
-        self._event("message", step.text)
-
     def _begin(self) -> None:
+        """Begin a part and tare, as far as necessary."""
         if self._reason:
             self._recorder.begin_part(self._reason, self._texture)
-            self._event("synth", "A virtual data set: between trials the session's time stands.")
+            self._event("synth", "A virtual data set: session time stops between trials.")
             self._reason = ""
         if not self._tared:
             self._operator.tare()
             self._tared = True
+
+    def _run_trial(self, trial: PlannedTrial) -> None:
+        for number in range(1, self._quality.attempts + 1):
+            if self._attempt(trial, number):
+                self.committed += 1
+                return
 
     def _attempt(self, trial: PlannedTrial, number: int) -> bool:
         self._operator.prepare(trial)

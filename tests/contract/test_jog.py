@@ -33,13 +33,7 @@ def by_hand(operator: Operator, work: Work, config: RigConfig = FORWARDS) -> Non
 
     async def main() -> None:
         await operator.reach(State.ARMED)
-        poller = DrumPoller(
-            operator.drum,
-            operator.rig.loop,
-            lambda: True,
-            lambda why: None,
-            lambda identity, rebooted: None,
-        )
+        poller = DrumPoller(operator.drum, operator.rig.loop)
         await poller.connect()
         polling = asyncio.ensure_future(poller.run())
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from rigctl import __version__
 from rigctl.cli import main
 from rigctl.config.resources import source_commit
-from rigctl.errors import ProtocolError, SessionError
+from rigctl.errors import SessionError
 from rigctl.session.files.ground_truth import trial_truths
 from rigctl.session.files.ground_truth_reader import TruthReader
 from rigctl.session.format import layout
@@ -236,8 +237,9 @@ def test_the_command_makes_a_session_and_reports_errors(
         make(protocol, copy)
 
 
-def test_repeats_in_another_notation_are_rejected(tmp_path: Path) -> None:
+@pytest.mark.parametrize("line", ['"repeats" = 7', "repeats = 7 # for a week", ""])
+def test_repeats_in_any_notation_are_replaced(tmp_path: Path, line: str) -> None:
     path = tmp_path / "odd.toml"
-    path.write_text(TEXT.replace("repeats = 7", '"repeats" = 7'))
-    with pytest.raises(ProtocolError):
-        load_plan(path, 2, 1)
+    path.write_text(TEXT.replace("repeats = 7", line))
+    protocol = load_plan(path, 2, 1).protocol
+    assert protocol.repeats == tomllib.loads(protocol.text)["repeats"] == 2

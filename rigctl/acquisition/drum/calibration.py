@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,7 @@ FULL_SCALE_COUNTS = 8_388_607
 TUNE_TIMEOUT_S, TURN_TIMEOUT_S = 10.0, 120.0
 
 
-@dataclass(frozen=True, slots=True)
-class MassReading:
+class MassReading(NamedTuple):
     """A known mass with the mean and standard deviation of the load cell's raw counts."""
 
     mass_g: float
@@ -41,16 +40,14 @@ class MassReading:
     sd_counts: float
 
 
-@dataclass(frozen=True, slots=True)
-class LoadCellScale:
+class LoadCellScale(NamedTuple):
     """Slope with its sign; ``nonlinearity_share``: largest deviation over the largest mass."""
 
     ug_per_count: int
     nonlinearity_share: float
 
 
-@dataclass(frozen=True, slots=True)
-class ForceLoopGains:
+class ForceLoopGains(NamedTuple):
     """Gains that a step test proposes, with the measured stiffness and delay."""
 
     gain_p_per_s: float
@@ -112,9 +109,7 @@ class Calibrator:
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
-        self._poller = DrumPoller(
-            rig.drum, rig.loop, lambda: True, lambda reason: None, lambda identity, rebooted: None
-        )
+        self._poller = DrumPoller(rig.drum, rig.loop)
         self.motion = DrumMotion(self._poller, rig.config)
 
     async def run(self, work: Callable[[], Awaitable[object]]) -> None:
@@ -137,7 +132,7 @@ class Calibrator:
         """Return a reading at rest. Raises RigFault while the drum is not switched off."""
         if self._poller.healthy_state().state != State.IDLE:
             raise RigFault("the load cell is calibrated with the drum lifted and switched off")
-        await self._wait(REST_S)
+        await asyncio.sleep(REST_S)
         counts: list[int] = []
         unsubscribe = self._poller.subscribe(
             lambda state: counts.extend(sample.raw_counts for sample in state.loadcell)
@@ -201,8 +196,3 @@ class Calibrator:
         await self.motion.send_command(command)
         state = await self._poller.wait_until(self.motion.is_command_finished, timeout_s, action)
         return bool(state.values["command_result"] == CommandResult.DONE)
-
-    async def _wait(self, seconds: float) -> None:
-        end_s = self._rig.loop.time() + seconds
-        while self._rig.loop.time() < end_s:
-            await self._poller.wait_turn()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
-from rigctl.acquisition.drum.poller import DrumPoller, is_command_finished
+from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.drum.settings import (
     GUARDED_SETTINGS,
     MAX_TARGET_STEPS,
@@ -22,7 +22,7 @@ from rigctl.acquisition.drum.settings import (
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import CommandRefused, RigFault, WrongUse
 from rigctl.values import DrumState, PlannedTrial
-from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.states import STATE_TEXT, State
 
 SELF_TEST_TIMEOUT_S = 10.0
@@ -31,6 +31,7 @@ TARE_TIMEOUT_S = 10.0
 HOME_TIMEOUT_S = 120.0
 MOVE_TIMEOUT_S = 600.0
 APPROACH_EXTRA_S = 20.0
+TRAVEL_EXTRA_S, TRAVEL_FACTOR = 10.0, 1.5
 TRIM_STEP_PPM = 10
 
 STARTING_STATES: Final = (State.BOOT, State.SELFTEST)
@@ -44,12 +45,10 @@ class DrumMotion:
     ``stop_count`` counts STOPs: a jog that was requested before one does not start after it.
     """
 
-    def __init__(
-        self, poller: DrumPoller, config: RigConfig, check: Callable[[], None] = lambda: None
-    ) -> None:
+    def __init__(self, poller: DrumPoller, config: RigConfig) -> None:
         self.poller = poller
         self.config = config
-        self.check = check
+        self.check: Callable[[], None] = lambda: None
         self.settings: dict[str, float] = {}
         self.homed = False
         self.stop_count = 0
@@ -65,17 +64,12 @@ class DrumMotion:
 
         A latched fault ends the wait too. Raises RigFault where the self-test does not end.
         """
-        end_s = self.poller.loop.time() + SELF_TEST_TIMEOUT_S
-        await self.poller.wait_turn()
-        while self.poller.connected and self._state in (None, *STARTING_STATES):
-            if self.poller.loop.time() > end_s:
+        poller, end_s = self.poller, self.poller.loop.time() + SELF_TEST_TIMEOUT_S
+        await poller.wait_turn()
+        while poller.connected and (poller.state is None or poller.state.state in STARTING_STATES):
+            if poller.loop.time() > end_s:
                 raise RigFault("the drum's self-test does not end: restart the board")
-            await self.poller.wait_turn()
-
-    @property
-    def _state(self) -> int | None:
-        """State of the newest poll, None before the first."""
-        return None if self.poller.state is None else self.poller.state.state
+            await poller.wait_turn()
 
     async def configure(self) -> str:
         """Write the settings of the rig's description and read the other set-points.
@@ -152,8 +146,10 @@ class DrumMotion:
         timeout_s = APPROACH_EXTRA_S + self.settings["approach_timeout_ms"] / 1000
         await self._execute(Command.APPROACH, State.HOLD, timeout_s, "reaching the force")
 
-    async def run(self, timeout_s: float) -> DrumState:
+    async def run(self) -> DrumState:
         """Turn through run-in, window and ramp; return the state in which the drum holds again."""
+        travel_mm = self.settings["run_in_set"] + self.settings["travel_set"]
+        timeout_s = TRAVEL_EXTRA_S + TRAVEL_FACTOR * travel_mm / self.settings["speed_set"]
         return await self._execute(Command.RUN, State.HOLD, timeout_s, "the travel")
 
     async def begin_lift(self) -> None:
@@ -248,7 +244,8 @@ class DrumMotion:
 
     def is_command_finished(self, state: DrumState) -> bool:
         """Return whether the last command is finished; an older poll cannot tell."""
-        return state.at_s > self._commanded_s and is_command_finished(state)
+        running = state.values["command_result"] == CommandResult.RUNNING
+        return state.at_s > self._commanded_s and not running
 
     async def _fresh_state(self) -> DrumState:
         """Return a state that is newer than the last command."""

@@ -14,7 +14,6 @@ from rigctl.acquisition.taxels.clock_fit import ClockFit
 from rigctl.devices.drum import Drum
 from rigctl.errors import BoardFault, LinkLost, RigFault
 from rigctl.values import BoardIdentity, DrumState
-from rigctl.wire.drum.codes import CommandResult
 from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
 
 POLL_PERIOD_S = 0.05
@@ -34,9 +33,9 @@ class DrumPoller:
         self,
         drum: Drum,
         loop: asyncio.AbstractEventLoop,
-        allows_heartbeat: Callable[[], bool],
-        on_lost: Callable[[str], None],
-        on_reconnected: Callable[[BoardIdentity, bool], None],
+        allows_heartbeat: Callable[[], bool] = lambda: True,
+        on_lost: Callable[[str], None] = lambda reason: None,
+        on_reconnected: Callable[[BoardIdentity, bool], None] = lambda identity, rebooted: None,
     ) -> None:
         self.drum = drum
         self.loop = loop
@@ -131,7 +130,7 @@ class DrumPoller:
                 waiter.set_result(None)
 
     async def _poll(self) -> None:
-        state = await self.drum.poll(beat=self._allows_heartbeat())
+        state = await self.drum.poll(heartbeat=self._allows_heartbeat())
         self.clock_fit.add(state.board_time_us / 1e6, state.at_s)
         self.state = state
         for subscriber in tuple(self._subscribers):
@@ -154,8 +153,3 @@ class DrumPoller:
         self.link_error = reason
         if was_connected:
             self._on_lost(reason)
-
-
-def is_command_finished(state: DrumState) -> bool:
-    """Return whether the board has finished its last command."""
-    return state.values["command_result"] != CommandResult.RUNNING

@@ -9,13 +9,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from typing import Any
 
 from rigctl.acquisition.drum.poller import DrumPoller
+from rigctl.acquisition.rpc.messages import BoardStatus
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import RigFault
 from rigctl.values import BoardIdentity, DrumState, Event
-from rigctl.wire.drum.codes import reset_cause_text
+from rigctl.wire.drum.codes import is_abnormal_reset, reset_cause_text
 from rigctl.wire.taxels.frames import CYCLES_PER_US
 
 DRUM, TAXELS = "drum", "taxels"
@@ -29,20 +30,8 @@ _RAM_BYTES = {DRUM: 8192, TAXELS: 2048}
 _U16 = 1 << 16
 
 
-@dataclass(frozen=True, slots=True)
-class BoardCounters:
-    """Health counters of one board.
-
-    ``late_ticks``: ticks or slots that began late since the engine first connected, over the
-    board's restarts. ``longest_isr_us``, ``free_stack_bytes`` (never used): since the board's
-    boot. ``stack_free_percent``: of the chip's RAM. ``idle_percent``: of the last second.
-    """
-
-    late_ticks: int
-    longest_isr_us: float
-    free_stack_bytes: int
-    stack_free_percent: int
-    idle_percent: float
+Counters = dict[str, Any]
+"""The counters of one board, by their names in :class:`BoardStatus`."""
 
 
 class LateTickCounter:
@@ -84,22 +73,37 @@ class BoardHealth:
             for _ in range(READ_PERIOD_TURNS):
                 await self._poller.wait_turn()
 
-    def counters(self) -> dict[str, BoardCounters]:
+    def counters(self) -> dict[str, Counters]:
         """Return the counters by board, of those that have reported."""
         found = {}
         if self._drum_counters:
             readings = [self._drum_counters[name] for name in _DRUM_COUNTERS]
-            found[DRUM] = _board_counters(DRUM, self._late_ticks[DRUM].total, *readings)
+            found[DRUM] = _counters(DRUM, self._late_ticks[DRUM].total, *readings)
         status = self._taxels.status
         if status is not None:
             late_ticks = self._late_ticks[TAXELS]
             late_ticks.update(status.boot_count, status.late_slots)
             longest_us = status.longest_isr_cycles / CYCLES_PER_US
             readings = [longest_us, status.free_stack_bytes, status.idle_permille]
-            found[TAXELS] = _board_counters(TAXELS, late_ticks.total, *readings)
+            found[TAXELS] = _counters(TAXELS, late_ticks.total, *readings)
         return found
 
-    def events(self, when: str, before: Mapping[str, BoardCounters]) -> list[Event]:
+    def statuses(self) -> dict[str, BoardStatus]:
+        """Return the board's part of the status message, by board that has connected."""
+        counters = self.counters()
+        return {
+            name: BoardStatus(
+                firmware=identity.firmware_version,
+                boot_count=identity.boot_count,
+                reset=reset_cause_text(identity.reset_cause),
+                unwanted=is_abnormal_reset(identity.reset_cause),
+                **(self._taxel_reports() if name == TAXELS else {}),
+                **counters.get(name, {}),
+            )
+            for name, identity in self._identities.items()
+        }
+
+    def events(self, when: str, before: Mapping[str, Counters]) -> list[Event]:
         """Return one event per board for the session; late ticks are those since ``before``.
 
         ``when``: start or end of the recording.
@@ -110,6 +114,14 @@ class BoardHealth:
             for name, now in self.counters().items()
         ]
 
+    def _taxel_reports(self) -> dict[str, Any]:
+        taxels = self._taxels
+        supply_mv = taxels.status.supply_mv if taxels.status else None
+        return {
+            "supply_v": supply_mv / 1000 if supply_mv else None,
+            "self_test": None if taxels.self_test is None else tuple(taxels.findings),
+        }
+
     def _count_late_ticks(self, state: DrumState) -> None:
         identity = self._poller.identity
         if identity is not None:
@@ -117,27 +129,25 @@ class BoardHealth:
             self._late_ticks[DRUM].update(identity.boot_count, reading)
 
 
-def _board_counters(
+def _counters(
     board: str, late_ticks: int, longest_isr_us: float, free_bytes: float, idle_permille: float
-) -> BoardCounters:
-    return BoardCounters(
-        late_ticks=late_ticks,
-        longest_isr_us=round(longest_isr_us, 2),
-        free_stack_bytes=round(free_bytes),
-        stack_free_percent=round(100 * free_bytes / _RAM_BYTES[board]),
-        idle_percent=round(idle_permille / 10, 1),
-    )
+) -> Counters:
+    return {
+        "late_ticks": late_ticks,
+        "longest_isr_us": round(longest_isr_us, 2),
+        "free_stack_bytes": round(free_bytes),
+        "stack_free_percent": round(100 * free_bytes / _RAM_BYTES[board]),
+        "idle_percent": round(idle_permille / 10, 1),
+    }
 
 
-def _event(
-    at_s: float, when: str, board: BoardIdentity, now: BoardCounters, before: BoardCounters
-) -> Event:
-    late_ticks = now.late_ticks - before.late_ticks
+def _event(at_s: float, when: str, board: BoardIdentity, now: Counters, before: Counters) -> Event:
+    late_ticks = now["late_ticks"] - before["late_ticks"]
     reset = reset_cause_text(board.reset_cause)
     text = (
         f"{board.board} at the {when}: boot {board.boot_count} by {reset}, {late_ticks} late "
-        f"ticks, longest interrupt {now.longest_isr_us:g} µs, "
-        f"{now.stack_free_percent} % of its RAM never used"
+        f"ticks, longest interrupt {now['longest_isr_us']:g} µs, "
+        f"{now['stack_free_percent']} % of its RAM never used"
     )
     data = {"board": board.board, "when": when, "boot_count": board.boot_count, "reset": reset}
-    return Event(at_s, EVENT_KIND, text, {**data, **asdict(now), "late_ticks": late_ticks})
+    return Event(at_s, EVENT_KIND, text, {**data, **now, "late_ticks": late_ticks})

@@ -1,24 +1,19 @@
 """One-time notices to a user: an empty order of taxels has changed its meaning.
 
-A shown notice is recorded for the user below ``$XDG_STATE_HOME`` or ``~/.local/state``, so that
-the next start does not repeat it. Where that folder cannot be written, it appears again.
+A shown notice is recorded in the user's state folder, so that the next start does not repeat it.
+Where that folder cannot be written, it appears again.
 """
 
 from __future__ import annotations
 
-import os
 from hashlib import sha256
 from pathlib import Path
+
+import platformdirs
 
 from rigctl.config.rig_config import load_config
 from rigctl.errors import ConfigError
 from rigctl.values import DRAWN_WIRING, N_TAXELS
-
-
-def state_folder() -> Path:
-    """Return the folder in which shown notices are recorded."""
-    base = os.environ.get("XDG_STATE_HOME", "")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "rigctl"
 
 
 def wiring_notice(rig: str) -> str:
@@ -46,7 +41,8 @@ def wiring_notice(rig: str) -> str:
 
 def _is_first_time(notice: str) -> bool:
     """Record a notice as shown; return whether it was not recorded before."""
-    record = state_folder() / "told" / sha256(notice.encode()).hexdigest()[:16]
+    state_folder = platformdirs.user_state_path("rigctl", appauthor=False)
+    record = state_folder / "told" / sha256(notice.encode()).hexdigest()[:16]
     try:
         record.parent.mkdir(parents=True, exist_ok=True)
         with record.open("x", encoding="utf-8") as file:

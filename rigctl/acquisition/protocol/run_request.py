@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from rigctl import __version__
 from rigctl.acquisition.rig import Rig
@@ -121,28 +122,40 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
 
 def _open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:
     rig, config = context.rig, context.rig.config
-    header = SessionHeader(
-        plan_hash=plan.hash,
-        seed=plan.seed,
-        trials_planned=len(plan.trials),
+    header = session_header(
+        plan,
         rig=rig.kind,
         simulated=rig.simulated,
         start_utc=context.start_utc,
         start_loop_s=rig.loop.time(),
-        protocol=plan.protocol.name,
         boards=context.boards,
         operator=config.about.operator,
         sensor=config.about.sensor,
-        software_version=__version__,
-        software_commit=source_commit(),
-        encoder_preset=config.encoder.preset,
-        n_taxels=config.taxels.count,
         taxel_low=config.taxels.low,
         taxel_high=config.taxels.high,
-        wiring=config.taxels.order,
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
         simulation={"seed": context.rig_seed, **rig.world} if rig.simulated else {},
     )
     return Recorder(
         folder, header, plan.protocol.text, config.with_order().to_toml(), resume=resume
+    )
+
+
+def session_header(plan: Plan, **fields: Any) -> SessionHeader:
+    """Return the header of a session that runs this plan with this program.
+
+    ``fields``: the others of :class:`SessionHeader`, which depend on the rig.
+    """
+    config = plan.protocol.config
+    return SessionHeader(
+        plan_hash=plan.hash,
+        seed=plan.seed,
+        trials_planned=len(plan.trials),
+        protocol=plan.protocol.name,
+        software_version=__version__,
+        software_commit=source_commit(),
+        encoder_preset=config.encoder.preset,
+        n_taxels=config.taxels.count,
+        wiring=config.taxels.order,
+        **fields,
     )

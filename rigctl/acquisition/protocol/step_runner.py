@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from functools import singledispatchmethod
 from typing import Any
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.drum.settings import press_settings
-from rigctl.acquisition.health.boards import START, BoardCounters
+from rigctl.acquisition.health.boards import START, Counters
 from rigctl.acquisition.protocol.progress import RunProgress
 from rigctl.acquisition.protocol.run_control import RunControl, RunPaused, RunStopped
 from rigctl.acquisition.protocol.run_request import OpenedRun
-from rigctl.acquisition.protocol.trial_attempt import TrialAttempt, ppm_or_zero
+from rigctl.acquisition.protocol.trial_attempt import TrialAttempt
 from rigctl.errors import RigFault
 from rigctl.protocol.steps import (
     ApproachOnly,
@@ -60,7 +59,7 @@ class StepRunner:
         self._quality = opened.plan.protocol.quality
         self._part_reason = "resume" if opened.resumed else "start"
         self._tared = False
-        self._start_counters: dict[str, BoardCounters] | None = None
+        self._start_counters: dict[str, Counters] | None = None
         self._clocks_ppm = [float("inf"), float("inf")]
 
     async def run_step(self, step: Step) -> None:
@@ -84,12 +83,34 @@ class StepRunner:
         for event in self._health.events(when, self._start_counters):
             self._recorder.add_event(event)
 
-    @singledispatchmethod
-    async def _run(self, step: Any) -> None:
-        raise TypeError(f"not a step of a plan: {step!r}")
+    async def _run(self, step: Step) -> None:
+        match step:
+            case ChangePlate():
+                await self._change_plate(step)
+            case RunTrial():
+                await self._run_trial(step.trial)
+            case Message():
+                await self._show_message(step)
+            case _:
+                await self._prepare()
+                await self._run_free_step(step)
 
-    @_run.register
-    async def _(self, step: ChangePlate) -> None:
+    async def _run_free_step(self, step: Tare | Rest | Turn | Baseline | ApproachOnly) -> None:
+        match step:
+            case Tare():
+                await self._motion.tare()
+            case Rest():
+                await self._control.wait(step.seconds)
+            case Turn():
+                await self._turn(step)
+            case Baseline():
+                self._publish("baseline", f"{step.seconds:g} s without contact begin")
+                await self._control.wait(step.seconds)
+                self._publish("baseline", "the time without contact ends")
+            case ApproachOnly():
+                await self._press(step)
+
+    async def _change_plate(self, step: ChangePlate) -> None:
         if not self._unattended:
             await self.make_safe()
             await self._control.ask(step.prompt, step.texture)
@@ -99,9 +120,7 @@ class StepRunner:
         self._pipeline.set_recorder(None)
         self._part_reason = self._part_reason or "plate"
 
-    @_run.register
-    async def _(self, step: RunTrial) -> None:
-        trial = step.trial
+    async def _run_trial(self, trial: PlannedTrial) -> None:
         for _ in range(self._quality.attempts):
             self.current = trial
             await self._prepare()
@@ -113,19 +132,7 @@ class StepRunner:
         text = f"trial {trial.trial_id} is given up after {self._quality.attempts} attempts"
         self._publish("trial", text, trial_id=trial.trial_id)
 
-    @_run.register
-    async def _(self, step: Tare) -> None:
-        await self._prepare()
-        await self._motion.tare()
-
-    @_run.register
-    async def _(self, step: Rest) -> None:
-        await self._prepare()
-        await self._control.wait(step.seconds)
-
-    @_run.register
-    async def _(self, step: Turn) -> None:
-        await self._prepare()
+    async def _turn(self, step: Turn) -> None:
         data = {"speed_mm_s": step.speed_mm_s, "turns": step.turns}
         await self._motion.move_to_quarter()
         what = f"{step.turns} turns at {step.speed_mm_s:g} mm/s, lifted,"
@@ -134,16 +141,7 @@ class StepRunner:
         index = await self._motion.index_error_steps()
         self._publish("turn", f"{what} end", **data, begins=False, index_error_steps=index)
 
-    @_run.register
-    async def _(self, step: Baseline) -> None:
-        await self._prepare()
-        self._publish("baseline", f"{step.seconds:g} s without contact begin")
-        await self._control.wait(step.seconds)
-        self._publish("baseline", "the time without contact ends")
-
-    @_run.register
-    async def _(self, step: ApproachOnly) -> None:
-        await self._prepare()
+    async def _press(self, step: ApproachOnly) -> None:
         await self._motion.write_settings(**press_settings(step.force_g))
         await self._motion.approach()
         self._publish("approach", f"{step.force_g:g} g without travel begin")
@@ -151,8 +149,7 @@ class StepRunner:
         self._publish("approach", "the press ends")
         await self._without_pauses(self._motion.lift)
 
-    @_run.register
-    async def _(self, step: Message) -> None:
+    async def _show_message(self, step: Message) -> None:
         self._publish("message", step.text)
         if step.wait and not self._unattended:
             await self.make_safe()
@@ -220,7 +217,7 @@ class StepRunner:
     def _publish_clocks(self) -> None:
         """Publish both boards' clock errors with the first trial and when they change."""
         fits = (self._motion.poller.clock_fit, self._pipeline.clock_fit)
-        ppm = [ppm_or_zero(fit.estimate) for fit in fits]
+        ppm = [fit.ppm or 0.0 for fit in fits]
         changes = [abs(new - old) for new, old in zip(ppm, self._clocks_ppm, strict=True)]
         if max(changes) < CLOCK_EVENT_PPM:
             return

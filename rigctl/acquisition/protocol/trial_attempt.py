@@ -14,8 +14,6 @@ from rigctl.protocol.plan import Quality
 from rigctl.values import DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
 LATE_SAMPLES_TIMEOUT_S = 1.0
-TRAVEL_EXTRA_S = 10.0
-TRAVEL_FACTOR = 1.5
 MAX_CLOCK_ERROR_PPM = 100.0
 MIN_CLOCK_SPAN_S = 5.0
 CLOCK_TIMEOUT_S = 30.0
@@ -82,7 +80,7 @@ class TrialAttempt:
         await self._wait_for_clocks()
         await motion.trim_clock()
         self._rises_before = rises_before = self._poller.healthy_state().sync_count
-        state = await motion.run(self._travel_timeout_s())
+        state = await motion.run()
         await motion.begin_lift()
         if state.sync_count == rises_before:
             raise RigFault("the drum ran without raising its sync line: load its firmware again")
@@ -91,7 +89,7 @@ class TrialAttempt:
             state,
             self._loadcell,
             motion.settings["travel_set"],
-            ppm_or_zero(self._poller.clock_fit.estimate),
+            self._poller.clock_fit.ppm or 0.0,
         )
         await self._wait_for_samples()
 
@@ -127,10 +125,6 @@ class TrialAttempt:
         cut = self._pipeline.trial_cutter.trial
         return cut is not None and cut.complete
 
-    def _travel_timeout_s(self) -> float:
-        travel_mm = self._motion.config.drum.run_in_mm + self.trial.travel_mm
-        return TRAVEL_EXTRA_S + TRAVEL_FACTOR * travel_mm / self.trial.speed_mm_s
-
     def _add_state(self, state: DrumState) -> None:
         self._loadcell.extend(state.loadcell)
         rose = self._rises_before is not None and state.sync_count != self._rises_before
@@ -153,8 +147,3 @@ def _is_known(estimate: ClockEstimate | None) -> bool:
         and estimate.span_s >= MIN_CLOCK_SPAN_S
         and estimate.error_ppm <= MAX_CLOCK_ERROR_PPM
     )
-
-
-def ppm_or_zero(estimate: ClockEstimate | None) -> float:
-    """Return a clock's error, 0 where it is unknown."""
-    return 0.0 if estimate is None else estimate.ppm

@@ -53,8 +53,8 @@ class ArrivalLine(NamedTuple):
 class ClockFit:
     """The newest readings of one board's clock, and the line through them."""
 
-    def __init__(self, window_points: int = WINDOW_POINTS) -> None:
-        self._readings = np.zeros((window_points, 2))
+    def __init__(self) -> None:
+        self._readings = np.zeros((WINDOW_POINTS, 2))
         self._count = 0
         self._fitted = 0
         self._estimate: ClockEstimate | None = None
@@ -78,6 +78,11 @@ class ClockFit:
             readings = self._readings[: min(self._count, len(self._readings))]
             self._estimate = fit_clock(readings[:, 0], readings[:, 1])
         return self._estimate
+
+    @property
+    def ppm(self) -> float | None:
+        """How much faster than the loop's the board's clock runs, None while it is unknown."""
+        return self.estimate.ppm if self.estimate else None
 
     @property
     def earliest_arrivals(self) -> ArrivalLine | None:

@@ -125,7 +125,7 @@ class _CalibrationSession:
                 f"{limits.force_min_g:g} to {limits.force_max_g:g} g"
             )
         found = await self.calibrator.tune_gains(self._args.force)
-        self.result |= {name: getattr(found, name) for name in found.__slots__}
+        self.result |= found._asdict()
         self._lines.append(
             f"gain_p {found.gain_p_per_s:g} /s, gain_i {found.gain_i_per_s:g} /s, stiffness "
             f"{found.stiffness_g_per_mm:g} g/mm, delay {found.delay_ms:g} ms"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.health.notices import state_folder, wiring_notice
+from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.cli import main
 
 
@@ -45,7 +45,7 @@ def test_the_notice_mentions_a_calibrated_range(tmp_path: Path) -> None:
 def test_the_notice_is_not_shown_where_it_does_not_apply(tmp_path: Path, text: str) -> None:
     rig = described(tmp_path, text) if text else "virtual"
     assert wiring_notice(rig) == ""
-    assert not state_folder().exists()
+    assert not (tmp_path / "state").exists()
 
 
 def test_the_notice_repeats_where_it_cannot_be_recorded(

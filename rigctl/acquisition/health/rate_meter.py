@@ -1,0 +1,30 @@
+"""How fast a counter increases, over the last seconds of loop time."""
+
+from __future__ import annotations
+
+from collections import deque
+
+
+class RateMeter:
+    """Readings of a counter over ``window_s``."""
+
+    def __init__(self, window_s: float) -> None:
+        self._window_s = window_s
+        self._readings: deque[tuple[float, int]] = deque()
+
+    def update(self, now_s: float, count: int) -> None:
+        """Add a reading of now."""
+        self._readings.append((now_s, count))
+        while len(self._readings) > 2 and now_s - self._readings[1][0] >= self._window_s:
+            self._readings.popleft()
+
+    @property
+    def increase(self) -> int:
+        """Increase over the window, or since the first reading."""
+        return self._readings[-1][1] - self._readings[0][1] if self._readings else 0
+
+    @property
+    def per_s(self) -> float:
+        """Mean increase per second, at least 0; 0 before the second reading."""
+        elapsed_s = self._readings[-1][0] - self._readings[0][0] if self._readings else 0.0
+        return max(0.0, self.increase / elapsed_s) if elapsed_s else 0.0
