@@ -44,7 +44,7 @@ def open_client(rig: str, world: str = "") -> EngineClient:
     if rig not in SIMULATED:
         for engine in running_engines(runtime_folder()):
             if engine.rig == rig:
-                return EngineClient.attach(engine)
+                return EngineClient(engine)
     return EngineClient.start(rig)
 
 

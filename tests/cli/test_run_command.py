@@ -76,7 +76,7 @@ def until_committed(n: int) -> tuple[str, int]:
 
 def watch(goal: tuple[str, int]) -> None:
     """Look at the running engine until its run has come so far."""
-    client = EngineClient.attach(the_engine())
+    client = EngineClient(the_engine())
     try:
         while True:
             for message in client.wait(1.0):

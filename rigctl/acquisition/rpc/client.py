@@ -27,7 +27,7 @@ from rigctl.errors import LinkLost, RigctlError, RigFault, WrongUse
 START_TIMEOUT_S = 60.0
 COMPILE_TIMEOUT_S = 600.0
 """An engine's first start after an update compiles, on a busy machine for minutes; an engine that
-ends instead is noticed at once."""
+ends instead is noticed immediately."""
 _POLL_S = 0.02
 
 
@@ -42,18 +42,14 @@ class EngineRefusal(RigctlError):
 class EngineClient:
     """One connection to one engine, for a window or a command line.
 
-    All calls are from one thread. ``clock`` bounds waiting only; a client has no loop.
+    All calls are from one thread.
     """
 
     def __init__(
-        self,
-        engine_file: EngineFile,
-        process: subprocess.Popen[bytes] | None = None,
-        clock: Callable[[], float] = time.monotonic,
+        self, engine_file: EngineFile, process: subprocess.Popen[bytes] | None = None
     ) -> None:
         self.engine_file = engine_file
         self.process = process
-        self._clock = clock
         self._messages: deque[dict[str, Any]] = deque(maxlen=100_000)
         self._replies: dict[int, dict[str, Any]] = {}
         self._awaited_ids: set[int] = set()
@@ -76,7 +72,7 @@ class EngineClient:
     ) -> EngineClient:
         """Start an engine on this rig and connect to it once its boards have answered.
 
-        ``run``: further arguments of the engine, such as those that start a protocol at once.
+        ``run``: further arguments of the engine, such as those that start a protocol.
         Raises the reason why the rig did not open, with its exit code.
         """
         name = new_engine_name()
@@ -96,10 +92,8 @@ class EngineClient:
         return client
 
     @classmethod
-    def attach(cls, engine_file: EngineFile | None = None) -> EngineClient:
-        """Connect to a running engine, by default the newest. Raises WrongUse where none runs."""
-        if engine_file is not None:
-            return cls(engine_file)
+    def attach(cls) -> EngineClient:
+        """Connect to the newest running engine. Raises WrongUse where none runs."""
         engines = running_engines(runtime_folder())
         if not engines:
             raise WrongUse("no engine is running: start one with `rigctl run` or the window")
@@ -150,7 +144,7 @@ class EngineClient:
         return drained
 
     def wait(self, timeout_s: float) -> list[dict[str, Any]]:
-        """Return the same as :meth:`drain`, but wait up to ``timeout_s`` for a message."""
+        """Return the same as :meth:`drain`, after a wait of up to ``timeout_s`` for a message."""
         if not self._messages:
             self._receive(timeout_s)
         return self.drain()
@@ -191,9 +185,9 @@ class EngineClient:
         return any(message.get("event") in ("ready", "failed") for message in self._messages)
 
     def _wait_until(self, is_done: Callable[[], bool], timeout_s: float, failure: str) -> None:
-        end_s = self._clock() + timeout_s
+        end_s = time.monotonic() + timeout_s
         while not is_done():
-            remaining_s = end_s - self._clock()
+            remaining_s = end_s - time.monotonic()
             if self._link_error:
                 raise LinkLost(self._link_error)
             if remaining_s <= 0:

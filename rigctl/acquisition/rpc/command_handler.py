@@ -1,4 +1,4 @@
-"""The commands of clients, one method each.
+"""The commands of clients: the drum's moves, and a method for each of the others.
 
 Commands that move the rig are refused during a run; stop never is.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 from rigctl.acquisition.drum.motion import DrumMotion
@@ -20,8 +21,6 @@ from rigctl.errors import WrongUse
 from rigctl.wire.drum.codes import Command
 
 Result = dict[str, Any]
-TRAVEL_FACTOR = 1.5
-TRAVEL_EXTRA_S = 10.0
 
 OPERATOR_SETTINGS = {
     "speed_mm_s": "speed_set",
@@ -34,16 +33,29 @@ OPERATOR_SETTINGS = {
 the drum or how it is built; they come from ``rig.toml``, a protocol or a calibration."""
 
 
+MOVES: dict[str, Callable[[DrumMotion], Awaitable[object]]] = {
+    "arm": DrumMotion.arm,
+    "disarm": DrumMotion.disarm,
+    "tare": DrumMotion.tare,
+    "home": DrumMotion.home,
+    "approach": DrumMotion.approach,
+    "run": DrumMotion.run,
+    "retract": DrumMotion.lift,
+}
+"""Commands that move the rig without an argument."""
+
+
 class CommandHandler:
-    """Executes requests. Every method returns the reply's result or raises RigctlError."""
+    """Executes requests. A command's method returns the reply's result, None for an empty one."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self._commands: dict[str, Callable[..., Awaitable[Result]]] = {
+        self._commands: dict[str, Callable[..., Awaitable[Result | None]]] = {
             name.removeprefix("on_"): method
             for name, method in inspect.getmembers(self, inspect.iscoroutinefunction)
             if name.startswith("on_")
         }
+        self._commands |= {name: partial(self._move, move) for name, move in MOVES.items()}
 
     async def handle(self, command: str, args: dict[str, Any]) -> Result:
         """Execute one request. Raises WrongUse for an unknown command or wrong arguments."""
@@ -52,31 +64,11 @@ class CommandHandler:
             names = ", ".join(sorted(self._commands))
             raise WrongUse(f"the engine has no command {command!r}: it has {names}")
         _validate_arguments(f"command {command}", method, args)
-        return await method(**args)
+        return await method(**args) or {}
 
     async def on_status(self) -> Result:
         """Return the data of the status event."""
         return as_dict(self._engine.status())
-
-    async def on_arm(self) -> Result:
-        """Power up and lift off."""
-        await self._free_motion().arm()
-        return {}
-
-    async def on_disarm(self) -> Result:
-        """Lift off and switch the drivers off."""
-        await self._free_motion().disarm()
-        return {}
-
-    async def on_tare(self) -> Result:
-        """Take the load cell's reading as no load."""
-        await self._free_motion().tare()
-        return {}
-
-    async def on_home(self) -> Result:
-        """Find the index mark."""
-        await self._free_motion().home()
-        return {}
 
     async def on_jog(self, mm: float) -> Result:
         """Turn the lifted drum by mm of texture, forwards where positive; return the real mm."""
@@ -93,70 +85,40 @@ class CommandHandler:
         motion.settings.update(written)
         return {name: written[OPERATOR_SETTINGS[name]] for name in values}
 
-    async def on_approach(self) -> Result:
-        """Press until the force has settled."""
-        await self._free_motion().approach()
-        return {}
-
-    async def on_run(self) -> Result:
-        """Turn through run-in, window and ramp."""
-        motion = self._free_motion()
-        settings = motion.settings
-        travel_mm = settings["run_in_set"] + settings["travel_set"]
-        await motion.run(TRAVEL_EXTRA_S + TRAVEL_FACTOR * travel_mm / settings["speed_set"])
-        return {}
-
-    async def on_retract(self) -> Result:
-        """Lift off from any state."""
-        await self._free_motion().lift()
-        return {}
-
-    async def on_stop(self) -> Result:
-        """Stop and lift at once; a run ends."""
+    async def on_stop(self) -> None:
+        """Stop and lift immediately; a run ends."""
         await self._engine.send_stop("stopped by a client")
-        return {}
 
-    async def on_clear_fault(self) -> Result:
+    async def on_clear_fault(self) -> None:
         """Clear the latched fault, where its cause is gone."""
         await self._engine.rig.drum.command(Command.CLEAR)
-        return {}
 
-    async def on_start(
-        self,
-        protocol: str | None = None,
-        out: str | None = None,
-        seed: int | None = None,
-        yes: bool = False,
-        resume: str | None = None,
-    ) -> Result:
-        """Run a protocol into ``out``, or resume the session in ``resume``."""
+    async def on_start(self, **request: Any) -> Result:
+        """Run a protocol or resume a session, as a :class:`RunRequest` says."""
+        _validate_arguments("command start", RunRequest, request)
         self._free_motion()
-        run = self._engine.start(RunRequest(protocol, out, resume, seed, yes))
+        run = self._engine.start(RunRequest(**request))
         return {"session": str(run.folder)}
 
-    async def on_pause(self) -> Result:
+    async def on_pause(self) -> None:
         """Lift off and pause the run."""
         self._active_run().control.pause()
-        return {}
 
-    async def on_resume(self) -> Result:
+    async def on_resume(self) -> None:
         """Resume the run; the interrupted trial repeats."""
         self._active_run().control.resume()
-        return {}
 
-    async def on_abort(self) -> Result:
+    async def on_abort(self) -> None:
         """End the run safely."""
         self._active_run().control.abort("aborted by a client")
-        return {}
 
-    async def on_answer(self, prompt_id: int, answer: str) -> Result:
+    async def on_answer(self, prompt_id: int, answer: str) -> None:
         """Answer a question: ``ok`` continues, ``abort`` ends the run."""
         if not self._active_run().control.answer(prompt_id, answer):
             raise WrongUse(f"question {prompt_id} is not the current one")
-        return {}
 
     async def on_plate(self, texture: str) -> Result:
-        """Note the mounted plate; a simulated rig mounts it by itself."""
+        """Note the mounted plate; a simulated rig mounts it without help."""
         self._free_motion()
         return {"changed": self._engine.set_plate(texture)}
 
@@ -172,7 +134,7 @@ class CommandHandler:
         await taxels.test()
         return {"found": taxels.findings}
 
-    async def on_inject(self, fault: str, **args: Any) -> Result:
+    async def on_inject(self, fault: str, **args: Any) -> None:
         """Inject a fault into a simulated bench."""
         faults = self._engine.rig.faults
         if faults is None:
@@ -182,12 +144,13 @@ class CommandHandler:
             raise WrongUse(f"the simulated bench has no fault {fault!r}")
         _validate_arguments(f"fault {fault}", method, args)
         method(**args)
-        return {}
 
-    async def on_shutdown(self) -> Result:
+    async def on_shutdown(self) -> None:
         """End the engine; it makes the rig safe first."""
         self._engine.shut_down("a client ended the engine")
-        return {}
+
+    async def _move(self, move: Callable[[DrumMotion], Awaitable[object]]) -> None:
+        await move(self._free_motion())
 
     def _free_motion(self) -> DrumMotion:
         """Return the drum's motion. Raises WrongUse during a run."""

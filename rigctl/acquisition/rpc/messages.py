@@ -15,8 +15,9 @@ of :class:`EngineStatus`. Defaults are for fields that an older engine does not 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any, TypeVar
 
 from rigctl.wire.drum.states import State
@@ -170,38 +171,31 @@ def as_dict(status: Any) -> dict[str, Any]:
 
 def parse_status(data: Mapping[str, Any]) -> EngineStatus:
     """Return the status in a message's ``data``; missing fields get their defaults."""
-    boards = data.get("boards") or {}
-    nested = {
-        "state": _parse_state(data.get("state")),
-        "boards": {name: _parse_board(board) for name, board in boards.items()},
-        "recording": _parse(RecordingStatus, data.get("recording") or {}),
-        "run": _parse_run(data.get("run") or {}),
-    }
-    return _parse(EngineStatus, {**data, **nested})
-
-
-def _parse_state(value: Any) -> State | None:
-    return State(value) if value in State._value2member_map_ else None
-
-
-def _parse_board(data: Mapping[str, Any]) -> BoardStatus:
-    found = data.get("self_test")
-    return _parse(BoardStatus, {**data, "self_test": None if found is None else tuple(found)})
-
-
-def _parse_run(data: Mapping[str, Any]) -> RunStatus:
-    current, prompt = data.get("current"), data.get("prompt")
-    nested = {
-        "reasons": tuple(data.get("reasons") or ()),
-        "current": _parse(CurrentTrial, current) if current else None,
-        "prompt": _parse(PromptStatus, prompt) if prompt else None,
-    }
-    return _parse(RunStatus, {**data, **nested})
+    known_state = State._value2member_map_.get(data.get("state"))
+    return _parse(EngineStatus, {**data, "state": known_state})
 
 
 def _parse(kind: type[_T], data: Mapping[str, Any]) -> _T:
-    names = {f.name for f in fields(kind)}  # type: ignore[arg-type]  # every kind is a dataclass
-    return kind(**{name: data[name] for name in names if data.get(name) is not None})
+    values = {f.name: data.get(f.name) for f in fields(kind)}  # type: ignore[arg-type]
+    return kind(
+        **{
+            name: _PARSERS[name](value) if name in _PARSERS else value
+            for name, value in values.items()
+            if value is not None
+        }
+    )
+
+
+_PARSERS: dict[str, Callable[[Any], Any]] = {
+    "boards": lambda boards: {name: _parse(BoardStatus, boards[name]) for name in boards},
+    "self_test": tuple,
+    "recording": partial(_parse, RecordingStatus),
+    "run": partial(_parse, RunStatus),
+    "reasons": tuple,
+    "current": partial(_parse, CurrentTrial),
+    "prompt": partial(_parse, PromptStatus),
+}
+"""How JSON becomes the value of a field, by the field's name."""
 
 
 _ENCODER = json.JSONEncoder(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,22 +60,26 @@ def _reads_token(connection: socket.socket, token: str, timeout_s: float) -> boo
     connection.settimeout(timeout_s)
     try:
         with connection.makefile("rb", buffering=0) as lines:
-            message = decode_message(lines.readline(LINE_LIMIT_BYTES))
-    except (OSError, ValueError):
+            return _has_token(lines.readline(LINE_LIMIT_BYTES), token)
+    except OSError:
         return False
-    return _is_token(message.get("token"), token)
 
 
-def _is_token(received: object, token: str) -> bool:
+def _has_token(line: bytes, token: str) -> bool:
+    """Return whether a client's first line holds the token."""
+    try:
+        received = decode_message(line).get("token")
+    except ValueError:
+        return False
     return isinstance(received, str) and hmac.compare_digest(received, token)
 
 
 class Server:
-    """All clients of one engine."""
+    """All clients of one engine, by the stream that writes to each."""
 
     def __init__(self) -> None:
         self._greeting: dict[str, Any] | None = None
-        self._clients: set[_Connection] = set()
+        self._clients: set[asyncio.StreamWriter] = set()
         self._server: asyncio.Server | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -84,20 +88,24 @@ class Server:
 
         ``handle(command, args)`` returns the result of a request or raises RigctlError.
         """
-        loop = asyncio.get_running_loop()
         self._token, self._handle = address.token, handle
-        self._server = await loop.create_server(lambda: _Connection(self), sock=address.listener)
+        self._server = await asyncio.start_server(
+            self._accept, sock=address.listener, limit=LINE_LIMIT_BYTES
+        )
         if address.first_client is not None:
-            connection = _Connection(self, logged_in=True)
-            await loop.connect_accepted_socket(lambda: connection, address.first_client)
+            reader, writer = await asyncio.open_connection(
+                sock=address.first_client, limit=LINE_LIMIT_BYTES
+            )
+            self._add_client(writer)
+            self._spawn(self._serve(reader, writer, logged_in=True))
 
     async def close(self) -> None:
         """Send what is written, then close all connections."""
         if self._server is not None:
             self._server.close()
-        for client in tuple(self._clients):
+        for client in self._clients:
             client.close()
-        for task in tuple(self._tasks):
+        for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
@@ -114,30 +122,43 @@ class Server:
         if not self._clients:
             return
         line = encode_message(message)
-        for client in tuple(self._clients):
-            client.write(line)
+        for client in self._clients:
+            _write(client, line)
 
-    def is_token(self, token: object) -> bool:
-        """Return whether a client sent the right token."""
-        return _is_token(token, self._token)
-
-    def add_client(self, client: _Connection) -> None:
-        """Add a client that has sent its token."""
-        self._clients.add(client)
-        if self._greeting is not None:
-            client.write(encode_message(self._greeting))
-
-    def remove_client(self, client: _Connection) -> None:
-        """Remove a client whose connection is closed."""
-        self._clients.discard(client)
-
-    def handle_request(self, client: _Connection, message: dict[str, Any]) -> None:
-        """Start a task that replies; requests of one client may overtake each other."""
-        task = asyncio.get_running_loop().create_task(self._reply(client, message))
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _reply(self, client: _Connection, message: dict[str, Any]) -> None:
+    def _add_client(self, writer: asyncio.StreamWriter) -> None:
+        self._clients.add(writer)
+        if self._greeting is not None:
+            _write(writer, encode_message(self._greeting))
+
+    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._spawn(self._serve(reader, writer, logged_in=False))
+
+    async def _serve(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, logged_in: bool
+    ) -> None:
+        """Serve one client until it leaves, sends an invalid line or a first one without the token.
+
+        Requests of one client may overtake each other.
+        """
+        try:
+            if not logged_in:
+                if not _has_token(await reader.readline(), self._token):
+                    return
+                self._add_client(writer)
+            while (line := await reader.readline()).endswith(b"\n"):
+                self._spawn(self._reply(writer, decode_message(line)))
+        except (ValueError, OSError):
+            pass
+        finally:
+            self._clients.discard(writer)
+            writer.close()
+
+    async def _reply(self, client: asyncio.StreamWriter, message: dict[str, Any]) -> None:
         args = message.get("args", {})
         reply: dict[str, Any]
         try:
@@ -149,60 +170,13 @@ class Server:
         except Exception as error:  # noqa: BLE001 - top of a task: the client must get a reply
             text = f"the engine failed inside: {error!r}; report this"
             reply = {"ok": False, "error": text}
-        client.write(encode_message({"reply": message.get("id"), **reply}))
+        _write(client, encode_message({"reply": message.get("id"), **reply}))
 
 
-class _Connection(asyncio.Protocol):
-    """One client's connection, closed at the first line without the token."""
-
-    def __init__(self, server: Server, logged_in: bool = False) -> None:
-        self._server = server
-        self._transport: asyncio.Transport | None = None
-        self._received = b""
-        self._logged_in = logged_in
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        connection = transport.get_extra_info("socket")
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if self._logged_in:
-            self._server.add_client(self)
-
-    def data_received(self, data: bytes) -> None:
-        *lines, self._received = (self._received + data).split(b"\n")
-        if len(self._received) > LINE_LIMIT_BYTES:
-            self.close()
-        for line in lines:
-            self._handle_line(line)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._transport = None
-        self._server.remove_client(self)
-
-    def write(self, line: bytes) -> None:
-        """Send a line, or drop a client that has stopped reading."""
-        if self._transport is None or self._transport.is_closing():
-            return
-        self._transport.write(line)
-        if self._transport.get_write_buffer_size() > UNREAD_LIMIT_BYTES:
-            self._transport.abort()
-
-    def close(self) -> None:
-        """Close the connection once the written lines are sent."""
-        if self._transport is not None:
-            self._transport.close()
-
-    def _handle_line(self, line: bytes) -> None:
-        try:
-            message = decode_message(line)
-        except ValueError:
-            self.close()
-            return
-        if self._logged_in:
-            self._server.handle_request(self, message)
-        elif self._server.is_token(message.get("token")):
-            self._logged_in = True
-            self._server.add_client(self)
-        else:
-            self.close()
+def _write(client: asyncio.StreamWriter, line: bytes) -> None:
+    """Send a line, or drop a client that has stopped reading."""
+    if client.is_closing():
+        return
+    client.write(line)
+    if client.transport.get_write_buffer_size() > UNREAD_LIMIT_BYTES:
+        client.transport.abort()

@@ -1,10 +1,10 @@
-"""STOP for every engine of this user at once: an engine that hangs does not delay the others."""
+"""Stop all engines of this user in parallel, so that one that hangs does not delay the others."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Collection
-from queue import SimpleQueue
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
 from typing import NamedTuple
 
 from rigctl.acquisition.rpc.client import EngineClient
@@ -33,27 +33,16 @@ def stop_engines(report: Callable[[StopResult], None], exclude: Collection[str] 
     engines.
     """
     engines = [engine for engine in running_engines(runtime_folder()) if engine.name not in exclude]
-    results: SimpleQueue[StopResult] = SimpleQueue()
-    threads = [
-        threading.Thread(target=lambda e=engine: results.put(_stop(e)), name="stop", daemon=True)
-        for engine in engines
-    ]
-    for thread in threads:
-        thread.start()
-    for _ in engines:
-        report(results.get())
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(len(engines) or 1, "stop") as executor:
+        for stop in as_completed([executor.submit(_stop, engine) for engine in engines]):
+            report(stop.result())
     return len(engines)
 
 
 def _stop(engine: EngineFile) -> StopResult:
     try:
-        client = EngineClient.attach(engine)
-        try:
+        with closing(EngineClient(engine)) as client:
             client.request("stop", timeout_s=STOP_TIMEOUT_S)
-        finally:
-            client.close()
     except Exception as error:  # noqa: BLE001 - top of a thread: the user must see every failure
         return StopResult(engine.rig, engine.pid, str(error))
     return StopResult(engine.rig, engine.pid, "")
