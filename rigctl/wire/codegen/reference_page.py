@@ -95,7 +95,7 @@ def _fault_rows() -> str:
     rows = [
         (
             f"{fault.value} {fault.name}",
-            "lift, then off" if fault in LIFT_FAULTS else ("–" if not fault else "off at once"),
+            "lift, then off" if fault in LIFT_FAULTS else ("–" if not fault else "off immediately"),
             FAULT_TEXT[fault],
         )
         for fault in Fault
@@ -111,8 +111,9 @@ The drum controller is a Modbus RTU slave: {table.BAUD} baud, 8N1, unit {table.U
 Registers are 16 bits wide, a 32-bit value takes two with the high word first, addresses count
 from 0 as on the wire. Functions 3, 6, 16 and 23 are served; 23 writes first and then reads.
 
-- A frame ends by its function's length, never by a pause; 10 ms of silence reset the parser.
-  Requests stay under 64 bytes. A request for another unit or with a bad CRC gets no reply.
+- The function code gives the length of a frame; a pause does not end it. 10 ms of silence reset the
+  parser. Requests have less than 64 bytes. A request for another unit or with a bad CRC gets no
+  reply.
 - A write is applied whole or not at all. Exception 1: unknown function. 2: no such register, or
   one that cannot be written. 3: a value out of bounds, or a count that does not fit its bytes.
   4: a command or a change that the present state refuses, or whose conditions are not met.
@@ -144,11 +145,11 @@ def reference_page() -> str:
     """Return ``drum-wire.md``: registers, values, states and faults."""
     parts = [
         _INTRODUCTION,
-        "## Who is there\n",
+        "## Identity\n",
         _read_rows(table.IDENTITY),
-        "## What a poll reads\n",
+        "## Poll\n",
         _read_rows(table.POLL),
-        "## What may be written\n",
+        "## Settings and commands\n",
         _write_rows(table.SETTINGS),
         "## Counters\n",
         _read_rows(table.COUNTERS),

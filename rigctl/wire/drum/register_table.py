@@ -29,21 +29,19 @@ IDENTITY = (
     read_only(3, "firmware_version", "u16", "", "major × 256 + minor"),
     read_only(4, "build_hash", "u32", "", "first 32 bits of the hash of the sources built"),
     read_only(6, "boot_count", "u16", "", "boots since the EEPROM was erased, wraps"),
-    read_only(7, "reset_cause", "u16", "", "bits of ResetCause, kept from before the bootloader"),
+    read_only(7, "reset_cause", "u16", "", "bits of ResetCause, as before the bootloader"),
     read_only(8, "ring_depth", "u16", "", "load-cell samples kept in the ring"),
     read_only(9, "steps_per_turn", "u16", "steps", "microsteps of one drum turn"),
     read_only(
         10, "nm_per_step", "u32", "nm", "texture travel of one microstep at the drum's surface"
     ),
-    read_only(12, "most_force", "u16", "g", "force that the board lifts at, whatever settings say"),
-    read_only(
-        13, "overrun_um", "u16", "µm", "farthest travel from that force until the drum stands"
-    ),
+    read_only(12, "most_force", "u16", "g", "force at which the board lifts with any settings"),
+    read_only(13, "overrun_um", "u16", "µm", "longest travel from that force until the drum stops"),
 )
 
 POLL = (
     read_only(16, "state", "u16", "", "value of State"),
-    read_only(17, "fault", "u16", "", "first latched Fault, 0 when none"),
+    read_only(17, "fault", "u16", "", "first latched Fault, 0 if none"),
     read_only(18, "fault_at_ms", "u32", "ms", "board time of the first fault"),
     read_only(20, "fault_bits", "u16", "", "causes present now, bit n is fault n"),
     read_only(
@@ -84,7 +82,7 @@ SETTINGS = (
         "signal_polarity",
         "u16",
         "",
-        "bits of Signal: wired the other way",
+        "bits of Signal: inverted",
         (0, 31, 0),
         guard=Guard.RESTING,
     ),
@@ -92,7 +90,7 @@ SETTINGS = (
     setting(
         69, "force_set", "u16", "g", "force of APPROACH, HOLD and RUN", (500, 15000, 5000), 0.1
     ),
-    setting(70, "acceleration_set", "u16", "mm/s²", "of every ramp", (50, 2000, 600)),
+    setting(70, "acceleration_set", "u16", "mm/s²", "acceleration of every ramp", (50, 2000, 600)),
     setting(71, "direction_set", "u16", "", "0 forwards, 1 backwards", (0, 1, 0)),
     setting(72, "force_mode", "u16", "", "value of ForceMode", (0, 2, 0), guard=Guard.RESTING),
     setting(
@@ -125,7 +123,7 @@ SETTINGS = (
         "clock_trim_ppm",
         "i16",
         "ppm",
-        "board clock fast by so much: rates are lowered by it",
+        "error of the board clock, + is fast; the board lowers its rates by it",
         (-10000, 10000, 0),
     ),
     setting(
@@ -144,7 +142,7 @@ SETTINGS = (
         "approach_limit_um",
         "u16",
         "µm",
-        "actuator travel without contact that is a fault",
+        "longest actuator travel without contact; more is a fault",
         (500, 50000, 30000),
     ),
     setting(
@@ -152,7 +150,7 @@ SETTINGS = (
         "approach_timeout_ms",
         "u16",
         "ms",
-        "time to settle that is a fault",
+        "longest time to settle; more is a fault",
         (500, 30000, 10000),
     ),
     setting(
@@ -160,7 +158,7 @@ SETTINGS = (
         "over_force",
         "u16",
         "g",
-        "force that lifts at once; the board's own limit stands besides",
+        "force that lifts immediately; the board's own limit applies as well",
         (1000, 30000, 14000),
         0.1,
         guard=Guard.RESTING,
@@ -201,7 +199,7 @@ SETTINGS = (
         "gain_i",
         "u16",
         "1/s",
-        "rate learned per unforeseen compression, each load-cell sample",
+        "rate learned per unexpected compression, each load-cell sample",
         (0, 5000, 500),
         0.01,
     ),
@@ -218,7 +216,7 @@ SETTINGS = (
         "dead_band_permille",
         "u16",
         "permille",
-        "least duty that moves the actuator: start value of the board's own estimate",
+        "lowest duty that moves the actuator: start value of the board's own estimate",
         (0, 500, 100),
     ),
     setting(
@@ -238,7 +236,7 @@ SETTINGS = (
         "run_settle_ms",
         "u16",
         "ms",
-        "time at constant speed that the run-in must hold besides the ramp",
+        "time at constant speed that the run-in must contain after the ramp",
         (0, 2000, 100),
     ),
     *(
@@ -247,7 +245,7 @@ SETTINGS = (
             f"tare_place_{place:02d}",
             "i16",
             "counts",
-            f"reading at no load less tare_counts, {place}/{TARE_PLACES} of a turn behind the mark",
+            f"no-load reading minus tare_counts, {place}/{TARE_PLACES} turn after the mark",
             (-32768, 32767, 0),
             guard=Guard.LIFTED,
         )
@@ -263,7 +261,7 @@ COUNTERS = (
     read_only(120, "idle_permille", "u16", "permille", "share of the last second spent waiting"),
     read_only(121, "loadcell_dropped", "u16", "", "conversions not used, wraps"),
     read_only(
-        122, "index_error_steps", "i16", "steps", "last index mark: steps counted less expected"
+        122, "index_error_steps", "i16", "steps", "last index mark: steps counted minus expected"
     ),
     read_only(
         123, "proposed_gain_p", "u16", "1/s", "gain_p that the last TUNE proposes, 0: none", 0.01
@@ -272,10 +270,10 @@ COUNTERS = (
         124, "proposed_gain_i", "u16", "1/s", "gain_i that the last TUNE proposes, 0: none", 0.01
     ),
     read_only(
-        125, "tuned_stiffness_g_per_mm", "u16", "g/mm", "force per travel asked for, last TUNE"
+        125, "tuned_stiffness_g_per_mm", "u16", "g/mm", "force per commanded travel, last TUNE"
     ),
     read_only(
-        126, "tuned_delay", "u16", "ms", "from a speed asked for to its force, last TUNE", 0.1
+        126, "tuned_delay", "u16", "ms", "from a commanded speed to its force, last TUNE", 0.1
     ),
     read_only(127, "settings_from", "u16", "", "value of SettingsFrom: what the board booted with"),
 )
