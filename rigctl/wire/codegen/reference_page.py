@@ -128,7 +128,7 @@ from 0 as on the wire. Functions 3, 6, 16 and 23 are served; 23 writes first and
   switches or potentiometer made it unknown, and no lift has ended since. ARM lifts. `LIFT_FAILED`:
   the last lift ended without evidence that contact is gone; lift the drum by hand, or ARM again.
 - FAULT_LIFT lasts at least 700 ms, and until contact is gone; it times out after 1.6 times the
-  duration of the whole travel. The board lifts at `most_force`, whatever the settings;
+  duration of the whole travel. The board lifts at `most_force` with any settings;
   `overrun_um` is how far the drum may travel meanwhile.
 - The board executes the value of `command` when `command_sequence` changes. The outcome is in
   `command_result` once `command_acknowledged` shows the sequence; a command that takes time
