@@ -20,22 +20,21 @@ class VirtualBoards(BuildHookInterface[Any]):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile what is stale before anything is packed."""
-        root = Path(self.root)
-        build = _host_build(root)
+        build = _host_build(Path(self.root))
         try:
-            build.build_stale(root)
+            build.build_stale()
         except build.BuildFailed as failed:
             self.app.display_warning(str(failed))
             return
         if version != "editable":
-            self._pack(build, root, build_data)
+            self._pack(build, build_data)
 
-    def _pack(self, build: ModuleType, root: Path, build_data: dict[str, Any]) -> None:
+    def _pack(self, build: ModuleType, build_data: dict[str, Any]) -> None:
         build_data["pure_python"] = False
         build_data["infer_tag"] = True
         for board in build.BOARDS:
             place = f"rigctl/_data/boards/{build.dynamic_library_name(board)}"
-            build_data["force_include"][str(build.dynamic_library_path(board, root))] = place
+            build_data["force_include"][str(build.dynamic_library_path(board))] = place
 
 
 def _host_build(root: Path) -> ModuleType:

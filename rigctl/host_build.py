@@ -35,29 +35,29 @@ def dynamic_library_name(board: str) -> str:
     return f"virtual-{board}{_SUFFIX}"
 
 
-def dynamic_library_path(board: str, root: Path = ROOT) -> Path:
+def dynamic_library_path(board: str) -> Path:
     """Return the path of a board's library in a checkout."""
-    return root / "build" / "host" / dynamic_library_name(board)
+    return ROOT / "build" / "host" / dynamic_library_name(board)
 
 
-def sources(board: str, root: Path = ROOT) -> list[Path]:
+def sources(board: str) -> list[Path]:
     """Return the sources of a board's library: its portable core and its host body."""
-    core, body = root / "arduino" / board, root / "arduino" / "host"
+    core, body = ROOT / "arduino" / board, ROOT / "arduino" / "host"
     files = [*core.glob("*.cpp"), *core.glob("*.h"), *body.glob("*.h"), *(body / board).iterdir()]
     return sorted(path for path in files if not path.name.startswith("chip"))
 
 
-def digest(board: str, root: Path = ROOT) -> str:
+def digest(board: str) -> str:
     """Return the SHA-256 of a board's sources with their names, hexadecimal."""
     sha256 = hashlib.sha256()
-    for path in sources(board, root):
+    for path in sources(board):
         sha256.update(path.name.encode() + b"\0" + path.read_bytes().replace(b"\r\n", b"\n"))
     return sha256.hexdigest()
 
 
-def image_hash(board: str, root: Path = ROOT) -> str:
+def image_hash(board: str) -> str:
     """Return the build hash of the chip's image of the same sources, as its Makefile does."""
-    folder = root / "arduino" / board
+    folder = ROOT / "arduino" / board
     files = [*folder.glob("*.cpp"), *folder.glob("*.h"), *folder.glob("*.ino")]
     content = b"".join(path.read_bytes() for path in sorted(files, key=lambda path: path.name))
     return hashlib.sha256(content).hexdigest()[:8]
@@ -68,11 +68,9 @@ def compiler() -> list[str]:
 
     Raises BuildFailed where there is none.
     """
-    command = os.environ.get("CXX", "").split()
-    if command:
+    if command := os.environ.get("CXX", "").split():
         return command
-    for name in ("c++", "g++", "clang++"):
-        path = shutil.which(name)
+    for path in map(shutil.which, ("c++", "g++", "clang++")):
         if path:
             return [path]
     if importlib.util.find_spec("ziglang") is not None:
@@ -80,14 +78,9 @@ def compiler() -> list[str]:
     raise BuildFailed(f"no C++ compiler for the virtual boards: {CURE}{COMMAND}")
 
 
-def build(
-    board: str, output: Path | None = None, defines: Sequence[str] = (), root: Path = ROOT
-) -> Path:
-    """Compile a board's library with ``-D`` options ``defines`` and return its path.
-
-    Raises BuildFailed.
-    """
-    target = output or dynamic_library_path(board, root)
+def build(board: str, output: Path | None = None, defines: Sequence[str] = ()) -> Path:
+    """Compile a board's library with ``-D`` options and return its path. Raises BuildFailed."""
+    target = output or dynamic_library_path(board)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")
     command = [
@@ -95,11 +88,11 @@ def build(
         *_FLAGS,
         *_WARNINGS,
         *([] if sys.platform == "win32" else ["-fPIC"]),
-        f"-DBUILD_HASH=0x{image_hash(board, root)}UL",
-        f'-DSOURCES="{digest(board, root)}"',
+        f"-DBUILD_HASH=0x{image_hash(board)}UL",
+        f'-DSOURCES="{digest(board)}"',
         *(f"-D{define}" for define in defines),
-        *(f"-I{root / 'arduino' / folder}" for folder in (board, f"host/{board}")),
-        *(str(path) for path in sources(board, root) if path.suffix == ".cpp"),
+        *(f"-I{ROOT / 'arduino' / folder}" for folder in (board, f"host/{board}")),
+        *(str(path) for path in sources(board) if path.suffix == ".cpp"),
         *("-o", str(partial)),
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -110,18 +103,14 @@ def build(
     return target
 
 
-def build_stale(root: Path = ROOT) -> list[Path]:
-    """Compile the libraries that are missing or stale and return their paths.
-
-    Raises BuildFailed.
-    """
-    stale = [board for board in BOARDS if not _is_fresh(board, root)]
-    return [build(board, root=root) for board in stale]
+def build_stale() -> list[Path]:
+    """Compile missing and stale libraries and return their paths. Raises BuildFailed."""
+    return [build(board) for board in BOARDS if not _is_fresh(board)]
 
 
-def _is_fresh(board: str, root: Path) -> bool:
-    path = dynamic_library_path(board, root)
-    return path.is_file() and digest(board, root).encode() in path.read_bytes()
+def _is_fresh(board: str) -> bool:
+    path = dynamic_library_path(board)
+    return path.is_file() and digest(board).encode() in path.read_bytes()
 
 
 def main() -> int:

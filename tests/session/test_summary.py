@@ -11,8 +11,7 @@ import pytest
 
 from rigctl.cli.data import info as command
 from rigctl.errors import SessionError
-from rigctl.session.files.ground_truth import trial_truths, write_truth
-from rigctl.session.files.ground_truth_reader import TruthReader
+from rigctl.session.files.ground_truth import open_truth, trial_truths, write_truth
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
@@ -79,7 +78,7 @@ def test_the_world_judges_each_trial(tmp_path: Path) -> None:
         half = len(log[1]) // 2
         write_truth(tmp_path / "s", (0, *(column[:half] for column in log[1:])))  # type: ignore[arg-type]
         assert write_truth(tmp_path / "s", log).name == "world.h5"
-        with TruthReader(tmp_path / "s" / "world.h5") as truth:
+        with open_truth(tmp_path / "s" / "world.h5") as truth:
             assert np.array_equal(truth.window("speed_mm_s", 0, truth.n_rows), log[1])
         truths = trial_truths(session)
     assert [truth.trial_id for truth in truths] == list(range(1, 9))

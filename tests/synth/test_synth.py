@@ -15,8 +15,7 @@ from rigctl import __version__
 from rigctl.cli import main
 from rigctl.config.resources import source_commit
 from rigctl.errors import SessionError
-from rigctl.session.files.ground_truth import trial_truths
-from rigctl.session.files.ground_truth_reader import TruthReader
+from rigctl.session.files.ground_truth import open_truth, trial_truths
 from rigctl.session.format import layout
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
@@ -69,7 +68,7 @@ def tables(folder: Path) -> dict[str, NDArray[Any]]:
             rows = np.concatenate([part.rows(table) for part in session.parts])
             found |= {f"{table.path}.{column.name}": rows[column.name] for column in table.columns}
     found["/drum.at_s"] = np.round(found["/drum.at_s"], 9)
-    with TruthReader(folder / "world.h5") as truth:
+    with open_truth(folder / "world.h5") as truth:
         for name in ("speed_mm_s", "force_g", "sync"):
             found[name] = truth.window(name, 0, truth.n_rows)
     return found

@@ -139,13 +139,10 @@ class TrialReader:
         self._reader = reader
         self._files = files
 
-    def read(self, trial: TrialRef, out: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
-        """Return the samples of a trial, uint16 (n, n_taxels), in ``out`` if given.
-
-        Raises SessionError naming the trial.
-        """
+    def read(self, trial: TrialRef) -> NDArray[np.uint16]:
+        """Return the samples of a trial, uint16 (n, n_taxels). Raises SessionError naming it."""
         try:
-            return self._reader.read(trial.sample_range, out)
+            return self._reader.read(trial.sample_range)
         except (OSError, SessionError) as error:
             raise SessionError(
                 f"{self._files[trial.sample_range.file].path.parent}: trial {trial.trial_id} "
@@ -170,7 +167,7 @@ class TrialReader:
             self._reader.read_all(ranges, samples, starts.tolist())
         except (OSError, SessionError):
             for trial, out in zip(trials, block.arrays, strict=True):
-                self.read(trial, out)  # one by one, so that the error names the trial
+                out[:] = self.read(trial)  # one by one, so that the error names the trial
         return block
 
 

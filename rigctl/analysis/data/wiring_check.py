@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.errors import SessionError
-from rigctl.session.files.source_sessions import load_inputs
+from rigctl.session.files.analysis_file import load_inputs
 from rigctl.session.format.wiring import describe_mismatch, source_wiring, wirings_match
 from rigctl.session.read.session import Session
 

@@ -23,8 +23,8 @@ from rigctl.encoding.force_search import TOLERANCE_HZ, mean_sa_rates_hz
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import WrongUse
+from rigctl.session.files.analysis_file import content_digest
 from rigctl.session.files.force_matrix_file import load_force
-from rigctl.session.files.source_sessions import content_digest
 from rigctl.session.read.sample_index import SampleFile
 
 Floats = NDArray[np.float64]

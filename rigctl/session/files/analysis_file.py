@@ -1,7 +1,9 @@
-"""Open the files that analyses write: models and spikes."""
+"""Open models and files of spikes, and identify the sessions that they were made from."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +12,8 @@ from typing import Any
 import h5py
 
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.format.annotated_arrays import read_attributes
+from rigctl.session.format.annotated_arrays import read_attributes, read_text
+from rigctl.session.read.part_file import part_paths
 
 MODEL_LAYOUT, SPIKES_LAYOUT = "rigctl-model", "rigctl-spikes"
 LAYOUT_VERSION = 1
@@ -42,3 +45,32 @@ def open_analysis_file(path: Path, hint: str, *layouts: str) -> Iterator[Any]:
         raise SessionError(f"there is no file {path}: {hint}") from None
     except (OSError, KeyError, ValueError, IndexError, WrongUse) as error:
         raise SessionError(f"{path} is not a {kind}, or is damaged: {error}") from error
+
+
+def content_digest(folder: Path) -> str:
+    """Return the SHA-256 of the hexadecimal SHA-256 of each part's bytes, in order.
+
+    The writer never changes a closed part, so equal recordings have equal digests wherever they
+    are stored. Raises SessionError for another kind of folder or one that it cannot read.
+    """
+    total = hashlib.sha256()
+    for path in part_paths(folder):
+        try:
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise SessionError(f"{path} cannot be read: {error.strerror or error}") from error
+        total.update(digest.encode())
+    return total.hexdigest()
+
+
+def load_inputs(path: Path) -> tuple[dict[str, Any], ...]:
+    """Return a mapping for each source session. Raises SessionError for a damaged or other file."""
+    with open_analysis_file(path, "give one that rigctl made") as file:
+        return read_inputs(file)
+
+
+def read_inputs(file: Any) -> tuple[dict[str, Any], ...]:
+    """Return the same from an open file. Raises KeyError or ValueError where there are none."""
+    dataset = "training/inputs" if "training" in file else "inputs"
+    return tuple(json.loads(read_text(file, dataset)))

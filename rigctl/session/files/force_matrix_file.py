@@ -9,8 +9,7 @@ import numpy as np
 
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.errors import SessionError
-from rigctl.session.files.analysis_file import open_analysis_file
-from rigctl.session.files.source_sessions import read_inputs
+from rigctl.session.files.analysis_file import open_analysis_file, read_inputs
 from rigctl.session.format.annotated_arrays import read_array, read_texts, write_array, write_texts
 
 AXES = "texture, taxel, speed, force"

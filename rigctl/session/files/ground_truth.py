@@ -6,8 +6,10 @@ independently of everything the rig measured.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
-from rigctl.session.files.ground_truth_reader import COLUMNS, TruthReader
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import read_attributes, write_attributes
 from rigctl.session.format.header import CUT_BY_CLOCK
+from rigctl.session.read.buffered_array import BufferedArray, read_blocks
 from rigctl.session.read.part_file import open_part
 from rigctl.session.read.session import Session
 
@@ -28,6 +30,12 @@ LAYOUT = "rigctl-world"
 CHUNK_ROWS = 65_536
 SLACK_MS = 1_000
 """A rise of sync belongs to an attempt from this long before its start until its end."""
+
+COLUMNS = (
+    ("speed_mm_s", "<f4", "mm/s", "true speed of the texture, mean over the millisecond"),
+    ("force_g", "<f4", "g", "true contact force at the end of the millisecond"),
+    ("sync", "u1", "", "level of the sync line at the end of the millisecond"),
+)
 
 TruthLog = tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
 """First millisecond, then speed in mm/s, force in g and sync, one value for each millisecond."""
@@ -44,6 +52,51 @@ class TrialTruth:
     force_error: float
 
 
+@contextmanager
+def open_truth(path: Path) -> Iterator[TruthReader]:
+    """Open one log. Opening and reading raise SessionError for a damaged file."""
+    try:
+        with h5py.File(path, "r") as file:
+            yield TruthReader(file)
+    except (OSError, KeyError) as error:
+        raise SessionError(f"{path} is damaged: {error}") from error
+
+
+class TruthReader:
+    """Reader of one log; row i of each column ends at ``first_ms + i + 1`` ms world time."""
+
+    def __init__(self, file: Any) -> None:
+        attributes = read_attributes(file)
+        self.first_ms = int(attributes["first_ms"])
+        self.sitting = int(attributes["sitting"])
+        columns = {name: file[name] for name, *_ in COLUMNS}
+        self.n_rows = min(int(column.shape[0]) for column in columns.values())
+        self._buffers = {
+            name: BufferedArray(partial(_read_rows, column), self.n_rows)
+            for name, column in columns.items()
+        }
+
+    def window(self, name: str, start: int, stop: int) -> NDArray[Any]:
+        """Return rows of one column; cheap for windows that follow each other."""
+        return self._buffers[name].window(start, stop)
+
+    def rises_ms(self) -> NDArray[np.int64]:
+        """Return the world time of each rise of sync, int64 ms: the millisecond of the rise."""
+        rises, last = [np.zeros(0, np.int64)], 0
+        for start, sync in read_blocks(partial(self.window, "sync"), self.n_rows):
+            high = (sync != 0).astype(np.int8)
+            rose = np.flatnonzero(np.diff(high, prepend=np.int8(last)) == 1)
+            rises.append(rose.astype(np.int64) + (start + self.first_ms))
+            last = int(high[-1])
+        return np.concatenate(rises)
+
+    def check(self) -> None:
+        """Read every column once."""
+        for name, *_ in COLUMNS:
+            for _ in read_blocks(partial(self.window, name), self.n_rows):
+                pass
+
+
 def write_truth(folder: Path, log: TruthLog) -> Path:
     """Write a log, or append its new rows, and return the file.
 
@@ -52,7 +105,7 @@ def write_truth(folder: Path, log: TruthLog) -> Path:
     """
     first_ms, speed, force, sync = log
     columns: tuple[NDArray[Any], ...] = (speed, force, sync)
-    sitting = max(1, len(_parts_of_sittings(folder)))
+    sitting = max(_sittings(folder).values(), default=1)
     path = folder / ("world.h5" if sitting == 1 else f"world-{sitting:04d}.h5")
     if not path.exists():
         _create(path, first_ms, sitting)
@@ -73,28 +126,28 @@ def write_truth(folder: Path, log: TruthLog) -> Path:
 def check_truth(folder: Path) -> None:
     """Read the logs of all sittings once. Raises SessionError for a damaged file."""
     for path in _log_paths(folder):
-        with TruthReader(path) as log:
+        with open_truth(path) as log:
             log.check()
 
 
-def trial_truths(session: Session, on_trial: OnTrial | None = None) -> list[TrialTruth]:
+def trial_truths(
+    session: Session, on_trial: OnTrial = lambda done, trials: None
+) -> list[TrialTruth]:
     """Return the truth of each committed trial that a log covers, in the order of trial ids.
 
     Calls ``on_trial`` before each trial. Raises SessionError for a damaged log.
     """
     committed = session.committed()
     rows = session.trials[committed]
-    sittings = enumerate(_parts_of_sittings(session.path), start=1)
-    sitting_of_part = {part: sitting for sitting, parts in sittings for part in parts}
+    sitting_of_part = _sittings(session.path)
     row_sittings = np.array([sitting_of_part.get(n, 0) for n in rows["part"].tolist()], np.int64)
     truths: dict[int, TrialTruth] = {}
     for path in _log_paths(session.path):
-        with TruthReader(path) as log:
+        with open_truth(path) as log:
             rises = log.rises_ms()
             own = np.flatnonzero(row_sittings == log.sitting)
             for i in own[np.argsort(rows["started_s"][own], kind="stable")].tolist():
-                if on_trial is not None:
-                    on_trial(len(truths), len(rows))
+                on_trial(len(truths), len(rows))
                 row = rows[i]
                 rise = _last_rise_ms(rises, row)
                 if rise is None and session.header.cut_by == CUT_BY_CLOCK:
@@ -104,7 +157,9 @@ def trial_truths(session: Session, on_trial: OnTrial | None = None) -> list[Tria
     return [truths[i] for i in sorted(truths)]
 
 
-def summarise_truth(session: Session, on_trial: OnTrial | None = None) -> dict[str, Any] | None:
+def summarise_truth(
+    session: Session, on_trial: OnTrial = lambda done, trials: None
+) -> dict[str, Any] | None:
     """Return the ``world`` section of ``rigctl info``; None without a log.
 
     As :func:`trial_truths`.
@@ -159,18 +214,17 @@ def _drum_rise_ms(session: Session, index: int) -> int | None:
     return round((float(polls["at_s"][-1]) - since_s) * 1000)
 
 
-def _parts_of_sittings(folder: Path) -> list[list[int]]:
-    """Return the part numbers of each sitting: every start of the program begins one."""
-    sittings: list[list[int]] = []
-    last_start: tuple[str, float] | None = None
+def _sittings(folder: Path) -> dict[int, int]:
+    """Return the sitting of each part, from 1: every start of the program begins one."""
+    sittings: dict[int, int] = {}
+    sitting, last_start = 0, None
     for path in sorted(folder.glob(layout.PART_PATTERN)):
         with open_part(path) as file:
             attributes = read_attributes(file)
-        start = (str(attributes["start_utc"]), float(attributes["start_loop_s"]))
-        if start != last_start:
-            sittings.append([])
+        start = (attributes["start_utc"], attributes["start_loop_s"])
+        sitting += start != last_start
+        sittings[int(attributes["part"])] = sitting
         last_start = start
-        sittings[-1].append(int(attributes["part"]))
     return sittings
 
 
@@ -185,3 +239,8 @@ def _create(path: Path, first_ms: int, sitting: int) -> None:
                 name, (0,), dtype, maxshape=(None,), chunks=(CHUNK_ROWS,), compression=1
             )
             write_attributes(dataset, {"unit": unit or "none", "doc": doc, "shape": "(ms,)"})
+
+
+def _read_rows(column: Any, start: int, stop: int) -> NDArray[Any]:
+    rows: NDArray[Any] = column[start:stop]
+    return rows

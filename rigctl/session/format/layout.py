@@ -228,23 +228,21 @@ def build_empty_part(attributes: Attributes, n_taxels: int, texts: tuple[str, st
 
 def _create_array(file: Any, array: ArrayLayout, n_taxels: int, sample_unit: str) -> None:
     tail = (n_taxels,) if array.per_taxel else ()
-    dataset = file.create_dataset(
-        array.path,
-        shape=(0, *tail),
-        maxshape=(None, *tail),
-        chunks=(SAMPLE_CHUNK_ROWS, *tail),
-        dtype=f"<{array.type_code}",
-    )
+    dataset = _create(file, array.path, f"<{array.type_code}", SAMPLE_CHUNK_ROWS, tail)
     shape = "(sample, taxel)" if array.per_taxel else "(sample,)"
     unit = sample_unit if array.per_taxel and sample_unit else array.unit or "none"
     write_attributes(dataset, {"doc": array.doc, "unit": unit, "shape": shape})
 
 
 def _create_table(file: Any, table: TableLayout) -> None:
-    dataset = file.create_dataset(
-        table.path, shape=(0,), maxshape=(None,), chunks=(table.chunk_rows,), dtype=table.dtype
-    )
+    dataset = _create(file, table.path, table.dtype, table.chunk_rows)
     write_attributes(dataset, {"doc": table.doc, "shape": "(row,)"})
     lines = [f"{c.name} [{c.unit or 'none'}]: {c.doc}".encode() for c in table.columns]
     width = max(map(len, lines))
     dataset.attrs.create("columns", np.array(lines, dtype=h5py.string_dtype("utf-8", width)))
+
+
+def _create(file: Any, path: str, dtype: Any, chunk_rows: int, tail: tuple[int, ...] = ()) -> Any:
+    return file.create_dataset(
+        path, (0, *tail), dtype, maxshape=(None, *tail), chunks=(chunk_rows, *tail)
+    )

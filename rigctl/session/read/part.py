@@ -31,7 +31,6 @@ StructuredArray = NDArray[np.void]
 
 class PartReader:
     """Rows of one part as of the last :meth:`refresh`.
-
     Raises SessionError for a damaged file or another layout version.
     """
 
@@ -47,8 +46,6 @@ class PartReader:
         except KeyError as error:
             self._file.close()
             raise SessionError(f"{path} is damaged, it lacks {error}") from error
-        self._dtypes = {t.path: _decoded_dtype(t) for t in layout.TABLES}
-        self._is_growing = bool(self._file.id.get_intent() & h5py.h5f.ACC_SWMR_READ)
         self.finished = False
         self.n_samples = 0
         self.refresh()
@@ -57,7 +54,7 @@ class PartReader:
         """Update to the last flush. Trials first: the writer flushed their samples before them."""
         if self.finished:
             return
-        if self._is_growing:
+        if self.is_growing:
             self._tables[layout.TRIALS.path].refresh()
             for dataset in (*self._tables.values(), *self._arrays.values()):
                 dataset.refresh()
@@ -70,7 +67,7 @@ class PartReader:
     @property
     def is_growing(self) -> bool:
         """Whether a living writer may append to it."""
-        return self._is_growing
+        return bool(self._file.id.get_intent() & h5py.h5f.ACC_SWMR_READ)
 
     def dataset(self, path: str) -> Any:
         """Return one of the per-sample data sets of h5py."""
@@ -103,7 +100,7 @@ class PartReader:
         dataset = self._arrays[path]
         stop = min(stop, self.n_samples)
         with self.translate_errors():
-            if not self._is_growing:
+            if not self.is_growing:
                 rows: NDArray[Any] = dataset[start:stop]
                 return rows
             out = np.empty((max(0, stop - start), *dataset.shape[1:]), dataset.dtype)
@@ -118,11 +115,6 @@ class PartReader:
         with self.translate_errors():
             rows = range(int(dataset.shape[0]))
             return bisect_left(rows, value, key=lambda row: dataset[row][column])
-
-    def column_sum(self, table: layout.TableLayout, column: str) -> int:
-        """Return the sum of an integer column of a table."""
-        with self.translate_errors():
-            return int(self._tables[table.path].fields(column)[:].sum(dtype=np.int64))
 
     def text(self, path: str) -> str:
         """Return the protocol or the rig's description."""
@@ -145,7 +137,8 @@ class PartReader:
             raise SessionError(f"{self.path} is damaged: {error}") from error
 
     def _decode_rows(self, table: layout.TableLayout, raw: StructuredArray) -> StructuredArray:
-        rows: StructuredArray = np.empty(raw.shape, self._dtypes[table.path])
+        dtype = [(c.name, c.type_code.replace("S", "U")) for c in table.columns]
+        rows: StructuredArray = np.empty(raw.shape, dtype)
         for column in table.columns:
             values = raw[column.name]
             rows[column.name] = _decode_texts(values) if column.text_bytes else values
@@ -158,8 +151,3 @@ def _decode_texts(column: NDArray[np.bytes_]) -> NDArray[np.str_]:
     decoded = np.array([text.decode(errors="replace") for text in unique], dtype=np.str_)
     texts: NDArray[np.str_] = decoded[inverse] if len(decoded) else decoded.astype("U1")
     return texts
-
-
-def _decoded_dtype(table: layout.TableLayout) -> np.dtype[Any]:
-    """Return the row type in memory, with Unicode in place of UTF-8."""
-    return np.dtype([(c.name, c.type_code.replace("S", "U")) for c in table.columns])

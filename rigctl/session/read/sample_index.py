@@ -97,16 +97,13 @@ class SampleReader:
             file.close()
         self._open.clear()
 
-    def read(
-        self, window: SampleRange, out: NDArray[np.uint16] | None = None
-    ) -> NDArray[np.uint16]:
-        """Return the samples of a trial, uint16 (n, n_taxels), in ``out`` if given.
+    def read(self, window: SampleRange) -> NDArray[np.uint16]:
+        """Return the samples of a trial, uint16 (n, n_taxels).
 
         Raises OSError or SessionError for a file that it cannot read.
         """
-        if out is None:
-            n_taxels = self._files[window.file].n_taxels
-            out = np.empty((window.stop - window.start, n_taxels), np.uint16)
+        n_taxels = self._files[window.file].n_taxels
+        out = np.empty((window.stop - window.start, n_taxels), np.uint16)
         self.read_all([window], out, [0])
         return out
 

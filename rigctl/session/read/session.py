@@ -77,14 +77,15 @@ class TrialDrum:
 class Session:
     """Reader of a session's folder. Close it, or use it in a ``with`` block.
 
-    ``trials`` is one structured array over all parts, one row for each attempt in the order in
-    which they ended; every method takes an index into it for a trial.
+    ``trials`` is one structured array over all parts, text as Unicode: one row for each attempt in
+    the order in which they ended. ``docs/reference/session.md`` lists the columns; every method
+    takes an index into it for a trial.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.parts = [PartReader(part) for part in part_paths(path)]
-        self._trials = self._join(layout.TRIALS)
+        self.trials = self._join(layout.TRIALS)
 
     @classmethod
     def open(cls, path: Path) -> Session:
@@ -109,7 +110,7 @@ class Session:
         last = self.parts[-1].number
         paths = part_paths(self.path)
         self.parts += [PartReader(path) for path in paths if layout.part_number(path) > last]
-        self._trials = self._join(layout.TRIALS)
+        self.trials = self._join(layout.TRIALS)
 
     @property
     def header(self) -> SessionHeader:
@@ -147,11 +148,6 @@ class Session:
         return sum(part.n_samples for part in self.parts)
 
     @property
-    def trials(self) -> StructuredArray:
-        """All attempts, text as Unicode; ``docs/reference/session.md`` lists the columns."""
-        return self._trials
-
-    @property
     def gaps(self) -> StructuredArray:
         """All gaps, with the number of their ``part``."""
         return self._join(layout.GAPS)
@@ -175,16 +171,16 @@ class Session:
 
     def loadcell_lost(self) -> int:
         """Return the number of load-cell samples that the host never received."""
-        return sum(part.column_sum(layout.DRUM, "loadcell_lost") for part in self.parts)
+        return sum(int(part.rows(layout.DRUM)["loadcell_lost"].sum()) for part in self.parts)
 
     def trial_row(self, index: int) -> TrialRow:
         """Return one attempt."""
-        return parse_trial(self._trials[index])
+        return parse_trial(self.trials[index])
 
     def committed(self) -> NDArray[np.int64]:
         """Return the indices of the committed trials, int64, in the order of trial ids."""
-        indices = np.flatnonzero(self._trials["verdict"] == Verdict.COMMITTED.value)
-        order = np.argsort(self._trials["trial_id"][indices], kind="stable")
+        indices = np.flatnonzero(self.trials["verdict"] == Verdict.COMMITTED.value)
+        order = np.argsort(self.trials["trial_id"][indices], kind="stable")
         return indices[order].astype(np.int64)
 
     def samples(self, index: int) -> NDArray[np.uint16]:
@@ -201,7 +197,7 @@ class Session:
 
         Raises SessionError for a part that is missing or that HDF5 cannot read.
         """
-        rows = self._trials[list(indices)]
+        rows = self.trials[list(indices)]
         found: dict[int, SampleRange] = {}
         for number, part in enumerate(self.parts):
             chosen = np.flatnonzero(rows["part"] == part.number)
@@ -218,7 +214,7 @@ class Session:
     def window(self, index: int) -> TrialSamples:
         """Return one trial's window with counters, flags and gaps."""
         part, start, stop = self._rows_of(index)
-        row = self._trials[index]
+        row = self.trials[index]
         return TrialSamples(
             int(row["first_counter"]),
             int(row["count"]),
@@ -227,7 +223,7 @@ class Session:
 
     def drum(self, index: int) -> TrialDrum:
         """Return the polls and load-cell samples between an attempt's start and end."""
-        row = self._trials[index]
+        row = self.trials[index]
         part = self._part(int(row["part"]))
         polls = _rows_between(part, layout.DRUM, "at_s", row["started_s"], row["ended_s"])
         loadcell = _loadcell_of(part, polls)
@@ -246,7 +242,7 @@ class Session:
 
     def _rows_of(self, index: int) -> tuple[PartReader, int, int]:
         """Return the part and the rows [start, stop) of a trial's window."""
-        row = self._trials[[index]]
+        row = self.trials[[index]]
         part = self._part(int(row["part"][0]))
         (window,) = locate_windows(part, row, 0)
         return part, window.start, window.stop

@@ -19,6 +19,7 @@ from rigctl.session.format import layout
 from rigctl.session.format.wiring import session_wiring
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.part import PartReader
+from rigctl.session.read.part_file import part_paths
 from rigctl.session.read.session import Session
 from rigctl.session.verify.part import check_part
 from rigctl.session.verify.trials import check_trials
@@ -26,7 +27,7 @@ from rigctl.values import TrialRow, Verdict
 
 WORLD = "the world's own log"
 TRUTH_SHARE = 0.5
-"""Measured share of the work: that log is compressed, the parts are not."""
+"""Measured share of the work if there is such a log: it is compressed, the parts are not."""
 PROGRESS_INTERVAL_TRIALS = 500
 
 SAME_IN_ALL_PARTS = ("plan_hash", "seed", "trials_planned", "n_taxels", "sample_rate_hz")
@@ -58,25 +59,20 @@ def verify(path: Path, on_progress: OnProgress = lambda share, what: None) -> Ve
     block of samples at a time, however long the session is.
     """
     report = VerifyReport()
+    part_paths(path)  # raises SessionError for another kind of folder
     try:
-        session = Session.open(path)
-    except SessionError as error:
-        if not list(path.glob(layout.PART_PATTERN)):
-            raise
-        report.problems.append(str(error))
-        return report
-    with session:
-        try:
+        with Session.open(path) as session:
             _check_session(session, report, on_progress)
-        except SessionError as error:
-            report.problems.append(str(error))
+    except SessionError as error:
+        report.problems.append(str(error))
     return report
 
 
 def _check_session(session: Session, report: VerifyReport, on_progress: OnProgress) -> None:
     _check_parts(session, report)
     rows = [session.trial_row(index) for index in range(len(session.trials))]
-    n_parts, parts_share = len(session.parts), _parts_share(session)
+    n_parts = len(session.parts)
+    parts_share = 1.0 - TRUTH_SHARE if list(session.path.glob(TRUTH_PATTERN)) else 1.0
     for done, part in enumerate(session.parts):
         on_progress(parts_share * done / n_parts, f"part {done + 1} of {n_parts}")
         own = [row for row in rows if row.part == part.number]
@@ -89,11 +85,6 @@ def _check_session(session: Session, report: VerifyReport, on_progress: OnProgre
     _check_truth(session, report, on_progress, parts_share)
     report.samples = session.n_samples
     report.lost_samples = int(session.gaps["count"].sum())
-
-
-def _parts_share(session: Session) -> float:
-    """Return the parts' share of the work; the rest is the world's own log, if there is one."""
-    return 1.0 - TRUTH_SHARE if list(session.path.glob(TRUTH_PATTERN)) else 1.0
 
 
 def _check_parts(session: Session, report: VerifyReport) -> None:

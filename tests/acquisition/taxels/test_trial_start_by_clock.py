@@ -21,7 +21,7 @@ from rigctl.cli import main
 from rigctl.cli.rig.run import _rig
 from rigctl.config.rig_config import Ports, RigConfig, Signals
 from rigctl.rig import open_rig
-from rigctl.session.files.ground_truth_reader import TruthReader
+from rigctl.session.files.ground_truth import open_truth
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
@@ -53,7 +53,7 @@ def first_reading_ms(rig: Rig) -> Callable[[int], float]:
 
 def true_start_ms(session: Session, index: int) -> float:
     """Return the world time at the end of the run-in, from the ground truth of the travel."""
-    with TruthReader(session.path / "world.h5") as truth:
+    with open_truth(session.path / "world.h5") as truth:
         first_ms, speed = truth.first_ms, truth.window("speed_mm_s", 0, truth.n_rows)
     polls = session.drum(index).polls
     last_still = int(np.flatnonzero(polls["state"] == State.RUN)[0]) - 1
