@@ -41,6 +41,22 @@ def check_every_trial(folder: Path) -> int:
         return len(session.trials)
 
 
+def test_two_readers_in_one_process_follow_a_growing_part(tmp_path: Path) -> None:
+    """Each reads its own rows although the other opened or refreshed the same file later."""
+    with endless_writer(tmp_path / "s") as writer:
+        acknowledged(writer, 25)
+        with Session.open(tmp_path / "s") as first, Session.open(tmp_path / "s") as second:
+            for _ in range(2):
+                for session in (first, second):
+                    for index in range(len(session.trials)):
+                        window = session.window(index)
+                        assert window.complete
+                        assert window.counters[0] == session.trials["first_counter"][index]
+                        assert np.array_equal(window.samples, value_of(window.counters))
+                first.refresh()
+        writer.kill()
+
+
 @pytest.mark.parametrize("lines", [1, 4, 25])
 def test_a_killed_writer_leaves_all_committed_rows(tmp_path: Path, lines: int) -> None:
     writer = endless_writer(tmp_path / "s")

@@ -31,33 +31,36 @@ StructuredArray = NDArray[np.void]
 
 class PartReader:
     """Rows of one part as of the last :meth:`refresh`.
+
     Raises SessionError for a damaged file or another layout version.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.number = layout.part_number(path)
-        self._file = open_part(path)
+        self._open()
+
+    def refresh(self) -> None:
+        """Update to the last flush by opening the file again.
+
+        ``Dataset.refresh`` is not safe: where this process has opened the file twice, HDF5 2.0.0
+        then returns rows of other chunks.
+        """
+        if not self.finished:
+            self.close()
+            self._open()
+
+    def _open(self) -> None:
+        """Open the file, trials before samples: the writer flushes samples before their trial."""
+        self._file = open_part(self.path)
         self.attributes = read_attributes(self._file)
         try:
             self.header = SessionHeader.from_attributes(self.attributes)
-            self._arrays = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
             self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
+            self._arrays = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
         except KeyError as error:
             self._file.close()
-            raise SessionError(f"{path} is damaged, it lacks {error}") from error
-        self.finished = False
-        self.n_samples = 0
-        self.refresh()
-
-    def refresh(self) -> None:
-        """Update to the last flush. Trials first: the writer flushed their samples before them."""
-        if self.finished:
-            return
-        if self.is_growing:
-            self._tables[layout.TRIALS.path].refresh()
-            for dataset in (*self._tables.values(), *self._arrays.values()):
-                dataset.refresh()
+            raise SessionError(f"{self.path} is damaged, it lacks {error}") from error
         self.n_samples = min(self.lengths().values())
         events = self._tables[layout.EVENTS.path]
         with self.translate_errors():
