@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import pyqtgraph as pg
+from PySide6.QtTest import QTest
+
+from gui.main_window import MainWindow
+from gui.widgets.theme import ThemeChoice
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.wire.drum.states import State
 
-if TYPE_CHECKING:
-    from gui.main_window import MainWindow
-
 SIZES = ((1280, 800), (1920, 1080))
-PROTOCOL = "quick"
 RIDGES = """\
 name = "ridges"
 description = "Three ridged plates, for pictures."
@@ -30,7 +31,7 @@ TIMEOUT_S = 300.0
 MIN_TRIALS = 3
 RANGE_S = 2.0
 SETTLING_MS = 1500  # layouts settle, and traces reach the new width
-TABS = {"operate": 0, "protocol": 1, "analysis": 2}
+OPERATE, PROTOCOL, ANALYSIS = range(3)
 
 
 def main(argv: list[str]) -> int:
@@ -43,34 +44,15 @@ def main(argv: list[str]) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as work:
         os.environ[FOLDER_VARIABLE] = work
-        session = record_session(Path(work) / "quick")
+        session = Path(work) / "quick"
+        record = ["run", "quick", "--yes", "--seed", "1", "--out", str(session)]
+        subprocess.run([sys.executable, "-m", "rigctl", *record], check=True)
         render_all(folder, Path(work), session)
     return 0
 
 
-def record_session(folder: Path) -> Path:
-    """Record the quick protocol at the virtual rig's full speed, for the Analysis images."""
-    from rigctl.acquisition.rpc.client import EngineClient
-
-    args = ["--protocol", PROTOCOL, "--yes", "--out", str(folder)]
-    client = EngineClient.start("virtual", paced=False, seed=1, run=args)
-    try:
-        states: list[str] = []
-        while not states or states[-1] in ("idle", "running", "prompt", "paused"):
-            statuses = [m for m in client.wait(TIMEOUT_S) if m.get("event") == "status"]
-            states += [message["data"]["run"]["state"] for message in statuses]
-    finally:
-        client.shut_down()
-    return folder
-
-
 def render_all(folder: Path, work: Path, session: Path) -> None:
     """Run a protocol in a window and render the images."""
-    import pyqtgraph as pg
-
-    from gui.main_window import MainWindow
-    from gui.widgets.theme import ThemeChoice
-
     pg.mkQApp()
     window = MainWindow(choice=ThemeChoice.LIGHT)
     try:
@@ -91,39 +73,28 @@ def _start_run(window: MainWindow, work: Path) -> None:
     panel.out.setText(str(work))
     ridges = work / "ridges.toml"
     ridges.write_text(RIDGES, encoding="utf-8")
-    window.tabs.setCurrentIndex(TABS["protocol"])
+    window.tabs.setCurrentIndex(PROTOCOL)
     panel.add_protocol(str(ridges))
     _wait(window, panel.buttons["Start"].isEnabled)
     panel.buttons["Start"].click()
     _wait(window, lambda: _is_turning(window))
     link.request("calibrate_range", seconds=RANGE_S)
-    _wait(window, lambda: _confirm(window) and link.status.run.trials_committed >= MIN_TRIALS)
-
-
-def _confirm(window: MainWindow) -> bool:
-    """Confirm a prompt as soon as the window shows it; return True."""
-    if window.engine_link.status.run.prompt is not None and window.prompt_panel.isVisible():
-        window.prompt_panel.confirm.click()
-    return True
+    _wait(window, lambda: _is_turning(window) and link.status.run.trials_committed >= MIN_TRIALS)
 
 
 def _is_turning(window: MainWindow) -> bool:
     """Confirm a prompt; return whether the drum turns under force at its set speed."""
     status = window.engine_link.status
-    return (
-        _confirm(window)
-        and status.state is State.RUN
-        and status.speed_mm_s > 0.99 * status.speed_set_mm_s
-    )
+    if status.run.prompt is not None and window.prompt_panel.isVisible():
+        window.prompt_panel.confirm.click()
+    return status.state is State.RUN and status.speed_mm_s > 0.99 * status.speed_set_mm_s
 
 
 def _render_live(window: MainWindow, folder: Path) -> None:
     """Render the Operate tab in both themes and sizes, and the Protocol tab once."""
-    from gui.widgets.theme import ThemeChoice
-
     window.resize(*SIZES[0])
     _save(window, folder / "protocol.png", lambda: _is_turning(window))
-    window.tabs.setCurrentIndex(TABS["operate"])
+    window.tabs.setCurrentIndex(OPERATE)
     for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
         window.set_theme(choice)
         for width, height in SIZES:
@@ -134,32 +105,27 @@ def _render_live(window: MainWindow, folder: Path) -> None:
 
 def _render_analysis(window: MainWindow, folder: Path, session: Path) -> None:
     """Render a trial of the recorded session, and the figure of the quick check."""
-    from gui.widgets.theme import ThemeChoice
+    tab, panel = window.analysis_tab, window.analysis_tab.panel
 
-    tab = window.analysis_tab
-    panel = tab.panel
+    def wait_idle() -> None:
+        _wait(window, lambda: not tab.worker.is_busy)
 
-    def is_idle() -> bool:
-        return not tab.worker.is_busy
-
-    window.tabs.setCurrentIndex(TABS["analysis"])
+    window.tabs.setCurrentIndex(ANALYSIS)
     panel.open_session(str(session))
-    _wait(window, lambda: is_idle() and tab.trial_view.data is not None)
+    wait_idle()
     panel.table.selectRow(panel.model.rowCount() // 2)
-    _wait(window, is_idle)
+    wait_idle()
     panel.run_box.run_button.click()
-    _wait(window, is_idle)
+    wait_idle()
     window.set_theme(ThemeChoice.LIGHT)
     window.resize(*SIZES[0])
     _save(window, folder / "classified.png")
     panel.table.selectRow(panel.model.rowCount() // 2 + 1)
-    _wait(window, is_idle)
+    wait_idle()
     _save(window, folder / "analysis.png")
 
 
 def _save(window: MainWindow, path: Path, ready: Callable[[], bool] = lambda: True) -> None:
-    from PySide6.QtTest import QTest
-
     QTest.qWait(SETTLING_MS)
     _wait(window, ready)
     if not window.grab().save(str(path)):
@@ -168,8 +134,6 @@ def _save(window: MainWindow, path: Path, ready: Callable[[], bool] = lambda: Tr
 
 
 def _wait(window: MainWindow, done: Callable[[], bool]) -> None:
-    from PySide6.QtTest import QTest
-
     end_s = time.monotonic() + TIMEOUT_S
     while not done():
         if time.monotonic() > end_s:

@@ -20,11 +20,9 @@ from gui.widgets.formatting import duration, size
 from rigctl.errors import RigctlError
 
 if TYPE_CHECKING:
+    from rigctl.analysis.execution.executor import Progress
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.session.read.session import Session
-
-Progress = Callable[[str, float], None]
-"""Takes the stage of the work and its progress from 0 to 1."""
 
 FIGURES = "figures"
 COLUMNS = ("Trial", "Plate", "mm/s", "g", "Verdict")
@@ -102,7 +100,11 @@ class PlanSummary(NamedTuple):
 
 def serve(pipe: Connection) -> None:
     """Answer (task, args) with ("done", result) or ("failed", sentence) until the pipe closes."""
-    tasks = WorkerTasks(lambda stage, share: pipe.send(("progress", stage, share)))
+
+    def show_progress(stage: str, done: int, total: int) -> None:
+        pipe.send(("progress", stage, done / max(total, 1)))
+
+    tasks = WorkerTasks(show_progress)
     while True:
         try:
             task, args = pipe.recv()
@@ -203,7 +205,7 @@ class WorkerTasks:
         )
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         cache = Cache(cache_folder())
-        resources = Resources(cache=cache, progress=self._show_count)
+        resources = Resources(cache=cache, progress=self._progress)
         report = make_report(report_request, now, resources)
         cache.trim()
         return report_results(report)
@@ -215,7 +217,7 @@ class WorkerTasks:
         from rigctl.session.files.model_file import load_model
 
         loaded = load_model(Path(model).expanduser())
-        resources = Resources(progress=self._show_count)
+        resources = Resources(progress=self._progress)
         return prediction_results(classify(loaded, tuple(map(Path, sessions)), resources))
 
     def discard(self, folder: str) -> None:
@@ -224,9 +226,6 @@ class WorkerTasks:
 
         out = Path(folder).absolute()
         shutil.rmtree(out.with_name(PARTIAL.format(name=out.name)), ignore_errors=True)
-
-    def _show_count(self, stage: str, n_done: int, n_total: int) -> None:
-        self._progress(stage, n_done / max(n_total, 1))
 
 
 def _trial_texts(row: Any) -> tuple[str, ...]:

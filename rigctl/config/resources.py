@@ -1,7 +1,7 @@
-"""Where protocols and firmware images lie: in a checkout, or in an installed wheel.
+"""The paths of protocols and firmware images, in a checkout or in an installed wheel.
 
 A wheel carries the protocols in ``rigctl/_data``. An editable install has no such folder, so
-the checkout is looked at first. Firmware images are built, and found, in a checkout only.
+the checkout comes first. Firmware images exist in a checkout only.
 """
 
 from __future__ import annotations
@@ -11,26 +11,25 @@ from pathlib import Path
 from rigctl.errors import ProtocolError, WrongUse
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-BOARDS = ("drum", "taxels")
 
 
 def checkout() -> Path | None:
-    """Root of the source checkout that this package runs from; None in an installed wheel."""
+    """Return the root of the source checkout; None in an installed wheel."""
     root = _PACKAGE.parent
     return root if (root / "arduino").is_dir() and (root / "pyproject.toml").is_file() else None
 
 
 def protocols() -> Path:
-    """Folder of the protocols that come with the program."""
+    """Return the folder of the built-in protocols."""
     root = checkout()
     return root / "protocols" if root else _PACKAGE / "_data" / "protocols"
 
 
 def find_protocol(name: str) -> Path:
-    """The file that ``name`` means: a path, or the bare name of a protocol that comes with us.
+    """Return the file of a protocol: ``name`` is a path, or the name of a built-in protocol.
 
-    ``quick``, ``quick.toml`` and ``protocols/quick.toml`` all find the shipped one where no such
-    file stands in the current folder. Raises ProtocolError with the names there are.
+    ``quick``, ``quick.toml`` and ``protocols/quick.toml`` find the built-in one unless the
+    current folder has such a file. Raises ProtocolError with the names of the built-in ones.
     """
     path = Path(name)
     if path.is_file():
@@ -43,7 +42,7 @@ def find_protocol(name: str) -> Path:
 
 
 def firmware_image(board: str) -> Path:
-    """The compiled image (ELF) of ``drum`` or ``taxels``; raises WrongUse where there is none."""
+    """Return the compiled image (ELF) of ``drum`` or ``taxels``. Raises WrongUse without one."""
     root = checkout()
     if root is None:
         raise WrongUse(
@@ -57,12 +56,12 @@ def firmware_image(board: str) -> Path:
 
 
 def installed_library(name: str) -> Path:
-    """Where an installed wheel carries a virtual board's library; it may be missing."""
+    """Return the path of a virtual board's library in an installed wheel; it may be missing."""
     return _PACKAGE / "_data" / "boards" / name
 
 
 def source_commit() -> str:
-    """Commit of the checkout that runs, 40 hexadecimal digits; empty where it is not known."""
+    """Return the commit of the running checkout, 40 hexadecimal digits; empty if unknown."""
     root = checkout()
     if root is None:
         return ""
@@ -76,7 +75,7 @@ def source_commit() -> str:
 
 
 def _commit_of(git: Path, name: str) -> str:
-    """A branch's commit lies in a file of its own, or in a line of ``packed-refs``."""
+    """Return a branch's commit, from the branch's own file or a line of ``packed-refs``."""
     if (git / name).is_file():
         return (git / name).read_text().strip()
     for line in (git / "packed-refs").read_text().splitlines():

@@ -139,7 +139,7 @@ class TaxelArray:
 
     @property
     def order(self) -> tuple[int, ...]:
-        """The reading at each place: ``wiring``, or the order of the wiring drawing."""
+        """Return the reading at each place: ``wiring``, or the order of the wiring drawing."""
         if self.wiring:
             return self.wiring
         return DRAWN_WIRING if self.count == N_TAXELS else tuple(range(self.count))
@@ -168,16 +168,12 @@ class RigConfig:
     taxels: TaxelArray = TaxelArray()
     encoder: EncoderConfig = EncoderConfig()
 
-    def with_range(self, low: tuple[int, ...], high: tuple[int, ...], source: str) -> RigConfig:
-        """The same rig with a newly measured range of each taxel."""
-        return replace(self, taxels=replace(self.taxels, low=low, high=high, range_from=source))
-
     def with_order(self) -> RigConfig:
-        """The same rig with the order of its taxels written out, whatever an empty one means."""
+        """Return this rig with the order of its taxels written out, also if it is as drawn."""
         return replace(self, taxels=replace(self.taxels, wiring=self.taxels.order))
 
     def to_toml(self) -> str:
-        """The whole description as TOML, each key with its unit and meaning."""
+        """Return the whole description as TOML, each key with its unit and meaning."""
         return "\n".join(_section_toml(f.name, getattr(self, f.name)) for f in fields(self))
 
 
@@ -187,7 +183,7 @@ def load_config(path: Path) -> RigConfig:
 
 
 def parse_config(text: str, name: str = "rig.toml") -> RigConfig:
-    """Read a description that is already in memory. Raises ConfigError with ``name``."""
+    """Read a description from a text. Raises ConfigError, which begins with ``name``."""
     return _config(TomlText(name, text, ConfigError))
 
 
@@ -199,21 +195,18 @@ def _config(text: TomlText) -> RigConfig:
         f.name: read_section(tables[f.name], type(f.default)) for f in fields(RigConfig)
     }
     config = RigConfig(**values)
-    _check_geometry(config, tables["drum"])
+    _check_geometry(config.drum, tables["drum"])
     _check_limits(config.limits, tables["limits"])
     _check_taxels(config.taxels, tables["taxels"])
     _check_scale(config.loadcell, tables["loadcell"])
     return config
 
 
-def _check_geometry(config: RigConfig, table: TomlTable) -> None:
-    drum = config.drum
-    end = drum.plate_start_mm + drum.plate_length_mm
-    if end > drum.circumference_mm:
-        table.fail(
-            "plate_length_mm",
-            f"the plate would end at {end:g} mm, behind the turn of {drum.circumference_mm:g} mm",
-        )
+def _check_geometry(drum: DrumGeometry, table: TomlTable) -> None:
+    end, turn = drum.plate_start_mm + drum.plate_length_mm, drum.circumference_mm
+    if end > turn:
+        message = f"the plate would end at {end:g} mm, behind the turn of {turn:g} mm"
+        table.fail("plate_length_mm", message)
 
 
 def _check_limits(limits: RigLimits, table: TomlTable) -> None:
@@ -260,7 +253,7 @@ def _section_toml(name: str, section: Any) -> str:
 
 
 def _toml(value: object) -> str:
-    """A bool, number, text or list; a JSON text is a TOML text, except for DEL."""
+    """Return a value as TOML; a JSON text is a TOML text, except for DEL."""
     if isinstance(value, tuple):
         return f"[{', '.join(map(_toml, value))}]"
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

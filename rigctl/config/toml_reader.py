@@ -1,7 +1,7 @@
 """Typed reading of a TOML text, where every mistake is named by file, line and key.
 
-A :class:`TomlTable` hands out values by key, checked for type and range, and
-:meth:`TomlTable.finish` refuses what nobody asked for, with the nearest known key as a suggestion.
+A :class:`TomlTable` returns values by key, checked for type and range, and
+:meth:`TomlTable.finish` refuses unknown keys and suggests the most similar known one.
 """
 
 from __future__ import annotations
@@ -9,13 +9,18 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
 from rigctl.errors import WrongUse
 
-_HEADER = re.compile(r"^\s*\[\[?\s*([^\]]+?)\s*\]\]?\s*(#.*)?$")
+_HEADER = re.compile(r"^\s*\[\[?(?P<name>[^\[\]]+)\]\]?\s*(#.*)?$")
+_KEY = re.compile(r"^\s*(?P<name>[^#=\[\]]+?)\s*=")
+
+Place = tuple[str | int, ...]
+"""The path of a key: the names of tables, the indices of repeated tables, the key."""
 
 
 class TomlText:
@@ -28,7 +33,6 @@ class TomlText:
         self.name = name
         self.source = text
         self.error = error
-        self._lines = text.splitlines()
         try:
             data = tomllib.loads(text)
         except (ValueError, RecursionError) as problem:  # TOMLDecodeError is a ValueError
@@ -37,7 +41,7 @@ class TomlText:
 
     @classmethod
     def read(cls, path: Path, error: type[WrongUse]) -> TomlText:
-        """The text of a file."""
+        """Read a file."""
         try:
             return cls(str(path), path.read_text(encoding="utf-8"), error)
         except OSError as problem:
@@ -45,69 +49,65 @@ class TomlText:
         except UnicodeDecodeError as problem:
             raise error(f"{path} is not a UTF-8 text") from problem
 
-    def fail(self, place: tuple[str | int, ...], message: str) -> NoReturn:
+    def fail(self, place: Place, message: str) -> NoReturn:
         """Raise the text's error for the key at ``place``."""
         line = self._line_of(place)
         where = f"{self.name}, line {line}" if line else self.name
         key = _dotted(place)
         raise self.error(f"{where}: {key}: {message}" if key else f"{where}: {message}")
 
-    def _line_of(self, place: tuple[str | int, ...]) -> int | None:
-        """Line of the key, or of the table that holds it; found in the text, so best effort."""
-        names = tuple(part for part in place if isinstance(part, str))
-        wanted = next((part for part in place if isinstance(part, int)), 0)
-        for section, key in ((names[:-1], names[-1:]), (names, ())):
-            line = self._search(section, key, wanted)
-            if line:
-                return line
-        line = self._search(names[:-1], (), wanted) if len(names) > 1 else None
-        return line or self._begins_with(names)
+    def _line_of(self, place: Place) -> int | None:
+        """Return the line of the key, or of the longest part of its path that has one."""
+        lines = _lines_of_places(self.source)
+        parts = (place[:length] for length in range(len(place), 0, -1))
+        return next((lines[part] for part in parts if part in lines), None)
 
-    def _begins_with(self, names: tuple[str, ...]) -> int | None:
-        """First line of the dotted name, as a key or in a header, or of the longest part of it."""
-        for length in range(len(names), 0, -1):
-            dotted = r"\s*\.\s*".join(map(re.escape, names[:length]))
-            pattern = re.compile(rf"^\s*\[*\s*{dotted}\s*[=.\]]")
-            for number, line in enumerate(self._lines, start=1):
-                if pattern.match(line):
-                    return number
-        return None
 
-    def _search(self, section: tuple[str, ...], key: tuple[str, ...], wanted: int) -> int | None:
-        """First line of ``key`` in the ``wanted``-th table headed ``section``."""
-        inside, seen = not section, -1
-        pattern = re.compile(rf"^\s*[\"']?{re.escape(key[0])}[\"']?\s*[=.]") if key else None
-        for number, line in enumerate(self._lines, start=1):
-            header = _HEADER.match(line)
-            if header:
-                inside = header.group(1) == ".".join(section)
-                seen += inside
-                if inside and seen == wanted and not key:
-                    return number
-            elif inside and seen in (-1, wanted) and pattern and pattern.match(line):
-                return number
-        return None
+def _lines_of_places(source: str) -> dict[Place, int]:
+    """Return the first line of each key and table; best effort, from the shape of the lines."""
+    found: dict[Place, int] = {}
+    table: Place = ()
+    path: Place
+    n_tables: Counter[Place] = Counter()
+    for number, line in enumerate(source.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            table = _split(header["name"])
+            if line.lstrip().startswith("[["):
+                n_tables[table] += 1
+                table = (*table, n_tables[table] - 1)
+            path = table
+        elif key := _KEY.match(line):
+            path = table + _split(key["name"])
+        else:
+            continue
+        for length in range(1, len(path) + 1):
+            found.setdefault(path[:length], number)
+    return found
+
+
+def _split(name: str) -> Place:
+    return tuple(part.strip().strip("\"'") for part in name.split("."))
 
 
 class TomlTable:
-    """One table of a text; remembers which keys were asked for."""
+    """One table of a text; remembers the keys that its reader knows."""
 
-    def __init__(self, text: TomlText, place: tuple[str | int, ...], data: dict[str, Any]) -> None:
+    def __init__(self, text: TomlText, place: Place, data: dict[str, Any]) -> None:
         self._text = text
         self._place = place
         self._data = data
-        self._asked: set[str] = set()
+        self._known: set[str] = set()
 
     def __contains__(self, key: str) -> bool:
         return key in self._data
 
     def __iter__(self) -> Iterator[str]:
-        """Every key of this table, in the order of the text."""
+        """Yield the keys of this table in the order of the text."""
         return iter(self._data)
 
     def allow(self, *keys: str) -> None:
-        """Keys that may be absent and are then not asked for."""
-        self._asked.update(keys)
+        """Declare keys that are read only if they are present."""
+        self._known.update(keys)
 
     def fail(self, key: str, message: str) -> NoReturn:
         """Raise the text's error for one of this table's keys; '' is the table itself."""
@@ -116,19 +116,19 @@ class TomlTable:
     def number(
         self, key: str, default: float | None = None, *, unit: str = "", low: float, high: float
     ) -> float:
-        """A number within [low, high]; required where there is no default."""
+        """Return a number within [low, high]; without a default it is required."""
         value = self._take(key, default)
         return self._number(key, value, unit, low, high)
 
     def integer(self, key: str, default: int | None = None, *, low: int, high: int) -> int:
-        """A whole number within [low, high]."""
+        """Return a whole number within [low, high]."""
         value = self._take(key, default)
         if isinstance(value, bool) or not isinstance(value, int):
             self.fail(key, f"must be a whole number, not {_say(value)}")
         return int(self._number(key, value, "", low, high))
 
     def numbers(self, key: str, *, unit: str = "", low: float, high: float) -> tuple[float, ...]:
-        """A list of at least one number within [low, high], none twice; empty if absent."""
+        """Return a list of numbers within [low, high], none twice; empty if missing."""
         values = self._take(key, [])
         if key not in self:
             return ()
@@ -141,7 +141,7 @@ class TomlTable:
     def integers(
         self, key: str, default: tuple[int, ...], *, low: int, high: int
     ) -> tuple[int, ...]:
-        """A list of whole numbers within [low, high]; may be empty or repeat itself."""
+        """Return a list of whole numbers within [low, high]; it may be empty or repeat some."""
         values = self._take(key, list(default))
         if not isinstance(values, list) or any(
             isinstance(v, bool) or not isinstance(v, int) for v in values
@@ -150,14 +150,14 @@ class TomlTable:
         return tuple(int(self._number(key, value, "", low, high)) for value in values)
 
     def text(self, key: str, default: str | None = None) -> str:
-        """A text."""
+        """Return a text."""
         value = self._take(key, default)
         if not isinstance(value, str):
             self.fail(key, f"must be a text in quotes, not {_say(value)}")
         return value
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """A list of at least one text, none empty, none twice."""
+        """Return a list of at least one text, none empty, none twice."""
         values = self._take(key, None)
         if not isinstance(values, list) or not values:
             self.fail(key, f'must be a list of texts, such as ["A", "B"], not {_say(values)}')
@@ -168,14 +168,14 @@ class TomlTable:
         return tuple(values)
 
     def flag(self, key: str, default: bool) -> bool:
-        """True or false."""
+        """Return true or false."""
         value = self._take(key, default)
         if not isinstance(value, bool):
             self.fail(key, f"must be true or false, not {_say(value)}")
         return value
 
     def choice(self, key: str, choices: Iterable[str], default: str | None = None) -> str:
-        """One of some words."""
+        """Return one of some words."""
         value = self.text(key, default)
         words = tuple(choices)
         if value not in words:
@@ -185,14 +185,14 @@ class TomlTable:
         return value
 
     def table(self, key: str) -> TomlTable:
-        """A table; an absent one is empty, so that its defaults hold."""
+        """Return a table; a missing one is empty, so that its defaults apply."""
         value = self._take(key, {})
         if not isinstance(value, dict):
             self.fail(key, f"must be a table, written [{_dotted((*self._place, key))}]")
         return TomlTable(self._text, (*self._place, key), value)
 
     def tables(self, key: str) -> list[TomlTable]:
-        """A list of tables; an absent one is empty."""
+        """Return a list of tables; a missing one is empty."""
         values = self._take(key, [])
         if not isinstance(values, list) or not all(isinstance(v, dict) for v in values):
             self.fail(key, f"must be tables, each written [[{_dotted((*self._place, key))}]]")
@@ -202,16 +202,16 @@ class TomlTable:
         ]
 
     def finish(self) -> None:
-        """Refuse the first key that nobody asked for."""
+        """Raise the text's error for the first unknown key."""
         for key in self._data:
-            if key not in self._asked:
-                hint = _near(key, self._asked) or f"; known here: {_listed(sorted(self._asked))}"
+            if key not in self._known:
+                hint = _near(key, self._known) or f"; known here: {_listed(sorted(self._known))}"
                 self.fail(key, f"unknown key{hint}")
 
     def _take(self, key: str, default: Any) -> Any:
-        self._asked.add(key)
+        self._known.add(key)
         if key not in self._data and default is None:
-            close = difflib.get_close_matches(key, set(self._data) - self._asked, 1)
+            close = difflib.get_close_matches(key, set(self._data) - self._known, 1)
             hint = f"; {close[0]!r} was found, was it meant?" if close else ""
             self.fail(key, f"is missing{hint}")
         return self._data.get(key, default)
@@ -231,8 +231,8 @@ class TomlTable:
                 self.fail(key, f"holds {_say(value)} twice")
 
 
-def _dotted(place: tuple[str | int, ...]) -> str:
-    """``steps[2].kind`` for ("steps", 1, "kind"): people count from 1."""
+def _dotted(place: Place) -> str:
+    """Return ``steps[2].kind`` for ("steps", 1, "kind"): people count from 1."""
     text = ""
     for part in place:
         if isinstance(part, int):

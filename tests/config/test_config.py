@@ -34,8 +34,14 @@ def test_what_is_written_reads_back_equal(
     config = RigConfig(
         about=About("rig", operator, sensor),
         drum=DrumGeometry(plate_length_mm=length),
-        taxels=TaxelArray(pressure_raises=raises, wiring=tuple(wiring)),
-    ).with_range(tuple(range(18)), tuple(range(900, 918)), "20 trials of A")
+        taxels=TaxelArray(
+            pressure_raises=raises,
+            wiring=tuple(wiring),
+            low=tuple(range(18)),
+            high=tuple(range(900, 918)),
+            range_from="20 trials of A",
+        ),
+    )
     assert parse_config(config.to_toml()) == config
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from rigctl.analysis.classification.component_sweep import Labels
 from rigctl.analysis.classification.splits import Design, Fold, Split
 from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
+from rigctl.analysis.execution.executor import Progress
 from rigctl.encoding.features import FeatureLayout, feature_matrices
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import WrongUse
-
-Progress = Callable[[str, float], None]
 
 MAX_COMPONENTS = 50
 SHOWN_COMPONENTS = 10
@@ -66,7 +65,7 @@ def classify_held_out(
     design: Design,
     *,
     seed: int = 0,
-    progress: Progress = lambda stage, share: None,
+    progress: Progress = lambda stage, done, total: None,
 ) -> HeldOutPredictions:
     """Encode trials, scale them to speed, and classify textures by PCA + LDA in stratified folds.
 
@@ -82,14 +81,14 @@ def classify_held_out(
     k_max = max(1, min(MAX_COMPONENTS, smallest - len(design.textures), n_features))
     predictions = np.empty((k_max, len(samples)), np.int64)
     for number, (train, test) in enumerate(folds):
-        progress(f"fold {number + 1} of {len(folds)}", number / len(folds))
+        progress("classifying", number, len(folds))
         ranges = Normalisation.from_samples([samples[i] for i in train], "training part")
         (features,) = feature_matrices(samples, speeds, ranges, [layout])
         split = Split(train, {TASK: test})
         labels = {TASK: design.texture}
         (found,) = predict_splits(features, labels, [split], k_max, SweepEngine.OWN)
         predictions[:, test] = found.predictions[TASK]
-    progress("classified", 1.0)
+    progress("classifying", len(folds), len(folds))
     shown = min(SHOWN_COMPONENTS, max(1, k_max // 2))
     return HeldOutPredictions(design.textures, design.texture, predictions, len(folds), shown)
 

@@ -9,13 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.held_out import (
-    HeldOutPredictions,
-    Progress,
-    classify_held_out,
-)
+from rigctl.analysis.classification.held_out import HeldOutPredictions, classify_held_out
 from rigctl.analysis.classification.splits import Design
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions, open_trials
+from rigctl.analysis.execution.executor import Progress
 from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.analysis.report.figures import RasterData, draw_accuracy, draw_raster
 from rigctl.encoding.encoder import encode_trials
@@ -35,20 +32,20 @@ class DemoResult:
 
 
 def analyse_session(
-    path: Path, figures: Path, *, progress: Progress = lambda stage, share: None
+    path: Path, figures: Path, *, progress: Progress = lambda stage, done, total: None
 ) -> DemoResult:
     """Classify a session's textures and draw the figures into the folder ``figures``.
 
     Raises SessionError for a path that is not a session or has no complete trial with motion,
     WrongUse for fewer than two textures.
     """
-    progress("reading trials", 0.0)
+    progress("reading trials", 0, 1)
     trials = join_sessions([path]).without_gaps()
     with open_trials(trials.files) as reader:
         samples = [reader.read(trial) for trial in trials.trials]
     seed = trials.provenance[0]["seed"]
     held_out = classify_held_out(samples, Design.from_trials(trials), seed=seed, progress=progress)
-    progress("drawing", 1.0)
+    progress("drawing", 0, 1)
     accuracy = draw_accuracy(held_out, _origin(trials), figures / "accuracy")
     raster = draw_raster(_most_active_trial(trials, samples), figures / "raster")
     return DemoResult(accuracy_sentence(held_out), raster, accuracy, held_out, trials.remarks)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigctl.cli.options.encoder import (
     add_encoder,
     add_resources,
-    cache_of,
-    executor_of,
     parameters_of,
     ranges_of,
+    resources_of,
 )
-from rigctl.cli.options.progress import ProgressLine
+from rigctl.errors import WrongUse
+
+if TYPE_CHECKING:
+    from rigctl.analysis.classification.training import ModelRequest
+    from rigctl.analysis.report.report_folder import ReportResult
 
 
 def add_parser(subparsers: Any) -> None:
@@ -79,9 +81,8 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the report; the last lines on standard output name its files."""
     from rigctl.analysis.classification.sweep_engines import SweepEngine
-    from rigctl.analysis.data.cache import Resources
     from rigctl.analysis.paper.tasks import SweepSettings
-    from rigctl.analysis.report.report_folder import ReportRequest, ReportResult, make_report
+    from rigctl.analysis.report.report_folder import ReportRequest, make_report
 
     engine = SweepEngine(args.engine)
     request = ReportRequest(
@@ -97,23 +98,16 @@ def run(args: argparse.Namespace) -> int:
         args.sensitivity,
         ranges_of(args),
     )
-    cache, line = cache_of(args), ProgressLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    try:
-        with executor_of(args) as executor:
-            resources = Resources(executor, cache, line.show_stage)
-            report: ReportResult = make_report(request, now, resources)
-    finally:
-        line.end()
-        cache.trim()
-    print(summary(report), flush=True)
+    with resources_of(args) as resources:
+        report = make_report(request, now, resources)
+    print(_summary(report), flush=True)
     return 0
 
 
-def _model_of(args: argparse.Namespace) -> Any:
-    """Return the requested model, None where none is."""
+def _model_of(args: argparse.Namespace) -> ModelRequest | None:
+    """Return the requested model, if any. Raises WrongUse for its options without a file."""
     from rigctl.analysis.classification.training import ModelRequest
-    from rigctl.errors import WrongUse
 
     options = {"representation": args.representation, "components": args.components}
     given = {name: value for name, value in options.items() if value is not None}
@@ -124,7 +118,7 @@ def _model_of(args: argparse.Namespace) -> Any:
     return None
 
 
-def summary(report: Any) -> str:
+def _summary(report: ReportResult) -> str:
     """Return the remarks, one line for each task, and the paths of the files."""
     lines = [f"note: {remark}" for remark in report.remarks]
     for result in report.results:

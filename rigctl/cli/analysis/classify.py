@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
-from rigctl.cli.options.progress import ProgressLine
+from rigctl.cli.options.encoder import resources_of
+from rigctl.config.toml_edit import replace_file
 
 
 def add_parser(subparsers: Any) -> None:
@@ -26,47 +26,24 @@ def add_parser(subparsers: Any) -> None:
         "--out", type=Path, metavar="FILE", help="write the predictions: JSON to .json, else CSV"
     )
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (1)")
+    parser.set_defaults(dask=None, no_cache=True)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print or write the predictions; the last line gives the share that is right."""
     from rigctl.analysis.classification.classify_sessions import classify
     from rigctl.analysis.classification.predictions import as_csv, as_dict, as_text
-    from rigctl.analysis.data.cache import Cache, Resources
-    from rigctl.analysis.execution.executor import local_executor
-    from rigctl.errors import WrongUse
     from rigctl.session.files.model_file import check_output_path, load_model
 
-    if args.workers < 1:
-        raise WrongUse("--workers must be at least 1")
     if args.out is not None:
         check_output_path(args.out)
     model = load_model(args.model)
-    line = ProgressLine(sys.stderr)
-    try:
-        with local_executor(args.workers) as executor:
-            resources = Resources(executor, Cache(), line.show_stage)
-            found = classify(model, args.sessions, resources)
-    finally:
-        line.end()
+    with resources_of(args) as resources:
+        found = classify(model, args.sessions, resources)
     plain = json.dumps(as_dict(found), allow_nan=False, ensure_ascii=False)
     if args.out is not None:
-        _write(args.out, plain + "\n" if args.out.suffix == ".json" else as_csv(found))
+        replace_file(args.out, plain + "\n" if args.out.suffix == ".json" else as_csv(found))
     print(plain if args.json else as_text(found, every_trial=args.out is None))
     if args.out is not None and not args.json:
         print(f"answers: {args.out}")
     return 0
-
-
-def _write(path: Path, text: str) -> None:
-    """Write the file whole or not at all. Raises DiskFault."""
-    from rigctl.errors import DiskFault
-
-    partial = path.with_name(f"{path.name}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.rename(path)
-    except OSError as error:
-        raise DiskFault(f"{path} cannot be written: {error.strerror or error}") from error
-    finally:
-        partial.unlink(missing_ok=True)

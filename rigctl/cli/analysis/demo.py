@@ -6,15 +6,14 @@ import argparse
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.messages import RunStatus
+from rigctl.cli.data.verify import contents
 from rigctl.cli.data.world import add_world
-from rigctl.cli.options.progress import ProgressLine, remaining
+from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.rig.run import EXIT_CODES, RunWatcher
 from rigctl.errors import NegativeAnswer
 from rigctl.session.verify.session import verify
@@ -53,7 +52,9 @@ def run(args: argparse.Namespace) -> int:
     session = Path(ended.session or "")
     print(_verified(session))
     _say("encoding, classifying, drawing")
-    answer = analyse_session(session, session / FIGURES, progress=_stage_printer())
+    line = ProgressLine(sys.stderr)
+    answer = analyse_session(session, session / FIGURES, progress=line.show_stage)
+    line.end()
     for remark in answer.remarks:
         print(f"note: {remark}")
     print(f"{answer.sentence}; everything from the simulated bench")
@@ -73,7 +74,7 @@ def _record(args: argparse.Namespace) -> RunStatus:
     order += _world_words(args)
     client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=order)
     watcher = RunWatcher(client, ProgressLine(sys.stderr))
-    with watcher.interruptible():
+    with watcher.interrupts:
         try:
             return watcher.watch()
         finally:
@@ -88,10 +89,7 @@ def _verified(session: Path) -> str:
     report = verify(session)
     if not report.whole:
         raise NegativeAnswer(f"{session} is not whole: {report.problems[0]}")
-    return (
-        f"{session} is whole: {report.trials_committed:,} trials committed, "
-        f"{report.samples:,} samples, {report.lost_samples:,} lost"
-    )
+    return f"{session} is whole: {contents(report)}"
 
 
 def _open_window(rig: str, world: list[str]) -> int:
@@ -106,18 +104,6 @@ def _open_window(rig: str, world: list[str]) -> int:
             "libxcb-keysyms1"
         )
     return 0
-
-
-def _stage_printer() -> Callable[[str, float], None]:
-    """Return what prints a stage and, from the share done, the time left."""
-    began_s = time.monotonic()
-
-    def show(stage: str, share: float) -> None:
-        elapsed_s = time.monotonic() - began_s
-        left = f", {remaining(elapsed_s, share)} left" if 0.0 < share < 1.0 else ""
-        _say(f"  {stage}{left}")
-
-    return show
 
 
 def _say(sentence: str) -> None:

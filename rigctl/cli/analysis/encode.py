@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigctl.cli.options.encoder import (
     add_encoder,
     add_resources,
-    cache_of,
-    executor_of,
     parameters_of,
     ranges_of,
+    resources_of,
 )
-from rigctl.cli.options.progress import ProgressLine
+
+if TYPE_CHECKING:
+    from rigctl.analysis.data.cache import Cache
+    from rigctl.analysis.features.encoded_sessions import Encoded
 
 
 def add_parser(subparsers: Any) -> None:
@@ -48,7 +49,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the file; the last line on standard output names it."""
-    from rigctl.analysis.data.cache import Resources
     from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
 
     request = EncodeRequest(
@@ -61,26 +61,21 @@ def run(args: argparse.Namespace) -> int:
         args.trial,
         args.taxel,
     )
-    cache, line = cache_of(args), ProgressLine(sys.stderr)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    try:
-        with executor_of(args) as executor:
-            found = encode_sessions(request, now, Resources(executor, cache, line.show_stage))
-    finally:
-        line.end()
-        cache.trim()
-    print("\n".join(summary(found, cache)), flush=True)
+    with resources_of(args) as resources:
+        found = encode_sessions(request, now, resources)
+    print("\n".join(_summary(found, resources.cache)), flush=True)
     return 0
 
 
-def summary(found: Any, cache: Any) -> list[str]:
+def _summary(found: Encoded, cache: Cache) -> list[str]:
     """Return the remarks, a sentence about C, the work done, and the path of the file."""
     from rigctl.analysis.features.representations import force_sentence
 
     lines = [f"note: {remark}" for remark in found.remarks]
     if found.force is not None:
         lines.append(force_sentence(found.force))
-    pieces = cache.hits + cache.misses
+    tasks = cache.hits + cache.misses
     lines.append(f"{found.trials:,} trials, {found.spikes:,} spikes")
-    lines.append(f"{cache.misses} of {pieces} tasks computed, {cache.hits} read from the cache")
+    lines.append(f"{cache.misses} of {tasks} tasks computed, {cache.hits} read from the cache")
     return [*lines, f"spikes: {found.file}"]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.cli import INTERRUPTED
-from rigctl.cli.options.interrupt import Interrupt
+from rigctl.cli.options.interrupt import Interrupts
 from rigctl.cli.options.progress import ProgressLine
 
 LINES_SHOWN = 30
@@ -41,9 +41,9 @@ def run(args: argparse.Namespace) -> int:
         line.show_stage(f"{stage} files", done, len(args.files))
 
     stamp = datetime.now(UTC).isoformat(timespec="seconds")
-    with Interrupt() as interrupt:
+    with Interrupts(limit=1) as interrupts:
         surveyed, whole = import_files(
-            args.files, load_map(args.map), args.out, stamp, show, interrupt.requested
+            args.files, load_map(args.map), args.out, stamp, show, interrupts.requested
         )
     if args.json:
         answer = {"session": str(args.out), "trials": len(surveyed.files), "whole": whole}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.world import add_world, chosen_world
-from rigctl.cli.options.interrupt import Interrupt
+from rigctl.cli.options.interrupt import Interrupts
 from rigctl.cli.options.progress import ProgressLine, remaining
 from rigctl.config.resources import find_protocol
 from rigctl.errors import WrongUse
@@ -66,8 +66,8 @@ def run(args: argparse.Namespace) -> int:
     now = datetime.now(UTC).isoformat(timespec="seconds")
     order = DatasetRequest(plan, args.seed, args.out, now, args.resume, world)
     progress = SynthProgress(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
-    with Interrupt() as interrupt:
-        whole = _make(args, path, order, progress, interrupt)
+    with Interrupts(limit=1) as interrupts:
+        whole = _make(args, path, order, progress, interrupts)
     progress.finish()
     print(f"{'session' if args.sessions is None else 'sessions in'}: {args.out}")
     if not whole:
@@ -84,7 +84,7 @@ def _make(
     path: Path,
     order: DatasetRequest,
     progress: SynthProgress,
-    interrupt: Interrupt,
+    interrupts: Interrupts,
 ) -> bool:
     from rigctl.synth.dataset import generate
     from rigctl.synth.sessions import generate_sessions, split_request
@@ -92,9 +92,9 @@ def _make(
     if args.workers < 1:
         raise WrongUse(f"--workers {args.workers}: at least one is needed")
     if args.sessions is None:
-        return generate(order, progress.show, interrupt.requested, args.workers)
+        return generate(order, progress.show, interrupts.requested, args.workers)
     split = split_request(path, args.repeats, order, args.sessions)
-    return generate_sessions(split, progress.show, interrupt.requested, args.workers)
+    return generate_sessions(split, progress.show, interrupts.requested, args.workers)
 
 
 class SynthProgress:

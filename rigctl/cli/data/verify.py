@@ -48,11 +48,13 @@ def _print(report: VerifyReport, path: Path) -> None:
         print(f"note: {line}")
     for line in report.problems:
         print(f"problem: {line}")
-    held = (
+    verdict = "whole" if report.whole else f"not whole, {len(report.problems)} problems"
+    print(f"{path} is {verdict}: {contents(report)}")
+
+
+def contents(report: VerifyReport) -> str:
+    """Return the numbers of trials and samples in words."""
+    return (
         f"{report.trials_committed:,} trials committed, {report.samples:,} samples, "
         f"{report.lost_samples:,} lost"
     )
-    if report.whole:
-        print(f"{path} is whole: {held}")
-    else:
-        print(f"{path} is not whole, {len(report.problems)} problems: {held}")

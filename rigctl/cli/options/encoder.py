@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import AbstractContextManager
+import sys
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rigctl.cli.options.progress import ProgressLine
+from rigctl.errors import WrongUse
+
 if TYPE_CHECKING:
-    from rigctl.analysis.data.cache import Cache
+    from rigctl.analysis.data.cache import Resources
     from rigctl.analysis.execution.executor import Executor
     from rigctl.analysis.features.spike_counts import RangesOver
     from rigctl.encoding.normalisation import Normalisation
@@ -88,17 +93,22 @@ def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
     return ranges
 
 
-def cache_of(args: argparse.Namespace) -> Cache:
-    """Return the chosen cache."""
-    from rigctl.analysis.data.cache import Cache, cache_folder
+@contextmanager
+def resources_of(args: argparse.Namespace) -> Iterator[Resources]:
+    """Yield the chosen workers and cache, with a progress line. Raises WrongUse."""
+    from rigctl.analysis.data.cache import Cache, Resources, cache_folder
 
-    return Cache(None if args.no_cache else args.cache or cache_folder())
+    cache = Cache(None if args.no_cache else args.cache or cache_folder())
+    line = ProgressLine(sys.stderr)
+    try:
+        with _executor(args) as executor:
+            yield Resources(executor, cache, line.show_stage)
+    finally:
+        line.end()
+        cache.trim()
 
 
-def executor_of(args: argparse.Namespace) -> AbstractContextManager[Executor]:
-    """Return the executor of the chosen workers. Raises WrongUse."""
-    from rigctl.errors import WrongUse
-
+def _executor(args: argparse.Namespace) -> AbstractContextManager[Executor]:
     if args.workers < 1:
         raise WrongUse("--workers must be at least 1")
     if args.dask is not None:

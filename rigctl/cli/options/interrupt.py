@@ -1,4 +1,4 @@
-"""Turn Ctrl-C into a request to end at the next safe place."""
+"""Count Ctrl-C instead of dying of it, so that a command can end at the next safe place."""
 
 from __future__ import annotations
 
@@ -7,26 +7,28 @@ from types import FrameType
 from typing import Any
 
 
-class Interrupt:
-    """Notes the first SIGINT or SIGTERM while entered; a second one acts as usual."""
+class Interrupts:
+    """Counts SIGINT and SIGTERM while entered; those after the ``limit``-th act as usual."""
 
-    def __init__(self) -> None:
-        self._before: dict[int, Any] = {}
-        self._requested = False
+    def __init__(self, limit: int | None = None) -> None:
+        self.count = 0
+        self._limit = limit
+        self._handlers: dict[int, Any] = {}
 
     def requested(self) -> bool:
-        """Return whether a signal has asked the work to end."""
-        return self._requested
+        """Return whether a signal has requested the end of the work."""
+        return self.count > 0
 
-    def __enter__(self) -> Interrupt:
+    def __enter__(self) -> Interrupts:
         for number in (signal.SIGINT, signal.SIGTERM):
-            self._before[number] = signal.signal(number, self._caught)
+            self._handlers[number] = signal.signal(number, self._caught)
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
+        for number, handler in self._handlers.items():
             signal.signal(number, handler)
 
     def _caught(self, number: int, frame: FrameType | None) -> None:
-        self._requested = True
-        signal.signal(number, self._before[number])
+        self.count += 1
+        if self.count == self._limit:
+            self.__exit__()

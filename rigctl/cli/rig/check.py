@@ -53,17 +53,13 @@ def run(args: argparse.Namespace) -> int:
 def describe(plan: Plan) -> dict[str, Any]:
     """Return the summary of a plan as plain values."""
     protocol = plan.protocol
+    lists = ("textures", "speeds_mm_s", "forces_g", "depths_mm")
+    values = ("repeats", "travel_mm", "force_mode", "order")
     return {
         "protocol": protocol.name,
         "description": protocol.description,
-        "textures": list(protocol.textures),
-        "speeds_mm_s": list(protocol.speeds_mm_s),
-        "forces_g": list(protocol.forces_g),
-        "depths_mm": list(protocol.depths_mm),
-        "repeats": protocol.repeats,
-        "travel_mm": protocol.travel_mm,
-        "force_mode": protocol.force_mode,
-        "order": protocol.order,
+        **{name: list(getattr(protocol, name)) for name in lists},
+        **{name: getattr(protocol, name) for name in values},
         "seed": plan.seed,
         "trials": len(plan.trials),
         "steps": len(plan.steps),
@@ -78,12 +74,12 @@ def describe(plan: Plan) -> dict[str, Any]:
 
 def table(answer: dict[str, Any]) -> str:
     """Return the summary as a table of two columns."""
-    presses = "forces_g" if answer["forces_g"] else "depths_mm"
+    presses, unit = ("forces", "g") if answer["forces_g"] else ("depths", "mm")
     rows = (
         ("protocol", f"{answer['protocol']} – {answer['description']}".rstrip(" –")),
         ("textures", " ".join(answer["textures"]) or "none"),
         ("speeds", _numbers(answer["speeds_mm_s"], "mm/s")),
-        ("forces" if presses == "forces_g" else "depths", _numbers(answer[presses], presses[-2:])),
+        (presses, _numbers(answer[f"{presses}_{unit}"], unit)),
         ("order", _order(answer)),
         ("trials", f"{answer['trials']:,} of {answer['travel_mm']:g} mm"),
         ("steps", f"{answer['steps']:,}"),
@@ -109,7 +105,6 @@ def _check_room(folder: Path, need: int) -> None:
 
 
 def _numbers(values: list[float], unit: str) -> str:
-    unit = {"_g": "g", "mm": "mm"}.get(unit, unit)
     return f"{', '.join(f'{value:g}' for value in values)} {unit}" if values else "none"
 
 

@@ -21,7 +21,6 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("port", nargs="*", help="query only these ports")
     parser.add_argument("--json", action="store_true", help="print one JSON list")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -75,13 +74,13 @@ def _as_json(report: PortReport) -> dict[str, object]:
     return {
         "port": report.port,
         "description": report.description,
-        "board": board.board if board else None,
-        "firmware": board.firmware_version if board else None,
-        "build": board.build_hash if board else None,
-        "boot_count": board.boot_count if board else None,
-        "reset": reset_cause_text(board.reset_cause) if board else None,
+        "board": board and board.board,
+        "firmware": board and board.firmware_version,
+        "build": board and board.build_hash,
+        "boot_count": board and board.boot_count,
+        "reset": board and reset_cause_text(board.reset_cause),
         "supply_v": report.supply_v,
-        "self_test": None if report.self_test is None else list(report.self_test),
+        "self_test": report.self_test,
         "counters": dict(report.counters),
         "text": report.error,
     }

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import sys
 import threading
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from types import FrameType
 from typing import Any
 
 from rigctl.acquisition.health.notices import wiring_notice
@@ -21,13 +19,14 @@ from rigctl.acquisition.rpc.messages import (
     as_dict,
     parse_status,
 )
+from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.world import add_world
+from rigctl.cli.options.interrupt import Interrupts
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.errors import WrongUse
 from rigctl.session.format.layout import RIG_FILE
 from rigctl.session.read.session import Session
 
-INTERRUPTED = 130
 POLL_S = 0.1
 EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
 KEYS = "p pause · r resume · a abort · c clear a fault · each with Enter"
@@ -68,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
     )
     watcher = RunWatcher(client, ProgressLine(sys.stderr, quiet=args.json))
-    with watcher.interruptible():
+    with watcher.interrupts:
         try:
             ended = watcher.watch()
         finally:
@@ -86,7 +85,8 @@ class RunWatcher:
         self._client = client
         self._progress = progress
         self._typed: SimpleQueue[str] = SimpleQueue()
-        self._interrupts = 0
+        self.interrupts = Interrupts()
+        """To be entered while the run lasts: a signal then ends the run, not this process."""
         self._prompt: PromptStatus | None = None
         self._no_more_answers = False
 
@@ -102,10 +102,6 @@ class RunWatcher:
                     return ended
             forwarded = self._forward_interrupts(forwarded)
             self._forward_keys()
-
-    def interruptible(self) -> _Signals:
-        """Return a context in which SIGINT and SIGTERM stop the run safely, not this process."""
-        return _Signals(self._interrupt)
 
     def _take(self, message: dict[str, Any]) -> RunStatus | None:
         if message.get("event") == "status":
@@ -136,11 +132,11 @@ class RunWatcher:
         self._client.send("abort")
 
     def _forward_interrupts(self, forwarded: int) -> int:
-        """Abort the run on the first interrupt, stop at once on every further one."""
-        if forwarded < self._interrupts:
+        """Abort the run on the first interrupt, stop the rig on every further one."""
+        if forwarded < self.interrupts.count:
             self._progress.say("stopping safely; the session is kept")
             self._client.send("abort" if forwarded == 0 else "stop")
-        return self._interrupts
+        return self.interrupts.count
 
     def _forward_keys(self) -> None:
         try:
@@ -164,30 +160,8 @@ class RunWatcher:
             self._typed.put(line.strip().lower())
         self._typed.put("end")
 
-    def _interrupt(self) -> None:
-        self._interrupts += 1
-
 
 _COMMANDS = {"p": "pause", "r": "resume", "a": "abort", "c": "clear_fault", "s": "stop"}
-
-
-class _Signals:
-    """Calls ``action`` on SIGINT and SIGTERM while entered."""
-
-    def __init__(self, action: Any) -> None:
-        self._action = action
-        self._before: dict[int, Any] = {}
-
-    def __enter__(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._before[number] = signal.signal(number, self._caught)
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _caught(self, number: int, frame: FrameType | None) -> None:
-        self._action()
 
 
 def _status_line(status: EngineStatus, elapsed_wall_s: float) -> str:
