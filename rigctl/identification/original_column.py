@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.classification.splits import Design, Split, make_splits, stratified_folds
-from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.analysis.paper import published
+from rigctl.analysis.paper.tasks import score_splits
 from rigctl.encoding.batch import common_bin_edges, count_spikes, features_from_counts
 from rigctl.encoding.features import UNSCALED
 from rigctl.encoding.normalisation import Normalisation
@@ -29,14 +29,13 @@ def accuracies(slides: SlideSession, seed: int) -> dict[str, float]:
     features, design = slide_features(slides), slides.design
     fits = [_folds(design, seed)]
     fits += [make_splits(design, "extrapolation", seed, draw) for draw in range(DRAWS)]
-    correct: dict[str, list[NDArray[np.bool_]]] = {task.key: [] for task in TASKS}
-    labels = {task.key: design.labels(task) for task in TASKS}
-    for group in fits:
-        results = predict_splits(features, labels, group, published.K_MAX, SweepEngine.OWN)
-        for split, result in zip(group, results, strict=True):
-            for key, predicted in result.predictions.items():
-                correct[key].append(predicted[-1] == labels[key][split.tests[key]])
-    return {key: 100.0 * float(np.concatenate(parts).mean()) for key, parts in correct.items()}
+    correct, tested = (dict.fromkeys(PAPER, 0) for _ in range(2))
+    for splits in fits:
+        tasks = [task for task in TASKS if task.key in splits[0].tests]
+        for key, score in score_splits(features, design, splits, tasks, published.K_MAX).items():
+            correct[key] += int(score.correct[-1])
+            tested[key] += score.n_tested
+    return {key: 100.0 * (correct[key] / tested[key]) for key in PAPER}
 
 
 def slide_features(slides: SlideSession) -> NDArray[np.float64]:

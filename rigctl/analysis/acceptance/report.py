@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rigctl.analysis.acceptance.measurements import PressSeries, RigMeasurements
 from rigctl.analysis.data.atomic_directory import atomic_directory
-from rigctl.analysis.report.figures import MUTED, add_titles, save_figure, style_axes
+from rigctl.analysis.report.figures import MUTED, new_figure, save_figure
 from rigctl.analysis.report.html_page import render_page
 
 if TYPE_CHECKING:
@@ -24,8 +23,7 @@ COLOURS = ("#00629e", "#c24e00", "#1a8a34", "#7a3e9d", "#c8102e")
 NOT_MEASURED = "not measured"
 
 
-@dataclass(frozen=True, slots=True)
-class AcceptanceCheck:
+class AcceptanceCheck(NamedTuple):
     """One line of the report; ``passed`` is None where the session has no measurement."""
 
     name: str
@@ -38,11 +36,11 @@ class AcceptanceCheck:
 def check_limits(found: RigMeasurements) -> tuple[AcceptanceCheck, ...]:
     """Return all checks in the order of the report."""
     return (
-        _worst(found, "settling time, 95 of 100 presses", _p95_settle, 1.0, "s"),
-        _worst(found, "overshoot, highest of all presses", _overshoot, 5.0),
-        _worst(found, "mean force in the window", _mean_error, 1.0),
-        _worst(found, "drift, last ten less first ten", _drift, 0.5, earlier="3.4 % (SD 4.2 %)"),
-        _worst(found, "speed by the travel window", _window_speed, 0.5, earlier="4.6 % (SD 2.6 %)"),
+        _worst(found, "settling time, 95 of 100 presses", "settle_p95_s", 1.0),
+        _worst(found, "overshoot, highest of all presses", "overshoot_percent", 5.0),
+        _worst(found, "mean force in the window", "mean_error_percent", 1.0),
+        _worst(found, "drift, last ten less first ten", "drift_percent", 0.5, "3.4 % (SD 4.2 %)"),
+        _worst(found, "speed by the travel window", "speed_error_percent", 0.5, "4.6 % (SD 2.6 %)"),
         _check_index_speed(found),
         _check_steps(found),
         _check_zero("lost taxel samples", found.lost_samples),
@@ -57,38 +55,29 @@ def is_accepted(checks: Sequence[AcceptanceCheck]) -> bool:
     return all(check.passed for check in checks)
 
 
-def _p95_settle(condition: PressSeries) -> float:
+def _statistics(condition: PressSeries) -> dict[str, float]:
+    """Return the statistics of a condition's presses; NaN for one that was not measured."""
+    errors, speeds = condition.column("error"), condition.column("speed_error")
     settled = condition.column("settle_s")
     # A press that never settled is slower than all others.
-    return float(np.percentile(np.where(np.isnan(settled), np.inf, settled), 95, method="lower"))
-
-
-def _overshoot(condition: PressSeries) -> float:
-    return 100.0 * float(condition.column("overshoot").max())
-
-
-def _mean_error(condition: PressSeries) -> float:
-    return 100.0 * float(condition.column("error").mean())
-
-
-def _drift(condition: PressSeries) -> float:
-    return 100.0 * condition.drift
-
-
-def _window_speed(condition: PressSeries) -> float:
-    return 100.0 * float(condition.column("speed_error").mean())
+    times = np.where(np.isnan(settled), np.inf, settled)
+    return {
+        "settle_p95_s": float(np.percentile(times, 95, method="lower")),
+        "overshoot_percent": 100.0 * float(condition.column("overshoot").max()),
+        "mean_error_percent": 100.0 * float(errors.mean()),
+        "press_sd_percent": 100.0 * float(errors.std(ddof=1)) if len(errors) > 1 else math.nan,
+        "drift_percent": 100.0 * condition.drift,
+        "speed_error_percent": 100.0 * float(speeds.mean()),
+        "speed_sd_percent": 100.0 * float(speeds.std(ddof=1)) if len(speeds) > 1 else math.nan,
+    }
 
 
 def _worst(
-    found: RigMeasurements,
-    name: str,
-    value_of: Callable[[PressSeries], float],
-    limit: float,
-    unit: str = "%",
-    earlier: str = "",
+    found: RigMeasurements, name: str, statistic: str, limit: float, earlier: str = ""
 ) -> AcceptanceCheck:
     """Return the check of the condition with the largest deviation."""
-    values = [(value_of(c), c) for c in found.conditions]
+    values = [(_statistics(condition)[statistic], condition) for condition in found.conditions]
+    unit = "s" if statistic.endswith("_s") else "%"
     allowed = f"{limit:g} {unit}"
     if any(math.isnan(value) for value, _ in values):
         return AcceptanceCheck(name, NOT_MEASURED, allowed, earlier, None)
@@ -128,10 +117,7 @@ def as_dict(found: RigMeasurements, checks: Sequence[AcceptanceCheck]) -> dict[s
         "rig": found.rig,
         "start_utc": found.start_utc,
         "accepted": is_accepted(checks),
-        "checks": [
-            {name: getattr(c, name) for name in ("name", "found", "limit", "earlier", "passed")}
-            for c in checks
-        ],
+        "checks": [check._asdict() for check in checks],
         "conditions": [_condition_dict(c) for c in found.conditions],
         "turns": [
             {"speed_mm_s": t.speed_mm_s, "errors_percent": (100.0 * t.errors).round(4).tolist()}
@@ -142,22 +128,14 @@ def as_dict(found: RigMeasurements, checks: Sequence[AcceptanceCheck]) -> dict[s
 
 
 def _condition_dict(condition: PressSeries) -> dict[str, Any]:
-    errors, speeds = condition.column("error"), condition.column("speed_error")
-    values = {
-        "settle_p95_s": _p95_settle(condition),
-        "overshoot_percent": _overshoot(condition),
-        "mean_error_percent": _mean_error(condition),
-        "press_sd_percent": 100.0 * float(errors.std(ddof=1)) if len(errors) > 1 else math.nan,
-        "drift_percent": _drift(condition),
-        "speed_error_percent": _window_speed(condition),
-        "speed_sd_percent": 100.0 * float(speeds.std(ddof=1)) if len(speeds) > 1 else math.nan,
-    }
-    rounded = {name: round(v, 4) if math.isfinite(v) else None for name, v in values.items()}
     return {
         "speed_mm_s": condition.speed_mm_s,
         "force_g": condition.force_g,
         "presses": len(condition.presses),
-        **rounded,
+        **{
+            name: round(value, 4) if math.isfinite(value) else None
+            for name, value in _statistics(condition).items()
+        },
     }
 
 
@@ -177,32 +155,23 @@ def write_report(found: RigMeasurements, checks: Sequence[AcceptanceCheck], out:
 
 
 def _draw_figure(found: RigMeasurements, stem: Path) -> Path:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 8.4), layout="constrained")
-    settle, drift, speed = figure.subplots(3, 1, gridspec_kw={"height_ratios": [1.2, 1.2, 0.8]})
+    figure, panels = new_figure((10, 8.4), 3, 1, height_ratios=[1.2, 1.2, 0.8])
+    settle, drift, speed = panels
     forces = sorted({c.force_g for c in found.conditions})
     colours = {force: COLOURS[i % len(COLOURS)] for i, force in enumerate(forces)}
     for condition in found.conditions:
         _draw_settling(settle, condition, colours[condition.force_g])
         _draw_drift(drift, condition, colours[condition.force_g])
-    _label(settle, "time since contact (s)", "force over set-point (%)")
-    settle.set_ylim(0, 120)
-    _label(drift, "press", "mean force error (%)")
+    settle.set(xlabel="time since contact (s)", ylabel="force over set-point (%)", ylim=(0, 120))
+    drift.set(xlabel="press", ylabel="mean force error (%)")
     for force, colour in colours.items():
         drift.plot([], [], color=colour, label=f"{force:g} g")
     drift.legend(frameon=False, ncols=len(forces), loc="upper right")
     _draw_speed(speed, found)
     bench = "Simulated bench" if found.simulated else "Real bench"
     presses = sum(len(c.presses) for c in found.conditions)
-    add_titles(figure, "Acceptance", f"{bench} · session {found.path.name} · {presses:,} presses")
-    return save_figure(figure, stem)
-
-
-def _label(axes: Axes, x: str, y: str) -> None:
-    style_axes(axes)
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
+    origin = f"{bench} · session {found.path.name} · {presses:,} presses"
+    return save_figure(figure, stem, "Acceptance", origin)
 
 
 def _draw_settling(axes: Axes, condition: PressSeries, colour: str) -> None:
@@ -225,4 +194,5 @@ def _draw_speed(axes: Axes, found: RigMeasurements) -> None:
     for turns in found.turns:
         errors = 100.0 * turns.errors
         axes.plot(np.full(len(errors), turns.speed_mm_s), errors, "x", ms=7, color=COLOURS[0])
-    _label(axes, "set speed (mm/s): · travel window, × whole turns by the mark", "speed error (%)")
+    sources = "· travel window, × whole turns by the mark"
+    axes.set(xlabel=f"set speed (mm/s): {sources}", ylabel="speed error (%)")

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.classification.splits import Design, make_splits
-from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.features.representations import RepresentationSet
 from rigctl.analysis.paper import published
-from rigctl.analysis.paper.tasks import SweepSettings, TaskResult
+from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, score_splits
 
 DRAWS = 3
 HALVES = ("SA", "RA")
@@ -64,6 +63,7 @@ class _VarianceJob(NamedTuple):
 
 
 class _HalfJob(NamedTuple):
+    key: str
     features: Path
     design: Design
     half: int
@@ -96,7 +96,7 @@ def measure_ablations(
     computed = resources.map(_split_variance, jobs, "what explains the features")
     halves = {r.key: both for r, both in zip(representations.present, computed, strict=True)}
     draws = min(DRAWS, settings.iterations)
-    alone = _accuracies_alone(representations, design, results, (settings.seed, draws), resources)
+    alone = _accuracies_alone(representations, design, results, settings.seed, draws, resources)
     return Ablations(representations.trials.forces_g, halves, alone, draws)
 
 
@@ -185,30 +185,31 @@ def _accuracies_alone(
     representations: RepresentationSet,
     design: Design,
     results: Sequence[TaskResult],
-    draws: tuple[int, int],
+    seed: int,
+    draws: int,
     resources: Resources,
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """Return the accuracies by task, representation and half. ``draws``: seed and count."""
-    jobs, names = [], []
+    """Return the mean accuracies over draws by task, representation and half."""
+    jobs = []
     for family in dict.fromkeys(result.task.family for result in results):
         of_family = [result for result in results if result.task.family == family]
         tasks, k = tuple(r.task for r in of_family), min(r.shown_components for r in of_family)
-        for r in representations.present:
-            for half, name in enumerate(HALVES):
-                for draw in range(draws[1]):
-                    path = representations.files[r.key]
-                    jobs.append(_HalfJob(path, design, half, family, tasks, k, draws[0], draw))
-                    names.append((r.key, name))
-    shares: dict[tuple[str, str, str], list[float]] = {}
-    stage = "classifying by SA rates and RA counts alone"
-    scores = resources.map(_score_half, jobs, stage)
-    for (key, name), score in zip(names, scores, strict=True):
-        for task, share in score.items():
-            shares.setdefault((task, key, name), []).append(share)
-    found: dict[str, dict[str, dict[str, float]]] = {}
-    for (task, key, name), several in shares.items():
-        found.setdefault(task, {}).setdefault(key, {})[name] = float(np.mean(several))
-    return found
+        jobs += [
+            _HalfJob(
+                r.key, representations.files[r.key], design, half, family, tasks, k, seed, draw
+            )
+            for r in representations.present
+            for half in range(len(HALVES))
+            for draw in range(draws)
+        ]
+    scores = resources.map(_score_half, jobs, "classifying by SA rates and RA counts alone")
+    alone: dict[str, dict[str, dict[str, float]]] = {}
+    for job in jobs[::draws]:
+        of_draws = [next(scores) for _ in range(draws)]
+        for task in job.tasks:
+            mean = float(np.mean([shares[task.key] for shares in of_draws]))
+            alone.setdefault(task.key, {}).setdefault(job.key, {})[HALVES[job.half]] = mean
+    return alone
 
 
 def _score_half(job: _HalfJob) -> dict[str, float]:
@@ -216,13 +217,6 @@ def _score_half(job: _HalfJob) -> dict[str, float]:
     features = np.load(job.features, mmap_mode="r")
     width = features.shape[1] // 2
     half = features[:, job.half * width : (job.half + 1) * width]
-    fits = make_splits(job.design, job.family, job.seed, job.draw)
-    labels = {task.key: job.design.labels(task) for task in job.tasks}
-    answers = predict_splits(half, labels, fits, min(job.k, width), SweepEngine.OWN)
-    correct, tested = dict.fromkeys(labels, 0), dict.fromkeys(labels, 0)
-    for fit, found in zip(fits, answers, strict=True):
-        for key, predicted in found.predictions.items():
-            truth = labels[key][fit.tests[key]]
-            correct[key] += int((predicted[-1] == truth).sum())
-            tested[key] += len(truth)
-    return {key: correct[key] / tested[key] for key in labels if tested[key]}
+    splits = make_splits(job.design, job.family, job.seed, job.draw)
+    scores = score_splits(half, job.design, splits, job.tasks, min(job.k, width))
+    return {key: float(score.correct[-1]) / score.n_tested for key, score in scores.items()}

@@ -44,7 +44,6 @@ TASKS = (
     Task("leave-speed-out", "Each speed left out", "", "leave-speed-out"),
     Task("leave-force-out", "Each force left out", "", "leave-force-out"),
 )
-TASK_OF = {task.key: task for task in TASKS}
 
 _COLUMNS = ("original", "speed", "force", "speed_force")
 _ROWS: dict[str, tuple[tuple[float, float], ...]] = {

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.splits import Design, extrapolation_fits, make_splits
+from rigctl.analysis.classification.splits import Design, Split, extrapolation_fits, make_splits
 from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.features.representations import Representation, RepresentationSet
@@ -115,7 +115,12 @@ class _SweepJob(NamedTuple):
     iteration: int
 
 
-class _Score(NamedTuple):
+class Score(NamedTuple):
+    """The result of one task over some splits.
+
+    ``correct``: int64 (k_max,), of ``n_tested`` trials; the others as in :class:`Curve`.
+    """
+
     correct: Counts
     confusion: Counts
     n_tested: int
@@ -244,32 +249,43 @@ def _plan_family(
     return _FamilyPlan(family, remaining, k_max, n_train)
 
 
-def _score(job: _SweepJob) -> dict[str, _Score]:
+def _score(job: _SweepJob) -> dict[str, Score]:
     """Score one iteration of a family on one representation."""
     features = np.load(job.features, mmap_mode="r")
-    fits = make_splits(job.design, job.plan.family, job.settings.seed, job.iteration)
-    labels = {task.key: job.design.labels(task) for task in job.plan.tasks}
-    answers = predict_splits(features, labels, fits, job.plan.k_max, job.settings.engine)
+    plan, settings = job.plan, job.settings
+    splits = make_splits(job.design, plan.family, settings.seed, job.iteration)
+    return score_splits(features, job.design, splits, plan.tasks, plan.k_max, settings.engine)
+
+
+def score_splits(
+    features: NDArray[np.float64],
+    design: Design,
+    splits: Sequence[Split],
+    tasks: Sequence[published.Task],
+    k_max: int,
+    engine: SweepEngine = SweepEngine.OWN,
+) -> dict[str, Score]:
+    """Return the score of each task, by key: features float64 (n_trials, width).
+
+    At least one split tests each task.
+    """
+    labels = {task.key: design.labels(task) for task in tasks}
+    fits = predict_splits(features, labels, splits, k_max, engine)
+    unused = max(fit.without_variance for fit in fits), max(fit.beyond_rank for fit in fits)
     scores = {}
-    for task in job.plan.tasks:
-        n_classes = len(job.design.classes(task))
+    for task in tasks:
+        key, n_classes = task.key, len(design.classes(task))
+        tested = np.concatenate([split.tests[key] for split in splits if key in split.tests])
+        truth, predictions = labels[key][tested], [fit.predictions.get(key) for fit in fits]
+        predicted = np.concatenate([part for part in predictions if part is not None], axis=1)
         confusion = np.zeros((n_classes, n_classes), np.int64)
-        correct, n_tested = np.zeros(job.plan.k_max, np.int64), 0
-        for fit, found in zip(fits, answers, strict=True):
-            if task.key not in found.predictions:
-                continue
-            truth = labels[task.key][fit.tests[task.key]]
-            predicted = found.predictions[task.key]
-            correct += (predicted == truth).sum(axis=1)
-            n_tested += len(truth)
-            np.add.at(confusion, (truth, predicted[min(published.K_MAX, len(predicted)) - 1]), 1)
-        without_variance = max(found.without_variance for found in answers)
-        beyond = max(found.beyond_rank for found in answers)
-        scores[task.key] = _Score(correct, confusion, n_tested, without_variance, beyond)
+        np.add.at(confusion, (truth, predicted[min(published.K_MAX, k_max) - 1]), 1)
+        correct = (predicted == truth).sum(axis=1)
+        scores[key] = Score(correct, confusion, len(truth), *unused)
     return scores
 
 
-def _make_curve(representation: Representation, scores: Sequence[_Score]) -> Curve:
+def _make_curve(representation: Representation, scores: Sequence[Score]) -> Curve:
     return Curve(
         representation,
         np.array([score.correct / score.n_tested for score in scores]),

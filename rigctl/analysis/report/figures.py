@@ -1,13 +1,13 @@
 """Figures as SVG and PNG: the raster of a trial, the accuracy of a classification.
 
-Each is drawn on a ``Figure`` of its own without pyplot, so there is no global state. A figure of
-simulated data says so.
+Figures are made without pyplot, so there is no global state. A figure of simulated data says so.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,15 @@ DPI = 150
 MAX_LABEL_LETTERS = 40
 """Letters of horizontal labels below a confusion matrix; longer labels are vertical."""
 TEXT, MUTED, FAINT = "#1b1f24", "#59636e", "#e6e9ed"
+STYLE: Any = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.grid.axis": "x",
+    "axes.axisbelow": True,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.6,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,33 +78,24 @@ class RasterData:
 
 def draw_raster(data: RasterData, stem: Path) -> Path:
     """Draw force, one taxel and all spikes of a trial to ``stem``.svg and .png; return the PNG."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 7.6), layout="constrained")
-    rows = figure.subplots(
-        3, 1, sharex=True, gridspec_kw={"height_ratios": [1, 1, 4.2], "hspace": 0.04}
-    )
-    duration_s = len(data.samples) / SAMPLE_RATE_HZ
+    grid = {"height_ratios": [1, 1, 4.2], "hspace": 0.04}
+    figure, rows = new_figure((10, 7.6), 3, 1, sharex=True, gridspec_kw=grid)
     _plot_force(rows[0], data)
     _plot_taxel(rows[1], data)
     _plot_spikes(rows[2], data.spikes)
-    rows[2].set_xlim(0, duration_s)
+    rows[2].set_xlim(0, len(data.samples) / SAMPLE_RATE_HZ)
     rows[2].set_xlabel("time since the trial window opened (s)")
     travel = rows[0].secondary_xaxis(
         "top", functions=(lambda t: t * data.speed_mm_s, lambda x: x / data.speed_mm_s)
     )
     travel.set_xlabel("texture travelled (mm)", color=MUTED)
     travel.tick_params(colors=MUTED)
-    add_titles(figure, data.title, data.origin)
-    return save_figure(figure, stem)
+    return save_figure(figure, stem, data.title, data.origin)
 
 
 def draw_accuracy(held_out: HeldOutPredictions, origin: str, stem: Path) -> Path:
     """Draw held-out accuracy over components and the confusion matrix; return the PNG's path."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.5, 4.9), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=[1.35, 1])
+    figure, (left, right) = new_figure((10.5, 4.9), 1, 2, width_ratios=[1.35, 1])
     _plot_accuracy(left, held_out)
     _plot_confusion(right, held_out)
     correct, n = int(held_out.correct_counts()[held_out.shown_components - 1]), held_out.n
@@ -103,11 +103,10 @@ def draw_accuracy(held_out: HeldOutPredictions, origin: str, stem: Path) -> Path
         f"Textures told apart on held-out trials: {correct} of {n} "
         f"({correct / n:.0%}) with {held_out.shown_components} components"
     )
-    add_titles(figure, title, origin)
-    return save_figure(figure, stem)
+    return save_figure(figure, stem, title, origin)
 
 
-def grouped_trains(n_taxels: int) -> list[tuple[TrainGroup, list[int]]]:
+def _grouped_trains(n_taxels: int) -> list[tuple[TrainGroup, list[int]]]:
     """Return each group's encoder rows (SA 1 … n, RA 1 … n); the first half of taxels is on top."""
     half = n_taxels // 2
     top, bottom = list(range(half)), list(range(half, n_taxels))
@@ -124,7 +123,6 @@ def _plot_force(axes: Axes, data: RasterData) -> None:
     axes.set_ylim(float(shown.min()) - margin, float(shown.max()) + 2 * margin)
     axes.set_ylabel("force (g)")
     _annotate(axes, f"load cell; dashed: set-point {data.force_set_g:g} g")
-    style_axes(axes)
 
 
 def _plot_taxel(axes: Axes, data: RasterData) -> None:
@@ -136,22 +134,19 @@ def _plot_taxel(axes: Axes, data: RasterData) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.3 * (high - low))
     _annotate(axes, f"taxel {taxel + 1}, the liveliest of {data.samples.shape[1]}")
-    style_axes(axes)
 
 
 def _plot_spikes(axes: Axes, spikes: Spikes) -> None:
     y, ticks, names = 0.0, [], []
-    groups = grouped_trains(spikes.n_trains // 2)
-    for group, rows in groups:
+    n_taxels = spikes.n_trains // 2
+    for group, rows in _grouped_trains(n_taxels):
         _plot_group(axes, spikes, group, rows, y)
         ticks += [y, y + len(rows) - 1]
-        n_taxels = spikes.n_trains // 2
         names += [str(rows[0] % n_taxels + 1), str(rows[-1] % n_taxels + 1)]
         y += len(rows) + 0.8
     axes.set_yticks(ticks, names)
     axes.set_ylim(y - 0.8, -0.8)
     axes.set_ylabel("taxel", labelpad=2)
-    style_axes(axes)
 
 
 def _plot_group(
@@ -167,16 +162,12 @@ def _plot_group(
     axes.plot(line_x, line_y, color=group.colour, lw=0.55, solid_capstyle="butt")
     middle = first_y + (len(rows) - 1) / 2
     duration_s = max(spikes.n_samples, 1) / SAMPLE_RATE_HZ
-    rate_hz = len(at) / duration_s / len(rows)
-    style: dict[str, Any] = {
-        "transform": axes.get_yaxis_transform(),
-        "color": group.colour,
-        "va": "center",
-    }
-    axes.text(1.012, middle - 0.9, group.name, weight="bold", size=12, **style)
-    axes.text(
-        1.012, middle + 1.2, f"{group.description}\n{rate_hz:.0f} spikes/s each", size=8, **style
+    rates = f"{group.description}\n{len(at) / duration_s / len(rows):.0f} spikes/s each"
+    label = partial(
+        axes.text, 1.012, transform=axes.get_yaxis_transform(), color=group.colour, va="center"
     )
+    label(middle - 0.9, group.name, weight="bold", size=12)
+    label(middle + 1.2, rates, size=8)
 
 
 def _plot_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
@@ -197,31 +188,19 @@ def _plot_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
         color=GROUPS[1].colour,
     )
     axes.axvline(held_out.shown_components, color=MUTED, lw=0.8, ls=":")
-    axes.set_ylim(0, 103)
-    axes.set_xlim(0.5, k[-1] + 0.5)
+    axes.set(ylim=(0, 103), xlim=(0.5, k[-1] + 0.5))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_xlabel("principal components")
-    axes.set_ylabel("held-out accuracy (%)")
-    axes.set_title(
-        f"n = {held_out.n} trials in {held_out.n_folds} folds; band: 95 % interval",
-        size=9,
-        color=MUTED,
-        loc="left",
-    )
-    style_axes(axes)
+    axes.set(xlabel="principal components", ylabel="held-out accuracy (%)")
+    title = f"n = {held_out.n} trials in {held_out.n_folds} folds; band: 95 % interval"
+    axes.set_title(title, size=9, color=MUTED, loc="left")
 
 
 def _plot_confusion(axes: Axes, held_out: HeldOutPredictions) -> None:
     matrix = held_out.confusion()
     plot_matrix(axes, matrix, held_out.classes, lambda count, share: str(count) if count else "")
-    axes.set_xlabel("predicted texture")
-    axes.set_ylabel("true texture")
-    axes.set_title(
-        f"trials with {held_out.shown_components} components (dotted line)",
-        size=9,
-        color=MUTED,
-        loc="left",
-    )
+    axes.set(xlabel="predicted texture", ylabel="true texture")
+    title = f"trials with {held_out.shown_components} components (dotted line)"
+    axes.set_title(title, size=9, color=MUTED, loc="left")
 
 
 def plot_matrix(
@@ -234,6 +213,8 @@ def plot_matrix(
     """Plot a confusion matrix as shares of its rows; ``cell_text``: of count and share."""
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     axes.imshow(shares, cmap="Blues", vmin=0, vmax=1)
+    axes.spines[:].set_visible(True)
+    axes.grid(visible=False)
     for (i, j), share in np.ndenumerate(shares):
         colour = "white" if share > 0.55 else TEXT
         text = cell_text(int(counts[i, j]), float(share))
@@ -252,23 +233,27 @@ def _annotate(axes: Axes, text: str) -> None:
     )
 
 
-def style_axes(axes: Axes) -> None:
-    """Show two spines and a faint grid in the background."""
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(axis="x", color=FAINT, lw=0.6)
-    axes.set_axisbelow(True)
+def new_figure(
+    size: tuple[float, float], rows: int, columns: int, **options: Any
+) -> tuple[Figure, Any]:
+    """Return a figure and its axes in our style; size in inches, options of ``subplots``."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    with mpl.rc_context(STYLE):
+        return figure, figure.subplots(rows, columns, **options)
 
 
-def add_titles(figure: Figure, title: str, origin: str) -> None:
-    """Set the title, and the origin of the data at the foot."""
-    figure.suptitle(title, size=13, x=0.01, ha="left", color=TEXT)
-    figure.supxlabel(origin, size=8.5, x=0.01, ha="left", color=MUTED)
+def save_figure(figure: Figure, stem: Path, title: str, origin: str) -> Path:
+    """Add the title, and the origin of the data at the foot; save as SVG and PNG; return the PNG.
 
-
-def save_figure(figure: Figure, stem: Path) -> Path:
-    """Save as SVG and PNG; equal data give equal files."""
+    Equal data give equal files.
+    """
     import matplotlib as mpl
 
+    figure.suptitle(title, size=13, x=0.01, ha="left", color=TEXT)
+    figure.supxlabel(origin, size=8.5, x=0.01, ha="left", color=MUTED)
     stem.parent.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context({"svg.hashsalt": "rigctl", "svg.fonttype": "none"}):
         figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})

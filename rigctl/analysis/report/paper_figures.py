@@ -16,10 +16,9 @@ from rigctl.analysis.report.figures import (
     FAINT,
     MUTED,
     TEXT,
-    add_titles,
+    new_figure,
     plot_matrix,
     save_figure,
-    style_axes,
 )
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -66,12 +65,10 @@ class TaxelData:
 
 def draw_curves(results: Sequence[TaskResult], origin: str, stem: Path) -> Path:
     """Draw accuracy over components, a panel for each task, as SVG and PNG; return the PNG."""
-    from matplotlib.figure import Figure
-
     columns = min(COLUMNS, len(results))
     rows = ceil(len(results) / columns)
-    figure = Figure(figsize=(3.9 * columns + 0.4, 3.1 * rows + 1.1), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False)
+    size = (3.9 * columns + 0.4, 3.1 * rows + 1.1)
+    figure, panels = new_figure(size, rows, columns, squeeze=False)
     for result, axes in zip(results, panels.flat, strict=False):
         _plot_curves(axes, result)
     for axes in panels.flat[len(results) :]:
@@ -81,34 +78,27 @@ def draw_curves(results: Sequence[TaskResult], origin: str, stem: Path) -> Path:
     iterations = len(results[0].curves[0].accuracy)
     bars = "bars: standard deviation" if iterations > 1 else "one draw, no spread"
     title = f"Textures told apart: mean accuracy of {iterations} draws; {bars}"
-    add_titles(figure, title, origin)
-    return save_figure(figure, stem)
+    return save_figure(figure, stem, title, origin)
 
 
 def draw_confusion(result: TaskResult, origin: str, stem: Path) -> Path:
     """Draw confusion matrices, a panel for each representation (the paper's S1 to S4)."""
-    from matplotlib.figure import Figure
-
     curves = [c for c in result.curves if c.representation.force != "blind"]
     columns = min(2, len(curves))
     rows = ceil(len(curves) / columns)
-    figure = Figure(figsize=(5.2 * columns, 5.0 * rows + 0.8), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False)
+    figure, panels = new_figure((5.2 * columns, 5.0 * rows + 0.8), rows, columns, squeeze=False)
     for axes, curve in zip(panels.flat, curves, strict=False):
         _plot_confusion(axes, curve, result)
     for axes in panels.flat[len(curves) :]:
         axes.set_axis_off()
     title = f"{result.task.title}: who is taken for whom, {result.shown_components} components"
-    add_titles(figure, title, origin)
-    return save_figure(figure, stem)
+    return save_figure(figure, stem, title, origin)
 
 
 def draw_taxel(data: TaxelData, stem: Path) -> Path:
     """Draw one taxel's reading, the voltages of both neurons and their spikes."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.5, 5.6), layout="constrained")
-    rows = figure.subplots(5, 1, sharex=True, height_ratios=[2.2, 1.6, 0.5, 1.6, 0.5])
+    heights = [2.2, 1.6, 0.5, 1.6, 0.5]
+    figure, rows = new_figure((9.5, 5.6), 5, 1, sharex=True, height_ratios=heights)
     time_s = np.arange(len(data.reading)) / SAMPLE_RATE_HZ
     inside = time_s < data.shown_s
     rows[0].plot(time_s[inside], data.reading[inside], color=TEXT, lw=1)
@@ -121,16 +111,12 @@ def draw_taxel(data: TaxelData, stem: Path) -> Path:
         at = data.spikes[channel] / SAMPLE_RATE_HZ
         at = at[at < data.shown_s]
         ticks.vlines(at, 0, 1, color=colour, lw=0.9)
-        ticks.set_ylim(-0.1, 1.1)
-        ticks.set_yticks([])
+        ticks.set(ylim=(-0.1, 1.1), yticks=[])
         ticks.set_ylabel("spikes", rotation=0, ha="right", va="center", size=8, color=MUTED)
-    for axes in rows:
-        style_axes(axes)
     figure.align_ylabels(rows)
     rows[-1].set_xlim(0, min(data.shown_s, len(data.reading) / SAMPLE_RATE_HZ))
     rows[-1].set_xlabel("time since the trial window opened (s)")
-    add_titles(figure, data.title, data.origin)
-    return save_figure(figure, stem)
+    return save_figure(figure, stem, data.title, data.origin)
 
 
 def _plot_curves(axes: Axes, result: TaskResult) -> None:
@@ -151,13 +137,10 @@ def _plot_curves(axes: Axes, result: TaskResult) -> None:
     axes.axhline(100 * result.chance, color=MUTED, lw=1, ls=":")
     chance = f"chance {100 * result.chance:.3g} %"
     axes.set_title(chance, size=7.5, loc="right", color=MUTED)
-    axes.set_ylim(0, 103)
-    axes.set_xlim(0.5, k[-1] + 0.5)
-    axes.set_xlabel("principal components")
-    axes.set_ylabel("accuracy (%)")
+    axes.set(ylim=(0, 103), xlim=(0.5, k[-1] + 0.5))
+    axes.set(xlabel="principal components", ylabel="accuracy (%)")
     named = f"{result.task.figure}  {result.task.title}".strip()
     axes.set_title(named, size=9.5, loc="left", color=TEXT)
-    style_axes(axes)
     axes.grid(axis="y", color=FAINT, lw=0.6)
 
 
@@ -170,15 +153,10 @@ def _plot_confusion(axes: Axes, curve: Curve, result: TaskResult) -> None:
 
     size = 9 if len(result.classes) <= 8 else 6
     plot_matrix(axes, curve.confusion, result.classes, percent, size=size)
-    axes.set_xlabel("predicted")
-    axes.set_ylabel("true")
+    axes.set(xlabel="predicted", ylabel="true")
     right = np.trace(curve.confusion) / max(int(curve.confusion.sum()), 1)
     note = "; C knew the texture" if curve.representation.sees_labels else ""
     fewest, most = int(tested.min()), int(tested.max())
     trials = f"{most}" if fewest == most else f"{fewest}–{most}"
-    axes.set_title(
-        f"{curve.representation.name}: {right:.1%}\n% of {trials} trials a row{note}",
-        size=9,
-        loc="left",
-        color=TEXT,
-    )
+    title = f"{curve.representation.name}: {right:.1%}\n% of {trials} trials a row{note}"
+    axes.set_title(title, size=9, loc="left", color=TEXT)

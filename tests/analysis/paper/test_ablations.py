@@ -16,6 +16,7 @@ from rigctl.analysis.paper.explanations import explain
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 from rigctl.analysis.report.several_reports import summary_sentences
 
+TASKS = {task.key: task for task in published.TASKS}
 BY_KEY = {r.key: r for r in REPRESENTATIONS}
 
 
@@ -48,7 +49,7 @@ def curve(key: str, at_three: float, before: float, spread: float) -> Curve:
 
 def compare(task: str, *curves: Curve) -> tuple[TaskComparison, TaskResult]:
     classes = tuple("ABCDEFGHIJKLMNOP")
-    result = TaskResult(published.TASK_OF[task], classes, 3, 7200, 1 / 16, curves)
+    result = TaskResult(TASKS[task], classes, 3, 7200, 1 / 16, curves)
     found = compare_task(result, simulated=True)
     assert found is not None
     return found, result
