@@ -36,7 +36,10 @@ Floats = NDArray[np.float64]
 
 
 class Prediction(NamedTuple):
-    """The prediction for one trial; ``margin``: log posterior less that of the runner-up."""
+    """The prediction for one trial; ``margin``: log posterior less that of the runner-up.
+
+    ``right`` is None for a texture that is not in the model.
+    """
 
     session: str
     trial_id: int
@@ -44,15 +47,10 @@ class Prediction(NamedTuple):
     speed_mm_s: float
     force_g: float
     predicted: str
+    right: bool | None
     posterior: float
     runner_up: str
     margin: float
-    in_model: bool
-
-    @property
-    def right(self) -> bool | None:
-        """Whether it is the true texture; None for a texture that is not in the model."""
-        return self.predicted == self.texture if self.in_model else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +116,7 @@ def classify(
     lengths = [n for part in parts for n in part.lengths]
     clipped = np.sum([part.clipped for part in parts], axis=0) / max(1, sum(lengths))
     errors, warnings = _rate_errors(model, trials, resources)
-    new = [found.texture for found in predictions if not found.in_model]
+    new = [found.texture for found in predictions if found.right is None]
     remarks = prediction_remarks(model, trials, new, clipped, lengths)
     return Classification(
         model,
@@ -194,17 +192,18 @@ def _prediction(model: Model, trials: TrialSet, trial: TrialRef, logs: Floats) -
     others = logs.copy()
     others[best] = -np.inf
     second = int(others.argmax())
+    predicted = model.classes[best]
     return Prediction(
         str(trials.paths[trial.session]),
         trial.trial_id,
         trial.texture,
         trial.speed_mm_s,
         trial.force_g,
-        model.classes[best],
+        predicted,
+        predicted == trial.texture if trial.texture in model.classes else None,
         float(np.exp(logs[best])),
         model.classes[second],
         float(logs[best] - logs[second]),
-        trial.texture in model.classes,
     )
 
 
@@ -212,7 +211,7 @@ def _confusion(model: Model, predictions: Sequence[Prediction]) -> NDArray[np.in
     table = np.zeros((len(model.classes), len(model.classes)), np.int64)
     index = {name: i for i, name in enumerate(model.classes)}
     for found in predictions:
-        if found.in_model:
+        if found.right is not None:
             table[index[found.texture], index[found.predicted]] += 1
     return table
 

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from typing import Any
 
 from rigctl import __version__
 from rigctl.analysis.classification.classify_sessions import Classification
 from rigctl.analysis.paper.statistics import wilson_interval
 
-COLUMNS = (
-    "session", "trial_id", "texture", "speed_mm_s", "force_g", "predicted", "right", "posterior",
-    "runner_up", "margin",
-)  # fmt: skip
 DECIMALS = 6
 
 
 def prediction_rows(found: Classification) -> list[dict[str, Any]]:
     """Return a mapping for each trial; ``right`` is None for a texture not in the model."""
     return [
-        {
-            **{name: getattr(prediction, name) for name in COLUMNS},
+        prediction._asdict()
+        | {
             "posterior": round(prediction.posterior, DECIMALS),
             "margin": round(prediction.margin, DECIMALS),
         }
@@ -56,17 +50,6 @@ def as_dict(found: Classification) -> dict[str, Any]:
         "remarks": list(found.remarks),
         "predictions": prediction_rows(found),
     }
-
-
-def as_csv(found: Classification) -> str:
-    """Return a table with a row for each trial; an unknown value is empty."""
-    out = io.StringIO()
-    writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    for row in prediction_rows(found):
-        right = row["right"]
-        writer.writerow(row | {"right": "" if right is None else "yes" if right else "no"})
-    return out.getvalue()
 
 
 def as_text(found: Classification, *, every_trial: bool = True) -> str:

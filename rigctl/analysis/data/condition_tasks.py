@@ -24,17 +24,17 @@ from rigctl.encoding.force_search import ForceSearch, search_c
 from rigctl.encoding.kernel import TrialViews
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
-from rigctl.errors import WrongUse
 from rigctl.session.read.sample_index import SampleFile, SampleFiles
 
 
 class ConditionTask(NamedTuple):
-    """The trials of one texture at one speed, to be encoded.
+    """The trials of one texture at one speed, to be encoded; ``rows``: theirs in the set.
 
     ``forces_g``: levels of force that need a C, none for counts without C. ``given_c``: the C of
     each of them, float64 (n_taxels,), or empty for a search.
     """
 
+    rows: list[int]
     files: SampleFiles
     trials: tuple[TrialRef, ...]
     normalisation: Normalisation
@@ -45,6 +45,16 @@ class ConditionTask(NamedTuple):
     given_c: tuple[NDArray[np.float64], ...]
 
     @property
+    def texture(self) -> str:
+        """Texture of all trials."""
+        return self.trials[0].texture
+
+    @property
+    def speed_mm_s(self) -> float:
+        """Planned speed of all trials."""
+        return self.trials[0].speed_mm_s
+
+    @property
     def lengths(self) -> list[int]:
         """Samples of each trial."""
         return [trial.n_samples for trial in self.trials]
@@ -52,7 +62,7 @@ class ConditionTask(NamedTuple):
     @property
     def bin_edges(self) -> NDArray[np.int64]:
         """Edges of the bins in which the spikes are counted, in samples."""
-        return common_bin_edges(self.layouts, max(self.lengths), self.trials[0].speed_mm_s)
+        return common_bin_edges(self.layouts, max(self.lengths), self.speed_mm_s)
 
     def rows_at(self, force_g: float) -> list[int]:
         """Return the rows of the trials at one force."""
@@ -218,36 +228,16 @@ def c_per_trial(
     )
 
 
-def condition_force_matrix(condition: ConditionTask, found: Arrays) -> ForceMatrix:
-    """Return the C of one texture and speed."""
-    texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
-    names = ("c", "status", "residual_hz", "evaluations")
-    parts = [found[name][None, :, None, :] for name in names]
-    return ForceMatrix((texture,), (speed,), condition.forces_g, condition.reference_g, *parts)
+def join_force_matrix(conditions: Sequence[ConditionTask], found: Sequence[Arrays]) -> ForceMatrix:
+    """Return the C of every texture at every speed, which come in sorted order."""
+    textures = tuple(sorted({condition.texture for condition in conditions}))
+    speeds = tuple(sorted({condition.speed_mm_s for condition in conditions}))
 
+    def joined(name: str) -> NDArray[Any]:
+        arrays = np.array([arrays[name] for arrays in found])
+        by_texture = arrays.reshape(len(textures), len(speeds), *arrays.shape[1:])
+        return np.ascontiguousarray(by_texture.transpose(0, 2, 1, 3))
 
-def join_force_matrices(pieces: Sequence[ForceMatrix]) -> ForceMatrix:
-    """Return one matrix from those of single textures and speeds, which come in sorted order."""
-    textures = tuple(sorted({piece.textures[0] for piece in pieces}))
-    speeds = tuple(sorted({piece.speeds_mm_s[0] for piece in pieces}))
-    if len(textures) * len(speeds) != len(pieces):
-        raise WrongUse("the force matrix lacks a texture at one of the speeds")
-
-    def joined(name: str) -> NDArray[np.float64]:
-        rows = [
-            np.concatenate([getattr(p, name) for p in pieces if p.textures[0] == texture], axis=2)
-            for texture in textures
-        ]
-        return np.concatenate(rows, axis=0)
-
-    first = pieces[0]
-    return ForceMatrix(
-        textures,
-        speeds,
-        first.forces_g,
-        first.reference_g,
-        joined("c"),
-        joined("status").astype(np.int8),
-        joined("residual_hz"),
-        joined("evaluations"),
-    )
+    first = conditions[0]
+    arrays = map(joined, ("c", "status", "residual_hz", "evaluations"))
+    return ForceMatrix(textures, speeds, first.forces_g, first.reference_g, *arrays)

@@ -14,16 +14,14 @@ from numpy.typing import NDArray
 from rigctl import __version__
 from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.data.cache import Arrays, Resources, cache_key
-from rigctl.analysis.data.condition_tasks import c_per_trial
+from rigctl.analysis.data.condition_tasks import ConditionTask, c_per_trial, replace_sa_counts
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.analysis.features.representations import force_scaling_obstacle
 from rigctl.analysis.features.spike_counts import (
-    ConditionGroup,
     PreparedTrials,
     RangesOver,
-    count_groups,
-    count_groups_with_c,
-    counts_with_searched_c,
+    count_conditions,
+    count_with_given_c,
     encoder_items,
     files_of_trials,
     group_by_condition,
@@ -104,17 +102,17 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
         obstacle = force_scaling_obstacle(prepared.trials, request.reference_g)
         if obstacle and request.scaled_by is not ScaledBy.NONE:
             raise WrongUse(f"--scaled-by {request.scaled_by} needs C. {obstacle}")
-        groups = group_by_condition(
+        conditions = group_by_condition(
             prepared, request.parameters, request.reference_g, search_c=not obstacle
         )
-        counted = list(count_groups(prepared, groups, resources))
-        force = join_searched_c(groups, counted)
+        counted = list(count_conditions(prepared, conditions, resources))
+        force = join_searched_c(conditions, counted)
         remarks = tuple(filter(None, (*prepared.trials.remarks, obstacle)))
         encoding = _encoding(request, prepared, force, remarks, made_utc)
         with SpikeFileWriter(folder / FILE, encoding) as file:
             n_spikes = _write_spikes(file, request, prepared, force, resources)
-            counts = _scaled_counts(request, prepared, groups, counted, force, resources)
-            _write_windows(file, prepared, groups, counts)
+            counts = _scaled_counts(request, prepared, conditions, counted, force, resources)
+            _write_windows(file, prepared, conditions, counts)
         if request.trial is not None or request.taxel is not None:
             _write_picture(request, prepared, folder)
     remarks = (*remarks, *resources.cache.remarks, *resources.executor.remarks)
@@ -166,25 +164,26 @@ def _write_spikes(
 def _scaled_counts(
     request: EncodeRequest,
     prepared: PreparedTrials,
-    groups: Sequence[ConditionGroup],
+    conditions: Sequence[ConditionTask],
     counted: Sequence[Arrays],
     force: ForceMatrix | None,
     resources: Resources,
 ) -> Iterator[NDArray[Any]]:
-    """Yield the counts of each group with the C of the spikes."""
+    """Yield the counts of each condition with the C of the spikes."""
     if force is None or request.scaled_by is ScaledBy.NONE:
         yield from (found["plain"] for found in counted)
     elif request.scaled_by is ScaledBy.TEXTURE:
-        yield from map(counts_with_searched_c, groups, counted)
+        for condition, found in zip(conditions, counted, strict=True):
+            yield replace_sa_counts(found["plain"], found["forced"], condition.scaled_rows)
     else:
-        scaled = with_given_c(groups, force, blind=True)
-        yield from count_groups_with_c(prepared, scaled, counted, resources)
+        scaled = with_given_c(conditions, force, blind=True)
+        yield from count_with_given_c(prepared, scaled, counted, resources)
 
 
 def _write_windows(
     file: SpikeFileWriter,
     prepared: PreparedTrials,
-    groups: Sequence[ConditionGroup],
+    conditions: Sequence[ConditionTask],
     counts: Iterator[NDArray[Any]],
 ) -> None:
     n, n_taxels = len(prepared.trials.trials), prepared.trials.n_taxels
@@ -197,12 +196,12 @@ def _write_windows(
         )
         for name, windows in layouts.items()
     }
-    for group, found in zip(groups, counts, strict=True):
-        condition, speed = group.condition, group.condition.trials[0].speed_mm_s
+    for condition, found in zip(conditions, counts, strict=True):
+        rows, speed = condition.rows, condition.speed_mm_s
         for name, windows in layouts.items():
             spikes, seconds = tables[name]
-            spikes[group.rows] = window_counts(found, condition.bin_edges, speed, windows)[:, order]
-            seconds[group.rows] = windows.window_durations_s(condition.lengths, speed)
+            spikes[rows] = window_counts(found, condition.bin_edges, speed, windows)[:, order]
+            seconds[rows] = windows.window_durations_s(condition.lengths, speed)
     for name, (spikes, seconds) in tables.items():
         file.add_windows(name, spikes, seconds)
 

@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.data.condition_tasks import ConditionTask, replace_sa_counts
 from rigctl.analysis.data.feature_file import FeatureFile
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.features.spike_counts import (
-    ConditionGroup,
     RangesOver,
-    count_groups,
-    count_groups_with_c,
-    counts_with_searched_c,
+    count_conditions,
+    count_with_given_c,
     group_by_condition,
     join_searched_c,
     prepare_trials,
@@ -120,18 +119,20 @@ def represent(
     obstacle = "" if source else force_scaling_obstacle(trials, reference_g)
     if obstacle:
         remarks.append(obstacle)
-    groups = group_by_condition(
+    conditions = group_by_condition(
         prepared, parameters, reference_g, search_c=not (obstacle or source)
     )
     plain, transferred = [], None
     files = _FeatureFiles(folder, trials, sync=not resources.executor.is_local)
     with closing(files):
-        for group, counted in zip(groups, count_groups(prepared, groups, resources), strict=True):
-            files.write("", group, counted["plain"])
-            if "forced" in counted:
-                files.write("texture", group, counts_with_searched_c(group, counted))
-            plain.append(counted)
-        force = join_searched_c(groups, plain)
+        counts = count_conditions(prepared, conditions, resources)
+        for condition, found in zip(conditions, counts, strict=True):
+            files.write("", condition, found["plain"])
+            if "forced" in found:
+                forced = replace_sa_counts(found["plain"], found["forced"], condition.scaled_rows)
+                files.write("texture", condition, forced)
+            plain.append(found)
+        force = join_searched_c(conditions, plain)
         if source is not None:
             force = source.force
             transferred = measure_transferred_c(
@@ -140,10 +141,10 @@ def represent(
             remarks.append(transferred.sentence)
         if force is not None:
             for kind in ("texture", "blind") if source else ("blind",):
-                scaled = with_given_c(groups, force, blind=kind == "blind")
-                counts = count_groups_with_c(prepared, scaled, plain, resources)
-                for group, forced in zip(scaled, counts, strict=True):
-                    files.write(kind, group, forced)
+                scaled = with_given_c(conditions, force, blind=kind == "blind")
+                forced_counts = count_with_given_c(prepared, scaled, plain, resources)
+                for condition, forced in zip(scaled, forced_counts, strict=True):
+                    files.write(kind, condition, forced)
     return RepresentationSet(
         trials,
         prepared.normalisation,
@@ -198,10 +199,9 @@ class _FeatureFiles:
         """Path of each representation, by key."""
         return {key: file.path for key, file in self._open.items()}
 
-    def write(self, force: str, group: ConditionGroup, counts: NDArray[Any]) -> None:
+    def write(self, force: str, condition: ConditionTask, counts: NDArray[Any]) -> None:
         """Write the unscaled and the speed-scaled rows of one kind of C."""
-        condition = group.condition
-        timing = (condition.bin_edges, condition.lengths, condition.trials[0].speed_mm_s)
+        timing = (condition.bin_edges, condition.lengths, condition.speed_mm_s)
         pair = [r for r in REPRESENTATIONS if r.force == force]
         for representation, layout in zip(pair, condition.layouts, strict=True):
             key = representation.key
@@ -211,8 +211,8 @@ class _FeatureFiles:
                     path, self._n_trials, layout.n_features(self._n_taxels)
                 )
             file = self._open[key]
-            buffer = file.buffer(len(group.rows))
-            file.write(group.rows, features_from_counts(counts, *timing, layout, buffer))
+            buffer = file.buffer(len(condition.rows))
+            file.write(condition.rows, features_from_counts(counts, *timing, layout, buffer))
 
 
 def force_scaling_obstacle(trials: TrialSet, reference_g: float) -> str:

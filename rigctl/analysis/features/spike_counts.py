@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from rigctl.analysis.data.cache import Arrays, Cache, Resources, cache_key
 from rigctl.analysis.data.condition_tasks import (
     ConditionTask,
-    condition_force_matrix,
     count_condition,
     fingerprint_trials,
-    join_force_matrices,
+    join_force_matrix,
     replace_sa_counts,
     select_c,
 )
@@ -50,13 +49,6 @@ class PreparedTrials(NamedTuple):
     hashes: NDArray[np.uint64]
     normalisation: Normalisation
     layouts: tuple[FeatureLayout, FeatureLayout]
-
-
-class ConditionGroup(NamedTuple):
-    """The trials of one texture and speed: their rows in the set, and the task that counts them."""
-
-    rows: list[int]
-    condition: ConditionTask
 
 
 def prepare_trials(
@@ -90,66 +82,56 @@ def prepare_trials(
 
 def group_by_condition(
     prepared: PreparedTrials, parameters: EncoderParameters, reference_g: float, *, search_c: bool
-) -> list[ConditionGroup]:
+) -> list[ConditionTask]:
     """Return the set by texture and speed, in sorted order, with or without a search for C."""
     trials = prepared.trials
     forces = trials.forces_g if search_c else ()
     encoder = (prepared.normalisation, parameters, prepared.layouts, forces, reference_g, ())
-    groups = []
+    conditions = []
     for rows in trials.by_condition().values():
         members = tuple(trials.trials[i] for i in rows)
-        task = ConditionTask(files_of_trials(trials.files, members), members, *encoder)
-        groups.append(ConditionGroup(rows, task))
-    return groups
+        files = files_of_trials(trials.files, members)
+        conditions.append(ConditionTask(rows, files, members, *encoder))
+    return conditions
 
 
-def count_groups(
-    prepared: PreparedTrials, groups: Sequence[ConditionGroup], resources: Resources
+def count_conditions(
+    prepared: PreparedTrials, conditions: Sequence[ConditionTask], resources: Resources
 ) -> Iterator[Arrays]:
-    """Yield the counts without C of each group; after a search also C and the counts with it."""
-    return _map_conditions(prepared, groups, "searching C, encoding", resources)
+    """Yield the counts without C of each condition; after a search also C and counts with it."""
+    return _map_conditions(prepared, conditions, "searching C, encoding", resources)
 
 
 def join_searched_c(
-    groups: Sequence[ConditionGroup], counted: Sequence[Arrays]
+    conditions: Sequence[ConditionTask], counted: Sequence[Arrays]
 ) -> ForceMatrix | None:
-    """Return the C that :func:`count_groups` found, None without a search."""
-    pieces = [
-        condition_force_matrix(group.condition, found)
-        for group, found in zip(groups, counted, strict=True)
-        if "c" in found
-    ]
-    return join_force_matrices(pieces) if pieces else None
-
-
-def counts_with_searched_c(group: ConditionGroup, counted: Arrays) -> NDArray[Any]:
-    """Return the counts of a group with the C that the search found for it."""
-    return replace_sa_counts(counted["plain"], counted["forced"], group.condition.scaled_rows)
+    """Return the C that :func:`count_conditions` found, None without a search."""
+    return join_force_matrix(conditions, counted) if "c" in counted[0] else None
 
 
 def with_given_c(
-    groups: Sequence[ConditionGroup], force: ForceMatrix, *, blind: bool
-) -> list[ConditionGroup]:
-    """Return the groups with a given C: their texture's own, or ``blind`` the textures' mean."""
-    found = []
-    for rows, condition in groups:
-        texture, speed = condition.trials[0].texture, condition.trials[0].speed_mm_s
+    conditions: Sequence[ConditionTask], force: ForceMatrix, *, blind: bool
+) -> list[ConditionTask]:
+    """Return the conditions with a given C: that of their texture, or ``blind`` the mean."""
+    scaled = []
+    for condition in conditions:
+        texture, speed = condition.texture, condition.speed_mm_s
         forces = tuple(sorted({trial.force_g for trial in condition.trials}))
         c = tuple(select_c(force, texture, speed, f, blind=blind) for f in forces)
-        found.append(ConditionGroup(rows, condition._replace(forces_g=forces, given_c=c)))
-    return found
+        scaled.append(condition._replace(forces_g=forces, given_c=c))
+    return scaled
 
 
-def count_groups_with_c(
+def count_with_given_c(
     prepared: PreparedTrials,
-    groups: Sequence[ConditionGroup],
+    conditions: Sequence[ConditionTask],
     plain: Sequence[Arrays],
     resources: Resources,
 ) -> Iterator[NDArray[Any]]:
-    """Yield the counts of groups with a given C; ``plain``: what :func:`count_groups` gave."""
-    found = _map_conditions(prepared, groups, "encoding with a given C", resources)
-    for group, counted, forced in zip(groups, plain, found, strict=True):
-        yield replace_sa_counts(counted["plain"], forced["forced"], group.condition.scaled_rows)
+    """Yield the counts with a given C; ``plain``: from :func:`count_conditions`."""
+    found = _map_conditions(prepared, conditions, "encoding with a given C", resources)
+    for condition, counted, forced in zip(conditions, plain, found, strict=True):
+        yield replace_sa_counts(counted["plain"], forced["forced"], condition.scaled_rows)
 
 
 def files_of_trials(
@@ -165,11 +147,10 @@ def encoder_items(parameters: EncoderParameters) -> list[tuple[str, Any]]:
 
 
 def _map_conditions(
-    prepared: PreparedTrials, groups: Sequence[ConditionGroup], stage: str, resources: Resources
+    prepared: PreparedTrials, conditions: Sequence[ConditionTask], stage: str, resources: Resources
 ) -> Iterator[Arrays]:
-    tasks = [group.condition for group in groups]
-    keys = [_condition_key(group.condition, prepared.hashes[group.rows]) for group in groups]
-    return resources.map_cached(count_condition, tasks, keys, stage)
+    keys = [_condition_key(one, prepared.hashes[one.rows]) for one in conditions]
+    return resources.map_cached(count_condition, conditions, keys, stage)
 
 
 def _condition_key(condition: ConditionTask, hashes: NDArray[np.uint64]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigctl import __version__
@@ -17,7 +17,6 @@ from rigctl.analysis.paper import published
 from rigctl.analysis.paper.ablations import Ablations
 from rigctl.analysis.paper.comparisons import (
     Agreement,
-    ComponentsNeeded,
     RepresentationPair,
     compare_task,
     components_needed,
@@ -37,11 +36,6 @@ LABELS_SEEN = (
     "over the textures instead and use no label, but it too is computed from every force."
 )
 
-TABLE_COLUMNS = (
-    "task", "figure", "representation", "components", "mean_percent", "sd_percent", "iterations",
-    "tested_per_iteration", "paper_mean_percent", "paper_sd_percent", "c_knows_the_label",
-)  # fmt: skip
-
 
 def table_rows(results: Sequence[TaskResult]) -> list[dict[str, Any]]:
     """Return Table 1, ours beside the paper's: a mapping for each task and representation."""
@@ -50,32 +44,32 @@ def table_rows(results: Sequence[TaskResult]) -> list[dict[str, Any]]:
         for curve in result.curves:
             mean, sd = shown_percent(result, curve)
             theirs = published.TABLE_1.get(result.task.key, {}).get(curve.representation.key)
-            values = (
-                result.task.title,
-                result.task.figure,
-                curve.representation.name,
-                result.shown_components,
-                mean,
-                sd,
-                len(curve.accuracy),
-                curve.n_tested,
-                theirs[0] if theirs else None,
-                theirs[1] if theirs else None,
-                curve.representation.sees_labels,
-            )
-            rows.append(dict(zip(TABLE_COLUMNS, values, strict=True)))
+            paper_mean, paper_sd = theirs or (None, None)
+            row = {
+                "task": result.task.title,
+                "figure": result.task.figure,
+                "representation": curve.representation.name,
+                "components": result.shown_components,
+                "mean_percent": mean,
+                "sd_percent": sd,
+                "iterations": len(curve.accuracy),
+                "tested_per_iteration": curve.n_tested,
+                "paper_mean_percent": paper_mean,
+                "paper_sd_percent": paper_sd,
+                "c_knows_the_label": curve.representation.sees_labels,
+            }
+            rows.append(row)
     return rows
 
 
-def table_csv(results: Sequence[TaskResult]) -> str:
-    """Return the rows of :func:`table_rows` as CSV; a missing value is empty."""
+def to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return mappings with equal keys as CSV: yes and no for a bool, nothing for None."""
     out = io.StringIO()
-    writer = csv.DictWriter(out, TABLE_COLUMNS, lineterminator="\n")
+    writer = csv.DictWriter(out, rows[0], lineterminator="\n")
     writer.writeheader()
-    for row in table_rows(results):
-        writer.writerow(
-            {k: "yes" if v is True else "no" if v is False else v for k, v in row.items()}
-        )
+    words = {True: "yes", False: "no"}
+    for row in rows:
+        writer.writerow({k: words[v] if isinstance(v, bool) else v for k, v in row.items()})
     return out.getvalue()
 
 
@@ -168,7 +162,7 @@ def _task_dict(result: TaskResult, simulated: bool, ablations: Ablations | None)
         "smallest_training_set": result.n_train,
         "paper": {k: list(v) for k, v in published.TABLE_1.get(result.task.key, {}).items()},
         "representations": {c.representation.key: _curve_dict(c) for c in result.curves},
-        "components_needed": {k: _components_dict(n) for k, n in components_needed(result).items()},
+        "components_needed": components_needed(result),
         "differences_from_original": {
             k: _difference_dict(d) for k, d in differences(result).items()
         },
@@ -226,11 +220,6 @@ def _curve_dict(curve: Curve) -> dict[str, Any]:
         "components_without_within_class_variance": curve.n_without_variance,
         "components_beyond_rank": curve.beyond_rank,
     }
-
-
-def _components_dict(needed: ComponentsNeeded) -> dict[str, int | None]:
-    by_share = {f"{share:.0%}": k for share, k in needed.thresholds.items()}
-    return {**by_share, "as_original": needed.as_original}
 
 
 def _difference_dict(found: Difference) -> dict[str, Any]:

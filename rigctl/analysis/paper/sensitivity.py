@@ -6,10 +6,8 @@ the effect on accuracies, with few components, so that it costs little more than
 
 from __future__ import annotations
 
-import csv
-import io
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,10 +31,6 @@ STAGE = "sensitivity over encoder presets"
 STAGES_PER_PRESET = 4
 STEPS = 100
 ROWS_AT_ONCE = 256
-COLUMNS = (
-    "preset", "representation", "sa_hz", "ra_hz", "task", "components", "mean_percent",
-    "sd_percent", "iterations",
-)  # fmt: skip
 
 Analysed = tuple[RepresentationSet, Sequence[TaskResult]]
 
@@ -151,15 +145,6 @@ def as_dict(rows: Sequence[SensitivityRow]) -> dict[str, Any] | None:
     if not rows:
         return None
     return {"components": COMPONENTS, "rows": [row._asdict() for row in rows]}
-
-
-def as_csv(plain: Mapping[str, Any]) -> str:
-    """Return the table of :func:`as_dict` as CSV; a missing value is empty."""
-    out = io.StringIO()
-    writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(plain["rows"])
-    return out.getvalue()
 
 
 def _preset_rows(

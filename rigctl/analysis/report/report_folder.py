@@ -18,9 +18,8 @@ from rigctl.analysis.features.representations import RepresentationSet, represen
 from rigctl.analysis.features.spike_counts import RangesOver
 from rigctl.analysis.features.transferred_c import ForceMatrixSource, load_c
 from rigctl.analysis.paper.ablations import Ablations, measure_ablations
-from rigctl.analysis.paper.result_tables import as_dict, table_csv
+from rigctl.analysis.paper.result_tables import as_dict, to_csv
 from rigctl.analysis.paper.sensitivity import SensitivityRow, compare_presets
-from rigctl.analysis.paper.sensitivity import as_csv as sensitivity_csv
 from rigctl.analysis.paper.sensitivity import as_dict as sensitivity_dict
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.analysis.report.example_taxel import check_selection, load_taxel, trials_origin
@@ -173,11 +172,11 @@ def _write(folder: Path, request: ReportRequest, found: _Analysis, made_utc: str
     )
     values["sensitivity"] = table = sensitivity_dict(found.preset_rows)
     if table is not None:
-        (folder / "sensitivity.csv").write_text(sensitivity_csv(table), encoding="utf-8")
+        (folder / "sensitivity.csv").write_text(to_csv(table["rows"]), encoding="utf-8")
     # JSON has no NaN.
     text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")
-    (folder / "table1.csv").write_text(table_csv(results), encoding="utf-8")
+    (folder / "table1.csv").write_text(to_csv(values["table1"]), encoding="utf-8")
     (folder / "report.html").write_text(html_report(values, figures), encoding="utf-8")
 
 

@@ -32,7 +32,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print or write the predictions; the last line gives the share that is right."""
     from rigctl.analysis.classification.classify_sessions import classify
-    from rigctl.analysis.classification.predictions import as_csv, as_dict, as_text
+    from rigctl.analysis.classification.predictions import as_dict, as_text, prediction_rows
+    from rigctl.analysis.paper.result_tables import to_csv
     from rigctl.session.files.model_file import check_output_path, load_model
 
     if args.out is not None:
@@ -42,7 +43,8 @@ def run(args: argparse.Namespace) -> int:
         found = classify(model, args.sessions, resources)
     plain = json.dumps(as_dict(found), allow_nan=False, ensure_ascii=False)
     if args.out is not None:
-        replace_file(args.out, plain + "\n" if args.out.suffix == ".json" else as_csv(found))
+        is_json = args.out.suffix == ".json"
+        replace_file(args.out, plain + "\n" if is_json else to_csv(prediction_rows(found)))
     print(plain if args.json else as_text(found, every_trial=args.out is None))
     if args.out is not None and not args.json:
         print(f"answers: {args.out}")

@@ -125,8 +125,8 @@ class _Timed(SerialExecutor):
 def _of_encoding(trials: TrialSet, folder: Path) -> dict[str, Any]:
     """Pieces of work and what the first process does beside them; bytes that they make."""
     prepared = prepare_trials(trials, Resources())
-    group = group_by_condition(prepared, DEFAULT, 500.0, search_c=True)[0]
-    counts = count_condition(group.condition)  # compiles what was not
+    condition = group_by_condition(prepared, DEFAULT, 500.0, search_c=True)[0]
+    counts = count_condition(condition)  # compiles what was not
     took: dict[str, float] = {}
     for way in ("first", "second"):
         out, executor = folder / way, _Timed()
@@ -136,15 +136,16 @@ def _of_encoding(trials: TrialSet, folder: Path) -> dict[str, Any]:
         whole = time.process_time() - begun
         if not took or executor.work_s < took["work"]:
             took = {"work": executor.work_s, "beside": whole - executor.work_s}
-    n, of_group = len(trials.trials), len(group.rows)
-    samples = sum(group.condition.lengths) * trials.n_taxels * 2
+    n, in_condition = len(trials.trials), len(condition.rows)
+    samples = sum(condition.lengths) * trials.n_taxels * 2
     return {
         "encode_s": took["work"] / n,
         "write_s": took["beside"] / n,
-        "counts_bytes": sum(a.nbytes for a in counts.values()) / of_group,
+        "counts_bytes": sum(a.nbytes for a in counts.values()) / in_condition,
         "feature_bytes": sum(f.stat().st_size for f in made.files.values()) / n,
-        "condition_bytes": samples / of_group + sum(a.nbytes for a in counts.values()) / of_group,
-        "condition_job_bytes": len(pickle.dumps(group.condition)) / of_group,
+        "condition_bytes": samples / in_condition
+        + sum(a.nbytes for a in counts.values()) / in_condition,
+        "condition_job_bytes": len(pickle.dumps(condition)) / in_condition,
     }
 
 
