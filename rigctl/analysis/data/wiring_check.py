@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,30 +18,28 @@ Sources = Sequence[Mapping[str, Any]]
 
 def check_same_wiring(first: Mapping[str, Any], other: Mapping[str, Any]) -> None:
     """Raise SessionError where two sessions have their taxels in another order."""
-    ours, theirs = source_wiring(other), source_wiring(first)
-    if not wirings_match(ours, theirs):
-        raise SessionError(
-            f"{other['path']} has its taxels in another order than {first['path']} "
-            f"({describe_mismatch(ours, theirs)}): use them apart"
-        )
+    _check(other, first, first["path"], "use them apart")
 
 
 def check_source_wiring(file: Path | str, sources: Sources, sessions: Sources) -> None:
     """Raise SessionError where a session has another order than the sources of ``file``."""
-    for session in sessions:
-        for source in sources:
-            ours, theirs = source_wiring(session), source_wiring(source)
-            if not wirings_match(ours, theirs):
-                raise SessionError(
-                    f"{session['path']} has its taxels in another order than the sessions of "
-                    f"{file} ({describe_mismatch(ours, theirs)}): make one from sessions in "
-                    "that order"
-                )
+    for session, source in product(sessions, sources):
+        cure = "make one from sessions in that order"
+        _check(session, source, f"the sessions of {file}", cure)
 
 
 def check_file_wiring(file: Path, sessions: Sequence[Path]) -> None:
     """Raise SessionError where a session has another order than a model or a spikes.h5."""
     check_source_wiring(file, load_inputs(file), [_source(path) for path in sessions])
+
+
+def _check(session: Mapping[str, Any], other: Mapping[str, Any], name: str, cure: str) -> None:
+    ours, theirs = source_wiring(session), source_wiring(other)
+    if not wirings_match(ours, theirs):
+        raise SessionError(
+            f"{session['path']} has its taxels in another order than {name} "
+            f"({describe_mismatch(ours, theirs)}): {cure}"
+        )
 
 
 def _source(path: Path) -> Mapping[str, Any]:

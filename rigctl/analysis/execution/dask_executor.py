@@ -101,6 +101,8 @@ class DaskExecutor(Executor):
             if pending and self._client.status == "running":
                 self._client.cancel(list(pending), force=True)
 
+    map_nogil = map
+
     def _submit(self, function: Callable[[T], R], task: T) -> Any:
         # The versions go with each task, as a worker may have joined after the first check.
         return self._client.submit(_run_task, function, task, _own_build().versions, pure=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -22,9 +21,10 @@ Progress = Callable[[str, int, int], None]
 """Called with the name of the stage, the number of finished tasks and the number of tasks."""
 
 
-class Executor(ABC):
-    """Workers that run tasks, each with one BLAS thread, so that no bit depends on their number.
+class Executor:
+    """This process, which runs each task when its result is requested; base of other executors.
 
+    Each worker computes with one BLAS thread, so that no bit depends on the number of workers.
     ``is_local``: whether all workers run on this machine and so may write into one mapped file.
     """
 
@@ -35,38 +35,26 @@ class Executor(ABC):
         """Sentences for the report on what these workers may change in the results."""
         return ()
 
-    def check_visible(self, folders: Sequence[Path]) -> None:  # noqa: B027  # local ones see all
+    def check_visible(self, folders: Sequence[Path]) -> None:
         """Raise WrongUse where a worker does not see one of the folders."""
 
-    @abstractmethod
     def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
         """Yield the results in task order. ``function`` must be a module's (it is pickled).
 
         A caller that stops early closes the iterator, which cancels the remaining tasks. Raises
         WorkersLost where workers are gone for good.
         """
-
-    def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
-        """Do the same, in any thread, for a function that releases the interpreter's lock."""
-        return self.map(function, tasks)
-
-
-class SerialExecutor(Executor):
-    """This process, which runs each task when its result is requested."""
-
-    def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
-        """Yield the results in task order."""
         for task in tasks:
             with limit_blas_threads():
                 result = function(task)
             yield result
 
     def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
-        """Yield the results in task order."""
+        """Do the same, in any thread, for a function that releases the interpreter's lock."""
         yield from map(function, tasks)
 
 
-SERIAL: Final = SerialExecutor()
+SERIAL: Final = Executor()
 
 
 class ProcessExecutor(Executor):
@@ -87,11 +75,8 @@ class ProcessExecutor(Executor):
             ) from error
 
     def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
-        """Yield the results from threads of this process: they start at once, without pickling."""
-        if len(tasks) < 2:
-            yield from map(function, tasks)
-            return
-        pool = ThreadPoolExecutor(min(self._n_workers, len(tasks)))
+        """Yield the results from threads of this process, which need no start and no pickling."""
+        pool = ThreadPoolExecutor(min(self._n_workers, max(1, len(tasks))))
         try:
             yield from pool.map(function, tasks)
         finally:

@@ -145,11 +145,9 @@ def _feature_half(
     """Return a half from condition sums (conditions, features), squares and factor levels."""
     n = counts.sum()
     about_mean = sums.sum(axis=0) ** 2 / n
-    total = float((squares - about_mean).sum())
-    if total <= 0.0:
-        return FeatureHalf(
-            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, tuple(_means(sums, counts, factors[2], offset))
-        )
+    variation = float((squares - about_mean).sum())
+    tiny = float(np.finfo(float).tiny)
+    total = max(variation, tiny)
 
     def between(levels: NDArray[np.generic]) -> Floats:
         explained: Floats = -about_mean
@@ -160,14 +158,13 @@ def _feature_half(
 
     texture, speed, force = (between(levels) for levels in factors)
     within = float((squares - (sums**2 / counts[:, None]).sum(axis=0)).sum())
-    of_speed = max(float(speed.sum()), np.finfo(float).tiny)
     return FeatureHalf(
-        total / n,
+        max(variation, 0.0) / n,
         float(texture.sum()) / total,
         float(speed.sum()) / total,
         float(force.sum()) / total,
         max(0.0, within / total),
-        float(speed[::n_windows].sum()) / of_speed,
+        float(speed[::n_windows].sum()) / max(float(speed.sum()), tiny),
         tuple(_means(sums, counts, factors[2], offset)),
     )
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from rigctl.analysis.features.representations import Representation, Representat
 from rigctl.analysis.features.spike_counts import RangesOver
 from rigctl.analysis.features.transferred_c import ForceMatrixSource
 from rigctl.analysis.paper.tasks import Curve, SweepSettings, TaskResult, run_tasks
-from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import PRESETS
 
@@ -32,21 +32,9 @@ STAGES_PER_PRESET = 4
 STEPS = 100
 ROWS_AT_ONCE = 256
 
+Row = dict[str, Any]
+"""One preset, representation and task; rates are means over trials and taxels."""
 Analysed = tuple[RepresentationSet, Sequence[TaskResult]]
-
-
-class SensitivityRow(NamedTuple):
-    """The row of one preset, representation and task; rates are means over trials and taxels."""
-
-    preset: str
-    representation: str
-    sa_hz: float
-    ra_hz: float
-    task: str
-    components: int
-    mean_percent: float
-    sd_percent: float | None
-    iterations: int
 
 
 def compare_presets(
@@ -59,14 +47,14 @@ def compare_presets(
     source: ForceMatrixSource | None = None,
     ranges: RangesOver | Normalisation = RangesOver.ALL,
     resources: Resources,
-) -> list[SensitivityRow]:
+) -> list[Row]:
     """Return a row for each preset, representation and task; ``base``: results of its own preset.
 
     Draws and folds are those of ``settings``, so all presets classify the same trials. ``folder``
     holds the feature files of one preset at a time.
     """
     limited = replace(settings, k_max=min(COMPONENTS, settings.k_max))
-    rows: list[SensitivityRow] = []
+    rows: list[Row] = []
     number, progress = 0, resources.progress
     presets = sum(PRESETS[name] != base[0].parameters for name in PRESET_ORDER)
     for name in PRESET_ORDER:
@@ -75,7 +63,7 @@ def compare_presets(
             continue
         part = folder / name
         part.mkdir()
-        shown = _PresetProgress(number, presets, progress).show
+        shown = _share_progress(number, presets, progress)
         preset_resources, number = replace(resources, progress=shown), number + 1
         representations = represent(
             trials,
@@ -93,21 +81,17 @@ def compare_presets(
     return rows
 
 
-class _PresetProgress:
-    """Progress of one preset as a share of all presets, for the time left over all of them."""
+def _share_progress(number: int, presets: int, progress: Progress) -> Progress:
+    """Return a callback that reports one preset's progress as a share of that of all presets."""
+    stages: list[str] = []
 
-    def __init__(self, number: int, presets: int, progress: Progress) -> None:
-        self._number, self._presets = number, presets
-        self._progress = progress
-        self._stages: list[str] = []
+    def show(stage: str, done: int, total: int) -> None:
+        if stage not in stages:
+            stages.append(stage)
+        within = (stages.index(stage) + done / max(total, 1)) / max(STAGES_PER_PRESET, len(stages))
+        progress(STAGE, int(STEPS * (number + within)), STEPS * presets)
 
-    def show(self, stage: str, done: int, total: int) -> None:
-        """Report a step of a stage of this preset."""
-        if stage not in self._stages:
-            self._stages.append(stage)
-        before = self._stages.index(stage)
-        within = (before + done / max(total, 1)) / max(STAGES_PER_PRESET, len(self._stages))
-        self._progress(STAGE, int(STEPS * (self._number + within)), STEPS * self._presets)
+    return show
 
 
 def mean_rates_hz(
@@ -118,7 +102,8 @@ def mean_rates_hz(
     layout = representations.scaled if representation.speed_scaled else representations.unscaled
     n, trials = representations.trials.n_taxels, representations.trials.trials
     sa, ra = np.zeros(len(trials)), np.zeros(len(trials))
-    seconds = _window_durations_s(representations, layout)
+    durations_s = cache(layout.window_durations_s)
+    seconds = np.array([durations_s(trial.n_planned, trial.speed_mm_s) for trial in trials])
     for start in range(0, len(trials), ROWS_AT_ONCE):
         rows = slice(start, start + ROWS_AT_ONCE)
         values = np.asarray(features[rows]).reshape(-1, 2 * n, layout.n_windows)
@@ -128,44 +113,36 @@ def mean_rates_hz(
     return float(sa.mean()), float(ra.mean())
 
 
-def _window_durations_s(
-    representations: RepresentationSet, layout: FeatureLayout
-) -> np.ndarray[Any, Any]:
-    """Return the time of each trial in each window, float64 (trials, windows)."""
-    durations: dict[tuple[int, float], Any] = {}
-    for trial in representations.trials.trials:
-        key = (trial.n_planned, trial.speed_mm_s)
-        if key not in durations:
-            durations[key] = layout.window_durations_s(*key)
-    return np.array([durations[t.n_planned, t.speed_mm_s] for t in representations.trials.trials])
-
-
-def as_dict(rows: Sequence[SensitivityRow]) -> dict[str, Any] | None:
+def as_dict(rows: Sequence[Row]) -> dict[str, Any] | None:
     """Return the table for ``results.json``, None without rows."""
     if not rows:
         return None
-    return {"components": COMPONENTS, "rows": [row._asdict() for row in rows]}
+    return {"components": COMPONENTS, "rows": list(rows)}
 
 
 def _preset_rows(
     preset: str, representations: RepresentationSet, results: Sequence[TaskResult]
-) -> list[SensitivityRow]:
+) -> list[Row]:
     rows = []
     for representation in representations.present:
-        rates = mean_rates_hz(representations, representation)
+        rates_hz = [round(rate, 4) for rate in mean_rates_hz(representations, representation)]
         for result in results:
             curve = result.curve(representation.key)
             if curve is not None:
-                rows.append(_make_row(preset, rates, result, curve))
+                rows.append(_make_row(preset, rates_hz, result, curve))
     return rows
 
 
-def _make_row(
-    preset: str, rates: tuple[float, float], result: TaskResult, curve: Curve
-) -> SensitivityRow:
+def _make_row(preset: str, rates_hz: Sequence[float], result: TaskResult, curve: Curve) -> Row:
     k = min(COMPONENTS, result.k_max)
-    sd = None if curve.sd is None else round(100 * float(curve.sd[k - 1]), 4)
-    mean = round(100 * float(curve.mean[k - 1]), 4)
-    sa_hz, ra_hz = (round(rate, 4) for rate in rates)
-    key, draws = curve.representation.key, len(curve.accuracy)
-    return SensitivityRow(preset, key, sa_hz, ra_hz, result.task.key, k, mean, sd, draws)
+    return {
+        "preset": preset,
+        "representation": curve.representation.key,
+        "sa_hz": rates_hz[0],
+        "ra_hz": rates_hz[1],
+        "task": result.task.key,
+        "components": k,
+        "mean_percent": round(100 * float(curve.mean[k - 1]), 4),
+        "sd_percent": None if curve.sd is None else round(100 * float(curve.sd[k - 1]), 4),
+        "iterations": len(curve.accuracy),
+    }

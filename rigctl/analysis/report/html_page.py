@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rigctl.analysis.paper.comparisons import NAME_OF
+
 ABSENT = "–"
 
 
@@ -21,9 +23,10 @@ def render_page(template: str, **context: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals["absent"] = ABSENT
+    environment.globals |= {"absent": ABSENT, "names": NAME_OF}
     environment.filters |= {
         "describe": _describe,
+        "name_of": NAME_OF.get,
         "number": _number,
         "numbers": _numbers,
         "svg_uri": _svg_uri,

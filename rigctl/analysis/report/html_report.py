@@ -26,11 +26,11 @@ def html_report(results: Results, figures: Mapping[str, Path]) -> str:
         "report.html",
         plain=results,
         figures=figures,
-        names=NAME_OF,
         keys=[key for key in NAME_OF if key in present],
         compared=[task for task in tasks if task["order"] is not None],
         unconfirmed=unconfirmed([results], [""]),
         ablation_sets=ablation_sets([results]),
+        short_titles=[task["figure"] or task["title"] for task in tasks],
         assumptions=list(dict.fromkeys(assumptions)),
         preset_rows=_preset_rows(results["sensitivity"]),
     )

@@ -7,20 +7,19 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rigctl.analysis.classification.training import ModelRequest, train_model
 from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
-from rigctl.analysis.data.import_remarks import imported_remarks
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions
 from rigctl.analysis.features.representations import RepresentationSet, represent
 from rigctl.analysis.features.spike_counts import RangesOver
 from rigctl.analysis.features.transferred_c import ForceMatrixSource, load_c
 from rigctl.analysis.paper.ablations import Ablations, measure_ablations
 from rigctl.analysis.paper.result_tables import as_dict, to_csv
-from rigctl.analysis.paper.sensitivity import SensitivityRow, compare_presets
 from rigctl.analysis.paper.sensitivity import as_dict as sensitivity_dict
+from rigctl.analysis.paper.sensitivity import compare_presets
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.analysis.report.example_taxel import check_selection, load_taxel, trials_origin
 from rigctl.analysis.report.html_report import html_report
@@ -30,8 +29,14 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.session.files.model import Model
 from rigctl.session.files.model_file import check_output_path, save_model
+from rigctl.session.format.header import IMPORTED
+from rigctl.session.read.session import Session
 
 FEATURES = "features"
+IMPORT_EVENT = "import"
+"""Kind of the events in which an import records its remarks."""
+WHOLE_IMPORT = ("sampled too slowly", "forces are levels", "rows a second: taken at 1 kHz")
+"""Words of the remarks that concern every trial."""
 CONFUSION_TASKS = ("untrained-both", "leave-speed-out", "leave-force-out", "textures", "groups")
 
 
@@ -61,10 +66,9 @@ class ReportResult:
     """The folder of a report and its results."""
 
     folder: Path
-    representations: RepresentationSet
     results: tuple[TaskResult, ...]
     remarks: tuple[str, ...]
-    model: Path | None = None
+    model: Path | None
 
 
 class _Analysis(NamedTuple):
@@ -73,7 +77,7 @@ class _Analysis(NamedTuple):
     representations: RepresentationSet
     results: tuple[TaskResult, ...]
     remarks: tuple[str, ...]
-    preset_rows: list[SensitivityRow]
+    preset_rows: list[dict[str, Any]]
     ablations: Ablations | None
     model: Model | None
 
@@ -103,7 +107,7 @@ def make_report(
             save_model(found.model, request.model.path)
     progress("writing the report", 1, 1)
     model = request.model.path if request.model is not None else None
-    return ReportResult(request.out, found.representations, found.results, found.remarks, model)
+    return ReportResult(request.out, found.results, found.remarks, model)
 
 
 def _analyse(
@@ -129,13 +133,13 @@ def _analyse(
     results, remarks = run_tasks(representations, settings, resources)
     ablations = measure_ablations(representations, results, settings, resources)
     remarks = (
-        *imported_remarks(trials),
+        *_import_remarks(trials),
         *representations.remarks,
         *remarks,
         *_component_remarks(results),
         *resources.executor.remarks,
     )
-    preset_rows: list[SensitivityRow] = []
+    preset_rows: list[dict[str, Any]] = []
     if request.sensitivity:
         preset_rows = compare_presets(
             trials,
@@ -178,6 +182,24 @@ def _write(folder: Path, request: ReportRequest, found: _Analysis, made_utc: str
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")
     (folder / "table1.csv").write_text(to_csv(values["table1"]), encoding="utf-8")
     (folder / "report.html").write_text(html_report(values, figures), encoding="utf-8")
+
+
+def _import_remarks(trials: TrialSet) -> list[str]:
+    """Return the remarks that concern a whole import, and the number of the others."""
+    remarks = []
+    for path, source in zip(trials.paths, trials.provenance, strict=True):
+        if source["rig"] != IMPORTED:
+            continue
+        with Session.open(path) as session:
+            lines = [event.text for event in session.events if event.kind == IMPORT_EVENT]
+        whole = [line for line in lines if any(words in line for words in WHOLE_IMPORT)]
+        remarks += [f"{path}: {line}" for line in whole]
+        if len(lines) > len(whole):
+            remarks.append(
+                f"{path}: its events (kind {IMPORT_EVENT}) hold {len(lines) - len(whole)} more "
+                "remarks on single files"
+            )
+    return remarks
 
 
 def _component_remarks(results: Sequence[TaskResult]) -> list[str]:

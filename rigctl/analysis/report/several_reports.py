@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.data.atomic_directory import atomic_directory
-from rigctl.analysis.paper.comparisons import NAME_OF, Agreement
+from rigctl.analysis.paper.comparisons import Agreement
 from rigctl.analysis.report.html_page import render_page
 from rigctl.analysis.report.html_report import Results, ablation_sets, unconfirmed
 from rigctl.errors import WrongUse
@@ -43,7 +43,6 @@ def write_comparisons(folders: Sequence[Path], out: Path, made: str) -> dict[str
         sets=sets,
         set_names=names,
         tasks=tasks,
-        names=NAME_OF,
         sentences=summary_sentences(tasks),
         unconfirmed=unconfirmed(sets, names),
         ablation_sets=ablation_sets(sets),

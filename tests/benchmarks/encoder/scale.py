@@ -29,7 +29,7 @@ from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_sp
 from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.condition_tasks import count_condition
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions
-from rigctl.analysis.execution.executor import R, SerialExecutor, T
+from rigctl.analysis.execution.executor import Executor, R, T
 from rigctl.analysis.features.representations import REPRESENTATIONS, represent
 from rigctl.analysis.features.spike_counts import CHUNK, group_by_condition, prepare_trials
 from rigctl.analysis.paper import published
@@ -102,17 +102,17 @@ def _of_session(session: Path) -> dict[str, Any]:
     }
 
 
-class _Timed(SerialExecutor):
+class _Timed(Executor):
     """A serial executor that counts the processor time of its tasks."""
 
     work_s = 0.0
 
     def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
-        """As :class:`SerialExecutor`, by the clock."""
+        """As :class:`Executor`, by the clock."""
         return super().map(partial(self._run, function), tasks)
 
     def map_nogil(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
-        """As :class:`SerialExecutor`, by the clock."""
+        """As :class:`Executor`, by the clock."""
         return super().map_nogil(partial(self._run, function), tasks)
 
     def _run(self, function: Callable[[T], R], task: T) -> R:
