@@ -31,7 +31,9 @@ from rigctl.analysis.features.spike_counts import (
 from rigctl.analysis.features.transferred_c import (
     ForceMatrixSource,
     TransferredC,
-    measure_transferred_c,
+    describe_transfer,
+    pool_rate_errors,
+    sa_rates_by_force,
 )
 from rigctl.encoding.batch import features_from_counts
 from rigctl.encoding.features import FeatureLayout
@@ -134,17 +136,19 @@ def represent(
             plain.append(found)
         force = join_searched_c(conditions, plain)
         if source is not None:
-            force = source.force
-            transferred = measure_transferred_c(
-                source, trials, prepared.normalisation, parameters, resources
-            )
+            force, rates = source.force, []
+            scaled = with_given_c(conditions, force, blind=False)
+            forced_counts = count_with_given_c(prepared, scaled, plain, resources)
+            for condition, found, forced in zip(scaled, plain, forced_counts, strict=True):
+                files.write("texture", condition, forced)
+                rates.append((condition, sa_rates_by_force(condition, found["plain"], forced)))
+            transferred = describe_transfer(source, pool_rate_errors(rates))
             remarks.append(transferred.sentence)
         if force is not None:
-            for kind in ("texture", "blind") if source else ("blind",):
-                scaled = with_given_c(conditions, force, blind=kind == "blind")
-                forced_counts = count_with_given_c(prepared, scaled, plain, resources)
-                for condition, forced in zip(scaled, forced_counts, strict=True):
-                    files.write(kind, condition, forced)
+            scaled = with_given_c(conditions, force, blind=True)
+            forced_counts = count_with_given_c(prepared, scaled, plain, resources)
+            for condition, forced in zip(scaled, forced_counts, strict=True):
+                files.write("blind", condition, forced)
     return RepresentationSet(
         trials,
         prepared.normalisation,

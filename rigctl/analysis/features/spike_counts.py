@@ -99,7 +99,8 @@ def count_conditions(
     prepared: PreparedTrials, conditions: Sequence[ConditionTask], resources: Resources
 ) -> Iterator[Arrays]:
     """Yield the counts without C of each condition; after a search also C and counts with it."""
-    return _map_conditions(prepared, conditions, "searching C, encoding", resources)
+    stage = "searching C, encoding" if conditions[0].forces_g else "encoding"
+    return _map_conditions(prepared, conditions, stage, resources)
 
 
 def join_searched_c(

@@ -7,7 +7,7 @@ remaining difference on the present trials, with C and without.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,20 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
-from rigctl.analysis.data.condition_tasks import select_c
-from rigctl.analysis.data.trial_set import TrialRef, TrialSet, open_trials
+from rigctl.analysis.data.condition_tasks import ConditionTask
+from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.data.wiring_check import check_source_wiring
+from rigctl.analysis.features.spike_counts import (
+    count_conditions,
+    count_with_given_c,
+    group_by_condition,
+    prepare_trials,
+    with_given_c,
+)
+from rigctl.encoding.batch import sa_rates_hz
 from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.force_search import TOLERANCE_HZ, mean_sa_rates_hz
+from rigctl.encoding.force_search import TOLERANCE_HZ
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.session.files.analysis_file import content_digest
 from rigctl.session.files.force_matrix_file import load_force
-from rigctl.session.read.sample_index import SampleFile
 
 Floats = NDArray[np.float64]
-STAGE = "measuring the rate error of C"
 COMPARING = "comparing sessions with those that C was searched on"
 
 
@@ -68,17 +74,6 @@ class TransferredC(NamedTuple):
     sentence: str
 
 
-class _RateTask(NamedTuple):
-    """The trials of one texture and speed."""
-
-    files: tuple[SampleFile, ...]
-    trials: tuple[TrialRef, ...]
-    normalisation: Normalisation
-    parameters: EncoderParameters
-    c: dict[float, Floats]
-    reference_g: float
-
-
 def load_c(
     file: Path, trials: TrialSet, resources: Resources = SERIAL_RESOURCES
 ) -> ForceMatrixSource:
@@ -113,15 +108,8 @@ def _identity(source: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(source.get(key) for key in keys)
 
 
-def measure_transferred_c(
-    source: ForceMatrixSource,
-    trials: TrialSet,
-    normalisation: Normalisation,
-    parameters: EncoderParameters,
-    resources: Resources,
-) -> TransferredC:
-    """Measure the rate errors of a C from other recordings on the trials that it scales."""
-    errors = measure_rate_errors(trials, source.force, normalisation, parameters, resources)
+def describe_transfer(source: ForceMatrixSource, errors: Sequence[RateError]) -> TransferredC:
+    """Return a C from other recordings with its rate errors on the trials that it scales."""
     sentence = f"C is taken from {source.file} and was not searched"
     if source.unseen:
         sentence = f"{transfer_warning(errors, source.force, source.unseen)}. {sentence}"
@@ -160,16 +148,51 @@ def measure_rate_errors(
     *,
     blind: bool = False,
 ) -> list[RateError]:
-    """Return the rate errors at each speed and force that also has trials at the reference force.
+    """Encode trials without C and with it, and return the rate errors.
 
     ``blind``: with the mean of C over its textures instead of the trial's own.
     """
-    tasks = _tasks(trials, force, normalisation, parameters, blind)
-    found = resources.map(_rates, tasks, STAGE)
+    prepared = prepare_trials(trials, resources, normalisation)
+    conditions = group_by_condition(prepared, parameters, force.reference_g, search_c=False)
+    plain = list(count_conditions(prepared, conditions, resources))
+    scaled = with_given_c(conditions, force, blind=blind)
+    forced = count_with_given_c(prepared, scaled, plain, resources)
+    triples = zip(scaled, plain, forced, strict=True)
+    return pool_rate_errors(
+        [(one, sa_rates_by_force(one, found["plain"], counts)) for one, found, counts in triples]
+    )
+
+
+def sa_rates_by_force(
+    condition: ConditionTask, plain: NDArray[Any], scaled: NDArray[Any]
+) -> dict[float, Floats]:
+    """Return target rates, rates with C and without at each force, float64 (3, n_taxels).
+
+    ``plain``, ``scaled``: the condition's counts without C and with it. Empty for a condition
+    without trials at the reference force.
+    """
+
+    def rates(counts: NDArray[Any], force_g: float) -> Floats:
+        rows, n_taxels = condition.rows_at(force_g), counts.shape[1] // 2
+        sa_counts = counts[rows, :n_taxels].astype(np.uint32)
+        return sa_rates_hz(sa_counts, [condition.lengths[i] for i in rows], condition.parameters)
+
+    forces = {trial.force_g for trial in condition.trials}
+    if condition.reference_g not in forces:
+        return {}
+    target = rates(plain, condition.reference_g)
+    others = sorted(forces - {condition.reference_g})
+    return {f: np.stack([target, rates(scaled, f), rates(plain, f)]) for f in others}
+
+
+def pool_rate_errors(
+    measured: Iterable[tuple[ConditionTask, dict[float, Floats]]],
+) -> list[RateError]:
+    """Return the rate errors over textures, from :func:`sa_rates_by_force` of each condition."""
     pooled: dict[tuple[float, float], list[Floats]] = {}
-    for task, by_force in zip(tasks, found, strict=True):
+    for condition, by_force in measured:
         for force_g, rates in by_force.items():
-            pooled.setdefault((task.trials[0].speed_mm_s, force_g), []).append(rates)
+            pooled.setdefault((condition.speed_mm_s, force_g), []).append(rates)
     return [_error(*key, np.concatenate(parts, axis=1)) for key, parts in sorted(pooled.items())]
 
 
@@ -198,43 +221,6 @@ def transfer_warning(
         f"recordings would come within {TOLERANCE_HZ:g} Hz; the worst here is "
         f"{worst.with_c_hz:.2f} Hz, and C reduces the error at {helps} of {len(errors)} levels"
     )
-
-
-def _tasks(
-    trials: TrialSet,
-    force: ForceMatrix,
-    normalisation: Normalisation,
-    parameters: EncoderParameters,
-    blind: bool,
-) -> list[_RateTask]:
-    tasks = []
-    for (texture, speed), rows in trials.by_condition().items():
-        members = tuple(trials.trials[i] for i in rows)
-        forces = sorted({trial.force_g for trial in members})
-        if len(forces) < 2 or force.reference_g not in forces:
-            continue
-        if blind or texture in force.textures:
-            c = {f: select_c(force, texture, speed, f, blind=blind) for f in forces}
-            encoder = (normalisation, parameters, c, force.reference_g)
-            tasks.append(_RateTask(trials.files, members, *encoder))
-    return tasks
-
-
-def _rates(task: _RateTask) -> dict[float, Floats]:
-    """Return target rates, rates with C and without at each force, float64 (3, n_taxels)."""
-    with open_trials(task.files) as reader:
-        samples = [(trial.force_g, reader.read(trial)) for trial in task.trials]
-
-    def rates(force_g: float, c: Any = None) -> Floats:
-        at_force = [array for f, array in samples if f == force_g]
-        return mean_sa_rates_hz(at_force, task.normalisation, task.parameters, c)
-
-    target = rates(task.reference_g)
-    return {
-        f: np.stack([target, rates(f, c), rates(f)])
-        for f, c in task.c.items()
-        if f != task.reference_g
-    }
 
 
 def _error(speed_mm_s: float, force_g: float, rates: Floats) -> RateError:
