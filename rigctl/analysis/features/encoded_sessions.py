@@ -27,7 +27,6 @@ from rigctl.analysis.features.spike_counts import (
     group_by_condition,
     join_searched_c,
     prepare_trials,
-    with_given_c,
 )
 from rigctl.analysis.report.example_taxel import check_selection, load_taxel, write_samples
 from rigctl.analysis.report.paper_figures import draw_taxel
@@ -176,8 +175,7 @@ def _scaled_counts(
         for condition, found in zip(conditions, counted, strict=True):
             yield replace_sa_counts(found["plain"], found["forced"], condition.scaled_rows)
     else:
-        scaled = with_given_c(conditions, force, blind=True)
-        yield from count_with_given_c(prepared, scaled, counted, resources)
+        yield from count_with_given_c(prepared, conditions, counted, force, resources, blind=True)
 
 
 def _write_windows(

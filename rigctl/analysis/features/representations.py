@@ -7,6 +7,7 @@ mapped into memory, so that a large set needs no more memory than one condition 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,13 +21,13 @@ from rigctl.analysis.data.condition_tasks import ConditionTask, replace_sa_count
 from rigctl.analysis.data.feature_file import FeatureFile
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.features.spike_counts import (
+    PreparedTrials,
     RangesOver,
     count_conditions,
     count_with_given_c,
     group_by_condition,
     join_searched_c,
     prepare_trials,
-    with_given_c,
 )
 from rigctl.analysis.features.transferred_c import (
     ForceMatrixSource,
@@ -124,31 +125,8 @@ def represent(
     conditions = group_by_condition(
         prepared, parameters, reference_g, search_c=not (obstacle or source)
     )
-    plain, transferred = [], None
-    files = _FeatureFiles(folder, trials, sync=not resources.executor.is_local)
-    with closing(files):
-        counts = count_conditions(prepared, conditions, resources)
-        for condition, found in zip(conditions, counts, strict=True):
-            files.write("", condition, found["plain"])
-            if "forced" in found:
-                forced = replace_sa_counts(found["plain"], found["forced"], condition.scaled_rows)
-                files.write("texture", condition, forced)
-            plain.append(found)
-        force = join_searched_c(conditions, plain)
-        if source is not None:
-            force, rates = source.force, []
-            scaled = with_given_c(conditions, force, blind=False)
-            forced_counts = count_with_given_c(prepared, scaled, plain, resources)
-            for condition, found, forced in zip(scaled, plain, forced_counts, strict=True):
-                files.write("texture", condition, forced)
-                rates.append((condition, sa_rates_by_force(condition, found["plain"], forced)))
-            transferred = describe_transfer(source, pool_rate_errors(rates))
-            remarks.append(transferred.sentence)
-        if force is not None:
-            scaled = with_given_c(conditions, force, blind=True)
-            forced_counts = count_with_given_c(prepared, scaled, plain, resources)
-            for condition, forced in zip(scaled, forced_counts, strict=True):
-                files.write("blind", condition, forced)
+    with closing(_FeatureFiles(folder, trials, sync=not resources.executor.is_local)) as files:
+        force, transferred = _write_features(files, prepared, conditions, source, resources)
     return RepresentationSet(
         trials,
         prepared.normalisation,
@@ -156,9 +134,41 @@ def represent(
         *prepared.layouts,
         force,
         files.paths,
-        (*remarks, *resources.cache.remarks),
+        (*remarks, *([transferred.sentence] if transferred else []), *resources.cache.remarks),
         transferred,
     )
+
+
+def _write_features(
+    files: _FeatureFiles,
+    prepared: PreparedTrials,
+    conditions: Sequence[ConditionTask],
+    source: ForceMatrixSource | None,
+    resources: Resources,
+) -> tuple[ForceMatrix | None, TransferredC | None]:
+    """Write all features; return the C that scales them, and its rate error if it was given."""
+    plain, transferred = [], None
+    counts = count_conditions(prepared, conditions, resources)
+    for condition, found in zip(conditions, counts, strict=True):
+        files.write("", condition, found["plain"])
+        if "forced" in found:
+            forced = replace_sa_counts(found["plain"], found["forced"], condition.scaled_rows)
+            files.write("texture", condition, forced)
+        plain.append(found)
+    force = source.force if source else join_searched_c(conditions, plain)
+    if force is None:
+        return None, None
+    given = (prepared, conditions, plain, force, resources)
+    if source is not None:
+        rates = []
+        scaled = count_with_given_c(*given, blind=False)
+        for condition, found, forced in zip(conditions, plain, scaled, strict=True):
+            files.write("texture", condition, forced)
+            rates.append((condition, sa_rates_by_force(condition, found["plain"], forced)))
+        transferred = describe_transfer(source, pool_rate_errors(rates))
+    for condition, forced in zip(conditions, count_with_given_c(*given, blind=True), strict=True):
+        files.write("blind", condition, forced)
+    return force, transferred
 
 
 def count_search_statuses(force: ForceMatrix) -> dict[str, int]:

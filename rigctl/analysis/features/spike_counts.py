@@ -110,29 +110,30 @@ def join_searched_c(
     return join_force_matrix(conditions, counted) if "c" in counted[0] else None
 
 
-def with_given_c(
-    conditions: Sequence[ConditionTask], force: ForceMatrix, *, blind: bool
-) -> list[ConditionTask]:
-    """Return the conditions with a given C: that of their texture, or ``blind`` the mean."""
-    scaled = []
-    for condition in conditions:
-        texture, speed = condition.texture, condition.speed_mm_s
-        forces = tuple(sorted({trial.force_g for trial in condition.trials}))
-        c = tuple(select_c(force, texture, speed, f, blind=blind) for f in forces)
-        scaled.append(condition._replace(forces_g=forces, given_c=c))
-    return scaled
-
-
 def count_with_given_c(
     prepared: PreparedTrials,
     conditions: Sequence[ConditionTask],
     plain: Sequence[Arrays],
+    force: ForceMatrix,
     resources: Resources,
+    *,
+    blind: bool,
 ) -> Iterator[NDArray[Any]]:
-    """Yield the counts with a given C; ``plain``: from :func:`count_conditions`."""
-    found = _map_conditions(prepared, conditions, "encoding with a given C", resources)
-    for condition, counted, forced in zip(conditions, plain, found, strict=True):
+    """Yield the counts of each condition with the C of its texture, or ``blind`` with the mean.
+
+    ``plain``: from :func:`count_conditions`.
+    """
+    scaled = [_with_given_c(condition, force, blind) for condition in conditions]
+    found = _map_conditions(prepared, scaled, "encoding with a given C", resources)
+    for condition, counted, forced in zip(scaled, plain, found, strict=True):
         yield replace_sa_counts(counted["plain"], forced["forced"], condition.scaled_rows)
+
+
+def _with_given_c(condition: ConditionTask, force: ForceMatrix, blind: bool) -> ConditionTask:
+    forces = tuple(sorted({trial.force_g for trial in condition.trials}))
+    where = (force, condition.texture, condition.speed_mm_s)
+    c = tuple(select_c(*where, force_g, blind=blind) for force_g in forces)
+    return condition._replace(forces_g=forces, given_c=c)
 
 
 def files_of_trials(

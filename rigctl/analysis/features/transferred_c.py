@@ -23,7 +23,6 @@ from rigctl.analysis.features.spike_counts import (
     count_with_given_c,
     group_by_condition,
     prepare_trials,
-    with_given_c,
 )
 from rigctl.encoding.batch import sa_rates_hz
 from rigctl.encoding.force_matrix import ForceMatrix
@@ -155,9 +154,8 @@ def measure_rate_errors(
     prepared = prepare_trials(trials, resources, normalisation)
     conditions = group_by_condition(prepared, parameters, force.reference_g, search_c=False)
     plain = list(count_conditions(prepared, conditions, resources))
-    scaled = with_given_c(conditions, force, blind=blind)
-    forced = count_with_given_c(prepared, scaled, plain, resources)
-    triples = zip(scaled, plain, forced, strict=True)
+    scaled = count_with_given_c(prepared, conditions, plain, force, resources, blind=blind)
+    triples = zip(conditions, plain, scaled, strict=True)
     return pool_rate_errors(
         [(one, sa_rates_by_force(one, found["plain"], counts)) for one, found, counts in triples]
     )
