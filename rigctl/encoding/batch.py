@@ -223,17 +223,14 @@ def features_from_counts(
     n_samples: Sequence[int],
     speed_mm_s: float,
     layout: FeatureLayout,
-    out: Floats | None = None,
 ) -> Floats:
     """Return the feature vectors of SA and RA counts in bins, float64 (n_trials, n_features).
 
-    Equal to :func:`rigctl.encoding.features.trial_features` of each trial's spikes. Written to
-    ``out`` if given.
+    Equal to :func:`rigctl.encoding.features.trial_features` of each trial's spikes.
     """
     window_of_bin = _bin_windows(layout, bin_edges, speed_mm_s)
     durations_s = layout.window_durations_s(n_samples, speed_mm_s)
-    if out is None:
-        out = np.empty((len(counts), counts.shape[1] * layout.n_windows))
+    out = np.empty((len(counts), counts.shape[1] * layout.n_windows))
     _fill_features_compiled(counts, window_of_bin, durations_s, out)
     return out
 

@@ -7,18 +7,19 @@ mapped into memory, so that a large set needs no more memory than one condition 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.condition_tasks import ConditionTask, replace_sa_counts
-from rigctl.analysis.data.feature_file import FeatureFile
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.features.spike_counts import (
     PreparedTrials,
@@ -196,37 +197,46 @@ def force_sentence(force: ForceMatrix) -> str:
 
 
 class _FeatureFiles:
-    """Feature matrices on disk that are filled row by row; ``sync``: other machines read them."""
+    """Feature matrices in .npy files, filled row by row; ``sync``: other machines read them.
+
+    Rows are written, not stored into a mapped file: the first touch of a mapped page costs more.
+    """
 
     def __init__(self, folder: Path, trials: TrialSet, *, sync: bool) -> None:
         self._folder, self._sync = folder, sync
         self._n_trials, self._n_taxels = len(trials.trials), trials.n_taxels
-        self._open: dict[str, FeatureFile] = {}
+        self._files: dict[str, BinaryIO] = {}
 
     def close(self) -> None:
         """Close all files."""
-        for file in self._open.values():
-            file.close(sync=self._sync)
+        for file in self._files.values():
+            file.flush()
+            if self._sync:
+                os.fsync(file.fileno())
+            file.close()
 
     @property
     def paths(self) -> dict[str, Path]:
         """Path of each representation, by key."""
-        return {key: file.path for key, file in self._open.items()}
+        return {key: Path(file.name) for key, file in self._files.items()}
 
     def write(self, force: str, condition: ConditionTask, counts: NDArray[Any]) -> None:
         """Write the unscaled and the speed-scaled rows of one kind of C."""
         timing = (condition.bin_edges, condition.lengths, condition.speed_mm_s)
-        pair = [r for r in REPRESENTATIONS if r.force == force]
-        for representation, layout in zip(pair, condition.layouts, strict=True):
-            key = representation.key
-            if key not in self._open:
-                path = self._folder / f"{key}.npy"
-                self._open[key] = FeatureFile(
-                    path, self._n_trials, layout.n_features(self._n_taxels)
-                )
-            file = self._open[key]
-            buffer = file.buffer(len(condition.rows))
-            file.write(condition.rows, features_from_counts(counts, *timing, layout, buffer))
+        keys = [r.key for r in REPRESENTATIONS if r.force == force]
+        for key, layout in zip(keys, condition.layouts, strict=True):
+            features = features_from_counts(counts, *timing, layout)
+            if key not in self._files:
+                self._files[key] = self._create(key, features.shape[1])
+            for row, values in zip(condition.rows, features, strict=True):
+                self._files[key].seek((row - self._n_trials) * values.nbytes, os.SEEK_END)
+                self._files[key].write(values.data)
+
+    def _create(self, key: str, width: int) -> BinaryIO:
+        """Return a file whose rows read 0 until they are written."""
+        path = self._folder / f"{key}.npy"
+        open_memmap(path, "w+", np.float64, (self._n_trials, width))
+        return path.open("r+b")
 
 
 def force_scaling_obstacle(trials: TrialSet, reference_g: float) -> str:
