@@ -98,7 +98,7 @@ def _table_1(report: ReportResult) -> str:
         components = next(iter(accuracies.values()))["components"]
         title = f"{escape(task)}<br><small>{components} components</small>"
         cells.append([title, *(_percent(accuracies.get(name), ABSENT) for name in names)])
-    origin = "<p><b>Simulated.</b></p>" if report.representations.trials.simulated else ""
+    origin = "<p><b>Simulated.</b></p>" if report.simulated else ""
     note = "<p>Accuracy in %, mean ± standard deviation; the paper's values are in small type.</p>"
     return origin + table(["Task", *map(escape, names)], cells) + note
 

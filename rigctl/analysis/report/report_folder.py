@@ -66,6 +66,7 @@ class ReportResult:
     """The folder of a report and its results."""
 
     folder: Path
+    simulated: bool
     results: tuple[TaskResult, ...]
     remarks: tuple[str, ...]
     model: Path | None
@@ -107,7 +108,7 @@ def make_report(
             save_model(found.model, request.model.path)
     progress("writing the report", 1, 1)
     model = request.model.path if request.model is not None else None
-    return ReportResult(request.out, found.results, found.remarks, model)
+    return ReportResult(request.out, trials.simulated, found.results, found.remarks, model)
 
 
 def _analyse(
