@@ -193,28 +193,24 @@ def _from_rows(mean: Matrix, centred: Matrix, k_max: int) -> PrincipalComponents
 
 
 def _leading(symmetric: Matrix, k_max: int, start: Matrix) -> tuple[Matrix, Matrix]:
-    """Return the leading eigenvalues (k_max,), falling, and eigenvectors (p, k_max), float64."""
+    """Return the leading eigenvalues (k_max,), falling, and eigenvectors (p, k_max), float64.
+
+    Lanczos' method finds a few out of very many, to machine precision too; its fixed ``start``
+    vector makes equal data give equal bits.
+    """
     p = len(symmetric)
     if p >= LANCZOS_FEATURES and k_max <= p // LANCZOS_SHARE:
-        values, vectors = _leading_by_lanczos(symmetric, k_max, start)
+        from scipy.sparse.linalg import eigsh
+
+        subspace = min(p, 2 * k_max + 20)
+        found, unsorted = eigsh(symmetric, k=k_max, which="LA", v0=start, ncv=subspace, tol=0)
+        order = np.argsort(found)
+        values, vectors = found[order], unsorted[:, order]
     else:
         values, vectors = linalg.eigh(
             symmetric, subset_by_index=(p - k_max, p - 1), driver="evr", check_finite=False
         )
     return values[::-1], vectors[:, ::-1]
-
-
-def _leading_by_lanczos(symmetric: Matrix, k_max: int, start: Matrix) -> tuple[Matrix, Matrix]:
-    """Return a few leading eigenpairs out of very many, ascending, to machine precision.
-
-    A fixed start vector makes equal data give equal bits.
-    """
-    from scipy.sparse.linalg import eigsh
-
-    most = min(len(symmetric), 2 * k_max + 20)
-    values, vectors = eigsh(symmetric, k=k_max, which="LA", v0=start, ncv=most, tol=0)
-    order = np.argsort(values)
-    return values[order], vectors[:, order]
 
 
 def _factor(covariance: Matrix, variance: Matrix) -> tuple[Matrix, tuple[int, ...]]:

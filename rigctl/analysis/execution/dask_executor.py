@@ -8,7 +8,7 @@ import socket
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
@@ -88,13 +88,15 @@ class DaskExecutor(Executor):
         remaining tasks.
         """
         remaining, pending = iter(tasks), deque[Any]()
+        # The versions go with each task, as a worker may have joined after the first check.
+        submit = partial(self._client.submit, _run_task, function, _own_build().versions)
         try:
             with self._translate_errors():
                 ahead = TASKS_PER_THREAD * max(1, sum(self._client.nthreads().values()))
             for _ in tasks:
                 with self._translate_errors():
                     for task in islice(remaining, ahead - len(pending)):
-                        pending.append(self._submit(function, task))
+                        pending.append(submit(task, pure=False))
                 yield self._result(pending[0])
                 pending.popleft().release()
         finally:
@@ -102,10 +104,6 @@ class DaskExecutor(Executor):
                 self._client.cancel(list(pending), force=True)
 
     map_nogil = map
-
-    def _submit(self, function: Callable[[T], R], task: T) -> Any:
-        # The versions go with each task, as a worker may have joined after the first check.
-        return self._client.submit(_run_task, function, task, _own_build().versions, pure=False)
 
     def _result(self, future: Any) -> Any:
         """Return the result of one future; poll the workers while it takes long."""
@@ -223,7 +221,7 @@ def _check_versions(theirs: Versions, ours: Versions, name: str) -> None:
             )
 
 
-def _run_task(function: Callable[[T], R], task: T, versions: Versions) -> R:
+def _run_task(function: Callable[[T], R], versions: Versions, task: T) -> R:
     """Run a task in a worker, with one BLAS thread, if it has the ``versions`` of the client."""
     from distributed import get_worker
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rigctl.analysis.features.representations import Representation
 from rigctl.analysis.paper.ablations import Ablations, FeatureHalf
 from rigctl.analysis.paper.comparisons import CEILING, Agreement, RepresentationPair
-from rigctl.analysis.paper.tasks import Curve, TaskResult
+from rigctl.analysis.paper.tasks import TaskResult
 
 NEAR_CHANCE = 1.5
 
@@ -23,11 +22,11 @@ def explain(
         sentences += _half_sentences(pair, result, ablations)
         for factor in ("speed", "force"):
             sentences += _factor_sentences(pair, factor, ablations)
-    blind = _blind_curve(pair.better.representation, result)
+    better = pair.better.representation
+    blind = result.curve(f"{better.key}_blind") if better.sees_labels else None
     if blind is not None:
         share = _percent(float(blind.mean[result.shown_components - 1]))
-        name = pair.better.representation.name
-        sentences.append(f"with a texture-blind C {name} reaches {share}")
+        sentences.append(f"with a texture-blind C {better.name} reaches {share}")
     return tuple(sentences)
 
 
@@ -98,10 +97,6 @@ def _ra_sentence(half: FeatureHalf, forces_g: Sequence[float]) -> str:
         "C acts on the SA current only: the mean RA count at "
         f"{forces_g[-1]:g} g is {ratio} that at {forces_g[0]:g} g"
     )
-
-
-def _blind_curve(better: Representation, result: TaskResult) -> Curve | None:
-    return result.curve(f"{better.key}_blind") if better.sees_labels else None
 
 
 def _format_ranges(numbers: Sequence[int]) -> str:
