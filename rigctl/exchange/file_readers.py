@@ -19,6 +19,7 @@ from rigctl.exchange.matlab_reader import read_mat
 Floats = NDArray[np.float64]
 _DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
 RANGE = ".."
+MAX_SHOWN = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,25 +177,18 @@ def _mapped_variables(variables: Mapping[str, Any], mapping: ImportMap) -> Mappi
     ends = {end.strip() for item in items for end in (item, *item.split(RANGE)) if end.strip()}
     if any(end.isdigit() for end in ends):
         return variables  # a number counts the columns of all variables
-
-    def is_named(name: str) -> bool:
-        return name in ends or any(
-            end.startswith(name) and end[len(name) :].isdigit() for end in ends if name
-        )
-
-    ranged = _ranged_variables(tuple(variables), mapping.taxels)
-    mapped = {n: value for n, value in variables.items() if n in ranged or is_named(n)}
-    return mapped or variables
+    names = tuple(variables)
+    mapped = {name for name in names if any(_is_column_of(name, end) for end in ends)}
+    for item in mapping.taxels:
+        first, _, last = (part.strip() for part in item.partition(RANGE))
+        if first in names and last in names:
+            mapped.update(names[names.index(first) : names.index(last) + 1])
+    return {name: variables[name] for name in names if name in mapped} or variables
 
 
-def _ranged_variables(names: tuple[str, ...], items: tuple[str, ...]) -> set[str]:
-    """Return the variables between the ends of each range."""
-    inside: set[str] = set()
-    for item in items:
-        first, dots, last = (part.strip() for part in item.partition(RANGE))
-        if dots and first in names and last in names:
-            inside |= set(names[names.index(first) : names.index(last) + 1])
-    return inside
+def _is_column_of(name: str, column: str) -> bool:
+    """Return whether a column is the variable ``name`` or one of its numbered columns."""
+    return column == name or (bool(name) and column.removeprefix(name).isdigit())
 
 
 def _split_columns(path: Path, name: str, value: Any, transpose: bool) -> list[tuple[str, Floats]]:
@@ -225,6 +219,6 @@ def _as_floats(path: Path, name: str, array: NDArray[Any]) -> Floats:
     return array.astype(np.float64)
 
 
-def _format_names(names: tuple[str, ...], most: int = 12) -> str:
-    shown = ", ".join(names[:most])
-    return f"{shown}, … ({len(names)})" if len(names) > most else shown or "none"
+def _format_names(names: tuple[str, ...]) -> str:
+    shown = ", ".join(names[:MAX_SHOWN])
+    return f"{shown}, … ({len(names)})" if len(names) > MAX_SHOWN else shown or "none"

@@ -185,23 +185,17 @@ class _SessionWriter:
 
     def _blocks(self, resampled: ResampledSeries) -> Iterator[Block]:
         counts = self._inspection.scaling.encode(resampled.values[:, : self._n_taxels])
-        expected = 0
+        missing = np.diff(resampled.index, prepend=-1) - 1
         for start in range(0, len(counts), BLOCK_ROWS):
             rows = slice(start, start + BLOCK_ROWS)
-            index = resampled.index[rows]
-            with_last = np.concatenate([[expected - 1], index])
+            counters, lost = self._counter + resampled.index[rows], missing[rows]
             gaps = tuple(
-                Gap(
-                    self._counter + int(with_last[k]) + 1,
-                    int(with_last[k + 1] - with_last[k]) - 1,
-                    GAP_REASON,
-                )
-                for k in np.flatnonzero(np.diff(with_last) > 1)
+                Gap(int(counters[k] - lost[k]), int(lost[k]), GAP_REASON)
+                for k in np.flatnonzero(lost)
             )
-            expected = int(index[-1]) + 1
-            zeros = np.zeros(len(index), np.uint8)
-            end_s = (self._counter + expected) / SAMPLE_RATE_HZ
-            yield Block(self._counter + index, counts[rows], zeros, zeros, gaps, end_s)
+            zeros = np.zeros(len(counters), np.uint8)
+            end_s = (int(counters[-1]) + 1) / SAMPLE_RATE_HZ
+            yield Block(counters, counts[rows], zeros, zeros, gaps, end_s)
 
     def _write_loadcell(
         self, series: TimeSeries, trial: PlannedTrial, first: int, count: int

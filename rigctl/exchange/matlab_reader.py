@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 from rigctl.errors import WrongUse
@@ -53,8 +54,6 @@ def _flatten(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _read_hdf5(path: Path) -> dict[str, Any]:
-    import h5py
-
     try:
         with h5py.File(path, "r") as file:
             return {
@@ -69,8 +68,6 @@ def _read_hdf5(path: Path) -> dict[str, Any]:
 
 def _walk(file: Any, name: str, node: Any) -> Iterator[tuple[str, Any]]:
     """Yield the arrays inside a node: structures are groups; cells and arrays are references."""
-    import h5py
-
     if isinstance(node, h5py.Group):
         for key, item in node.items():
             if _is_reference(item) and _matlab_class(item) != "cell":
@@ -89,8 +86,6 @@ def _walk(file: Any, name: str, node: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _is_reference(node: Any) -> bool:
-    import h5py
-
     return isinstance(node, h5py.Dataset) and h5py.check_ref_dtype(node.dtype) is not None
 
 

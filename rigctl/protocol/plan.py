@@ -13,7 +13,7 @@ from typing import Any
 
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_section import number
-from rigctl.protocol.steps import PLATE_CHANGE_S, ChangePlate, RunTrial, Step, rig_seconds
+from rigctl.protocol.steps import ChangePlate, RunTrial, Step, rig_seconds
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
 from rigctl.wire.drum.register_table import BY_NAME
 
@@ -118,11 +118,6 @@ class Plan:
         """Rig time of all steps, by the overheads in :mod:`rigctl.protocol.steps`."""
         config, settle_s = self.protocol.config, self.protocol.settle.time_s
         return sum(rig_seconds(step, config, settle_s) for step in self.steps)
-
-    @property
-    def people_s(self) -> float:
-        """Time of the plate changes at a real rig."""
-        return self.plate_changes * PLATE_CHANGE_S
 
     @property
     def bytes_estimate(self) -> int:

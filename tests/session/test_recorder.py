@@ -123,8 +123,8 @@ def test_lost_samples_stay_visible_in_a_trial(tmp_path: Path) -> None:
         assert window.gaps == (Gap(100, 7, "missing"),)
         assert len(window.samples) == trial.n_samples - 7
         assert not window.complete
-        assert window.position.tolist() == [*range(10), *range(17, trial.n_samples)]
-        assert session.window(1).position[0] == 4
+        assert window.counters.tolist() == [*range(90, 100), *range(107, 90 + trial.n_samples)]
+        assert session.window(1).counters[0] == 107
         assert session.trials["first_sample"].tolist() == [90, 100]
         assert session.gaps[["first_counter", "count", "row"]].tolist() == [(100, 7, 100)]
 

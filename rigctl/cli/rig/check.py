@@ -13,6 +13,7 @@ from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.errors import NegativeAnswer
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
+from rigctl.protocol.steps import PLATE_CHANGE_S
 
 NOMINAL = ("virtual", "firmware")
 """Rigs that need no description: they have the nominal one."""
@@ -66,7 +67,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "plate_changes": plan.plate_changes,
         "trial_seconds": round(sum(t.duration_s for t in plan.trials), 3),
         "rig_seconds": round(plan.duration_s, 1),
-        "people_seconds": round(plan.people_s, 1),
+        "people_seconds": plan.plate_changes * PLATE_CHANGE_S,
         "bytes": plan.bytes_estimate,
         "hash": plan.hash,
     }

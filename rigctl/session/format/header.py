@@ -57,21 +57,19 @@ class SessionHeader:
 
     def to_attributes(self) -> Attributes:
         """Return the attributes of a part's root; sequences and mappings become JSON."""
-        plain = asdict(self)
-        boards = plain.pop("boards")
-        plain["simulated"] = int(self.simulated)
-        plain["boards"] = json.dumps(boards)
-        for name in (*_PER_TAXEL, "simulation"):
-            plain[name] = json.dumps(plain[name])
-        return plain
+        values = {
+            name: json.dumps(value) if isinstance(value, tuple | dict) else value
+            for name, value in asdict(self).items()
+        }
+        return {**values, "simulated": int(self.simulated)}
 
     @classmethod
     def from_attributes(cls, attributes: dict[str, Any]) -> SessionHeader:
         """Return the inverse of :meth:`to_attributes`; ignore unknown attributes."""
         fields = {name: attributes[name] for name in cls.__slots__ if name in attributes}
         fields["simulated"] = bool(fields["simulated"])
+        fields["simulation"] = json.loads(fields["simulation"])
         fields["boards"] = tuple(BoardIdentity(**board) for board in json.loads(fields["boards"]))
         for name in fields.keys() & _PER_TAXEL:
             fields[name] = tuple(json.loads(fields[name]))
-        fields["simulation"] = json.loads(fields["simulation"])
         return cls(**fields)

@@ -45,11 +45,6 @@ class TrialSamples:
         return len(self.counters) == self.count
 
     @property
-    def position(self) -> NDArray[np.int64]:
-        """0-based index of each row in the window, int64 (n,)."""
-        return self.counters - self.first_counter
-
-    @property
     def gaps(self) -> tuple[Gap, ...]:
         """Runs of missing samples in the window."""
         end = self.first_counter + self.count
