@@ -1,13 +1,17 @@
-"""The column map ``MAP.toml``: the columns of a recording, and the pattern of its file name."""
+"""The column map ``MAP.toml``: the columns of a recording, and the labels in its file name."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rigctl.config.toml_reader import TomlTable, TomlText
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, WrongUse
+from rigctl.protocol.loader import TEXTURE_BYTES
+from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 MM_PER_S = {"mm/s": 1.0, "cm/s": 10.0, "m/s": 1000.0}
@@ -16,6 +20,7 @@ LABELS = ("texture", "speed", "force", "repeat")
 MAX_RATE_HZ = 1e7
 MAX_VALUE = 1e300
 LOW_PASS_HZ, LOW_PASS_MAX_HZ = 400.0, 499.0
+MAX_REPEAT = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,29 @@ class ImportMap:
     low_pass_hz: float
 
 
+@dataclass(frozen=True, slots=True)
+class FileLabel:
+    """The condition of one file; ``repeat`` is 0 where the name has no number."""
+
+    texture: str
+    speed_mm_s: float
+    direction: str
+    force_g: float
+    repeat: int
+
+    def trial(self, trial_id: int, count: int) -> PlannedTrial:
+        """Return the trial of ``count`` samples of 1 ms."""
+        return PlannedTrial(
+            trial_id,
+            self.texture,
+            self.speed_mm_s,
+            self.force_g,
+            self.repeat,
+            self.speed_mm_s * count / SAMPLE_RATE_HZ,
+            direction=self.direction,
+        )
+
+
 def load_map(path: Path) -> ImportMap:
     """Load and validate a map. Raises ConfigError naming file, line and key."""
     text = TomlText.read(path, ConfigError)
@@ -69,7 +97,6 @@ def load_map(path: Path) -> ImportMap:
     root.allow("extra")
     extra = root.table("extra").texts("columns") if "extra" in root else ()
     root.finish()
-    time_column, time_s, rate_hz = _read_time(time)
     mapping = ImportMap(
         name=name,
         text=text.source,
@@ -82,9 +109,9 @@ def load_map(path: Path) -> ImportMap:
         unit=taxels.text("unit", ""),
         taxel_low=taxels.number("low", 0.0, low=-MAX_VALUE, high=MAX_VALUE),
         taxel_high=taxels.number("high", 0.0, low=-MAX_VALUE, high=MAX_VALUE),
-        time_column=time_column,
-        time_s=time_s,
-        rate_hz=rate_hz,
+        time_column=time.text("column", ""),
+        time_s=SECONDS[time.choice("unit", SECONDS, "s")],
+        rate_hz=time.number("rate_hz", 0.0, unit="Hz", low=0, high=MAX_RATE_HZ),
         texture=labels.text("texture", ""),
         speed_mm_s=labels.number("speed_mm_s", 0.0, unit="mm/s", low=0, high=1e5),
         speed_factor=MM_PER_S[labels.choice("speed_unit", MM_PER_S, "mm/s")],
@@ -104,18 +131,48 @@ def load_map(path: Path) -> ImportMap:
     for table in (files, time, taxels, labels, loadcell, quality):
         table.finish()
     _check_labels(mapping, files)
+    if bool(mapping.time_column) == bool(mapping.rate_hz):
+        time.fail("column", "give either a time column, or rate_hz of rows without gaps")
     if mapping.taxel_low > mapping.taxel_high:
         taxels.fail("high", "is below low")
     return mapping
 
 
-def _read_time(table: TomlTable) -> tuple[str, float, float]:
-    """Return the time column, its unit in seconds, and the rate."""
-    column = table.text("column", "")
-    rate_hz = table.number("rate_hz", 0.0, unit="Hz", low=0, high=MAX_RATE_HZ)
-    if bool(column) == bool(rate_hz):
-        table.fail("column", "give either a time column, or rate_hz of rows without gaps")
-    return column, SECONDS[table.choice("unit", SECONDS, "s")], rate_hz
+def parse_label(path: Path, mapping: ImportMap) -> FileLabel:
+    """Parse the name of a file. Raises WrongUse where the pattern does not match."""
+    match = mapping.pattern.search(path.name)
+    if match is None:
+        raise WrongUse(
+            f"{path}: its name does not match the pattern {mapping.pattern.pattern!r}: "
+            "correct [files] pattern, or leave the file out"
+        )
+    groups = {name: text for name, text in match.groupdict().items() if text is not None}
+    texture = groups.get("texture", mapping.texture)
+    if not texture or len(texture.encode()) > TEXTURE_BYTES:
+        raise WrongUse(
+            f"{path}: its texture is {texture!r}: a texture has 1 to {TEXTURE_BYTES} "
+            "letters, so choose another group in the pattern"
+        )
+    speed = _parse_number(path, "speed", groups, mapping.speed_factor, mapping.speed_mm_s)
+    force_g = _parse_number(path, "force", groups, mapping.force_factor, mapping.force_g)
+    repeat = _parse_number(path, "repeat", groups, 1.0, 0.0)
+    if speed == 0 or force_g < 0 or not 0 <= repeat <= MAX_REPEAT or repeat % 1:
+        raise WrongUse(
+            f"{path}: speed {speed:g} mm/s, force {force_g:g} g, repeat {repeat:g}: the speed must "
+            "not be 0, the force not negative, and the repeat a whole number"
+        )
+    direction = "backward" if speed < 0 else "forward"
+    return FileLabel(texture, abs(speed), direction, force_g, int(repeat))
+
+
+def number_repeats(labels: Iterable[FileLabel]) -> list[FileLabel]:
+    """Return the labels, those without a repeat numbered from 1 within their condition."""
+    counts: Counter[FileLabel] = Counter()
+    numbered = []
+    for label in labels:
+        counts[label] += 1
+        numbered.append(label if label.repeat else replace(label, repeat=counts[label]))
+    return numbered
 
 
 def _read_pattern(table: TomlTable) -> re.Pattern[str]:
@@ -136,3 +193,16 @@ def _check_labels(mapping: ImportMap, files: TomlTable) -> None:
         files.fail("pattern", "has no group texture, and [labels] names none for all files")
     if "speed" not in groups and not mapping.speed_mm_s:
         files.fail("pattern", "has no group speed, and [labels] has no speed_mm_s for all files")
+
+
+def _parse_number(
+    path: Path, name: str, groups: Mapping[str, str], factor: float, default: float
+) -> float:
+    if name not in groups:
+        return default
+    try:
+        return float(groups[name].replace(",", ".")) * factor
+    except ValueError:
+        raise WrongUse(
+            f"{path}: the pattern's group {name} matches {groups[name]!r}, which is not a number"
+        ) from None

@@ -6,14 +6,14 @@ import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 
 from rigctl.errors import WrongUse
-from rigctl.exchange.column_map import ImportMap
+from rigctl.exchange.column_map import FileLabel, ImportMap, number_repeats, parse_label
 from rigctl.exchange.file_readers import FileColumns, read_columns
-from rigctl.exchange.filename_labels import FileLabel, number_repeats, parse_label
 from rigctl.exchange.resampling import (
     Floats,
     ResampledSeries,
@@ -116,14 +116,11 @@ def inspect_files(
     files = [
         replace(file, label=label) for file, label in zip(inspector.files, labels, strict=True)
     ]
-    files.sort(key=lambda file: _sort_key(file.label))
+    fields = ("texture", "force_g", "speed_mm_s", "direction", "repeat")
+    files.sort(key=attrgetter(*(f"label.{name}" for name in fields)))
     scaling = inspector.scaling()
     remarks = (*inspector.remarks, *_rate_remarks(files, mapping))
     return Inspection(tuple(files), scaling, remarks)
-
-
-def _sort_key(label: FileLabel) -> tuple[str, float, float, str, int]:
-    return label.texture, label.force_g, label.speed_mm_s, label.direction, label.repeat
 
 
 class _Inspector:

@@ -25,7 +25,7 @@ from rigctl.analysis.features.transferred_c import (
 )
 from rigctl.encoding.features import feature_matrices
 from rigctl.errors import SessionError
-from rigctl.session.files.model import Model
+from rigctl.session.files.model_file import Model
 from rigctl.session.read.sample_index import SampleFile
 from rigctl.session.read.session import Session
 

@@ -21,7 +21,7 @@ from rigctl.analysis.paper import published
 from rigctl.config.resources import source_commit
 from rigctl.errors import WrongUse
 from rigctl.session.files.analysis_file import content_digest
-from rigctl.session.files.model import Model, TrainingInfo
+from rigctl.session.files.model_file import Model, TrainingInfo
 
 STAGE = "training the model, noting its sessions by content"
 

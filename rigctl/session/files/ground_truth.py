@@ -231,8 +231,7 @@ def _sittings(folder: Path) -> dict[int, int]:
 def _create(path: Path, first_ms: int, sitting: int) -> None:
     with h5py.File(path, "x", libver=layout.LIBVER) as file:
         write_attributes(
-            file,
-            {"layout": LAYOUT, "layout_version": 1, "first_ms": first_ms, "sitting": sitting},
+            file, {"layout": LAYOUT, "layout_version": 1, "first_ms": first_ms, "sitting": sitting}
         )
         for name, dtype, unit, doc in COLUMNS:
             dataset = file.create_dataset(

@@ -1,4 +1,4 @@
-"""Save and load a model as plain HDF5 arrays with units and a layout version, without code.
+"""A trained classifier, saved as plain HDF5 arrays with units and a layout version, without code.
 
 ``docs/reference/model.md`` shows the layout and how to classify with it without rigctl.
 """
@@ -6,22 +6,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.encoding.features import FeatureLayout
+from rigctl.encoding.force_matrix import ForceMatrix
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import DiskFault, WrongUse
-from rigctl.session.files.analysis_file import (
-    LAYOUT_VERSION,
-    MODEL_LAYOUT,
-    open_analysis_file,
-)
+from rigctl.session.files.analysis_file import LAYOUT_VERSION, MODEL_LAYOUT, open_analysis_file
 from rigctl.session.files.encoder_group import read_parameters, read_ranges, write_encoder
 from rigctl.session.files.force_matrix_file import read_force, write_force
-from rigctl.session.files.model import Model, TrainingInfo
 from rigctl.session.format.annotated_arrays import (
     Attributes,
     read_array,
@@ -33,32 +33,83 @@ from rigctl.session.format.annotated_arrays import (
     write_texts,
 )
 from rigctl.session.format.layout import LIBVER
+from rigctl.values import SAMPLE_RATE_HZ
 
+Floats = NDArray[np.float64]
+
+_FACTOR = "lower Cholesky factor of the pooled covariance, divisor n - classes"
+_MEANS = "factor · whitened = class mean of the scores"
+_DROPPED = "components from 0 without within-class variance: they take no part"
 _ARRAYS = (
     ("pca/mean", "of the features", "training mean", "feature"),
     ("pca/axes", "", "unit vectors", "feature, component"),
     ("pca/variance", "squared", "divisor n - 1", "component"),
-    (
-        "lda/factor",
-        "of the features",
-        "lower Cholesky factor of the pooled covariance, divisor n - classes",
-        "component, component",
-    ),
-    (
-        "lda/whitened_means",
-        "",
-        "factor · whitened = class mean of the scores",
-        "component, class",
-    ),
+    ("lda/factor", "of the features", _FACTOR, "component, component"),
+    ("lda/whitened_means", "", _MEANS, "component, class"),
     ("lda/log_priors", "", "ln of the training share", "class"),
-    (
-        "lda/dropped",
-        "",
-        "components from 0 without within-class variance: they take no part",
-        "dropped component",
-    ),
+    ("lda/dropped", "", _DROPPED, "dropped component"),
 )
 """Data set, unit, meaning and axes of each array of :class:`Model`."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingInfo:
+    """Source sessions and software of a model.
+
+    ``inputs``: a mapping for each session; its ``content`` is the digest of the recording.
+    ``seed`` is that of the analysis that made the model: training itself is not random.
+    """
+
+    made_utc: str
+    software_version: str
+    software_commit: str
+    seed: int
+    simulated: bool
+    trials: int
+    speeds_mm_s: tuple[float, ...]
+    forces_g: tuple[float, ...]
+    inputs: tuple[dict[str, Any], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """Encoder, windows, principal components and discriminants of one representation.
+
+    ``force``: how C scales the SA current: by the trial's own ``texture``, ``blind`` to it, or
+    empty for no scaling; a scaling needs ``c``.
+    ``mean`` float64 (p,), ``axes`` (p, k), ``variance`` (k,), divisor n − 1: principal components.
+    ``factor`` (k, k), lower Cholesky factor of the pooled within-class covariance of the scores
+    (divisor n − classes); ``whitened_means`` (k, classes); ``log_priors`` (classes,); ``dropped``
+    int64, 0-based components that the classifier ignores. All arrays are in C order.
+    """
+
+    representation: str
+    key: str
+    force: str
+    classes: tuple[str, ...]
+    parameters: EncoderParameters
+    normalisation: Normalisation
+    features: FeatureLayout
+    mean: Floats
+    axes: Floats
+    variance: Floats
+    factor: Floats
+    whitened_means: Floats
+    log_priors: Floats
+    dropped: NDArray[np.int64]
+    c: ForceMatrix | None
+    training: TrainingInfo
+    sample_rate_hz: int = SAMPLE_RATE_HZ
+
+    @property
+    def n_taxels(self) -> int:
+        """Number of taxels of a sample."""
+        return self.normalisation.n_taxels
+
+    @property
+    def components(self) -> int:
+        """Number of principal components of a prediction."""
+        return int(self.axes.shape[1])
 
 
 def check_output_path(path: Path) -> None:

@@ -56,9 +56,8 @@ class WriterLock:
             try:
                 _try_lock(descriptor)
             except OSError as error:
-                pid = _read_pid(descriptor)
                 os.close(descriptor)
-                raise SessionError(_refusal(self._path.parent, pid)) from error
+                raise SessionError(_refusal(self._path.parent)) from error
             if self._is_current(descriptor):
                 return descriptor
             os.close(descriptor)
@@ -105,12 +104,7 @@ def is_being_written(folder: Path) -> bool:
     return False
 
 
-def _read_pid(descriptor: int) -> int | None:
-    os.lseek(descriptor, 0, os.SEEK_SET)
-    text = os.read(descriptor, 32).decode("ascii", "replace").strip()
-    return int(text) if text.isdigit() else None
-
-
-def _refusal(folder: Path, pid: int | None) -> str:
+def _refusal(folder: Path) -> str:
+    pid = lock_owner_pid(folder)
     writer = f"process {pid}" if pid is not None else "another process"
     return f"{folder} is being written by {writer}: stop that run first, or choose another folder"

@@ -22,7 +22,6 @@ from rigctl.session.read.part import PartReader
 from rigctl.session.read.part_file import part_paths
 from rigctl.session.read.session import Session
 from rigctl.session.verify.part import check_part
-from rigctl.session.verify.trials import check_trials
 from rigctl.values import TrialRow, Verdict
 
 WORLD = "the world's own log"
@@ -76,8 +75,7 @@ def _check_session(session: Session, report: VerifyReport, on_progress: OnProgre
     for done, part in enumerate(session.parts):
         on_progress(parts_share * done / n_parts, f"part {done + 1} of {n_parts}")
         own = [row for row in rows if row.part == part.number]
-        problems, notes = check_trials(part, own)
-        problems = check_part(part) + problems
+        problems, notes = check_part(part, own)
         report.problems += [f"{part.path.name}: {line}" for line in problems]
         report.notes += [f"{part.path.name}: {line}" for line in notes]
     on_progress(parts_share, "the plan")

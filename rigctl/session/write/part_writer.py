@@ -60,11 +60,7 @@ class PartWriter:
     """
 
     def __init__(
-        self,
-        path: Path,
-        attributes: Attributes,
-        n_taxels: int,
-        texts: tuple[str, str],
+        self, path: Path, attributes: Attributes, n_taxels: int, texts: tuple[str, str]
     ) -> None:
         self.path = path
         self.counters = CounterMap()
