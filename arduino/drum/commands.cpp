@@ -1,46 +1,36 @@
-// What each command needs before it is accepted, and what it starts.
-#include "variant.h"  // geometry
-#include "drum.h"
+#include "commands.h"
 
-namespace {
+#include <math.h>
 
-constexpr uint8_t TARE_TRIES = 3;  // a drum just lifted still swings
-constexpr uint16_t HOMING_SPEED = 6000;  // 0.01 mm/s
-constexpr uint16_t TARE_SPEED = 4000;
-constexpr uint32_t HOMING_STEPS = board::STEPS_PER_TURN * 5UL / 4;
+#include "ports.h"    // stepper, saved settings
+#include "variant.h"  // limit of the force
 
-uint32_t steps_of(uint16_t tenths_mm) {
-    return (tenths_mm * 100000UL + board::NM_PER_STEP / 2) / board::NM_PER_STEP;
-}
-
-}  // namespace
-
-// Accepts and starts a command, or refuses it and changes nothing.
-bool Drum::command(Command command, uint16_t sequence) {
+bool Commands::start(Command command, uint16_t sequence) {
     const Pending before = pending_;
     pending_ = Pending::None;
     if (!begin(command)) {
         pending_ = before;
         return false;
     }
-    if (before == Pending::Tare && pending_ != Pending::Tare) loadcell_.abandon_tare();
-    if (before == Pending::Tune && pending_ != Pending::Tune) step_test_.abandon();
+    if (before == Pending::Tare && pending_ != Pending::Tare) taring_.abandon();
+    if (before == Pending::Tune && pending_ != Pending::Tune)
+        controller_.force_control().step_test().abandon();
     acknowledged_ = sequence;
     result_ = pending_ == Pending::None ? CommandResult::Done : CommandResult::Running;
     return true;
 }
 
-bool Drum::begin(Command command) {
+bool Commands::begin(Command command) {
     switch (command) {
         case Command::None: return true;
-        case Command::Arm: return arm();
-        case Command::Disarm: return start_state(Event::Disarm);
+        case Command::Arm: return controller_.arm() && follow(Event::Arm);
+        case Command::Disarm: return follow(Event::Disarm);
         case Command::Move: return move();
-        case Command::Approach: return approach_begin();
+        case Command::Approach: return approach();
         case Command::Run: return run();
-        case Command::Retract: return start_state(Event::Retract);
-        case Command::Stop: return start_state(Event::Stop);
-        case Command::Clear: return clear();
+        case Command::Retract: return follow(Event::Retract);
+        case Command::Stop: return follow(Event::Stop);
+        case Command::Clear: return controller_.clear_fault();
         case Command::Tare: return tare(false);
         case Command::TareAnyway: return tare(true);
         case Command::ZeroSteps: return zero_steps();
@@ -53,181 +43,152 @@ bool Drum::begin(Command command) {
     return false;
 }
 
-// Follows the event; where it starts a passing state, the command runs until that is left.
-bool Drum::start_state(Event event) {
-    if (!machine_.accepts(event)) return false;
-    go(event);
-    switch (machine_.state()) {
+// Follows the event. Where that starts a passing state, the command runs until the state is over.
+bool Commands::follow(Event event) {
+    if (!controller_.machine().accepts(event)) return false;
+    controller_.go(event);
+    switch (controller_.machine().state()) {
+        case State::Position:
+            pending_ = Pending::Move;
+            goal_ = State::Armed;
+            break;
         case State::Retract:
-        case State::Position: pending_goal_ = State::Armed; break;
+            pending_ = Pending::Change;
+            goal_ = State::Armed;
+            break;
         case State::Approach:
-        case State::Run: pending_goal_ = State::Hold; break;
-        default: return true;
+        case State::Run:
+            pending_ = Pending::Change;
+            goal_ = State::Hold;
+            break;
+        default: break;
     }
-    pending_ = Pending::Change;
     return true;
 }
 
-bool Drum::resting() const {
-    return machine_.state() == State::Idle || machine_.state() == State::Armed;
-}
-
-// What decides what a force means, or what stops it.
-bool Drum::may_change(Guard guard) const {
-#ifdef NO_GUARD  // a broken image that the tests must catch
-    return true;
-#endif
-#ifdef ESTOP_CONFIGURABLE  // another
-    if (estop_open()) return true;
-#endif
-    if (!resting() || estop_open()) return false;
-    if (contact_ == Contact::Gone) return true;
-    // Nothing was pressed since the boot, and whatever is armed lifts first.
-    return guard == Guard::Resting && contact_ == Contact::Unknown;
-}
-
-bool Drum::arm() {
-    if (!machine_.accepts(Event::Arm) || causes()) return false;
-    heartbeat_.restart();
-    return start_state(Event::Arm);
-}
-
-void Drum::start(const Motion &motion, uint16_t speed) {
-    Motion complete = motion;
-    const int16_t trim_ppm = static_cast<int16_t>(word(reg::clock_trim_ppm));
-    complete.profile = ramp::profile(speed, word(reg::acceleration_set), trim_ppm);
-    cruise_speed_ = speed;
-    backwards_ = motion.backwards;
-    ports::start(complete);
-}
-
-bool Drum::move() {
-    if (!machine_.accepts(Event::Move)) return false;
-    const int32_t way = bank_.wide(reg::move_target) - ports::position();
-    start_state(Event::Move);
-    const uint32_t steps = way < 0 ? -way : way;
-    start({{}, way < 0, steps, ENDLESS, 0}, word(reg::move_speed_set));
+bool Commands::move() {
+    if (!follow(Event::Move)) return false;
+    controller_.axis().move();
     return true;
 }
 
-bool Drum::home() {
-    if (!machine_.accepts(Event::Move) || !fitted(Signal::Index)) return false;
-    start_state(Event::Move);
-    homed_ = false;
-    homing_ = true;
-    start({{}, false, HOMING_STEPS, ENDLESS, 0}, HOMING_SPEED);
+bool Commands::home() {
+    if (!controller_.signals().fitted(Signal::Index) || !follow(Event::Move)) return false;
+    controller_.axis().home();
     return true;
 }
 
 // A set force too near a limit would end in OVER_FORCE at the first overshoot.
-bool Drum::approach_begin() {
+bool Commands::approach() {
     constexpr uint32_t MOST_TENTHS = board::MOST_FORCE_G * 10UL;
-    if (!machine_.accepts(Event::Approach)) return false;
-    if (contact_ != Contact::Gone || !tare_holds_) return false;
-    const uint32_t highest = word(reg::force_set) + word(reg::force_set) / 10U;
-    if (highest > word(reg::over_force) || highest > MOST_TENTHS) return false;
-    contact_ = Contact::MayStand;
-    start_um_ = inputs_.position_um;
-    locked_ = false;
-    force_.begin(word(reg::stiffness_g_per_mm));
-    return start_state(Event::Approach);
+    if (!controller_.machine().accepts(Event::Approach)) return false;
+    if (!controller_.contact().gone() || !controller_.sensor().tare_holds()) return false;
+    const uint32_t highest = bank_.word(reg::force_set) + bank_.word(reg::force_set) / 10U;
+    if (highest > bank_.word(reg::over_force) || highest > MOST_TENTHS) return false;
+    controller_.contact().press();
+    controller_.force_control().begin();
+    return follow(Event::Approach);
 }
 
-// The ramp and its settling have to end before the trial window opens.
-bool Drum::run() {
-    if (!machine_.accepts(Event::Run) || step_test_.running()) return false;
-    const uint16_t speed = word(reg::speed_set);
-    const uint32_t run_in = steps_of(word(reg::run_in_set));
-    const uint32_t settling = speed * 10UL * word(reg::run_settle_ms) / board::NM_PER_STEP;
-    if (run_in < ramp::steps_to_speed(speed, word(reg::acceleration_set)) + settling)
-        return false;
-    start_state(Event::Run);
-    const bool backwards = word(reg::direction_set) != 0;
-    const uint32_t window = steps_of(word(reg::travel_set));
-    start({{}, backwards, ENDLESS, run_in, window}, speed);
+bool Commands::run() {
+    if (controller_.force_control().step_test().running()) return false;
+    if (!controller_.axis().run_in_suffices() || !follow(Event::Run)) return false;
+    controller_.axis().run();
     return true;
 }
 
-bool Drum::clear() {
-    if (!machine_.accepts(Event::Clear) || causes()) return false;
-    machine_.clear();
-    follow();
-    return true;
-}
-
-// In contact, or far from the zero that the board knows, only where it is asked for by name.
-bool Drum::tare(bool anyway) {
-#ifdef TARE_IN_CONTACT  // a broken image that the tests must catch
-    anyway = true;
-#endif
-    if (!resting() || loadcell_.faults()) return false;
-    if (!anyway && (contact_ != Contact::Gone || !near_zero(loadcell_.raw()))) return false;
-    tare_anyway_ = anyway;
-    loadcell_.begin_tare();
-    tare_tries_ = TARE_TRIES;
+bool Commands::tare(bool forced) {
+    if (!taring_.begin(forced)) return false;
     pending_ = Pending::Tare;
     return true;
 }
 
-// A turn at constant speed, lifted, from wherever the drum is; needs to know its angle.
-bool Drum::tare_turn() {
-    if (!machine_.accepts(Event::Move) || !homed_ || loadcell_.faults()) return false;
-    if (contact_ != Contact::Gone) return false;
-    start_state(Event::Move);
-    tare_turn_.begin();
-    turning_tare_ = true;
-    const uint32_t ramp_steps = ramp::steps_to_speed(TARE_SPEED, word(reg::acceleration_set));
-    start({{}, false, board::STEPS_PER_TURN + 2 * ramp_steps + TareTurn::PLACE_STEPS, ENDLESS, 0},
-          TARE_SPEED);
+// The lifted drum turns from wherever it is, and has to know its angle.
+bool Commands::tare_turn() {
+    if (!controller_.axis().homed() || controller_.sensor().loadcell().faults()) return false;
+    if (!controller_.contact().gone() || !follow(Event::Move)) return false;
+    taring_.begin_turn();
+    controller_.axis().tare_turn();
     return true;
 }
 
-// Only where the loop holds a force at a drum that stands.
-bool Drum::tune() {
-    if (machine_.state() != State::Hold || force_mode() != ForceMode::Hold) return false;
+// Only while the force loop holds a force and the drum stands still.
+bool Commands::tune() {
+    ForceControl &control = controller_.force_control();
+    if (controller_.machine().state() != State::Hold || control.mode() != ForceMode::Hold)
+        return false;
     bank_.put(reg::proposed_gain_p, 0);
     bank_.put(reg::proposed_gain_i, 0);
-    step_test_.begin(target_.force_g, force_.stiffness());
+    control.begin_step_test();
     pending_ = Pending::Tune;
     return true;
 }
 
-bool Drum::zero_steps() {
+bool Commands::zero_steps() {
     if (ports::moving()) return false;
-    ports::shift_position(-ports::position());
-    index_expected_ = 0;
-    homed_ = false;
-    force_.forget_run_out();
+    controller_.axis().zero_position();
+    controller_.force_control().forget_run_out();
     return true;
 }
 
-bool Drum::save() {
-    if (!resting() || ports::saving()) return false;
+bool Commands::save() {
+    if (!controller_.resting() || ports::saving()) return false;
     ports::save(bank_.settings());
     pending_ = Pending::Save;
     return true;
 }
 
-void Drum::restore_defaults() {
-    bank_.restore_defaults();
-    bank_.put(reg::optional_signals, board::SIGNALS_FITTED);
-    bank_.put(reg::signal_polarity, board::SIGNALS_INVERTED);
-}
-
-bool Drum::defaults() {
-    if (!resting() || !may_change(Guard::Resting)) return false;
-    restore_defaults();
-    apply_settings();
-    tared_ = false;
+bool Commands::defaults() {
+    if (!controller_.may_change(Guard::Resting)) return false;
+    controller_.restore_defaults();
+    controller_.apply_settings();
+    taring_.set_tared(false);
     return true;
 }
 
-void Drum::written(uint16_t address, uint16_t count) {
-    const auto touched = [&](uint16_t place) {
-        return place >= address && place - address < count;
-    };
-    if (touched(reg::heartbeat)) heartbeat_.seen(word(reg::heartbeat));
-    if (address + count <= reg::signal_polarity) return;  // only the computer's own traffic
-    if (touched(reg::tare_counts) || touched(reg::tare_counts + 1)) tared_ = true;
-    apply_settings();
+// --- commands that take time ----------------------------------------------------------------------
+
+void Commands::tick() {
+    if (taring_.tick_turn() == Taring::Progress::Failed) finish(CommandResult::Failed);
+    switch (pending_) {
+        case Pending::None: return;
+        case Pending::Change: return progress_change(true);
+        case Pending::Move: return progress_change(!controller_.axis().home_missed());
+        case Pending::Tare: return finish(taring_.tick());
+        case Pending::Save:
+            if (!ports::saving()) finish(CommandResult::Done);
+            return;
+        case Pending::Tune:
+            if (!controller_.force_control().step_test().running()) end_tune();
+            return;
+    }
+}
+
+void Commands::progress_change(bool done_well) {
+    const State state = controller_.machine().state();
+    if (state == goal_) finish(done_well ? CommandResult::Done : CommandResult::Failed);
+    else if (state == State::FaultLift || state == State::FaultOff) finish(CommandResult::Failed);
+}
+
+void Commands::finish(CommandResult result) {
+    if (pending_ == Pending::None) return;
+    pending_ = Pending::None;
+    result_ = result;
+}
+
+void Commands::finish(Taring::Progress progress) {
+    if (progress == Taring::Progress::Running) return;
+    finish(progress == Taring::Progress::Done ? CommandResult::Done : CommandResult::Failed);
+}
+
+void Commands::end_tune() {
+    const StepTest &test = controller_.force_control().step_test();
+    if (controller_.machine().state() != State::Hold || !test.succeeded())
+        return finish(CommandResult::Failed);
+    const GainProposal &found = test.proposal();
+    bank_.put(reg::proposed_gain_p, lroundf(found.gain_p * 100));
+    bank_.put(reg::proposed_gain_i, lroundf(found.gain_i * 100));
+    bank_.put(reg::tuned_stiffness_g_per_mm, lroundf(found.stiffness_g_per_mm));
+    bank_.put(reg::tuned_delay, lroundf(found.delay_s * 10000));
+    finish(CommandResult::Done);
 }

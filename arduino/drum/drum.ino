@@ -62,7 +62,7 @@ static void send_reply() {
 }
 
 static inline bool idle() {
-    return !clock::pending() && !amplifier::ready() && !drum.thought_due() && !unsent &&
+    return !clock::pending() && !amplifier::ready() && !drum.control_due() && !unsent &&
            !serial::available();
 }
 
@@ -79,7 +79,7 @@ int main() {
         // One piece of work a round, so that no tick waits for more than the longest of them.
         if (ticks) continue;
         if (amplifier::ready()) drum.sample(amplifier::read());
-        else if (drum.thought_due()) drum.think();
+        else if (drum.control_due()) drum.control_force();
         else if (unsent) send_reply();
         else if (serial::available()) run_serial();
     }

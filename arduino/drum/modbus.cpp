@@ -116,10 +116,10 @@ uint16_t Modbus::refuse(uint8_t code) {
 }
 
 uint16_t Modbus::read_words(uint16_t address, uint16_t count) {
-    bank_.refresh();
+    registers_.refresh();
     reply_[2] = static_cast<uint8_t>(2 * count);
     for (uint16_t i = 0; i < count; ++i) {
-        const uint16_t word = bank_.read(address + i);
+        const uint16_t word = registers_.read(address + i);
         reply_[3 + 2 * i] = static_cast<uint8_t>(word >> 8);
         reply_[4 + 2 * i] = static_cast<uint8_t>(word);
     }
@@ -129,13 +129,13 @@ uint16_t Modbus::read_words(uint16_t address, uint16_t count) {
 uint16_t Modbus::serve_read() {
     const uint16_t address = field(2), count = field(4);
     if (!count || count > MAX_READ) return refuse(BAD_VALUE);
-    const Answer answer = bank_.check_read(address, count);
+    const Answer answer = registers_.check_read(address, count);
     if (answer != Answer::Ok) return refuse(static_cast<uint8_t>(answer));
     return read_words(address, count);
 }
 
 uint16_t Modbus::serve_single() {
-    const Answer answer = bank_.write(field(2), 1, &request_[4]);
+    const Answer answer = registers_.write(field(2), 1, &request_[4]);
     if (answer != Answer::Ok) return refuse(static_cast<uint8_t>(answer));
     memcpy(reply_, request_, 6);
     return finish(6);
@@ -144,7 +144,7 @@ uint16_t Modbus::serve_single() {
 uint16_t Modbus::serve_multiple() {
     const uint16_t count = field(4);
     if (!count || request_[6] != 2 * count) return refuse(BAD_VALUE);
-    const Answer answer = bank_.write(field(2), count, &request_[7]);
+    const Answer answer = registers_.write(field(2), count, &request_[7]);
     if (answer != Answer::Ok) return refuse(static_cast<uint8_t>(answer));
     memcpy(reply_, request_, 6);
     return finish(6);
@@ -154,8 +154,8 @@ uint16_t Modbus::serve_both() {
     const uint16_t address = field(2), count = field(4), written = field(8);
     if (!count || count > MAX_READ || !written || request_[10] != 2 * written)
         return refuse(BAD_VALUE);
-    Answer answer = bank_.check_read(address, count);
-    if (answer == Answer::Ok) answer = bank_.write(field(6), written, &request_[11]);
+    Answer answer = registers_.check_read(address, count);
+    if (answer == Answer::Ok) answer = registers_.write(field(6), written, &request_[11]);
     if (answer != Answer::Ok) return refuse(static_cast<uint8_t>(answer));
     return read_words(address, count);
 }

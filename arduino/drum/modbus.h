@@ -8,7 +8,7 @@
 
 #include <stdint.h>
 
-#include "bank.h"  // registers
+#include "registers.h"  // what is read and written
 
 class Modbus {
   public:
@@ -16,7 +16,7 @@ class Modbus {
     static constexpr uint16_t MAX_REPLY = 256;
     static constexpr uint8_t RESET_SILENCE_MS = 10;
 
-    explicit Modbus(Bank &bank) : bank_(bank) {}
+    explicit Modbus(Registers &registers) : registers_(registers) {}
 
     // Takes one received byte; returns the length of the reply now in reply(), 0 for none.
     uint16_t take(uint8_t byte);
@@ -46,7 +46,7 @@ class Modbus {
     uint16_t serve_both();
     uint16_t field(uint8_t offset) const;
 
-    Bank &bank_;
+    Registers &registers_;
     uint8_t request_[MAX_REQUEST];
     uint8_t size_ = 0;
     uint8_t silence_ms_ = 0;

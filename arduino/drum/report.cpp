@@ -1,6 +1,7 @@
-// The readable registers, brought up to date once before each read.
-#include "variant.h"     // identity and geometry
-#include "drum.h"
+#include "report.h"
+
+#include "ports.h"    // stepper, clock, health
+#include "variant.h"  // identity and geometry
 
 namespace {
 
@@ -23,14 +24,7 @@ uint16_t flag(Status status, bool on) {
 
 }  // namespace
 
-void Drum::refresh() {
-    report_state();
-    report_motion();
-    report_loadcell();
-    report_counters();
-}
-
-void Drum::report_identity() {
+void Report::fill_identity() {
     const ports::Health health = ports::health();
     bank_.put(reg::magic, MAGIC);
     bank_.put(reg::map_version, MAP_VERSION);
@@ -46,64 +40,74 @@ void Drum::report_identity() {
     bank_.put(reg::overrun_um, board::OVERRUN_UM);
 }
 
-uint16_t Drum::status_bits() const {
-    const State state = machine_.state();
+void Report::refresh() {
+    fill_state();
+    fill_motion();
+    fill_loadcell();
+    fill_counters();
+}
+
+uint16_t Report::status_bits() const {
+    const State state = controller_.machine().state();
+    const Signals &signals = controller_.signals();
+    const ForceControl &control = controller_.force_control();
     const bool holding = state == State::Hold || state == State::Run;
     const bool pressing = holding || state == State::Approach;
     return flag(Status::SyncHigh, ports::sync_line().high) |
-           flag(Status::IndexHigh, inputs_.index_high) |
-           flag(Status::ForceSettled, holding && within_band()) |
-           flag(Status::InContact, pressing && force_.in_contact()) |
+           flag(Status::IndexHigh, signals.index_high()) |
+           flag(Status::ForceSettled, holding && control.within_band()) |
+           flag(Status::InContact, pressing && control.in_contact()) |
            flag(Status::SpeedConstant, ports::at_speed()) |
-           flag(Status::EstopClosed, !inputs_.estop_open) |
-           flag(Status::EndUp, end_up()) | flag(Status::EndDown, end_down()) |
-           flag(Status::Homed, homed_) | flag(Status::Tared, tared_) |
-           flag(Status::ContactMayStand, contact_ != Contact::Gone) |
-           flag(Status::LiftFailed, lift_failed_);
+           flag(Status::EstopClosed, !signals.estop_wire_open()) |
+           flag(Status::EndUp, signals.end_up()) | flag(Status::EndDown, signals.end_down()) |
+           flag(Status::Homed, controller_.axis().homed()) |
+           flag(Status::Tared, commands_.tared()) |
+           flag(Status::ContactMayStand, !controller_.contact().gone()) |
+           flag(Status::LiftFailed, controller_.contact().lift_failed());
 }
 
-void Drum::report_state() {
-    bank_.put(reg::state, static_cast<uint16_t>(machine_.state()));
-    bank_.put(reg::fault, static_cast<uint16_t>(machine_.fault()));
-    bank_.put_wide(reg::fault_at_ms, machine_.fault_at_ms());
-    bank_.put(reg::fault_bits, causes());
+void Report::fill_state() {
+    const Machine &machine = controller_.machine();
+    bank_.put(reg::state, static_cast<uint16_t>(machine.state()));
+    bank_.put(reg::fault, static_cast<uint16_t>(machine.fault()));
+    bank_.put_wide(reg::fault_at_ms, machine.fault_at_ms());
+    bank_.put(reg::fault_bits, controller_.causes());
     bank_.put_wide(reg::board_time_us, ports::now_us());
-    bank_.put(reg::command_acknowledged, acknowledged_);
-    bank_.put(reg::command_result, static_cast<uint16_t>(result_));
-    bank_.put(reg::heartbeat_seen, heartbeat_.value());
+    bank_.put(reg::command_acknowledged, commands_.acknowledged());
+    bank_.put(reg::command_result, static_cast<uint16_t>(commands_.result()));
+    bank_.put(reg::heartbeat_seen, controller_.heartbeat().value());
     bank_.put(reg::status_bits, status_bits());
 }
 
-void Drum::report_motion() {
-    const int32_t steps = ports::position();
-    int32_t place = steps % board::STEPS_PER_TURN;
-    if (place < 0) place += board::STEPS_PER_TURN;
-    const uint16_t speed = ports::at_speed() ? cruise_speed_ : ramp::speed_of(ports::step_interval());
+void Report::fill_motion() {
+    const Axis &axis = controller_.axis();
+    const uint16_t speed = axis.speed();
     const ports::SyncLine sync = ports::sync_line();
-    bank_.put_wide(reg::steps, static_cast<uint32_t>(steps));
-    bank_.put(reg::angle, hundredths_of_degree(place));
-    bank_.put(reg::speed, backwards_ ? -speed : speed);
+    bank_.put_wide(reg::steps, static_cast<uint32_t>(ports::position()));
+    bank_.put(reg::angle, hundredths_of_degree(axis.place_in_turn()));
+    bank_.put(reg::speed, axis.backwards() ? -speed : speed);
     bank_.put(reg::sync_count, sync.count);
     bank_.put_wide(reg::sync_rise_us, sync.rise_us);
     bank_.put_wide(reg::sync_fall_us, sync.fall_us);
     bank_.put(reg::index_count, ports::index_mark().count);
-    bank_.put(reg::actuator_position_um, inputs_.position_um);
-    bank_.put(reg::actuator_drive, static_cast<uint16_t>(permille_));
-    bank_.put(reg::last_contact_um, contact_um_);
+    bank_.put(reg::actuator_position_um, controller_.signals().position_um());
+    bank_.put(reg::actuator_drive, static_cast<uint16_t>(controller_.duty()));
+    bank_.put(reg::last_contact_um, controller_.contact().contact_um());
 }
 
-void Drum::report_loadcell() {
-    const uint16_t newest = loadcell_.sequence();
-    bank_.put(reg::force, tenths(loadcell_.force_g()));
+void Report::fill_loadcell() {
+    const Loadcell &cell = controller_.sensor().loadcell();
+    const uint16_t newest = cell.sequence();
+    bank_.put(reg::force, tenths(cell.force_g()));
     bank_.put(reg::loadcell_sequence, newest);
-    bank_.put_wide(reg::loadcell_time_us, loadcell_.time_us());
+    bank_.put_wide(reg::loadcell_time_us, cell.time_us());
     for (uint8_t age = 0; age < LOADCELL_RECENT; ++age) {
-        const int32_t raw = loadcell_.ring_raw(static_cast<uint8_t>(newest - age));
+        const int32_t raw = cell.ring_raw(static_cast<uint8_t>(newest - age));
         bank_.put_wide(reg::loadcell_recent + 2 * age, static_cast<uint32_t>(raw));
     }
 }
 
-void Drum::report_counters() {
+void Report::fill_counters() {
     const ports::Health health = ports::health();
     bank_.put(reg::crc_errors, modbus_.crc_errors());
     bank_.put(reg::late_ticks, health.late_ticks);
@@ -112,15 +116,6 @@ void Drum::report_counters() {
     bank_.put(reg::longest_isr_us, health.longest_isr_us);
     bank_.put(reg::free_stack_bytes, health.free_stack_bytes);
     bank_.put(reg::idle_permille, health.idle_permille);
-    bank_.put(reg::loadcell_dropped, loadcell_.dropped());
-    bank_.put(reg::index_error_steps, static_cast<uint16_t>(index_error_));
-}
-
-uint16_t Drum::ring_word(uint16_t address) {
-    const bool time = address >= reg::ring_time_us;
-    const uint16_t offset = address - (time ? reg::ring_time_us : reg::ring_raw);
-    const uint8_t place = offset / 2;
-    const uint32_t value = time ? loadcell_.ring_time_us(place)
-                                : static_cast<uint32_t>(loadcell_.ring_raw(place));
-    return static_cast<uint16_t>(offset & 1 ? value : value >> 16);
+    bank_.put(reg::loadcell_dropped, controller_.sensor().loadcell().dropped());
+    bank_.put(reg::index_error_steps, static_cast<uint16_t>(controller_.axis().index_error()));
 }

@@ -3,10 +3,19 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "board.h"
 #include "avr_eeprom.h"
 #include "avr_extint.h"
 #include "sim_elf.h"
+
+#include "analog.h"
+#include "bridge.h"
+#include "loadcell.h"
+#include "motor.h"
+#include "pins.h"
+#include "profile.h"
+#include "sensor.h"
+#include "serial.h"
+#include "sim.h"
 
 #define FREQUENCY 16000000
 #define MILLIVOLTS 5000
@@ -15,13 +24,28 @@
 #define BURST_CYCLES 1000
 #define EEPROM_REJECTED (-2) /* simavr returns −1 for success */
 
+struct sim_board {
+    struct chip chip;
+    int was_reset;
+    int keep_edges; /* a reset from outside has reported edges since the last run */
+    void (*chip_reset)(struct avr_t *avr);
+    struct serial serial;
+    struct pins pins;
+    struct analog analog;
+    struct profile profile;
+    struct sensor sensor;     /* taxels */
+    struct loadcell loadcell; /* drum, as are the next two */
+    struct motor motor;
+    struct bridge bridge;
+};
+
 static const char *const MCU[] = {"atmega2560", "atmega328p"};
 
 /* Count sleep instead of sleeping in real time, as simavr would. */
 static void on_sleep(avr_t *avr, avr_cycle_count_t cycles)
 {
     sim_board *board = avr->custom.data;
-    board->io.slept_cycles += cycles + 1;
+    board->chip.io.slept_cycles += cycles + 1;
 }
 
 /* Discard simavr's log: standard output belongs to the program around it. */
@@ -41,9 +65,9 @@ static avr_cycle_count_t on_stop(avr_t *avr, avr_cycle_count_t when, void *param
 
 static uint64_t earliest(const sim_board *board)
 {
-    uint64_t next = pins_next(board), other = serial_next(board);
+    uint64_t next = pins_next(&board->pins), other = serial_next(&board->serial);
     if (other < next) next = other;
-    if (board->kind == SIM_DRUM && (other = loadcell_next(board)) < next) next = other;
+    if (board->chip.kind == SIM_DRUM && (other = loadcell_next(&board->loadcell)) < next) next = other;
     return next;
 }
 
@@ -51,19 +75,19 @@ static avr_cycle_count_t on_event(avr_t *avr, avr_cycle_count_t when, void *para
 {
     sim_board *board = param;
     (void)when;
-    pins_run(board, avr->cycle);
-    serial_run(board, avr->cycle);
-    if (board->kind == SIM_DRUM) loadcell_run(board, avr->cycle);
+    pins_run(&board->pins, avr->cycle);
+    serial_run(&board->serial, avr->cycle);
+    if (board->chip.kind == SIM_DRUM) loadcell_run(&board->loadcell, avr->cycle);
     uint64_t next = earliest(board);
     return next == NEVER ? 0 : next;
 }
 
 /* Register the timer for all events from outside the chip. */
-void schedule(sim_board *board)
+static void schedule(sim_board *board)
 {
-    uint64_t next = earliest(board), now = board->avr->cycle;
+    uint64_t next = earliest(board), now = board->chip.avr->cycle;
     if (next == NEVER) return;
-    avr_cycle_timer_register(board->avr, next > now ? next - now : 1, on_event, board);
+    avr_cycle_timer_register(board->chip.avr, next > now ? next - now : 1, on_event, board);
 }
 
 static void on_reset(avr_t *avr)
@@ -77,32 +101,43 @@ static void on_reset(avr_t *avr)
  * longer bursts give the same cycles in half the time. */
 static void bound_burst(sim_board *board)
 {
-    board->avr->run_cycle_limit = board->io.watch_interrupts ? 1 : BURST_CYCLES;
+    board->chip.avr->run_cycle_limit = board->chip.io.watch_interrupts ? 1 : BURST_CYCLES;
+}
+
+static void on_clock(void *param, int level)
+{
+    sim_board *board = param;
+    loadcell_clock(&board->loadcell, level);
+    schedule(board);
+}
+
+/* During a reset all pins are inputs, so the wiring decides every level. */
+static void restore_pins(sim_board *board)
+{
+    if (board->chip.kind == SIM_DRUM) {
+        pins_float(&board->pins);
+        bridge_changed(&board->bridge);
+        motor_show_mark(&board->motor);
+    }
+    pins_restore(&board->pins);
 }
 
 /* Restore what a reset clears: level-triggered pins, pin states, timers, receiver state. */
 static void restore(sim_board *board)
 {
+    avr_t *avr = board->chip.avr;
     board->was_reset = 0;
     board->analog.compare_latched = 0;
     /* Strict level triggering polls each low pin every few cycles and halves the speed. */
-    for (int n = 0; n < EXTERNAL_INTERRUPTS; n++) avr_extint_set_strict_lvl_trig(board->avr, n, 0);
+    for (int n = 0; n < EXTERNAL_INTERRUPTS; n++) avr_extint_set_strict_lvl_trig(avr, n, 0);
     bound_burst(board);
-    profile_restore(board);
-    serial_restore(board);
-    pins_restore(board);
-    if (board->kind == SIM_DRUM) loadcell_restore(board);
-    if (board->slice_end > board->avr->cycle)
-        avr_cycle_timer_register(board->avr, board->slice_end - board->avr->cycle, on_stop, board);
+    profile_restore(&board->profile);
+    serial_restore(&board->serial);
+    restore_pins(board);
+    if (board->chip.kind == SIM_DRUM) loadcell_restore(&board->loadcell);
+    if (board->chip.slice_end > avr->cycle)
+        avr_cycle_timer_register(avr, board->chip.slice_end - avr->cycle, on_stop, board);
     schedule(board);
-}
-
-/* Return simavr's first peripheral of a kind. */
-avr_io_t *find_io(avr_t *avr, const char *kind)
-{
-    avr_io_t *io = avr->io_port;
-    while (io && strcmp(io->kind, kind)) io = io->next;
-    return io;
 }
 
 static avr_t *load(const char *image, const char *mcu)
@@ -123,128 +158,127 @@ static avr_t *load(const char *image, const char *mcu)
     return avr;
 }
 
+static void open_peripherals(sim_board *board)
+{
+    struct chip *chip = &board->chip;
+    struct pins *pins = &board->pins;
+    serial_open(&board->serial, chip);
+    analog_open(&board->analog, chip, &board->sensor);
+    pins_open(pins, chip);
+    if (chip->kind == SIM_DRUM) {
+        motor_open(&board->motor, chip, pins);
+        bridge_open(&board->bridge, chip, pins);
+        loadcell_open(&board->loadcell, chip, pins);
+        pins->on_clock = on_clock;
+        pins->clock_param = board;
+    } else {
+        sensor_open(&board->sensor, chip);
+    }
+    profile_open(&board->profile, chip);
+}
+
 sim_board *sim_open(const char *image, int kind)
 {
     if (kind != SIM_DRUM && kind != SIM_TAXELS) return NULL;
     avr_t *avr = load(image, MCU[kind]);
     if (!avr) return NULL;
     sim_board *board = calloc(1, sizeof *board);
-    board->avr = avr;
-    board->kind = kind;
+    board->chip.avr = avr;
+    board->chip.kind = kind;
     avr->custom.data = board;
     board->chip_reset = avr->reset;
     avr->reset = on_reset;
-    serial_open(board);
-    analog_open(board);
-    pins_open(board);
-    if (kind == SIM_DRUM) loadcell_open(board);
-    else sensor_open(board);
-    profile_open(board);
+    open_peripherals(board);
     sim_reset(board, 1);
-    board->io.resets = 0;
+    board->chip.io.resets = 0;
     return board;
 }
 
 void sim_close(sim_board *board)
 {
-    avr_terminate(board->avr);
-    free(board->avr);
+    avr_terminate(board->chip.avr);
+    free(board->chip.avr);
     free(board);
 }
 
-sim_io *sim_io_of(sim_board *board) { return &board->io; }
+sim_io *sim_io_of(sim_board *board) { return &board->chip.io; }
 
 unsigned long sim_io_size(void) { return sizeof(sim_io); }
-
-void report_edge(sim_board *board, int signal, int level)
-{
-    report_edge_at(board, board->avr->cycle, signal, level);
-}
-
-void report_edge_at(sim_board *board, uint64_t cycle, int signal, int level)
-{
-    sim_io *io = &board->io;
-    if (io->edge_count == SIM_MAX_EDGES) {
-        io->overflows++;
-        return;
-    }
-    io->edge_cycle[io->edge_count] = cycle;
-    io->edge_signal[io->edge_count] = signal;
-    io->edge_level[io->edge_count++] = level;
-}
 
 /* Prepare for edges outside of a run; they belong to the next run. */
 static void begin_outside(sim_board *board)
 {
-    if (!board->keep_edges) board->io.edge_count = 0;
+    if (!board->keep_edges) board->chip.io.edge_count = 0;
     board->keep_edges = 1;
 }
 
 static void begin(sim_board *board, uint64_t until)
 {
-    board->slice_start = board->avr->cycle;
-    board->slice_end = until;
-    board->io.tx_count = 0;
-    if (!board->keep_edges) board->io.edge_count = 0;
+    board->chip.slice_start = board->chip.avr->cycle;
+    board->chip.slice_end = until;
+    board->chip.io.tx_count = 0;
+    if (!board->keep_edges) board->chip.io.edge_count = 0;
     board->keep_edges = 0;
-    serial_begin(board);
-    pins_begin(board);
-    bridge_begin(board);
+    serial_begin(&board->serial);
+    pins_begin(&board->pins);
     bound_burst(board);
-    if (board->kind == SIM_DRUM) motor_show_mark(board); /* the wiring may have changed */
-    avr_cycle_timer_register(board->avr, until - board->avr->cycle, on_stop, board);
+    if (board->chip.kind == SIM_DRUM) {
+        bridge_begin(&board->bridge);
+        motor_show_mark(&board->motor); /* the wiring may have changed */
+    }
+    avr_cycle_timer_register(board->chip.avr, until - board->chip.avr->cycle, on_stop, board);
     schedule(board);
 }
 
 int sim_run(sim_board *board, uint64_t until)
 {
-    avr_t *avr = board->avr;
+    avr_t *avr = board->chip.avr;
     if (until <= avr->cycle) return 0;
     begin(board, until);
     int state = cpu_Running;
     while (avr->cycle < until && state != cpu_Done && state != cpu_Crashed) {
         state = avr_run(avr);
-        if (board->io.watch_interrupts) profile_instruction(board);
+        if (board->chip.io.watch_interrupts) profile_instruction(&board->profile);
         if (board->was_reset) {
-            board->io.resets++;
+            board->chip.io.resets++;
             restore(board);
         }
     }
-    if (board->kind == SIM_DRUM) motor_end(board), bridge_end(board);
-    board->io.cycle = avr->cycle;
-    board->io.loadcell_ready = (uint64_t)board->loadcell.ready_q16 >> 16;
+    if (board->chip.kind == SIM_DRUM) motor_end(&board->motor), bridge_end(&board->bridge);
+    board->chip.io.cycle = avr->cycle;
+    board->chip.io.loadcell_ready = (uint64_t)board->loadcell.ready_q16 >> 16;
     return state == cpu_Done || state == cpu_Crashed;
 }
 
 void sim_reset(sim_board *board, int cause)
 {
-    avr_t *avr = board->avr;
+    avr_t *avr = board->chip.avr;
     begin_outside(board);
     avr_reset(avr);
     avr->data[MCUSR_ADDRESS] = cause == 1 ? 1 : 2;
     if (cause == 1) memset(avr->data + avr->ioend + 1, 0, avr->ramend - avr->ioend);
-    board->io.resets++;
-    board->slice_end = avr->cycle;
+    board->chip.io.resets++;
+    board->chip.slice_end = avr->cycle;
     restore(board);
 }
 
 void sim_place_drum(sim_board *board, int64_t steps)
 {
     begin_outside(board);
-    motor_place(board, steps);
-    pins_restore(board);
+    motor_place(&board->motor, steps);
+    restore_pins(board);
 }
 
 int sim_eeprom_read(sim_board *board, uint32_t offset, uint8_t *bytes, uint32_t size)
 {
     avr_eeprom_desc_t range = {.ee = bytes, .offset = offset, .size = size};
-    if (offset + size > board->avr->e2end + 1u) return 1;
-    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_GET, &range) == EEPROM_REJECTED;
+    if (offset + size > board->chip.avr->e2end + 1u) return 1;
+    return avr_ioctl(board->chip.avr, AVR_IOCTL_EEPROM_GET, &range) == EEPROM_REJECTED;
 }
 
 int sim_eeprom_write(sim_board *board, uint32_t offset, const uint8_t *bytes, uint32_t size)
 {
     avr_eeprom_desc_t range = {.ee = (uint8_t *)bytes, .offset = offset, .size = size};
-    if (offset + size > board->avr->e2end + 1u) return 1;
-    return avr_ioctl(board->avr, AVR_IOCTL_EEPROM_SET, &range) == EEPROM_REJECTED;
+    if (offset + size > board->chip.avr->e2end + 1u) return 1;
+    return avr_ioctl(board->chip.avr, AVR_IOCTL_EEPROM_SET, &range) == EEPROM_REJECTED;
 }

@@ -1,5 +1,7 @@
 /* The actuator's bridge: the duty of the PWM registers, averaged over a slice. */
-#include "board.h"
+#include "bridge.h"
+
+#include "avr_timer.h"
 
 /* Timer 4 of the 2560, whose compare pins PH3 and PH4 drive the bridge. */
 enum {
@@ -24,20 +26,20 @@ static double half_duty(const uint8_t *data, int com_shift, int ocr, int bit)
     return top ? (on > top ? 1.0 : (on + 1.0) / (top + 1.0)) : 0;
 }
 
-static double bridge_duty(const sim_board *board)
+static double bridge_duty(const struct bridge *bridge)
 {
-    const uint8_t *data = board->avr->data;
-    if (!board->pins.out_level[SIM_OUT_BRIDGE] || !BIT(data[DDRH], 5)) return 0;
+    const uint8_t *data = bridge->chip->avr->data;
+    if (!bridge->pins->out_level[SIM_OUT_BRIDGE] || !BIT(data[DDRH], 5)) return 0;
     return half_duty(data, 6, OCR4AL, PRESS_BIT) - half_duty(data, 4, OCR4BL, LIFT_BIT);
 }
 
 /* Integrate the duty up to now, then read the present duty. */
-void bridge_changed(sim_board *board)
+void bridge_changed(struct bridge *bridge)
 {
-    uint64_t now = board->avr->cycle;
-    board->bridge.sum += board->bridge.duty * (double)(now - board->bridge.since);
-    board->bridge.since = now;
-    board->bridge.duty = bridge_duty(board);
+    uint64_t now = bridge->chip->avr->cycle;
+    bridge->sum += bridge->duty * (double)(now - bridge->since);
+    bridge->since = now;
+    bridge->duty = bridge_duty(bridge);
 }
 
 static void on_bridge_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param)
@@ -52,25 +54,27 @@ static void on_bridge_change(avr_irq_t *irq, uint32_t value, void *param)
     bridge_changed(param);
 }
 
-void bridge_open(sim_board *board)
+void bridge_open(struct bridge *bridge, struct chip *chip, const struct pins *pins)
 {
-    avr_irq_t *timer = avr_io_getirq(board->avr, AVR_IOCTL_TIMER_GETIRQ('4'), 0);
-    avr_irq_t *port = avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ('H'), IOPORT_IRQ_REG_PORT);
-    avr_irq_register_notify(timer + TIMER_IRQ_OUT_PWM0, on_bridge_change, board);
-    avr_irq_register_notify(timer + TIMER_IRQ_OUT_PWM1, on_bridge_change, board);
-    avr_irq_register_notify(port, on_bridge_change, board);
-    avr_register_io_write(board->avr, TCCR4A, on_bridge_write, board);
+    bridge->chip = chip;
+    bridge->pins = pins;
+    avr_irq_t *timer = avr_io_getirq(chip->avr, AVR_IOCTL_TIMER_GETIRQ('4'), 0);
+    avr_irq_t *port = avr_io_getirq(chip->avr, AVR_IOCTL_IOPORT_GETIRQ('H'), IOPORT_IRQ_REG_PORT);
+    avr_irq_register_notify(timer + TIMER_IRQ_OUT_PWM0, on_bridge_change, bridge);
+    avr_irq_register_notify(timer + TIMER_IRQ_OUT_PWM1, on_bridge_change, bridge);
+    avr_irq_register_notify(port, on_bridge_change, bridge);
+    avr_register_io_write(chip->avr, TCCR4A, on_bridge_write, bridge);
 }
 
-void bridge_begin(sim_board *board)
+void bridge_begin(struct bridge *bridge)
 {
-    board->bridge.sum = 0;
-    board->bridge.since = board->avr->cycle;
+    bridge->sum = 0;
+    bridge->since = bridge->chip->avr->cycle;
 }
 
-void bridge_end(sim_board *board)
+void bridge_end(struct bridge *bridge)
 {
-    uint64_t length = board->avr->cycle - board->slice_start;
-    bridge_changed(board);
-    board->io.drive = length ? board->bridge.sum / (double)length : board->bridge.duty;
+    uint64_t length = bridge->chip->avr->cycle - bridge->chip->slice_start;
+    bridge_changed(bridge);
+    bridge->chip->io.drive = length ? bridge->sum / (double)length : bridge->duty;
 }

@@ -2,16 +2,18 @@
 #ifndef RIGCTL_SIM_BRIDGE_H
 #define RIGCTL_SIM_BRIDGE_H
 
-#include "sim.h"
+#include "pins.h"
 
 struct bridge {
+    struct chip *chip;
+    const struct pins *pins;
     double duty, sum;  /* present duty, and its integral over the slice */
     uint64_t since;    /* cycle up to which the integral reaches */
 };
 
-void bridge_open(sim_board *board);
-void bridge_changed(sim_board *board);
-void bridge_begin(sim_board *board);
-void bridge_end(sim_board *board);
+void bridge_open(struct bridge *bridge, struct chip *chip, const struct pins *pins);
+void bridge_changed(struct bridge *bridge);
+void bridge_begin(struct bridge *bridge);
+void bridge_end(struct bridge *bridge);
 
 #endif

@@ -1,6 +1,6 @@
 /* The HX711 as in its data sheet: its own conversion clock, a two-wire readout whose pulse count
  * selects the next gain, power-down by a long clock pulse, four conversions of settling. */
-#include "board.h"
+#include "loadcell.h"
 
 #define PORT_DOUT 'D'
 #define BIT_DOUT 2
@@ -10,39 +10,39 @@
 #define SETTLING 4
 #define FULL_SCALE 0x7fffff
 
-static void put_dout(sim_board *board, int level)
+static void put_dout(struct loadcell *cell, int level)
 {
-    board->loadcell.dout = level;
-    pins_set(board, PORT_DOUT, BIT_DOUT, level);
+    cell->dout = level;
+    pins_set(cell->pins, PORT_DOUT, BIT_DOUT, level);
 }
 
-static void start(sim_board *board, int settling)
+static void start(struct loadcell *cell, int settling)
 {
-    struct loadcell *cell = &board->loadcell;
     cell->settling = settling;
     cell->pulses = 0;
-    cell->ready_q16 = (board->avr->cycle << 16) + board->io.loadcell_period_q16;
+    cell->ready_q16 = (cell->chip->avr->cycle << 16) + cell->chip->io.loadcell_period_q16;
 }
 
-void loadcell_open(sim_board *board)
+void loadcell_open(struct loadcell *cell, struct chip *chip, struct pins *pins)
 {
-    board->loadcell.gain_pulses = DATA_PULSES + 1;
-    board->io.loadcell_period_q16 = (int64_t)200000 << 16;
-    start(board, SETTLING);
-    put_dout(board, 1);
+    cell->chip = chip;
+    cell->pins = pins;
+    cell->gain_pulses = DATA_PULSES + 1;
+    chip->io.loadcell_period_q16 = (int64_t)200000 << 16;
+    start(cell, SETTLING);
+    put_dout(cell, 1);
 }
 
-void loadcell_restore(sim_board *board)
+void loadcell_restore(struct loadcell *cell)
 {
-    pins_set(board, PORT_DOUT, BIT_DOUT, board->loadcell.dout);
+    pins_set(cell->pins, PORT_DOUT, BIT_DOUT, cell->dout);
 }
 
-static int32_t conversion(sim_board *board)
+static int32_t conversion(struct loadcell *cell)
 {
-    struct loadcell *cell = &board->loadcell;
-    int32_t counts = board->io.loadcell_counts;
-    if (board->io.loadcell_mode == SIM_LOADCELL_FROZEN) return cell->last;
-    if (board->io.loadcell_mode == SIM_LOADCELL_SATURATED) return FULL_SCALE;
+    int32_t counts = cell->chip->io.loadcell_counts;
+    if (cell->chip->io.loadcell_mode == SIM_LOADCELL_FROZEN) return cell->last;
+    if (cell->chip->io.loadcell_mode == SIM_LOADCELL_SATURATED) return FULL_SCALE;
     if (cell->gain_pulses == LAST_PULSE) counts /= 2;
     if (cell->gain_pulses == DATA_PULSES + 2) counts = 0; /* input B is not connected */
     if (counts > FULL_SCALE) counts = FULL_SCALE;
@@ -59,22 +59,21 @@ static void close_read(struct loadcell *cell)
     cell->pulses = 0;
 }
 
-static void finish_conversion(sim_board *board)
+static void finish_conversion(struct loadcell *cell)
 {
-    struct loadcell *cell = &board->loadcell;
-    cell->ready_q16 += board->io.loadcell_period_q16;
+    cell->ready_q16 += cell->chip->io.loadcell_period_q16;
     if (cell->pulses > DATA_PULSES) close_read(cell);
     if (cell->settling > 1) {
         cell->settling--;
         return;
     }
     /* An unfinished read holds the register: a conversion that ends meanwhile is lost. */
-    if (cell->pulses || board->io.loadcell_mode == SIM_LOADCELL_SILENT) return;
-    board->io.loadcell_conversions++;
-    cell->held = cell->last = conversion(board);
-    if (!cell->dout) put_dout(board, 1);
-    put_dout(board, 0);
-    cell->offered = board->avr->cycle;
+    if (cell->pulses || cell->chip->io.loadcell_mode == SIM_LOADCELL_SILENT) return;
+    cell->chip->io.loadcell_conversions++;
+    cell->held = cell->last = conversion(cell);
+    if (!cell->dout) put_dout(cell, 1);
+    put_dout(cell, 0);
+    cell->offered = cell->chip->avr->cycle;
 }
 
 static uint64_t power_down_at(const struct loadcell *cell)
@@ -82,60 +81,54 @@ static uint64_t power_down_at(const struct loadcell *cell)
     return cell->sck && !cell->down ? cell->sck_rise + POWER_DOWN_CYCLES : NEVER;
 }
 
-uint64_t loadcell_next(const sim_board *board)
+uint64_t loadcell_next(const struct loadcell *cell)
 {
-    const struct loadcell *cell = &board->loadcell;
     uint64_t next = cell->down ? NEVER : (cell->ready_q16 + 0xffff) >> 16;
     uint64_t off = power_down_at(cell);
     return off < next ? off : next;
 }
 
-void loadcell_run(sim_board *board, uint64_t now)
+void loadcell_run(struct loadcell *cell, uint64_t now)
 {
-    struct loadcell *cell = &board->loadcell;
     if (power_down_at(cell) <= now) {
         cell->down = 1;
         cell->pulses = 0;
-        put_dout(board, 1);
+        put_dout(cell, 1);
     }
-    while (!cell->down && cell->ready_q16 <= now << 16) finish_conversion(board);
+    while (!cell->down && cell->ready_q16 <= now << 16) finish_conversion(cell);
 }
 
-static void end_of_read(sim_board *board)
+static void end_of_read(struct loadcell *cell)
 {
-    struct loadcell *cell = &board->loadcell;
-    sim_io *io = &board->io;
-    uint64_t now = board->avr->cycle;
+    sim_io *io = &cell->chip->io;
+    uint64_t now = cell->chip->avr->cycle;
     if (now - cell->read_start > io->longest_read) io->longest_read = now - cell->read_start;
     if (now - cell->offered > io->loadcell_latency) io->loadcell_latency = now - cell->offered;
 }
 
-static void clock_rise(sim_board *board)
+static void clock_rise(struct loadcell *cell)
 {
-    struct loadcell *cell = &board->loadcell;
-    cell->sck_rise = board->avr->cycle;
+    cell->sck_rise = cell->chip->avr->cycle;
     if (cell->down || (cell->pulses == 0 && cell->dout)) return; /* nothing to read */
-    if (++cell->pulses == 1) cell->read_start = board->avr->cycle;
+    if (++cell->pulses == 1) cell->read_start = cell->chip->avr->cycle;
     if (cell->pulses <= DATA_PULSES) {
-        put_dout(board, cell->held >> (DATA_PULSES - cell->pulses) & 1);
+        put_dout(cell, cell->held >> (DATA_PULSES - cell->pulses) & 1);
         return;
     }
-    put_dout(board, 1);
-    if (cell->pulses == DATA_PULSES + 1) board->io.loadcell_reads++;
+    put_dout(cell, 1);
+    if (cell->pulses == DATA_PULSES + 1) cell->chip->io.loadcell_reads++;
 }
 
-void loadcell_clock(sim_board *board, int level)
+void loadcell_clock(struct loadcell *cell, int level)
 {
-    struct loadcell *cell = &board->loadcell;
     cell->sck = level;
     if (level) {
-        clock_rise(board);
+        clock_rise(cell);
     } else if (cell->down) {
         cell->down = 0;
         cell->gain_pulses = DATA_PULSES + 1;
-        start(board, SETTLING);
+        start(cell, SETTLING);
     } else if (cell->pulses > DATA_PULSES) {
-        end_of_read(board);
+        end_of_read(cell);
     }
-    schedule(board);
 }

@@ -2,9 +2,11 @@
 #ifndef RIGCTL_SIM_LOADCELL_H
 #define RIGCTL_SIM_LOADCELL_H
 
-#include "sim.h"
+#include "pins.h"
 
 struct loadcell {
+    struct chip *chip;
+    struct pins *pins;
     uint64_t ready_q16;  /* cycle × 65536 at which the next conversion ends */
     uint64_t sck_rise, read_start;
     uint64_t offered;    /* cycle at which the held conversion was offered */
@@ -16,10 +18,10 @@ struct loadcell {
     int sck, dout, down;
 };
 
-void loadcell_open(sim_board *board);
-uint64_t loadcell_next(const sim_board *board);
-void loadcell_run(sim_board *board, uint64_t now);
-void loadcell_clock(sim_board *board, int level);
-void loadcell_restore(sim_board *board);
+void loadcell_open(struct loadcell *cell, struct chip *chip, struct pins *pins);
+uint64_t loadcell_next(const struct loadcell *cell);
+void loadcell_run(struct loadcell *cell, uint64_t now);
+void loadcell_clock(struct loadcell *cell, int level);
+void loadcell_restore(struct loadcell *cell);
 
 #endif

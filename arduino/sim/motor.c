@@ -1,7 +1,9 @@
 /* The stepper: pulses of the compare pin turn the drum with its index mark. */
-#include "board.h"
+#include "motor.h"
 
 #include <stddef.h>
+
+#include "avr_timer.h"
 
 #define PORT_INDEX 'E'
 #define BIT_INDEX 4
@@ -13,66 +15,72 @@ enum { TIMER1_COMPA = 17, ROUND = 0x10000, LONGEST_INSTRUCTION = 5 };
 enum { COM_PORT = 0, COM_TOGGLE = 1, COM_SET = 3 };
 
 /* Position of the drum, which takes the duration of a step to reach each new step. */
-static double position(const sim_board *board)
+static double position(const struct motor *motor)
 {
-    const struct motor *motor = &board->motor;
-    uint64_t since = board->avr->cycle - motor->stepped;
+    uint64_t since = motor->chip->avr->cycle - motor->stepped;
     if (since >= motor->interval) return (double)motor->steps;
     return motor->from + ((double)motor->steps - motor->from) * (double)since / (double)motor->interval;
 }
 
-static int on_mark(const sim_board *board)
+static int on_mark(const struct motor *motor)
 {
-    const sim_io *io = &board->io;
+    const sim_io *io = &motor->chip->io;
     if (io->steps_per_turn <= 0) return 0;
-    int64_t at = board->motor.steps % io->steps_per_turn;
+    int64_t at = motor->steps % io->steps_per_turn;
     return (at < 0 ? at + io->steps_per_turn : at) < io->mark_length_steps;
 }
 
-void motor_show_mark(sim_board *board)
+void motor_show_mark(struct motor *motor)
 {
-    int level = on_mark(board), pin = level ^ board->io.mark_inverted;
-    if (pin != board->motor.index_pin) pins_set(board, PORT_INDEX, BIT_INDEX, pin);
-    board->motor.index_pin = pin;
-    if (level == board->pins.out_level[SIM_OUT_INDEX]) return;
-    board->pins.out_level[SIM_OUT_INDEX] = level;
-    report_edge(board, SIM_OUT_INDEX, level);
+    int level = on_mark(motor), pin = level ^ motor->chip->io.mark_inverted;
+    if (pin != motor->index_pin) pins_set(motor->pins, PORT_INDEX, BIT_INDEX, pin);
+    motor->index_pin = pin;
+    if (level == motor->pins->out_level[SIM_OUT_INDEX]) return;
+    motor->pins->out_level[SIM_OUT_INDEX] = level;
+    report_edge(motor->chip, SIM_OUT_INDEX, level);
 }
 
-void motor_step(sim_board *board)
+static void make_step(struct motor *motor)
 {
-    struct motor *motor = &board->motor;
-    if (board->pins.out_level[SIM_OUT_ENABLE]) return; /* driver off: the pulse moves nothing */
-    if (board->io.report_steps) report_edge(board, SIM_OUT_STEP, 1);
-    if (board->io.motor_jammed) return;
-    motor->from = position(board);
-    motor->interval = board->avr->cycle - motor->stepped;
+    if (motor->pins->out_level[SIM_OUT_ENABLE]) return; /* driver off: the pulse moves nothing */
+    if (motor->chip->io.report_steps) report_edge(motor->chip, SIM_OUT_STEP, 1);
+    if (motor->chip->io.motor_jammed) return;
+    motor->from = position(motor);
+    motor->interval = motor->chip->avr->cycle - motor->stepped;
     if (motor->interval > LONGEST_STEP) motor->interval = LONGEST_STEP;
-    motor->stepped = board->avr->cycle;
-    motor->steps += board->pins.out_level[SIM_OUT_DIR] ? -1 : 1;
-    motor_show_mark(board);
+    motor->stepped = motor->chip->avr->cycle;
+    motor->steps += motor->pins->out_level[SIM_OUT_DIR] ? -1 : 1;
+    motor_show_mark(motor);
 }
 
-static int step_mode(const sim_board *board) { return board->avr->data[TCCR1A] >> 6; }
+static void set_step_pin(struct motor *motor, int level)
+{
+    uint8_t *pin = &motor->pins->out_level[SIM_OUT_STEP];
+    if (level == *pin) return;
+    *pin = level;
+    if (level) make_step(motor);
+}
+
+static int step_mode(const struct motor *motor) { return motor->chip->avr->data[TCCR1A] >> 6; }
 
 /* Derive the step pin from compare matches instead of simavr's pin: on each overflow and on each
  * write of OCR1A simavr sets the pin against its compare mode, as in fast PWM. */
 static void on_step_match(avr_irq_t *irq, uint32_t value, void *param)
 {
-    sim_board *board = param;
-    int mode = step_mode(board), level = mode == COM_SET;
+    struct motor *motor = param;
+    int mode = step_mode(motor), level = mode == COM_SET;
     (void)irq;
     if (!value) return;
-    board->motor.matched = 1;
+    motor->matched = 1;
     if (mode == COM_PORT) return;
-    pins_on_output(board, SIM_OUT_STEP, mode == COM_TOGGLE ? !board->pins.out_level[SIM_OUT_STEP] : level);
+    set_step_pin(motor, mode == COM_TOGGLE ? !motor->pins->out_level[SIM_OUT_STEP] : level);
 }
 
 /* Follow the port bit while the compare output is off. */
-static void follow_port(sim_board *board)
+static void follow_port(struct motor *motor)
 {
-    if (step_mode(board) == COM_PORT)
-        pins_on_output(board, SIM_OUT_STEP, BIT(board->avr->data[PORTB], STEP_BIT));
+    if (step_mode(motor) == COM_PORT)
+        set_step_pin(motor, BIT(motor->chip->avr->data[PORTB], STEP_BIT));
 }
 
 static void on_step_mode(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param)
@@ -105,10 +113,10 @@ static uint16_t count_of_timer(avr_t *avr)
 /* Raise a match that simavr has missed, and toggle the port bit as simavr does at each match. */
 static avr_cycle_count_t on_match_overdue(avr_t *avr, avr_cycle_count_t when, void *param)
 {
-    sim_board *board = param;
+    struct motor *motor = param;
     (void)when;
-    if (board->motor.matched) return 0;
-    if (step_mode(board) == COM_TOGGLE) {
+    if (motor->matched) return 0;
+    if (step_mode(motor) == COM_TOGGLE) {
         int high = !BIT(avr->data[PORTB], STEP_BIT);
         avr_irq_t *pin = avr_io_getirq(avr, AVR_IOCTL_TIMER_GETIRQ('1'), TIMER_IRQ_OUT_COMP);
         avr_raise_irq(pin, AVR_IOPORT_OUTPUT | (uint32_t)high);
@@ -122,38 +130,43 @@ static avr_cycle_count_t on_match_overdue(avr_t *avr, avr_cycle_count_t when, vo
  * cycle after the count is reached; if it has not matched one cycle later, it has missed it. */
 static void on_match_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param)
 {
-    sim_board *board = param;
+    struct motor *motor = param;
     uint16_t match = (uint16_t)(value | avr->data[OCR1AL + 1] << 8), count = count_of_timer(avr);
     (void)address;
-    board->motor.matched = 0;
-    avr_cycle_timer_cancel(avr, on_match_overdue, board);
+    motor->matched = 0;
+    avr_cycle_timer_cancel(avr, on_match_overdue, motor);
     if (match >= LONGEST_INSTRUCTION || count <= match) return;
-    avr_cycle_timer_register(avr, ROUND - count + match + 2u, on_match_overdue, board);
+    avr_cycle_timer_register(avr, ROUND - count + match + 2u, on_match_overdue, motor);
 }
 
-void motor_open(sim_board *board)
+void motor_open(struct motor *motor, struct chip *chip, struct pins *pins)
 {
-    avr_irq_t *match = avr_get_interrupt_irq(board->avr, TIMER1_COMPA);
-    avr_irq_register_notify(match + AVR_INT_IRQ_PENDING, on_step_match, board);
-    avr_irq_t *port = avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ('B'), IOPORT_IRQ_REG_PORT);
-    avr_irq_register_notify(port, on_step_port, board);
+    avr_t *avr = chip->avr;
+    motor->chip = chip;
+    motor->pins = pins;
+    avr_irq_t *match = avr_get_interrupt_irq(avr, TIMER1_COMPA);
+    avr_irq_register_notify(match + AVR_INT_IRQ_PENDING, on_step_match, motor);
+    avr_irq_t *port = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), IOPORT_IRQ_REG_PORT);
+    avr_irq_register_notify(port, on_step_port, motor);
     /* simavr allows second listeners on four registers: these two, and TCCR4A of the bridge. */
-    avr_register_io_write(board->avr, TCCR1A, on_step_mode, board);
-    avr_register_io_write(board->avr, OCR1AL, on_match_write, board);
-    board->io.steps_per_turn = 12800;
-    board->io.mark_length_steps = 64;
-    pins_set(board, PORT_INDEX, BIT_INDEX, 0);
+    avr_register_io_write(avr, TCCR1A, on_step_mode, motor);
+    avr_register_io_write(avr, OCR1AL, on_match_write, motor);
+    chip->io.steps_per_turn = 12800;
+    chip->io.mark_length_steps = 64;
+    pins_set(pins, PORT_INDEX, BIT_INDEX, 0);
 }
 
-void motor_place(sim_board *board, int64_t steps)
+void motor_place(struct motor *motor, int64_t steps)
 {
-    int index_pin = board->motor.index_pin;
-    board->motor = (struct motor){.steps = steps, .from = steps, .index_pin = index_pin};
-    motor_end(board);
+    motor->steps = steps;
+    motor->from = steps;
+    motor->stepped = motor->interval = 0;
+    motor->matched = 0;
+    motor_end(motor);
 }
 
-void motor_end(sim_board *board)
+void motor_end(struct motor *motor)
 {
-    board->io.drum_steps = board->motor.steps;
-    board->io.drum_place = position(board);
+    motor->chip->io.drum_steps = motor->steps;
+    motor->chip->io.drum_place = position(motor);
 }

@@ -2,9 +2,11 @@
 #ifndef RIGCTL_SIM_MOTOR_H
 #define RIGCTL_SIM_MOTOR_H
 
-#include "sim.h"
+#include "pins.h"
 
 struct motor {
+    struct chip *chip;
+    struct pins *pins;
     int64_t steps;               /* position commanded by the last pulse */
     double from;                 /* position at that pulse */
     uint64_t stepped, interval;  /* cycle of the last pulse, and the time since the one before */
@@ -12,10 +14,9 @@ struct motor {
     int matched;                 /* the compare unit has matched since the last write of OCR1A */
 };
 
-void motor_open(sim_board *board);
-void motor_place(sim_board *board, int64_t steps);
-void motor_step(sim_board *board);
-void motor_show_mark(sim_board *board);
-void motor_end(sim_board *board);
+void motor_open(struct motor *motor, struct chip *chip, struct pins *pins);
+void motor_place(struct motor *motor, int64_t steps);
+void motor_show_mark(struct motor *motor);
+void motor_end(struct motor *motor);
 
 #endif

@@ -1,5 +1,5 @@
 /* Pins: inputs that change at exact cycles, outputs with cycle stamps, and their reset. */
-#include "board.h"
+#include "pins.h"
 
 #define QUEUE (SIM_MAX_INPUTS * 2)
 #define OUTPUT_COUNT 6
@@ -16,109 +16,101 @@ static const struct pin OUTPUT[OUTPUT_COUNT] = {
 };
 
 /* Set an input. A PORT write restores simavr's external value, so set that and the pin. */
-void pins_set(sim_board *board, char port, int bit, int level)
+void pins_set(struct pins *pins, char port, int bit, int level)
 {
     int n = port - 'A';
-    board->pins.pull_mask[n] |= 1 << bit;
-    board->pins.pull_value[n] = (board->pins.pull_value[n] & ~(1 << bit)) | level << bit;
+    pins->pull_mask[n] |= 1 << bit;
+    pins->pull_value[n] = (pins->pull_value[n] & ~(1 << bit)) | level << bit;
     avr_ioport_external_t external = {
-        .name = port, .mask = board->pins.pull_mask[n], .value = board->pins.pull_value[n]};
-    avr_ioctl(board->avr, AVR_IOCTL_IOPORT_SET_EXTERNAL(port), &external);
-    avr_raise_irq(avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ(port), bit), level);
+        .name = port, .mask = pins->pull_mask[n], .value = pins->pull_value[n]};
+    avr_ioctl(pins->chip->avr, AVR_IOCTL_IOPORT_SET_EXTERNAL(port), &external);
+    avr_raise_irq(avr_io_getirq(pins->chip->avr, AVR_IOCTL_IOPORT_GETIRQ(port), bit), level);
 }
 
-void pins_on_output(sim_board *board, int signal, int level)
+static void set_output(struct pins *pins, int signal, int level)
 {
-    if (level == board->pins.out_level[signal]) return;
-    board->pins.out_level[signal] = level;
-    if (signal == SIM_OUT_SCK) loadcell_clock(board, level);
-    else if (signal != SIM_OUT_STEP) report_edge(board, signal, level);
-    else if (level) motor_step(board);
+    if (level == pins->out_level[signal]) return;
+    pins->out_level[signal] = level;
+    if (signal != SIM_OUT_SCK) report_edge(pins->chip, signal, level);
+    else if (pins->on_clock) pins->on_clock(pins->clock_param, level);
 }
 
-#define ON_OUTPUT(name, signal)                                        \
-    static void name(avr_irq_t *irq, uint32_t value, void *param)      \
-    {                                                                  \
-        (void)irq;                                                     \
-        pins_on_output(param, signal, value & 1);                           \
-    }
-ON_OUTPUT(on_pin_bridge, SIM_OUT_BRIDGE)
-ON_OUTPUT(on_pin_sck, SIM_OUT_SCK)
+static void on_bridge(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq;
+    set_output(param, SIM_OUT_BRIDGE, value & 1);
+}
 
-static const avr_irq_notify_t ON_PIN[OUTPUT_COUNT] = {
-    [SIM_OUT_BRIDGE] = on_pin_bridge, [SIM_OUT_SCK] = on_pin_sck};
+static void on_clock(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq;
+    set_output(param, SIM_OUT_SCK, value & 1);
+}
 
 /* Direction, enable and sync may be wired to other bits of their port. */
 static void on_port_a(avr_irq_t *irq, uint32_t value, void *param)
 {
-    sim_board *board = param;
-    int signal = SIM_OUT_DIR + (int)irq->irq - board->io.port_a_first;
+    struct pins *pins = param;
+    int signal = SIM_OUT_DIR + (int)irq->irq - pins->chip->io.port_a_first;
     if (signal < SIM_OUT_DIR || signal > SIM_OUT_SYNC) return;
-    int other = signal == SIM_OUT_ENABLE && board->io.enable_high;
-    pins_on_output(board, signal, (int)(value & 1) ^ other);
+    int other = signal == SIM_OUT_ENABLE && pins->chip->io.enable_high;
+    set_output(pins, signal, (int)(value & 1) ^ other);
 }
 
-static avr_irq_t *output_irq(sim_board *board, int signal)
+static avr_irq_t *output_irq(struct pins *pins, int signal)
 {
     struct pin pin = OUTPUT[signal];
-    if (pin.port == 'A') pin.bit += board->io.port_a_first;
-    return avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ(pin.port), pin.bit);
+    if (pin.port == 'A') pin.bit += pins->chip->io.port_a_first;
+    return avr_io_getirq(pins->chip->avr, AVR_IOCTL_IOPORT_GETIRQ(pin.port), pin.bit);
 }
 
-static void pins_open_drum(sim_board *board)
+static void listen(struct pins *pins)
 {
-    motor_open(board);
-    for (int i = 0; i < OUTPUT_COUNT; i++) {
-        if (ON_PIN[i]) avr_irq_register_notify(output_irq(board, i), ON_PIN[i], board);
-    }
+    avr_irq_register_notify(output_irq(pins, SIM_OUT_BRIDGE), on_bridge, pins);
+    avr_irq_register_notify(output_irq(pins, SIM_OUT_SCK), on_clock, pins);
     for (int bit = 0; bit < 8; bit++) {
-        avr_irq_t *irq = avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ('A'), bit);
-        avr_irq_register_notify(irq, on_port_a, board);
+        avr_irq_t *irq = avr_io_getirq(pins->chip->avr, AVR_IOCTL_IOPORT_GETIRQ('A'), bit);
+        avr_irq_register_notify(irq, on_port_a, pins);
     }
-    bridge_open(board);
-    board->pins.out_level[SIM_OUT_ENABLE] = 1; /* pulled up: an undriven pin switches the driver off */
+    pins->out_level[SIM_OUT_ENABLE] = 1; /* pulled up: an undriven pin switches the driver off */
 }
 
-void pins_open(sim_board *board)
+void pins_open(struct pins *pins, struct chip *chip)
 {
-    if (board->kind == SIM_DRUM) pins_open_drum(board);
-    int first = board->kind == SIM_DRUM ? SIM_IN_ESTOP : SIM_IN_INDEX;
-    int last = board->kind == SIM_DRUM ? SIM_IN_END_DOWN : SIM_IN_SYNC;
-    for (int i = first; i <= last; i++) pins_set(board, INPUT[i].port, INPUT[i].bit, 0);
+    int drum = chip->kind == SIM_DRUM;
+    int first = drum ? SIM_IN_ESTOP : SIM_IN_INDEX, last = drum ? SIM_IN_END_DOWN : SIM_IN_SYNC;
+    pins->chip = chip;
+    if (drum) listen(pins);
+    for (int i = first; i <= last; i++) pins_set(pins, INPUT[i].port, INPUT[i].bit, 0);
 }
 
 /* During a reset all pins are inputs: pull resistors hold the drivers off. */
-static void float_outputs(sim_board *board)
+void pins_float(struct pins *pins)
 {
     for (int i = 0; i < OUTPUT_COUNT; i++) {
-        output_irq(board, i)->value = 0;
-        if (i == SIM_OUT_SCK) pins_on_output(board, i, 0);
-        else if (i != SIM_OUT_STEP) pins_on_output(board, i, i == SIM_OUT_ENABLE);
-        board->pins.out_level[i] = i == SIM_OUT_ENABLE;
+        output_irq(pins, i)->value = 0;
+        if (i == SIM_OUT_SCK) set_output(pins, i, 0);
+        else if (i != SIM_OUT_STEP) set_output(pins, i, i == SIM_OUT_ENABLE);
+        pins->out_level[i] = i == SIM_OUT_ENABLE;
     }
 }
 
-void pins_restore(sim_board *board)
+void pins_restore(struct pins *pins)
 {
-    if (board->kind == SIM_DRUM) {
-        float_outputs(board);
-        bridge_changed(board);
-        motor_show_mark(board);
-    }
     for (int n = 0; n < 16; n++)
         for (int bit = 0; bit < 8; bit++) {
-            if (!BIT(board->pins.pull_mask[n], bit)) continue;
-            int level = BIT(board->pins.pull_value[n], bit);
-            avr_irq_t *irq = avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ('A' + n), bit);
+            if (!BIT(pins->pull_mask[n], bit)) continue;
+            int level = BIT(pins->pull_value[n], bit);
+            avr_irq_t *irq = avr_io_getirq(pins->chip->avr, AVR_IOCTL_IOPORT_GETIRQ('A' + n), bit);
             irq->value = !level; /* otherwise the filter hides the level from the reset chip */
-            pins_set(board, 'A' + n, bit, level);
+            pins_set(pins, 'A' + n, bit, level);
         }
 }
 
-void pins_begin(sim_board *board)
+void pins_begin(struct pins *pins)
 {
-    struct pin_queue *in = &board->pins.queue;
-    sim_io *io = &board->io;
+    struct pin_queue *in = &pins->queue;
+    sim_io *io = &pins->chip->io;
     for (int i = 0; i < io->input_count; i++) {
         if ((in->tail + 1) % QUEUE == in->head) {
             io->overflows++;
@@ -132,18 +124,18 @@ void pins_begin(sim_board *board)
     io->input_count = 0;
 }
 
-uint64_t pins_next(const sim_board *board)
+uint64_t pins_next(const struct pins *pins)
 {
-    const struct pin_queue *in = &board->pins.queue;
+    const struct pin_queue *in = &pins->queue;
     return in->head == in->tail ? NEVER : in->cycle[in->head];
 }
 
-void pins_run(sim_board *board, uint64_t now)
+void pins_run(struct pins *pins, uint64_t now)
 {
-    struct pin_queue *in = &board->pins.queue;
+    struct pin_queue *in = &pins->queue;
     while (in->head != in->tail && in->cycle[in->head] <= now) {
         const struct pin *pin = &INPUT[in->signal[in->head]];
-        pins_set(board, pin->port, pin->bit, in->level[in->head]);
+        pins_set(pins, pin->port, pin->bit, in->level[in->head]);
         in->head = (in->head + 1) % QUEUE;
     }
 }

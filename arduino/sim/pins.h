@@ -2,7 +2,8 @@
 #ifndef RIGCTL_SIM_PINS_H
 #define RIGCTL_SIM_PINS_H
 
-#include "sim.h"
+#include "avr_ioport.h"
+#include "chip.h"
 
 struct pin_queue {
     uint64_t cycle[SIM_MAX_INPUTS * 2];
@@ -11,17 +12,20 @@ struct pin_queue {
 };
 
 struct pins {
+    struct chip *chip;
+    void (*on_clock)(void *param, int level); /* the load cell's clock has a new level */
+    void *clock_param;
     struct pin_queue queue;
     uint8_t out_level[8];                  /* per enum sim_output */
     uint8_t pull_mask[16], pull_value[16]; /* per port letter A … P */
 };
 
-void pins_open(sim_board *board);
-void pins_restore(sim_board *board);
-void pins_begin(sim_board *board);
-uint64_t pins_next(const sim_board *board);
-void pins_run(sim_board *board, uint64_t now);
-void pins_set(sim_board *board, char port, int bit, int level);
-void pins_on_output(sim_board *board, int signal, int level);
+void pins_open(struct pins *pins, struct chip *chip);
+void pins_float(struct pins *pins);
+void pins_restore(struct pins *pins);
+void pins_begin(struct pins *pins);
+uint64_t pins_next(const struct pins *pins);
+void pins_run(struct pins *pins, uint64_t now);
+void pins_set(struct pins *pins, char port, int bit, int level);
 
 #endif

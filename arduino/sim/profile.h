@@ -2,14 +2,15 @@
 #ifndef RIGCTL_SIM_PROFILE_H
 #define RIGCTL_SIM_PROFILE_H
 
-#include "sim.h"
+#include "chip.h"
 
 struct profiled_vector {
-    sim_board *board;
+    struct profile *profile;
     uint8_t vector;
 };
 
 struct profile {
+    struct chip *chip;
     struct profiled_vector vectors[SIM_VECTORS];
     uint64_t entered[SIM_VECTORS]; /* stack of entry cycles */
     uint8_t vector[SIM_VECTORS];   /* stack of vectors */
@@ -17,8 +18,8 @@ struct profile {
     uint64_t off_since;            /* cycle at which interrupts went off, 0: they are on */
 };
 
-void profile_open(sim_board *board);
-void profile_restore(sim_board *board);
-void profile_instruction(sim_board *board);
+void profile_open(struct profile *profile, struct chip *chip);
+void profile_restore(struct profile *profile);
+void profile_instruction(struct profile *profile);
 
 #endif

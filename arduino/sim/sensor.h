@@ -2,15 +2,16 @@
 #ifndef RIGCTL_SIM_SENSOR_H
 #define RIGCTL_SIM_SENSOR_H
 
-#include "sim_avr.h"
-#include "sim.h"
+#include "chip.h"
 
 struct sensor {
+    struct chip *chip;
     avr_io_read_t read_pins; /* simavr's own reading of port D */
+    void *read_param;
 };
 
-void sensor_open(sim_board *board);
-int sensor_needs_network(const sim_board *board);
-double sensor_share(const sim_board *board, int input);
+void sensor_open(struct sensor *sensor, struct chip *chip);
+int sensor_needs_network(const struct sensor *sensor);
+double sensor_share(const struct sensor *sensor, int input);
 
 #endif

@@ -3,9 +3,10 @@
 #define RIGCTL_SIM_SERIAL_H
 
 #include "avr_uart.h"
-#include "sim.h"
+#include "chip.h"
 
 struct serial {
+    struct chip *chip;
     avr_uart_t *uart;
     avr_irq_t *input;
     uint8_t queue[SIM_MAX_BYTES * 2]; /* bytes from the host that are not on the wire yet */
@@ -16,10 +17,10 @@ struct serial {
     int full;            /* the chip's receiver has no room */
 };
 
-void serial_open(sim_board *board);
-void serial_begin(sim_board *board);
-void serial_restore(sim_board *board);
-uint64_t serial_next(const sim_board *board);
-void serial_run(sim_board *board, uint64_t now);
+void serial_open(struct serial *serial, struct chip *chip);
+void serial_begin(struct serial *serial);
+void serial_restore(struct serial *serial);
+uint64_t serial_next(const struct serial *serial);
+void serial_run(struct serial *serial, uint64_t now);
 
 #endif

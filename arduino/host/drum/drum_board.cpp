@@ -106,7 +106,7 @@ void DrumBoard::tick() {
 void DrumBoard::convert() {
     io.conversion_due = 0;
     drum_->sample({static_cast<int32_t>(io.conversion_counts), now_us(), true});
-    if (drum_->thought_due()) drum_->think();
+    if (drum_->control_due()) drum_->control_force();
 }
 
 // A reply that does not fit into the transmit ring is dropped completely.
@@ -302,15 +302,15 @@ void DrumBoard::report() {
 
 int32_t DrumBoard::write(uint16_t address, uint16_t count, const uint8_t *bytes) {
     const Running here(this);
-    const Answer answer = drum_->bank().write(address, count, bytes);
+    const Answer answer = drum_->registers().write(address, count, bytes);
     report();
     return static_cast<int32_t>(answer);
 }
 
 void DrumBoard::read(uint16_t address, uint16_t count, uint16_t *words) {
     const Running here(this);
-    drum_->bank().refresh();
-    for (uint16_t i = 0; i < count; ++i) words[i] = drum_->bank().read(address + i);
+    drum_->registers().refresh();
+    for (uint16_t i = 0; i < count; ++i) words[i] = drum_->registers().read(address + i);
 }
 
 void DrumBoard::poll() {
@@ -321,7 +321,7 @@ void DrumBoard::poll() {
 void DrumBoard::beat() {
     ++beat_;
     const uint8_t bytes[2] = {static_cast<uint8_t>(beat_ >> 8), static_cast<uint8_t>(beat_)};
-    drum_->bank().write(reg::heartbeat, 1, bytes);
+    drum_->registers().write(reg::heartbeat, 1, bytes);
 }
 
 ports::Health DrumBoard::health() const {

@@ -14,6 +14,7 @@
 #include "../serial_line.h"
 #include "drum.h"           // the firmware core
 #include "drum_io.h"
+#include "ports.h"          // functions that the core calls
 #include "potentiometer.h"  // smoothing of its readings
 #include "store.h"          // boot count, saved settings
 

@@ -38,7 +38,7 @@ Answer Bench::write(uint16_t address, std::initializer_list<uint16_t> words) {
         bytes.push_back(static_cast<uint8_t>(word >> 8));
         bytes.push_back(static_cast<uint8_t>(word));
     }
-    return drum.bank().write(address, static_cast<uint16_t>(words.size()), bytes.data());
+    return drum.registers().write(address, static_cast<uint16_t>(words.size()), bytes.data());
 }
 
 Answer Bench::write_wide(uint16_t address, int32_t value) {
@@ -51,8 +51,8 @@ Answer Bench::command(Command command) {
 }
 
 uint16_t Bench::read(uint16_t address) {
-    drum.bank().refresh();
-    return drum.bank().read(address);
+    drum.registers().refresh();
+    return drum.registers().read(address);
 }
 
 int32_t Bench::read_wide(uint16_t address) {
@@ -167,7 +167,7 @@ void Bench::convert() {
     if (loadcell_frozen) raw = last_raw_;
     last_raw_ = raw;
     drum.sample({raw, ready_us, !out_of_step});
-    if (drum.thought_due()) drum.think();
+    if (drum.control_due()) drum.control_force();
 }
 
 namespace ports {

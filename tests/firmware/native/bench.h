@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "drum.h"
+#include "ports.h"
 
 struct BenchParameters {
     double actuator_speed_mm_s = 10, lag_ms = 30, dead_band = 0.08, stiction = 0.01;

@@ -10,7 +10,7 @@ namespace {
 
 using Bytes = std::vector<uint8_t>;
 
-struct FakeOwner : Owner {
+struct FakeHandler : RegisterHandler {
     void refresh() override { ++refreshed; }
     uint16_t ring_word(uint16_t address) override { return address; }
     bool may_change(Guard guard) const override { return guard == Guard::None || !pressed; }
@@ -27,9 +27,10 @@ struct FakeOwner : Owner {
 };
 
 struct Slave {
-    FakeOwner owner;
-    Bank bank{owner};
-    Modbus modbus{bank};
+    FakeHandler handler;
+    Bank bank;
+    Registers registers{bank, handler};
+    Modbus modbus{registers};
 
     Bytes feed(const Bytes &bytes) {
         Bytes answer;
@@ -77,11 +78,11 @@ TEST(reads_registers) {
     slave.bank.put(reg::magic, MAGIC);
     slave.bank.put(reg::map_version, MAP_VERSION);
     CHECK(body_of(slave.feed(READ_IDENTITY)) == (Bytes{1, 3, 4, 0x52, 0x47, 0, MAP_VERSION}));
-    CHECK_EQUAL(slave.owner.refreshed, 1);
+    CHECK_EQUAL(slave.handler.refreshed, 1);
     CHECK_EQUAL(slave.modbus.frames_seen(), 1);
 }
 
-TEST(reads_gaps_as_zero_and_the_ring_from_its_owner) {
+TEST(reads_gaps_as_zero_and_the_ring_from_its_handler) {
     Slave slave;
     CHECK(body_of(slave.feed(framed({1, 3, 0, 110, 0, 1}))) == (Bytes{1, 3, 2, 0, 0}));
     CHECK(body_of(slave.feed(framed({1, 3, 1, 127, 0, 1}))) == (Bytes{1, 3, 2, 1, 127}));
@@ -108,11 +109,11 @@ TEST(a_command_is_executed_once_for_each_sequence) {
     Slave slave;
     const Bytes command = framed({1, 16, 0, 65, 0, 2, 4, 0, 7, 0, 9});
     slave.feed(command);
-    CHECK(slave.owner.last == Command::Stop);
-    CHECK_EQUAL(slave.owner.last_sequence, 9);
-    slave.owner.last = Command::None;
+    CHECK(slave.handler.last == Command::Stop);
+    CHECK_EQUAL(slave.handler.last_sequence, 9);
+    slave.handler.last = Command::None;
     CHECK(slave.feed(command) == framed({1, 16, 0, 65, 0, 2}));
-    CHECK(slave.owner.last == Command::None);
+    CHECK(slave.handler.last == Command::None);
 }
 
 TEST(exceptions) {
@@ -129,7 +130,7 @@ TEST(exceptions) {
     CHECK(is_exception(slave.feed(framed({1, 6, 0, 68, 0xff, 0xff})), 6, 3));
     CHECK(is_exception(slave.feed(framed({1, 16, 0, 68, 0, 1, 4, 0, 0, 0, 0})), 16, 3));
     CHECK_EQUAL(slave.modbus.exceptions_sent(), 11);
-    CHECK_EQUAL(slave.owner.writes, 0);
+    CHECK_EQUAL(slave.handler.writes, 0);
 }
 
 TEST(a_write_is_applied_whole_or_not_at_all) {
@@ -137,12 +138,12 @@ TEST(a_write_is_applied_whole_or_not_at_all) {
     const Bytes half = framed({1, 16, 0, 68, 0, 2, 4, 0x0f, 0xa0, 0, 0});
     CHECK(is_exception(slave.feed(half), 16, 3));
     CHECK_EQUAL(slave.bank.word(reg::speed_set), 8000);
-    slave.owner.refuse = true;
+    slave.handler.refuse = true;
     const Bytes refused = framed({1, 16, 0, 64, 0, 3, 6, 0, 5, 0, 1, 0, 1});
     CHECK(is_exception(slave.feed(refused), 16, 4));
     CHECK_EQUAL(slave.bank.word(reg::heartbeat), 0);
     CHECK_EQUAL(slave.bank.word(reg::command_sequence), 0);
-    CHECK_EQUAL(slave.owner.writes, 0);
+    CHECK_EQUAL(slave.handler.writes, 0);
 }
 
 TEST(every_setting_refuses_what_is_outside_its_bounds) {
@@ -158,7 +159,7 @@ TEST(every_setting_refuses_what_is_outside_its_bounds) {
             const uint8_t bytes[4] = {static_cast<uint8_t>(raw >> 24), static_cast<uint8_t>(raw >> 16),
                                       static_cast<uint8_t>(raw >> 8), static_cast<uint8_t>(raw)};
             const bool inside = value >= setting.low && value <= setting.high;
-            const Answer answer = slave.bank.write(setting.address, wide ? 2 : 1, bytes + (wide ? 0 : 2));
+            const Answer answer = slave.registers.write(setting.address, wide ? 2 : 1, bytes + (wide ? 0 : 2));
             CHECK(answer == (inside ? Answer::Ok : Answer::OutOfRange));
         }
     }

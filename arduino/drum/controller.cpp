@@ -1,0 +1,244 @@
+#include "controller.h"
+
+#include <math.h>
+
+#include "ports.h"      // stepper, bridge, clock
+#include "tare_turn.h"  // tare between places
+#include "variant.h"    // sample period, travel
+
+namespace {
+
+constexpr uint16_t SELFTEST_LIMIT_MS = board::LOADCELL_PERIOD_US / 25;  // 40 conversions
+// FAULT_LIFT at least: with 250 ms of silence, off within 1 s where contact is gone by then.
+constexpr uint16_t LIFT_TIME_MS = 700;
+// A lift that takes longer is stuck.
+constexpr uint16_t LIFT_LIMIT_MS = 1.6f * (board::ACTUATOR_TRAVEL_UM / board::ACTUATOR_MAX_MM_S);
+
+constexpr uint16_t bit(Fault fault) { return 1u << static_cast<uint8_t>(fault); }
+
+bool needs_heartbeat(State state) {
+    return state != State::Boot && state != State::Selftest && state != State::Idle &&
+           state != State::FaultOff;
+}
+
+}  // namespace
+
+// --- settings -----------------------------------------------------------------------------------
+
+void Controller::apply_settings() {
+    force_control_.configure();
+    actuator_.start_from(bank_.word(reg::dead_band_permille));
+    const uint8_t fitted = bank_.word(reg::optional_signals);
+    const uint8_t inverted = bank_.word(reg::signal_polarity);
+    if (signals_.configure(fitted, inverted)) contact_.forget();
+    sensor_.configure(bank_);
+}
+
+void Controller::restore_defaults() {
+    bank_.restore_defaults();
+    bank_.put(reg::optional_signals, board::SIGNALS_FITTED);
+    bank_.put(reg::signal_polarity, board::SIGNALS_INVERTED);
+}
+
+bool Controller::resting() const {
+    return machine_.state() == State::Idle || machine_.state() == State::Armed;
+}
+
+bool Controller::may_change(Guard guard) const {
+#ifdef NO_GUARD  // a broken image that the tests must catch
+    return true;
+#endif
+#ifdef ESTOP_CONFIGURABLE  // another
+    if (signals_.estop_open()) return true;
+#endif
+    if (!resting() || signals_.estop_open()) return false;
+    if (contact_.gone()) return true;
+    // After a boot nothing has been pressed yet, and arming lifts first.
+    return guard == Guard::Resting && contact_.unknown();
+}
+
+// --- supervision ----------------------------------------------------------------------------------
+
+uint16_t Controller::causes() const {
+    uint16_t bits = 0;
+    if (signals_.estop_open()) bits |= bit(Fault::Estop);
+    const State state = machine_.state();
+    if (state == State::Boot || state == State::Selftest) return bits;
+    bits |= sensor_.loadcell().faults();
+    if (sensor_.over_force()) bits |= bit(Fault::OverForce);
+    const bool needed = needs_heartbeat(state) || machine_.fault() == Fault::Heartbeat;
+    if (needed && heartbeat_.silent(bank_.word(reg::heartbeat_limit_ms)))
+        bits |= bit(Fault::Heartbeat);
+    return bits;
+}
+
+void Controller::supervise() {
+    const uint16_t bits = causes();
+    if (!bits) return;
+    for (uint8_t n = 1; n < FAULT_COUNT; ++n)
+        if (bits >> n & 1) raise(static_cast<Fault>(n));
+}
+
+void Controller::raise(Fault fault) {
+    machine_.raise(fault, signals_.now_ms());
+    if (machine_.state() != entered_) enter(machine_.state());
+}
+
+void Controller::go(Event event) {
+    if (machine_.handle(event) && machine_.state() != entered_) enter(machine_.state());
+}
+
+bool Controller::arm() {
+    if (!machine_.accepts(Event::Arm) || causes()) return false;
+    heartbeat_.restart();
+    return true;
+}
+
+bool Controller::clear_fault() {
+    if (!machine_.accepts(Event::Clear) || causes()) return false;
+    machine_.clear();
+    if (machine_.state() != entered_) enter(machine_.state());
+    return true;
+}
+
+// --- states ---------------------------------------------------------------------------------------
+
+void Controller::boot(bool watchdog_reset) {
+    enter(State::Boot);
+    go(Event::Booted);
+    if (watchdog_reset) raise(Fault::Hang);
+}
+
+void Controller::enter(State state) {
+    entered_ = state;
+    entered_ms_ = signals_.now_ms();
+    contact_.restart();
+    const Outputs outputs = machine_.outputs();
+    const Drive drive = machine_.drive();
+    if (!outputs.stepper_may_step) ports::stop_at_once();
+    if (state == State::Retract || state == State::FaultLift) ports::stop_gently();
+    if (state != State::Hold) force_control_.step_test().abandon();
+    if (!outputs.stepper_enabled) axis_.forget_angle();
+    ports::enable_stepper(outputs.stepper_enabled);
+    ports::enable_bridge(drive != Drive::Off);
+    // APPROACH, HOLD and RUN hand the force loop on without a gap in its commands.
+    if (drive == Drive::Lift) lift();
+    else if (drive == Drive::Off || drive == Drive::Hold) actuator_.rest();
+    drive_actuator();
+}
+
+void Controller::drive_actuator() {
+    duty_ = actuator_.tick();
+    ports::drive(duty_);
+}
+
+void Controller::tick(const Inputs &inputs) {
+    signals_.update(inputs);
+    heartbeat_.tick();
+    sensor_.loadcell().tick(ports::now_us());
+    supervise();
+    watch_index();
+    progress();
+    if (signals_.fitted(Signal::Position)) actuator_.watch(signals_.position_um());
+    drive_actuator();
+}
+
+void Controller::watch_index() {
+    if (!signals_.fitted(Signal::Index)) return;
+    switch (axis_.watch_index()) {
+        case Axis::IndexEvent::Homed: return force_control_.forget_run_out();
+        case Axis::IndexEvent::StepsLost: return raise(Fault::StepCount);
+        case Axis::IndexEvent::None: return;
+    }
+}
+
+void Controller::progress() {
+    switch (machine_.state()) {
+        case State::Selftest: selftest(); break;
+        case State::Position:
+            if (ports::moving()) break;
+            axis_.end_move();
+            go(Event::MoveDone);
+            break;
+        case State::Approach: approach(); break;
+        case State::Run:
+            if (!ports::moving()) go(Event::TravelDone);
+            break;
+        case State::Retract:
+        case State::FaultLift: lift(); break;
+        default: break;
+    }
+    if (duty_ > 0 && (signals_.end_down() || signals_.at_bottom())) raise(Fault::ActuatorEnd);
+}
+
+void Controller::selftest() {
+    if (sensor_.loadcell().alive()) go(Event::SelftestPassed);
+    else if (in_state_ms() > SELFTEST_LIMIT_MS) raise(Fault::Selftest);
+}
+
+void Controller::approach() {
+    if (!force_control_.in_contact()) {
+        if (force_control_.finds_nothing(in_state_ms())) raise(Fault::NoContact);
+    } else if (force_control_.settled()) {
+        bank_.put(reg::stiffness_g_per_mm, lroundf(force_control_.loop().stiffness()));
+        force_control_.reached();
+        go(Event::ForceSettled);
+    } else if (force_control_.settles_too_late()) {
+        raise(Fault::ForceUnreached);
+    }
+}
+
+// RETRACT ends with a drum that is high enough, stands still and has been weighed. FAULT_LIFT goes as
+// far as its time allows, because distance helps, and continues until contact is gone.
+void Controller::lift() {
+    const bool retracting = machine_.state() == State::Retract;
+    const uint32_t lifting_ms = in_state_ms();
+    const bool high = contact_.high_enough(!retracting, lifting_ms, bank_.word(reg::lift_clearance_um));
+    if (high) actuator_.rest();
+    else actuator_.lift();
+    if (high) contact_.set_gone();
+    contact_.watch();
+    const bool late = lifting_ms > LIFT_LIMIT_MS;
+    if (late) contact_.lift_too_long();
+#ifdef SHORT_LIFT  // a broken image that the tests must catch
+    if (!retracting && lifting_ms >= LIFT_TIME_MS) return go(Event::LiftTimeOver);
+#endif
+    if (!retracting) {
+        if ((contact_.gone() && lifting_ms >= LIFT_TIME_MS) || late) go(Event::LiftTimeOver);
+    } else if (high && !ports::moving() && sensor_.zero().known()) {
+        go(Event::Lifted);
+    } else if (late) {
+        raise(Fault::ActuatorEnd);
+    }
+}
+
+// --- samples --------------------------------------------------------------------------------------
+
+bool Controller::sample(const Conversion &conversion) {
+    if (!sensor_.take(conversion, place_tare())) return false;
+    watch_contact();
+    sensor_.check_limits();
+    supervise();
+    control_due_ = true;
+    return true;
+}
+
+int32_t Controller::place_tare() const {
+    if (!sensor_.tare_by_place() || !axis_.homed()) return 0;
+    return TareTurn::between(bank_.tare_places(), axis_.place_in_turn());
+}
+
+// A lifted drum is weighed wherever it stands still.
+void Controller::watch_contact() {
+    const Drive drive = machine_.drive();
+    if (drive == Drive::Approach || drive == Drive::ForceLoop) return sensor_.zero().disturb();
+    const bool lifts = machine_.state() == State::Armed || machine_.state() == State::Retract;
+    contact_.take_reading(drive == Drive::Off, lifts && !duty_ && !ports::moving());
+}
+
+void Controller::control_force() {
+    control_due_ = false;
+    const Drive drive = machine_.drive();
+    if (drive == Drive::Approach || drive == Drive::ForceLoop)
+        actuator_.want(force_control_.step());
+}

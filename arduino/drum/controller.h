@@ -1,0 +1,91 @@
+// Controls the drum: follows the state table, supervises it, and moves each state to its end.
+//
+// It is called with each load-cell conversion and once a millisecond, never from an interrupt.
+#ifndef CONTROLLER_H
+#define CONTROLLER_H
+
+#include <stdint.h>
+
+#include "actuator.h"       // speed to duty
+#include "axis.h"           // the drum's motions
+#include "bank.h"           // settings
+#include "contact.h"        // is the drum lifted
+#include "force_control.h"  // contact force
+#include "force_sensor.h"   // samples
+#include "heartbeat.h"      // is the computer alive
+#include "machine.h"        // states
+#include "signals.h"        // inputs
+
+class Controller {
+  public:
+    explicit Controller(Bank &bank) : bank_(bank) {}
+
+    // Leaves BOOT, once the settings are in place.
+    void boot(bool watchdog_reset);
+    void tick(const Inputs &inputs);
+    // Takes a conversion and checks it. Returns false while the amplifier still settles.
+    bool sample(const Conversion &conversion);
+    // Moves the actuator by the newest sample; the checks of sample() do not wait for it.
+    void control_force();
+    bool control_due() const { return control_due_; }
+
+    // Applies the settings in the bank.
+    void apply_settings();
+    void restore_defaults();
+    void take_heartbeat() { heartbeat_.seen(bank_.word(reg::heartbeat)); }
+
+    // Follows an event of the state table, which has been asked whether it accepts it.
+    void go(Event event);
+    bool arm();
+    bool clear_fault();
+
+    // Causes of faults that are present now, one bit per fault.
+    uint16_t causes() const;
+    bool resting() const;
+    // Returns whether settings that give a force its meaning, or stop it, may change.
+    bool may_change(Guard guard) const;
+
+    const Machine &machine() const { return machine_; }
+    const Heartbeat &heartbeat() const { return heartbeat_; }
+    const Signals &signals() const { return signals_; }
+    ForceSensor &sensor() { return sensor_; }
+    const ForceSensor &sensor() const { return sensor_; }
+    Axis &axis() { return axis_; }
+    const Axis &axis() const { return axis_; }
+    Contact &contact() { return contact_; }
+    const Contact &contact() const { return contact_; }
+    ForceControl &force_control() { return force_control_; }
+    const ForceControl &force_control() const { return force_control_; }
+    // Duty of the actuator in permille, positive presses.
+    int16_t duty() const { return duty_; }
+
+  private:
+    void supervise();
+    void raise(Fault fault);
+    void enter(State state);
+    void drive_actuator();
+    void watch_index();
+    void progress();
+    void selftest();
+    void approach();
+    void lift();
+    int32_t place_tare() const;
+    void watch_contact();
+    uint32_t in_state_ms() const { return signals_.now_ms() - entered_ms_; }
+
+    Bank &bank_;
+    Machine machine_;
+    Heartbeat heartbeat_;
+    Signals signals_;
+    ForceSensor sensor_;
+    Axis axis_{bank_};
+    Contact contact_{sensor_, signals_};
+    ForceControl force_control_{bank_, signals_, sensor_, axis_, contact_};
+    Actuator actuator_;
+    uint32_t entered_ms_ = 0;
+    State entered_ = State::Boot;
+    int16_t duty_ = 0;
+    bool control_due_ = false;  // a sample has come that the force loop has not seen
+};
+
+#endif  // CONTROLLER_H
