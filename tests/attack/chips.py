@@ -59,8 +59,7 @@ class ChipBench:
     def run(self, milliseconds: int) -> None:
         """Advance, at most to the next due heartbeat, and send it."""
         self._drum.run(min(milliseconds, HEARTBEAT_PERIOD_MS))
-        if self._heartbeat_on and self.plant.time_ms - self._heartbeat_at_ms >= HEARTBEAT_PERIOD_MS:
-            self._send_heartbeat()
+        self._send_due_heartbeat()
 
     def drive(self) -> tuple[float, float]:
         """Return the lowest and highest duty since the last call."""
@@ -68,7 +67,14 @@ class ChipBench:
         return min(duties, default=0.0), max(duties, default=0.0)
 
     def write(self, address: int, words: tuple[int, ...]) -> int:
-        """Write registers; return 0 if the board accepts them."""
+        """Write registers; return 0 if the board accepts them.
+
+        A heartbeat that is due goes first, or a long series of writes would end in a fault.
+        """
+        self._send_due_heartbeat()
+        return self._write(address, words)
+
+    def _write(self, address: int, words: tuple[int, ...]) -> int:
         count = len(words)
         head = struct.pack(">BHHB", 16, address, count, 2 * count)
         answer = self._drum.exchange(head + struct.pack(f">{count}H", *words))
@@ -93,7 +99,11 @@ class ChipBench:
         """Free the chip."""
         self._drum.chip.close()
 
+    def _send_due_heartbeat(self) -> None:
+        if self._heartbeat_on and self.plant.time_ms - self._heartbeat_at_ms >= HEARTBEAT_PERIOD_MS:
+            self._send_heartbeat()
+
     def _send_heartbeat(self) -> None:
         self._heartbeats = self._heartbeats % 0xFFFF + 1
-        if self.write(HEARTBEAT, (self._heartbeats,)) == 0:
+        if self._write(HEARTBEAT, (self._heartbeats,)) == 0:
             self._heartbeat_at_ms = self.plant.time_ms
