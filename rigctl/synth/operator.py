@@ -118,10 +118,7 @@ class DrumOperator:
         return lambda: self.rig.state is end and self.rig.result is not CommandResult.RUNNING
 
     def _wait_until(
-        self,
-        ended: Callable[[], bool],
-        what: str,
-        on_step: Callable[[], None] | None = None,
+        self, ended: Callable[[], bool], what: str, on_step: Callable[[], None] | None = None
     ) -> None:
         deadline_us = self.rig.time_us + TIMEOUT_US
         while not ended():

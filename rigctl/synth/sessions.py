@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import multiprocessing
-import queue
 import signal
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
-from multiprocessing.process import BaseProcess
+from functools import partial
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnContext
+from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import Any
 
 from rigctl.errors import RigctlError, RigFault, WrongUse
 from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, load_plan
@@ -49,78 +51,65 @@ def generate_sessions(
 
     Raises what :func:`generate` raises, after the other sessions have ended.
     """
-    return _SessionProcesses(requests, on_progress).run(stop, workers)
+    context = multiprocessing.get_context("spawn")
+    stopping = context.Event()
+    progress = [DatasetProgress(0, 0, 0.0)] * len(requests)
+
+    def run(number: int) -> bool:
+        if stopping.is_set():
+            return False
+        report = partial(progress.__setitem__, number)
+        return _run_process(context, number, requests[number], stopping, report)
+
+    with ThreadPoolExecutor(workers) as executor:
+        sessions = [executor.submit(run, number) for number in range(len(requests))]
+        pending = set(sessions)
+        while pending:
+            done, pending = wait(pending, POLL_S)
+            if stop() or any(session.exception() for session in done):
+                stopping.set()
+            total = _total(progress)
+            if total.trials:
+                on_progress(total)
+    complete = [session.result() for session in sessions]
+    return all(complete)
 
 
-class _SessionProcesses:
-    """Runs each session in a process of its own."""
-
-    def __init__(
-        self, requests: list[DatasetRequest], on_progress: Callable[[DatasetProgress], None]
-    ) -> None:
-        self._context = multiprocessing.get_context("spawn")
-        self._messages: Any = self._context.Queue()
-        self._stop = self._context.Event()
-        self._pending = list(enumerate(requests))
-        self._running: dict[int, BaseProcess] = {}
-        self._progress = {number: DatasetProgress(0, 0, 0.0) for number, _ in self._pending}
-        self._on_progress = on_progress
-        self._failure: RigctlError | None = None
-        self._complete = True
-
-    def run(self, stop: Callable[[], bool], workers: int) -> bool:
-        while (self._pending and not self._stop.is_set()) or self._running:
-            if stop() or self._failure is not None:
-                self._stop.set()
-            while self._pending and len(self._running) < workers and not self._stop.is_set():
-                self._start(*self._pending.pop(0))
-            self._receive()
-        if self._failure is not None:
-            raise self._failure
-        return self._complete and not self._pending
-
-    def _start(self, number: int, request: DatasetRequest) -> None:
-        arguments = number, request, self._messages, self._stop
-        process = self._context.Process(target=_generate_one, args=arguments)
-        process.start()
-        self._running[number] = process
-
-    def _receive(self) -> None:
-        try:
-            number, message = self._messages.get(timeout=POLL_S)
-        except queue.Empty:
-            self._check_exit_codes()
-            return
-        if isinstance(message, DatasetProgress):
-            self._progress[number] = message
-            self._report_progress()
-            return
-        self._running.pop(number).join()
-        self._complete = self._complete and message is True
-        if isinstance(message, RigctlError):
-            self._failure = self._failure or message
-
-    def _report_progress(self) -> None:
-        each = self._progress.values()
-        trials, committed = sum(p.trials for p in each), sum(p.committed for p in each)
-        self._on_progress(DatasetProgress(trials, committed, sum(p.trial_s for p in each)))
-
-    def _check_exit_codes(self) -> None:
-        """Detect processes that died without a message."""
-        for number, process in list(self._running.items()):
-            if process.exitcode:
-                del self._running[number]
-                self._failure = RigFault(
-                    f"session {number + 1} ended with code {process.exitcode}: continue with "
-                    "--resume"
-                )
+def _run_process(
+    context: SpawnContext,
+    number: int,
+    request: DatasetRequest,
+    stopping: Event,
+    report: Callable[[DatasetProgress], None],
+) -> bool:
+    """Generate one session in a process of its own. Raises RigFault where the process dies."""
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_generate_one, args=(request, sender, stopping))
+    process.start()
+    sender.close()
+    try:
+        while isinstance(message := receiver.recv(), DatasetProgress):
+            report(message)
+    except EOFError as error:
+        process.join()
+        raise RigFault(
+            f"session {number + 1} ended with code {process.exitcode}: continue with --resume"
+        ) from error
+    process.join()
+    if isinstance(message, RigctlError):
+        raise message
+    return bool(message)
 
 
-def _generate_one(number: int, request: DatasetRequest, messages: Any, stop: Any) -> None:
+def _total(progress: list[DatasetProgress]) -> DatasetProgress:
+    trials, committed = sum(p.trials for p in progress), sum(p.committed for p in progress)
+    return DatasetProgress(trials, committed, sum(p.trial_s for p in progress))
+
+
+def _generate_one(request: DatasetRequest, sender: Connection, stopping: Event) -> None:
     """Generate one session in a child process, which leaves Ctrl-C to its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        complete = generate(request, lambda done: messages.put((number, done)), stop.is_set)
-        messages.put((number, complete))
+        sender.send(generate(request, sender.send, stopping.is_set))
     except RigctlError as error:
-        messages.put((number, error))
+        sender.send(error)

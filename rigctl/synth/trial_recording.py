@@ -50,7 +50,7 @@ class TrialRecording:
     @property
     def now_s(self) -> float:
         """Session time of the end of the samples."""
-        return self._session_us(self._taxels.start_us(self._next_frame)) * 1e-6
+        return self._session_s(self._taxels.start_us(self._next_frame))
 
     def buffer_poll(self, poll: DrumState) -> None:
         """Keep a poll outside of a stretch; the next stretch may begin before it."""
@@ -71,28 +71,28 @@ class TrialRecording:
         samples, flags, edges = self._taxels.read_frames(self._next_frame, end)
         numbers = np.arange(self._next_frame, end, dtype=np.int64) - self._skipped_frames
         self._next_frame = end
-        at_s = self._session_us(polls[-1].at_s * 1e6) * 1e-6
+        at_s = self._session_s(polls[-1].at_s * 1e6)
         self._on_block(Block(numbers, samples, flags, edges, (), at_s))
         self._record_polls(polls)
 
     def end(self) -> TruthLog:
         """End the stretch at the last :meth:`record`; return its ground truth."""
         log = self._rig.truth.take()
-        shift_ms = round(self._skipped_frames * self._taxels.frame_us / 1000)
+        shift_ms = round(self._skipped_us / 1000)
         first, end = self._truth_rows, int(self.now_s * 1000)
         self._truth_rows = end
         rows = slice(first + shift_ms - log.first_ms, end + shift_ms - log.first_ms)
         return first, log.speed_mm_s[rows], log.force_g[rows], log.sync[rows]
 
-    def _session_us(self, simulated_us: float) -> float:
-        return simulated_us - self._skipped_frames * self._taxels.frame_us
+    @property
+    def _skipped_us(self) -> float:
+        return self._skipped_frames * self._taxels.frame_us
+
+    def _session_s(self, simulated_us: float) -> float:
+        return (simulated_us - self._skipped_us) * 1e-6
 
     def _session_board_us(self, board_us: int) -> int:
-        return math.floor(board_us - self._skipped_board_us)
-
-    @property
-    def _skipped_board_us(self) -> float:
-        return self._skipped_frames * self._taxels.frame_us * self._clock_rate
+        return math.floor(board_us - self._skipped_us * self._clock_rate)
 
     def _record_polls(self, polls: Sequence[DrumState]) -> None:
         """Record the polls that belong to this stretch."""
@@ -104,7 +104,7 @@ class TrialRecording:
         rise_us, fall_us = self._edges(poll)
         return replace(
             poll,
-            at_s=self._session_us(poll.at_s * 1e6) * 1e-6,
+            at_s=self._session_s(poll.at_s * 1e6),
             board_time_us=self._session_board_us(poll.board_time_us),
             sync_rise_us=rise_us,
             sync_fall_us=fall_us,
@@ -123,9 +123,8 @@ class TrialRecording:
     def _loadcell_samples(self, samples: Sequence[LoadcellSample]) -> Iterator[LoadcellSample]:
         """Yield the samples of this stretch, with the session's numbers and times."""
         first_us = (self._start_us + SEAM_US) * self._clock_rate
-        skipped_us = self._skipped_board_us
         for _, at_us, counts, force_g in samples:
             if at_us >= first_us:
                 self._conversions += 1
-                board_us = math.floor(at_us - skipped_us)
+                board_us = self._session_board_us(at_us)
                 yield LoadcellSample(self._conversions, board_us, counts, force_g)

@@ -80,12 +80,7 @@ def test_a_jog_is_refused_with_a_sentence_unless_armed(operator: Operator) -> No
             (Command.RETRACT, State.ARMED, ""),
             (Command.DISARM, State.IDLE, "the drum is 'off'"),
         ):
-            await motion.send_command(command)
-            await motion.poller.wait_until(
-                lambda now, goal=state: now.state == goal and motion.is_command_finished(now),
-                15,
-                "the way",
-            )
+            await motion.reach(command, state, 15, command.name)
             if words:
                 with pytest.raises(
                     CommandRefused, match=f"{words}.*only while it is armed and lifted"

@@ -1,8 +1,4 @@
-"""Calibration of load cell, force loop and imbalance, with the drum board alone.
-
-The load cell is read while the drum is lifted and switched off, empty and with known masses. The
-board's step test at a force that it holds proposes the gains; the imbalance takes one turn.
-"""
+"""Calibration of load cell, force loop and imbalance, with the drum board alone."""
 
 from __future__ import annotations
 
@@ -18,7 +14,7 @@ from rigctl.acquisition.drum.settings import press_settings
 from rigctl.acquisition.rig import Rig
 from rigctl.errors import RigFault, WrongUse
 from rigctl.values import SCALE_BAND_UG_PER_COUNT
-from rigctl.wire.drum.codes import Command, CommandResult
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
 
@@ -157,7 +153,7 @@ class Calibrator:
         await self.motion.home()
         await self.motion.write_settings(**press_settings(force_g))
         await self.motion.approach()
-        if not await self._succeeds(Command.TUNE, TUNE_TIMEOUT_S, "the step test"):
+        if not await self.motion.execute(Command.TUNE, TUNE_TIMEOUT_S, "the step test"):
             raise RigFault(
                 "the force did not answer the step as an actuator's should: check the plate, "
                 "the mechanics and the load cell's scale"
@@ -177,7 +173,7 @@ class Calibrator:
         """Tare over a turn and return the table in grams. Raises RigFault where it failed."""
         await self.motion.arm()
         await self.motion.home()
-        if not await self._succeeds(Command.TARE_TURN, TURN_TIMEOUT_S, "the turn"):
+        if not await self.motion.execute(Command.TARE_TURN, TURN_TIMEOUT_S, "the turn"):
             raise RigFault("the tare over a turn failed: check that the drum turns freely")
         names = [name for name in BY_NAME if name.startswith("tare_place_")]
         counts = await self._poller.drum.get(*names)
@@ -188,11 +184,5 @@ class Calibrator:
         """Write settings to the board and store them in its EEPROM."""
         await self.motion.disarm()
         await self.motion.write_settings(**settings)
-        if not await self._succeeds(Command.SAVE, TUNE_TIMEOUT_S, "saving"):
+        if not await self.motion.execute(Command.SAVE, TUNE_TIMEOUT_S, "saving"):
             raise RigFault("the board did not save its settings: try again")
-
-    async def _succeeds(self, command: Command, timeout_s: float, action: str) -> bool:
-        """Send a command, wait until it is finished, and return whether it succeeded."""
-        await self.motion.send_command(command)
-        state = await self._poller.wait_until(self.motion.is_command_finished, timeout_s, action)
-        return bool(state.values["command_result"] == CommandResult.DONE)

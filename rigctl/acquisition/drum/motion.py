@@ -1,7 +1,6 @@
 """Drum motion: each method sends one command and waits until the board has finished it.
 
-Settings are written only when they change, and the board's own values count. Every wait calls
-``check``, so that a pause or a stop ends it at the next turn of the poll loop.
+Every wait calls ``check``, so that a pause or a stop ends it at the next turn of the poll loop.
 """
 
 from __future__ import annotations
@@ -111,7 +110,7 @@ class DrumMotion:
         with suppress(CommandRefused):  # lifted, it may take what it refuses now
             await self._write_guarded_settings()
         if (await self._fresh_state()).state != State.ARMED:
-            await self._execute(Command.ARM, State.ARMED, LIFT_TIMEOUT_S, "lifting off")
+            await self.reach(Command.ARM, State.ARMED, LIFT_TIMEOUT_S, "lifting off")
         await self._write_guarded_settings()
 
     async def disarm(self) -> None:
@@ -119,46 +118,44 @@ class DrumMotion:
         await self.lift()
         if (await self._fresh_state()).state == State.ARMED:
             self.homed = False  # a hand may turn the drum now
-            await self._execute(Command.DISARM, State.IDLE, LIFT_TIMEOUT_S, "disarming")
+            await self.reach(Command.DISARM, State.IDLE, LIFT_TIMEOUT_S, "disarming")
 
     async def tare(self, anyway: bool = False) -> None:
         """Take the load cell's reading, lifted and still, as no load.
 
         The board refuses a reading far from the previous zero unless ``anyway`` is set.
         """
-        await self.send_command(Command.TARE_ANYWAY if anyway else Command.TARE)
-        await self.poller.wait_until(
-            self.is_command_finished, TARE_TIMEOUT_S, "the tare", self.check
-        )
+        command = Command.TARE_ANYWAY if anyway else Command.TARE
+        await self.execute(command, TARE_TIMEOUT_S, "the tare")
 
     async def home(self) -> None:
         """Find the index mark and count steps from it."""
         if not self.config.signals.index:
-            await self.send_command(Command.ZERO_STEPS)
+            await self._send(Command.ZERO_STEPS)
         else:
             what = "finding the index mark"
-            await self._execute(Command.HOME, State.ARMED, HOME_TIMEOUT_S, what)
+            await self.reach(Command.HOME, State.ARMED, HOME_TIMEOUT_S, what)
         self.homed = True
 
     async def approach(self) -> None:
         """Press until the force has settled. Raises CommandRefused where the board refuses."""
         await self._write_guarded_settings()
         timeout_s = APPROACH_EXTRA_S + self.settings["approach_timeout_ms"] / 1000
-        await self._execute(Command.APPROACH, State.HOLD, timeout_s, "reaching the force")
+        await self.reach(Command.APPROACH, State.HOLD, timeout_s, "reaching the force")
 
     async def run(self) -> DrumState:
         """Turn through run-in, window and ramp; return the state in which the drum holds again."""
         travel_mm = self.settings["run_in_set"] + self.settings["travel_set"]
         timeout_s = TRAVEL_EXTRA_S + TRAVEL_FACTOR * travel_mm / self.settings["speed_set"]
-        return await self._execute(Command.RUN, State.HOLD, timeout_s, "the travel")
+        return await self.reach(Command.RUN, State.HOLD, timeout_s, "the travel")
 
     async def begin_lift(self) -> None:
         """Begin to lift off from any state, unless the drum is lifted."""
         state = (await self._fresh_state()).state
         if state == State.POSITION:
-            await self.send_command(Command.STOP)
+            await self._send(Command.STOP)
         elif state in (State.APPROACH, State.HOLD, State.RUN):
-            await self.send_command(Command.RETRACT)
+            await self._send(Command.RETRACT)
 
     async def lift(self) -> None:
         """Lift off from any state, as after a cancelled trial."""
@@ -180,7 +177,7 @@ class DrumMotion:
     async def _move_to(self, target: int) -> None:
         await self.write_settings(move_target=target)
         if target != self.poller.healthy_state().steps:
-            await self._execute(Command.MOVE, State.ARMED, MOVE_TIMEOUT_S, "moving, lifted,")
+            await self.reach(Command.MOVE, State.ARMED, MOVE_TIMEOUT_S, "moving, lifted,")
 
     async def jog(self, travel_mm: float) -> float:
         """Turn the lifted drum by this much texture at the speed of moves; return the real mm.
@@ -188,11 +185,11 @@ class DrumMotion:
         Positive turns as a forward trial does. The target stays within the board's limits.
         Raises WrongUse for more than a turn, CommandRefused where the drum is not armed.
         """
-        turn_steps, step_mm = self._detail("steps_per_turn"), self._detail("nm_per_step") / 1e6
-        stop_count = self.stop_count
-        if not abs(travel_mm) <= turn_steps * step_mm:
+        step_mm, stop_count = self._step_mm, self.stop_count
+        turn_mm = self._turn_steps * step_mm
+        if not abs(travel_mm) <= turn_mm:
             raise WrongUse(
-                f"{travel_mm:g} mm is more than a turn of the drum ({turn_steps * step_mm:g} mm): "
+                f"{travel_mm:g} mm is more than a turn of the drum ({turn_mm:g} mm): "
                 "jog in smaller pieces"
             )
         start = await self._fresh_state()
@@ -210,16 +207,14 @@ class DrumMotion:
         return sign * (self.poller.healthy_state().steps - start.steps) * step_mm
 
     async def move_to_quarter(self) -> None:
-        """Turn the lifted drum to a quarter of a turn behind the index mark."""
-        turn_steps = self._detail("steps_per_turn")
+        """Turn the lifted drum to a quarter of a turn past the index mark."""
         current_steps = (await self._fresh_state()).steps
-        await self._move_to(nearest_steps(turn_steps // 4, current_steps, turn_steps))
+        await self._move_to(nearest_steps(self._turn_steps // 4, current_steps, self._turn_steps))
 
     async def turn(self, speed_mm_s: float, turns: int) -> None:
         """Turn the lifted drum by whole turns at this speed, in the direction of its trials."""
         sign = -1 if self.config.drum.backwards else 1
-        travel_steps = sign * turns * self._detail("steps_per_turn")
-        target = (await self._fresh_state()).steps + travel_steps
+        target = (await self._fresh_state()).steps + sign * turns * self._turn_steps
         await self.write_settings(move_speed_set=speed_mm_s)
         await self._move_to(target)
         await self.write_settings(move_speed_set=self.config.drum.rapid_mm_s)
@@ -237,12 +232,21 @@ class DrumMotion:
         if abs(estimate.ppm - current_ppm) > max(TRIM_STEP_PPM, estimate.error_ppm):
             await self.write_settings(clock_trim_ppm=float(round(estimate.ppm)))
 
-    async def send_command(self, command: Command) -> None:
-        """Send one command and do not wait until it is finished. Raises CommandRefused."""
+    async def execute(self, command: Command, timeout_s: float, action: str) -> bool:
+        """Send a command, wait until it is finished, and return whether it succeeded.
+
+        ``action`` begins the sentence of a RigFault after ``timeout_s``. Raises CommandRefused.
+        """
+        await self._send(command)
+        wait_until = self.poller.wait_until
+        state = await wait_until(self._is_command_finished, timeout_s, action, self.check)
+        return bool(state.values["command_result"] == CommandResult.DONE)
+
+    async def _send(self, command: Command) -> None:
         await self.poller.drum.command(command)
         self._commanded_s = self.poller.loop.time()
 
-    def is_command_finished(self, state: DrumState) -> bool:
+    def _is_command_finished(self, state: DrumState) -> bool:
         """Return whether the last command is finished; an older poll cannot tell."""
         running = state.values["command_result"] == CommandResult.RUNNING
         return state.at_s > self._commanded_s and not running
@@ -254,18 +258,24 @@ class DrumMotion:
             self.check()
         return self.poller.healthy_state()
 
-    async def _execute(
-        self, command: Command, end: State, timeout_s: float, action: str
-    ) -> DrumState:
-        await self.send_command(command)
+    async def reach(self, command: Command, end: State, timeout_s: float, what: str) -> DrumState:
+        """Send a command and return the state in which the board has finished it in ``end``."""
+        await self._send(command)
         return await self.poller.wait_until(
-            lambda s: s.state == end and self.is_command_finished(s), timeout_s, action, self.check
+            lambda s: s.state == end and self._is_command_finished(s), timeout_s, what, self.check
         )
 
     def _start_steps(self, trial: PlannedTrial, current_steps: int) -> int:
-        step_mm = self._detail("nm_per_step") / 1e6
-        within_turn = trial_start_steps(trial, self.config.drum, step_mm)
-        return nearest_steps(within_turn, current_steps, self._detail("steps_per_turn"))
+        within_turn = trial_start_steps(trial, self.config.drum, self._step_mm)
+        return nearest_steps(within_turn, current_steps, self._turn_steps)
+
+    @property
+    def _turn_steps(self) -> int:
+        return self._detail("steps_per_turn")
+
+    @property
+    def _step_mm(self) -> float:
+        return self._detail("nm_per_step") / 1e6
 
     def _detail(self, name: str) -> int:
         identity = self.poller.identity

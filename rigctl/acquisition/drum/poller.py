@@ -61,7 +61,7 @@ class DrumPoller:
         return state is not None and bool(state.fault or state.state in FAULT_STATES)
 
     async def connect(self) -> BoardIdentity:
-        """Connect for the first time and return the identity. Raises LinkLost or WrongBoard."""
+        """Connect and return the identity. Raises LinkLost or WrongBoard."""
         self.identity = await self.drum.connect()
         self.link_error = ""
         return self.identity
@@ -137,16 +137,13 @@ class DrumPoller:
             subscriber(state)
 
     async def _reconnect(self) -> None:
-        before = self.identity
         try:
-            self.identity = await self.drum.connect()
+            identity = await self.connect()
         except RigFault as refusal:
             raise LinkLost(str(refusal)) from refusal
-        rebooted = before is None or before.boot_count != self.identity.boot_count
-        if rebooted:
+        if self.drum.rebooted:
             self.clock_fit.reset()
-        self.link_error = ""
-        self._on_reconnected(self.identity, rebooted)
+        self._on_reconnected(identity, self.drum.rebooted)
 
     def _set_lost(self, reason: str) -> None:
         was_connected = self.connected

@@ -23,11 +23,7 @@ GUARDED_SETTINGS: Final = (
 it is lifted and at rest, with the emergency stop closed."""
 
 _TARGET: Final = BY_NAME["move_target"]
-_FORCE_MODES = {
-    "hold": ForceMode.HOLD,
-    "lock": ForceMode.LOCK,
-    "position": ForceMode.POSITION,
-}
+_FORCE_MODES = {"hold": ForceMode.HOLD, "lock": ForceMode.LOCK, "position": ForceMode.POSITION}
 
 
 def rig_settings(config: RigConfig) -> dict[str, float]:
