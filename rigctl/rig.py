@@ -7,6 +7,7 @@ links are ports and the clock is real time; on a simulated rig both come from th
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,14 +15,7 @@ from rigctl.acquisition.rig import Rig
 from rigctl.config.resources import firmware_image
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.devices.drum import Drum
-from rigctl.devices.identity import PortDiagnosis
-from rigctl.devices.port_discovery import (
-    DRUM,
-    TAXELS,
-    create_link,
-    find_boards,
-    identify_board,
-)
+from rigctl.devices.port_discovery import DRUM, TAXELS, create_link, find_boards, identify_board
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import ConfigError, LinkLost, WrongUse
 from rigctl.values import N_TAXELS
@@ -96,6 +90,7 @@ def _simulated_rig(
         loop,
         Drum(simulation.drum, loop),
         Taxels(simulation.taxels, loop, array=config.taxels),
+        seed,
         simulation,
         world.header_fields(),
     )
@@ -141,8 +136,8 @@ def _bench(path: Path, config: RigConfig) -> Rig:
     try:
         ports = _find_ports(config, loop)
         drum_link, taxel_link = (create_link(ports[board], board, loop) for board in (DRUM, TAXELS))
-        drum = Drum(drum_link, loop, _diagnosis(path, ports[DRUM], TAXELS, loop))
-        diagnose_taxel_port = _diagnosis(path, ports[TAXELS], DRUM, loop)
+        drum = Drum(drum_link, loop, partial(_diagnose_port, path, ports[DRUM], TAXELS, loop))
+        diagnose_taxel_port = partial(_diagnose_port, path, ports[TAXELS], DRUM, loop)
         taxels = Taxels(taxel_link, loop, diagnose_taxel_port, config.taxels)
     except BaseException:
         loop.close()
@@ -165,15 +160,11 @@ def _find_ports(config: RigConfig, loop: asyncio.AbstractEventLoop) -> dict[str,
     return ports
 
 
-def _diagnosis(
+async def _diagnose_port(
     path: Path, port: str, other_board: str, loop: asyncio.AbstractEventLoop
-) -> PortDiagnosis:
-    """Return a function that reports whether the other board answers on ``port``."""
-
-    async def diagnose_port() -> str:
-        identity = await identify_board(port, other_board, loop)
-        if identity is None:
-            return ""
-        return f"{port}: the {identity.board} board answers there: swap the ports in {path}"
-
-    return diagnose_port
+) -> str:
+    """Return a sentence where the other board answers on ``port``, empty where it does not."""
+    identity = await identify_board(port, other_board, loop)
+    if identity is None:
+        return ""
+    return f"{port}: the {identity.board} board answers there: swap the ports in {path}"

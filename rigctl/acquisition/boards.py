@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,8 +53,9 @@ class Boards:
         self.taxels = rig.taxels
         self.taxels_connected = False
         self.identities: dict[str, BoardIdentity] = {}
+        publish_lost = partial(event_bus.publish, "link", board=DRUM)
         self.drum_poller = DrumPoller(
-            rig.drum, rig.loop, allows_heartbeat, self._drum_lost, self._drum_reconnected
+            rig.drum, rig.loop, allows_heartbeat, publish_lost, self._drum_reconnected
         )
         self.motion = DrumMotion(self.drum_poller, rig.config)
         self.board_health = BoardHealth(self.drum_poller, rig.taxels, self.identities)
@@ -69,7 +71,7 @@ class Boards:
         self._on_failure = on_failure
         self._published_state = (-1, 0)
         self._published_test = (0, 0)
-        self._stop_following_range: Callable[[], None] | None = None
+        self._stop_following_range: Callable[[], None] = lambda: None
 
     async def connect(self) -> None:
         """Connect both boards, then start samples and heartbeat. Raises LinkLost or WrongBoard."""
@@ -96,11 +98,6 @@ class Boards:
         if taxels.self_test is not None:
             self._publish_self_test(taxels.self_test)
 
-    def close(self) -> None:
-        """Close both ports."""
-        self._rig.drum.close()
-        self._rig.taxels.close()
-
     def set_range(self, normalisation: Normalisation) -> None:
         """Encode with these ranges from the next sample on."""
         self.encoder.normalisation = normalisation
@@ -109,18 +106,13 @@ class Boards:
     async def calibrate_range(self, seconds: float) -> Normalisation:
         """Observe the taxels for this long, set the observed range and return it."""
         observed = RunningRange(self._rig.config.taxels.count)
-
-        def update(block: Block) -> None:
-            observed.update(block.samples)
-
-        unsubscribe = self.pipeline.subscribe(update)
+        unsubscribe = self.pipeline.subscribe(lambda block: observed.update(block.samples))
         try:
             await asyncio.sleep(seconds)
         finally:
             unsubscribe()
-        if self._stop_following_range is not None:
-            self._stop_following_range()
-            self._stop_following_range = None
+        self._stop_following_range()
+        self._stop_following_range = lambda: None
         self.set_range(observed.normalisation)
         return observed.normalisation
 
@@ -160,13 +152,10 @@ class Boards:
         if state.state != before[0]:
             self._event_bus.publish("state", STATE_TEXT[State(state.state)], state=state.state)
 
-    def _drum_lost(self, reason: str) -> None:
-        self._event_bus.publish("link", reason, board=DRUM)
-
     def _drum_reconnected(self, identity: BoardIdentity, rebooted: bool) -> None:
         self.identities[DRUM] = identity
         self.motion.reset()  # another program may have changed any setting meanwhile
-        self._publish_board(identity, "rebooted and is back" if rebooted else "is back")
+        self._publish_return(identity, rebooted)
         self._spawn(self._configure_again())
 
     async def _configure(self) -> None:
@@ -202,7 +191,6 @@ class Boards:
             self._spawn(self._reconnect_taxels())
 
     async def _reconnect_taxels(self) -> None:
-        boot_count = self.identities[TAXELS].boot_count
         while not self.taxels_connected:
             await asyncio.sleep(RECONNECT_PERIOD_S)
             try:
@@ -210,10 +198,11 @@ class Boards:
             except RigFault:
                 continue
             self.taxels_connected = True
-        rebooted = self.identities[TAXELS].boot_count != boot_count
-        what = "rebooted and is back" if rebooted else "is back"
-        self._publish_board(self.identities[TAXELS], what)
+        self._publish_return(self.identities[TAXELS], self.taxels.rebooted)
         self._on_taxel_link(True)
+
+    def _publish_return(self, board: BoardIdentity, rebooted: bool) -> None:
+        self._publish_board(board, "rebooted and is back" if rebooted else "is back")
 
     def _publish_board(self, board: BoardIdentity, what: str) -> None:
         self._event_bus.publish(

@@ -1,8 +1,6 @@
 """The engine: both boards, sample pipeline, recorder and runner in one event loop.
 
-It starts with a rig and often with a first client, connects the boards, and then executes the
-clients' commands (:mod:`rigctl.acquisition.rpc.command_handler`). A client may die at any time;
-a run continues without one. Without client and run the engine makes the rig safe and ends.
+A run continues without a client. Without client and run the engine makes the rig safe and ends.
 """
 
 from __future__ import annotations
@@ -43,12 +41,7 @@ class Engine:
     """
 
     def __init__(
-        self,
-        rig: Rig,
-        live_writer: LiveWriter,
-        utc_now: Callable[[], str],
-        rig_seed: int = 0,
-        real_time: bool = True,
+        self, rig: Rig, live_writer: LiveWriter, utc_now: Callable[[], str], real_time: bool = True
     ) -> None:
         self.rig = rig
         self.event_bus = EventBus(rig.loop.time)
@@ -67,9 +60,8 @@ class Engine:
         self.is_ready = False
         self._now_s = rig.loop.time
         self._utc_now = utc_now
-        self._rig_seed = rig_seed
         self._texture: str | None = None
-        self._status_builder = StatusBuilder(rig.kind, rig.simulated, self.boards)
+        self._status_builder = StatusBuilder(rig, self.boards)
         self._tasks: set[asyncio.Task[None]] = set()
         self._run_task: asyncio.Task[None] | None = None
         self._server = Server()
@@ -104,7 +96,7 @@ class Engine:
     def start(self, request: RunRequest) -> Run:
         """Start a run. Raises where the request or the disk is at fault."""
         identities = tuple(self.boards.identities.values())
-        context = RunContext(self.rig, self._rig_seed, identities, self._utc_now())
+        context = RunContext(self.rig, identities, self._utc_now())
         check_in = partial(self.heartbeat_gate.check_in, "runner")
         opened = open_run(request, context)
         self.run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
@@ -119,7 +111,7 @@ class Engine:
         return self.run is not None and not self.run.ended
 
     def set_plate(self, texture: str) -> bool:
-        """Note the mounted plate; return whether a simulated rig mounted it by itself."""
+        """Note the mounted plate; return whether a simulated rig mounted it."""
         self._texture = texture
         return self.rig.set_plate(texture)
 
@@ -229,7 +221,8 @@ class Engine:
         for task in tuple(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        self.boards.close()
+        self.rig.drum.close()
+        self.rig.taxels.close()
         await self._server.close()
 
 

@@ -17,7 +17,7 @@ from rigctl.session.files.ground_truth import write_truth
 class Rig:
     """Two boards, their event loop, and the description of the bench.
 
-    ``kind``: virtual, firmware or bench. ``simulation``: the
+    ``kind``: virtual, firmware or bench. ``seed``: that of a simulated rig. ``simulation``: the
     :class:`rigctl.simulation.simulated_rig.SimulatedRig` behind the boards, which the engine must
     not import; None at the bench. ``world``: what a session stores about a simulated rig.
     """
@@ -28,6 +28,7 @@ class Rig:
     loop: asyncio.AbstractEventLoop
     drum: Drum
     taxels: Taxels
+    seed: int = 0
     simulation: Any = None
     world: dict[str, Any] = field(default_factory=dict)
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.health.rate_meter import RateMeter
+from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Status
@@ -17,9 +18,8 @@ RATE_WINDOW_S = 1.0
 class StatusBuilder:
     """Builds the status message of one engine."""
 
-    def __init__(self, rig: str, simulated: bool, boards: Boards) -> None:
+    def __init__(self, rig: Rig, boards: Boards) -> None:
         self._rig = rig
-        self._simulated = simulated
         self._boards = boards
         self._frame_rate = RateMeter(RATE_WINDOW_S)
         self._loadcell_lost = 0
@@ -38,8 +38,8 @@ class StatusBuilder:
         state = State(drum.state if drum else State.BOOT)
         return EngineStatus(
             at_s=now_s,
-            rig=self._rig,
-            simulated=self._simulated,
+            rig=self._rig.kind,
+            simulated=self._rig.simulated,
             texture=texture,
             drum_connected=poller.connected,
             taxels_connected=boards.taxels_connected,

@@ -123,10 +123,8 @@ class BoardHealth:
         }
 
     def _count_late_ticks(self, state: DrumState) -> None:
-        identity = self._poller.identity
-        if identity is not None:
-            reading = round(state.values["late_ticks"])
-            self._late_ticks[DRUM].update(identity.boot_count, reading)
+        reading = round(state.values["late_ticks"])
+        self._late_ticks[DRUM].update(self._identities[DRUM].boot_count, reading)
 
 
 def _counters(

@@ -1,4 +1,4 @@
-"""Decision whether the heartbeat may be sent: only while every part of the engine checks in."""
+"""The condition for the heartbeat: every part of the engine checks in."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class HeartbeatGate:
     """Last check-in of each part, in loop time.
 
     A part counts from its first :meth:`check_in` until :meth:`check_out`. One that is silent for
-    longer than the limit blocks the heartbeat; the drum then ramps down and lifts by itself.
+    longer than the limit blocks the heartbeat; without it the drum ramps down and lifts.
     """
 
     def __init__(self, now_s: Callable[[], float]) -> None:

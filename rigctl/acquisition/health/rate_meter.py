@@ -1,4 +1,4 @@
-"""How fast a counter increases, over the last seconds of loop time."""
+"""A meter of how fast a counter increases."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import deque
 
 
 class RateMeter:
-    """Readings of a counter over ``window_s``."""
+    """Increase of a counter over the last ``window_s`` of loop time."""
 
     def __init__(self, window_s: float) -> None:
         self._window_s = window_s

@@ -47,7 +47,6 @@ class RunContext:
     """The rig at the start of a run."""
 
     rig: Rig
-    rig_seed: int
     boards: tuple[BoardIdentity, ...]
     start_utc: str
 
@@ -134,7 +133,7 @@ def _open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) 
         taxel_low=config.taxels.low,
         taxel_high=config.taxels.high,
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
-        simulation={"seed": context.rig_seed, **rig.world} if rig.simulated else {},
+        simulation={"seed": rig.seed, **rig.world} if rig.simulated else {},
     )
     return Recorder(
         folder, header, plan.protocol.text, config.with_order().to_toml(), resume=resume

@@ -58,7 +58,6 @@ class Run:
         self.outcome = ""
         self.text = ""
         self._opened = opened
-        self._plan = plan
         self._event_bus = event_bus
         self._motion = boards.motion
         self._pipeline = boards.pipeline
@@ -105,8 +104,7 @@ class Run:
 
     def status(self) -> RunStatus:
         """Return the run's part of the status message."""
-        now_s, progress = self._now_s(), self._progress
-        trial = self._step_runner.current
+        now_s, progress, trial = self._now_s(), self._progress, self._step_runner.current
         return RunStatus(
             state=self._state(),
             text=self.text,
@@ -134,8 +132,8 @@ class Run:
         try:
             await self._clear_old_fault()
             await self._motion.configure()
-            await self._motion.write_settings(**settle_settings(self._plan.protocol.settle))
-            for step in remaining_steps(self._plan.steps, self._opened.done):
+            await self._motion.write_settings(**settle_settings(self._opened.plan.protocol.settle))
+            for step in remaining_steps(self._opened.plan.steps, self._opened.done):
                 await self._run_step(step)
         except RunStopped as stop:
             return "aborted", str(stop)
@@ -147,7 +145,10 @@ class Run:
         missing = self._progress.planned - self._progress.committed
         if missing:
             return "done", f"{missing} trials could not be committed: see their reasons"
-        return "done", "every trial is committed" if self._plan.trials else "every step is done"
+        return (
+            "done",
+            "every trial is committed" if self._opened.plan.trials else "every step is done",
+        )
 
     async def _clear_old_fault(self) -> None:
         """Clear a fault from before the run, if its cause is gone: the operator saw the rig."""
@@ -175,7 +176,7 @@ class Run:
         self._progress.add_idle(self._now_s() - since_s)
 
     async def _make_safe(self) -> None:
-        """Lift and switch off; where the board does so by itself, wait for it."""
+        """Lift and switch off; where the board does so for a fault, wait for it."""
         try:
             await self._step_runner.make_safe()
         except BoardFault:

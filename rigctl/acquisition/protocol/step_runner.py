@@ -65,7 +65,16 @@ class StepRunner:
     async def run_step(self, step: Step) -> None:
         """Run one step. Raises RunPaused, RunStopped and RigFault, also while in contact."""
         try:
-            await self._run(step)
+            match step:
+                case ChangePlate():
+                    await self._change_plate(step)
+                case RunTrial():
+                    await self._run_trial(step.trial)
+                case Message():
+                    await self._show_message(step)
+                case _:
+                    await self._prepare()
+                    await self._run_free_step(step)
         finally:
             self.current = None
 
@@ -82,18 +91,6 @@ class StepRunner:
             self._start_counters = self._health.counters()
         for event in self._health.events(when, self._start_counters):
             self._recorder.add_event(event)
-
-    async def _run(self, step: Step) -> None:
-        match step:
-            case ChangePlate():
-                await self._change_plate(step)
-            case RunTrial():
-                await self._run_trial(step.trial)
-            case Message():
-                await self._show_message(step)
-            case _:
-                await self._prepare()
-                await self._run_free_step(step)
 
     async def _run_free_step(self, step: Tare | Rest | Turn | Baseline | ApproachOnly) -> None:
         match step:
@@ -158,7 +155,7 @@ class StepRunner:
     async def _prepare(self) -> None:
         """Record, arm, home and tare, as far as necessary."""
         if not self._pipeline.is_recording:
-            self._recorder.begin_part(self._part_reason or "goes on", self._texture)
+            self._recorder.begin_part(self._part_reason or "continued", self._texture)
             self._pipeline.set_recorder(self._recorder)
             self._part_reason = ""
             if self._start_counters is None:

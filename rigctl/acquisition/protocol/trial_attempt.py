@@ -96,22 +96,17 @@ class TrialAttempt:
     async def _wait_for_clocks(self) -> None:
         """Wait until the clock errors are known well enough for a true speed and a cut."""
         end_s = self._now_s() + CLOCK_TIMEOUT_S
-        while (board := self._board_with_unknown_clock()) is not None:
+        fits = {"drum": self._poller.clock_fit}
+        if not self._by_wire:
+            fits["taxel board"] = self._pipeline.clock_fit
+        while unknown := [board for board, fit in fits.items() if not _is_known(fit.estimate)]:
             if self._now_s() > end_s:
                 raise RigFault(
-                    f"the {board}'s clock cannot be fitted because its data arrive too unevenly: "
-                    "give the board a USB port of its own"
+                    f"the {unknown[0]}'s clock cannot be fitted because its data arrive too "
+                    "unevenly: give the board a USB port of its own"
                 )
             await self._poller.wait_turn()
             self._motion.check()
-
-    def _board_with_unknown_clock(self) -> str | None:
-        """Return the board whose clock is not known yet; a sync wire needs no taxel clock."""
-        if not _is_known(self._poller.clock_fit.estimate):
-            return "drum"
-        if not self._by_wire and not _is_known(self._pipeline.clock_fit.estimate):
-            return "taxel board"
-        return None
 
     async def _wait_for_samples(self) -> None:
         """Give the window's last samples time to arrive; lost ones are judged, not awaited."""

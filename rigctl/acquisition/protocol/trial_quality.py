@@ -9,14 +9,7 @@ import numpy as np
 
 from rigctl.acquisition.taxels.trial_cutter import CutTrial
 from rigctl.protocol.plan import Quality
-from rigctl.values import (
-    SAMPLE_RATE_HZ,
-    DrumState,
-    LoadcellSample,
-    PlannedTrial,
-    TrialRow,
-    Verdict,
-)
+from rigctl.values import SAMPLE_RATE_HZ, DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
 MIN_FORCE_TOLERANCE_G = 4.0
 """A force may be off by this much in any case: no load cell reads better."""

@@ -51,8 +51,7 @@ class EngineClient:
         self.engine_file = engine_file
         self.process = process
         self._messages: deque[dict[str, Any]] = deque(maxlen=100_000)
-        self._replies: dict[int, dict[str, Any]] = {}
-        self._awaited_ids: set[int] = set()
+        self._replies: dict[int, dict[str, Any]] = {}  # of awaited requests, empty before it comes
         self._received = bytearray()
         self._last_id = 0
         self._live: LiveReader | None = None
@@ -62,13 +61,7 @@ class EngineClient:
 
     @classmethod
     def start(
-        cls,
-        rig: str,
-        *,
-        paced: bool = True,
-        seed: int = 0,
-        run: Sequence[str] = (),
-        timeout_s: float = START_TIMEOUT_S,
+        cls, rig: str, *, paced: bool = True, seed: int = 0, run: Sequence[str] = ()
     ) -> EngineClient:
         """Start an engine on this rig and connect to it once its boards have answered.
 
@@ -83,7 +76,7 @@ class EngineClient:
         finally:
             log.close()
         try:
-            client._wait_ready(timeout_s)
+            client._wait_ready()
         except RigctlError:
             client.close()
             process.terminate()  # it makes the rig safe first
@@ -119,14 +112,13 @@ class EngineClient:
         :meth:`drain` returns the events that arrive meanwhile.
         """
         number = self.send(command, **args)
-        self._awaited_ids.add(number)
+        self._replies[number] = {}
         try:
             self._wait_until(
-                lambda: number in self._replies, timeout_s, f"no answer to {command!r}"
+                lambda: bool(self._replies[number]), timeout_s, f"no answer to {command!r}"
             )
         finally:
-            self._awaited_ids.discard(number)
-        reply = self._replies.pop(number)
+            reply = self._replies.pop(number)
         if not reply["ok"]:
             raise EngineRefusal(str(reply["error"]), int(reply.get("exit_code", 3)))
         return dict(reply["result"])
@@ -175,8 +167,8 @@ class EngineClient:
                 "press the emergency stop if the drum still moves, then end that process"
             ) from error
 
-    def _wait_ready(self, timeout_s: float) -> None:
-        self._wait_until(self._has_started, timeout_s, "the rig did not answer")
+    def _wait_ready(self) -> None:
+        self._wait_until(self._has_started, START_TIMEOUT_S, "the rig did not answer")
         for message in self._messages:
             if message.get("event") == "failed":
                 raise EngineRefusal(message["text"], int(message["data"]["exit_code"]))
@@ -218,8 +210,8 @@ class EngineClient:
             self._set_lost("it sent a line without end")
         for line in lines:
             message = decode_message(bytes(line))
-            if message.get("reply") in self._awaited_ids:
-                self._replies[int(message["reply"])] = message
+            if message.get("reply") in self._replies:
+                self._replies[message["reply"]] = message
             else:
                 self._messages.append(message)
 

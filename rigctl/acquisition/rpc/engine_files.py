@@ -85,16 +85,16 @@ def read_engine_file(path: Path) -> EngineFile | None:
 
 def running_engines(folder: Path) -> list[EngineFile]:
     """Return the running engines, newest first; remove the files of dead ones."""
-    running: list[tuple[float, EngineFile]] = []
-    for path in folder.glob("*" + _SUFFIX):
+    running: list[EngineFile] = []
+    for path in sorted(folder.glob("*" + _SUFFIX), key=_modified_s, reverse=True):
         engine = read_engine_file(path)
         if engine is not None and _is_alive(engine.pid):
-            running.append((_modified_s(path), engine))
+            running.append(engine)
         else:
             path.unlink(missing_ok=True)
             if engine is not None:
                 Path(engine.live).unlink(missing_ok=True)
-    return [engine for _, engine in sorted(running, key=lambda item: -item[0])]
+    return running
 
 
 def _modified_s(path: Path) -> float:

@@ -2,7 +2,7 @@
 
 Blocks arrive every few milliseconds. The pipeline merges them into batches, so that the cost per
 second does not depend on the driver's block size. Each batch is, in this order: recorded, searched
-for the sync line's rise, encoded, shown. The encoder resets at each rise and behind each gap,
+for the sync line's rise, encoded, shown. The encoder resets at each rise and after each gap,
 exactly as it does offline, so live and offline spikes of a trial are equal.
 """
 
@@ -66,7 +66,7 @@ class SamplePipeline:
         self._samples_since_clock = 0
         self._samples_since_wait = 0
         self._smoothed_time = _SmoothedTime()
-        self._subscribers: list[Callable[[Block], None]] = []
+        self._subscribers: list[Callable[[Block], object]] = []
 
     def add_block(self, block: Block) -> None:
         """Accept a block that the driver decoded."""
@@ -91,7 +91,7 @@ class SamplePipeline:
         """Whether samples go to a recorder now."""
         return self._recorder is not None
 
-    def subscribe(self, subscriber: Callable[[Block], None]) -> Callable[[], None]:
+    def subscribe(self, subscriber: Callable[[Block], object]) -> Callable[[], None]:
         """Call ``subscriber`` with every batch; return the function that unsubscribes it."""
         self._subscribers.append(subscriber)
         return lambda: self._subscribers.remove(subscriber)
@@ -153,7 +153,7 @@ class SamplePipeline:
         return np.concatenate(parts)
 
     def _reset_rows(self, block: Block, starts: list[int]) -> list[int]:
-        """Return the rows before which the encoder resets: behind gaps and at trial starts."""
+        """Return the rows before which the encoder resets: after gaps and at trial starts."""
         counters = block.counters
         if (
             not starts

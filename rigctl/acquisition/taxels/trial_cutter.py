@@ -1,8 +1,8 @@
-"""Trials cut out of the taxel samples: from the sync line's rise, exact to the sample.
+"""Trials cut out of the taxel samples: from the rise of the sync line, exact to the sample.
 
 Every frame counts the rises modulo 4, so a rise is known even when the frame in which it fell
 was lost. A trial's first sample is the first frame that starts after the rise, which is the one
-behind the frame in which the count changed; its length is a number of samples, not an edge.
+after the frame in which the count changed; its length is a number of samples, not an edge.
 
 Without a sync wire the drum's clock gives the first sample a little later: the cutter buffers the
 blocks that arrive meanwhile and cuts them then.
@@ -20,7 +20,7 @@ from rigctl.wire.taxels.frames import Flag
 
 BUFFERED_BLOCKS = 100
 """Of 20 samples and more each: two seconds at least, and a poll reports a rise within 0.1 s."""
-_RISES = 0b11
+_RISES = np.uint8(0b11)
 
 
 @dataclass(slots=True)
@@ -46,7 +46,7 @@ class CutTrial:
 
     @property
     def complete(self) -> bool:
-        """Whether the last sample, or one behind it, has arrived."""
+        """Whether the last sample, or one after it, has arrived."""
         return self.newest_counter >= self.first_counter + self.n_samples - 1
 
 
@@ -56,7 +56,7 @@ class TrialCutter:
     def __init__(self) -> None:
         self.trial: CutTrial | None = None
         self._expected_samples: int | None = None
-        self._last_rises: int | None = None
+        self._last_rises: np.uint8 | None = None
         self._next_counter = -1
         self._buffered: list[Block] | None = None
 
@@ -89,33 +89,30 @@ class TrialCutter:
     def add_block(self, block: Block) -> list[int]:
         """Add one block; return the board counters of the first samples after each rise.
 
-        A counter directly behind the block belongs to the next one.
+        A counter directly after the block's last one belongs to the next block.
         """
         if self._buffered is not None:
             self._buffered = [*self._buffered[-BUFFERED_BLOCKS:], block]
         rises = block.edges & _RISES
-        if self._last_rises is not None and bool((rises == self._last_rises).all()):
-            self._add_to_trial(block)  # almost always: nothing rose
-            self._next_counter = int(block.counters[-1]) + 1
-            return []
-        before = rises[0] if self._last_rises is None else np.uint8(self._last_rises)
-        changed = np.flatnonzero(np.diff(rises, prepend=before))
-        starts = [int(block.counters[row]) + 1 for row in changed]
-        if self._expected_samples is not None and self._buffered is None and starts:
-            self._begin_at_rise(starts[0], self._expected_counter(block, int(changed[0])))
+        rows = self._find_rises(rises)
+        if rows and self._expected_samples is not None and self._buffered is None:
+            self._begin_at_rise(block, rows[0], self._expected_samples)
         self._add_to_trial(block)
-        self._last_rises = int(rises[-1])
-        self._next_counter = int(block.counters[-1]) + 1
-        return starts
+        self._last_rises, self._next_counter = rises[-1], int(block.counters[-1]) + 1
+        return [int(block.counters[row]) + 1 for row in rows]
 
-    def _expected_counter(self, block: Block, row: int) -> int:
-        """Return the counter that this row has where no sample was lost before it."""
-        return int(block.counters[row - 1]) + 1 if row else self._next_counter
+    def _find_rises(self, rises: NDArray[np.uint8]) -> list[int]:
+        """Return the rows at which the number of rises modulo 4 differs from the row before."""
+        before = rises[0] if self._last_rises is None else self._last_rises
+        if (rises == before).all():  # almost always
+            return []
+        return list(np.flatnonzero(np.diff(rises, prepend=before)))
 
-    def _begin_at_rise(self, first_counter: int, expected_counter: int) -> None:
-        assert self._expected_samples is not None
-        start_lost = expected_counter != first_counter - 1
-        self.trial = CutTrial(first_counter, self._expected_samples, start_lost=start_lost)
+    def _begin_at_rise(self, block: Block, row: int, n_samples: int) -> None:
+        """Begin the expected trial with the sample after this row."""
+        counter = int(block.counters[row])
+        expected = int(block.counters[row - 1]) + 1 if row else self._next_counter
+        self.trial = CutTrial(counter + 1, n_samples, start_lost=counter != expected)
         self._expected_samples = None
 
     def _add_to_trial(self, block: Block) -> None:

@@ -27,7 +27,7 @@ FRAME_WIRE_S = SAMPLE_S + frames.FRAME_BYTES * _BITS_PER_BYTE / frames.BAUD
 
 
 class TrialStart(NamedTuple):
-    """Board counter of the first sample behind the rise, and its uncertainty in ms."""
+    """Board counter of the first sample after the rise, and its uncertainty in ms."""
 
     first_counter: int
     uncertainty_ms: float

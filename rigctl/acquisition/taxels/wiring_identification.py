@@ -61,10 +61,7 @@ class WiringIdentification:
         Raises WrongUse, and adds nothing, where it is not clear or contradicts another press.
         """
         change = np.abs(pressed - rest)
-        pair = (
-            _strongest(change, self.upper, "top"),
-            _strongest(change, self.lower, "bottom"),
-        )
+        pair = (_strongest(change, self.upper, "top"), _strongest(change, self.lower, "bottom"))
         for reading in pair:
             for place, other in enumerate(self._pairs):
                 if reading in other:

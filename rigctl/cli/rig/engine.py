@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     with closing(rig), open_listener() as listener:
         live = LiveWriter(folder / f"{name}.live")
         watched = args.paced or not rig.simulated
-        engine = Engine(rig, live, _utc_now, args.seed, watched)
+        engine = Engine(rig, live, _utc_now, watched)
         port = listener.getsockname()[1]
         path = write_engine_file(
             folder, EngineFile(name, os.getpid(), port, token, args.rig, str(live.path))

@@ -34,8 +34,8 @@ def stream(
     return Block(counters[kept], samples[kept], flags[kept], edges[kept], (), 0.0)
 
 
-def sliced(block: Block, cuts: list[int]) -> list[Block]:
-    bounds = [0, *sorted(cuts), len(block)]
+def split(block: Block, positions: list[int]) -> list[Block]:
+    bounds = [0, *sorted(positions), len(block)]
     return [
         Block(
             block.counters[a:b],
@@ -65,8 +65,8 @@ def test_the_first_sample_is_the_frame_that_starts_after_the_rise() -> None:
 
 
 @given(st.lists(st.integers(0, N), max_size=12))
-def test_any_block_size_cuts_the_same_trial(cuts: list[int]) -> None:
-    trial = cut(sliced(stream(), cuts))
+def test_any_block_size_cuts_the_same_trial(positions: list[int]) -> None:
+    trial = cut(split(stream(), positions))
     whole = cut([stream()])
     assert trial is not None and whole is not None
     assert (trial.first_counter, trial.received) == (whole.first_counter, whole.received)
@@ -87,7 +87,7 @@ def test_a_rise_in_a_lost_frame_is_known_but_its_place_is_not() -> None:
 
 def test_a_gap_between_blocks_before_the_rise_is_detected() -> None:
     block = stream(lost=range(95, 101))
-    trial = cut(sliced(block, [95]))
+    trial = cut(split(block, [95]))
     assert trial is not None
     assert trial.start_lost
 
@@ -99,7 +99,7 @@ def test_rises_within_a_gap_are_known_at_its_end() -> None:
 
 def test_only_an_expected_rise_begins_a_trial() -> None:
     cutter = TrialCutter()
-    early, late = sliced(stream(rises_in=(50, 200)), [120])
+    early, late = split(stream(rises_in=(50, 200)), [120])
     cutter.add_block(early)
     cutter.expect(LENGTH)
     cutter.add_block(late)
@@ -135,8 +135,8 @@ def begun(blocks: list[Block], known_after: int) -> CutTrial | None:
 
 
 @given(st.lists(st.integers(0, N), max_size=8), st.integers(0, 8))
-def test_a_trial_begun_late_is_cut_from_its_first_sample(cuts: list[int], at: int) -> None:
-    blocks = sliced(stream(rises_in=()), cuts)
+def test_a_trial_begun_late_is_cut_from_its_first_sample(positions: list[int], at: int) -> None:
+    blocks = split(stream(rises_in=()), positions)
     trial = begun(blocks, min(at, len(blocks)))
     assert trial is not None
     assert (trial.received, trial.sync_low, trial.complete) == (LENGTH, 0, True)
@@ -144,7 +144,7 @@ def test_a_trial_begun_late_is_cut_from_its_first_sample(cuts: list[int], at: in
 
 
 def test_without_the_wire_lost_samples_count_and_noise_on_the_line_begins_no_trial() -> None:
-    blocks = sliced(stream(rises_in=(50, 70), lost=range(150, 160)), [120])
+    blocks = split(stream(rises_in=(50, 70), lost=range(150, 160)), [120])
     trial = begun(blocks, 1)
     assert trial is not None
     assert (trial.first_counter, trial.received) == (RISE_IN + 1, LENGTH - 10)
