@@ -1,1 +1,1 @@
-"""Features to answers: the PCA+LDA sweep and its figures."""
+"""Analyse sessions: features, classifiers, the paper's tasks, figures and reports."""

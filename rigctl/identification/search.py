@@ -65,7 +65,7 @@ SETS_GIVE_MORE = {
     "trained-both": 3.4,
 }
 """What virtual sets of seeds 1 and 2 with 100 repeats gave with START beyond slides of the same
-seeds, points: more is learnt from more repeats. A candidate's figures are slides' and this."""
+seeds, points: classifiers learn more from more repeats. A candidate's figures are the sums."""
 
 SPREAD = 0.25
 """Relative size of a random change."""

@@ -1,8 +1,8 @@
-"""PCA and LDA for every number of components at once, exactly as separate fits give them.
+"""PCA and LDA for every number of components together, exactly as separate fits give them.
 
 Principal components are nested: the first k of fifty are the fifty's first k. So are the Cholesky
 factor of the within-class covariance of their scores and the forward substitution through it.
-One decomposition therefore answers every k, and a discriminant for k components is that for k − 1
+One decomposition therefore serves every k, and a discriminant for k components is that for k − 1
 plus one term. Training folds share their work too: a fold's covariance is the total less the test
 block's. PCA is centred, not standardised; LDA has pooled covariance and empirical priors.
 """
@@ -34,7 +34,7 @@ LANCZOS_SHARE = 8
 # variance: then their axes are correct to ten digits.
 FINE_SHARE = 1e-6
 
-# Folds whose scatters, p × p each, are in memory at once.
+# Folds whose scatters, p × p each, are in memory together.
 FOLDS_IN_MEMORY = 8
 
 

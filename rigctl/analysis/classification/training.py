@@ -87,7 +87,7 @@ def train_model(
         design.textures,
         encoded.parameters,
         encoded.normalisation,
-        encoded.scaled if representation.speed_scaled else encoded.unscaled,
+        encoded.layout(representation),
         np.ascontiguousarray(pca.mean),
         axes,
         np.ascontiguousarray(pca.variance[:k]),

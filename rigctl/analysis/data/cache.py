@@ -49,16 +49,12 @@ class Cache:
     """
 
     hits = misses = 0
+    remarks: tuple[str, ...] = ()
+    """A sentence where an entry could not be written."""
 
     def __init__(self, folder: Path | None = None, max_bytes: int = MAX_BYTES) -> None:
         self._folder = folder
         self._max_bytes = max_bytes
-        self._failure = ""
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """A sentence where entries could not be written."""
-        return (self._failure,) if self._failure else ()
 
     def __contains__(self, key: str) -> bool:
         """Return whether there is a file for the key, whole or not."""
@@ -79,14 +75,14 @@ class Cache:
 
     def put(self, key: str, arrays: Arrays) -> None:
         """Write an entry."""
-        if self._folder is None or self._failure:
+        if self._folder is None or self.remarks:
             return
         path = self._path(key)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             _write(path, arrays)
         except OSError as error:
-            self._failure = f"the cache {self._folder} cannot be written ({error}): see --cache"
+            self.remarks = (f"the cache {self._folder} cannot be written ({error}): see --cache",)
 
     def trim(self) -> None:
         """Remove the least recently used entries until the others are small enough."""

@@ -95,8 +95,8 @@ class TrialSet:
             return self
         remarks = list(self.remarks)
         for number, path in enumerate(self.paths):
-            torn = (t for t in self.trials if not t.sample_range.complete and t.session == number)
-            if ids := [trial.trial_id for trial in torn]:
+            ours = (trial for trial in self.trials if trial.session == number)
+            if ids := [trial.trial_id for trial in ours if not trial.sample_range.complete]:
                 remarks.append(f"{path}: {_left_out(ids, 'gaps in their samples')}")
         if not complete:
             raise SessionError(f"{remarks[-1]}; no complete trial is left, record some first")
@@ -218,7 +218,7 @@ def _check_layout(first: dict[str, Any], last: dict[str, Any]) -> None:
     if first["scaling"] != last["scaling"]:
         raise SessionError(
             f"{last['path']} stores readings on another scale than {first['path']}: import both "
-            "at once, or with the same low and high under [taxels]"
+            "together, or with the same low and high under [taxels]"
         )
     check_same_wiring(first, last)
     if last["sample_rate_hz"] != SAMPLE_RATE_HZ:

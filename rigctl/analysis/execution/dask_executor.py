@@ -148,7 +148,7 @@ class DaskExecutor(Executor):
 def dask_executor(address: str) -> Iterator[Executor]:
     """Yield an executor over the workers of the scheduler at ``address``, as tcp://host:8786.
 
-    Raises WrongUse where Dask is not installed, no scheduler answers, there is no worker, or a
+    Raises WrongUse where Dask is not installed, no scheduler replies, there is no worker, or a
     worker has other versions than this process.
     """
     try:

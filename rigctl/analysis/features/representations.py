@@ -94,6 +94,10 @@ class RepresentationSet:
         """The representations that the trials allow."""
         return tuple(r for r in REPRESENTATIONS if r.key in self.files)
 
+    def layout(self, representation: Representation) -> FeatureLayout:
+        """Return the windows of a representation's features."""
+        return self.scaled if representation.speed_scaled else self.unscaled
+
     def features(self, representation: Representation) -> Features:
         """Return the feature matrix, float64 (n_trials, width), read only."""
         matrix: Features = np.load(self.files[representation.key], mmap_mode="r")

@@ -89,9 +89,8 @@ def measure_ablations(
         return None
     design = Design.from_trials(representations.trials)
     jobs = [
-        _VarianceJob(representations.files[r.key], design, layout.n_windows)
+        _VarianceJob(representations.files[r.key], design, representations.layout(r).n_windows)
         for r in representations.present
-        for layout in [representations.scaled if r.speed_scaled else representations.unscaled]
     ]
     computed = resources.map(_split_variance, jobs, "what explains the features")
     halves = {r.key: both for r, both in zip(representations.present, computed, strict=True)}

@@ -7,7 +7,7 @@ the effect on accuracies, with few components, so that it costs little more than
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,13 +16,9 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.data.cache import Resources
-from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.execution.executor import Progress
-from rigctl.analysis.features.representations import Representation, RepresentationSet, represent
-from rigctl.analysis.features.spike_counts import RangesOver
-from rigctl.analysis.features.transferred_c import ForceMatrixSource
+from rigctl.analysis.features.representations import Representation, RepresentationSet
 from rigctl.analysis.paper.tasks import Curve, SweepSettings, TaskResult, run_tasks
-from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import PRESETS
 
 PRESET_ORDER = ("default", "izhikevich2003", "explicit", "iskarous2022", "quarter-rate")
@@ -38,46 +34,34 @@ Analysed = tuple[RepresentationSet, Sequence[TaskResult]]
 
 
 def compare_presets(
-    trials: TrialSet,
+    encode: Callable[..., RepresentationSet],
     base: Analysed,
     settings: SweepSettings,
     folder: Path,
-    *,
-    reference_g: float,
-    source: ForceMatrixSource | None = None,
-    ranges: RangesOver | Normalisation = RangesOver.ALL,
     resources: Resources,
 ) -> list[Row]:
-    """Return a row for each preset, representation and task; ``base``: results of its own preset.
+    """Return a row for each preset, representation and task.
 
-    Draws and folds are those of ``settings``, so all presets classify the same trials. ``folder``
-    holds the feature files of one preset at a time.
+    ``encode``: :func:`represent` for the trials; it still takes parameters, folder and resources.
+    ``base``: the results of its own preset. Draws and folds are those of ``settings``, so all
+    presets classify the same trials. ``folder`` holds the feature files of one preset at a time.
     """
     limited = replace(settings, k_max=min(COMPONENTS, settings.k_max))
+    others = [name for name in PRESET_ORDER if PRESETS[name] != base[0].parameters]
     rows: list[Row] = []
-    number, progress = 0, resources.progress
-    presets = sum(PRESETS[name] != base[0].parameters for name in PRESET_ORDER)
     for name in PRESET_ORDER:
-        if PRESETS[name] == base[0].parameters:
+        if name not in others:
             rows += _preset_rows(name, *base)
             continue
         part = folder / name
         part.mkdir()
-        shown = _share_progress(number, presets, progress)
-        preset_resources, number = replace(resources, progress=shown), number + 1
-        representations = represent(
-            trials,
-            PRESETS[name],
-            part,
-            reference_g=reference_g,
-            source=source,
-            ranges=ranges,
-            resources=preset_resources,
-        )
+        progress = _share_progress(others.index(name), len(others), resources.progress)
+        preset_resources = replace(resources, progress=progress)
+        representations = encode(PRESETS[name], part, resources=preset_resources)
         results, _ = run_tasks(representations, limited, preset_resources)
         rows += _preset_rows(name, representations, results)
         shutil.rmtree(part)
-    progress(STAGE, STEPS * presets, STEPS * presets)
+    resources.progress(STAGE, STEPS * len(others), STEPS * len(others))
     return rows
 
 
@@ -99,7 +83,7 @@ def mean_rates_hz(
 ) -> tuple[float, float]:
     """Return the mean SA and RA rate over trials and taxels, from a representation's features."""
     features = representations.features(representation)
-    layout = representations.scaled if representation.speed_scaled else representations.unscaled
+    layout = representations.layout(representation)
     n, trials = representations.trials.n_taxels, representations.trials.trials
     sa, ra = np.zeros(len(trials)), np.zeros(len(trials))
     durations_s = cache(layout.window_durations_s)

@@ -133,7 +133,7 @@ def _plot_taxel(axes: Axes, data: RasterData) -> None:
     axes.set_ylabel("reading\n(counts)")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.3 * (high - low))
-    _annotate(axes, f"taxel {taxel + 1}, the liveliest of {data.samples.shape[1]}")
+    _annotate(axes, f"taxel {taxel + 1}, the most active of {data.samples.shape[1]}")
 
 
 def _plot_spikes(axes: Axes, spikes: Spikes) -> None:

@@ -91,7 +91,7 @@ def draw_confusion(result: TaskResult, origin: str, stem: Path) -> Path:
         _plot_confusion(axes, curve, result)
     for axes in panels.flat[len(curves) :]:
         axes.set_axis_off()
-    title = f"{result.task.title}: who is taken for whom, {result.shown_components} components"
+    title = f"{result.task.title}: confusion with {result.shown_components} components"
     return save_figure(figure, stem, title, origin)
 
 

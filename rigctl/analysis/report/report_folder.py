@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -121,15 +122,10 @@ def _analyse(
     """Encode, classify and train; feature files go into the new folder ``folder``."""
     folder.mkdir()
     settings = request.settings
-    representations = represent(
-        trials,
-        request.parameters,
-        folder,
-        reference_g=request.reference_g,
-        source=source,
-        ranges=request.ranges,
-        resources=resources,
+    encode = partial(
+        represent, trials, reference_g=request.reference_g, source=source, ranges=request.ranges
     )
+    representations = encode(request.parameters, folder, resources=resources)
     results, remarks = run_tasks(representations, settings, resources)
     ablations = measure_ablations(representations, results, settings, resources)
     remarks = (
@@ -141,16 +137,8 @@ def _analyse(
     )
     preset_rows: list[dict[str, Any]] = []
     if request.sensitivity:
-        preset_rows = compare_presets(
-            trials,
-            (representations, results),
-            settings,
-            folder,
-            reference_g=request.reference_g,
-            source=source,
-            ranges=request.ranges,
-            resources=resources,
-        )
+        base = (representations, results)
+        preset_rows = compare_presets(encode, base, settings, folder, resources)
     model = None
     if request.model is not None:
         model, remark = train_model(
