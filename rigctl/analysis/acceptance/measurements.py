@@ -47,7 +47,6 @@ class Press:
     overshoot: float
     error: float
     speed_error: float
-    lost_samples: int
     trace_s: Floats
     trace_g: Floats
 
@@ -149,7 +148,6 @@ def _measure_press(session: Session, index: int) -> Press:
         float(forces[still].max() / force_g - 1.0) if still.any() else float("nan"),
         float(row["mean_force_g"]) / force_g - 1.0,
         float(row["mean_speed_mm_s"]) / speed - 1.0,
-        int(row["count"]) - len(session.window(index).counters),
         times[shown] - contact_s,
         forces[shown],
     )

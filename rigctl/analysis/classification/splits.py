@@ -16,6 +16,13 @@ from rigctl.errors import WrongUse
 Fold = tuple[Rows, Rows]
 """Training rows and test rows."""
 FAMILIES = ("folds", "extrapolation", "leave-speed-out", "leave-force-out")
+EXTRAPOLATIONS = {
+    (True, True): "trained-both",
+    (True, False): "untrained-force",
+    (False, True): "untrained-speed",
+    (False, False): "untrained-both",
+}
+"""Task that tests a condition, by whether its speed and its force are trained."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +99,8 @@ def make_splits(design: Design, family: str, seed: int, iteration: int) -> list[
 def extrapolation_fits(design: Design) -> bool:
     """Return whether the set has the paper's trained speeds and forces, and others to test."""
     speeds, forces = set(design.speed_mm_s.tolist()), set(design.force_g.tolist())
-    trained = _trained(design)
+    trained = np.isin(design.speed_mm_s, published.TRAINED_SPEEDS_MM_S)
+    trained &= np.isin(design.force_g, published.TRAINED_FORCES_G)
     return (
         set(published.TRAINED_SPEEDS_MM_S) < speeds
         and set(published.TRAINED_FORCES_G) < forces
@@ -106,12 +114,10 @@ def _folds(design: Design, random: np.random.Generator) -> list[Split]:
     n_folds = int(min(published.N_FOLDS, counts.min()))
     if len(design.textures) < 2 or n_folds < 2:
         raise WrongUse("it needs two textures or more, with two trials or more of each")
-    drawn = np.concatenate(
-        [
-            random.permutation(np.flatnonzero(design.texture == t))[: _drawn(int(n), n_folds)]
-            for t, n in enumerate(counts)
-        ]
-    )
+    # A third, but at least one trial for each fold.
+    sizes = [max(round(n * published.DRAWN_SHARE), n_folds) for n in counts.tolist()]
+    rows = [random.permutation(np.flatnonzero(design.texture == t)) for t in range(len(counts))]
+    drawn = np.concatenate([one[:size] for one, size in zip(rows, sizes, strict=True)])
     labels = design.texture[drawn]
     folds = stratified_folds(labels, n_folds, int(random.integers(2**63)))
     return [
@@ -139,47 +145,26 @@ def stratified_folds(labels: Labels, n_folds: int, seed: int) -> list[Fold]:
     return [(np.flatnonzero(fold_of != f), np.flatnonzero(fold_of == f)) for f in range(n_folds)]
 
 
-def _drawn(n: int, n_folds: int) -> int:
-    """Return the size of a third, but at least one trial for each fold."""
-    return max(round(n * published.DRAWN_SHARE), n_folds)
-
-
 def _extrapolation(design: Design, random: np.random.Generator) -> Split:
     if not extrapolation_fits(design):
         raise WrongUse(
             "it needs 40, 60, 80 mm/s and 250, 500 g of every texture, and another speed and force"
         )
-    trained = _trained(design)
     train: list[Rows] = []
-    tests: dict[str, list[Rows]] = {
-        key: [] for key in ("untrained-both", "untrained-force", "untrained-speed", "trained-both")
-    }
+    tests: dict[str, list[Rows]] = {}
     for rows in design.conditions():
         mixed, n = random.permutation(rows), len(rows)
-        if trained[rows[0]]:
+        speed_is_trained = design.speed_mm_s[rows[0]] in published.TRAINED_SPEEDS_MM_S
+        force_is_trained = design.force_g[rows[0]] in published.TRAINED_FORCES_G
+        if speed_is_trained and force_is_trained:
             n_train = min(max(1, round(n * published.TRAINED_SHARE)), max(1, n - 1))
             train.append(mixed[:n_train])
-            tests["trained-both"].append(mixed[n_train:])
+            tested = mixed[n_train:]
         else:
-            n_test = max(1, round(n * published.TESTED_SHARE))
-            tests[_untrained_kind(design, int(rows[0]))].append(mixed[:n_test])
+            tested = mixed[: max(1, round(n * published.TESTED_SHARE))]
+        tests.setdefault(EXTRAPOLATIONS[speed_is_trained, force_is_trained], []).append(tested)
     joined = {key: np.concatenate(rows) for key, rows in tests.items() if rows}
     return Split(np.concatenate(train), {key: rows for key, rows in joined.items() if len(rows)})
-
-
-def _trained(design: Design) -> NDArray[np.bool_]:
-    mask: NDArray[np.bool_] = np.isin(design.speed_mm_s, published.TRAINED_SPEEDS_MM_S) & np.isin(
-        design.force_g, published.TRAINED_FORCES_G
-    )
-    return mask
-
-
-def _untrained_kind(design: Design, row: int) -> str:
-    new_speed = design.speed_mm_s[row] not in published.TRAINED_SPEEDS_MM_S
-    new_force = design.force_g[row] not in published.TRAINED_FORCES_G
-    if new_speed and new_force:
-        return "untrained-both"
-    return "untrained-speed" if new_speed else "untrained-force"
 
 
 def _leave_one_out(
