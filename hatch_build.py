@@ -1,7 +1,7 @@
-"""Compiles the virtual boards' firmware while the package is installed or packed.
+"""Compile the virtual boards' firmware while the package is installed or packed.
 
-Where there is no compiler the installation goes on without: whoever opens a virtual rig is told
-how to get one.
+Without a compiler the installation continues. A virtual rig then fails to open, with a message that
+says how to get a compiler.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class VirtualBoards(BuildHookInterface[Any]):
-    """Builds both libraries; a wheel carries them, an editable install finds them in build/."""
+    """Build hook for both libraries: a wheel contains them, an editable install has them in build/."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile what is stale before anything is packed."""
@@ -38,7 +38,7 @@ class VirtualBoards(BuildHookInterface[Any]):
 
 
 def _host_build(root: Path) -> ModuleType:
-    """The module that knows how; it is loaded by its path, because the package is not there yet."""
+    """Load rigctl/host_build.py by its path, because the package is not installed yet."""
     name = "rigctl_host_build"
     spec = importlib.util.spec_from_file_location(name, root / "rigctl/host_build.py")
     assert spec is not None and spec.loader is not None

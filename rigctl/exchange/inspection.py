@@ -58,15 +58,11 @@ class TaxelScaling:
         """Return the unit of a stored reading; ``unit``: that of the values in the files."""
         if np.all(self.offset == 0) and np.all(self.scale == 1):
             return f"{unit or 'as in the files'}, 0–{MAX_COUNT}"
-        ends = (
-            "the map's low to its high"
-            if self.fixed
-            else "each taxel's lowest to its highest value"
-        )
-        return (
-            f"0–{MAX_COUNT} from {ends}; "
-            f"scaling events turn it into {unit or 'what stood in the files'}"
-        )
+        ends = "each taxel's lowest to its highest value"
+        if self.fixed:
+            ends = "the map's low to its high"
+        values = unit or "the values of the files"
+        return f"0–{MAX_COUNT} from {ends}; scaling events turn it into {values}"
 
     def encode(self, values: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
         """Return the stored counts of values (n, taxels), uint16."""
@@ -94,7 +90,7 @@ def extract_series(columns: FileColumns, mapping: ImportMap) -> tuple[TimeSeries
         time_s = np.arange(len(values)) / mapping.rate_hz
     series, remarks = clean_time_column(time_s, values, columns.first_row, len(taxels))
     if not len(series.time_s):
-        raise WrongUse(f"{columns.path}: fewer than two rows have a time of their own")
+        raise WrongUse(f"{columns.path}: fewer than two rows have different times")
     if series.time_s[-1] > MAX_DURATION_S:
         raise WrongUse(
             f"{columns.path}: its times span {series.time_s[-1]:.0f} s: check unit in [time]"
@@ -142,7 +138,7 @@ class _Inspector:
         if self._names and len(names) != len(self._names):
             raise WrongUse(
                 f"{path} has {len(names)} taxels, the files before it {len(self._names)}: "
-                "import them into sessions of their own"
+                "import them into separate sessions"
             )
         self._names = self._names or names
         series, remarks = extract_series(columns, self._mapping)
@@ -213,17 +209,11 @@ def _rate_remarks(files: Sequence[InspectedFile], mapping: ImportMap) -> list[st
         f"{2 * speed / mapping.finest_mm:.0f} Hz"
         for speed, rates in sorted(slow.items())
     ]
-    n_fast = sum(is_oversampled(file.rate_hz) for file in files)
-    if n_fast:
-        filtered = (
-            f"behind a low-pass of {mapping.low_pass_hz:g} Hz"
-            if mapping.low_pass_hz
-            else "without a filter before, as the map says"
-        )
-        remarks.append(
-            f"{n_fast} files have more than {SAMPLE_RATE_HZ} rows a second: taken at 1 kHz "
-            + filtered
-        )
+    if n_fast := sum(is_oversampled(file.rate_hz) for file in files):
+        low_pass = f"behind a low-pass of {mapping.low_pass_hz:g} Hz"
+        filtered = low_pass if mapping.low_pass_hz else "without a filter, as the map says"
+        fast = f"{n_fast} files have more than {SAMPLE_RATE_HZ} rows a second"
+        remarks.append(f"{fast}: taken at 1 kHz {filtered}")
     if mapping.force_unit == "level" and "force" in mapping.pattern.groupindex:
         remarks.append("forces are levels without a unit, in the place of grams")
     return remarks

@@ -43,21 +43,20 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     root.allow("textures")
     order, trial, plates = root.table("order"), root.table("trial"), root.table("plates")
     force_mode = trial.choice("force_mode", FORCE_MODES, "hold")
-    kind = order.choice("kind", ORDERS, "blocked")
     _refuse_other_presses(root, force_mode)
     protocol = Protocol(
         name=root.text("name", stem),
         text=text.source,
         config=config,
         description=root.text("description", ""),
-        textures=_textures(root),
+        textures=root.texts("textures") if "textures" in root else (),
         speeds_mm_s=root.numbers("speeds_mm_s", **_speed_range(config)),
         forces_g=root.numbers("forces_g", **_force_range(config)),
         depths_mm=root.numbers("depths_mm", unit="mm", **register_range("depth_set_um", 1e-3)),
         repeats=root.integer("repeats", 1, low=1, high=MAX_TRIALS),
-        order=kind,
-        order_seed=_seed(order, kind),
-        across_plates=_across_plates(order, kind),
+        order=order.choice("kind", ORDERS, "blocked"),
+        order_seed=order.integer("seed", 0, low=0, high=MAX_SEED),
+        across_plates=order.flag("across_plates", False),
         travel_mm=trial.number("travel_mm", 240, unit="mm", **register_range("travel_set")),
         force_mode=force_mode,
         direction=trial.choice("direction", DIRECTIONS, "forward"),
@@ -68,17 +67,10 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     )
     for table in (order, trial, plates, root):
         table.finish()
+    _validate_order(protocol, order)
     _validate_trials(protocol, root)
     _validate_travel(protocol, root, trial)
     return protocol
-
-
-def _textures(root: TomlTable) -> tuple[str, ...]:
-    textures = root.texts("textures") if "textures" in root else ()
-    for texture in textures:
-        if len(texture.encode()) > TEXTURE_BYTES:
-            root.fail("textures", f"{texture!r} is longer than {TEXTURE_BYTES} bytes")
-    return textures
 
 
 def _speed_range(config: RigConfig) -> dict[str, Any]:
@@ -97,19 +89,6 @@ def _refuse_other_presses(root: TomlTable, force_mode: str) -> None:
         root.fail("forces_g", "force mode position presses to a depth: give depths_mm instead")
     if "depths_mm" in root and force_mode != "position":
         root.fail("depths_mm", 'needs trial.force_mode = "position"')
-
-
-def _seed(order: TomlTable, kind: str) -> int:
-    if kind == "shuffled" and "seed" not in order:
-        order.fail("seed", "is missing: a shuffled order needs a written seed, such as seed = 1")
-    return order.integer("seed", 0, low=0, high=MAX_SEED)
-
-
-def _across_plates(order: TomlTable, kind: str) -> bool:
-    across = order.flag("across_plates", False)
-    if across and kind != "shuffled":
-        order.fail("across_plates", 'needs order.kind = "shuffled"')
-    return across
 
 
 def _settle(table: TomlTable) -> Settle:
@@ -150,8 +129,19 @@ _KINDS: dict[str, Callable[[TomlTable, RigConfig], Step]] = {
 }
 
 
+def _validate_order(protocol: Protocol, order: TomlTable) -> None:
+    """Raise unless a shuffled order has a seed, and only a shuffled one mixes the plates."""
+    if protocol.order == "shuffled" and "seed" not in order:
+        order.fail("seed", "is missing: a shuffled order needs a written seed, such as seed = 1")
+    if protocol.order != "shuffled" and protocol.across_plates:
+        order.fail("across_plates", 'needs order.kind = "shuffled"')
+
+
 def _validate_trials(protocol: Protocol, root: TomlTable) -> None:
-    """Raise unless the keys of trials are all there or all missing, and trials are not too many."""
+    """Raise unless the keys of trials are all there or all missing, and fit into a session."""
+    for texture in protocol.textures:
+        if len(texture.encode()) > TEXTURE_BYTES:
+            root.fail("textures", f"{texture!r} is longer than {TEXTURE_BYTES} bytes")
     presses = "depths_mm" if protocol.force_mode == "position" else "forces_g"
     needed = {"textures", "speeds_mm_s", presses}
     given = {key for key in (*needed, "repeats") if key in root}

@@ -149,7 +149,7 @@ def test_a_data_set_keeps_its_world_and_goes_on_in_no_other(
     assert main([*command, "--world", "lab.toml", "--resume"]) == 0
     capsys.readouterr()
     assert main([*command, "--resume"]) == 2
-    assert "set was begun in another world, circumference_mm is 420.0" in capsys.readouterr().err
+    assert "set was recorded in another world, circumference_mm is 420.0" in capsys.readouterr().err
 
 
 def test_the_world_of_a_session_can_be_printed_and_given_again(

@@ -167,7 +167,7 @@ def spectrum(session: Path) -> NDArray[np.float64]:
     return 2 * np.abs(np.fft.rfft(values, axis=0))[:250] / len(values)
 
 
-def test_what_is_faster_than_1_khz_passes_a_low_pass_first(tmp_path: Path) -> None:
+def test_rows_faster_than_1_khz_pass_a_low_pass_first(tmp_path: Path) -> None:
     file = fast_csv(tmp_path / "silk_6cm_5N_1.csv", 900)  # would fold back to 100 Hz
     kept, inspection = run_import(tmp_path, TIMED, [file], "kept")
     assert "taken at 1 kHz behind a low-pass of 400 Hz" in inspection.remarks[-1]
@@ -175,7 +175,7 @@ def test_what_is_faster_than_1_khz_passes_a_low_pass_first(tmp_path: Path) -> No
     assert filtered[10, 0] == pytest.approx(200, rel=0.02)  # 20 Hz stays: 2 Hz a line
     assert filtered[50, 1] < 1.0
     raw, inspection = run_import(tmp_path, TIMED + "[quality]\nlow_pass_hz = 0\n", [file], "raw")
-    assert "without a filter before, as the map says" in inspection.remarks[-1]
+    assert "without a filter, as the map says" in inspection.remarks[-1]
     assert spectrum(raw)[50, 1] == pytest.approx(200, rel=0.05)
     slow = write_csv(tmp_path / "silk_6cm_5N_2.csv", np.arange(100.0), ramp(100))
     assert run_import(tmp_path, TIMED, [slow], "slow")[1].remarks == ()
@@ -209,7 +209,7 @@ def test_the_session_says_what_a_reading_is(tmp_path: Path) -> None:
             assert full.count_clipped(session.samples(0)).sum() == 0 and "0–65535" in full.source
 
 
-def test_imports_apart_can_be_put_on_one_scale_and_are_not_mixed_otherwise(tmp_path: Path) -> None:
+def test_separate_imports_can_share_a_scale_and_are_not_mixed_otherwise(tmp_path: Path) -> None:
     apart, alike = [], []
     for number in (1, 2):
         values = ramp(50) / 7 * number
@@ -238,7 +238,7 @@ def test_sampling_too_slow_for_the_texture_is_reported(tmp_path: Path) -> None:
     assert "100 mm/s: 35.7 Hz shows nothing finer than 5.6 mm" in inspection.remarks[-1]
 
 
-def test_load_cell_and_extra_channels_come_along(tmp_path: Path) -> None:
+def test_load_cell_and_extra_channels_are_imported(tmp_path: Path) -> None:
     n = 400
     table = np.c_[np.arange(n) * 2.0, ramp(n), np.full(n, 2.0), np.linspace(0, 1, n)]
     path = tmp_path / "silk_6cm_5N_1.csv"
@@ -289,14 +289,14 @@ def test_files_without_number_are_numbered_and_sorted_by_condition(tmp_path: Pat
         ("[taxels]", "[taxel]", "taxel"),
     ],
 )
-def test_a_wrong_map_is_a_sentence(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_a_wrong_map_raises_one_sentence(tmp_path: Path, old: str, new: str, message: str) -> None:
     file = write_csv(tmp_path / "silk_6cm_5N_1.csv", np.arange(9.0), ramp(9))
     with pytest.raises((WrongUse, ConfigError), match=message.replace("?", r"\?")):
         run_import(tmp_path, TIMED.replace(old, new), [file])
     assert not (tmp_path / "session").exists()
 
 
-def test_wrong_files_are_sentences_and_nothing_is_written(tmp_path: Path) -> None:
+def test_wrong_files_raise_one_sentence_and_nothing_is_written(tmp_path: Path) -> None:
     good = "silk_6cm_5N_1"
     cases: dict[str, tuple[Path, str]] = {}
     for name in ("word", "short", "empty", "binary", "cube", "struct", "broken", "gone", "odd"):
@@ -323,7 +323,7 @@ def test_wrong_files_are_sentences_and_nothing_is_written(tmp_path: Path) -> Non
     assert not (tmp_path / "session").exists()
 
 
-def test_files_of_other_width_are_refused(tmp_path: Path) -> None:
+def test_files_with_another_number_of_taxels_are_refused(tmp_path: Path) -> None:
     files = []
     for number, width in ((1, 3), (2, 4)):
         files.append(tmp_path / f"silk_6cm_5N_{number}.npy")

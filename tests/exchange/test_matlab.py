@@ -136,7 +136,7 @@ def test_what_a_matlab_file_lacks_is_named(tmp_path: Path) -> None:
             run_import(tmp_path, absent, [path], f"x{number}")
 
 
-def test_cut_matlab_files_are_sentences(tmp_path: Path) -> None:
+def test_truncated_matlab_files_raise_one_sentence(tmp_path: Path) -> None:
     for path in both(tmp_path, WHOLE):
         whole = path.read_bytes()
         for tenths in range(1, 10):

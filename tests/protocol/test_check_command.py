@@ -44,12 +44,14 @@ def test_a_rig_with_narrower_limits_refuses(tmp_path: Path) -> None:
         run("quick", "--rig", str(rig))
 
 
-def test_an_unknown_protocol_names_those_there_are() -> None:
+def test_an_unknown_protocol_lists_the_known_ones() -> None:
     with pytest.raises(ProtocolError, match="baseline, paper, quick, showcase"):
         run("qiuck")
 
 
-def test_too_little_room_is_a_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_little_disk_space_is_a_negative_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(check.shutil, "disk_usage", lambda _: usage(2_000_000, 1, 1_000_000))
     with pytest.raises(NegativeAnswer, match=r"1 MB free, the protocol needs 14 MB"):

@@ -80,7 +80,7 @@ def test_showcase_holds_every_kind_of_step() -> None:
     assert {t.direction for t in plan.trials} == {"forward", "backward"}
 
 
-def test_free_steps_stand_where_they_were_put() -> None:
+def test_free_steps_come_at_their_places() -> None:
     steps = "".join(
         f'[[steps]]\nat = "{place}"\nkind = "message"\ntext = "{place}"\n'
         for place in ("start", "plate_start", "between_plates", "plate_end", "end")
@@ -191,7 +191,7 @@ ODD_VALUES = (
 
 @given(st.data())
 @settings(max_examples=200, deadline=None)
-def test_nothing_but_a_sentence_comes_of_a_spoilt_protocol(data: st.DataObject) -> None:
+def test_a_spoilt_protocol_raises_nothing_but_a_protocol_error(data: st.DataObject) -> None:
     lines = (protocols() / "showcase.toml").read_text().splitlines()
     for _ in range(data.draw(st.integers(1, 3))):
         place = data.draw(st.integers(0, len(lines) - 1))

@@ -45,7 +45,7 @@ def test_each_condition_comes_once_and_ids_count_up(drawn: Protocol) -> None:
 
 @given(protocol())
 @settings(max_examples=60, deadline=None)
-def test_the_right_plate_is_on_the_drum_and_never_changed_in_vain(drawn: Protocol) -> None:
+def test_the_right_plate_is_on_the_drum_and_is_changed_only_when_needed(drawn: Protocol) -> None:
     mounted = None
     for step in drawn.plan().steps:
         if isinstance(step, ChangePlate):
@@ -72,7 +72,7 @@ def test_one_seed_gives_one_plan(drawn: Protocol, seed: int) -> None:
         assert drawn.plan(seed + 1).hash != first.hash
 
 
-def test_an_order_once_written_stays() -> None:
+def test_the_order_of_a_seed_never_changes() -> None:
     """The shuffle is part of what a session's plan hash stands for, so it must never change."""
     plan = Protocol(
         "fixed",

@@ -100,7 +100,7 @@ def test_a_second_process_cannot_write_the_same_session(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("limit", [4_000, 60_000, 300_000, 1_000_003])
-def test_a_full_disk_ends_in_a_sentence_and_keeps_what_was_committed(
+def test_a_full_disk_raises_one_sentence_and_keeps_committed_trials(
     tmp_path: Path, limit: int
 ) -> None:
     """A limit on the file's size simulates the disk: HDF5 sees the same failing write."""

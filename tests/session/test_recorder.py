@@ -34,7 +34,7 @@ from tests.session.building import (
 )
 
 
-def test_everything_that_was_given_is_read_back(tmp_path: Path) -> None:
+def test_all_recorded_data_is_read_back(tmp_path: Path) -> None:
     planned = record_plan(tmp_path / "s")
     with Session.open(tmp_path / "s") as session:
         assert session.finished
@@ -211,7 +211,7 @@ def test_resuming_needs_the_same_plan(tmp_path: Path) -> None:
 
 def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
     (tmp_path / "s").write_text("")
-    with pytest.raises(SessionError, match="is a file: a session needs a folder of its own"):
+    with pytest.raises(SessionError, match="is a file: give the path of a folder"):
         recorder(tmp_path / "s")
 
 

@@ -1,4 +1,4 @@
-"""A session resumes only in the simulated world that it was begun in."""
+"""A session resumes only in the simulated world that it was recorded in."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_the_same_world_from_another_file_is_the_same() -> None:
     ],
 )
 def test_the_first_parameter_that_differs_is_named(world: dict[str, object], words: str) -> None:
-    with pytest.raises(SessionError, match=f"s was begun in another world, {words}: "):
+    with pytest.raises(SessionError, match=f"s was recorded in another world, {words}: "):
         check_same_world(Path("s"), BEGUN, {"world": world})
 
 

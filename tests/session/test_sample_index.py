@@ -85,7 +85,7 @@ def test_a_part_that_grows_or_is_compressed_is_left_to_hdf5(
     assert check(folder, plain=False) == [True, False, True]
 
 
-def test_a_file_cut_short_behind_our_back_is_an_error(tmp_path: Path) -> None:
+def test_a_file_truncated_after_indexing_is_an_error(tmp_path: Path) -> None:
     folder = recorded(tmp_path / "session")
     with Session.open(folder) as session:
         files, ranges = session.sample_files(), session.sample_ranges(session.committed().tolist())

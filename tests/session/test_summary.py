@@ -25,7 +25,7 @@ def run(*words: str) -> int:
     return command.run(top.parse_args(["info", *words]))
 
 
-def test_json_holds_what_programs_ask_for(
+def test_json_holds_the_values_that_programs_need(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record_plan(tmp_path / "s")
@@ -52,7 +52,7 @@ def test_a_session_being_written_names_its_writer(tmp_path: Path) -> None:
         assert answer["finished"] is False
 
 
-def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_a_session_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SessionError, match="is not a session"):
         run(str(tmp_path))
 
@@ -71,7 +71,7 @@ def truth_of(session: Session) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]
     return 0, speed, force, sync
 
 
-def test_the_world_judges_each_trial(tmp_path: Path) -> None:
+def test_each_trial_has_its_true_speed_and_force(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     with Session.open(tmp_path / "s") as session:
         log = truth_of(session)
@@ -100,7 +100,7 @@ def test_a_hole_in_the_log_is_refused(tmp_path: Path) -> None:
         write_truth(tmp_path / "s", (5, *empty))
 
 
-def test_each_sitting_has_a_log_of_its_own(tmp_path: Path) -> None:
+def test_each_sitting_has_its_own_log(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     later = {name: getattr(header(), name) for name in type(header()).__slots__}
     later["start_utc"] = "2026-11-22T08:00:00Z"

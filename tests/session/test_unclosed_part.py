@@ -71,7 +71,7 @@ def test_a_dead_session_can_be_resumed(dead: Path) -> None:
 
 
 @pytest.mark.parametrize("share", [0.9, 0.5, 0.3, 0.1, 0.001])
-def test_a_dead_part_that_was_cut_short_is_named_at_once(dead: Path, share: float) -> None:
+def test_a_dead_part_that_was_cut_short_is_named_immediately(dead: Path, share: float) -> None:
     part = dead / "part-0001.h5"
     whole = part.read_bytes()
     part.write_bytes(whole[: int(share * len(whole))])

@@ -53,7 +53,9 @@ def run(*words: str) -> int:
     return command.run(top.parse_args(["verify", *words]))
 
 
-def test_a_whole_session_is_whole(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_complete_session_has_no_problem(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(str(recorded)) == 0
     assert "is whole: 8 trials committed" in capsys.readouterr().out
     assert run(str(recorded), "--json") == 0

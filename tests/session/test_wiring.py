@@ -31,13 +31,13 @@ def record(folder: Path, head: SessionHeader, rig: str = RIG, *, resume: bool = 
         Bench(recorder).trial(plan().trials[0])
 
 
-def test_what_was_recorded_says_its_order(tmp_path: Path) -> None:
+def test_a_session_records_its_wiring(tmp_path: Path) -> None:
     record(tmp_path / "s", with_wiring(DRAWN_WIRING))
     with Session.open(tmp_path / "s") as session:
         assert session.wiring == session.header.wiring == DRAWN_WIRING
 
 
-def test_a_description_that_is_stored_names_the_order_whatever_the_default_will_be() -> None:
+def test_a_stored_rig_description_names_the_order_explicitly() -> None:
     assert RigConfig().with_order().taxels.wiring == DRAWN_WIRING
     assert f"wiring = {list(DRAWN_WIRING)}" in RigConfig().with_order().to_toml()
     own = RigConfig(taxels=TaxelArray(wiring=BACKWARDS))
@@ -53,7 +53,7 @@ def test_an_older_part_holds_the_order_of_the_wire_unless_its_rig_says_another()
         session_wiring(header(), "[taxels")
 
 
-def test_a_model_of_before_counts_as_in_the_order_of_the_wire() -> None:
+def test_an_older_model_has_the_order_of_the_wire() -> None:
     assert source_wiring({"rig": "bench", "n_taxels": 18}) == AS_WIRED
     assert source_wiring({"rig": IMPORTED, "n_taxels": 18}) == ()
     assert source_wiring({"wiring": list(DRAWN_WIRING), "n_taxels": 18}) == DRAWN_WIRING

@@ -118,7 +118,7 @@ class SpikeFileWriter:
     def _write_header(self, encoding: EncodingInfo) -> None:
         header: Attributes = {"layout": SPIKES_LAYOUT, "layout_version": LAYOUT_VERSION}
         write_attributes(self._file, {**header, "simulated": int(encoding.simulated)})
-        origin = "SIMULATED: no bench stood behind it" if encoding.simulated else "a real bench"
+        origin = "SIMULATED: not recorded at a real bench" if encoding.simulated else "a real bench"
         write_text(self._file, "origin", origin, "where the samples come from")
         write_text(self._file, "made_utc", encoding.made_utc, "wall clock, ISO 8601")
         write_text(self._file, "software", encoding.software, "version and commit of rigctl")

@@ -7,11 +7,13 @@ from dataclasses import fields, replace
 from operator import attrgetter
 from typing import Any
 
-from rigctl.session.format.layout import EVENTS, TRIALS, Column
+from rigctl.session.format.layout import DRUM, EVENTS, TRIALS, Column
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
 
 REASON_SEPARATOR = "; "
-_EVENT_WIDTH = {column.name: column.text_bytes for column in EVENTS.columns}
+_DRUM = [column.name for column in DRUM.columns]
+_SPEED_SET, _FORCE_SET = _DRUM.index("speed_set_mm_s"), _DRUM.index("force_set_g")
+_drum_values = attrgetter(*(name for name in _DRUM if "_set_" not in name))
 _PLANNED = tuple(field.name for field in fields(PlannedTrial))
 _trial_values = attrgetter(
     *(f"trial.{name}" if name in _PLANNED else name for name in TRIALS.dtype.names or ())
@@ -30,47 +32,23 @@ def clip_text(text: str, width: int) -> bytes:
 
 def drum_row(state: DrumState, force_set_g: float, speed_set_mm_s: float) -> Row:
     """Return one row of /drum."""
-    return (
-        state.at_s,
-        state.board_time_us,
-        state.state,
-        state.fault,
-        state.fault_bits,
-        state.status_bits,
-        state.steps,
-        state.angle_deg,
-        state.speed_mm_s,
-        speed_set_mm_s,
-        state.force_g,
-        force_set_g,
-        state.actuator_position_um,
-        state.actuator_drive_permille,
-        state.sync_count,
-        state.sync_rise_us,
-        state.sync_fall_us,
-        state.index_count,
-        state.loadcell_lost,
-    )
+    values = list(_drum_values(state))
+    values.insert(_SPEED_SET, speed_set_mm_s)
+    values.insert(_FORCE_SET, force_set_g)
+    return tuple(values)
 
 
 def event_row(event: Event) -> Row:
     """Return one row of /events; a note replaces ``data`` that does not fit."""
     data = json.dumps(event.data, ensure_ascii=False, default=str)
-    if len(data.encode()) > _EVENT_WIDTH["data"]:
+    if len(data.encode()) > EVENTS.columns[-1].text_bytes:
         data = json.dumps({"truncated": True, "length": len(data)})
-    return (
-        event.at_s,
-        clip_text(event.kind, _EVENT_WIDTH["kind"]),
-        clip_text(event.text, _EVENT_WIDTH["text"]),
-        data.encode(),
-    )
+    return tuple(map(_encode, (event.at_s, event.kind, event.text, data), EVENTS.columns))
 
 
 def parse_event(row: Any) -> Event:
     """Return the event in a row of /events."""
-    return Event(
-        float(row["at_s"]), str(row["kind"]), str(row["text"]), json.loads(str(row["data"]))
-    )
+    return Event(float(row["at_s"]), str(row["kind"]), str(row["text"]), json.loads(row["data"]))
 
 
 def trial_row(row: TrialRow, part: int, first_sample: int) -> Row:

@@ -7,7 +7,7 @@ part and of one with compressed chunks.
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -112,12 +112,15 @@ class PartReader:
                 out[first - start : last - start] = dataset[first:last]
             return out
 
-    def searchsorted(self, table: layout.TableLayout, column: str, value: float) -> int:
-        """Return the first row of an ascending column that is at least ``value``, by bisection."""
-        dataset = self._tables[table.path]
+    def rows_between(
+        self, table: layout.TableLayout, column: str, first: float, last: float
+    ) -> StructuredArray:
+        """Return the rows with ``first`` ≤ ``column`` ≤ ``last``, an ascending column."""
+        dataset, rows = self._tables[table.path], range(self.n_rows(table))
         with self.translate_errors():
-            rows = range(int(dataset.shape[0]))
-            return bisect_left(rows, value, key=lambda row: dataset[row][column])
+            start = bisect_left(rows, first, key=lambda row: dataset[row][column])
+            stop = bisect_right(rows, last, key=lambda row: dataset[row][column])
+        return self.rows(table, start, stop)
 
     def text(self, path: str) -> str:
         """Return the protocol or the rig's description."""

@@ -220,7 +220,7 @@ class Session:
         """Return the polls and load-cell samples between an attempt's start and end."""
         row = self.trials[index]
         part = self._part(int(row["part"]))
-        polls = _rows_between(part, layout.DRUM, "at_s", row["started_s"], row["ended_s"])
+        polls = part.rows_between(layout.DRUM, "at_s", row["started_s"], row["ended_s"])
         loadcell = _loadcell_of(part, polls)
         rise_us = float(polls["sync_rise_us"][-1]) if len(polls) else np.nan
         if row["first_counter"] < 0:
@@ -267,13 +267,4 @@ def _loadcell_of(part: PartReader, polls: StructuredArray) -> StructuredArray:
     if not len(polls):
         return part.rows(layout.LOADCELL, 0, 0)
     board_us = polls["board_time_us"]
-    return _rows_between(part, layout.LOADCELL, "board_time_us", board_us[0], board_us[-1])
-
-
-def _rows_between(
-    part: PartReader, table: layout.TableLayout, column: str, first: float, last: float
-) -> StructuredArray:
-    """Return the rows with ``first`` ≤ ``column`` ≤ ``last``, an ascending column."""
-    start = part.searchsorted(table, column, float(first))
-    stop = part.searchsorted(table, column, float(np.nextafter(last, np.inf)))
-    return part.rows(table, start, stop)
+    return part.rows_between(layout.LOADCELL, "board_time_us", board_us[0], board_us[-1])

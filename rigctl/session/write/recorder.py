@@ -4,7 +4,7 @@
 
     loop                              recorder's thread (the only one that touches HDF5)
     add_block ─┐
-    add_drum  ─┼─► bounded queue ──►  every 0.25 s, or at once for a trial, a part or the end:
+    add_drum  ─┼─► bounded queue ──►  every 0.25 s, or immediately for a trial, part or end:
     add_event ─┤                      take all, append, flush; fsync when a trial ended;
     commit_…  ─┘                      publish the state of the disk as ``status``
 
@@ -112,7 +112,7 @@ class Recorder:
         self._put(partial(self._writer.add_event, event))
 
     def commit_trial(self, row: TrialRow) -> None:
-        """Record an attempt after its last sample, at once, and sync it to the medium.
+        """Record an attempt after its last sample and sync it to the medium immediately.
 
         The writer derives ``part`` and ``first_sample`` from the row's ``first_counter``.
         """

@@ -28,7 +28,7 @@ def prepare_folder(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
-        raise SessionError(f"{folder} is a file: a session needs a folder of its own") from error
+        raise SessionError(f"{folder} is a file: give the path of a folder") from error
     except OSError as error:
         raise DiskFault(f"cannot make {folder}: {error.strerror}; choose another folder") from error
     lock = WriterLock(folder)
@@ -53,11 +53,11 @@ def check_same_world(folder: Path, recorded: Mapping[str, Any], current: Mapping
         return
     if there is None or here is None:
         raise SessionError(
-            f"{folder} does not say in which simulated world it was begun: start a new session"
+            f"{folder} does not say in which simulated world it was recorded: start a new session"
         )
     name = next(n for n in {**there, **here} if there.get(n) != here.get(n))
     raise SessionError(
-        f"{folder} was begun in another world, {name} is {_format(there, name)} there and "
+        f"{folder} was recorded in another world, {name} is {_format(there, name)} there and "
         f"{_format(here, name)} here: resume it in its own, which `rigctl world {folder}` prints, "
         "or start a new session"
     )
