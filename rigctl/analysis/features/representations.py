@@ -169,7 +169,8 @@ def _write_features(
         scaled = count_with_given_c(*given, blind=False)
         for condition, found, forced in zip(conditions, plain, scaled, strict=True):
             files.write("texture", condition, forced)
-            rates.append((condition, sa_rates_by_force(condition, found["plain"], forced)))
+            by_force = sa_rates_by_force(condition, found["plain"], forced, force.reference_g)
+            rates.append((condition, by_force))
         transferred = describe_transfer(source, pool_rate_errors(rates))
     for condition, forced in zip(conditions, count_with_given_c(*given, blind=True), strict=True):
         files.write("blind", condition, forced)

@@ -155,19 +155,20 @@ def measure_rate_errors(
     conditions = group_by_condition(prepared, parameters, force.reference_g, search_c=False)
     plain = list(count_conditions(prepared, conditions, resources))
     scaled = count_with_given_c(prepared, conditions, plain, force, resources, blind=blind)
-    triples = zip(conditions, plain, scaled, strict=True)
-    return pool_rate_errors(
-        [(one, sa_rates_by_force(one, found["plain"], counts)) for one, found, counts in triples]
-    )
+    rates = []
+    for condition, found, counts in zip(conditions, plain, scaled, strict=True):
+        by_force = sa_rates_by_force(condition, found["plain"], counts, force.reference_g)
+        rates.append((condition, by_force))
+    return pool_rate_errors(rates)
 
 
 def sa_rates_by_force(
-    condition: ConditionTask, plain: NDArray[Any], scaled: NDArray[Any]
+    condition: ConditionTask, plain: NDArray[Any], scaled: NDArray[Any], reference_g: float
 ) -> dict[float, Floats]:
     """Return target rates, rates with C and without at each force, float64 (3, n_taxels).
 
-    ``plain``, ``scaled``: the condition's counts without C and with it. Empty for a condition
-    without trials at the reference force.
+    ``plain``, ``scaled``: the condition's counts without C and with it; ``reference_g``: of C.
+    Empty for a condition without trials at the reference force.
     """
 
     def rates(counts: NDArray[Any], force_g: float) -> Floats:
@@ -176,10 +177,10 @@ def sa_rates_by_force(
         return sa_rates_hz(sa_counts, [condition.lengths[i] for i in rows], condition.parameters)
 
     forces = {trial.force_g for trial in condition.trials}
-    if condition.reference_g not in forces:
+    if reference_g not in forces:
         return {}
-    target = rates(plain, condition.reference_g)
-    others = sorted(forces - {condition.reference_g})
+    target = rates(plain, reference_g)
+    others = sorted(forces - {reference_g})
     return {f: np.stack([target, rates(scaled, f), rates(plain, f)]) for f in others}
 
 

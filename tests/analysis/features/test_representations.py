@@ -16,6 +16,7 @@ from rigctl.analysis.features.representations import (
     force_sentence,
     represent,
 )
+from rigctl.analysis.features.transferred_c import ForceMatrixSource
 from rigctl.encoding.features import feature_matrices
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError
@@ -88,6 +89,17 @@ def test_without_the_reference_force_c_is_left_out_with_a_remark(tmp_path: Path)
     other = represent(join_sessions([session]), DEFAULT, tmp_path, reference_g=250.0)
     assert len(other.present) == 6 and other.force is not None
     assert (other.force.c[..., 0] == 1).all() and (other.force.c[..., 1] < 1).all()
+
+
+def test_the_rate_error_of_a_given_c_has_the_reference_of_that_c(tmp_path: Path) -> None:
+    trials = join_sessions([record(tmp_path / "session", "AB", travel_mm=12.0)])
+    made = represent(trials, DEFAULT, tmp_path, reference_g=250.0)
+    assert made.force is not None
+    source = ForceMatrixSource(tmp_path / "c.h5", made.force, ())
+    found = represent(trials, DEFAULT, tmp_path, source=source).transferred_c
+    assert found is not None
+    assert {error.force_g for error in found.rate_errors} == {500.0}
+    assert all(error.with_c_hz < error.without_c_hz for error in found.rate_errors)
 
 
 def test_other_layouts_and_empty_sets_are_refused_by_name(tmp_path: Path) -> None:
