@@ -1,4 +1,7 @@
-"""``rigctl-gui``: open the window."""
+"""Open the window.
+
+Operate the rig, watch samples and spikes, run protocols.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,10 @@ from pathlib import Path
 from rigctl.errors import RigctlError, WrongUse
 
 DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
-DESCRIPTION = "Open the window: operate the rig, watch samples and spikes, run protocols."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the command line."""
+    """Add the options of the command."""
     parser.add_argument(
         "--rig",
         metavar="RIG",
@@ -75,9 +77,10 @@ def _start_failure(stderr: str) -> str:
     )
 
 
-def show(rig: str | None, world: Path | None, theme: str) -> int:
+def run(args: argparse.Namespace) -> int:
     """Show the window until it closes; return the exit code. Raises WrongUse."""
     check_display()
+    rig, world = args.rig, args.world
     check_world(rig, world)
     import pyqtgraph as pg
 
@@ -85,7 +88,7 @@ def show(rig: str | None, world: Path | None, theme: str) -> int:
     from gui.widgets.theme import ThemeChoice
 
     app = pg.mkQApp("rigctl")
-    window = MainWindow(choice=ThemeChoice[theme.upper()])
+    window = MainWindow(choice=ThemeChoice[args.theme.upper()])
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: window.close())
     window.show()
@@ -98,11 +101,10 @@ def show(rig: str | None, world: Path | None, theme: str) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the console script; return the exit code."""
-    parser = argparse.ArgumentParser(prog="rigctl-gui", description=DESCRIPTION)
+    parser = argparse.ArgumentParser(prog="rigctl-gui", description=__doc__)
     add_arguments(parser)
-    args = parser.parse_args(argv)
     try:
-        return show(args.rig, args.world, args.theme)
+        return run(parser.parse_args(argv))
     except RigctlError as error:
         print(f"rigctl-gui: {error}", file=sys.stderr)
         return error.exit_code

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
-from typing import Any, NamedTuple
+from typing import Any
 
 from PySide6.QtCore import QElapsedTimer, QObject, Signal
 
@@ -48,11 +48,6 @@ def open_client(rig: str, world: str = "") -> EngineClient:
     return EngineClient.start(rig)
 
 
-class _PendingRequest(NamedTuple):
-    command: str
-    sent_ms: int
-
-
 class EngineLink(QObject):
     """A connection to one engine. :meth:`poll` emits all signals, in the window's thread."""
 
@@ -64,9 +59,8 @@ class EngineLink(QObject):
     refused = Signal(str, str)
     """The command and the engine's error message."""
     event_received = Signal(dict)
-    status_received = Signal(float)
-    """The engine time of the status, s."""
     status_changed = Signal(object)
+    """The new :class:`EngineStatus`."""
     silent = Signal(float)
     """Seconds since the last message, on each poll while they exceed the timeout."""
     stop_timed_out = Signal()
@@ -77,7 +71,8 @@ class EngineLink(QObject):
         self._client: EngineClient | None = None
         self._opened: SimpleQueue[EngineClient | Exception] = SimpleQueue()
         self._threads: list[threading.Thread] = []
-        self._pending: dict[int, _PendingRequest] = {}
+        self._pending: dict[int, tuple[str, int]] = {}
+        """Command and time in ms of each request without a reply, by its number."""
         self._clock = QElapsedTimer()
         self._clock.start()
         self._last_message_ms = 0
@@ -116,7 +111,7 @@ class EngineLink(QObject):
         except RigctlError as error:
             self._lose(str(error))
             return
-        self._pending[number] = _PendingRequest(command, self._clock.elapsed())
+        self._pending[number] = (command, self._clock.elapsed())
 
     def poll(self) -> None:
         """Process all messages that have arrived; the window's timer calls this."""
@@ -136,13 +131,11 @@ class EngineLink(QObject):
 
     def close(self) -> None:
         """Disconnect, and shut the engine down unless it runs a protocol."""
-        client, self._client = self._client, None
-        if client is None:
-            return
-        leave = client.close if self.status.run.is_active else client.shut_down
-        self._run_in_thread(lambda: _leave(leave))
-        self._reset()
-        self.closed.emit(NOT_CONNECTED)
+        if self._client is not None:
+            is_active = self.status.run.is_active
+            leave = self._client.close if is_active else self._client.shut_down
+            self._run_in_thread(lambda: _leave(leave))
+            self._drop(NOT_CONNECTED)
 
     def wait_closed(self) -> None:
         """Wait for the threads that open and close engines; shut down one that opened late."""
@@ -182,19 +175,16 @@ class EngineLink(QObject):
             self._dispatch_reply(message)
         elif message.get("event") == "status":
             self.status = parse_status(message.get("data") or {})
-            self.status_received.emit(float(message.get("at_s", 0.0)))
             self.status_changed.emit(self.status)
         else:
             self.event_received.emit(message)
 
     def _dispatch_reply(self, message: dict[str, Any]) -> None:
-        request = self._pending.pop(message["reply"], None)
-        if request is None:
-            return
-        if message.get("ok"):
-            self.replied.emit(request.command)
-        else:
-            self.refused.emit(request.command, str(message.get("error", "refused")))
+        command, _ = self._pending.pop(message["reply"], ("", 0))
+        if command and message.get("ok"):
+            self.replied.emit(command)
+        elif command:
+            self.refused.emit(command, str(message.get("error", "refused")))
 
     def _check_timeouts(self) -> None:
         now_ms = self._clock.elapsed()
@@ -202,17 +192,20 @@ class EngineLink(QObject):
             self.silent.emit(silence_s)
         late = [
             number
-            for number, request in self._pending.items()
-            if request.command == "stop" and now_ms - request.sent_ms > 1000 * STOP_TIMEOUT_S
+            for number, (command, sent_ms) in self._pending.items()
+            if command == "stop" and now_ms - sent_ms > 1000 * STOP_TIMEOUT_S
         ]
         for number in late:
             del self._pending[number]
             self.stop_timed_out.emit()
 
     def _lose(self, reason: str) -> None:
-        client, self._client = self._client, None
-        if client is not None:
-            client.close()
+        if self._client is not None:
+            self._client.close()
+        self._drop(reason)
+
+    def _drop(self, reason: str) -> None:
+        self._client = None
         self._reset()
         self.closed.emit(reason)
 

@@ -186,13 +186,11 @@ class MainWindow(QMainWindow):
         self.toolbar.connect_requested.connect(self.connect_rig)
         self.toolbar.disconnect_requested.connect(self.engine_link.close)
         self.toolbar.stop_requested.connect(self.stop)
-        self.toolbar.rig.path_requested.connect(self._browse)
-        self.toolbar.world.path_requested.connect(self._browse)
-        self.operate_panel.command_requested.connect(self._request)
-        self.protocol_panel.command_requested.connect(self._request)
-        self.protocol_panel.path_requested.connect(self._browse)
-        self.prompt_panel.command_requested.connect(self._request)
-        self.analysis_tab.panel.path_requested.connect(self._browse)
+        for panel in (self.operate_panel, self.protocol_panel, self.prompt_panel):
+            panel.command_requested.connect(self._request)
+        boxes = (self.toolbar.rig, self.toolbar.world)
+        for widget in (*boxes, self.protocol_panel, self.analysis_tab.panel):
+            widget.path_requested.connect(self._browse)
         self.analysis_tab.reported.connect(self.report)
         self.analysis_tab.view_changed.connect(self._show_view)
         self.tabs.currentChanged.connect(lambda _: self._show_view())

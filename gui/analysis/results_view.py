@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QPixmap
-from PySide6.QtWidgets import QTabWidget, QTextBrowser, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QTabWidget, QTextBrowser, QWidget
 
 from gui.analysis.results import AnalysisResults, ResultsPage
 
@@ -40,32 +40,20 @@ class FigureView(QWidget):
         painter.drawPixmap(round(left), round(top), scaled)
 
 
-class ResultsView(QWidget):
+class ResultsView(QTabWidget):
     """One tab per page of the latest results."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.tabs = QTabWidget()
-        self.tabs.setDocumentMode(True)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self.tabs)
+        self.setDocumentMode(True)
 
     def show_results(self, results: AnalysisResults) -> None:
         """Replace the tabs; the first page comes to the front."""
-        while (page := self.tabs.widget(0)) is not None:
-            self.tabs.removeTab(0)
+        while (page := self.widget(0)) is not None:
+            self.removeTab(0)
             page.deleteLater()
         for result in results.pages:
-            self.tabs.addTab(_view(result), result.name)
-
-    def text(self, name: str) -> str:
-        """Return the plain text of a page; empty for a figure."""
-        for index in range(self.tabs.count()):
-            page = self.tabs.widget(index)
-            if self.tabs.tabText(index) == name and isinstance(page, QTextBrowser):
-                return page.toPlainText()
-        return ""
+            self.addTab(_view(result), result.name)
 
 
 def _view(page: ResultsPage) -> QWidget:

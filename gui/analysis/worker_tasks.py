@@ -108,7 +108,7 @@ def serve(pipe: Connection) -> None:
     while True:
         try:
             task, args = pipe.recv()
-        except (EOFError, KeyboardInterrupt):
+        except (EOFError, OSError, KeyboardInterrupt):
             return
         pipe.send(_run(getattr(tasks, task), args))
 

@@ -12,22 +12,22 @@ from PySide6.QtWidgets import QFileDialog, QPushButton, QWidget
 from gui.widgets.labels import label
 from gui.widgets.layouts import push_button, vbox
 
-_FILE, _FOLDER = QFileDialog.FileMode.ExistingFile, QFileDialog.FileMode.Directory
+_TOML, _MODEL = "TOML files (*.toml)", "Models (*.h5)"
 
 
 class PathKind(Enum):
-    """What the user chooses: the title and Qt's file mode.
+    """What the user chooses: the title, and the filter of a file; a folder has none.
 
     A panel's ``path_requested`` carries a kind and the function that takes the chosen path.
     """
 
-    RIG_FILE = ("Rig description (rig.toml)", _FILE)
-    WORLD_FILE = ("World of a simulated rig (*.toml)", _FILE)
-    PROTOCOL = ("Protocol (*.toml)", _FILE)
-    OUTPUT = ("Folder for new sessions", _FOLDER)
-    SESSION = ("Session folder", _FOLDER)
-    MODEL = ("Model file (*.h5)", _FILE)
-    INTERRUPTED = ("Folder of the session to continue", _FOLDER)
+    RIG_FILE = ("Rig description (rig.toml)", _TOML)
+    WORLD_FILE = ("World of a simulated rig (*.toml)", _TOML)
+    PROTOCOL = ("Protocol (*.toml)", _TOML)
+    OUTPUT = ("Folder for new sessions", "")
+    SESSION = ("Session folder", "")
+    MODEL = ("Model file (*.h5)", _MODEL)
+    INTERRUPTED = ("Folder of the session to continue", "")
 
 
 def browse_button(
@@ -57,18 +57,18 @@ class FileBrowser(QWidget):
     def open(self, kind: PathKind, selected: Callable[[str], None]) -> None:
         """Show the dialog; ``selected`` gets the path unless the user cancels."""
         self.dismiss()
-        title, mode = kind.value
+        title, name_filter = kind.value
         self.title.setText(title)
         dialog = QFileDialog(self, title, str(Path.home()))
         dialog.setWindowFlags(Qt.WindowType.Widget)
         dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
-        dialog.setOption(QFileDialog.Option.ShowDirsOnly, mode is _FOLDER)
         dialog.setSizeGripEnabled(False)
-        dialog.setFileMode(mode)
-        if mode is _FILE:
-            models = kind is PathKind.MODEL
-            name_filter = "Models (*.h5)" if models else "TOML files (*.toml)"
+        if name_filter:
+            dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
             dialog.setNameFilters([name_filter, "All files (*)"])
+        else:
+            dialog.setFileMode(QFileDialog.FileMode.Directory)
+            dialog.setOption(QFileDialog.Option.ShowDirsOnly)
         dialog.fileSelected.connect(selected)
         dialog.finished.connect(lambda _: self.dismiss())
         self.dialog = dialog

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtWidgets import QWidget
 
 from gui.widgets.theme import applied_theme
 
@@ -25,19 +25,14 @@ class StatusLamp(QWidget):
 
     def __init__(self, side_px: int) -> None:
         super().__init__()
-        self._side_px = side_px
         self.level = Level.OFF
-        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        self.setFixedSize(side_px, side_px)
 
     def set_level(self, level: Level) -> None:
         """Show another level."""
         if level is not self.level:
             self.level = level
             self.update()
-
-    def sizeHint(self) -> QSize:
-        """Return the size of a square."""
-        return QSize(self._side_px, self._side_px)
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw the level's shape in the colours of the applied theme."""
@@ -50,7 +45,7 @@ class StatusLamp(QWidget):
             painter.drawEllipse(box)
             return
         painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(getattr(theme, self.level.value)))
+        painter.setBrush(QColor(getattr(theme, self.level)))
         if self.level is Level.OK:
             painter.drawEllipse(box)
         else:

@@ -1,4 +1,4 @@
-"""The command line: one module for each command, with ``add_parser`` and ``run``."""
+"""The command line: a module for each command, with its help, ``add_arguments`` and ``run``."""
 
 from __future__ import annotations
 
@@ -12,33 +12,36 @@ from rigctl import __version__
 from rigctl.errors import RigctlError
 
 MODULES = {
-    "demo": "analysis.demo",
-    "run": "rig.run",
-    "synth": "data.synth",
-    "import": "data.import_",
-    "encode": "analysis.encode",
-    "analyse": "analysis.analyse",
-    "orders": "analysis.orders",
-    "classify": "analysis.classify",
-    "stop": "rig.stop",
-    "check": "rig.check",
-    "serve": "rig.serve",
-    "world": "data.world",
-    "info": "data.info",
-    "verify": "data.verify",
-    "accept": "rig.accept",
-    "calibrate": "rig.calibrate",
-    "ports": "rig.ports",
-    "gui": "rig.gui",
-    "engine": "rig.engine",
+    "demo": ".analysis.demo",
+    "run": ".rig.run",
+    "synth": ".data.synth",
+    "import": ".data.import_",
+    "encode": ".analysis.encode",
+    "analyse": ".analysis.analyse",
+    "orders": ".analysis.orders",
+    "classify": ".analysis.classify",
+    "stop": ".rig.stop",
+    "check": ".rig.check",
+    "serve": ".rig.serve",
+    "world": ".data.world",
+    "info": ".data.info",
+    "verify": ".data.verify",
+    "accept": ".rig.accept",
+    "calibrate": ".rig.calibrate",
+    "ports": ".rig.ports",
+    "gui": "gui.app",
+    "engine": ".rig.engine",
 }
-"""The module of each command, in the order of the help."""
+"""The module of each command, in the order of the help. Its docstring is the command's help:
+a summary, and after an empty line a description."""
 COMMANDS = tuple(MODULES)
+HIDDEN = ("engine",)
+"""Commands that the help does not list: other commands start them."""
 
 INTERRUPTED = 130
 
 
-def parser(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
+def create_parser(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     """Return the argument parser of these commands; one alone loads none of the others."""
     top = argparse.ArgumentParser(
         prog="rigctl", description="Drive the texture rig, record its taxels, watch its spikes."
@@ -46,7 +49,12 @@ def parser(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"rigctl {__version__}")
     subparsers = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in commands:
-        _module(name).add_parser(subparsers)
+        module = _module(name)
+        summary, _, description = module.__doc__.partition("\n\n")
+        help_text = summary[0].lower() + summary[1:].rstrip(".")
+        shown = {} if name in HIDDEN else {"help": help_text}
+        parser = subparsers.add_parser(name, description=description or None, **shown)
+        module.add_arguments(parser)
     return top
 
 
@@ -54,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code: 0 done, 1 answer is no, 2 wrong use, 3 rig fault."""
     words = list(sys.argv[1:] if argv is None else argv)
     named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
-    args = parser(named).parse_args(words)
+    args = create_parser(named).parse_args(words)
     command = _module(args.command)
     try:
         return int(command.run(args))
@@ -67,4 +75,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _module(command: str) -> Any:
-    return import_module(f"rigctl.cli.{MODULES[command]}")
+    return import_module(MODULES[command], "rigctl.cli")

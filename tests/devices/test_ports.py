@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import os
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.cli import create_parser
 from rigctl.cli.rig import ports as ports_command
 from rigctl.devices import drum as drum_module
 from rigctl.devices import taxels as taxels_module
@@ -27,9 +27,7 @@ from tests.wire import taxel_encoder
 
 
 def ports_cli(argv: list[str]) -> int:
-    parser = argparse.ArgumentParser()
-    ports_command.add_parser(parser.add_subparsers())
-    return ports_command.run(parser.parse_args(argv))
+    return ports_command.run(create_parser(["ports"]).parse_args(argv))
 
 
 class TerminalLink:

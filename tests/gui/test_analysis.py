@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QComboBox
+from PySide6.QtWidgets import QComboBox, QTextBrowser
 
 from gui.analysis.options_form import ENGINES, REPRESENTATIONS, TASKS
-from gui.analysis.results_view import FigureView
+from gui.analysis.results_view import FigureView, ResultsView
 from rigctl.analysis.classification import sweep_engines
 from rigctl.analysis.features import representations
 from rigctl.analysis.paper import tasks
@@ -89,6 +89,14 @@ def choose(box: QComboBox, text: str) -> None:
     assert box.currentText() == text
 
 
+def page_text(view: ResultsView, name: str) -> str:
+    """Return the plain text of a page of results."""
+    names = [view.tabText(i) for i in range(view.count())]
+    page = view.widget(names.index(name))
+    assert isinstance(page, QTextBrowser)
+    return page.toPlainText()
+
+
 def test_paper_analysis_has_options_of_command_line(opened: Bench, session: Path) -> None:
     box, tab = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab
     choose(box.method, "The paper's analysis")
@@ -107,23 +115,25 @@ def test_paper_analysis_has_options_of_command_line(opened: Bench, session: Path
     assert (report / "report.html").exists()
     view = tab.results_view
     assert opened.window.stack.currentWidget() is view
-    names = [view.tabs.tabText(i) for i in range(view.tabs.count())]
+    names = [view.tabText(i) for i in range(view.count())]
     assert names == ["Table 1", "Accuracy", "Confusion", "One taxel", "Remarks"]
-    assert "Speed and Force Scaled, texture-blind" in view.text("Table 1")
-    assert "98.85 ± 0.16" in view.text("Table 1") and "Simulated." in view.text("Table 1")
-    assert "trained on all 48 trials" in view.text("Remarks")
-    bar = view.tabs.tabBar()
+    assert "Speed and Force Scaled, texture-blind" in page_text(view, "Table 1")
+    assert "98.85 ± 0.16" in page_text(view, "Table 1") and "Simulated." in page_text(
+        view, "Table 1"
+    )
+    assert "trained on all 48 trials" in page_text(view, "Remarks")
+    bar = view.tabBar()
     QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.tabRect(1).center())
-    figure = view.tabs.currentWidget()
+    figure = view.currentWidget()
     assert isinstance(figure, FigureView) and not figure.pixmap.isNull()
 
     choose(box.method, "A trained model")
     box.model.setText(str(session.with_name("session-report-1-model.h5")))
     click(box.run_button)
     wait_until(lambda: "trials right" in box.result.text(), timeout_ms=60_000)
-    assert "of 48 trials right" in view.text("Predictions")
-    assert "Rows: true" in view.text("Confusion")
-    assert "no reading is outside them" in view.text("Remarks")
+    assert "of 48 trials right" in page_text(view, "Predictions")
+    assert "Rows: true" in page_text(view, "Confusion")
+    assert "no reading is outside them" in page_text(view, "Remarks")
     opened.window.analysis_tab.panel.table.selectRow(3)
     wait_until(lambda: opened.window.stack.currentWidget() is tab.trial_view)
     click(box.results_button)

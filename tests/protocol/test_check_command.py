@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections import namedtuple
 from pathlib import Path
 
 import pytest
 
+from rigctl.cli import create_parser
 from rigctl.cli.rig import check
 from rigctl.errors import NegativeAnswer, ProtocolError
 
 
 def run(*words: str) -> int:
-    top = argparse.ArgumentParser()
-    check.add_parser(top.add_subparsers(dest="command"))
-    return check.run(top.parse_args(["check", *words]))
+    return check.run(create_parser(["check"]).parse_args(["check", *words]))
 
 
 def test_it_prints_trials_plate_changes_time_and_disk(capsys: pytest.CaptureFixture[str]) -> None:

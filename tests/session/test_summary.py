@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rigctl.cli import create_parser
 from rigctl.cli.data import info as command
 from rigctl.errors import SessionError
 from rigctl.session.files.ground_truth import open_truth, trial_truths, write_truth
@@ -20,9 +20,7 @@ from tests.session.building import IDLE, PROTOCOL, RIG, header, plan, record_pla
 
 
 def run(*words: str) -> int:
-    top = argparse.ArgumentParser()
-    command.add_parser(top.add_subparsers(dest="command"))
-    return command.run(top.parse_args(["info", *words]))
+    return command.run(create_parser(["info"]).parse_args(["info", *words]))
 
 
 def test_json_holds_the_values_that_programs_need(

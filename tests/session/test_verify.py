@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
+from rigctl.cli import create_parser
 from rigctl.cli.data import verify as command
 from rigctl.errors import SessionError
 from rigctl.session.read import buffered_array
@@ -48,9 +48,7 @@ def session(recorded: Path, tmp_path: Path) -> Path:
 
 
 def run(*words: str) -> int:
-    top = argparse.ArgumentParser()
-    command.add_parser(top.add_subparsers(dest="command"))
-    return command.run(top.parse_args(["verify", *words]))
+    return command.run(create_parser(["verify"]).parse_args(["verify", *words]))
 
 
 def test_a_complete_session_has_no_problem(

@@ -1,11 +1,16 @@
-"""``rigctl analyse``: make the paper's figures and table of sessions in one report folder."""
+"""Encode sessions and classify their textures as the paper does.
+
+Encode sessions in the paper's four representations and in two with a texture-blind force
+scaling, classify the textures with 1 to 50 principal components in many draws, and write a
+report: report.html, results.json, table1.csv and figures.
+"""
 
 from __future__ import annotations
 
 import argparse
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rigctl.cli.options.encoder import (
     add_encoder,
@@ -21,15 +26,8 @@ if TYPE_CHECKING:
     from rigctl.analysis.report.report_folder import ReportResult
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "analyse",
-        help="encode sessions and classify their textures as the paper does",
-        description="Encode sessions in the paper's four representations and in two with a "
-        "texture-blind force scaling, classify the textures with 1 to 50 principal components in "
-        "many draws, and write a report: report.html, results.json, table1.csv and figures.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
     parser.add_argument("--out", required=True, metavar="REPORT", help="new folder")
     parser.add_argument("--iterations", type=int, default=20, metavar="N", help="draws (20)")

@@ -1,24 +1,21 @@
-"""``rigctl classify MODEL SESSION…``: predict the texture of every trial with a trained model."""
+"""Predict the textures of a session with a trained model.
+
+Encode the trials of sessions as those of the model were encoded, and predict the texture of
+each with its posterior. rigctl analyse --save-model makes models.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 from rigctl.cli.options.encoder import resources_of
 from rigctl.config.toml_edit import replace_file
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "classify",
-        help="predict the textures of a session with a trained model",
-        description="Encode the trials of sessions as those of the model were encoded, and predict "
-        "the texture of each with its posterior. rigctl analyse --save-model makes models.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("model", type=Path, metavar="MODEL", help="a model file")
     parser.add_argument("sessions", nargs="+", type=Path, metavar="SESSION", help="folders")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

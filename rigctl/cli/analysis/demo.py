@@ -1,4 +1,9 @@
-"""``rigctl demo``: record, encode and classify without hardware and without questions."""
+"""Record, verify, encode and classify on the simulated bench.
+
+Record a quick protocol on a simulated rig faster than real time, verify the session, encode it
+to spikes, classify held-out trials, and draw a raster and an accuracy figure. Then open the
+window on a live rig if there is a display.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.messages import RunStatus
@@ -22,15 +26,8 @@ PROTOCOL = "quick"
 FIGURES = "figures"
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "demo",
-        help="record, verify, encode and classify on the simulated bench",
-        description="Record a quick protocol on a simulated rig faster than real time, verify the "
-        "session, encode it to spikes, classify held-out trials, and draw a raster and an accuracy "
-        "figure. Then open the window on a live rig if there is a display.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("--out", metavar="DIR", help="folder of the new session")
     parser.add_argument("--seed", type=int, default=1, help="seed of the simulated rig (1)")
     parser.add_argument("--rig", choices=("virtual", "firmware"), default="virtual")
@@ -50,7 +47,10 @@ def run(args: argparse.Namespace) -> int:
         print(f"the run ended early: {ended.text}\nsession: {ended.session}")
         return EXIT_CODES[ended.state]
     session = Path(ended.session or "")
-    print(_verified(session))
+    report = verify(session)
+    if not report.whole:
+        raise NegativeAnswer(f"{session} is not whole: {report.problems[0]}")
+    print(f"{session} is whole: {contents(report)}")
     _say("encoding, classifying, drawing")
     line = ProgressLine(sys.stderr)
     answer = analyse_session(session, session / FIGURES, progress=line.show_stage)
@@ -83,13 +83,6 @@ def _record(args: argparse.Namespace) -> RunStatus:
 
 def _world_words(args: argparse.Namespace) -> list[str]:
     return [] if args.world is None else ["--world", str(args.world)]
-
-
-def _verified(session: Path) -> str:
-    report = verify(session)
-    if not report.whole:
-        raise NegativeAnswer(f"{session} is not whole: {report.problems[0]}")
-    return f"{session} is whole: {contents(report)}"
 
 
 def _open_window(rig: str, world: list[str]) -> int:

@@ -1,11 +1,16 @@
-"""``rigctl encode``: write spikes, force matrix and window counts of sessions to one file."""
+"""Write the spikes of sessions and the force matrix C as plain arrays.
+
+Encode the trials of one or several sessions into spikes: exact sample indices in compressed
+sparse rows, with C, window counts, every parameter and the source of each trial. OUT/spikes.h5
+appears whole or not at all; after an interruption the next run continues from the cache.
+"""
 
 from __future__ import annotations
 
 import argparse
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rigctl.cli.options.encoder import (
     add_encoder,
@@ -20,16 +25,8 @@ if TYPE_CHECKING:
     from rigctl.analysis.features.encoded_sessions import Encoded
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "encode",
-        help="write the spikes of sessions and the force matrix C as plain arrays",
-        description="Encode the trials of one or several sessions into spikes: exact sample "
-        "indices in compressed sparse rows, with C, window counts, every parameter and the source "
-        "of each trial. OUT/spikes.h5 appears whole or not at all; after an interruption the next "
-        "run continues from the cache.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
     parser.add_argument("--out", required=True, metavar="DIR", help="new folder")
     parser.add_argument(

@@ -1,21 +1,18 @@
-"""``rigctl orders``: compare the paper's Table 1 with several reports."""
+"""Compare the paper's Table 1 with several reports of analyse.
+
+Show reports of independent sets side by side: accuracies beside the paper's, whether each
+comparison of its Table 1 holds in each set, and measurements where not.
+"""
 
 from __future__ import annotations
 
 import argparse
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "orders",
-        help="compare the paper's Table 1 with several reports of analyse",
-        description="Show reports of independent sets side by side: accuracies beside the paper's, "
-        "whether each comparison of its Table 1 holds in each set, and measurements where not.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("reports", nargs="+", metavar="REPORT", help="report folders of analyse")
     parser.add_argument("--out", required=True, metavar="DIR", help="new folder")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")

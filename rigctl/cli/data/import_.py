@@ -1,4 +1,8 @@
-"""``rigctl import --map MAP.toml FILES… --out DIR``: import recordings into a session."""
+"""Import recordings from elsewhere into a session.
+
+Each file becomes a trial of 1 kHz samples, labelled by its name. The map names the columns.
+Reads .csv, .tsv, .txt, .mat, .npy and .npz.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,6 @@ import json
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.options.interrupt import Interrupts
@@ -16,14 +19,8 @@ from rigctl.cli.options.progress import ProgressLine
 LINES_SHOWN = 30
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "import",
-        help="import recordings from elsewhere into a session",
-        description="Each file becomes a trial of 1 kHz samples, labelled by its name. The map "
-        "names the columns. Reads .csv, .tsv, .txt, .mat, .npy and .npz.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
     parser.add_argument("--map", required=True, type=Path, metavar="MAP", help="a TOML file")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="the new session")

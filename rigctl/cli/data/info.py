@@ -1,4 +1,4 @@
-"""``rigctl info SESSION``: summarise a session."""
+"""Summarise a session."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from typing import Any
 from rigctl.session.summary import summarise_session
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser("info", help="summarise a session")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("session", type=Path, help="a session's folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

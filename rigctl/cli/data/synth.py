@@ -1,4 +1,8 @@
-"""``rigctl synth``: make a virtual data set faster than real time."""
+"""Make a virtual data set.
+
+Record the trials of a protocol on the simulated bench, without serial links and faster than
+real time, into a session that is labelled as simulated.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import argparse
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.world import add_world, chosen_world
@@ -16,17 +20,11 @@ from rigctl.config.resources import find_protocol
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.synth.dataset import DatasetProgress, DatasetRequest
+    from rigctl.synth.dataset import DatasetProgress
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "synth",
-        help="make a virtual data set",
-        description="Record the trials of a protocol on the simulated bench, without serial links "
-        "and faster than real time, into a session that is labelled as simulated.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument(
         "--plan",
         required=True,
@@ -58,8 +56,11 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the data set and return 0 if every trial is committed, 1 if some are not."""
     from rigctl.simulation.bench.world_file import NOMINAL_WORLD
-    from rigctl.synth.dataset import DatasetRequest, load_plan
+    from rigctl.synth.dataset import DatasetRequest, generate, load_plan
+    from rigctl.synth.sessions import generate_sessions, split_request
 
+    if args.workers < 1:
+        raise WrongUse(f"--workers {args.workers}: at least one is needed")
     path = find_protocol(args.plan)
     world = chosen_world(args.world) or NOMINAL_WORLD
     plan = load_plan(path, args.repeats, args.seed, world)
@@ -67,7 +68,13 @@ def run(args: argparse.Namespace) -> int:
     order = DatasetRequest(plan, args.seed, args.out, now, args.resume, world)
     progress = SynthProgress(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
     with Interrupts(limit=1) as interrupts:
-        whole = _make(args, path, order, progress, interrupts)
+        rest = (progress.show, interrupts.requested, args.workers)
+        if args.sessions is None:
+            whole = generate(order, *rest)
+        else:
+            whole = generate_sessions(
+                split_request(path, args.repeats, order, args.sessions), *rest
+            )
     progress.finish()
     print(f"{'session' if args.sessions is None else 'sessions in'}: {args.out}")
     if not whole:
@@ -77,24 +84,6 @@ def run(args: argparse.Namespace) -> int:
         )
         return INTERRUPTED
     return 0 if progress.committed == len(plan.trials) else 1
-
-
-def _make(
-    args: argparse.Namespace,
-    path: Path,
-    order: DatasetRequest,
-    progress: SynthProgress,
-    interrupts: Interrupts,
-) -> bool:
-    from rigctl.synth.dataset import generate
-    from rigctl.synth.sessions import generate_sessions, split_request
-
-    if args.workers < 1:
-        raise WrongUse(f"--workers {args.workers}: at least one is needed")
-    if args.sessions is None:
-        return generate(order, progress.show, interrupts.requested, args.workers)
-    split = split_request(path, args.repeats, order, args.sessions)
-    return generate_sessions(split, progress.show, interrupts.requested, args.workers)
 
 
 class SynthProgress:

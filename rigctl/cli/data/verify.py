@@ -1,4 +1,4 @@
-"""``rigctl verify SESSION``: check a session. Exit code 0 whole, 1 not, 2 not a session."""
+"""Check that a session is whole, or name what is wrong."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rigctl.cli.options.progress import ProgressLine, remaining
 from rigctl.session.verify.session import VerifyReport, verify
@@ -17,11 +16,8 @@ QUIET_S = 2.0
 """A check that takes no longer shows no progress."""
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "verify", help="check that a session is whole, or name what is wrong"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("session", type=Path, help="a session's folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

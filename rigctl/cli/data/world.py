@@ -1,10 +1,14 @@
-"""``rigctl world`` prints a simulated bench as a world file; ``--world`` reads one."""
+"""Print a simulated bench as a world file.
+
+Print every parameter of a simulated bench with its range, unit and meaning, as a file that
+--world takes. Exit code 2: the file or session has no such bench.
+"""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rigctl.errors import SessionError
 
@@ -38,14 +42,8 @@ def session_world(folder: Path) -> SimulatedWorld | None:
         return world_from_header(session.header.simulation, folder)
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "world",
-        help="print a simulated bench as a world file",
-        description="Print every parameter of a simulated bench with its range, unit and meaning, "
-        "as a file that --world takes. Exit code 2: the file or session has no such bench.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument(
         "source",
         type=Path,

@@ -1,23 +1,20 @@
-"""``rigctl accept SESSION``: judge a rig. Exit code 0 accepted, 1 not."""
+"""Judge a rig by a session of the acceptance protocol.
+
+Judge force, drift, speed, steps and losses of a rig from a session recorded with
+protocols/acceptance.toml. Exit code 0: accepted; 1: not; 2: no such session.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 ACCEPTED, NOT_ACCEPTED = 0, 1
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "accept",
-        help="judge a rig by a session of the acceptance protocol",
-        description="Judge force, drift, speed, steps and losses of a rig from a session recorded "
-        "with protocols/acceptance.toml. Exit code 0: accepted; 1: not; 2: no such session.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("session", type=Path, help="a session's folder")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="also write a report to this new folder"

@@ -1,4 +1,8 @@
-"""``rigctl calibrate``: calibrate the load cell, force loop, imbalance or wiring of a rig."""
+"""Calibrate load cell, force loop, imbalance or wiring.
+
+Calibrate a rig and save the result on the drum's board and in rig.toml. Exit code 0: done; 2:
+the measurement cannot be right; 3: rig fault.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +26,8 @@ from rigctl.errors import WrongUse
 from rigctl.rig import BENCH, open_rig
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "calibrate",
-        help="calibrate load cell, force loop, imbalance or wiring",
-        description="Calibrate a rig and save the result on the drum's board and in rig.toml. "
-        "Exit code 0: done; 2: the measurement cannot be right; 3: rig fault.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("--rig", required=True, help="virtual, firmware, or a rig.toml")
     add_world(parser)
     parser.add_argument("--seed", type=int, default=0, help="seed of a simulated rig")

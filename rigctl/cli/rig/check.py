@@ -1,4 +1,4 @@
-"""``rigctl check PROTOCOL``: show what a protocol does and needs, without a rig."""
+"""Show the trials, plate changes, time and disk space of a protocol."""
 
 from __future__ import annotations
 
@@ -19,11 +19,8 @@ NOMINAL = ("virtual", "firmware")
 """Rigs that need no description: they have the nominal one."""
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "check", help="show the trials, plate changes, time and disk space of a protocol"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("protocol", help="a file, or the name of a built-in protocol")
     parser.add_argument(
         "--seed", type=int, help="seed of the trial order, instead of the protocol's"

@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from rigctl.simulation.bench.world_file import SimulatedWorld
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command, hidden from the help: run, gui and demo start it."""
-    parser = subparsers.add_parser("engine")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("--rig", required=True)
     parser.add_argument("--name", default=None)
     parser.add_argument("--seed", type=int, default=0)
@@ -48,12 +47,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
-    folder, name, token = (
-        runtime_folder(),
-        args.name or new_engine_name(),
-        secrets.token_urlsafe(24),
-    )
-    request = _request(args)
+    folder, name = runtime_folder(), args.name or new_engine_name()
+    token, request = secrets.token_urlsafe(24), _request(args)
     rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
     with closing(rig), open_listener() as listener:
         live = LiveWriter(folder / f"{name}.live")

@@ -1,4 +1,7 @@
-"""``rigctl ports``: list the serial ports and the board on each."""
+"""List serial ports and the board on each.
+
+Query the board on every serial port. Opening a port resets its board.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +9,13 @@ import argparse
 import asyncio
 import json
 from collections.abc import Mapping
-from typing import Any
 
 from rigctl.devices.port_discovery import PortReport, probe_ports
 from rigctl.wire.drum.codes import SettingsFrom, reset_cause_text
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "ports",
-        help="list serial ports and the board on each",
-        description="Query the board on every serial port. Opening a port resets its board.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("port", nargs="*", help="query only these ports")
     parser.add_argument("--json", action="store_true", help="print one JSON list")
 

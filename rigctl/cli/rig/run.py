@@ -1,4 +1,9 @@
-"""``rigctl run``: run a protocol from start to end on an engine of its own."""
+"""Run a protocol into a session.
+
+Run a protocol into a session. Exit code 0: every trial is committed; 1: the run ended without
+some trials; 2: wrong use; 3: the rig or the disk failed; 130: interrupted. The session is whole
+in every case.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +37,8 @@ EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
 KEYS = "p pause · r resume · a abort · c clear a fault · each with Enter"
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "run",
-        help="run a protocol into a session",
-        description="Run a protocol into a session. Exit code 0: every trial is committed; "
-        "1: the run ended without some trials; 2: wrong use; 3: the rig or the disk failed; "
-        "130: interrupted. The session is whole in every case.",
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument(
         "protocol", nargs="?", metavar="PROTOCOL", help="a file, or the name of a built-in protocol"
     )

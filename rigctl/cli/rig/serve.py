@@ -1,4 +1,8 @@
-"""``rigctl serve``: offer the simulated boards to other programs, in real time."""
+"""Offer the simulated boards to other programs.
+
+Offer the simulated boards over loopback TCP and as pseudo-terminals, in real time, until
+Ctrl-C.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +19,8 @@ from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command to the parser."""
-    parser = subparsers.add_parser(
-        "serve",
-        help="offer the simulated boards to other programs",
-        description=(
-            "Offer the simulated boards over loopback TCP and as pseudo-terminals, in real "
-            "time, until Ctrl-C."
-        ),
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("--rig", choices=(VIRTUAL, FIRMWARE), default=VIRTUAL)
     add_world(parser)
     parser.add_argument("--plate", default="A", metavar="A–P", help="texture on the drum")

@@ -1,4 +1,4 @@
-"""``rigctl stop``: stop every engine that runs here, from any terminal."""
+"""Stop and lift every running rig."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import NegativeAnswer, RigFault
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the parser; it takes no arguments, because it is used in a hurry."""
-    subparsers.add_parser("stop", help="stop and lift every running rig")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
 
 
 def run(args: argparse.Namespace) -> int:

@@ -74,7 +74,7 @@ def ages_ms(seconds: float = SECONDS) -> list[float]:
         window.show()
         watch = _Ages(window)
         window.timer.timeout.connect(lambda: QTimer.singleShot(0, watch.painted))
-        window.engine_link.status_received.connect(watch.heard)
+        window.engine_link.status_changed.connect(lambda status: watch.heard(status.at_s))
         window.connect_rig("virtual")
         while not watch.offsets_s:
             QTest.qWait(50)
