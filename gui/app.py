@@ -51,18 +51,6 @@ def check_display() -> None:
         raise WrongUse(_start_failure(trial.stderr))
 
 
-def check_world(rig: str | None, world: Path | None) -> None:
-    """Raise WrongUse for an invalid world file before the window opens."""
-    from gui.engine_link import JOIN
-    from rigctl.simulation.bench.world_file import load_world
-
-    if world is None:
-        return
-    if rig == JOIN:
-        raise WrongUse("the running engine already has a world: join it without --world")
-    load_world(world)
-
-
 def _start_failure(stderr: str) -> str:
     displays = (os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"))
     if not any(displays):
@@ -80,13 +68,18 @@ def _start_failure(stderr: str) -> str:
 def run(args: argparse.Namespace) -> int:
     """Show the window until it closes; return the exit code. Raises WrongUse."""
     check_display()
-    rig, world = args.rig, args.world
-    check_world(rig, world)
     import pyqtgraph as pg
 
+    from gui.engine_link import JOIN
     from gui.main_window import MainWindow
     from gui.widgets.theme import ThemeChoice
+    from rigctl.simulation.bench.world_file import load_world
 
+    rig, world = args.rig, args.world
+    if world is not None:
+        if rig == JOIN:
+            raise WrongUse("the running engine already has a world: join it without --world")
+        load_world(world)
     app = pg.mkQApp("rigctl")
     window = MainWindow(choice=ThemeChoice[args.theme.upper()])
     for number in (signal.SIGINT, signal.SIGTERM):

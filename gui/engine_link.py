@@ -7,7 +7,7 @@ Nothing here blocks. Requests go out at once, their replies come back through
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -18,6 +18,7 @@ from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
+from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import RigctlError
 
 JOIN = "join"
@@ -26,6 +27,8 @@ SILENCE_TIMEOUT_S = 1.5
 STOP_TIMEOUT_S = 0.5
 CLOSE_TIMEOUT_S = 35.0
 NOT_CONNECTED = "not connected"
+NO_ENGINE = "STOP: no engine is running; press the rig's emergency stop if the drum moves"
+STOP_TIMED_OUT = "STOP was sent, but the engine does not answer: press the emergency stop"
 
 ClientFactory = Callable[[str, str], EngineClient]
 """Opens an engine for a rig and a world file (empty for none); raises if it cannot."""
@@ -63,7 +66,8 @@ class EngineLink(QObject):
     """The new :class:`EngineStatus`."""
     silent = Signal(float)
     """Seconds since the last message, on each poll while they exceed the timeout."""
-    stop_timed_out = Signal()
+    stop_reported = Signal(str, str)
+    """Kind and text for the event log: the result of STOP for an engine."""
 
     def __init__(self, factory: ClientFactory = open_client) -> None:
         super().__init__()
@@ -78,16 +82,6 @@ class EngineLink(QObject):
         self._last_message_ms = 0
         self._is_opening = False
         self.status = EngineStatus()
-
-    @property
-    def is_open(self) -> bool:
-        """Whether requests can be sent."""
-        return self._client is not None
-
-    @property
-    def engine_names(self) -> tuple[str, ...]:
-        """Return the name of the connected engine; empty without a connection."""
-        return (self._client.engine_file.name,) if self._client is not None else ()
 
     @property
     def live(self) -> LiveReader | None:
@@ -112,6 +106,13 @@ class EngineLink(QObject):
             self._lose(str(error))
             return
         self._pending[number] = (command, self._clock.elapsed())
+
+    def stop(self) -> None:
+        """Stop the connected engine, then all others in a thread; :attr:`stop_reported` follows."""
+        if self._client is not None:
+            self.request("stop")
+        stopped = (self._client.engine_file.name,) if self._client is not None else ()
+        self._run_in_thread(lambda: self._stop_others(stopped))
 
     def poll(self) -> None:
         """Process all messages that have arrived; the window's timer calls this."""
@@ -138,7 +139,7 @@ class EngineLink(QObject):
             self._drop(NOT_CONNECTED)
 
     def wait_closed(self) -> None:
-        """Wait for the threads that open and close engines; shut down one that opened late."""
+        """Wait for the threads of engines; shut down an engine that opened late."""
         for thread in self._threads:
             thread.join(CLOSE_TIMEOUT_S)
         while not self._opened.empty():
@@ -156,6 +157,21 @@ class EngineLink(QObject):
             return self._factory(rig, world)
         except Exception as error:  # noqa: BLE001  # top of a thread: shown in the window
             return error
+
+    def _stop_others(self, stopped: Collection[str]) -> None:
+        """Stop every engine except ``stopped``. Qt passes the signal to the window's thread."""
+        try:
+            if not stop_engines(self._report_stop, stopped) and not stopped:
+                self.stop_reported.emit("stop", NO_ENGINE)
+        except RigctlError as error:
+            self.stop_reported.emit("lost", f"STOP reached no engine: {error}")
+
+    def _report_stop(self, result: StopResult) -> None:
+        if result.failure:
+            text = f"STOP did not reach {result.name}: press its emergency stop ({result.failure})"
+            self.stop_reported.emit("lost", text)
+        else:
+            self.stop_reported.emit("stop", f"STOP reached {result.name}")
 
     def _take_opened(self) -> None:
         try:
@@ -197,7 +213,7 @@ class EngineLink(QObject):
         ]
         for number in late:
             del self._pending[number]
-            self.stop_timed_out.emit()
+            self.stop_reported.emit("stop", STOP_TIMED_OUT)
 
     def _lose(self, reason: str) -> None:
         if self._client is not None:

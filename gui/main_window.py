@@ -24,7 +24,6 @@ from gui.live.live_plots import LivePlots
 from gui.operate.event_log import EventLog, StatusLine
 from gui.operate.operate_panel import OperatePanel
 from gui.operate.prompt import PromptPanel
-from gui.operate.stop_engines import EngineStopper
 from gui.operate.toolbar import Toolbar
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.widgets.file_browser import FileBrowser, PathKind
@@ -36,7 +35,6 @@ from rigctl.acquisition.rpc.messages import EngineStatus
 FRAME_MS = 33
 TABS_PX = 316
 SPANS_S = (2, 5, 10)
-STOP_TIMED_OUT = "STOP was sent, but the engine does not answer: press the emergency stop"
 ENGINE_SILENT = "the engine does not answer: press the emergency stop if the drum moves"
 
 
@@ -50,7 +48,7 @@ class MainWindow(QMainWindow):
         self.setWindowTitle("rigctl")
         self._theme_choice = choice
         theme = apply_theme(choice)
-        self.engine_link, self.engine_stopper = EngineLink(factory), EngineStopper()
+        self.engine_link = EngineLink(factory)
         self.toolbar, self.health_strip, self.prompt_panel = Toolbar(), HealthStrip(), PromptPanel()
         self.operate_panel, self.protocol_panel = OperatePanel(), ProtocolPanel()
         self.analysis_tab, self.live_plots = AnalysisTab(theme), LivePlots(theme)
@@ -91,9 +89,7 @@ class MainWindow(QMainWindow):
     def stop(self) -> None:
         """Stop this window's engine, then all others; never asks and never waits."""
         self.report("stop", "STOP")
-        if self.engine_link.is_open:
-            self.engine_link.request("stop")
-        self.engine_stopper.stop(self.engine_link.engine_names)
+        self.engine_link.stop()
 
     def report(self, kind: str, text: str) -> None:
         """Show an event in the log and the status line."""
@@ -125,7 +121,6 @@ class MainWindow(QMainWindow):
         self.protocol_panel.worker.cancel()
         self.engine_link.close()
         self.engine_link.wait_closed()
-        self.engine_stopper.wait()
         super().closeEvent(event)
 
     def _lay_out(self) -> None:
@@ -179,8 +174,7 @@ class MainWindow(QMainWindow):
         link.event_received.connect(self._on_event)
         link.status_changed.connect(self._on_status)
         link.silent.connect(self._on_silent)
-        link.stop_timed_out.connect(lambda: self.report("stop", STOP_TIMED_OUT))
-        self.engine_stopper.reported.connect(self.report)
+        link.stop_reported.connect(self.report)
 
     def _connect_panels(self) -> None:
         self.toolbar.connect_requested.connect(self.connect_rig)

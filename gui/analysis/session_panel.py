@@ -10,13 +10,7 @@ from PySide6.QtCore import (
     Qt,
     Signal,
 )
-from PySide6.QtWidgets import (
-    QAbstractItemView,
-    QHeaderView,
-    QLineEdit,
-    QTableView,
-    QWidget,
-)
+from PySide6.QtWidgets import QHeaderView, QLineEdit, QTableView, QWidget
 
 from gui.analysis.run_box import AnalysisRunBox
 from gui.analysis.worker_tasks import SessionTable
@@ -25,7 +19,7 @@ from gui.widgets.labels import label, set_property
 from gui.widgets.layouts import hbox, push_button, vbox
 
 _Index = QModelIndex | QPersistentModelIndex
-_ROOT = QModelIndex()
+_ROOT, _TEXT = QModelIndex(), Qt.ItemDataRole.DisplayRole
 
 
 class TrialModel(QAbstractTableModel):
@@ -49,22 +43,17 @@ class TrialModel(QAbstractTableModel):
         """Return the number of columns."""
         return len(self._table.columns)
 
-    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
+    def data(self, index: _Index, role: int = _TEXT) -> object:
         """Return the text of a cell, or its alignment."""
-        if role == Qt.ItemDataRole.DisplayRole:
+        if role == _TEXT:
             return self._table.rows[index.row()][index.column()]
         if role == Qt.ItemDataRole.TextAlignmentRole:
             return Qt.AlignmentFlag.AlignCenter
         return None
 
-    def headerData(
-        self,
-        section: int,
-        orientation: Qt.Orientation,
-        role: int = Qt.ItemDataRole.DisplayRole,
-    ) -> object:
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = _TEXT) -> object:
         """Return the name of a column."""
-        if role == Qt.ItemDataRole.DisplayRole and orientation is Qt.Orientation.Horizontal:
+        if role == _TEXT and orientation is Qt.Orientation.Horizontal:
             return self._table.columns[section]
         return None
 
@@ -143,8 +132,8 @@ class SessionPanel(QWidget):
         self.table.setModel(self.model)
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setDefaultSectionSize(20)
-        self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
+        self.table.setSelectionMode(QTableView.SelectionMode.SingleSelection)
         self.table.setMinimumHeight(120)
         self.table.setAlternatingRowColors(True)
         self.folder.returnPressed.connect(self._open)

@@ -55,7 +55,11 @@ class Worker(QObject):
                 self.cancel()
                 self.failed.emit(task, "the analysis process ended unexpectedly: try again")
                 return
-            self._dispatch(kind, values)
+            if kind == "progress":
+                self.progressed.emit(*values)
+            else:
+                task = self._pending.pop(0)
+                (self.finished if kind == "done" else self.failed).emit(task, *values)
 
     def cancel(self) -> None:
         """End the process and its task; the next task starts another process."""
@@ -75,10 +79,3 @@ class Worker(QObject):
         self._process = context.Process(target=worker_tasks.serve, args=(far_end,), daemon=True)
         self._process.start()
         far_end.close()
-
-    def _dispatch(self, kind: str, values: list[Any]) -> None:
-        if kind == "progress":
-            self.progressed.emit(*values)
-            return
-        task = self._pending.pop(0)
-        (self.finished if kind == "done" else self.failed).emit(task, values[0])

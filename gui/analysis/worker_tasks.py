@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rigctl.session.read.session import Session
 
 FIGURES = "figures"
+PLAN_ROWS = ("Trials", "Plate changes", "Duration", "Disk space")
 COLUMNS = ("Trial", "Plate", "mm/s", "g", "Verdict")
 _RANGE_TRIALS = 100
 
@@ -85,15 +86,12 @@ def model_path(report: Path) -> Path:
 
 
 class PlanSummary(NamedTuple):
-    """The plan of a protocol as text, and the seed of its order.
+    """The plan of a protocol: a text for each of ``PLAN_ROWS``, and the seed of its order.
 
     ``problem`` says why the protocol cannot run; it is empty if it can.
     """
 
-    trials: str = "–"
-    plate_changes: str = "–"
-    duration: str = "–"
-    disk_space: str = "–"
+    texts: tuple[str, ...] = ("–",) * len(PLAN_ROWS)
     seed: int = 0
     problem: str = ""
 
@@ -139,7 +137,8 @@ class WorkerTasks:
         except RigctlError as error:
             return PlanSummary(problem=str(error))
         time, disk = duration(plan.duration_s), size(plan.bytes_estimate)
-        return PlanSummary(f"{len(plan.trials)}", f"{plan.plate_changes}", time, disk, plan.seed)
+        texts = (f"{len(plan.trials)}", f"{plan.plate_changes}", time, disk)
+        return PlanSummary(texts, plan.seed)
 
     def open_session(self, path: str) -> SessionTable:
         """Read a session's trial table. Raises SessionError."""

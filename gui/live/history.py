@@ -54,15 +54,15 @@ class History:
         """Return the spikes of each sample, uint8 (n, 36), columns SA 1–18 then RA 1–18."""
         return self._spikes[self._end - len(self) : self._end]
 
-    def pull(self, live: LiveReader) -> int:
-        """Append what the engine wrote since the last pull; return the number of samples."""
+    def pull(self, live: LiveReader) -> None:
+        """Append what the engine wrote since the last pull."""
         n_new = live.taxel_head - self._head
         if n_new <= 0:
-            return 0
+            return
         window = live.taxels(min(n_new + _MARGIN, self.capacity))
         first = max(0, self._head - window.first)
         self._head = window.first + len(window)
-        return self._append(window, self._skip_reboot(window, first))
+        self._append(window, self._skip_reboot(window, first))
 
     def _skip_reboot(self, window: TaxelWindow, first: int) -> int:
         """Return the first row after a reboot, at which the counter jumps back; clear the past."""
@@ -79,10 +79,10 @@ class History:
             self.generation += 1
         return first
 
-    def _append(self, window: TaxelWindow, first: int) -> int:
+    def _append(self, window: TaxelWindow, first: int) -> None:
         n = len(window) - first
         if n <= 0:
-            return 0
+            return
         if self._end + n > 2 * self.capacity:
             self._move_to_front()
         rows = slice(self._end, self._end + n)
@@ -91,7 +91,6 @@ class History:
         self._spikes[rows] = window.spikes[first:]
         self._end += n
         self.newest_s = float(window.time_s[-1])
-        return n
 
     def _move_to_front(self) -> None:
         n = len(self)

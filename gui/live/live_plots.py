@@ -37,9 +37,9 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self.set_span(SPAN_S)
         self.set_theme(theme)
 
-    def refresh(self, live: LiveReader) -> int:
-        """Draw the new samples; return their number."""
-        n_new = self.history.pull(live)
+    def refresh(self, live: LiveReader) -> None:
+        """Draw the new samples."""
+        self.history.pull(live)
         low, high = (np.asarray(side, float) for side in live.normalisation)
         self.traces.set_range(low, high)
         self._refresh_image(self._trace_plot, self.traces)
@@ -49,7 +49,6 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         if self._frame % _SLOW_REFRESH_FRAMES == 0:
             self.heat_map.refresh(self.history.samples, low, high)
             self.rate_bars.refresh(self.history.spikes)
-        return n_new
 
     def clear_history(self) -> None:
         """Remove all samples, as when another rig is connected."""

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.worker import Worker
-from gui.analysis.worker_tasks import PlanSummary
+from gui.analysis.worker_tasks import PLAN_ROWS, PlanSummary
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import elastic, label, set_property, show_text
@@ -28,7 +28,6 @@ from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.config import resources
 
 MAX_SEED = 2**31 - 1
-_PLAN_ROWS = ("Trials", "Plate changes", "Duration", "Disk space")
 _RUN_ROWS = ("Progress", "Trial", "Rejected", "Session")
 _STATES = {
     "idle": "No run",
@@ -71,7 +70,7 @@ class ProtocolPanel(QWidget):
             self.continue_session,
             "Continue a session …",
         )
-        self.plan_rows = {name: label("–") for name in _PLAN_ROWS}
+        self.plan_rows = {name: label("–") for name in PLAN_ROWS}
         self.problem = label("", "bad", wraps=True)
         self.buttons = {"Start": push_button("Start", self._start)}
         for name in ("Pause", "Resume", "Abort"):
@@ -117,8 +116,7 @@ class ProtocolPanel(QWidget):
 
     def show_plan(self, plan: PlanSummary) -> None:
         """Show the plan of the chosen protocol, or why it cannot run."""
-        texts = (plan.trials, plan.plate_changes, plan.duration, plan.disk_space)
-        for row, text in zip(self.plan_rows.values(), texts, strict=True):
+        for row, text in zip(self.plan_rows.values(), plan.texts, strict=True):
             row.setText(text)
         self.problem.setText(plan.problem)
         self.problem.setVisible(bool(plan.problem))

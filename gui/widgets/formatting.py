@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 
-def duration(seconds: float | None) -> str:
+def duration(seconds: float) -> str:
     """Return a duration in its two largest units."""
-    if seconds is None:
-        return "–"
     whole = max(0, round(seconds))
     days, hours, minutes = whole // 86400, whole // 3600 % 24, whole // 60 % 60
     if days:

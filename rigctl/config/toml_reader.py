@@ -180,7 +180,7 @@ class TomlTable:
         words = tuple(choices)
         if value not in words:
             self.fail(
-                key, f"must be one of {_listed(words)}, not {_say(value)}{_near(value, words)}"
+                key, f"must be one of {', '.join(words)}, not {_say(value)}{_near(value, words)}"
             )
         return value
 
@@ -205,7 +205,7 @@ class TomlTable:
         """Raise the text's error for the first unknown key."""
         for key in self._data:
             if key not in self._known:
-                hint = _near(key, self._known) or f"; known here: {_listed(sorted(self._known))}"
+                hint = _near(key, self._known) or f"; known here: {', '.join(sorted(self._known))}"
                 self.fail(key, f"unknown key{hint}")
 
     def _take(self, key: str, default: Any) -> Any:
@@ -248,10 +248,6 @@ def _say(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return repr(value)
-
-
-def _listed(words: Iterable[str]) -> str:
-    return ", ".join(words)
 
 
 def _near(word: str, words: Iterable[str]) -> str:

@@ -65,7 +65,7 @@ def bench(disconnected: SharedWindow, engine: FakeEngine) -> Iterator[Bench]:
     """Yield the shared window, connected to the engine."""
     window = disconnected.window
     window.connect_rig("virtual")
-    wait_until(lambda: window.engine_link.is_open)
+    wait_until(lambda: window.engine_link.live is not None)
     yield Bench(window, engine)
     window.engine_link.close()
     window.engine_link.wait_closed()

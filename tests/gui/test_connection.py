@@ -22,7 +22,7 @@ def test_connect_button_opens_the_chosen_rig(disconnected: SharedWindow) -> None
     window.toolbar.rig.choose("firmware")
     click(window.toolbar.connect_button)
     assert not window.toolbar.connect_button.isEnabled()
-    wait_until(lambda: window.engine_link.is_open)
+    wait_until(lambda: window.engine_link.live is not None)
     assert disconnected.opened == [("firmware", "")]
     assert window.toolbar.connect_button.text() == "Disconnect"
 
@@ -49,7 +49,7 @@ def test_joined_engine_keeps_its_world(disconnected: SharedWindow) -> None:
     toolbar.rig.choose(JOIN)
     assert not toolbar.world.isVisible()
     click(toolbar.connect_button)
-    wait_until(lambda: disconnected.window.engine_link.is_open)
+    wait_until(lambda: disconnected.window.engine_link.live is not None)
     assert disconnected.opened == [(JOIN, "")]
 
 
@@ -139,7 +139,7 @@ def test_run_continues_without_the_window(app: QApplication, tmp_path: Path) -> 
     engine = Watched(tmp_path)
     window = MainWindow(lambda rig, world: engine)
     window.connect_rig("virtual")
-    wait_until(lambda: window.engine_link.is_open)
+    wait_until(lambda: window.engine_link.live is not None)
     Bench(window, engine).update(run={"state": "running"})
     window.close()
     delete(window)

@@ -39,10 +39,10 @@ def run(args: argparse.Namespace) -> int:
     """Run the demo; the last lines on standard output name the results."""
     from rigctl.analysis.report.demo import analyse_session
 
-    _say(
-        f"recording {PROTOCOL}.toml on the {args.rig} rig, seed {args.seed}, faster than real time"
-    )
-    ended = _record(args)
+    line = ProgressLine(sys.stderr)
+    rig = f"the {args.rig} rig, seed {args.seed}"
+    line.say(f"recording {PROTOCOL}.toml on {rig}, faster than real time")
+    ended = _record(args, line)
     if ended.state != "done":
         print(f"the run ended early: {ended.text}\nsession: {ended.session}")
         return EXIT_CODES[ended.state]
@@ -51,15 +51,16 @@ def run(args: argparse.Namespace) -> int:
     if not report.whole:
         raise NegativeAnswer(f"{session} is not whole: {report.problems[0]}")
     print(f"{session} is whole: {contents(report)}")
-    _say("encoding, classifying, drawing")
-    line = ProgressLine(sys.stderr)
+    line.say("encoding, classifying, drawing")
     answer = analyse_session(session, session / FIGURES, progress=line.show_stage)
     line.end()
     for remark in answer.remarks:
         print(f"note: {remark}")
     print(f"{answer.sentence}; everything from the simulated bench")
     print(f"session: {session}\nraster: {answer.raster}\naccuracy: {answer.accuracy}", flush=True)
-    return 0 if args.no_window or not has_display() else _open_window(args.rig, _world_words(args))
+    if not args.no_window and has_display():
+        _open_window(args, line)
+    return 0
 
 
 def has_display() -> bool:
@@ -68,36 +69,27 @@ def has_display() -> bool:
     return bool(named) or sys.platform in ("win32", "darwin")
 
 
-def _record(args: argparse.Namespace) -> RunStatus:
+def _record(args: argparse.Namespace, line: ProgressLine) -> RunStatus:
     """Run the protocol on a new engine and return the run's part of the last status."""
     order = ["--protocol", PROTOCOL, "--yes", *(["--out", args.out] if args.out else [])]
     order += _world_words(args)
     client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=order)
-    watcher = RunWatcher(client, ProgressLine(sys.stderr))
-    with watcher.interrupts:
-        try:
-            return watcher.watch()
-        finally:
-            client.shut_down()
+    return RunWatcher(client, line).watch()
 
 
 def _world_words(args: argparse.Namespace) -> list[str]:
     return [] if args.world is None else ["--world", str(args.world)]
 
 
-def _open_window(rig: str, world: list[str]) -> int:
-    """Open the window in a process of its own, so that no failure of Qt affects the results."""
-    _say(f"opening the window on a live {rig} rig; close it to end (--no-window leaves it out)")
-    command = [sys.executable, "-m", "rigctl", "gui", "--rig", rig, *world]
+def _open_window(args: argparse.Namespace, line: ProgressLine) -> None:
+    """Open the window in another process, so that no failure of Qt affects the results."""
+    end = "close it to end (--no-window leaves it out)"
+    line.say(f"opening the window on a live {args.rig} rig; {end}")
+    command = [sys.executable, "-m", "rigctl", "gui", "--rig", args.rig, *_world_words(args)]
     code = subprocess.run(command, check=False).returncode
     if code:
-        _say(
+        line.say(
             f"the window ended with code {code}; the results above are complete. Where Qt's "
             "platform plugin does not load, on Debian install libxcb-cursor0 libxcb-icccm4 "
             "libxcb-keysyms1"
         )
-    return 0
-
-
-def _say(sentence: str) -> None:
-    print(sentence, file=sys.stderr, flush=True)

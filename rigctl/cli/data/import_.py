@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rigctl.cli import INTERRUPTED
-from rigctl.cli.options.interrupt import Interrupts
 from rigctl.cli.options.progress import ProgressLine
+from rigctl.cli.options.terminal import Interrupts
 
 LINES_SHOWN = 30
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.world import add_world, chosen_world
-from rigctl.cli.options.interrupt import Interrupts
 from rigctl.cli.options.progress import ProgressLine, remaining
+from rigctl.cli.options.terminal import Interrupts
 from rigctl.config.resources import find_protocol
 from rigctl.errors import WrongUse
 

@@ -18,7 +18,7 @@ from rigctl.acquisition.drum.calibration import Calibrator, MassReading, fit_sca
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rig import Rig
 from rigctl.cli.data.world import add_world, chosen_world
-from rigctl.cli.options.prompt import ask
+from rigctl.cli.options.terminal import ask
 from rigctl.cli.rig import calibrate_wiring
 from rigctl.config.rig_config import parse_config
 from rigctl.config.toml_edit import Value, replace_file, set_keys
@@ -64,19 +64,14 @@ def run(args: argparse.Namespace) -> int:
         print(f"rigctl: {notice}", file=sys.stderr, flush=True)
     with closing(open_rig(args.rig, seed=args.seed, paced=False, world=world)) as rig:
         session = _CalibrationSession(args, rig)
-        part = {
-            "loadcell": session.loadcell,
-            "force": session.force,
-            "imbalance": session.turn,
-            "tare": session.tare,
-        }
-        rig.loop.run_until_complete(session.calibrator.run(part[args.part]))
+        part = getattr(session, args.part)
+        rig.loop.run_until_complete(session.calibrator.run(part))
     session.report()
     return 0
 
 
 class _CalibrationSession:
-    """One calibration: asks, measures, saves. ``result`` is what it found."""
+    """A calibration with a method for each part: ask the user, measure, save the result."""
 
     def __init__(self, args: argparse.Namespace, rig: Rig) -> None:
         self._args = args
@@ -128,13 +123,11 @@ class _CalibrationSession:
             f"gain_p {found.gain_p_per_s:g} /s, gain_i {found.gain_i_per_s:g} /s, stiffness "
             f"{found.stiffness_g_per_mm:g} g/mm, delay {found.delay_ms:g} ms"
         )
-        values: dict[str, Value] = {
-            "gain_p_per_s": found.gain_p_per_s,
-            "gain_i_per_s": found.gain_i_per_s,
-        }
-        await self._save("actuator", values, gain_p=found.gain_p_per_s, gain_i=found.gain_i_per_s)
+        gain_p, gain_i = found.gain_p_per_s, found.gain_i_per_s
+        values: dict[str, Value] = {"gain_p_per_s": gain_p, "gain_i_per_s": gain_i}
+        await self._save("actuator", values, gain_p=gain_p, gain_i=gain_i)
 
-    async def turn(self) -> None:
+    async def imbalance(self) -> None:
         """Turn the lifted drum once; the board keeps the table."""
         self._ask("Take the plate off, or leave it on as in use, and keep clear of the drum.")
         table_g = await self.calibrator.measure_imbalance()
@@ -144,10 +137,8 @@ class _CalibrationSession:
 
     def report(self) -> None:
         """Print the result."""
-        if self._args.json:
-            print(json.dumps(self.result, ensure_ascii=False))
-            return
-        print("\n".join(self._lines))
+        text = "\n".join(self._lines)
+        print(json.dumps(self.result, ensure_ascii=False) if self._args.json else text)
 
     async def _point(self, mass_g: float) -> MassReading:
         if not self._rig.lay_mass(mass_g):

@@ -19,13 +19,13 @@ from rigctl.acquisition.taxels.wiring_identification import (
     WiringIdentification,
     place_name,
 )
-from rigctl.cli.options.prompt import ask
+from rigctl.cli.options.terminal import ask
 from rigctl.config.rig_config import RigConfig, TaxelArray, load_config, parse_config
 from rigctl.config.toml_edit import Value, replace_file, set_keys
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import open_rig
-from rigctl.values import DRAWN_WIRING, N_TAXELS, Block
+from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 STALE_S = 0.5
 """Samples this old were taken before the answer to a question; they are dropped."""
@@ -89,7 +89,7 @@ class _WiringSession:
 
     async def find(self) -> tuple[int, ...]:
         """Return the reading at each place. Raises WrongUse for contradictory presses."""
-        self._taxels.on_block(self._take)
+        self._taxels.on_block(lambda block: self._samples.append(block.samples))
         self._taxels.on_fault(self._fail)
         await self._taxels.connect()
         order = WiringIdentification()
@@ -128,9 +128,6 @@ class _WiringSession:
         await asyncio.sleep(end_s - asyncio.get_running_loop().time())
         if self._failure is not None:
             raise self._failure
-
-    def _take(self, block: Block) -> None:
-        self._samples.append(block.samples)
 
     def _fail(self, fault: RigFault) -> None:
         self._failure = fault

@@ -78,7 +78,10 @@ def table(answer: dict[str, Any]) -> str:
         ("textures", " ".join(answer["textures"]) or "none"),
         ("speeds", _numbers(answer["speeds_mm_s"], "mm/s")),
         (presses, _numbers(answer[f"{presses}_{unit}"], unit)),
-        ("order", _order(answer)),
+        (
+            "order",
+            f"shuffled by seed {answer['seed']}" if answer["order"] == "shuffled" else "blocked",
+        ),
         ("trials", f"{answer['trials']:,} of {answer['travel_mm']:g} mm"),
         ("steps", f"{answer['steps']:,}"),
         ("plate changes", str(answer["plate_changes"])),
@@ -104,10 +107,6 @@ def _check_room(folder: Path, need: int) -> None:
 
 def _numbers(values: list[float], unit: str) -> str:
     return f"{', '.join(f'{value:g}' for value in values)} {unit}" if values else "none"
-
-
-def _order(answer: dict[str, Any]) -> str:
-    return f"shuffled by seed {answer['seed']}" if answer["order"] == "shuffled" else "blocked"
 
 
 def _time(seconds: float) -> str:

@@ -48,7 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
     folder, name = runtime_folder(), args.name or new_engine_name()
-    token, request = secrets.token_urlsafe(24), _request(args)
+    token, request = secrets.token_urlsafe(24), None
+    if args.protocol is not None or args.resume is not None:
+        request = RunRequest(args.protocol, args.out, args.resume, args.order_seed, args.yes)
     rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
     with closing(rig), open_listener() as listener:
         live = LiveWriter(folder / f"{name}.live")
@@ -69,12 +71,6 @@ def run(args: argparse.Namespace) -> int:
             live.close()
             _drop_empty(folder / f"{name}.log")
             path.unlink(missing_ok=True)
-
-
-def _request(args: argparse.Namespace) -> RunRequest | None:
-    if args.protocol is None and args.resume is None:
-        return None
-    return RunRequest(args.protocol, args.out, args.resume, args.order_seed, args.yes)
 
 
 def _world(args: argparse.Namespace) -> SimulatedWorld | None:

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Query the ports and print one report for each."""
     with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
-        reports = runner.run(_look(args.port))
+        reports = runner.run(probe_ports(runner.get_loop(), args.port))
     if args.json:
         print(json.dumps([_as_json(report) for report in reports]))
     elif not reports:
@@ -31,10 +31,6 @@ def run(args: argparse.Namespace) -> int:
     for report in reports if not args.json else ():
         print("\n  ".join([_as_line(report), *_findings(report)]))
     return 0
-
-
-async def _look(ports: list[str]) -> list[PortReport]:
-    return await probe_ports(asyncio.get_running_loop(), ports)
 
 
 def _as_line(report: PortReport) -> str:

@@ -26,8 +26,8 @@ from rigctl.acquisition.rpc.messages import (
 )
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.world import add_world
-from rigctl.cli.options.interrupt import Interrupts
 from rigctl.cli.options.progress import ProgressLine, clock
+from rigctl.cli.options.terminal import Interrupts
 from rigctl.errors import WrongUse
 from rigctl.session.format.layout import RIG_FILE
 from rigctl.session.read.session import Session
@@ -64,12 +64,7 @@ def run(args: argparse.Namespace) -> int:
     client = EngineClient.start(
         rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
     )
-    watcher = RunWatcher(client, ProgressLine(sys.stderr, quiet=args.json))
-    with watcher.interrupts:
-        try:
-            ended = watcher.watch()
-        finally:
-            client.shut_down()
+    ended = RunWatcher(client, ProgressLine(sys.stderr, quiet=args.json)).watch()
     _report(ended, args.json)
     if ended.state == "done":
         return 0 if ended.trials_committed == ended.trials_planned else 1
@@ -83,14 +78,23 @@ class RunWatcher:
         self._client = client
         self._progress = progress
         self._typed: SimpleQueue[str] = SimpleQueue()
-        self.interrupts = Interrupts()
-        """To be entered while the run lasts: a signal then ends the run, not this process."""
+        self._interrupts = Interrupts()
         self._prompt: PromptStatus | None = None
         self._no_more_answers = False
 
     def watch(self) -> RunStatus:
-        """Watch until the run ends; return its part of the last status."""
+        """Watch until the run ends and shut the engine down; return the run's last status.
+
+        A signal ends the run, not this process.
+        """
         threading.Thread(target=self._read_keys, daemon=True, name="keys").start()
+        with self._interrupts:
+            try:
+                return self._watch()
+            finally:
+                self._client.shut_down()
+
+    def _watch(self) -> RunStatus:
         forwarded = 0
         while True:
             for message in self._client.wait(POLL_S):
@@ -114,14 +118,11 @@ class RunWatcher:
         return None
 
     def _note_prompt(self, prompt: PromptStatus | None) -> None:
-        if prompt == self._prompt:
-            return
-        self._prompt = prompt
-        if prompt is None:
-            return
-        self._progress.say(f"{prompt.text} [Enter, or a to abort]")
-        if self._no_more_answers:
-            self._end_unanswered()
+        is_new, self._prompt = prompt != self._prompt, prompt
+        if prompt is not None and is_new:
+            self._progress.say(f"{prompt.text} [Enter, or a to abort]")
+            if self._no_more_answers:
+                self._end_unanswered()
 
     def _end_unanswered(self) -> None:
         self._progress.say(
@@ -131,10 +132,10 @@ class RunWatcher:
 
     def _forward_interrupts(self, forwarded: int) -> int:
         """Abort the run on the first interrupt, stop the rig on every further one."""
-        if forwarded < self.interrupts.count:
+        if forwarded < self._interrupts.count:
             self._progress.say("stopping safely; the session is kept")
             self._client.send("abort" if forwarded == 0 else "stop")
-        return self.interrupts.count
+        return self._interrupts.count
 
     def _forward_keys(self) -> None:
         try:

@@ -11,6 +11,7 @@ import asyncio
 import json
 import signal
 import sys
+from contextlib import closing
 from dataclasses import asdict
 from typing import Any
 
@@ -34,12 +35,9 @@ def run(args: argparse.Namespace) -> int:
     print(
         "preparing the simulated bench; after an update this takes half a minute", file=sys.stderr
     )
-    rig = open_rig(args.rig, seed=args.seed, paced=True, world=world)
-    try:
+    with closing(open_rig(args.rig, seed=args.seed, paced=True, world=world)) as rig:
         rig.set_plate(args.plate)
         rig.loop.run_until_complete(_serve(rig, args.json))
-    finally:
-        rig.close()
     return 0
 
 

@@ -1,10 +1,12 @@
-"""Count Ctrl-C instead of dying of it, so that a command can end at the next safe place."""
+"""What commands share at a terminal: Ctrl-C ends them at a safe place, and questions."""
 
 from __future__ import annotations
 
 import signal
 from types import FrameType
 from typing import Any
+
+from rigctl.errors import WrongUse
 
 
 class Interrupts:
@@ -32,3 +34,16 @@ class Interrupts:
         self.count += 1
         if self.count == self._limit:
             self.__exit__()
+
+
+def ask(text: str, cure: str) -> None:
+    """Print ``text`` and wait for Enter.
+
+    Raises KeyboardInterrupt for the answer a, and WrongUse with ``cure`` without a terminal.
+    """
+    try:
+        answer = input(f"{text} [Enter, or a to abort] ")
+    except EOFError:
+        raise WrongUse(f"there is no terminal to answer at: {cure}") from None
+    if answer.strip().lower().startswith("a"):
+        raise KeyboardInterrupt
