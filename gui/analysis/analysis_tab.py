@@ -29,7 +29,7 @@ class AnalysisTab(QObject):
         super().__init__()
         self.panel, self.worker = SessionPanel(), Worker()
         self.trial_view, self.figure_view = TrialView(theme), FigureView()
-        self.results_view = ResultsView()
+        self.results_view = ResultsView(documentMode=True)
         self.view: QWidget = self.trial_view
         self._last_results: QWidget = self.figure_view
         self._report_folder = ""

@@ -42,9 +42,9 @@ class AnalysisOptionsForm(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.session_names = elastic(label("–"))
-        self.add_button = browse_button(
-            self.path_requested, PathKind.SESSION, "Add another session", self.add_session, "+"
-        )
+        requested = self.path_requested
+        self.add_button = browse_button(requested, PathKind.SESSION, self.add_session, "+")
+        self.add_button.setToolTip("Add another session")
         self.remove_button = push_button("−", self._remove_added, "Remove the added sessions")
         self.task, self.engine = combo_box(TASKS), combo_box(ENGINES)
         self.draws = QSpinBox(minimum=1, maximum=10_000, value=20)
@@ -61,9 +61,7 @@ class AnalysisOptionsForm(QWidget):
         self.model.setToolTip("Representation of a model that is trained on all trials")
         self.c = QLineEdit(placeholderText="found by a search")
         self.c.setToolTip("Model file that C is taken from; the analysis measures its rate error")
-        self.c_button = browse_button(
-            self.path_requested, PathKind.MODEL, "Choose a model file", self.c.setText
-        )
+        self.c_button = browse_button(requested, PathKind.MODEL, self.c.setText)
         self._open_session = ""
         self._added: list[str] = []
         self._lay_out()

@@ -43,10 +43,6 @@ class FigureView(QWidget):
 class ResultsView(QTabWidget):
     """One tab per page of the latest results."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.setDocumentMode(True)
-
     def show_results(self, results: AnalysisResults) -> None:
         """Replace the tabs; the first page comes to the front."""
         while (page := self.widget(0)) is not None:

@@ -55,9 +55,8 @@ class AnalysisRunBox(QGroupBox):
         self.description = label("", "muted", wraps=True)
         self.form = AnalysisOptionsForm()
         self.model = QLineEdit(placeholderText="Model file")
-        self.model_button = browse_button(
-            self.path_requested, PathKind.MODEL, "Choose a model file", self.model.setText
-        )
+        requested = self.path_requested
+        self.model_button = browse_button(requested, PathKind.MODEL, self.model.setText)
         self.model_row = container(hbox(self.model, self.model_button))
         self.run_button = push_button("Classify", self._run)
         self.cancel_button = push_button("Cancel", self.cancel_requested.emit)

@@ -70,9 +70,8 @@ class SessionPanel(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.folder = QLineEdit(placeholderText="Session folder")
-        self.folder_button = browse_button(
-            self.path_requested, PathKind.SESSION, "Choose a session folder", self.open_session
-        )
+        requested = self.path_requested
+        self.folder_button = browse_button(requested, PathKind.SESSION, self.open_session)
         self.open_button = push_button("Open", self._open)
         self.about = label("No session is open.", "muted", wraps=True)
         self.model = TrialModel()

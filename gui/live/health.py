@@ -112,11 +112,9 @@ class HealthStrip(QWidget):
         trial_age_s = self._since_trial.elapsed() / 1000 if self._since_trial.isValid() else None
         for key, reading in readings(status, trial_age_s).items():
             self.cells[key].show_reading(reading)
-        for key, lines in (
-            ("boards", board_lines(status.boards)),
-            ("ticks", tick_lines(status.boards)),
-        ):
-            self.cells[key].setToolTip("\n".join([CELLS[key].tooltip, *lines]))
+        for key, list_lines in (("boards", board_lines), ("ticks", tick_lines)):
+            lines = [CELLS[key].tooltip, *list_lines(status.boards)]
+            self.cells[key].setToolTip("\n".join(lines))
 
 
 def readings(status: EngineStatus, trial_age_s: float | None) -> dict[str, Reading]:

@@ -21,10 +21,7 @@ class EventLog(QPlainTextEdit):
     """A read-only log; each line begins with the time at which the window got the event."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.setReadOnly(True)
-        self.setMaximumBlockCount(MAX_LINES)
-        self.setLineWrapMode(QPlainTextEdit.LineWrapMode.WidgetWidth)
+        super().__init__(readOnly=True, maximumBlockCount=MAX_LINES)
         self.setMinimumHeight(64)
 
     def reset_colours(self) -> None:

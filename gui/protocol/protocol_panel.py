@@ -57,18 +57,10 @@ class ProtocolPanel(QWidget):
         self.seed = QSpinBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the random order of trials; stored with the session")
         requested = self.path_requested
-        self.open_button = browse_button(
-            requested, PathKind.PROTOCOL, "Open a protocol file", self.add_protocol
-        )
-        self.out_button = browse_button(
-            requested, PathKind.OUTPUT, "Choose a folder", self.out.setText
-        )
+        self.open_button = browse_button(requested, PathKind.PROTOCOL, self.add_protocol)
+        self.out_button = browse_button(requested, PathKind.OUTPUT, self.out.setText)
         self.continue_button = browse_button(
-            requested,
-            PathKind.INTERRUPTED,
-            "Run the remaining trials of an interrupted session",
-            self.continue_session,
-            "Continue a session …",
+            requested, PathKind.INTERRUPTED, self.continue_session, "Continue a session …"
         )
         self.plan_rows = {name: label("–") for name in PLAN_ROWS}
         self.problem = label("", "bad", wraps=True)
@@ -98,12 +90,8 @@ class ProtocolPanel(QWidget):
     def show_status(self, status: EngineStatus) -> None:
         """Enable the commands that are possible and show the run's progress."""
         run = status.run
-        is_ready = (
-            status.drum_connected
-            and status.taxels_connected
-            and not status.fault
-            and not run.is_active
-        )
+        is_connected = status.drum_connected and status.taxels_connected
+        is_ready = is_connected and not status.fault and not run.is_active
         self.buttons["Start"].setEnabled(self._is_planned and is_ready)
         self.continue_button.setEnabled(is_ready)
         self.buttons["Pause"].setEnabled(run.state == "running")

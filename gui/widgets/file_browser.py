@@ -16,29 +16,32 @@ _TOML, _MODEL = "TOML files (*.toml)", "Models (*.h5)"
 
 
 class PathKind(Enum):
-    """What the user chooses: the title, and the filter of a file; a folder has none.
+    """What the user chooses: title, name filter (a folder has none), and tooltip of the button.
 
     A panel's ``path_requested`` carries a kind and the function that takes the chosen path.
     """
 
-    RIG_FILE = ("Rig description (rig.toml)", _TOML)
-    WORLD_FILE = ("World of a simulated rig (*.toml)", _TOML)
-    PROTOCOL = ("Protocol (*.toml)", _TOML)
-    OUTPUT = ("Folder for new sessions", "")
-    SESSION = ("Session folder", "")
-    MODEL = ("Model file (*.h5)", _MODEL)
-    INTERRUPTED = ("Folder of the session to continue", "")
+    RIG_FILE = ("Rig description (rig.toml)", _TOML, "")
+    WORLD_FILE = ("World of a simulated rig (*.toml)", _TOML, "")
+    PROTOCOL = ("Protocol (*.toml)", _TOML, "Open a protocol file")
+    OUTPUT = ("Folder for new sessions", "", "Choose a folder")
+    SESSION = ("Session folder", "", "Choose a session folder")
+    MODEL = ("Model file (*.h5)", _MODEL, "Choose a model file")
+    INTERRUPTED = (
+        "Folder of the session to continue",
+        "",
+        "Run the remaining trials of an interrupted session",
+    )
 
 
 def browse_button(
     requested: SignalInstance,
     kind: PathKind,
-    tooltip: str,
     selected: Callable[[str], None],
     text: str = "…",
 ) -> QPushButton:
     """Return a button that emits ``requested`` with a kind and the function for the path."""
-    return push_button(text, lambda: requested.emit(kind, selected), tooltip)
+    return push_button(text, lambda: requested.emit(kind, selected), kind.value[2])
 
 
 class FileBrowser(QWidget):
@@ -57,7 +60,7 @@ class FileBrowser(QWidget):
     def open(self, kind: PathKind, selected: Callable[[str], None]) -> None:
         """Show the dialog; ``selected`` gets the path unless the user cancels."""
         self.dismiss()
-        title, name_filter = kind.value
+        title, name_filter, _ = kind.value
         self.title.setText(title)
         dialog = QFileDialog(self, title, str(Path.home()))
         dialog.setWindowFlags(Qt.WindowType.Widget)

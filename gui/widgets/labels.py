@@ -8,10 +8,8 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 def label(text: str = "", role: str = "", wraps: bool = False) -> QLabel:
     """Return a label; the theme styles its ``role`` (muted, heading, value, state, bad)."""
-    widget = QLabel(text)
+    widget = QLabel(text, wordWrap=wraps, textFormat=Qt.TextFormat.PlainText)
     widget.setProperty("role", role)
-    widget.setWordWrap(wraps)
-    widget.setTextFormat(Qt.TextFormat.PlainText)
     return widget
 
 

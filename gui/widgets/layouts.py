@@ -62,10 +62,9 @@ def _fill(
 
 def form_layout(spacing: int) -> QFormLayout:
     """Return a form whose fields take the spare width."""
-    layout = QFormLayout()
-    layout.setContentsMargins(0, 0, 0, 0)
-    layout.setVerticalSpacing(spacing)
-    layout.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+    growth = QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow
+    layout = QFormLayout(verticalSpacing=spacing, fieldGrowthPolicy=growth)
+    layout.setContentsMargins(*_NONE)
     return layout
 
 
@@ -78,9 +77,8 @@ def container(layout: QLayout) -> QWidget:
 
 def scroll_area(widget: QWidget) -> QScrollArea:
     """Return an area that scrolls its widget vertically where the screen is too low for it."""
-    area = QScrollArea()
+    area = QScrollArea(widgetResizable=True)
     area.setWidget(widget)
-    area.setWidgetResizable(True)
     area.setFrameShape(QScrollArea.Shape.NoFrame)
     area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     return area
@@ -88,11 +86,10 @@ def scroll_area(widget: QWidget) -> QScrollArea:
 
 def combo_box(items: dict[str, str]) -> QComboBox:
     """Return a list of texts with their data; it may be narrower than its longest text."""
-    box = QComboBox()
+    policy = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+    box = QComboBox(sizeAdjustPolicy=policy, minimumContentsLength=8)
     for text, data in items.items():
         box.addItem(text, data)
-    box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-    box.setMinimumContentsLength(8)
     return box
 
 

@@ -233,13 +233,8 @@ class TomlTable:
 
 def _dotted(place: Place) -> str:
     """Return ``steps[2].kind`` for ("steps", 1, "kind"): people count from 1."""
-    text = ""
-    for part in place:
-        if isinstance(part, int):
-            text += f"[{part + 1}]"
-        else:
-            text += f".{part}" if text else part
-    return text
+    parts = (f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in place)
+    return "".join(parts).removeprefix(".")
 
 
 def _say(value: Any) -> str:

@@ -107,8 +107,8 @@ def _model_of(args: argparse.Namespace) -> ModelRequest | None:
     """Return the requested model, if any. Raises WrongUse for its options without a file."""
     from rigctl.analysis.classification.training import ModelRequest
 
-    options = {"representation": args.representation, "components": args.components}
-    given = {name: value for name, value in options.items() if value is not None}
+    options = ("representation", "components")
+    given = {name: value for name in options if (value := getattr(args, name)) is not None}
     if args.save_model is not None:
         return ModelRequest(args.save_model, **given)
     if given:
