@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rig",
         metavar="RIG",
-        help="connect at once: virtual, firmware, join (a running engine), or a rig.toml",
+        help="rig to connect to: virtual, firmware, join (a running engine), or a rig.toml",
     )
     parser.add_argument(
         "--world",

@@ -1,6 +1,6 @@
 """The window's connection to the engine: opened in a thread, polled by the window's timer.
 
-Nothing here blocks. Requests go out at once, their replies come back through
+Nothing here blocks. Requests are sent immediately, and their replies come back through
 :meth:`EngineLink.poll`, and timeouts report an engine that does not answer.
 """
 
@@ -52,7 +52,7 @@ def open_client(rig: str, world: str = "") -> EngineClient:
 
 
 class EngineLink(QObject):
-    """A connection to one engine. :meth:`poll` emits all signals, in the window's thread."""
+    """A connection to one engine. All signals arrive in the window's thread."""
 
     opened = Signal()
     closed = Signal(str)

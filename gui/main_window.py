@@ -105,7 +105,7 @@ class MainWindow(QMainWindow):
         self.event_log.reset_colours()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Stop on Esc wherever the focus is; an open menu or list still gets the key and closes."""
+        """Stop on Esc with every focus; an open menu or list still gets the key and closes."""
         if event.type() != QEvent.Type.KeyPress or not isinstance(watched, QWidget):
             return False
         if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:

@@ -21,6 +21,7 @@ from rigctl.errors import RigctlError
 
 if TYPE_CHECKING:
     from rigctl.analysis.execution.executor import Progress
+    from rigctl.analysis.report.report_folder import ReportRequest
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.session.read.session import Session
 
@@ -180,32 +181,13 @@ class WorkerTasks:
 
     def analyse(self, request: AnalysisRequest) -> AnalysisResults:
         """Write a report on sessions as ``rigctl analyse`` does."""
-        from rigctl.analysis.classification.sweep_engines import SweepEngine
-        from rigctl.analysis.classification.training import ModelRequest
         from rigctl.analysis.data.cache import Cache, Resources, cache_folder
-        from rigctl.analysis.paper.tasks import SweepSettings
-        from rigctl.analysis.report.report_folder import ReportRequest, make_report
-        from rigctl.encoding.parameters import preset
+        from rigctl.analysis.report.report_folder import make_report
 
-        out, model = Path(request.folder), None
-        tasks = (request.task,) if request.task else ()
-        engine = SweepEngine(request.engine)
-        if request.representation:
-            model = ModelRequest(model_path(out), request.representation, request.components)
-        report_request = ReportRequest(
-            tuple(map(Path, request.sessions)),
-            out,
-            SweepSettings(request.draws, request.components, request.seed, engine, tasks),
-            preset(request.preset),
-            request.reference_g,
-            model=model,
-            c=Path(request.c).expanduser() if request.c else None,
-            sensitivity=request.sensitivity,
-        )
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         cache = Cache(cache_folder())
         resources = Resources(cache=cache, progress=self._progress)
-        report = make_report(report_request, now, resources)
+        report = make_report(_report_request(request), now, resources)
         cache.trim()
         return report_results(report)
 
@@ -225,6 +207,30 @@ class WorkerTasks:
 
         out = Path(folder).absolute()
         shutil.rmtree(out.with_name(PARTIAL.format(name=out.name)), ignore_errors=True)
+
+
+def _report_request(request: AnalysisRequest) -> ReportRequest:
+    from rigctl.analysis.classification.sweep_engines import SweepEngine
+    from rigctl.analysis.classification.training import ModelRequest
+    from rigctl.analysis.paper.tasks import SweepSettings
+    from rigctl.analysis.report.report_folder import ReportRequest
+    from rigctl.encoding.parameters import preset
+
+    out, model = Path(request.folder), None
+    tasks = (request.task,) if request.task else ()
+    engine = SweepEngine(request.engine)
+    if request.representation:
+        model = ModelRequest(model_path(out), request.representation, request.components)
+    return ReportRequest(
+        tuple(map(Path, request.sessions)),
+        out,
+        SweepSettings(request.draws, request.components, request.seed, engine, tasks),
+        preset(request.preset),
+        request.reference_g,
+        model=model,
+        c=Path(request.c).expanduser() if request.c else None,
+        sensitivity=request.sensitivity,
+    )
 
 
 def _trial_texts(row: Any) -> tuple[str, ...]:

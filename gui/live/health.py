@@ -1,4 +1,4 @@
-"""The health strip: the figures that tell a good recording from a bad one, each with a verdict."""
+"""The health strip: the figures that show whether a recording is good, each with a verdict."""
 
 from __future__ import annotations
 

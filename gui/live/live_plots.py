@@ -73,7 +73,7 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self._label_rows()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Label single raster rows where there is space for it, else their groups."""
+        """Label single raster rows if there is space, else their groups."""
         super().resizeEvent(event)
         if hasattr(self, "_rate_plot"):
             self._label_rows()

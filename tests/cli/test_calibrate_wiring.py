@@ -1,4 +1,4 @@
-"""``rigctl calibrate wiring`` with somebody who unplugs and presses as asked, or does not."""
+"""``rigctl calibrate wiring`` with a simulated person who follows the instructions, or does not."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ high = [100, 101, 102, 103, 104, 105, 106, 107, 108, 109, 110, 111, 112, 113, 11
 
 
 class PressedTaxels:
-    """A taxel board that tells, 20 times a second, what its sensor feels now."""
+    """A taxel board that sends the readings of its sensor 20 times a second."""
 
     def __init__(self, loop: JumpingLoop, sensor: PressedSensor) -> None:
         self.sensor = sensor
@@ -65,15 +65,15 @@ class PressedTaxels:
 
 
 class Person:
-    """Does what is asked, in the order of ``places``, and remembers what that was."""
+    """Follows the instructions in the order of ``places`` and keeps them in ``questions``."""
 
     def __init__(self, taxels: PressedTaxels, places: list[int]) -> None:
-        self.asked: list[str] = []
+        self.questions: list[str] = []
         self._taxels = taxels
         self._places = iter(places)
 
     def __call__(self, text: str) -> str:
-        self.asked.append(text)
+        self.questions.append(text)
         taxels = self._taxels
         taxels.pressed = []
         if text.startswith("Unplug"):
@@ -128,7 +128,7 @@ def calibrate(
     return main(["calibrate", "--rig", str(rig), *words, "wiring"]), person
 
 
-def test_it_guides_through_unplugging_and_nine_presses_and_writes_the_order(
+def test_nine_presses_after_unplugging_find_and_save_the_order(
     rig: Path,
     taxels: PressedTaxels,
     monkeypatch: pytest.MonkeyPatch,
@@ -136,7 +136,7 @@ def test_it_guides_through_unplugging_and_nine_presses_and_writes_the_order(
 ) -> None:
     code, person = calibrate(rig, taxels, monkeypatch, list(range(9)))
     assert code == 0
-    assert len(person.asked) == 3 + PER_LAYER
+    assert len(person.questions) == 3 + PER_LAYER
     said = capsys.readouterr().out
     assert "top layer: inputs A0, A1, A4; bottom layer: inputs A2, A3, A5" in said
     assert "row 1, column 1: D6·A4 by 300 counts, below it D6·A5 by 198 counts" in said
@@ -149,7 +149,7 @@ def test_it_guides_through_unplugging_and_nine_presses_and_writes_the_order(
     assert rig.read_text().startswith("# Mine.\n[taxels]\nwiring = [")
 
 
-def test_a_press_that_was_not_clear_is_asked_for_again(
+def test_unclear_press_is_repeated(
     rig: Path,
     taxels: PressedTaxels,
     monkeypatch: pytest.MonkeyPatch,
@@ -158,10 +158,10 @@ def test_a_press_that_was_not_clear_is_asked_for_again(
     code, person = calibrate(rig, taxels, monkeypatch, [0, 0, *range(1, 9)])
     assert code == 0
     assert "not clear: D6·A4 answered, as it did at row 1, column 1" in capsys.readouterr().out
-    assert [text.startswith("Press row 1, column 2") for text in person.asked].count(True) == 2
+    assert [text.startswith("Press row 1, column 2") for text in person.questions].count(True) == 2
 
 
-def test_places_mixed_up_leave_the_description_as_it_was(
+def test_contradictory_presses_leave_the_file_unchanged(
     rig: Path,
     taxels: PressedTaxels,
     monkeypatch: pytest.MonkeyPatch,
@@ -173,7 +173,7 @@ def test_places_mixed_up_leave_the_description_as_it_was(
     assert rig.read_text() == RIG
 
 
-def test_dry_keeps_nothing_and_json_says_the_order(
+def test_dry_saves_nothing_and_json_has_the_order(
     rig: Path,
     taxels: PressedTaxels,
     monkeypatch: pytest.MonkeyPatch,
@@ -187,7 +187,7 @@ def test_dry_keeps_nothing_and_json_says_the_order(
     assert rig.read_text() == RIG
 
 
-def test_ranges_of_an_order_that_was_not_written_are_dropped(
+def test_ranges_of_an_unknown_order_are_removed(
     rig: Path,
     taxels: PressedTaxels,
     monkeypatch: pytest.MonkeyPatch,
@@ -199,7 +199,7 @@ def test_ranges_of_an_order_that_was_not_written_are_dropped(
     assert (load_config(rig).taxels.low, load_config(rig).taxels.wiring) == ((), SOLDERED)
 
 
-def test_a_board_that_is_lost_ends_it(
+def test_lost_board_ends_the_calibration(
     rig: Path,
     taxels: PressedTaxels,
     monkeypatch: pytest.MonkeyPatch,
@@ -218,7 +218,7 @@ def test_a_board_that_is_lost_ends_it(
         ("[taxels]\nrows = 1\ncolumns = 9", [], "3 × 3 taxels in two layers"),
     ],
 )
-def test_where_nobody_can_press_it_says_so(
+def test_rig_without_a_person_or_a_sensor_is_refused(
     rig: Path, text: str, words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig.write_text(text)
@@ -226,7 +226,7 @@ def test_where_nobody_can_press_it_says_so(
     assert sentence in capsys.readouterr().err
 
 
-def test_the_drawings_order_is_said_to_be_that(
+def test_order_of_the_drawing_is_named(
     rig: Path,
     taxels: PressedTaxels,
     monkeypatch: pytest.MonkeyPatch,

@@ -1,4 +1,4 @@
-"""``rigctl run`` and ``rigctl stop`` as a person meets them: processes, signals, exit codes."""
+"""``rigctl run`` and ``rigctl stop`` as processes: signals, exit codes, sessions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LIMIT_S = 120
 
 @pytest.fixture(autouse=True)
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to work in, engines announced in it, a protocol that takes one trial."""
+    """Return a working folder with a protocol of one trial; engines are announced in it."""
     monkeypatch.setenv("RIGCTL_RUNTIME", str(tmp_path / "runtime"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "one.toml").write_text(ONE)
@@ -49,7 +49,7 @@ def finished(*args: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def running() -> Iterator[subprocess.Popen[str]]:
-    """A run of 500 trials, well begun."""
+    """Yield a run of 500 trials that has committed the first."""
     process = subprocess.Popen(
         rigctl("run", "many.toml", "--out", "session", "--yes", "--json"),
         stdin=subprocess.PIPE,
@@ -75,7 +75,7 @@ def until_committed(n: int) -> tuple[str, int]:
 
 
 def watch(goal: tuple[str, int]) -> None:
-    """Look at the running engine until its run has come so far."""
+    """Wait until the run of the engine reaches a count."""
     client = EngineClient(the_engine())
     try:
         while True:
@@ -92,13 +92,13 @@ def committed(folder: Path) -> list[int]:
 
 
 def on_disk(folder: Path) -> list[int]:
-    """Trials that another process can read while the run goes on, at least one."""
+    """Return the trials that another process can read during the run, at least one."""
     while not (found := committed(folder)):
         pass
     return found
 
 
-def test_a_run_leaves_a_whole_session_and_says_where(place: Path) -> None:
+def test_run_leaves_a_complete_session_and_prints_its_path(place: Path) -> None:
     done = finished("run", "one.toml", "--out", "session", "--yes")
     assert done.returncode == 0, done.stderr
     assert "session: session" in done.stdout.splitlines()
@@ -107,14 +107,14 @@ def test_a_run_leaves_a_whole_session_and_says_where(place: Path) -> None:
     assert running_engines(runtime_folder()) == []
 
 
-def test_without_anybody_to_answer_a_prompt_ends_the_run(place: Path) -> None:
+def test_prompt_without_a_terminal_ends_the_run(place: Path) -> None:
     done = finished("run", "one.toml", "--out", "session")
     assert done.returncode == 130
     assert "--yes" in done.stderr
 
 
-def test_who_leaves_while_a_prompt_waits_ends_the_run(place: Path) -> None:
-    """It once waited for ever: only a prompt that came after the end of input was given up."""
+def test_end_of_input_during_a_prompt_ends_the_run(place: Path) -> None:
+    """It once waited forever: only a prompt after the end of input ended the run."""
     with subprocess.Popen(
         rigctl("run", "one.toml", "--out", "session"),
         stdin=subprocess.PIPE,
@@ -138,7 +138,7 @@ def test_who_leaves_while_a_prompt_waits_ends_the_run(place: Path) -> None:
         (("stop",), 1, "no engine is running"),
     ],
 )
-def test_wrong_use_gets_one_sentence_and_a_code(
+def test_wrong_use_prints_one_sentence_and_returns_its_code(
     args: tuple[str, ...], code: int, words: str
 ) -> None:
     done = finished(*args)
@@ -148,7 +148,7 @@ def test_wrong_use_gets_one_sentence_and_a_code(
     assert "Traceback" not in done.stderr
 
 
-def test_ctrl_c_stops_safely_and_the_run_can_be_gone_on_with(
+def test_ctrl_c_stops_safely_and_the_run_can_be_continued(
     place: Path, running: subprocess.Popen[str]
 ) -> None:
     running.send_signal(signal.SIGINT)
@@ -180,7 +180,7 @@ def test_a_killed_engine_leaves_a_session_that_opens(
     assert committed(place / "session")[: len(before)] == before
 
 
-def test_a_killed_client_leaves_the_run_going(place: Path, running: subprocess.Popen[str]) -> None:
+def test_run_continues_without_its_client(place: Path, running: subprocess.Popen[str]) -> None:
     running.kill()
     running.communicate(timeout=LIMIT_S)
     watch(until_committed(3))

@@ -1,4 +1,4 @@
-"""``--world`` wherever a simulated rig is made: taken, kept in the session, or refused at once."""
+"""``--world`` of every command with a simulated rig: used, stored in the session, or refused."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def kept(folder: Path) -> dict[str, object]:
     ],
     ids=lambda command: command[0],
 )
-def test_a_wrong_world_is_refused_at_its_line_before_anything_is_written(
+def test_invalid_world_is_refused_with_its_line_before_anything_is_written(
     place: Path, command: tuple[str, ...]
 ) -> None:
     option = () if command[0] == "world" else ("--world", "wrong.toml")
@@ -96,7 +96,7 @@ def test_a_wrong_world_is_refused_at_its_line_before_anything_is_written(
         (["--world", "lab.toml", "--rig", "join"], "already has a world"),
     ],
 )
-def test_the_window_does_not_open_on_a_wrong_world(
+def test_window_does_not_open_with_an_invalid_world(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], args: list[str], words: str
 ) -> None:
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
@@ -111,7 +111,7 @@ def test_a_real_rig_has_no_world_file(place: Path) -> None:
     assert not (place / "s").exists()
 
 
-def test_a_run_keeps_its_world_goes_on_in_it_and_in_no_other(place: Path) -> None:
+def test_run_stores_its_world_and_continues_in_no_other(place: Path) -> None:
     session = place / "session"
     begun = [
         *("run", "three.toml", "--rig", "rehearsal.toml", "--world", "lab.toml"),
@@ -139,7 +139,7 @@ def test_a_run_keeps_its_world_goes_on_in_it_and_in_no_other(place: Path) -> Non
     assert simulation["world"]["start_mm"] == 100.0
 
 
-def test_a_data_set_keeps_its_world_and_goes_on_in_no_other(
+def test_data_set_stores_its_world_and_continues_in_no_other(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["synth", "--plan", "one.toml", "--seed", "1", "--out", "set"]
@@ -152,7 +152,7 @@ def test_a_data_set_keeps_its_world_and_goes_on_in_no_other(
     assert "set was recorded in another world, circumference_mm is 420.0" in capsys.readouterr().err
 
 
-def test_the_world_of_a_session_can_be_printed_and_given_again(
+def test_world_of_a_session_can_be_printed_and_used_again(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["synth", "--seed", "1", "--out", "x", "--plan", "one.toml"]) == 0
@@ -166,7 +166,7 @@ def test_the_world_of_a_session_can_be_printed_and_given_again(
     assert capsys.readouterr().out == nominal
 
 
-def test_served_boards_live_in_the_world(place: Path) -> None:
+def test_served_boards_use_the_world(place: Path) -> None:
     (place / "worn.toml").write_text("stuck_taxels = [3, 16]\n")
     with subprocess.Popen(
         rigctl("serve", "--world", "worn.toml", "--json"),

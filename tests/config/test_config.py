@@ -28,7 +28,7 @@ def test_an_empty_file_is_the_nominal_rig() -> None:
 
 
 @given(TEXT, TEXT, st.floats(50, 300), st.booleans(), st.permutations(range(18)))
-def test_what_is_written_reads_back_equal(
+def test_written_description_reads_back_equal(
     operator: str, sensor: str, length: float, raises: bool, wiring: list[int]
 ) -> None:
     config = RigConfig(
@@ -45,7 +45,7 @@ def test_what_is_written_reads_back_equal(
     assert parse_config(config.to_toml()) == config
 
 
-def test_every_key_shows_its_meaning_in_the_written_file() -> None:
+def test_written_file_explains_every_key() -> None:
     text = RigConfig().to_toml()
     for section in fields(RigConfig):
         for item in fields(type(section.default)):  # type: ignore[arg-type]
@@ -84,7 +84,7 @@ def test_a_mistake_names_file_line_and_key(text: str, words: list[str]) -> None:
 
 
 @pytest.mark.parametrize("scale", [200, 2400, 25000, -200, -2400])
-def test_a_scale_that_a_load_cell_can_have_is_taken(scale: int) -> None:
+def test_possible_scale_of_a_load_cell_is_accepted(scale: int) -> None:
     text = f"[loadcell]\nscale_ug_per_count = {scale}"
     assert parse_config(text).loadcell.scale_ug_per_count == scale
 
@@ -94,6 +94,6 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         load_config(tmp_path / "rig.toml")
 
 
-def test_a_limit_of_the_nominal_rig_leaves_room_for_the_papers_forces() -> None:
+def test_limits_of_the_nominal_rig_allow_the_forces_of_the_paper() -> None:
     assert RigLimits().force_max_g >= 1000
     assert replace(RigLimits(), force_max_g=1000).over_force_g > 1000

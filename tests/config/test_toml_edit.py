@@ -30,7 +30,7 @@ UNUSUAL = {
 }
 
 
-def test_an_edited_key_leaves_the_rest_of_the_description_as_it_is(tmp_path: Path) -> None:
+def test_edit_of_a_key_changes_nothing_else(tmp_path: Path) -> None:
     text = set_keys(MINE, "loadcell", {"scale_ug_per_count": 2400, "calibrated": "with # 500 g"})
     assert text == MINE.replace(
         "scale_ug_per_count = 2000  # µg/count: old\n",
@@ -54,9 +54,7 @@ def test_an_edited_key_leaves_the_rest_of_the_description_as_it_is(tmp_path: Pat
         ("taxels", {"wiring": [2, 1, 0], "low": [1]}),
     ],
 )
-def test_unusual_but_legal_toml_is_edited(
-    source: str, table: str, values: dict[str, Value]
-) -> None:
+def test_unusual_valid_toml_is_edited(source: str, table: str, values: dict[str, Value]) -> None:
     before = tomllib.loads(source)
     edited = tomllib.loads(set_keys(source, table, values))
     assert edited == before | {table: before.get(table, {}) | values}

@@ -72,16 +72,13 @@ def run(args: argparse.Namespace) -> int:
         if args.sessions is None:
             whole = generate(order, *rest)
         else:
-            whole = generate_sessions(
-                split_request(path, args.repeats, order, args.sessions), *rest
-            )
+            split = split_request(path, args.repeats, order, args.sessions)
+            whole = generate_sessions(split, *rest)
     progress.finish()
     print(f"{'session' if args.sessions is None else 'sessions in'}: {args.out}")
     if not whole:
-        print(
-            "rigctl: interrupted; the trials so far are kept, add --resume to continue",
-            file=sys.stderr,
-        )
+        note = "interrupted; the trials so far are kept, add --resume to continue"
+        print(f"rigctl: {note}", file=sys.stderr)
         return INTERRUPTED
     return 0 if progress.committed == len(plan.trials) else 1
 

@@ -34,7 +34,7 @@ def chosen_world(path: Path | None) -> SimulatedWorld | None:
 
 
 def session_world(folder: Path) -> SimulatedWorld | None:
-    """Return the world of a session, None where it has none. Raises SessionError."""
+    """Return the world of a session, None if it has none. Raises SessionError."""
     from rigctl.session.read.session import Session
     from rigctl.simulation.bench.world_file import world_from_header
 

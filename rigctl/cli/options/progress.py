@@ -1,4 +1,4 @@
-"""The one line that tells how far a command is and how long the rest takes."""
+"""A line that shows the progress of a command and the remaining time."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ProgressLine:
         self._write(text, "" if self._redraws else "\n")
 
     def show_stage(self, stage: str, done: int, total: int) -> None:
-        """Show how much of a stage is done and how long it still takes; a new stage at once."""
+        """Show the progress of a stage and the remaining time; a new stage appears immediately."""
         if stage != self._stage:
             self.end()
             self._stage, self._began_s, self._shown_s = stage, time.monotonic(), float("-inf")

@@ -172,7 +172,7 @@ class _CalibrationSession:
 
 
 def _edited(path: Path, table: str, values: dict[str, Value]) -> str:
-    """Return the text of rig.toml with new values. Raises ConfigError where it is not valid."""
+    """Return the text of rig.toml with new values. Raises ConfigError if it is invalid."""
     source = path.read_text(encoding="utf-8")
     parse_config(source, str(path))
     text = set_keys(source, table, values)

@@ -154,7 +154,7 @@ class RunWatcher:
             self._progress.say(KEYS)
 
     def _read_keys(self) -> None:
-        """Read typed lines in a thread of its own, so that waiting for one delays nothing."""
+        """Read typed lines; runs in a thread, so that waiting for a line delays nothing."""
         for line in sys.stdin:
             self._typed.put(line.strip().lower())
         self._typed.put("end")

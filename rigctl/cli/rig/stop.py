@@ -16,13 +16,13 @@ def run(args: argparse.Namespace) -> int:
     """Stop every engine; a run ends with its session whole."""
     failures: list[str] = []
 
-    def tell(stopped: StopResult) -> None:
+    def report(stopped: StopResult) -> None:
         if stopped.failure:
             failures.append(f"{stopped.name}: {stopped.failure}")
         else:
             print(f"stopped: {stopped.name}", flush=True)
 
-    if not stop_engines(tell):
+    if not stop_engines(report):
         raise NegativeAnswer("no engine is running, so there is nothing to stop")
     if failures:
         raise RigFault("; ".join(failures))
