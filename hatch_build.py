@@ -16,7 +16,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class VirtualBoards(BuildHookInterface[Any]):
-    """Build hook for both libraries: a wheel contains them, an editable install has them in build/."""
+    """Build hook: a wheel contains both libraries, an editable install has them in build/."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile what is stale before anything is packed."""
