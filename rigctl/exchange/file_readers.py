@@ -79,9 +79,7 @@ def read_columns(path: Path, mapping: ImportMap) -> FileColumns:
 def _read_text(path: Path, delimiter: str) -> FileColumns:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [
-                (number, row) for number, row in enumerate(csv.reader(file, delimiter=delimiter), 1)
-            ]
+            rows = list(enumerate(csv.reader(file, delimiter=delimiter), 1))
     except (UnicodeDecodeError, csv.Error) as error:
         raise WrongUse(f"{path} is not a text table in UTF-8: {error}") from error
     rows = [(number, [cell.strip() for cell in row]) for number, row in rows if any(row)]

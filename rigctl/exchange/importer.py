@@ -122,6 +122,7 @@ class _SessionWriter:
         self._mapping = mapping
         self._inspection = inspection
         self._extra = extra
+        self._n_taxels = len(inspection.scaling.names)
         self._counter = 0
         self._texture: str | None = None
         self._conversions = 0
@@ -156,14 +157,6 @@ class _SessionWriter:
         if failure is not None:
             raise DiskFault(failure)
 
-    @property
-    def _n_taxels(self) -> int:
-        return len(self._inspection.scaling.names)
-
-    @property
-    def _now_s(self) -> float:
-        return self._counter / SAMPLE_RATE_HZ
-
     def _begin_part(self, texture: str) -> None:
         self._recorder.begin_part("import", texture)
         if self._texture is None:
@@ -181,7 +174,7 @@ class _SessionWriter:
             self._add_event("import", remark)
 
     def _add_event(self, kind: str, text: str, **data: Any) -> None:
-        self._recorder.add_event(Event(self._now_s, kind, text, data))
+        self._recorder.add_event(Event(self._counter / SAMPLE_RATE_HZ, kind, text, data))
 
     def _blocks(self, resampled: ResampledSeries) -> Iterator[Block]:
         counts = self._inspection.scaling.encode(resampled.values[:, : self._n_taxels])

@@ -30,10 +30,10 @@ class CounterMap:
     def add(self, block: Block) -> None:
         """Add the rows of ``block``; its counters must ascend."""
         counters = block.counters
-        if counters[0] != self.next_counter:
-            self._start_run(int(counters[0]), self.next_row)
-        for jump in np.flatnonzero(np.diff(counters) != 1) + 1:
-            self._start_run(int(counters[jump]), self.next_row + int(jump))
+        before = counters[0] - 2 if self.next_counter is None else self.next_counter - 1
+        starts = np.flatnonzero(np.diff(counters, prepend=before) != 1)
+        self._counters += counters[starts].tolist()
+        self._rows += (self.next_row + starts).tolist()
         self.next_row += len(block)
         self.next_counter = int(counters[-1]) + 1
 
@@ -47,10 +47,6 @@ class CounterMap:
         row = self._rows[run] + counter - self._counters[run]
         run_end = self._rows[run + 1] if run + 1 < len(self._rows) else self.next_row
         return min(row, run_end)
-
-    def _start_run(self, counter: int, row: int) -> None:
-        self._counters.append(counter)
-        self._rows.append(row)
 
 
 class PartWriter:
