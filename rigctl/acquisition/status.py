@@ -53,7 +53,7 @@ class StatusBuilder:
             lost_samples=pipeline.lost_samples,
             gaps=pipeline.gap_count,
             last_block_age_s=None if arrival_s is None else now_s - arrival_s,
-            poll_retries=poller.drum.retries,
+            poll_retries=poller.drum.modbus.retries,
             loadcell_lost=self._loadcell_lost,
             clock_ppm={"drum": poller.clock_fit.ppm, "taxels": pipeline.clock_fit.ppm},
             boards=boards.board_health.statuses(),

@@ -7,18 +7,19 @@ queue for the line, except :meth:`Drum.stop`.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import groupby
 
 from rigctl.devices.drum_refusals import command_refusal_text, settings_refusal_text
 from rigctl.devices.identity import PortDiagnosis, drum_identity, raise_diagnosis
 from rigctl.devices.links.byte_link import ByteLink
-from rigctl.devices.loadcell_ring import read_ring
 from rigctl.devices.modbus_client import DRAIN_S, LINK_TIMEOUT_S, ModbusClient, RequestRefused
 from rigctl.errors import BoardFault, BoardRebooted, CommandRefused, LinkLost, RigFault, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum import register_table
 from rigctl.wire.drum.codes import Command, CommandResult
-from rigctl.wire.drum.poll import PollDecoder, RawPoll
+from rigctl.wire.drum.poll import PollDecoder, RawPoll, RingSample
 from rigctl.wire.drum.registers import BlockLayout, RegisterWrite, plan_reads, plan_writes
 from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
 from rigctl.wire.drum.tare_table import PLACE_NAMES, tare_table
@@ -28,6 +29,8 @@ CONNECT_TIMEOUT_S = 4.0
 CLOCK_TOLERANCE_US, CLOCK_TOLERANCE_SHARE = 1_000_000, 0.01
 """The board rebooted where its clock deviates from the loop's by more than the sum of both."""
 COMMAND_POLL_S = 0.02
+RING_PART = 16
+"""Load-cell samples of one read: 32 registers, a part of the ring without its wrap."""
 
 _IDENTITY = BlockLayout(*register_table.IDENTITY_BLOCK, entries=register_table.IDENTITY)
 _SETTINGS = BlockLayout(*register_table.SETTINGS_BLOCK, entries=register_table.SETTINGS)
@@ -75,11 +78,6 @@ class Drum:
         return self._connected and self.link.is_open
 
     @property
-    def retries(self) -> int:
-        """Polls that were sent again because request or reply was lost or damaged."""
-        return self.modbus.retries
-
-    @property
     def state(self) -> DrumState | None:
         """The newest state polled since the last connect."""
         return self._decoder.last
@@ -121,7 +119,7 @@ class Drum:
                 words = await self.modbus.read(*register_table.POLL_BLOCK)
             raw, at_s = self._decoder.unpack(words), self.modbus.received_at_s
             self._check_clock(raw, at_s)
-            ring = await read_ring(self.modbus, self._decoder.missing(raw))
+            ring = await self._read_ring(self._decoder.missing(raw))
             await self._read_new_tare(raw)
             state = self._decoder.decode(raw, at_s, ring)
         for callback in self._on_state:
@@ -223,6 +221,26 @@ class Drum:
                 raise LinkLost(f"{self.link.name}: the drum board does not see the heartbeat")
             self.modbus.stale += 1
             await asyncio.sleep(DRAIN_S)
+
+    async def _read_ring(self, sequences: range) -> dict[int, RingSample]:
+        """Return samples of the board's ring by sequence number.
+
+        A newer sample may have overwritten one meanwhile; its time shows it.
+        """
+        samples: dict[int, RingSample] = {}
+        for _, part in groupby(sequences, lambda sequence: sequence // RING_PART):
+            numbers = tuple(part)
+            raw = await self._read_ring_part("ring_raw", numbers)
+            times_us = await self._read_ring_part("ring_time_us", numbers)
+            samples |= zip(numbers, zip(raw, times_us, strict=True), strict=True)
+        return samples
+
+    async def _read_ring_part(self, name: str, sequences: Sequence[int]) -> tuple[int, ...]:
+        ring = register_table.BY_NAME[name]
+        address = ring.address + ring.words * (sequences[0] % register_table.RING_DEPTH)
+        part = replace(ring, address=address, count=len(sequences))
+        layout = BlockLayout(address, part.end - address, [part])
+        return layout.unpack(await self.modbus.read(layout.address, layout.count))[name]
 
     def _check_clock(self, raw: RawPoll, at_s: float) -> None:
         """Raise BoardRebooted where the board's clock deviates from the loop's since last poll."""

@@ -110,8 +110,8 @@ class _Request:
 class ModbusClient:
     """Registers of one board over one link.
 
-    ``timeouts`` counts replies that are missing or damaged, ``damaged`` the damaged ones,
-    ``stale`` replies to other requests, ``retries`` polls that were sent again.
+    ``timeouts`` counts replies that are missing or damaged, ``stale`` replies to other requests,
+    ``retries`` polls that were sent again.
     ``bytes_received`` counts all bytes since the link was opened, ``received_at_s`` is the loop
     time of the newest.
     """
@@ -119,7 +119,6 @@ class ModbusClient:
     def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
         self.link = link
         self.timeouts = 0
-        self.damaged = 0
         self.stale = 0
         self.retries = 0
         self.bytes_received = 0
@@ -249,7 +248,7 @@ class ModbusClient:
             self._send(request.frame)
             return _decode(await asyncio.wait_for(self._reply, timeout_s))
         except modbus_rtu.CorruptFrame:
-            self.damaged += 1
+            pass
         except TimeoutError:
             if early:
                 self._adaptive_timeout.record_timeout()

@@ -54,9 +54,9 @@ class Taxels:
     """The taxel board over one link.
 
     ``identity`` is that of the last connect, ``rebooted`` whether the board rebooted between the
-    last two, ``status`` and ``self_test`` are the board's last reports, ``last_block_at_s`` is
-    the loop time of the newest samples. Blocks have the taxels in the order and the polarity of
-    the sensor, as ``array`` describes it; the wire has them as wired.
+    last two, ``status`` and ``self_test`` are the board's last reports. Blocks have the taxels in
+    the order and the polarity of the sensor, as ``array`` describes it; the wire has them as
+    wired.
     """
 
     identity: BoardIdentity
@@ -74,7 +74,6 @@ class Taxels:
         self.self_test: SelfTest | None = None
         self.counters = TaxelCounters()
         self.rebooted = False
-        self.last_block_at_s: float | None = None
         self._loop = loop
         self._diagnose_port = diagnose_port
         self._decoder = FrameDecoder()
@@ -212,7 +211,6 @@ class Taxels:
                 BoardRebooted(f"{name}: the taxel board restarted by itself: its counters reset")
             )
         for block in decoded.blocks:
-            self.last_block_at_s = block.arrived_s
             self._publish(self._reorder(block))
 
     def _reorder(self, block: Block) -> Block:

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_entry import Register
-from rigctl.wire.drum.register_table import BY_NAME, SETTINGS_BLOCK
+from rigctl.wire.drum.register_table import BY_NAME, SETTINGS_BLOCK, Register
 from rigctl.wire.drum.states import State
 from tests.attack.benches import AttackBench, Log, limit_g, slow_actuator
 from tests.attack.judge import Judge, States, covered, value_of

@@ -17,8 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from rigctl.wire.drum.codes import Command, Guard
-from rigctl.wire.drum.register_entry import Register
-from rigctl.wire.drum.register_table import BY_NAME, SETTINGS
+from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Register
 from rigctl.wire.drum.states import State
 from tests.attack.benches import Span
 

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rigctl.wire.drum.codes import Command, Guard
-from rigctl.wire.drum.register_entry import Register
-from rigctl.wire.drum.register_table import BY_NAME, SETTINGS
+from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Register
 from rigctl.wire.drum.states import State
 
 VALUES = (0, 1, 0x7FFF, 0x8000, 0xFFFF)

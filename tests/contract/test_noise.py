@@ -19,7 +19,7 @@ def test_a_noisy_drum_line_is_tolerated_for_every_seed(seed: int) -> None:
     try:
         operator.run(operator.connect())
         operator.run(bear_noise(operator))
-        assert operator.drum.retries > 0
+        assert operator.drum.modbus.retries > 0
         assert operator.drum.modbus.stale == 0
     finally:
         asyncio.set_event_loop(None)

@@ -11,14 +11,16 @@ import pytest
 from rigctl.config.rig_config import TaxelArray
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import BoardRebooted, LinkLost, RigFault, WrongBoard
-from rigctl.values import Block
+from rigctl.values import N_TAXELS, Block
+from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
 from rigctl.wire.taxels import frames
 from rigctl.wire.taxels.self_test import SelfTest
 from tests.devices.bench import JumpingLoop, MemoryLink, run
 from tests.wire import taxel_encoder
 
 IDENTITY = frames.TaxelIdentity(
-    firmware_version=0x0102, build_hash=0xDEADBEEF, boot_count=7, reset_cause=2
+    *(MAGIC, frames.WIRE_VERSION, BOARD_TAXELS, 0x0102, 0xDEADBEEF),
+    *(N_TAXELS, 1000, 7, 2, 800, 20),
 )
 STATUS = frames.TaxelStatus(0, 0, 0, 320, 5012, 2, 7, 900, 480, 3, 8)
 EVERY_S = 0.01

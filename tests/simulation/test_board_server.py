@@ -102,6 +102,6 @@ def test_pyserial_reads_the_taxels_and_two_programs_read_the_same(boards: Boards
             decoder = FrameDecoder()
             decoder.feed(port_of.read(33), 0.0)
             decoded = decoder.feed(port_of.read(33 * 100), 0.0)
-            assert decoded.block is not None
-            assert len(decoded.block) >= 95
-            assert not decoded.block.gaps
+            (block,) = decoded.blocks
+            assert len(block) >= 95
+            assert not block.gaps

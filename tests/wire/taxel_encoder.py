@@ -62,22 +62,15 @@ def encode_data(
 
 def encode_status(status: TaxelStatus) -> bytes:
     """Return a status frame; its counters wrap."""
-    counter, dropped, *values, rises, bits, version = astuple(status)
+    counter, dropped, *values, rises, bits = astuple(status)
     counter, dropped, rises = counter & 0xFFFFFFFF, dropped & 0xFFFFFFFF, rises & 0xFFFF
-    return frame(_STATUS.pack(kernels.STATUS, version, counter, dropped, *values, rises, bits))
+    head = (kernels.STATUS, frames.WIRE_VERSION, counter, dropped)
+    return frame(_STATUS.pack(*head, *values, rises, bits))
 
 
 def encode_identity(identity: TaxelIdentity) -> bytes:
     """Return an identity frame."""
-    firmware, build, boots, cause, magic, wire, board, taxels, rate, cycles, slots = astuple(
-        identity
-    )
-    return frame(
-        _IDENTITY.pack(
-            *(kernels.IDENTITY, magic, wire, board, firmware, build),
-            *(taxels, rate, boots, cause, cycles, slots),
-        )
-    )
+    return frame(_IDENTITY.pack(kernels.IDENTITY, *astuple(identity)))
 
 
 def encode_self_test(test: SelfTest) -> bytes:

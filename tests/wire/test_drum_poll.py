@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from rigctl.values import DrumState, LoadcellSample
 from rigctl.wire.drum.poll import PollDecoder
-from rigctl.wire.drum.register_table import RING_DEPTH
+from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, RING_DEPTH
+from rigctl.wire.drum.registers import pack_value
 
 PERIOD_US = 12_500
 
@@ -36,7 +37,13 @@ class LoadcellBoard:
             "loadcell_recent": tuple(10 * (n - i) for i in range(5)),
             **self.extra,
         }
-        return PollDecoder.layout.pack(raw)
+        words = [0] * POLL_BLOCK[1]
+        for name, values in raw.items():
+            entry = BY_NAME[name]
+            first = entry.address - POLL_BLOCK[0]
+            packed = [word for value in values for word in pack_value(entry, value)]
+            words[first : first + len(packed)] = packed
+        return tuple(words)
 
     def ring(self, wanted: range, now_us: int) -> dict[int, tuple[int, int]]:
         """What the places of ``wanted`` hold at ``now_us``, whichever sample that is."""

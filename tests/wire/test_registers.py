@@ -83,9 +83,9 @@ def test_reads_cover_every_name_in_short_blocks(names: set[str]) -> None:
     assert all(layout.count <= 40 for layout in layouts)
 
 
-def test_a_block_reads_as_it_was_made_and_a_short_one_is_refused() -> None:
+def test_a_block_is_read_by_name_and_a_short_one_is_refused() -> None:
     layout = registers.BlockLayout(*SETTINGS_BLOCK)
-    raw = {entry.name: (entry.default,) for entry in SETTINGS}
-    assert layout.unpack(layout.pack(raw)) == raw
+    words = [word for entry in SETTINGS for word in registers.pack_value(entry, entry.default)]
+    assert layout.unpack(words) == {entry.name: (entry.default,) for entry in SETTINGS}
     with pytest.raises(ValueError, match="expected 49 registers, received 3"):
         layout.unpack((1, 2, 3))

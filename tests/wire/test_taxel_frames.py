@@ -12,15 +12,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.values import Block
+from rigctl.values import N_TAXELS, Block
+from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
 from rigctl.wire.taxels import frames as taxels
 from rigctl.wire.taxels.frames import Decoded, Flag, FrameDecoder
 from tests.wire import taxel_encoder
 
 IDENTITY = taxels.TaxelIdentity(
-    firmware_version=0x0102, build_hash=0xDEADBEEF, boot_count=7, reset_cause=2
+    *(MAGIC, taxels.WIRE_VERSION, BOARD_TAXELS, 0x0102, 0xDEADBEEF),
+    *(N_TAXELS, 1000, 7, 2, 800, 20),
 )
 STATUS = taxels.TaxelStatus(0, 0, 1, 320, 5012, 2, 7, 900, 480, 3, 8)
+
+DROPS_SHIFT = 4
+"""Flags hold the count of dropped frames from this bit on."""
 
 
 def stream(counters: NDArray[np.int64], seed: int = 1) -> bytes:
@@ -100,7 +105,7 @@ def test_status_identity_and_requests_come_back() -> None:
     )
     assert decoded.identities == (IDENTITY,)
     assert decoded.statuses == (STATUS,)
-    assert decoded.block is None
+    assert decoded.blocks == ()
     assert taxel_encoder.unframe(taxels.encode_request(taxels.IDENTIFY)[:-1]) == b"\x01"
 
 
@@ -156,7 +161,7 @@ def test_every_lost_sample_is_counted(kept: list[bool], first: int) -> None:
 def test_a_gap_says_who_lost_the_samples() -> None:
     counters = np.array([0, 1, 4, 5, 9])
     samples, flags, edges = readings(counters)
-    flags = np.array([0, 0, 2, 2, 2], np.uint8) << taxels.DROPS_SHIFT
+    flags = np.array([0, 0, 2, 2, 2], np.uint8) << DROPS_SHIFT
     block = only(
         [FrameDecoder().feed(taxel_encoder.encode_data(counters, samples, flags, edges), 0.0)]
     )
@@ -174,9 +179,9 @@ def test_the_counter_runs_on_across_the_wrap_of_its_16_bits_with_status_frames_b
         wire += taxel_encoder.encode_status(replace(STATUS, sample_counter=first + 100))
         decoded = decoder.feed(wire, 0.0)
         assert decoded.reboots == 0
-        assert decoded.block is not None
-        assert decoded.block.gaps == ()
-        seen += [int(decoded.block.counters[0]), int(decoded.block.counters[-1])]
+        (block,) = decoded.blocks
+        assert block.gaps == ()
+        seen += [int(block.counters[0]), int(block.counters[-1])]
     assert seen == [c for f in range(0, 140_000, 100) for c in (f, f + 99)]
 
 
@@ -235,7 +240,7 @@ def test_a_reboot_is_reported_and_counting_starts_anew(told_by: str) -> None:
 def test_flags_and_edge_counts_stand_where_the_reference_says() -> None:
     counters = np.arange(1)
     samples = np.zeros((1, 18), np.uint16)
-    flags = np.array([Flag.SYNC | Flag.LATE | 3 << taxels.DROPS_SHIFT], np.uint8)
+    flags = np.array([Flag.SYNC | Flag.LATE | 3 << DROPS_SHIFT], np.uint8)
     edges = np.array([0b0110], np.uint8)
     body = taxel_encoder.unframe(taxel_encoder.encode_data(counters, samples, flags, edges)[:-1])
     assert body is not None

@@ -8,7 +8,7 @@ from enum import IntEnum
 from rigctl.values import SCALE_BAND_UG_PER_COUNT
 from rigctl.wire.drum import codes
 from rigctl.wire.drum import register_table as table
-from rigctl.wire.drum.register_entry import Register
+from rigctl.wire.drum.register_table import Register
 from rigctl.wire.drum.states import LIFT_FAULTS, OUTPUTS, Fault, State, StateEvent, next_state
 
 REFUSED = 255

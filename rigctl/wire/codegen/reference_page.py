@@ -8,7 +8,7 @@ from enum import IntEnum
 from rigctl.wire.drum import codes
 from rigctl.wire.drum import register_table as table
 from rigctl.wire.drum.codes import Guard
-from rigctl.wire.drum.register_entry import Register
+from rigctl.wire.drum.register_table import Register
 from rigctl.wire.drum.states import (
     FAULT_TEXT,
     LIFT_FAULTS,

@@ -8,9 +8,10 @@ in engineering units is the register's integer times ``scale``.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from rigctl.values import SCALE_BAND_UG_PER_COUNT
 from rigctl.wire.drum.codes import Guard
-from rigctl.wire.drum.register_entry import Register, read_only, setting
 
 MAGIC = 0x5247
 MAP_VERSION = 3
@@ -21,273 +22,226 @@ BAUD = 115200
 LOADCELL_RECENT = 5
 RING_DEPTH = 64
 TARE_PLACES = 16
+RESTING, LIFTED = Guard.RESTING, Guard.LIFTED
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One value of the drum, ``count`` values of the same kind for an array.
+
+    ``kind`` is u16, i16, u32 or i32. ``low`` and ``high`` bound what may be written, ``least``
+    bounds its magnitude, ``default`` is the value at boot: all are raw integers. ``guard`` says
+    when the value may be changed.
+    """
+
+    address: int
+    name: str
+    doc: str
+    unit: str = ""
+    scale: float = 1
+    kind: str = "u16"
+    count: int = 1
+    writable: bool = False
+    low: int = 0
+    high: int = 0
+    default: int = 0
+    least: int = 0
+    guard: Guard = Guard.NONE
+
+    @property
+    def words(self) -> int:
+        """Registers of 16 bits that one value takes."""
+        return 2 if self.kind in ("u32", "i32") else 1
+
+    @property
+    def end(self) -> int:
+        """First address behind this entry."""
+        return self.address + self.words * self.count
+
+    def accepts(self, raw: int) -> bool:
+        """Return whether ``raw`` is within the bounds of what may be written."""
+        return self.low <= raw <= self.high and abs(raw) >= self.least
+
+
+def setting(
+    address: int,
+    name: str,
+    doc: str,
+    bounds: tuple[int, int, int],
+    unit: str = "",
+    scale: float = 1,
+    kind: str = "u16",
+    least: int = 0,
+    guard: Guard = Guard.NONE,
+) -> Register:
+    """Return a setting; ``bounds`` are low, high and default as raw integers."""
+    return Register(address, name, doc, unit, scale, kind, 1, True, *bounds, least, guard)
+
 
 IDENTITY = (
-    read_only(0, "magic", "u16", "", "0x5247, ASCII RG: this is a rigctl board"),
-    read_only(1, "map_version", "u16", "", "version of this table; the host refuses another"),
-    read_only(2, "board_id", "u16", "", "1: drum"),
-    read_only(3, "firmware_version", "u16", "", "major × 256 + minor"),
-    read_only(4, "build_hash", "u32", "", "first 32 bits of the hash of the sources built"),
-    read_only(6, "boot_count", "u16", "", "boots since the EEPROM was erased, wraps"),
-    read_only(7, "reset_cause", "u16", "", "bits of ResetCause, as before the bootloader"),
-    read_only(8, "ring_depth", "u16", "", "load-cell samples kept in the ring"),
-    read_only(9, "steps_per_turn", "u16", "steps", "microsteps of one drum turn"),
-    read_only(
-        10, "nm_per_step", "u32", "nm", "texture travel of one microstep at the drum's surface"
+    Register(0, "magic", "0x5247, ASCII RG: this is a rigctl board"),
+    Register(1, "map_version", "version of this table; the host refuses another"),
+    Register(2, "board_id", "1: drum"),
+    Register(3, "firmware_version", "major × 256 + minor"),
+    Register(4, "build_hash", "first 32 bits of the hash of the sources built", kind="u32"),
+    Register(6, "boot_count", "boots since the EEPROM was erased, wraps"),
+    Register(7, "reset_cause", "bits of ResetCause, as before the bootloader"),
+    Register(8, "ring_depth", "load-cell samples kept in the ring"),
+    Register(9, "steps_per_turn", "microsteps of one drum turn", "steps"),
+    Register(
+        10, "nm_per_step", "texture travel of one microstep at the drum's surface", "nm", kind="u32"
     ),
-    read_only(12, "most_force", "u16", "g", "force at which the board lifts with any settings"),
-    read_only(13, "overrun_um", "u16", "µm", "longest travel from that force until the drum stops"),
+    Register(12, "most_force", "force at which the board lifts with any settings", "g"),
+    Register(13, "overrun_um", "longest travel from that force until the drum stops", "µm"),
 )
 
 POLL = (
-    read_only(16, "state", "u16", "", "value of State"),
-    read_only(17, "fault", "u16", "", "first latched Fault, 0 if none"),
-    read_only(18, "fault_at_ms", "u32", "ms", "board time of the first fault"),
-    read_only(20, "fault_bits", "u16", "", "causes present now, bit n is fault n"),
-    read_only(
-        21, "board_time_us", "u32", "µs", "board clock at the reply, wraps after 71.6 minutes"
+    Register(16, "state", "value of State"),
+    Register(17, "fault", "first latched Fault, 0 if none"),
+    Register(18, "fault_at_ms", "board time of the first fault", "ms", kind="u32"),
+    Register(20, "fault_bits", "causes present now, bit n is fault n"),
+    Register(
+        21, "board_time_us", "board clock at the reply, wraps after 71.6 minutes", "µs", kind="u32"
     ),
-    read_only(23, "steps", "i32", "steps", "signed microsteps since ZERO_STEPS or boot"),
-    read_only(25, "angle", "u16", "°", "drum angle from the steps", 0.01),
-    read_only(26, "speed", "i16", "mm/s", "surface speed commanded to the stepper now", 0.01),
-    read_only(27, "force", "i16", "g", "newest load-cell reading after tare and scale", 0.1),
-    read_only(28, "actuator_position_um", "u16", "µm", "actuator travel from its upper end"),
-    read_only(29, "actuator_drive", "i16", "permille", "signed duty, positive presses"),
-    read_only(30, "command_acknowledged", "u16", "", "last command_sequence seen"),
-    read_only(31, "command_result", "u16", "", "value of CommandResult for that sequence"),
-    read_only(32, "sync_count", "u16", "", "rises of the sync line since boot, wraps"),
-    read_only(33, "sync_rise_us", "u32", "µs", "board time of the last rise"),
-    read_only(35, "sync_fall_us", "u32", "µs", "board time of the last fall"),
-    read_only(37, "index_count", "u16", "", "index marks seen since boot, wraps"),
-    read_only(38, "loadcell_sequence", "u16", "", "number of the newest load-cell sample, wraps"),
-    read_only(
-        39, "loadcell_time_us", "u32", "µs", "board time at which the newest sample was ready"
+    Register(23, "steps", "signed microsteps since ZERO_STEPS or boot", "steps", kind="i32"),
+    Register(25, "angle", "drum angle from the steps", "°", 0.01),
+    Register(26, "speed", "surface speed commanded to the stepper now", "mm/s", 0.01, kind="i16"),
+    Register(27, "force", "newest load-cell reading after tare and scale", "g", 0.1, kind="i16"),
+    Register(28, "actuator_position_um", "actuator travel from its upper end", "µm"),
+    Register(29, "actuator_drive", "signed duty, positive presses", "permille", kind="i16"),
+    Register(30, "command_acknowledged", "last command_sequence seen"),
+    Register(31, "command_result", "value of CommandResult for that sequence"),
+    Register(32, "sync_count", "rises of the sync line since boot, wraps"),
+    Register(33, "sync_rise_us", "board time of the last rise", "µs", kind="u32"),
+    Register(35, "sync_fall_us", "board time of the last fall", "µs", kind="u32"),
+    Register(37, "index_count", "index marks seen since boot, wraps"),
+    Register(38, "loadcell_sequence", "number of the newest load-cell sample, wraps"),
+    Register(
+        39, "loadcell_time_us", "board time at which the newest sample was ready", "µs", kind="u32"
     ),
-    read_only(41, "loadcell_recent", "i32", "counts", "newest raw samples, newest first", count=5),
-    read_only(51, "heartbeat_seen", "u16", "", "last heartbeat value received"),
-    read_only(52, "crc_errors", "u16", "", "requests dropped for a bad CRC, wraps"),
-    read_only(53, "late_ticks", "u16", "", "1 kHz ticks that started a period late or more, wraps"),
-    read_only(54, "status_bits", "u16", "", "bits of Status"),
-    read_only(55, "last_contact_um", "u16", "µm", "actuator travel at the last contact"),
+    Register(
+        41,
+        "loadcell_recent",
+        "newest raw samples first",
+        "counts",
+        kind="i32",
+        count=LOADCELL_RECENT,
+    ),
+    Register(51, "heartbeat_seen", "last heartbeat value received"),
+    Register(52, "crc_errors", "requests dropped for a bad CRC, wraps"),
+    Register(53, "late_ticks", "1 kHz ticks that started a period late or more, wraps"),
+    Register(54, "status_bits", "bits of Status"),
+    Register(55, "last_contact_um", "actuator travel at the last contact", "µm"),
 )
 
 SETTINGS = (
-    setting(64, "heartbeat", "u16", "", "any change counts as a beat; 0 is allowed", (0, 65535, 0)),
+    setting(64, "heartbeat", "any change counts as a beat; 0 is allowed", (0, 65535, 0)),
+    setting(65, "command", "value of Command, executed with the next register", (0, 16, 0)),
+    setting(66, "command_sequence", "a new value executes the command", (0, 65535, 0)),
+    setting(67, "signal_polarity", "bits of Signal: inverted", (0, 31, 0), guard=RESTING),
+    setting(68, "speed_set", "surface speed of RUN", (500, 20000, 8000), "mm/s", 0.01),
+    setting(69, "force_set", "force of APPROACH, HOLD and RUN", (500, 15000, 5000), "g", 0.1),
+    setting(70, "acceleration_set", "acceleration of every ramp", (50, 2000, 600), "mm/s²"),
+    setting(71, "direction_set", "0 forwards, 1 backwards", (0, 1, 0)),
+    setting(72, "force_mode", "value of ForceMode", (0, 2, 0), guard=RESTING),
+    setting(73, "travel_set", "texture travel while sync is high", (10, 6000, 2450), "mm", 0.1),
+    setting(74, "run_in_set", "travel from RUN to the rise of sync", (0, 2000, 1000), "mm", 0.1),
     setting(
-        65, "command", "u16", "", "value of Command, executed with the next register", (0, 16, 0)
+        75, "depth_set_um", "pressing depth, force_mode 2", (0, 10000, 1000), "µm", guard=RESTING
     ),
-    setting(66, "command_sequence", "u16", "", "a new value executes the command", (0, 65535, 0)),
+    setting(76, "move_target", "target of MOVE", (-2000000, 2000000, 0), "steps", kind="i32"),
     setting(
-        67,
-        "signal_polarity",
-        "u16",
-        "",
-        "bits of Signal: inverted",
-        (0, 31, 0),
-        guard=Guard.RESTING,
+        78, "move_speed_set", "surface speed of MOVE, lifted", (500, 32000, 20000), "mm/s", 0.01
     ),
-    setting(68, "speed_set", "u16", "mm/s", "surface speed of RUN", (500, 20000, 8000), 0.01),
+    setting(79, "clock_trim_ppm", "clock error, + is fast", (-10000, 10000, 0), "ppm", kind="i16"),
+    setting(80, "settle_band", "force band that counts as settled", (2, 200, 20), "permille"),
     setting(
-        69, "force_set", "u16", "g", "force of APPROACH, HOLD and RUN", (500, 15000, 5000), 0.1
-    ),
-    setting(70, "acceleration_set", "u16", "mm/s²", "acceleration of every ramp", (50, 2000, 600)),
-    setting(71, "direction_set", "u16", "", "0 forwards, 1 backwards", (0, 1, 0)),
-    setting(72, "force_mode", "u16", "", "value of ForceMode", (0, 2, 0), guard=Guard.RESTING),
-    setting(
-        73, "travel_set", "u16", "mm", "texture travel while sync is high", (10, 6000, 2450), 0.1
-    ),
-    setting(
-        74, "run_in_set", "u16", "mm", "travel from RUN to the rise of sync", (0, 2000, 1000), 0.1
+        81, "settle_time_ms", "time inside the band that counts as settled", (50, 5000, 300), "ms"
     ),
     setting(
-        75,
-        "depth_set_um",
-        "u16",
-        "µm",
-        "actuator depth below contact, force_mode 2",
-        (0, 10000, 1000),
-        guard=Guard.RESTING,
+        82, "approach_limit_um", "actuator travel that finds no contact", (500, 50000, 30000), "µm"
     ),
-    setting(76, "move_target", "i32", "steps", "target of MOVE", (-2000000, 2000000, 0)),
-    setting(
-        78,
-        "move_speed_set",
-        "u16",
-        "mm/s",
-        "surface speed of MOVE, lifted",
-        (500, 32000, 20000),
-        0.01,
-    ),
-    setting(
-        79,
-        "clock_trim_ppm",
-        "i16",
-        "ppm",
-        "error of the board clock, + is fast; the board lowers its rates by it",
-        (-10000, 10000, 0),
-    ),
-    setting(
-        80, "settle_band", "u16", "permille", "force band that counts as settled", (2, 200, 20)
-    ),
-    setting(
-        81,
-        "settle_time_ms",
-        "u16",
-        "ms",
-        "time inside the band that counts as settled",
-        (50, 5000, 300),
-    ),
-    setting(
-        82,
-        "approach_limit_um",
-        "u16",
-        "µm",
-        "longest actuator travel without contact; more is a fault",
-        (500, 50000, 30000),
-    ),
-    setting(
-        83,
-        "approach_timeout_ms",
-        "u16",
-        "ms",
-        "longest time to settle; more is a fault",
-        (500, 30000, 10000),
-    ),
+    setting(83, "approach_timeout_ms", "longest time to settle", (500, 30000, 10000), "ms"),
     setting(
         84,
         "over_force",
-        "u16",
-        "g",
         "force that lifts immediately; the board's own limit applies as well",
         (1000, 30000, 14000),
+        "g",
         0.1,
-        guard=Guard.RESTING,
+        guard=RESTING,
     ),
-    setting(
-        85, "lift_clearance_um", "u16", "µm", "lift above the last contact", (500, 20000, 3000)
-    ),
+    setting(85, "lift_clearance_um", "lift above the last contact", (500, 20000, 3000), "µm"),
     setting(
         86,
         "tare_counts",
-        "i32",
-        "counts",
         "raw reading at no load",
         (-8388608, 8388607, 0),
-        guard=Guard.LIFTED,
+        "counts",
+        kind="i32",
+        guard=LIFTED,
     ),
     setting(
         88,
         "scale_ug_per_count",
-        "i32",
-        "µg/count",
         "load-cell scale, sign included",
         (-SCALE_BAND_UG_PER_COUNT[1], SCALE_BAND_UG_PER_COUNT[1], 2400),
-        guard=Guard.RESTING,
+        "µg/count",
+        kind="i32",
         least=SCALE_BAND_UG_PER_COUNT[0],
+        guard=RESTING,
     ),
     setting(
-        90,
-        "gain_p",
-        "u16",
-        "1/s",
-        "approach rate per force error over stiffness",
-        (1, 5000, 600),
-        0.01,
+        90, "gain_p", "approach rate per force error over stiffness", (1, 5000, 600), "1/s", 0.01
     ),
+    setting(91, "gain_i", "rate learned per unforeseen compression", (0, 5000, 500), "1/s", 0.01),
     setting(
-        91,
-        "gain_i",
-        "u16",
-        "1/s",
-        "rate learned per unexpected compression, each load-cell sample",
-        (0, 5000, 500),
-        0.01,
-    ),
-    setting(
-        92,
-        "stiffness_g_per_mm",
-        "u16",
-        "g/mm",
-        "contact stiffness: start value, then the estimate",
-        (50, 5000, 900),
+        92, "stiffness_g_per_mm", "contact stiffness, later its estimate", (50, 5000, 900), "g/mm"
     ),
     setting(
         93,
         "dead_band_permille",
-        "u16",
-        "permille",
         "lowest duty that moves the actuator: start value of the board's own estimate",
         (0, 500, 100),
+        "permille",
     ),
-    setting(
-        94, "heartbeat_limit_ms", "u16", "ms", "silence that ramps down and lifts", (100, 250, 250)
-    ),
-    setting(
-        95,
-        "optional_signals",
-        "u16",
-        "",
-        "bits of Signal: fitted",
-        (0, 31, 31),
-        guard=Guard.RESTING,
-    ),
-    setting(
-        96,
-        "run_settle_ms",
-        "u16",
-        "ms",
-        "time at constant speed that the run-in must contain after the ramp",
-        (0, 2000, 100),
-    ),
+    setting(94, "heartbeat_limit_ms", "silence that ramps down and lifts", (100, 250, 250), "ms"),
+    setting(95, "optional_signals", "bits of Signal: fitted", (0, 31, 31), guard=RESTING),
+    setting(96, "run_settle_ms", "time at constant speed within the run-in", (0, 2000, 100), "ms"),
     *(
         setting(
             97 + place,
             f"tare_place_{place:02d}",
-            "i16",
-            "counts",
-            f"no-load reading minus tare_counts, {place}/{TARE_PLACES} turn after the mark",
+            f"reading at no load less tare_counts, {place}/{TARE_PLACES} of a turn behind the mark",
             (-32768, 32767, 0),
-            guard=Guard.LIFTED,
+            "counts",
+            kind="i16",
+            guard=LIFTED,
         )
         for place in range(TARE_PLACES)
     ),
 )
 
 COUNTERS = (
-    read_only(116, "frames_seen", "u16", "", "requests for this unit with a good CRC, wraps"),
-    read_only(117, "exceptions_sent", "u16", "", "requests refused, wraps"),
-    read_only(118, "longest_isr_us", "u16", "µs", "longest interrupt since boot"),
-    read_only(119, "free_stack_bytes", "u16", "bytes", "stack never used since boot (painted)"),
-    read_only(120, "idle_permille", "u16", "permille", "share of the last second spent waiting"),
-    read_only(121, "loadcell_dropped", "u16", "", "conversions not used, wraps"),
-    read_only(
-        122, "index_error_steps", "i16", "steps", "last index mark: steps counted minus expected"
+    Register(116, "frames_seen", "requests for this unit with a good CRC, wraps"),
+    Register(117, "exceptions_sent", "requests refused, wraps"),
+    Register(118, "longest_isr_us", "longest interrupt since boot", "µs"),
+    Register(119, "free_stack_bytes", "stack never used since boot (painted)", "bytes"),
+    Register(120, "idle_permille", "share of the last second spent waiting", "permille"),
+    Register(121, "loadcell_dropped", "conversions not used, wraps"),
+    Register(
+        122, "index_error_steps", "last mark: steps counted less expected", "steps", kind="i16"
     ),
-    read_only(
-        123, "proposed_gain_p", "u16", "1/s", "gain_p that the last TUNE proposes, 0: none", 0.01
-    ),
-    read_only(
-        124, "proposed_gain_i", "u16", "1/s", "gain_i that the last TUNE proposes, 0: none", 0.01
-    ),
-    read_only(
-        125, "tuned_stiffness_g_per_mm", "u16", "g/mm", "force per commanded travel, last TUNE"
-    ),
-    read_only(
-        126, "tuned_delay", "u16", "ms", "from a commanded speed to its force, last TUNE", 0.1
-    ),
-    read_only(127, "settings_from", "u16", "", "value of SettingsFrom: what the board booted with"),
+    Register(123, "proposed_gain_p", "gain_p that the last TUNE proposes, 0: none", "1/s", 0.01),
+    Register(124, "proposed_gain_i", "gain_i that the last TUNE proposes, 0: none", "1/s", 0.01),
+    Register(125, "tuned_stiffness_g_per_mm", "force per commanded travel, last TUNE", "g/mm"),
+    Register(126, "tuned_delay", "from a commanded speed to its force, last TUNE", "ms", 0.1),
+    Register(127, "settings_from", "value of SettingsFrom: what the board booted with"),
 )
 
 RING = (
-    read_only(128, "ring_raw", "i32", "counts", "load-cell sample n at n mod 64", count=RING_DEPTH),
-    read_only(
-        256,
-        "ring_time_us",
-        "u32",
-        "µs",
-        "board time of the sample in the same place",
-        count=RING_DEPTH,
-    ),
+    Register(128, "ring_raw", "sample n at place n mod 64", "counts", kind="i32", count=RING_DEPTH),
+    Register(256, "ring_time_us", "board time of that sample", "µs", kind="u32", count=RING_DEPTH),
 )
 
 REGISTERS: tuple[Register, ...] = IDENTITY + POLL + SETTINGS + COUNTERS + RING

@@ -12,8 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rigctl.errors import WrongUse
-from rigctl.wire.drum.register_entry import Register
-from rigctl.wire.drum.register_table import BY_NAME, REGISTERS
+from rigctl.wire.drum.register_table import BY_NAME, REGISTERS, Register
 
 MAX_WRITE = 24
 """Words of one write, so that every request stays under 64 bytes."""
@@ -103,7 +102,6 @@ class BlockLayout:
         for entry in self.entries:
             form += "xx" * (entry.address - end) + _FORMATS[entry.kind] * entry.count
             end = entry.end
-        self._defaults = [(entry.name, (0,) * entry.count) for entry in self.entries]
         self._slices: list[tuple[str, int, int]] = []
         for entry in self.entries:
             start = self._slices[-1][2] if self._slices else 0
@@ -117,11 +115,6 @@ class BlockLayout:
             raise ValueError(f"expected {self.count} registers, received {len(words)}")
         numbers = self._values.unpack(self._words.pack(*words))
         return {name: numbers[start:end] for name, start, end in self._slices}
-
-    def pack(self, raw: Mapping[str, Sequence[int]]) -> tuple[int, ...]:
-        """Return the words that :meth:`unpack` takes; entries missing in ``raw`` are 0."""
-        numbers = [n for name, zeros in self._defaults for n in raw.get(name, zeros)]
-        return self._words.unpack(self._values.pack(*numbers))
 
     def values(self, words: Sequence[int]) -> dict[str, float]:
         """Return every entry by name in engineering units; of an array, the first value."""
@@ -137,9 +130,4 @@ def plan_reads(names: Iterable[str]) -> list[BlockLayout]:
             groups[-1].append(entry)
         else:
             groups.append([entry])
-    return [_covering_layout(group) for group in groups]
-
-
-def _covering_layout(group: list[Register]) -> BlockLayout:
-    start, end = group[0].address, max(entry.end for entry in group)
-    return BlockLayout(start, end - start, group)
+    return [BlockLayout(g[0].address, g[-1].end - g[0].address, g) for g in groups]

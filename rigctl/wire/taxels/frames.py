@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from enum import IntFlag
 from itertools import pairwise
 from typing import NamedTuple
@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.values import N_TAXELS, Block, Gap
-from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
 from rigctl.wire.taxels import kernels
-from rigctl.wire.taxels.self_test import SelfTest, decode_self_test_body
+from rigctl.wire.taxels.self_test import SelfTest, decode_self_test
 
 WIRE_VERSION = 2
 BAUD = 500_000
@@ -28,14 +27,13 @@ FRAME_BYTES = kernels.MAX_CHUNK + 1
 CYCLES_PER_US = 16
 """Cycles of the board's chip, the unit of its longest interrupt."""
 IDENTIFY, SELF_TEST = 0x01, 0x02
-DROPS_SHIFT = 4
 MAX_RUN = 254
 """Longest run of bytes without zero in COBS."""
 MIN_CHUNK = kernels.SELF_TEST_BODY + kernels.OVERHEAD + 1
 MAX_TAIL = 2 * kernels.MAX_CHUNK
 
-_STATUS = struct.Struct("<BBIIHHHBHHHHB")
-_IDENTITY = struct.Struct("<BHBBHIBHHBHB")
+_STATUS = struct.Struct("<2xIIHHHBHHHHB")
+_IDENTITY = struct.Struct("<xHBBHIBHHBHB")
 
 
 class SelfTestBit(IntFlag):
@@ -57,7 +55,7 @@ class Flag(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class TaxelStatus:
-    """Status that the taxel board sends ten times a second."""
+    """Status that the taxel board sends ten times a second, in the order of the wire."""
 
     sample_counter: int
     frames_dropped: int
@@ -70,25 +68,23 @@ class TaxelStatus:
     idle_permille: int
     sync_rises: int
     self_test_bits: int
-    _: KW_ONLY
-    version: int = WIRE_VERSION
 
 
 @dataclass(frozen=True, slots=True)
 class TaxelIdentity:
-    """Identity that the taxel board sends on request."""
+    """Identity that the taxel board sends on request, in the order of the wire."""
 
+    magic: int
+    wire_version: int
+    board_id: int
     firmware_version: int
     build_hash: int
+    n_taxels: int
+    rate_hz: int
     boot_count: int
     reset_cause: int
-    magic: int = MAGIC
-    wire_version: int = WIRE_VERSION
-    board_id: int = BOARD_TAXELS
-    n_taxels: int = N_TAXELS
-    rate_hz: int = 1000
-    slot_cycles: int = 800
-    slots: int = 20
+    slot_cycles: int
+    slots: int
 
 
 class Decoded(NamedTuple):
@@ -106,11 +102,6 @@ class Decoded(NamedTuple):
     reboots: int
     rejected_frames: int
     rejected_bytes: int
-
-    @property
-    def block(self) -> Block | None:
-        """The newest samples, None where the slice completed no data frame."""
-        return self.blocks[-1] if self.blocks else None
 
 
 def cobs_encode(data: bytes) -> bytes:
@@ -139,20 +130,6 @@ def frame(body: bytes) -> bytes:
 def encode_request(kind: int) -> bytes:
     """Return a request to the board: IDENTIFY or SELF_TEST."""
     return frame(bytes([kind]))
-
-
-def _decode_status(body: bytes) -> TaxelStatus:
-    _, version, *rest = _STATUS.unpack_from(body)
-    return TaxelStatus(*rest, version=version)
-
-
-def _decode_identity(body: bytes) -> TaxelIdentity:
-    _, magic, wire, board, firmware, build, taxels, rate, boots, cause, cycles, slots = (
-        _IDENTITY.unpack_from(body)
-    )
-    return TaxelIdentity(
-        firmware, build, boots, cause, magic, wire, board, taxels, rate, cycles, slots
-    )
 
 
 class FrameDecoder:
@@ -235,8 +212,12 @@ class FrameDecoder:
     def _decode_controls(
         self, n: int
     ) -> tuple[tuple[TaxelStatus, ...], tuple[TaxelIdentity, ...], tuple[SelfTest, ...]]:
-        bodies = [body.tobytes() for body in self._controls[:n]]
-        statuses = [_decode_status(b) for b in bodies if b[0] == kernels.STATUS]
-        identities = [_decode_identity(b) for b in bodies if b[0] == kernels.IDENTITY]
-        tests = [decode_self_test_body(b[2:]) for b in bodies if b[0] == kernels.SELF_TEST]
+        statuses, identities, tests = [], [], []
+        for body in map(bytes, self._controls[:n]):
+            if body[0] == kernels.STATUS:
+                statuses.append(TaxelStatus(*_STATUS.unpack_from(body)))
+            elif body[0] == kernels.IDENTITY:
+                identities.append(TaxelIdentity(*_IDENTITY.unpack_from(body)))
+            else:
+                tests.append(decode_self_test(body))
         return tuple(statuses), tuple(identities), tuple(tests)

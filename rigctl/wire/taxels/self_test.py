@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from enum import IntFlag
 
 from rigctl.values import DRAWN_WIRING, N_TAXELS
@@ -17,7 +17,7 @@ N_LINES, N_INPUTS = 3, 6
 LINE_PINS = ("D4", "D5", "D6")
 INPUT_PINS = ("A0", "A1", "A2", "A3", "A4", "A5")
 
-_BODY = struct.Struct("<9B3s3sx")
+_BODY = struct.Struct("<2x9B3s3sx")
 
 
 class Coverage(IntFlag):
@@ -57,11 +57,10 @@ class SelfTest:
         return not any(astuple(self)[2:])
 
 
-def decode_self_test_body(body: bytes) -> SelfTest:
-    """Return the outcome of a body after type and version."""
+def decode_self_test(body: bytes) -> SelfTest:
+    """Return the outcome in the body of a self-test frame."""
     *small, silent, full = _BODY.unpack_from(body)
-    wide = int.from_bytes(silent, "little"), int.from_bytes(full, "little")
-    return replace(SelfTest(*small), silent=wide[0], full=wide[1])
+    return SelfTest(*small, *(int.from_bytes(mask, "little") for mask in (silent, full)))
 
 
 def findings(test: SelfTest, wiring: Sequence[int] = DRAWN_WIRING) -> list[str]:
@@ -70,29 +69,30 @@ def findings(test: SelfTest, wiring: Sequence[int] = DRAWN_WIRING) -> list[str]:
     ``wiring``: the reading of each place of the sensor; taxels are named by their place,
     counted from 1.
     """
-    return [*_line_findings(test), *_input_findings(test), *_taxel_findings(test, wiring)]
+    return [*_wire_findings(test), *_taxel_findings(test, wiring)]
 
 
-def _line_findings(test: SelfTest) -> Iterator[str]:
-    for line in _bits(test.lines_low):
-        yield f"{_line(line)} stays low: it is connected to ground; free it"
-    for line in _bits(test.lines_high):
-        yield f"{_line(line)} stays high: it is connected to 5 V; free it"
-    if test.lines_together:
-        names = _join([_line(line) for line in _bits(test.lines_together)])
-        yield f"{names} are connected to each other: separate them"
+_TOGETHER = "are connected to each other: separate them"
+_LINES = tuple(f"line {pin}" for pin in LINE_PINS)
+_INPUTS = tuple(f"input {pin}" for pin in INPUT_PINS)
+_WIRE_FAULTS = (
+    ("lines_low", _LINES, "stays low: it is connected to ground; free it"),
+    ("lines_high", _LINES, "stays high: it is connected to 5 V; free it"),
+    ("lines_together", _LINES, _TOGETHER),
+    ("inputs_high", _INPUTS, "is held high while no line is driven: look for a short to 5 V"),
+    ("inputs_low", _INPUTS, "is held at ground: look for a short across its divider"),
+    ("inputs_open", _INPUTS, "has no divider to ground: solder its resistor"),
+    ("inputs_together", _INPUTS, _TOGETHER),
+)
+"""Field of :class:`SelfTest`, names of its bits, and what a set bit means."""
 
 
-def _input_findings(test: SelfTest) -> Iterator[str]:
-    for i in _bits(test.inputs_high):
-        yield f"{_input(i)} is held high while no line is driven: look for a short to 5 V"
-    for i in _bits(test.inputs_low):
-        yield f"{_input(i)} is held at ground: look for a short across its divider"
-    for i in _bits(test.inputs_open):
-        yield f"{_input(i)} has no divider to ground: solder its resistor"
-    if test.inputs_together:
-        names = _join([_input(i) for i in _bits(test.inputs_together)])
-        yield f"{names} are connected to each other: separate them"
+def _wire_findings(test: SelfTest) -> Iterator[str]:
+    for mask, wires, text in _WIRE_FAULTS:
+        names = [wires[bit] for bit in _bits(getattr(test, mask))]
+        if names and text is _TOGETHER:
+            names = [" and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))]
+        yield from (f"{name} {text}" for name in names)
 
 
 def _taxel_findings(test: SelfTest, wiring: Sequence[int]) -> Iterator[str]:
@@ -115,16 +115,18 @@ def _taxel_findings(test: SelfTest, wiring: Sequence[int]) -> Iterator[str]:
 
 
 def _open_circuits(silent: set[int], wiring: Sequence[int]) -> Iterator[str]:
-    for line in range(N_LINES):
-        group = {line * N_INPUTS + i for i in range(N_INPUTS)}
-        if group <= silent:
-            silent = silent - group
-            yield f"{_line(line)} does not reach the sensor: its six taxels read nothing"
-    for i in range(N_INPUTS):
-        group = {line * N_INPUTS + i for line in range(N_LINES)}
-        if group <= silent:
-            silent = silent - group
-            yield f"{_input(i)} does not reach the sensor: its three taxels read nothing"
+    readings = range(N_TAXELS)
+    wires = [
+        *(
+            (name, "six", readings[line * N_INPUTS :][:N_INPUTS])
+            for line, name in enumerate(_LINES)
+        ),
+        *((name, "three", readings[i::N_INPUTS]) for i, name in enumerate(_INPUTS)),
+    ]
+    for name, count, group in wires:
+        if silent.issuperset(group):
+            silent = silent.difference(group)
+            yield f"{name} does not reach the sensor: its {count} taxels read nothing"
     for reading in sorted(silent):
         yield f"{_taxel(reading, wiring)} does not conduct: it is open or torn"
 
@@ -140,20 +142,8 @@ def _unexplained(mask: int, bad_lines: int, bad_inputs: int) -> set[int]:
 def _taxel(reading: int, wiring: Sequence[int]) -> str:
     place = list(wiring).index(reading)
     line, input_ = divmod(reading, N_INPUTS)
-    return f"taxel {place + 1} (line {LINE_PINS[line]}, input {INPUT_PINS[input_]})"
-
-
-def _line(line: int) -> str:
-    return f"line {LINE_PINS[line]}"
-
-
-def _input(number: int) -> str:
-    return f"input {INPUT_PINS[number]}"
+    return f"taxel {place + 1} ({_LINES[line]}, {_INPUTS[input_]})"
 
 
 def _bits(mask: int) -> list[int]:
     return [bit for bit in range(mask.bit_length()) if mask >> bit & 1]
-
-
-def _join(names: list[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]

@@ -10,8 +10,15 @@ import pytest
 
 from rigctl.simulation.chips.simavr import Output
 from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_entry import Register
-from rigctl.wire.drum.register_table import BY_NAME, END, MAGIC, REGISTERS, SETTINGS, SETTINGS_BLOCK
+from rigctl.wire.drum.register_table import (
+    BY_NAME,
+    END,
+    MAGIC,
+    REGISTERS,
+    SETTINGS,
+    SETTINGS_BLOCK,
+    Register,
+)
 from rigctl.wire.drum.registers import pack_value
 from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum.support.checks import bring

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
 from rigctl.wire.drum.codes import Command, CommandResult
-from rigctl.wire.drum.register_entry import Register
-from rigctl.wire.drum.register_table import BY_NAME
+from rigctl.wire.drum.register_table import BY_NAME, Register
 from rigctl.wire.drum.states import State
 from tests.firmware.building import built
 
