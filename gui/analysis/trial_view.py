@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
@@ -62,20 +64,14 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         span = np.maximum(samples.max(axis=0) - low, 1.0)
         time_s = np.arange(len(samples)) / SAMPLE_RATE_HZ
         half = N_TAXELS // 2
-        for layer in range(2):
+        for layer, colour in enumerate(self._theme.layers):
             taxels = np.arange(layer * half, (layer + 1) * half)
             share = (samples[:, taxels] - low[taxels]) / span[taxels]
-            curve = pg.PlotCurveItem(
-                pen=pg.mkPen(self._theme.layers[layer], width=1), skipFiniteCheck=True
-            )
-            connect = np.ones((half, len(samples)), np.int32)
+            y = (0.85 * share - 0.92 - taxels).T
+            connect = np.ones(y.shape, np.int32)
             connect[:, -1] = 0
-            curve.setData(
-                np.tile(time_s, half),
-                (0.85 * share - 0.92 - taxels).T.ravel(),
-                connect=connect.ravel(),
-            )
-            self.samples_plot.addItem(curve)
+            x = np.tile(time_s, half)
+            _draw_curve(self.samples_plot, x, y.ravel(), connect.ravel(), colour)
 
     def _draw_spikes(self, data: TrialData) -> None:
         shown_row = np.argsort(ROW_ORDER)[data.spike_row]
@@ -83,12 +79,11 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         ends = np.array([0.1, 0.9])
         for group, colour in enumerate(self._theme.groups):
             in_group = shown_row // PER_GROUP == group
-            self.spikes_plot.addItem(
-                pg.PlotCurveItem(
-                    np.repeat(time_s[in_group], 2),
-                    (-shown_row[in_group, None] - ends).ravel(),
-                    connect="pairs",
-                    pen=pg.mkPen(colour, width=1),
-                    skipFiniteCheck=True,
-                )
-            )
+            x = np.repeat(time_s[in_group], 2)
+            y = (-shown_row[in_group, None] - ends).ravel()
+            _draw_curve(self.spikes_plot, x, y, "pairs", colour)
+
+
+def _draw_curve(plot: pg.PlotItem, x: Any, y: Any, connect: Any, colour: str) -> None:
+    pen = pg.mkPen(colour, width=1)
+    plot.addItem(pg.PlotCurveItem(x, y, connect=connect, pen=pen, skipFiniteCheck=True))

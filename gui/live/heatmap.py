@@ -37,10 +37,7 @@ class HeatMap(QGraphicsWidget):
         self.update()
 
     def refresh(
-        self,
-        samples: NDArray[np.uint16],
-        low: NDArray[np.float64],
-        high: NDArray[np.float64],
+        self, samples: NDArray[np.uint16], low: NDArray[np.float64], high: NDArray[np.float64]
     ) -> None:
         """Show the mean of the newest of (n, 18) samples in each taxel's range, (18,)."""
         self._has_samples = len(samples) > 0

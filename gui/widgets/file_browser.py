@@ -35,10 +35,7 @@ class PathKind(Enum):
 
 
 def browse_button(
-    requested: SignalInstance,
-    kind: PathKind,
-    selected: Callable[[str], None],
-    text: str = "…",
+    requested: SignalInstance, kind: PathKind, selected: Callable[[str], None], text: str = "…"
 ) -> QPushButton:
     """Return a button that emits ``requested`` with a kind and the function for the path."""
     return push_button(text, lambda: requested.emit(kind, selected), kind.value[2])

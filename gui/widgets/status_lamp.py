@@ -20,6 +20,12 @@ class Level(StrEnum):
     BAD = "bad"
 
 
+_CORNERS = {
+    Level.WARN: ((0.5, 0.0), (1.0, 0.5), (0.5, 1.0), (0.0, 0.5)),
+    Level.BAD: ((0.5, 0.0), (1.0, 1.0), (0.0, 1.0)),
+}
+
+
 class StatusLamp(QWidget):
     """A ring (off or unknown), a disc (OK), a diamond (WARN) or a triangle (BAD)."""
 
@@ -49,14 +55,6 @@ class StatusLamp(QWidget):
         if self.level is Level.OK:
             painter.drawEllipse(box)
         else:
-            painter.drawPolygon(_diamond(box) if self.level is Level.WARN else _triangle(box))
-
-
-def _diamond(box: QRectF) -> QPolygonF:
-    x, y = box.center().x(), box.center().y()
-    corners = ((x, box.top()), (box.right(), y), (x, box.bottom()), (box.left(), y))
-    return QPolygonF([QPointF(*corner) for corner in corners])
-
-
-def _triangle(box: QRectF) -> QPolygonF:
-    return QPolygonF([QPointF(box.center().x(), box.top()), box.bottomRight(), box.bottomLeft()])
+            width, height = box.width(), box.height()
+            corners = [QPointF(x * width, y * height) for x, y in _CORNERS[self.level]]
+            painter.drawPolygon(QPolygonF(corners).translated(box.topLeft()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -34,14 +34,13 @@ MODULES = {
 }
 """The module of each command, in the order of the help. Its docstring is the command's help:
 a summary, and after an empty line a description."""
-COMMANDS = tuple(MODULES)
 HIDDEN = ("engine",)
 """Commands that the help does not list: other commands start them."""
 
 INTERRUPTED = 130
 
 
-def create_parser(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
+def create_parser(commands: Iterable[str] = MODULES) -> argparse.ArgumentParser:
     """Return the argument parser of these commands; one alone loads none of the others."""
     top = argparse.ArgumentParser(
         prog="rigctl", description="Drive the texture rig, record its taxels, watch its spikes."
@@ -61,7 +60,7 @@ def create_parser(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code: 0 done, 1 answer is no, 2 wrong use, 3 rig fault."""
     words = list(sys.argv[1:] if argv is None else argv)
-    named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
+    named = words[:1] if words and words[0] in MODULES else MODULES
     args = create_parser(named).parse_args(words)
     command = _module(args.command)
     try:

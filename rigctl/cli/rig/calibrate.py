@@ -145,7 +145,8 @@ class _CalibrationSession:
             what = f"Lay {mass_g:g} g on the drum" if mass_g else "Take everything off the drum"
             self._ask(f"{what} and let it come to rest.")
         point = await self.calibrator.read_mass(mass_g)
-        self._print(f"{mass_g:g} g: {point.mean_counts:.0f} counts ± {point.sd_counts:.0f}")
+        if not self._args.json:
+            print(f"{mass_g:g} g: {point.mean_counts:.0f} counts ± {point.sd_counts:.0f}")
         return point
 
     async def _save(self, table: str, values: dict[str, Value], **settings: float) -> None:
@@ -165,10 +166,6 @@ class _CalibrationSession:
     def _ask(self, text: str) -> None:
         if not self._args.yes:
             ask(text, "--yes confirms that everything is in place")
-
-    def _print(self, text: str) -> None:
-        if not self._args.json:
-            print(text)
 
 
 def _edited(path: Path, table: str, values: dict[str, Value]) -> str:
