@@ -72,7 +72,7 @@ def _predict_split(
     pca: PrincipalComponents,
     engine: SweepEngine,
 ) -> SweepPredictions:
-    rank = _rank(pca)
+    rank = count_real_components(pca)
     k_max = len(pca.variance)
     tests = {key: test for key, test in split.tests.items() if key in labels}
     if engine is SweepEngine.SKLEARN:
@@ -90,7 +90,8 @@ def _predict_split(
     return SweepPredictions(predictions, dropped, k_max - rank)
 
 
-def _rank(pca: PrincipalComponents) -> int:
+def count_real_components(pca: PrincipalComponents) -> int:
+    """Return the number of components that are not rounding, at least 1."""
     real = pca.variance > RANK_SHARE * max(float(pca.variance[0]), 0.0)
     return max(1, int(real.sum()))
 

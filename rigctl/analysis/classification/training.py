@@ -10,7 +10,7 @@ import numpy as np
 from rigctl import __version__
 from rigctl.analysis.classification.component_sweep import fit_nested_lda, fit_pca
 from rigctl.analysis.classification.splits import Design
-from rigctl.analysis.classification.sweep_engines import RANK_SHARE
+from rigctl.analysis.classification.sweep_engines import count_real_components
 from rigctl.analysis.execution.executor import Progress
 from rigctl.analysis.features.representations import (
     REPRESENTATIONS,
@@ -75,8 +75,7 @@ def train_model(
     if n_classes < 2 or most < 1:
         raise WrongUse(f"cannot train a model on {n} trials of {n_classes} textures: record more")
     pca = fit_pca(np.asarray(features), most)
-    # A component beyond the rank of the trials is rounding; it would only add noise.
-    k = max(1, int((pca.variance > RANK_SHARE * pca.variance[0]).sum()))
+    k = count_real_components(pca)
     # Another memory order could change the last bit of a product after the file is read.
     axes = np.ascontiguousarray(pca.axes[:, :k])
     lda = fit_nested_lda(pca.transform(features)[:, :k], design.texture)

@@ -146,16 +146,17 @@ def run_tasks(
         for iteration in range(settings.iterations)
     ]
     scores = resources.map(_score, jobs, "classifying")
-    curves: dict[str, list[Curve]] = {task.key: [] for plan in plans for task in plan.tasks}
-    for plan, representation in runs:
-        draws = [next(scores) for _ in range(settings.iterations)]
+    draws = {run: [next(scores) for _ in range(settings.iterations)] for run in runs}
+    results = []
+    for plan in plans:
         for task in plan.tasks:
-            curves[task.key].append(
-                _make_curve(representation, [scores_of[task.key] for scores_of in draws])
-            )
-    results = [
-        _make_result(design, plan, task, curves[task.key]) for plan in plans for task in plan.tasks
-    ]
+            curves = [
+                _make_curve(
+                    representation, [draw[task.key] for draw in draws[plan, representation]]
+                )
+                for representation in representations.present
+            ]
+            results.append(_make_result(design, plan, task, curves))
     return results, remarks
 
 
