@@ -23,7 +23,6 @@ GUARDED_SETTINGS: Final = (
 it is lifted and at rest, with the emergency stop closed."""
 
 _TARGET: Final = BY_NAME["move_target"]
-_FORCE_MODES = {"hold": ForceMode.HOLD, "lock": ForceMode.LOCK, "position": ForceMode.POSITION}
 
 
 def rig_settings(config: RigConfig) -> dict[str, float]:
@@ -62,7 +61,7 @@ def settle_settings(settle: Settle) -> dict[str, float]:
 def trial_settings(trial: PlannedTrial, drum: DrumGeometry) -> dict[str, float]:
     """Return the set-points of one trial."""
     backward = (trial.direction == "backward") != drum.backwards
-    mode = _FORCE_MODES[trial.force_mode]
+    mode = ForceMode[trial.force_mode.upper()]
     if mode is ForceMode.POSITION:
         press = {"depth_set_um": trial.depth_mm * 1000}
     else:

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from rigctl.values import PlannedTrial
 
 
 class RunProgress:
-    """Counts trials. Times are loop time, s; a resumed run starts with the trials of before."""
+    """Counts trials. Times are loop time; a resumed run starts with the trials committed before.
+
+    ``idle_s``: pauses and questions, which the pace excludes.
+    """
 
     def __init__(
-        self, trials: Iterable[PlannedTrial], done: frozenset[int], planned_s: float, now_s: float
+        self, trials: Sequence[PlannedTrial], done: frozenset[int], planned_s: float, now_s: float
     ) -> None:
-        planned = tuple(trials)
-        remaining = [trial for trial in planned if trial.trial_id not in done]
-        self.planned = len(planned)
+        remaining = [trial for trial in trials if trial.trial_id not in done]
+        self.planned = len(trials)
         self.committed = self.planned - len(remaining)
         self.rejected = 0
+        self.idle_s = 0.0
         self._started_s = now_s
         self._remaining = len(remaining)
         self._remaining_windows_s = sum(trial.duration_s for trial in remaining)
-        planned_windows_s = sum(trial.duration_s for trial in planned)
+        planned_windows_s = sum(trial.duration_s for trial in trials)
         self._overhead_s = max(0.0, planned_s - planned_windows_s) / max(1, self.planned)
         self._finished = 0
         self._finished_windows_s = 0.0
-        self._idle_s = 0.0
 
     def commit(self, trial: PlannedTrial) -> None:
         """Count a committed trial."""
@@ -39,10 +41,6 @@ class RunProgress:
         self._remaining_windows_s -= trial.duration_s
         self._finished_windows_s += trial.duration_s
 
-    def add_idle(self, seconds: float) -> None:
-        """Exclude a pause or a question from the pace."""
-        self._idle_s += seconds
-
     def elapsed_s(self, now_s: float) -> float:
         """Return the time since the start, pauses included."""
         return now_s - self._started_s
@@ -51,6 +49,6 @@ class RunProgress:
         """Return the estimated remaining time."""
         overhead_s = self._overhead_s
         if self._finished:
-            busy_s = self.elapsed_s(now_s) - self._idle_s - self._finished_windows_s
+            busy_s = self.elapsed_s(now_s) - self.idle_s - self._finished_windows_s
             overhead_s = max(0.0, busy_s / self._finished)
         return max(0.0, self._remaining_windows_s + self._remaining * overhead_s)

@@ -173,7 +173,7 @@ class Run:
         since_s = self._now_s()
         await self._step_runner.make_safe()
         await self.control.wait_resumed()
-        self._progress.add_idle(self._now_s() - since_s)
+        self._progress.idle_s += self._now_s() - since_s
 
     async def _make_safe(self) -> None:
         """Lift and switch off; where the board does so for a fault, wait for it."""

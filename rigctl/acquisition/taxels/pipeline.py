@@ -64,7 +64,6 @@ class SamplePipeline:
         self._next_counter: int | None = None
         self._reset_counter = -1
         self._samples_since_clock = 0
-        self._samples_since_wait = 0
         self._smoothed_time = _SmoothedTime()
         self._subscribers: list[Callable[[Block], object]] = []
 
@@ -133,11 +132,8 @@ class SamplePipeline:
 
     def _record(self, recorder: Recorder, block: Block) -> None:
         recorder.add_block(block)
-        self._samples_since_wait += len(block)
-        if self._waits_for_disk and self._samples_since_wait > MAX_QUEUED_SAMPLES // 4:
-            self._samples_since_wait = 0
-            if recorder.status.queue_samples > MAX_QUEUED_SAMPLES:
-                recorder.wait_written()
+        if self._waits_for_disk and recorder.status.queue_samples > MAX_QUEUED_SAMPLES:
+            recorder.wait_written()
 
     def _encode(self, block: Block, starts: list[int]) -> NDArray[np.uint8]:
         resets = self._reset_rows(block, starts)
