@@ -24,10 +24,10 @@ def writer(tmp_path: Path) -> Iterator[LiveWriter]:
 
 
 @pytest.fixture
-def view(writer: LiveWriter) -> Iterator[LiveReader]:
-    seen = LiveReader(writer.path)
-    yield seen
-    seen.close()
+def reader(writer: LiveWriter) -> Iterator[LiveReader]:
+    reader = LiveReader(writer.path)
+    yield reader
+    reader.close()
 
 
 def add(writer: LiveWriter, first: int, n: int) -> None:
@@ -41,36 +41,38 @@ def add(writer: LiveWriter, first: int, n: int) -> None:
     )
 
 
-def test_an_empty_ring_has_no_rows(view: LiveReader) -> None:
-    assert len(view.taxels(100)) == 0
-    assert len(view.drum(100)) == 0
-    assert view.taxel_head == 0
+def test_an_empty_ring_has_no_rows(reader: LiveReader) -> None:
+    assert len(reader.taxels(100)) == 0
+    assert len(reader.drum(100)) == 0
+    assert reader.taxel_head == 0
 
 
-def test_the_newest_rows_are_in_order_across_the_wrap(writer: LiveWriter, view: LiveReader) -> None:
+def test_the_newest_rows_are_in_order_across_the_wrap(
+    writer: LiveWriter, reader: LiveReader
+) -> None:
     for first in range(0, 1000, 20):
         add(writer, first, 20)
-    window = view.taxels(200)
+    window = reader.taxels(200)
     assert window.counters.tolist() == list(range(800, 1000))
     assert window.first == 800
     assert np.array_equal(window.time_s, window.counters / 1000.0)
     assert np.array_equal(window.samples[:, 17], window.counters % 1024)
     assert np.array_equal(window.spikes[:, 35], window.counters % 3)
-    assert view.taxel_head == 1000
+    assert reader.taxel_head == 1000
 
 
 def test_a_window_larger_than_the_ring_gives_the_whole_ring(
-    writer: LiveWriter, view: LiveReader
+    writer: LiveWriter, reader: LiveReader
 ) -> None:
     add(writer, 0, 100)
-    assert len(view.taxels(10_000)) == 100
+    assert len(reader.taxels(10_000)) == 100
     for first in range(100, 1000, 100):
         add(writer, first, 100)
-    assert view.taxels(10_000).counters.tolist() == list(range(1000 - ROWS, 1000))
+    assert reader.taxels(10_000).counters.tolist() == list(range(1000 - ROWS, 1000))
 
 
 def test_load_cell_samples_have_the_set_points_of_their_poll(
-    writer: LiveWriter, view: LiveReader
+    writer: LiveWriter, reader: LiveReader
 ) -> None:
     writer.add_drum(
         np.array([1.0, 1.0125]),
@@ -80,17 +82,17 @@ def test_load_cell_samples_have_the_set_points_of_their_poll(
         speed_set_mm_s=80.0,
         state=7,
     )
-    window = view.drum(10)
+    window = reader.drum(10)
     assert window.force_g.tolist() == [499.0, 501.0]
     assert window.force_set_g.tolist() == [500.0, 500.0]
     assert window.speed_set_mm_s.tolist() == [80.0, 80.0]
     assert window.state.tolist() == [7, 7]
 
 
-def test_the_encoders_range_can_be_read(writer: LiveWriter, view: LiveReader) -> None:
+def test_the_encoders_range_can_be_read(writer: LiveWriter, reader: LiveReader) -> None:
     low, high = np.arange(18, dtype=np.uint16), np.arange(900, 918, dtype=np.uint16)
     writer.set_range(low, high)
-    assert np.array_equal(view.normalisation, (low, high))
+    assert np.array_equal(reader.normalisation, (low, high))
 
 
 def _write_fast(path: Path, rows: int, started: multiprocessing.synchronize.Event) -> None:
@@ -108,10 +110,10 @@ def test_a_reader_in_another_process_never_sees_a_torn_row(tmp_path: Path) -> No
     process = context.Process(target=_write_fast, args=(path, 400_000, started))
     process.start()
     assert started.wait(60)
-    view = LiveReader(path)
+    reader = LiveReader(path)
     last = 0
-    while process.is_alive() and view.taxel_head < 400_000:
-        window = view.taxels(ROWS)
+    while process.is_alive() and reader.taxel_head < 400_000:
+        window = reader.taxels(ROWS)
         expected = np.arange(window.first, window.first + len(window))
         assert np.array_equal(window.counters, expected)
         assert np.array_equal(window.samples[:, 9], expected % 1024)
@@ -119,14 +121,14 @@ def test_a_reader_in_another_process_never_sees_a_torn_row(tmp_path: Path) -> No
         assert window.first >= last
         last = window.first
     process.join()
-    view.close()
+    reader.close()
     assert process.exitcode == 0
 
 
 def test_a_file_without_live_data_is_refused(tmp_path: Path) -> None:
-    stranger = tmp_path / "notes.txt"
-    stranger.write_text("not a ring" * 20)
+    other_file = tmp_path / "notes.txt"
+    other_file.write_text("not a ring" * 20)
     with pytest.raises(RigFault, match="no live data"):
-        LiveReader(stranger)
+        LiveReader(other_file)
     with pytest.raises(RigFault, match="check that the engine runs"):
         LiveReader(tmp_path / "absent")

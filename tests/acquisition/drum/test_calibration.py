@@ -72,22 +72,22 @@ def test_invalid_masses_are_refused(masses: list[float]) -> None:
 def calibrated(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
     """Return the command's JSON output on the virtual rig."""
     assert main(["calibrate", "--rig", "virtual", "--seed", "4", "--yes", "--json", *words]) == 0
-    said: dict[str, object] = json.loads(capsys.readouterr().out.splitlines()[-1])
-    return said
+    result: dict[str, object] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return result
 
 
 def test_the_command_finds_the_scale_of_the_virtual_load_cell(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    said = calibrated(capsys, "loadcell", "--mass", "500", "--mass", "200")
-    assert said["scale_ug_per_count"] == pytest.approx(2400, rel=0.005)
-    assert said["kept_in"] == ["the board's EEPROM"]
+    result = calibrated(capsys, "loadcell", "--mass", "500", "--mass", "200")
+    assert result["scale_ug_per_count"] == pytest.approx(2400, rel=0.005)
+    assert result["kept_in"] == ["the board's EEPROM"]
 
 
 def test_the_command_finds_gains_at_a_held_force(capsys: pytest.CaptureFixture[str]) -> None:
-    said = calibrated(capsys, "force", "--force", "400")
-    assert said["gain_p_per_s"] == pytest.approx(7.5, abs=3.5)
-    assert said["stiffness_g_per_mm"] == pytest.approx(650, abs=250)
+    result = calibrated(capsys, "force", "--force", "400")
+    assert result["gain_p_per_s"] == pytest.approx(7.5, abs=3.5)
+    assert result["stiffness_g_per_mm"] == pytest.approx(650, abs=250)
 
 
 def test_the_command_finds_the_imbalance(capsys: pytest.CaptureFixture[str]) -> None:

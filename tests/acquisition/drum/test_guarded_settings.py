@@ -55,9 +55,9 @@ def test_a_rig_with_its_emergency_stop_pressed_gets_guarded_settings_when_armed(
     async def scenario(harness: EngineHarness) -> None:
         ask = CommandHandler(harness.engine).handle
         assert not await taken(harness)
-        (said,) = harness.texts("check")
-        assert said.startswith(REFUSED) and "not set" in said
-        assert said.endswith("arming the drum tries again")
+        (text,) = harness.texts("check")
+        assert text.startswith(REFUSED) and "not set" in text
+        assert text.endswith("arming the drum tries again")
         assert harness.rig.faults is not None
         harness.rig.faults.release_estop()
         await harness.wait(0.2)

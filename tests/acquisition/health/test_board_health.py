@@ -52,8 +52,8 @@ def test_a_session_has_both_boards_counters_at_start_and_end(tmp_path: Path, kin
         boards = harness.engine.status().boards
     assert verify(harness.session).whole
     with open_session(harness.session) as session:
-        told = [(e.data["board"], e.data["when"]) for e in session.events_of("board")]
-    assert told == [("drum", "start"), ("taxels", "start"), ("drum", "end"), ("taxels", "end")]
+        events = [(e.data["board"], e.data["when"]) for e in session.events_of("board")]
+    assert events == [("drum", "start"), ("taxels", "start"), ("drum", "end"), ("taxels", "end")]
     summary = summarise_session(harness.session)["boards"]
     for name in ("drum", "taxels"):
         assert boards[name].late_ticks == summary[name]["late_ticks"] == 0
@@ -77,20 +77,20 @@ def test_a_slot_delayed_by_an_edge_is_counted_and_its_frame_flagged(tmp_path: Pa
 
 
 def test_reading_the_counters_does_not_delay_the_polls(harness: EngineHarness) -> None:
-    asked_for: list[int] = []
+    reads: list[int] = []
     read_registers = harness.rig.drum.modbus.read
 
-    async def noted(address: int, count: int) -> list[int]:
+    async def read_and_count(address: int, count: int) -> list[int]:
         if address == BY_NAME["longest_isr_us"].address:
-            asked_for.append(count)
+            reads.append(count)
         return await read_registers(address, count)
 
     async def scenario(harness: EngineHarness) -> None:
-        harness.rig.drum.modbus.read = noted  # type: ignore[method-assign]  # a spy on a live line
+        harness.rig.drum.modbus.read = read_and_count  # type: ignore[method-assign]
         polls: list[float] = []
         harness.engine.boards.drum_poller.subscribe(lambda state: polls.append(state.at_s))
         await harness.wait(10)
         assert np.abs(np.diff(polls) - POLL_PERIOD_S).max() < 0.2 * POLL_PERIOD_S
 
     harness.run(scenario)
-    assert 9 <= len(asked_for) <= 11, "once a second"
+    assert 9 <= len(reads) <= 11, "once a second"

@@ -25,11 +25,13 @@ def described(folder: Path, text: str) -> str:
 
 def test_the_notice_is_shown_once_with_the_cure(tmp_path: Path) -> None:
     rig = described(tmp_path, "[about]\nname = 'mine'")
-    said = wiring_notice(rig)
-    assert said.startswith(f"{rig}: [taxels] wiring is empty, which means the order of the wiring")
-    assert "wiring = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17]" in said
-    assert f"rigctl calibrate --rig {rig} wiring" in said
-    assert "low and high" not in said
+    notice = wiring_notice(rig)
+    assert notice.startswith(
+        f"{rig}: [taxels] wiring is empty, which means the order of the wiring"
+    )
+    assert "wiring = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17]" in notice
+    assert f"rigctl calibrate --rig {rig} wiring" in notice
+    assert "low and high" not in notice
     assert wiring_notice(rig) == ""
 
 

@@ -29,27 +29,27 @@ def state_of(harness: EngineHarness) -> State:
 
 def test_commands_control_the_drum_step_by_step(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        ask = handler_of(harness)
+        handle = handler_of(harness)
         assert harness.engine.status().run == RunStatus()
-        await ask("arm", {})
+        await handle("arm", {})
         assert state_of(harness) is State.ARMED
-        await ask("tare", {})
-        await ask("home", {})
+        await handle("tare", {})
+        await handle("home", {})
         status = harness.engine.status()
         assert status.tared and status.homed
-        assert await ask("jog", {"mm": -10}) == {"moved_mm": -10.0}
-        taken = await ask("set", {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50})
+        assert await handle("jog", {"mm": -10}) == {"moved_mm": -10.0}
+        taken = await handle("set", {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50})
         assert taken == {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50}
-        await ask("approach", {})
+        await handle("approach", {})
         assert state_of(harness) is State.HOLD
         await harness.wait(1)
         assert harness.engine.status().force_g == pytest.approx(300, rel=0.05)
         assert harness.engine.status().force_set_g == 300
-        await ask("run", {})
+        await handle("run", {})
         assert state_of(harness) is State.HOLD
-        await ask("retract", {})
+        await handle("retract", {})
         assert state_of(harness) is State.ARMED
-        await ask("disarm", {})
+        await handle("disarm", {})
         assert state_of(harness) is State.IDLE
 
     harness.run(scenario)
@@ -57,12 +57,12 @@ def test_commands_control_the_drum_step_by_step(harness: EngineHarness) -> None:
 
 def test_a_jog_requested_before_a_stop_does_not_start_after_it(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        ask = handler_of(harness)
-        await ask("arm", {})
+        handle = handler_of(harness)
+        await handle("arm", {})
         before = harness.engine.status().steps
-        jog = asyncio.ensure_future(ask("jog", {"mm": 100}))
+        jog = asyncio.ensure_future(handle("jog", {"mm": 100}))
         await asyncio.sleep(0.001)
-        await ask("stop", {})
+        await handle("stop", {})
         with pytest.raises(CommandRefused, match="a stop came first"):
             await jog
         await harness.wait(1)
@@ -73,7 +73,7 @@ def test_a_jog_requested_before_a_stop_does_not_start_after_it(harness: EngineHa
 
 def test_refusals_are_sentences(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        ask = handler_of(harness)
+        handle = handler_of(harness)
         for command, args, error, words in (
             ("dance", {}, WrongUse, "has no command"),
             ("arm", {"quickly": True}, WrongUse, "command arm"),
@@ -98,21 +98,21 @@ def test_refusals_are_sentences(harness: EngineHarness) -> None:
             ("inject", {"fault": "push", "args": 1}, WrongUse, "push"),
         ):
             with pytest.raises(error, match=words):
-                await ask(command, args)
+                await handle(command, args)
 
     harness.run(scenario)
 
 
 def test_only_operator_settings_can_be_set(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        ask = handler_of(harness)
-        await ask("arm", {})
+        handle = handler_of(harness)
+        await handle("arm", {})
         names = [entry.name for entry in register_table.SETTINGS]
         before = await harness.rig.drum.get(*names)
         for entry in register_table.SETTINGS:
             values = {"speed_mm_s": 100, entry.name: entry.low * entry.scale}
             with pytest.raises(WrongUse, match=f"{entry.name} is not an operator's setting"):
-                await ask("set", values)
+                await handle("set", values)
         after = await harness.rig.drum.get(*names)
         moved = {name for name in names if after[name] != before[name]}
         assert moved <= {"heartbeat"}  # not even the speed that came along
@@ -122,16 +122,16 @@ def test_only_operator_settings_can_be_set(harness: EngineHarness) -> None:
 
 def test_a_fault_is_injected_published_and_cleared(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        ask = handler_of(harness)
-        await ask("arm", {})
-        await ask("inject", {"fault": "press_estop"})
+        handle = handler_of(harness)
+        await handle("arm", {})
+        await handle("inject", {"fault": "press_estop"})
         await harness.until(lambda: state_of(harness) is State.FAULT_OFF)
         assert "emergency stop" in harness.engine.status().fault_words
         with pytest.raises(CommandRefused):
-            await ask("clear_fault", {})
-        await ask("inject", {"fault": "release_estop"})
+            await handle("clear_fault", {})
+        await handle("inject", {"fault": "release_estop"})
         await harness.wait(0.2)
-        await ask("clear_fault", {})
+        await handle("clear_fault", {})
         await harness.until(lambda: state_of(harness) is State.IDLE)
 
     harness.run(scenario)
@@ -160,33 +160,33 @@ def test_the_status_of_the_boards_is_published_and_requested(harness: EngineHarn
         assert await handler_of(harness)("test_taxels", {}) == {"found": []}
 
     harness.run(scenario)
-    said = [text for text in harness.texts("board") if "self-test" in text]
-    assert said == ["taxels' self-test: nothing found"] * 2
+    texts = [text for text in harness.texts("board") if "self-test" in text]
+    assert texts == ["taxels' self-test: nothing found"] * 2
 
 
 def test_commands_start_pause_and_abort_a_protocol(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        ask = handler_of(harness)
+        handle = handler_of(harness)
         order = harness.request()
-        started = await ask(
+        started = await handle(
             "start", {"protocol": order.protocol, "out": order.out, "yes": True, "seed": 5}
         )
         assert started == {"session": str(harness.session)}
         with pytest.raises(WrongUse, match="a run is active"):
-            await ask("arm", {})
+            await handle("arm", {})
         with pytest.raises(WrongUse, match="a run is active"):
-            await ask("jog", {"mm": 1})
+            await handle("jog", {"mm": 1})
         await harness.until(lambda: state_of(harness) is State.RUN)
         status = harness.engine.status()
         assert status.run.current == CurrentTrial("A", 100.0, 500.0, 1)
         assert status.texture == "A"
         await harness.until(lambda: harness.engine.status().recording.active)
-        await ask("pause", {})
+        await handle("pause", {})
         await harness.until(lambda: state_of(harness) is State.IDLE)
         assert harness.engine.status().run.state == "paused"
-        await ask("resume", {})
+        await handle("resume", {})
         await harness.until(lambda: state_of(harness) is State.RUN)
-        await ask("abort", {})
+        await handle("abort", {})
         await until_ended(harness)
         assert harness.engine.status().run.state == "aborted"
         assert not harness.engine.status().recording.active

@@ -38,37 +38,37 @@ async def talk(*lines: bytes, answers: int) -> list[dict[str, Any]]:
     server.set_greeting({"event": "ready"})
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.writelines(lines)
-    heard = []
-    while len(heard) < answers and (line := await reader.readline()):
-        heard.append(decode_message(line))
+    received = []
+    while len(received) < answers and (line := await reader.readline()):
+        received.append(decode_message(line))
     writer.close()
     await writer.wait_closed()
     await server.close()
-    return heard
+    return received
 
 
-def said(*messages: dict[str, Any], answers: int) -> list[dict[str, Any]]:
+def exchange(*messages: dict[str, Any], answers: int) -> list[dict[str, Any]]:
     return asyncio.run(talk(*map(encode_message, messages), answers=answers))
 
 
 def test_a_client_with_the_token_gets_greeting_and_replies() -> None:
-    heard = said(
+    received = exchange(
         {"token": TOKEN},
         {"id": 1, "command": "arm", "args": {"gently": 1}},
         {"id": 2, "command": "fail", "args": {}},
         {"id": 3, "command": "crash"},
         answers=4,
     )
-    assert heard[0] == {"event": "ready"}
-    assert heard[1] == {"reply": 1, "ok": True, "result": {"command": "arm", "gently": 1}}
-    assert heard[2]["error"] == "the board said no: ask it kindly"
-    assert (heard[2]["ok"], heard[2]["exit_code"]) == (False, 3)
-    assert "ZeroDivisionError" in heard[3]["error"]
+    assert received[0] == {"event": "ready"}
+    assert received[1] == {"reply": 1, "ok": True, "result": {"command": "arm", "gently": 1}}
+    assert received[2]["error"] == "the board said no: ask it kindly"
+    assert (received[2]["ok"], received[2]["exit_code"]) == (False, 3)
+    assert "ZeroDivisionError" in received[3]["error"]
 
 
 @pytest.mark.parametrize("first", [{"token": "wrong"}, {"id": 1, "command": "arm"}, {"token": 7}])
 def test_a_client_without_the_token_is_disconnected(first: dict[str, Any]) -> None:
-    assert said(first, {"id": 1, "command": "arm", "args": {}}, answers=2) == []
+    assert exchange(first, {"id": 1, "command": "arm", "args": {}}, answers=2) == []
 
 
 def test_an_invalid_line_closes_the_connection() -> None:
@@ -77,8 +77,8 @@ def test_an_invalid_line_closes_the_connection() -> None:
 
 
 def test_args_must_be_an_object() -> None:
-    heard = said({"token": TOKEN}, {"id": 1, "command": "arm", "args": [1]}, answers=2)
-    assert heard[1]["exit_code"] == WrongUse.exit_code
+    received = exchange({"token": TOKEN}, {"id": 1, "command": "arm", "args": [1]}, answers=2)
+    assert received[1]["exit_code"] == WrongUse.exit_code
 
 
 @pytest.mark.parametrize(("token", "let_in"), [(TOKEN, True), ("wrong", False)])

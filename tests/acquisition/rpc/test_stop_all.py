@@ -1,4 +1,4 @@
-"""STOP for all engines at once, with a result for each."""
+"""STOP for all engines in parallel, with a result for each."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Answering:
     """A server that accepts one client, replies to it and records its command."""
 
     def __init__(self, name: str) -> None:
-        self.asked: list[str] = []
+        self.commands: list[str] = []
         self._listener = open_listener()
         self._listener.setblocking(True)
         announced(name, self._listener)
@@ -53,7 +53,7 @@ class Answering:
         with connection, connection.makefile("rb") as lines:
             next(lines)  # the token
             request = decode_message(next(lines))
-            self.asked.append(request["command"])
+            self.commands.append(request["command"])
             answer = {"reply": request["id"], "ok": True, "result": {}}
             connection.sendall(encode_message(answer))
 
@@ -67,22 +67,22 @@ def engines() -> Iterator[list[Answering]]:
 
 
 def test_every_engine_is_stopped(engines: list[Answering]) -> None:
-    told: list[StopResult] = []
-    assert stop_engines(told.append) == 2
-    assert {(each.rig, each.failure) for each in told} == {("one", ""), ("two", "")}
-    assert [engine.asked for engine in engines] == [["stop"], ["stop"]]
+    results: list[StopResult] = []
+    assert stop_engines(results.append) == 2
+    assert {(each.rig, each.failure) for each in results} == {("one", ""), ("two", "")}
+    assert [engine.commands for engine in engines] == [["stop"], ["stop"]]
 
 
 def test_an_engine_that_hangs_does_not_delay_the_others(
     engines: list[Answering], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.5)
-    told: list[StopResult] = []
+    results: list[StopResult] = []
     with open_listener() as mute:
-        announced("mute", mute)  # the newest, so the first to be asked
-        stop_engines(told.append)
-    assert told[-1].rig == "mute"
-    assert [bool(each.failure) for each in told] == [False, False, True]
+        announced("mute", mute)  # the newest, so the first to be stopped
+        stop_engines(results.append)
+    assert results[-1].rig == "mute"
+    assert [bool(each.failure) for each in results] == [False, False, True]
 
 
 def test_the_command_reports_each_result(
@@ -92,17 +92,17 @@ def test_the_command_reports_each_result(
     with open_listener() as mute:
         announced("mute", mute)
         assert main(["stop"]) == 3
-    said = capsys.readouterr()
+    output = capsys.readouterr()
     pid = os.getpid()
-    assert set(said.out.splitlines()) == {f"stopped: {n} (process {pid})" for n in ("one", "two")}
-    assert said.err.startswith(f"rigctl: mute (process {pid}): no answer to 'stop'")
+    assert set(output.out.splitlines()) == {f"stopped: {n} (process {pid})" for n in ("one", "two")}
+    assert output.err.startswith(f"rigctl: mute (process {pid}): no answer to 'stop'")
 
 
 def test_excluded_engines_are_not_stopped(engines: list[Answering]) -> None:
-    told: list[StopResult] = []
-    assert stop_engines(told.append, exclude=("one",)) == 1
-    assert [each.rig for each in told] == ["two"]
-    assert stop_engines(told.append, exclude=("two",)) == 1  # so that its thread ends
+    results: list[StopResult] = []
+    assert stop_engines(results.append, exclude=("one",)) == 1
+    assert [each.rig for each in results] == ["two"]
+    assert stop_engines(results.append, exclude=("two",)) == 1  # so that its thread ends
 
 
 def test_without_an_engine_the_command_says_so(capsys: pytest.CaptureFixture[str]) -> None:

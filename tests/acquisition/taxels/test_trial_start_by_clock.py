@@ -74,15 +74,15 @@ def test_the_first_sample_is_within_the_stated_uncertainty(tmp_path: Path, kind:
         assert (run.outcome, run.complete) == ("done", True)
         reading_ms = first_reading_ms(harness.rig)
         with open_session(harness.session) as session:
-            told = [event.data for event in session.events_of("trial")]
+            trials = [event.data for event in session.events_of("trial")]
             late_ms = [
                 reading_ms(int(session.trials["first_counter"][index]))
                 - true_start_ms(session, int(index))
                 for index in session.committed()
             ]
             assert all(session.window(int(i)).complete for i in session.committed())
-    assert len(told) == len(late_ms) == 2
-    for late, data in zip(late_ms, told, strict=True):
+    assert len(trials) == len(late_ms) == 2
+    for late, data in zip(late_ms, trials, strict=True):
         assert data["cut_by"] == "drum clock"
         assert EARLIEST_MS <= late <= LATEST_MS
         assert abs(late) < data["cut_uncertainty_ms"] < 8
@@ -97,10 +97,10 @@ def test_a_session_without_the_wire_is_valid_and_usable(tmp_path: Path) -> None:
     report = verify(harness.session)
     assert report.whole, report.problems
     assert any("the drum's clock marks the trials" in note for note in report.notes)
-    told = summarise_session(harness.session)
-    assert told["cut_by"] == "drum clock"
-    assert told["world"]["trials"] == 4
-    assert told["world"]["max_speed_error_permille"] < 1
+    summary = summarise_session(harness.session)
+    assert summary["cut_by"] == "drum clock"
+    assert summary["world"]["trials"] == 4
+    assert summary["world"]["max_speed_error_permille"] < 1
     assert main(["encode", str(harness.session), "--out", str(tmp_path / "spikes.h5")]) == 0
     resumed = _rig(Namespace(rig=None, resume=str(harness.session)))
     assert Path(resumed) == harness.session / "rig.toml", "with the wires that it was begun with"

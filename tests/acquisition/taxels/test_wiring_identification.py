@@ -70,8 +70,10 @@ def test_a_layer_is_three_silent_inputs(share: float) -> None:
 
 def test_each_press_is_described() -> None:
     order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
-    said = order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
-    assert said == "top layer: inputs A0, A1, A2; bottom layer: inputs A3, A4, A5"
+    sentence = order.add_unplugged_press(
+        sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True)
+    )
+    assert sentence == "top layer: inputs A0, A1, A2; bottom layer: inputs A3, A4, A5"
     assert pressed(order, sensor, [0]).startswith("row 1, column 1: D4·A0 by ")
 
 
