@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
@@ -38,6 +39,8 @@ HIDDEN = ("engine",)
 """Commands that the help does not list: other commands start them."""
 
 INTERRUPTED = 130
+OUTPUT_CLOSED = 141
+"""As a shell reports a process that SIGPIPE ended."""
 
 
 def create_parser(commands: Iterable[str] = MODULES) -> argparse.ArgumentParser:
@@ -64,13 +67,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = create_parser(named).parse_args(words)
     command = _module(args.command)
     try:
-        return int(command.run(args))
+        exit_code = int(command.run(args))
+        sys.stdout.flush()
+        return exit_code
     except RigctlError as error:
         print(f"rigctl: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print("rigctl: interrupted", file=sys.stderr)
         return INTERRUPTED
+    except BrokenPipeError:
+        # The reader has gone (rigctl info … | head): Python's flush at exit must not fail again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OUTPUT_CLOSED
 
 
 def _module(command: str) -> Any:

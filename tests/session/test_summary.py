@@ -87,7 +87,7 @@ def test_each_trial_has_its_true_speed_and_force(tmp_path: Path) -> None:
     assert world["trials"] == 8
     assert world["max_speed_error_permille"] == pytest.approx(1, abs=0.01)
     assert world["max_force_error_permille"] == pytest.approx(10, abs=0.01)
-    assert any("its world saw 8 trials" in note for note in verify(tmp_path / "s").notes)
+    assert any("its log holds 8 trials" in note for note in verify(tmp_path / "s").notes)
 
 
 def test_a_hole_in_the_log_is_refused(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="write the predictions: JSON to .json, else CSV"
     )
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (1)")
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processors to use (1)")
     parser.set_defaults(dask=None, no_cache=True)
 
 

@@ -50,7 +50,9 @@ def add_encoder(parser: argparse.ArgumentParser) -> None:
 def add_resources(parser: argparse.ArgumentParser) -> None:
     """Add the workers and the cache."""
     workers = parser.add_mutually_exclusive_group()
-    workers.add_argument("--workers", type=int, default=1, metavar="N", help="processes here (1)")
+    workers.add_argument(
+        "--workers", type=int, default=1, metavar="N", help="processors to use here (1)"
+    )
     workers.add_argument(
         "--dask",
         metavar="ADDRESS",
@@ -62,9 +64,8 @@ def add_resources(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="folder for encoded conditions, which a second run does not encode again (at most "
-        "4 GiB, the least recently used go first); default $XDG_CACHE_HOME/rigctl or "
-        "~/.cache/rigctl. "
-        "To clear it, remove the folder",
+        "4 GiB, the least recently used go first); default rigctl in the user's "
+        "cache folder, ~/.cache/rigctl on Linux. To clear it, remove the folder",
     )
     cache.add_argument("--no-cache", action="store_true", help="neither read nor write the cache")
 

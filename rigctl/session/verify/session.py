@@ -176,10 +176,10 @@ def _check_truth(
         if session.header.simulated:
             report.notes.append("recorded at a simulated bench; the world's own log is missing")
     elif not truth["trials"]:
-        report.notes.append("recorded at a simulated bench; its world saw no committed trial")
+        report.notes.append("recorded at a simulated bench; its log holds no committed trial")
     else:
         report.notes.append(
-            f"recorded at a simulated bench; its world saw {truth['trials']} trials, largest "
+            f"recorded at a simulated bench; its log holds {truth['trials']} trials; largest "
             f"error {truth['max_speed_error_permille']} ‰ in speed, "
             f"{truth['max_force_error_permille']} ‰ in force"
         )
