@@ -64,7 +64,7 @@ class Drum:
         self._diagnose_port = diagnose_port
         self._decoder = PollDecoder()
         self._connected = False
-        # Keeps the order in which states are decoded the order in which they were read.
+        # States are decoded in the order in which they were read.
         self._poll_lock = asyncio.Lock()
         self._boot_count: int | None = None
         self._heartbeat = 0
@@ -117,7 +117,7 @@ class Drum:
                 words = await self._poll_with_heartbeat()
             else:
                 words = await self.modbus.read(*register_table.POLL_BLOCK)
-            raw, at_s = self._decoder.unpack(words), self.modbus.received_at_s
+            raw, at_s = PollDecoder.layout.unpack(words), self.modbus.received_at_s
             self._check_clock(raw, at_s)
             ring = await self._read_ring(self._decoder.missing(raw))
             await self._read_new_tare(raw)
@@ -163,22 +163,22 @@ class Drum:
             await asyncio.sleep(COMMAND_POLL_S)
 
     async def stop(self) -> None:
-        """Stop and lift at once: abandon the reply in flight and preempt all other requests."""
+        """Stop and lift immediately: abandon the reply in flight, preempt all other requests."""
         await self.modbus.urgent_write(_COMMAND, (Command.STOP, self._next_sequence()))
 
     def close(self) -> None:
-        """Free the port. Without heartbeat the board lifts by itself."""
+        """Free the port; without a heartbeat the board lifts."""
         self.modbus.close()
 
     async def _read_identity(self) -> dict[str, tuple[int, ...]]:
-        """Read the identity block, again and again until a board answers or time is up."""
+        """Repeat the read of the identity block until a board answers or time is up."""
         deadline_s = self._loop.time() + CONNECT_TIMEOUT_S
         while True:
             try:
                 return _IDENTITY.unpack(await self.modbus.read(*register_table.IDENTITY_BLOCK))
             except RequestRefused as refused:
                 raise WrongBoard(
-                    f"{self.link.name}: a Modbus device answered that is no rigctl board: "
+                    f"{self.link.name}: the Modbus device there is not a rigctl board: "
                     "rigctl ports shows which board is on which port"
                 ) from refused
             except LinkLost:
@@ -253,9 +253,7 @@ class Drum:
         ahead_us = (ahead_us + 2**31) % 2**32 - 2**31
         if abs(ahead_us) > CLOCK_TOLERANCE_US + CLOCK_TOLERANCE_SHARE * expected_us:
             self._connected = False
-            raise BoardRebooted(
-                f"{self.link.name}: the drum board restarted by itself: connect it again"
-            )
+            raise BoardRebooted(f"{self.link.name}: the drum board restarted: connect it again")
 
     async def _write_settings(self, write: RegisterWrite) -> dict[str, float]:
         count = len(write.words)

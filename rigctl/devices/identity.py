@@ -25,7 +25,7 @@ def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
     """Return the drum's identity from its identity block; raises WrongBoard for another board."""
     if raw["magic"][0] != MAGIC or raw["board_id"][0] != BOARD_DRUM:
         raise WrongBoard(
-            f"{name}: a Modbus device answered that is no drum board: "
+            f"{name}: the Modbus device there is not a drum board: "
             "rigctl ports shows which board is on which port"
         )
     version, map_version = _version(raw["firmware_version"][0]), raw["map_version"][0]
@@ -50,7 +50,7 @@ def taxel_identity(name: str, reported: TaxelIdentity) -> BoardIdentity:
     version = _version(reported.firmware_version)
     if reported.magic != MAGIC or reported.board_id != BOARD_TAXELS:
         raise WrongBoard(
-            f"{name}: the board there is no taxel board: "
+            f"{name}: the board there is not a taxel board: "
             "rigctl ports shows which board is on which port"
         )
     if reported.wire_version != WIRE_VERSION or reported.n_taxels != N_TAXELS:

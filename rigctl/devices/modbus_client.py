@@ -31,11 +31,11 @@ REPLY_TIMEOUT_S = 0.06
 MIN_REPLY_TIMEOUT_S = 0.02
 """Shortest wait before a retry: the board drops half a request after 10 ms of silence."""
 LINK_TIMEOUT_S = 0.24
-"""A link without a reply for so long, in spite of retries, counts as lost."""
+"""A link without a reply for this time, in spite of retries, counts as lost."""
 DRAIN_S = 0.012
 """After this pause no reply to an abandoned request is on the line."""
 AVERAGED_REPLIES = 8
-"""The usual reply time adapts over so many replies."""
+"""Number of replies over which the usual reply time adapts."""
 
 _RESPONSES: dict[int, type[ModbusPDU]] = {
     3: ReadHoldingRegistersResponse,
@@ -182,7 +182,7 @@ class ModbusClient:
         return await self._registers(_Request(pdu, count, retry_early))
 
     async def urgent_write(self, address: int, words: Sequence[int]) -> None:
-        """Write at once: abandon the reply in flight, let queued requests wait."""
+        """Write immediately: abandon the reply in flight, let queued requests wait."""
         self._stops_pending += 1
         self._stops_total += 1
         self._no_stop_pending.clear()

@@ -28,7 +28,7 @@ CONNECT_TIMEOUT_S = 4.0
 """A board that was reset by opening its port answers within this time, bootloader included."""
 IDENTIFY_INTERVAL_S = 0.1
 LINK_TIMEOUT_S = 0.2
-"""A board that sends no byte for so long counts as lost."""
+"""A board that sends no byte for this time counts as lost."""
 WATCHDOG_INTERVAL_S = 0.05
 SELF_TEST_TIMEOUT_S = 1.0
 """A self-test takes 21 ms; its outcome may queue behind samples."""
@@ -208,7 +208,7 @@ class Taxels:
         if decoded.reboots and self._watchdog is not None:
             name = self.link.name
             self._report(
-                BoardRebooted(f"{name}: the taxel board restarted by itself: its counters reset")
+                BoardRebooted(f"{name}: the taxel board restarted: its counters began again")
             )
         for block in decoded.blocks:
             self._publish(self._reorder(block))

@@ -143,7 +143,7 @@ class DirectRig:
             del self._ring[number]
 
     def _decode(self, words: list[int], at_ms: int) -> DrumState:
-        raw = self._decoder.unpack(words)
+        raw = PollDecoder.layout.unpack(words)
         ring = {n: self._ring[n] for n in self._decoder.missing(raw) if n in self._ring}
         return self._decoder.decode(raw, at_ms * 1e-3, ring)
 

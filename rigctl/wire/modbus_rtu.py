@@ -47,10 +47,10 @@ def encode_frame(unit: int, pdu: bytes) -> bytes:
 
 
 def find_reply(data: bytes, unit: int) -> bytes | None:
-    """Return the PDU of the first intact reply of ``unit``, also behind foreign bytes.
+    """Return the PDU of the first intact reply of ``unit``, also behind other bytes.
 
-    Returns None while the reply is incomplete. Raises CorruptFrame where the first apparent
-    reply has its full length and no reply in ``data`` is intact.
+    Returns None while the reply is incomplete. Raises CorruptFrame if no reply in ``data`` is
+    intact although the first has its full length.
     """
     first_end = 0
     start = data.find(unit)

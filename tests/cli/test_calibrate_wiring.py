@@ -15,7 +15,7 @@ from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import DRAWN_WIRING, Block
 from tests.acquisition.taxels.pressed_sensor import PER_LAYER, PressedSensor, wiring_of
-from tests.devices.bench import JumpingLoop
+from tests.devices.memory_link import JumpingLoop
 
 SOLDERED = wiring_of([2, 0, 1], [4, 1, 0, 5, 3, 2], False)
 RIG = """\

@@ -13,7 +13,7 @@ from rigctl.errors import BoardFault, BoardRebooted, CommandRefused, LinkLost, W
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.states import Fault, State
-from tests.devices.bench import (
+from tests.devices.memory_link import (
     JumpingLoop,
     MemoryLink,
     RegisterBoard,
@@ -98,8 +98,8 @@ def test_a_board_that_boots_slowly_is_waited_for() -> None:
 @pytest.mark.parametrize(
     ("register", "value", "sentence"),
     [
-        ("magic", 0, "no drum board"),
-        ("board_id", 2, "no drum board"),
+        ("magic", 0, "not a drum board"),
+        ("board_id", 2, "not a drum board"),
         ("map_version", 9, "firmware 1.3 speaks register map 9, this program map 3: make firmware"),
     ],
 )
@@ -380,7 +380,7 @@ def test_a_board_that_restarts_by_itself_is_noticed() -> None:
         clock = loop.time()
         board._loop = type("", (), {"time": lambda self: loop.time() - clock})()
         for _ in range(2):
-            with pytest.raises(BoardRebooted, match="restarted by itself"):
+            with pytest.raises(BoardRebooted, match="restarted: connect it again"):
                 await drum.poll()
         assert not drum.connected
         board.put("boot_count", 42)

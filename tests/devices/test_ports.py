@@ -21,7 +21,7 @@ from rigctl.devices.port_discovery import find_boards, probe_ports
 from rigctl.errors import ConfigError, LinkLost, WrongBoard, WrongUse
 from rigctl.rig import open_rig
 from rigctl.wire.taxels import frames
-from tests.devices.bench import RegisterBoard
+from tests.devices.memory_link import RegisterBoard
 from tests.devices.test_taxels import StreamingBoard
 from tests.wire import taxel_encoder
 

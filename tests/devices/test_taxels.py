@@ -15,7 +15,7 @@ from rigctl.values import N_TAXELS, Block
 from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
 from rigctl.wire.taxels import frames
 from rigctl.wire.taxels.self_test import SelfTest
-from tests.devices.bench import JumpingLoop, MemoryLink, run
+from tests.devices.memory_link import JumpingLoop, MemoryLink, run
 from tests.wire import taxel_encoder
 
 IDENTITY = frames.TaxelIdentity(
@@ -124,8 +124,8 @@ def test_a_stream_without_identity_is_no_board_of_ours() -> None:
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"board_id": 1}, "no taxel board"),
-        ({"magic": 1}, "no taxel board"),
+        ({"board_id": 1}, "not a taxel board"),
+        ({"magic": 1}, "not a taxel board"),
         ({"wire_version": 3}, "firmware 1.2 speaks wire version 3 .* make firmware"),
     ],
 )

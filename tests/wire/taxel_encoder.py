@@ -32,7 +32,7 @@ def unframe(chunk: bytes) -> bytes | None:
 def cobs_decode(data: bytes) -> bytes:
     """Return the bytes of stuffed ``data``, which has no closing zero.
 
-    Raises ValueError where ``data`` holds a zero or ends inside a run.
+    Raises ValueError where ``data`` holds a zero or ends inside a run, which has at most 253 bytes.
     """
     out = bytearray()
     at = 0
@@ -43,7 +43,7 @@ def cobs_decode(data: bytes) -> bytes:
             raise ValueError(f"byte {at} of {len(data)} does not continue a COBS frame")
         out += run
         at += code
-        if at < len(data) and code <= frames.MAX_RUN:
+        if at < len(data):
             out.append(0)
     return bytes(out)
 

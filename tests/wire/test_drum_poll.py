@@ -57,7 +57,7 @@ class LoadcellBoard:
 
 
 def poll(decoder: PollDecoder, board: LoadcellBoard, now_us: int, lag_us: int = 0) -> DrumState:
-    raw = decoder.unpack(board.words(now_us))
+    raw = decoder.layout.unpack(board.words(now_us))
     return decoder.decode(raw, now_us * 1e-6, board.ring(decoder.missing(raw), now_us + lag_us))
 
 

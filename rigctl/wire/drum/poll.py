@@ -6,7 +6,7 @@ still has them for 0.8 s, and :meth:`PollDecoder.missing` returns which to read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 from rigctl.values import DrumState, LoadcellSample
 from rigctl.wire.drum.codes import Status
@@ -18,7 +18,7 @@ _U16, _U32 = 1 << 16, 1 << 32
 _SCALES = {entry.name: entry.scale for entry in POLL}
 
 RawPoll = Mapping[str, tuple[int, ...]]
-"""The integers of one poll block by name, as :meth:`PollDecoder.unpack` returns them."""
+"""The integers of one poll block by name, as ``PollDecoder.layout.unpack`` returns them."""
 RingSample = tuple[int, int]
 """Raw counts and board time, µs modulo 2³², of one load-cell sample in the ring."""
 
@@ -33,7 +33,8 @@ class PollDecoder:
 
     ``tare_counts``, ``scale_ug_per_count`` and, by the angle of a homed drum of
     ``steps_per_turn``, ``tare_table`` convert raw load-cell counts to grams, as on the board;
-    set them here when they change there. ``loadcell_lost`` counts lost samples.
+    set them here when they change there. ``last`` is the newest state, ``loadcell_lost`` counts
+    lost samples.
     """
 
     layout = BlockLayout(*POLL_BLOCK, entries=POLL)
@@ -46,19 +47,10 @@ class PollDecoder:
         self.tare_table: tuple[int, ...] = ()
         self.steps_per_turn = steps_per_turn
         self.loadcell_lost = 0
-        self._last: DrumState | None = None
+        self.last: DrumState | None = None
         self._sequence: int | None = None
         self._sample_us = 0
         self._homed = False
-
-    @property
-    def last(self) -> DrumState | None:
-        """The newest state decoded, None before the first."""
-        return self._last
-
-    def unpack(self, words: Sequence[int]) -> RawPoll:
-        """Return the integers of a poll block by name."""
-        return self.layout.unpack(words)
 
     def missing(self, raw: RawPoll) -> range:
         """Return the sequence numbers that are new, not in this block, but perhaps in the ring."""
@@ -80,11 +72,11 @@ class PollDecoder:
         self._homed = bool(raw["status_bits"][0] >> Status.HOMED & 1)
         samples = self._new_samples(raw, now_us, ring or {})
         lost = self.loadcell_lost - lost_before
-        self._last = self._state(raw, at_s, now_us, samples, lost)
-        return self._last
+        self.last = self._state(raw, at_s, now_us, samples, lost)
+        return self.last
 
     def _board_time(self, wire_us: int) -> int:
-        return wire_us if self._last is None else unwrap(self._last.board_time_us, wire_us, _U32)
+        return wire_us if self.last is None else unwrap(self.last.board_time_us, wire_us, _U32)
 
     def _new_samples(
         self, raw: RawPoll, now_us: int, ring: Mapping[int, RingSample]
@@ -116,7 +108,7 @@ class PollDecoder:
         """
         if not self.tare_table or not self._homed:
             return None
-        steps, last = raw["steps"][0], self._last
+        steps, last = raw["steps"][0], self.last
         span_us = now_us - last.board_time_us if last is not None else 0
         rate = (steps - last.steps) / span_us if last is not None and span_us else 0.0
         return lambda at_us: (steps - rate * (now_us - at_us)) / self.steps_per_turn
@@ -150,9 +142,9 @@ class PollDecoder:
     ) -> DrumState:
         values = {name: numbers[0] * _SCALES[name] for name, numbers in raw.items()}
         sync_count, index_count = raw["sync_count"][0], raw["index_count"][0]
-        if self._last is not None:
-            sync_count = unwrap(self._last.sync_count, sync_count, _U16)
-            index_count = unwrap(self._last.index_count, index_count, _U16)
+        if self.last is not None:
+            sync_count = unwrap(self.last.sync_count, sync_count, _U16)
+            index_count = unwrap(self.last.index_count, index_count, _U16)
         return DrumState(
             at_s=at_s,
             board_time_us=now_us,
@@ -178,5 +170,5 @@ class PollDecoder:
     def _edge(self, name: str, raw: RawPoll, now_us: int) -> int:
         """Return the unwrapped time of a sync edge; an unchanged one keeps its time."""
         wire = raw[name][0]
-        last_us = 0 if self._last is None else int(getattr(self._last, name))
+        last_us = 0 if self.last is None else int(getattr(self.last, name))
         return last_us if last_us % _U32 == wire else now_us - (now_us - wire) % _U32

@@ -1,7 +1,7 @@
 """The drum's registers as values in engineering units, by the names of the register table.
 
-A value that the table does not allow is refused here in a sentence, before it reaches the wire;
-the board refuses it again by itself.
+A value that the table does not allow raises an error before it is sent; the board checks it as
+well.
 """
 
 from __future__ import annotations
@@ -75,17 +75,13 @@ def plan_writes(values: Mapping[str, float]) -> list[RegisterWrite]:
     for name in sorted(values, key=lambda name: find_register(name).address):
         entry = find_register(name)
         words = pack_value(entry, to_raw(name, values[name]))
-        last = writes[-1] if writes else None
-        if last and _continues(last, entry.address, len(words)):
-            writes[-1] = RegisterWrite(last.address, last.words + words, (*last.names, name))
+        last = writes[-1] if writes else RegisterWrite(-1, (), ())
+        joined = last.words + words
+        if last.address + len(last.words) == entry.address and len(joined) <= MAX_WRITE:
+            writes[-1] = RegisterWrite(last.address, joined, (*last.names, name))
         else:
             writes.append(RegisterWrite(entry.address, words, (name,)))
     return writes
-
-
-def _continues(write: RegisterWrite, address: int, count: int) -> bool:
-    length = len(write.words)
-    return write.address + length == address and length + count <= MAX_WRITE
 
 
 class BlockLayout:

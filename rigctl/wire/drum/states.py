@@ -119,7 +119,7 @@ LIFT_FAULTS = frozenset(
 )
 """Faults after which the drum is lifted until contact is gone, and then switched off.
 
-All others (E-stop, hang, actuator end, self-test) switch everything off at once.
+All others (E-stop, hang, actuator end, self-test) switch everything off immediately.
 """
 
 

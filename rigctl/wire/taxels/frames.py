@@ -27,8 +27,6 @@ FRAME_BYTES = kernels.MAX_CHUNK + 1
 CYCLES_PER_US = 16
 """Cycles of the board's chip, the unit of its longest interrupt."""
 IDENTIFY, SELF_TEST = 0x01, 0x02
-MAX_RUN = 254
-"""Longest run of bytes without zero in COBS."""
 MIN_CHUNK = kernels.SELF_TEST_BODY + kernels.OVERHEAD + 1
 MAX_TAIL = 2 * kernels.MAX_CHUNK
 
@@ -105,21 +103,12 @@ class Decoded(NamedTuple):
 
 
 def cobs_encode(data: bytes) -> bytes:
-    """Return ``data`` without zero bytes, so that a zero can end a frame; the zero is not added.
+    """Return at most 253 bytes without zero bytes, so that a zero can end a frame.
 
     Consistent overhead byte stuffing: Cheshire and Baker, IEEE/ACM Transactions on Networking
     7(2), 1999.
     """
-    out = bytearray()
-    for run in data.split(b"\0"):
-        rest = run
-        while len(rest) >= MAX_RUN:
-            out.append(MAX_RUN + 1)
-            out += rest[:MAX_RUN]
-            rest = rest[MAX_RUN:]
-        out.append(len(rest) + 1)
-        out += rest
-    return bytes(out)
+    return b"".join(bytes([len(run) + 1]) + run for run in data.split(b"\0"))
 
 
 def frame(body: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""A clock that jumps, a cable in memory, and the smallest boards that answer on it."""
+"""An event loop whose clock jumps, a link in memory, and minimal boards that reply on it."""
 
 from __future__ import annotations
 
