@@ -50,7 +50,7 @@ class Use(NamedTuple):
 
 @dataclass
 class Function:
-    """Stack of its own, and where it goes: names with the bytes of the return address."""
+    """Frame size of a function, and its calls: names with the bytes of the return address."""
 
     frame: int = 0
     goes_to: list[tuple[str, int]] = field(default_factory=list)

@@ -307,7 +307,11 @@ def main(arguments: list[str]) -> int:
     """Write the drawing, or compare it."""
     if arguments == ["--check"]:
         same = DRAWING.is_file() and DRAWING.read_text(encoding="utf-8") == drawing()
-        print("wiring.svg is as the headers say" if same else "wiring.svg is stale: draw it anew")
+        print(
+            "wiring.svg matches the headers"
+            if same
+            else "wiring.svg is stale: run python arduino/wiring.py"
+        )
         return 0 if same else 1
     DRAWING.write_text(drawing(), encoding="utf-8")
     return 0

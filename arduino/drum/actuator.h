@@ -1,9 +1,8 @@
-// Makes a bridge duty of a wanted speed, for an actuator that does not move below a dead band.
+// Converts a speed to a bridge duty, for an actuator that does not move below a dead band.
 //
 // Speeds above PULSE_MM_S are a duty. Slower ones are pulses of that speed, as many as give the
-// wanted travel: a duty near the dead band would stick or jump, and the force loop with it.
-// Dead band and full speed are measured on the way, by the potentiometer, whenever one duty is
-// held for long enough.
+// travel: a duty near the dead band would stick or jump, and the force loop with it. The
+// potentiometer measures dead band and full speed whenever one duty lasts long enough.
 #ifndef ACTUATOR_H
 #define ACTUATOR_H
 
@@ -17,7 +16,7 @@ class Actuator {
     static constexpr float PULSE_MM_S = 0.8f;
     static constexpr uint8_t PULSE_MS = 2;
 
-    // A dead band to start from; the one given before changes nothing that was learned since.
+    // Sets the dead band to start from; a repeated value keeps what was learned since.
     void start_from(uint16_t dead_band_permille) {
         if (dead_band_permille == given_dead_band_) return;
         given_dead_band_ = dead_band_ = dead_band_permille;

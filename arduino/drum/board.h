@@ -2,8 +2,8 @@
 // amplifier and drum hang on them.
 //
 // Arduino Mega 2560 at 16 MHz. Another rig changes this file and nothing elsewhere, or brings a
-// header of its own (-DVARIANT='"…/other.h"'). arduino/README.md has the drawing, and says which
-// pins are tied to a timer or an interrupt of the chip.
+// header of its own (-DVARIANT='"…/other.h"'). arduino/README.md has the drawing and lists
+// the pins that depend on a timer or an interrupt of the chip.
 #ifndef BOARD_H
 #define BOARD_H
 
@@ -65,8 +65,8 @@ constexpr float LOADCELL_DELAY_S = 0.006f;
 constexpr uint16_t MOST_FORCE_G = 2000;
 constexpr uint16_t UG_PER_COUNT = 2400;
 
-// Bits of Signal that hold until settings say otherwise. An emergency stop that closes when it is
-// pressed, or none at all, is told here: a board that sees it open takes no such setting.
+// Bits of Signal that hold until settings say otherwise. Set an emergency stop that closes when it is
+// pressed, or a missing one, here: a board whose stop reads open refuses such a setting.
 constexpr uint8_t SIGNALS_FITTED = 0x1f;
 constexpr uint8_t SIGNALS_INVERTED = INVERTED;
 

@@ -1,4 +1,4 @@
-// The chip-side pieces as main() and each other know them; what the brain knows is ports.h.
+// Interfaces of the chip's files for main() and for each other; the controller uses only ports.h.
 #ifndef CHIP_H
 #define CHIP_H
 

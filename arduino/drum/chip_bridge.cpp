@@ -58,7 +58,7 @@ void enable_bridge(bool on) {
     }
 }
 
-// A side that rests is taken off the timer, so that it stays low without a spike.
+// A half bridge at rest is disconnected from the timer, so that it stays low without a spike.
 void drive(int16_t permille) {
 #ifdef SWAPPED_ACTUATOR  // a broken image that the tests must catch
     permille = -permille;

@@ -1,6 +1,6 @@
 // INT5: the emergency stop, normally closed to ground. Opening it, or breaking its wire, lets
-// the pull-up raise the input; the interrupt switches every output off by itself, so it works
-// with a main loop that hangs. Outputs stay off until the brain has seen it and it is closed.
+// the pull-up raise the input; the interrupt switches every output off, so it works even if the
+// main loop hangs. Outputs stay off until the controller has read the stop and it is closed.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/atomic.h>
@@ -41,8 +41,8 @@ void begin() {
 #endif
 }
 
-// What was seen before anybody told how it is wired means nothing; an opening after that is kept
-// until the brain has seen it, or a change of wires could make it unseen.
+// Levels before the first configuration are ignored. Later an opening is latched until the
+// controller has read it, because a change of the wiring could hide it.
 void wire(bool is_fitted, bool inverted) {
     const uint8_t level = inverted ? 0 : pins::ESTOP;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {

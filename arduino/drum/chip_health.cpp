@@ -29,8 +29,8 @@ uint16_t idle_permille;
 uint16_t second_ms;
 uint16_t unused_stack;
 
-// The stack grows down into the paint and may leave holes in it: a deeper trace shows within
-// the few bytes below the known mark sooner or later.
+// The stack grows down into the paint and may leave holes in it, so the few bytes below the known
+// mark are checked for deeper traces.
 void look_at_stack() {
     constexpr uint8_t REACH = 16;
     for (uint8_t below = 1; below <= REACH && below <= unused_stack; ++below) {
@@ -51,7 +51,7 @@ extern "C" void keep_reset_cause() {
     wdt_disable();
 }
 
-// Paints what lies between the variables and the stack; nothing has been called yet.
+// Paints the memory between the variables and the stack, before any call.
 extern "C" void paint_stack() __attribute__((naked, used, section(".init5")));
 extern "C" void paint_stack() {
     const uint8_t *const top = reinterpret_cast<uint8_t *>(SP);
@@ -86,14 +86,14 @@ void kick() {
 
 void count_late(uint8_t ticks) { late_ticks += ticks; }
 
-// Sleep ends with an interrupt, whose own time is no rest. Returns with interrupts off.
+// Sleep ends with an interrupt, whose duration does not count as sleep. Returns with interrupts off.
 void sleep_until_interrupt() {
     const uint16_t start = TCNT1;
     IsrMeter::sum = 0;
     sei();
     sleep_cpu();
-    // The chip serves the interrupt that woke it before it goes on; simavr may take two more
-    // instructions for that, and would sleep again for ever.
+    // The chip serves the interrupt that woke it before it continues. simavr may need two more
+    // instructions for that, and would sleep forever without them.
     asm volatile("nop\n\tnop");
     cli();
     const uint16_t cycles = TCNT1 - start, busy = IsrMeter::sum;

@@ -1,9 +1,9 @@
 // HX711: DOUT falls when a conversion is ready; 24 clocks shift it out, one more chooses
 // channel A at gain 128 for the next.
 //
-// A clock that stays high for 60 µs powers the amplifier down, so interrupts wait while it is
-// clocked: twice 6 µs, and a gap between the halves in which those that came meanwhile are
-// served. A read takes 13 µs by itself, and the two longest interrupts fit into its gap.
+// A clock that stays high for 60 µs powers the amplifier down, so interrupts are
+// off while it is clocked: twice 6 µs, with a gap between the halves in which pending interrupts
+// are served. A read takes 13 µs, and the two longest interrupts fit into its gap.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/atomic.h>
@@ -25,8 +25,8 @@ __attribute__((always_inline)) inline bool data() { return PIND & pins::LOADCELL
 constexpr uint8_t CLOCK_BIT = __builtin_ctz(pins::LOADCELL_CLOCK);
 constexpr uint8_t DATA_BIT = __builtin_ctz(pins::LOADCELL_DATA);
 
-// Twelve bits of eight cycles each, 250 ns high and as long low, where the amplifier wants
-// 200 ns. A bit stands from 100 ns behind the rise to the next rise and is taken after the fall.
+// Twelve bits of eight cycles each, 250 ns high and 250 ns low; the amplifier needs 200 ns. A bit is
+// valid from 100 ns after the rise to the next rise and is read after the fall.
 inline uint16_t shift_half() {
     uint16_t bits = 0;
     asm volatile(
@@ -74,7 +74,7 @@ void begin() {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { listen(); }
 }
 
-// Low for two ticks without an edge: it fell while nobody listened.
+// Low for two ticks without an edge: it fell before the interrupt was on.
 void look() {
     low_looks = offered || data() ? 0 : low_looks + 1;
     if (low_looks < 2) return;
@@ -94,7 +94,7 @@ Conversion read() {
     cli();
     const uint16_t high = shift_half();
     sei();
-    asm volatile("nop\n\tnop");  // whoever waits is served behind the first
+    asm volatile("nop\n\tnop");  // pending interrupts are served after the first instruction
     cli();
     const uint16_t low = shift_half();
     gain_pulse();

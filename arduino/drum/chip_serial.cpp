@@ -1,4 +1,4 @@
-// USART0 at 115200 baud, 8N1: a ring each way, so that neither side ever waits.
+// USART0 at 115200 baud, 8N1: a ring each way, so that no caller waits.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/atomic.h>
@@ -66,7 +66,7 @@ Received take() {
     return result;
 }
 
-// A reply that does not fit behind those still going out is dropped whole.
+// A reply that does not fit behind the bytes still to send is dropped completely.
 void send(const uint8_t *bytes, uint16_t count) {
     uint16_t tail;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { tail = send_tail; }

@@ -1,4 +1,4 @@
-// Which optional wires are fitted and which are inverted, handed to those who read or drive them.
+// Passes the configuration of the optional wires to the files that read or drive them.
 #include "chip.h"
 #include "drum_map.h"
 #include "ports.h"

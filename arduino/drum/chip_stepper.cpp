@@ -1,7 +1,7 @@
 // Timer 1: step pulses by the output-compare pin OC1A.
 //
 // The compare match itself raises and lowers the pin, so an edge is exact to the cycle however
-// late the interrupt comes; the interrupt only says what the next match shall do:
+// late the interrupt comes; the interrupt only sets what the next match does:
 //
 //     match that raises the pin → step counted, sync line moved, fall set HIGH_CYCLES later
 //     match that lowers the pin → interval of the next step taken, rise set for it
@@ -45,7 +45,7 @@ volatile bool sync_fitted = true, sync_inverted, index_inverted;
 volatile uint16_t index_count;
 int32_t index_position;
 
-// A match set behind the counter would come a whole round of the timer later.
+// A match set behind the counter would occur one timer period late.
 inline void set_match(uint16_t at) {
     OCR1A = at;
     if (static_cast<int16_t>(at - TCNT1) < static_cast<int16_t>(LATE_MARGIN))
@@ -71,7 +71,7 @@ inline void halt() {
     running = false;
 }
 
-// Takes the next interval, of which `over` cycles are gone already; the pin is low.
+// Starts the next interval, of which `over` cycles have passed; the pin is low.
 inline void schedule(uint16_t from, uint16_t over) {
     const uint32_t interval = engine.next_interval();
     if (!interval) return halt();
@@ -80,7 +80,7 @@ inline void schedule(uint16_t from, uint16_t over) {
     aim_at_rise(from, (exact >> 8) - over);
 }
 
-// Where the driver is switched by high, all of this is the other way round.
+// An active-high driver has the opposite levels.
 inline void put_enable(bool on) {
     if (on == board::STEPPER_ENABLE_HIGH) PORTA |= pins::STEPPER_ENABLE;
     else PORTA &= ~pins::STEPPER_ENABLE;
@@ -183,8 +183,8 @@ void enable_stepper(bool on) {
 }
 
 // The first interval is milliseconds long: far more than a driver wants between the direction
-// line and the first step. It is worked out before interrupts have to wait: only the emergency
-// stop may come between, and that is looked at last.
+// line and the first step. It is computed before interrupts are off: only the emergency stop may
+// come between, and it is checked last.
 void start(const Motion &motion) {
     if (motion.backwards) PORTA |= pins::DIRECTION;
     else PORTA &= ~pins::DIRECTION;

@@ -1,4 +1,4 @@
-// EEPROM of the chip, byte by byte; what stands where is store.h's.
+// EEPROM of the chip, byte by byte; store.h defines its layout.
 #include <avr/eeprom.h>
 
 #include "chip.h"

@@ -34,7 +34,7 @@ class Controller {
     void restore_defaults();
     void take_heartbeat() { heartbeat_.seen(bank_.word(reg::heartbeat)); }
 
-    // Follows an event of the state table, which has been asked whether it accepts it.
+    // Follows an event that the state table accepts.
     void go(Event event);
     bool arm();
     bool clear_fault();

@@ -1,12 +1,12 @@
 // Drum controller of the rig: an ATmega2560 that turns the drum, holds the contact force and
-// answers Modbus. This file only joins the pieces; it opens in the Arduino IDE, whose own
-// main() and timers stay out because main() is defined here.
+// answers Modbus. This file only joins the parts; it opens in the Arduino IDE, whose main() and
+// timers are not used because main() is defined here.
 //
-// Interrupts move a step, a byte or a time stamp and wake the loop below; the loop thinks:
+// Interrupts handle a step, a byte or a time stamp and wake the loop below, which does the rest:
 //
 //     ISR step    → next pulse            ISR byte    → rings of chip_serial
 //     ISR ready   → amplifier::ready      ISR tick    → clock::take_ticks
-//     ISR e-stop  → outputs off at once   ISR index   → position of the mark
+//     ISR e-stop  → outputs off           ISR index   → position of the mark
 #include <avr/interrupt.h>
 #include <avr/io.h>
 
@@ -69,14 +69,14 @@ static inline bool idle() {
 int main() {
     begin_all();
     for (;;) {
-        // Most interrupts, each step for one, leave nothing to do out here.
+        // Most interrupts, for example each step, leave no work for this loop.
         cli();
         while (idle()) health::sleep_until_interrupt();
         sei();
         const uint8_t ticks = clock::take_ticks();
         if (ticks > 1) health::count_late(ticks - 1);
         for (uint8_t i = 0; i < ticks; ++i) run_tick();
-        // One piece of work a round, so that no tick waits for more than the longest of them.
+        // One task a round, so that a tick waits for the longest task at most.
         if (ticks) continue;
         if (amplifier::ready()) drum.sample(amplifier::read());
         else if (drum.control_due()) drum.control_force();

@@ -1,9 +1,9 @@
 // Holds a contact force by moving the actuator, once per load-cell sample.
 //
 // The loop thinks in millimetres of compression: force over stiffness. The actuator is a speed
-// source with a lag, so a model of it tells how far it has gone since the moment that the
-// newest sample shows; the loop acts on the compression as it is now, not as it was. What the
-// model cannot explain is learned as a rate of the surface: a slow part, which is the integral
+// source with a lag, so a model of it gives its travel since the moment of the newest sample;
+// the loop acts on the present compression, not on the measured one. What the model cannot explain
+// is learned as a rate of the surface: a slow part, which is the integral
 // action, and one period per drum turn, which is the run-out and is known by the drum's angle.
 // The model sees the limited command, so nothing winds up.
 //
@@ -20,7 +20,7 @@ struct ForceTarget {
     float speed_limit;  // mm/s
 };
 
-// Where the drum stands and how fast it turns.
+// The drum's angle and angular speed.
 struct DrumTurn {
     float cosine, sine;  // of its angle
     float rate_rad_s;
@@ -38,11 +38,11 @@ class ForceLoop {
     void begin(float stiffness_g_per_mm);
     // One load-cell sample; returns the actuator speed in mm/s, positive presses.
     float update(float force_g, const ForceTarget &target, const DrumTurn &turn);
-    // The same bookkeeping while somebody else decides the speed.
+    // Updates the model while another mode decides the speed.
     void observe(float force_g, const DrumTurn &turn);
-    // Tells the model what speed was really asked of the actuator.
+    // The speed that was really commanded to the actuator.
     void commanded(float speed_mm_s) { command_ = speed_mm_s; }
-    // The drum's angle got a new zero: what was learned by angle is worthless.
+    // The drum's angle has a new zero: discards what was learned by angle.
     void forget_run_out() { cosine_ = sine_ = 0; }
 
     bool in_contact() const { return contact_; }
@@ -58,7 +58,7 @@ class ForceLoop {
     void correct(float force_g, const DrumTurn &turn);
     float run_out_rate(const DrumTurn &turn) const;
 
-    float command_ = 0, speed_ = 0;        // mm/s, asked for and modelled
+    float command_ = 0, speed_ = 0;        // mm/s, commanded and modelled
     float moved_ = 0, moved_before_ = 0;   // mm in the last two periods
     float shown_ = 0, pending_ = 0;        // mm that the sample shows, and does not show yet
     float free_g_ = 0, last_g_ = 0;

@@ -1,4 +1,4 @@
-// How long ago the computer last showed that it is alive.
+// Time since the last heartbeat of the computer.
 #ifndef HEARTBEAT_H
 #define HEARTBEAT_H
 
@@ -6,12 +6,12 @@
 
 class Heartbeat {
   public:
-    // A value came in; only a change is a beat, so that a repeated frame keeps nothing alive.
+    // Takes a received value; only a change is a beat, so a repeated frame does not count.
     void seen(uint16_t value) {
         if (value != value_) age_ms_ = 0;
         value_ = value;
     }
-    // Supervision begins now: whoever arms the drum is alive.
+    // Supervision begins: a computer that arms the drum is alive.
     void restart() { age_ms_ = 0; }
     void tick() {
         if (age_ms_ < 60000) ++age_ms_;

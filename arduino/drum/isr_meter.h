@@ -1,8 +1,9 @@
-// Stands first in every interrupt handler and measures it: longest, and sum since asked last.
+// Measures every interrupt handler, as its first statement: the longest, and the sum since the last
+// query.
 //
-// Timer 1 runs freely at the chip's clock. What lies before and behind the measured part, the
-// entry, the registers saved and restored, and reti, is added as a constant: its mean to the
-// sum, its most to the longest.
+// Timer 1 runs freely at the chip's clock. The time before and after the measured part (entry,
+// saved and restored registers, reti) is added as a constant: its mean to the sum, its maximum to the
+// longest.
 #ifndef ISR_METER_H
 #define ISR_METER_H
 

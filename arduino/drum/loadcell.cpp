@@ -32,7 +32,7 @@ bool Loadcell::take(const Conversion &conversion) {
     ++sequence_;
     raw_[last()] = conversion.raw;
     time_us_[last()] = conversion.ready_us;
-    // The end of the range is no force: the fault is the cell's, not an over-force.
+    // The end of the range is not a force: the fault is the cell's, not an over-force.
     if (!saturated_) weigh();
     if (tare_left_) add_to_tare(conversion.raw);
     return true;

@@ -17,9 +17,9 @@ class Loadcell {
     // Conversions after a reset that are thrown away: the amplifier's filter settles.
     static constexpr uint8_t SETTLING = 4;
     static constexpr uint8_t TARE_SAMPLES = 32;
-    // Before these, so many pass by: the cell still feels the drum's mass coming to rest.
+    // Samples before the tare: the drum's mass still comes to rest.
     static constexpr uint8_t TARE_PAUSE = 16;
-    // Equal readings in a row that no living bridge gives.
+    // So many equal readings in a row mean that the amplifier is frozen.
     static constexpr uint8_t FROZEN_RUN = 8;
 
     // Takes a conversion; false while the amplifier still settles.
@@ -34,7 +34,7 @@ class Loadcell {
     bool alive() const { return settled_ > SETTLING && !silent_; }
 
     void set_scale(int32_t tare_counts, int32_t ug_per_count);
-    // What the place of the drum adds to the tare, for the next conversion.
+    // What the drum's angle adds to the tare, for the next conversion.
     void set_place_tare(int32_t counts) { place_tare_ = counts; }
     int32_t place_tare() const { return place_tare_; }
     float force_g() const { return force_g_; }

@@ -1,4 +1,4 @@
-// The safety states: walks the generated table and latches the first fault.
+// The state machine: follows the generated table and latches the first fault.
 #ifndef MACHINE_H
 #define MACHINE_H
 
@@ -14,9 +14,9 @@ class Machine {
     // Follows the event; false where the table refuses it.
     bool handle(Event event);
 
-    // Latches the fault unless an earlier one is latched, and goes where the table says.
+    // Latches the fault unless an earlier one is latched, and follows the table.
     void raise(Fault fault, uint32_t now_ms);
-    // Forgets the latched fault; the caller has checked that its cause is gone.
+    // Clears the latched fault; the caller has checked that its cause is gone.
     bool clear();
 
     Fault fault() const { return fault_; }

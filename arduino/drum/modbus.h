@@ -1,8 +1,8 @@
 // Modbus RTU slave, functions 3, 6, 16 and 23: bytes in, reply bytes out; no port, no clock.
 //
-// A frame ends by its function's length, because USB adapters tear frames apart with gaps that
-// the standard would take for an end. Only RESET_SILENCE_MS of silence starts anew. After a
-// frame that makes no sense the rest is dropped up to that silence.
+// A frame ends by its function's length, because USB adapters split frames with gaps that the
+// standard would take for an end. Only RESET_SILENCE_MS of silence resets the parser. After an
+// invalid frame everything is dropped until that silence.
 #ifndef MODBUS_H
 #define MODBUS_H
 
@@ -20,12 +20,12 @@ class Modbus {
 
     // Takes one received byte; returns the length of the reply now in reply(), 0 for none.
     uint16_t take(uint8_t byte);
-    // A byte arrived damaged: the frame around it is lost.
+    // A byte was damaged: its frame is lost.
     void poison() { lost_ = true; }
     // Once a millisecond.
     void tick();
 
-    // Works out the CRC first, which takes as long as the rest: a round of its own.
+    // Computes the CRC first, which takes as long as serving the request: a separate round.
     const uint8_t *reply();
     uint16_t frames_seen() const { return frames_seen_; }
     uint16_t exceptions_sent() const { return exceptions_sent_; }
@@ -53,7 +53,7 @@ class Modbus {
     bool lost_ = false;
     uint16_t crc_ = 0xffff;
     uint8_t reply_[MAX_REPLY];
-    uint16_t unsealed_ = 0;  // bytes of a reply whose CRC is not worked out yet
+    uint16_t unsealed_ = 0;  // bytes of a reply that has no CRC yet
     uint16_t frames_seen_ = 0, exceptions_sent_ = 0, crc_errors_ = 0;
 };
 

@@ -1,5 +1,5 @@
-// What the drum's brain asks of its body. The chip implements it (chip_*.cpp), and so do the
-// virtual board on the PC (../host/drum) and the PC tests, whose body is a little model of the bench.
+// Hardware functions that the controller calls. The chip implements them (chip_*.cpp), and so do the
+// virtual board (../host/drum) and the PC tests, which have a small model of the bench.
 #ifndef PORTS_H
 #define PORTS_H
 

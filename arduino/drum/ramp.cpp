@@ -15,9 +15,9 @@ namespace {
 constexpr uint8_t FRACTION_BITS = 8;
 constexpr uint16_t TABLE_END = 256;
 
-// value * factor / 2^16, rounded down. It stands in the step interrupt, where the compiler's
-// own product of 32 and 16 bits would take 150 cycles for these 48: column by column of bytes,
-// the lowest one left out of the result.
+// value * factor / 2^16, rounded down. In the step interrupt the compiler's product of 32 and 16
+// bits would take 150 cycles; this one takes 48. It adds columns of bytes and omits the lowest from
+// the result.
 inline uint32_t scaled(uint32_t value, uint16_t factor) {
 #ifdef __AVR__
     uint32_t result;
@@ -67,8 +67,8 @@ inline uint32_t scaled(uint32_t value, uint16_t factor) {
 
 namespace ramp {
 
-// A command works this out while a load-cell sample may be waiting: 64-bit divisions and roots
-// would take most of a millisecond.
+// A command computes this while a load-cell sample may be waiting: 64-bit divisions and roots would
+// take most of a millisecond.
 Profile profile(uint16_t speed, uint16_t acceleration, int16_t trim_ppm) {
     // cycles a step = clock · step length / speed, in so many parts that one fits 32 bits.
     constexpr uint64_t STEP_CYCLES = (static_cast<uint64_t>(board::CLOCK_HZ) << FRACTION_BITS) *
@@ -91,7 +91,7 @@ Profile profile(uint16_t speed, uint16_t acceleration, int16_t trim_ppm) {
 
 uint32_t interval(uint32_t first, uint16_t index) {
     uint8_t halvings = 0;
-    if (index >= 4 * TABLE_END) {  // two rounds of the loop at once
+    if (index >= 4 * TABLE_END) {  // two iterations in one
         index >>= 4;
         halvings = 2;
     }
@@ -104,7 +104,7 @@ uint32_t interval(uint32_t first, uint16_t index) {
 uint32_t steps_to_speed(uint16_t speed, uint16_t acceleration) {
     // v² / 2a in steps, rounded up, and one more for the step that reaches it.
     constexpr uint16_t PART = board::NM_PER_STEP / 25;  // µm²/s² over µm/s² · nm, shortened
-    static_assert(board::NM_PER_STEP % 25 == 0, "shorten it anew");
+    static_assert(board::NM_PER_STEP % 25 == 0, "reduce the fraction again");
     return 2UL * speed * speed / (static_cast<uint32_t>(acceleration) * PART) + 2;
 }
 

@@ -17,7 +17,7 @@ struct Profile {
 
 namespace ramp {
 
-// Longest index a ramp may reach; beyond it the drum would cruise below the speed asked for.
+// Longest index of a ramp; beyond it the drum would cruise below the requested speed.
 constexpr uint16_t MAX_INDEX = 60000;
 
 // speed in 0.01 mm/s, acceleration in mm/s²; the board's clock is fast by trim_ppm.
@@ -29,7 +29,7 @@ uint32_t interval(uint32_t first, uint16_t index);
 // Steps from rest to the profile's speed.
 uint32_t steps_to_speed(uint16_t speed, uint16_t acceleration);
 
-// Surface speed in 0.01 mm/s that an interval stands for; 0 for interval 0.
+// Surface speed of an interval in 0.01 mm/s; 0 for interval 0.
 uint16_t speed_of(uint32_t interval);
 
 }  // namespace ramp

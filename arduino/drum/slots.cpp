@@ -25,7 +25,7 @@ bool Slots::is_whole(uint16_t address) const {
     return word_at(address + whole()) == checksum(address);
 }
 
-// Which slot holds the newer words, -1 where neither is whole.
+// Returns the slot with the newer words, -1 if neither is whole.
 int8_t Slots::newest() const {
     const bool first = is_whole(start_), second = is_whole(start_ + stride_);
     if (!first || !second) return first ? 0 : second ? 1 : -1;

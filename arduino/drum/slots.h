@@ -1,8 +1,8 @@
 // Words that outlive the power, in two slots with a version and a checksum each.
 //
 // A save goes into the slot that is not the newest, a byte at a time and the checksum last: a
-// power loss at any byte leaves the other slot whole. What is written, byte by
-// byte, is the caller's work; what stands there is asked of ports::stored_byte().
+// power loss at any byte leaves the other slot whole. The caller writes
+// the bytes; ports::stored_byte() reads them.
 #ifndef SLOTS_H
 #define SLOTS_H
 

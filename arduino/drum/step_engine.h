@@ -1,7 +1,7 @@
 // Which step comes when: a motion's ramps, its end, and the two marks of the trial window.
 //
-// The step interrupt asks for one interval at a time and reports every step it made. All
-// decisions are made in steps, so a motion ends on the exact step at any speed.
+// The step interrupt requests one interval at a time and reports each step. All decisions are in
+// steps, so a motion ends on the exact step at any speed.
 #ifndef STEP_ENGINE_H
 #define STEP_ENGINE_H
 
@@ -17,7 +17,7 @@ struct Motion {
     bool backwards;
     uint32_t steps;        // ENDLESS: until stopped
     uint32_t sync_on_at;   // step at which the trial window opens, ENDLESS: never
-    uint32_t sync_length;  // steps the window is open; after it the motion stops by itself
+    uint32_t sync_length;  // steps the window is open; after it the motion stops
 };
 
 enum class Mark : uint8_t { None, SyncOn, SyncOff };
@@ -26,7 +26,7 @@ class StepEngine {
   public:
     void begin(const Motion &motion);
     void stop() { stopping_ = true; }
-    // Gives up at once, without a ramp; for faults that switch everything off.
+    // Ends the motion immediately, without a ramp; for faults that switch everything off.
     void abandon() { interval_ = 0; }
 
     // Interval before the next step in cycles times 256; 0 when the motion is over.

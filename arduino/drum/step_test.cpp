@@ -47,9 +47,9 @@ void StepTest::finish() {
     if (fall < LEAST_STEP_G || fall < LEAST_OF_EXPECTED * expected_g_ ||
         fall > MOST_OF_EXPECTED * expected_g_)
         return;
-    // Samples stand at the end of their period: half of one is missing at the beginning.
+    // A sample is at the end of its period: half a period is missing at the beginning.
     const float area = ((sum_g_ - answer * after_g_) / fall + 0.5f) * PERIOD_S;
-    // What is held from one sample to the next comes half a period late as well.
+    // The hold from one sample to the next adds half a period of delay.
     const float delay = area - (lift_samples_ - 1) * PERIOD_S * 0.5f;
     if (delay < LEAST_DELAY_S || delay > MOST_DELAY_S) return;
     proposal_.delay_s = delay;

@@ -1,10 +1,10 @@
-// A small step of the actuator while a force is held: what it tells about stiffness and delay,
-// and which gains that suggests.
+// Measures stiffness and delay by a small step of the actuator while a force is held, and proposes
+// gains.
 //
 // The actuator rests, then lifts at a constant speed for a few samples, then rests again. The
 // force falls by stiffness times travel. The area between the force and its end, over the whole
 // fall, is half the time of lifting plus everything that delays the force, whatever the shape
-// of the answer: lag of the actuator, averaging of the cell, time of the loop.
+// of the response: lag of the actuator, averaging of the cell, time of the loop.
 #ifndef STEP_TEST_H
 #define STEP_TEST_H
 
@@ -12,7 +12,7 @@
 
 struct GainProposal {
     float gain_p, gain_i;        // 1/s
-    float stiffness_g_per_mm;    // force per travel asked for
+    float stiffness_g_per_mm;    // force per commanded travel
     float delay_s;
 };
 
@@ -23,10 +23,10 @@ class StepTest {
     void abandon() { samples_left_ = 0; }
     bool running() const { return samples_left_ != 0; }
 
-    // One load-cell sample; returns the speed to ask for now, mm/s.
+    // Takes one load-cell sample; returns the speed to command, mm/s.
     float sample(float force_g);
 
-    // After the end: whether the answer makes sense, and what follows from it.
+    // After the end: whether the response is plausible, and the proposal.
     bool succeeded() const { return succeeded_; }
     const GainProposal &proposal() const { return proposal_; }
 

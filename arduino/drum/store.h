@@ -1,6 +1,6 @@
 // What outlives the power: the boot count and the saved settings, each in slots of their own.
 //
-// At most one byte is written a tick, because a byte takes the chip 3.4 ms; nobody waits for it.
+// At most one byte is written a tick, because a byte takes the chip 3.4 ms and no caller waits.
 #ifndef STORE_H
 #define STORE_H
 

@@ -1,5 +1,5 @@
 // The load cell's reading at no load over one turn of the lifted drum: a mean, and what each
-// sixteenth of the turn adds to it. A drum that is out of balance weighs on the cell by its angle.
+// sixteenth of the turn adds to it. The weight of an unbalanced drum on the cell depends on its angle.
 #ifndef TARE_TURN_H
 #define TARE_TURN_H
 
@@ -13,7 +13,7 @@ class TareTurn {
     static constexpr uint16_t PLACE_STEPS = board::STEPS_PER_TURN / TARE_PLACES;
 
     void begin();
-    // A reading while the drum stood at this step of its turn.
+    // Adds a reading at this step of the turn.
     void add(int32_t raw, uint16_t place_steps);
     // False where a part of the turn is missing or is out of a register's range.
     bool finish();
@@ -21,7 +21,7 @@ class TareTurn {
     int32_t mean() const { return mean_; }
     int16_t at(uint8_t place) const { return static_cast<int16_t>(sums_[place]); }
 
-    // What a table adds to the reading at a step of the turn, between its places in line.
+    // What a table adds to the reading at a step of the turn, interpolated between its places.
     static int32_t between(const uint16_t *table, uint16_t place_steps);
 
   private:

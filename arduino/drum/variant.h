@@ -1,4 +1,4 @@
-// The board's header, or another that the build names, and what follows from any of them.
+// The board's header, or the one that the build names, and constants derived from it.
 #ifndef VARIANT_H
 #define VARIANT_H
 
@@ -22,7 +22,7 @@ constexpr uint8_t FIRMWARE_MINOR = 1;
 constexpr uint32_t CLOCK_HZ = 16000000UL;
 constexpr uint32_t NM_PER_STEP = NM_PER_TURN / STEPS_PER_TURN;
 
-// So many counts of the cell that the board is built for.
+// Grams as counts of the load cell that the board is built for.
 constexpr int32_t counts_of(uint16_t grams) { return grams * 1000000LL / UG_PER_COUNT; }
 constexpr int32_t MOST_COUNTS = counts_of(MOST_FORCE_G);
 
@@ -34,7 +34,7 @@ constexpr uint16_t OVERRUN_UM = ACTUATOR_MAX_MM_S * OVERRUN_S * 1000 + 0.5f;
 
 static_assert(NM_PER_TURN % STEPS_PER_TURN == 0, "a step must be whole nanometres");
 static_assert(STEPS_PER_TURN % 256 == 0 && STEPS_PER_TURN <= 32512,
-              "the drum's angle is told in 256 parts of a turn, its place in 15 bits");
+              "the drum's angle has 256 parts of a turn, its place 15 bits");
 static_assert(LOADCELL_PERIOD_US <= 100000, "slower than any rate of the HX711");
 static_assert(UG_PER_COUNT >= SCALE_LEAST_UG && UG_PER_COUNT <= SCALE_MOST_UG,
               "no load cell on an HX711 counts so");

@@ -1,9 +1,8 @@
-// What the load cell reads while the drum hangs free, as the board itself has seen it.
+// The load cell's reading of the free drum, as the board itself has measured it.
 //
-// No register moves it: it is the mean of readings taken while the drum was known to be lifted
-// and stood still. The limit that no setting can move is judged from it, in raw counts, and so is
-// what a lifted drum reads. The first reading after a boot is believed; a later one only where it
-// lies near the one before, or where a person asks for it by name.
+// No register changes it: it is the mean of readings while the drum was known to be lifted and did
+// not move. The limit that no setting can move is counted from it, in raw counts. The first reading
+// after a boot is accepted; a later one only near the one before, or after TARE_ANYWAY.
 #ifndef ZERO_H
 #define ZERO_H
 
@@ -22,9 +21,9 @@ class Zero {
     static constexpr uint8_t SAMPLES = 8;
 
     void forget() { known_ = false; }
-    // The drum moves, or may: what was begun counts no more.
+    // The drum moves, or may: discards the readings so far.
     void disturb() { left_ = PAUSE + SAMPLES; }
-    // One reading of the lifted drum at rest; true when the zero was learned anew by it.
+    // Takes one reading of the lifted drum at rest; true when it completed a new zero.
     bool weigh(int32_t raw);
     // A tare of the lifted drum.
     void take(int32_t counts);

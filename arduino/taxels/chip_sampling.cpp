@@ -55,7 +55,7 @@ bool running;                   // a first frame has begun
 uint32_t samples;
 uint16_t late_slots, missed, longest;
 
-// What the spare slots are asked for. A self-test has slot 19 convert an input instead of the
+// The task of the spare slots. A self-test has slot 19 convert an input instead of the
 // bandgap, its line tests lie between the two.
 volatile uint8_t spare_pulls;   // pull-ups of port C during slot 19
 volatile uint8_t spare_asked;   // number of the order; served when it comes back
@@ -94,7 +94,7 @@ __attribute__((noinline)) void begin_with_late_edges()
     any_late = false;
 }
 
-// Ends the frame that is full and goes on with the other buffer.
+// Ends the full frame and continues with the other buffer.
 inline void close_frame()
 {
     Frame *full = filling;
@@ -173,7 +173,7 @@ inline void store_reading(uint8_t done, uint16_t reading)
 #endif
 
 // Entered at 336 … 591 cycles, that is in time, the result is taken and the next line driven
-// and input selected at once. Slots 1 … 17 need no more: 80 cycles with entry. By hand, because
+// and input selected immediately. Slots 1 … 17 need no more: 80 cycles with entry. By hand, because
 // the compiler would save twenty registers first, for the sake of the rare cases.
 ISR(ADC_vect, ISR_NAKED)
 {

@@ -1,4 +1,4 @@
-// The self-test's course: a step a frame in the spare slots, while sampling goes on.
+// The sequence of the self-test: one step a frame in the spare slots, while sampling continues.
 #ifndef TAXELS_SELF_TEST_COURSE_H
 #define TAXELS_SELF_TEST_COURSE_H
 
@@ -7,7 +7,7 @@
 
 class SelfTestCourse {
 public:
-    // Begins anew, also while one is under way.
+    // Restarts, also during a self-test.
     void begin();
     bool running() const { return step_ != NOT_RUNNING; }
 

@@ -2,7 +2,7 @@
 //
 // The IDE wants a file of the folder's name; the program is in the .cpp files beside it:
 //   chip_main.cpp      main loop: wait for a frame, have the brain talk
-//   chip_sampling.cpp  timer, converter, lines, sync and index; the timing is told there
+//   chip_sampling.cpp  timer, converter, lines, sync and index, with their timing
 //   chip_serial.cpp    transmit ring, receive ring
 //   chip_boot.cpp      reset cause, count of boots, unused stack
 //   talk.cpp           the brain: what is sent when, and what the host asks for
