@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.analysis.classification.component_sweep import (
     Labels,
@@ -106,18 +107,34 @@ def _scores(pca: PrincipalComponents, features: Matrix, rank: int) -> Matrix:
 def _predict_with_sklearn(
     features: Matrix, labels: Labels, train: Rows, test: Rows, rank: int, k_max: int
 ) -> Labels:
-    """Fit exact PCA and LDA for each k; beyond the rank the prediction does not change.
-
-    Of scikit-learn's solvers for LDA, the default one divides the covariance by n − classes.
-    """
+    """Fit exact PCA and LDA for each k; beyond the rank the prediction does not change."""
     from sklearn.decomposition import PCA
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
     tall = features.shape[1] <= len(train)
+    n, n_classes = len(train), len(np.unique(labels[train]))
+    pooled = scaled_covariance(n / (n - n_classes))
     rows = []
     for k in range(1, rank + 1):
         pca = PCA(k, svd_solver="covariance_eigh" if tall else "full").fit(features[train])
-        lda = LinearDiscriminantAnalysis(tol=0).fit(pca.transform(features[train]), labels[train])
+        lda = LinearDiscriminantAnalysis(solver="lsqr", covariance_estimator=pooled)
+        lda.fit(pca.transform(features[train]), labels[train])
         rows.append(lda.predict(pca.transform(features[test])))
     rows += [rows[-1]] * (k_max - rank)
     return np.array(rows, np.int64)
+
+
+def scaled_covariance(factor: float) -> Any:
+    """Return a covariance estimator for scikit-learn, which divides by n, not by n − classes."""
+    from sklearn.covariance import EmpiricalCovariance
+
+    class ScaledCovariance(EmpiricalCovariance):  # type: ignore[misc]  # scikit-learn has no types
+        """A class's covariance times a factor."""
+
+        def fit(self, rows: NDArray[np.float64]) -> ScaledCovariance:
+            """Fit the rows of one class."""
+            centred = rows - rows.mean(axis=0)
+            self.covariance_ = factor * centred.T @ centred / len(rows)
+            return self
+
+    return ScaledCovariance()

@@ -99,6 +99,16 @@ def test_every_prediction_is_scikit_learns(name: str) -> None:
             np.testing.assert_array_equal(mine[k - 1], other, err_msg=f"k = {k}")
 
 
+def test_both_engines_agree_on_unequal_classes() -> None:
+    features, labels = load_wine(return_X_y=True)
+    splits = [Split(train, {"classes": test}) for train, test in folds_of(labels)]
+    own, theirs = (
+        predict_splits(features, {"classes": labels}, splits, 13, engine) for engine in SweepEngine
+    )
+    for one, other in zip(own, theirs, strict=True):
+        np.testing.assert_array_equal(one.predictions["classes"], other.predictions["classes"])
+
+
 @pytest.mark.parametrize("faintest", [1e-1, 1e-4, 1e-7])
 @pytest.mark.parametrize("n", [60, 700])
 def test_components_of_fewer_trials_than_features_are_those_of_an_svd(
