@@ -10,6 +10,7 @@ import json
 import sys
 import tempfile
 import time
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def main(target: str, source: str, destination: str, strict: str, threads: str) 
     print(json.dumps({"seconds": seconds, "spikes": len(steps), "brian2": b.__version__}))
 
 
-def run(b, network, target: str, n_samples: int) -> float:
+def run(b: Any, network: Any, target: str, n_samples: int) -> float:
     """Seconds of the simulation itself; code generation and compilation are left out."""
     if target == "cpp":
         network.run(n_samples * b.ms)

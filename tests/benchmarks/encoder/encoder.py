@@ -73,7 +73,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@numba.njit(nogil=True)  # type: ignore[untyped-decorator]  # numba has no type information
+@numba.njit(nogil=True)
 def _fused(times: Any, out: Any) -> None:
     """Nothing but fused multiply-adds: twelve vectors that do not wait for each other.
 

@@ -63,7 +63,10 @@ def rates() -> dict[str, Any]:
         session = record(
             folder / "session", "AB", repeats=REPEATS, travel_mm=240.0, speeds=SPEEDS, forces=FORCES
         )
-        found = {"made": time.strftime("%Y-%m-%d", time.gmtime()), "machine": _machine()}
+        found: dict[str, Any] = {
+            "made": time.strftime("%Y-%m-%d", time.gmtime()),
+            "machine": _machine(),
+        }
         found |= _of_session(session) | _of_encoding(join_sessions([session]), folder)
         found |= {"synced_bytes_s": _synced(folder), "disk_free_bytes": _free(folder)}
     return found | _of_draws() | _of_dask()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ def safety() -> Iterator[dict[str, Any]]:
 
 def estop_us() -> float:
     """Edge of the input to the last driver off."""
-    took = []
+    took: list[int] = []
     with DrumChip() as drum:
         for state in (s for s in MOVING_STATES for _ in PHASES):
             enter(drum, state)
@@ -57,6 +58,10 @@ def until(drum: DrumChip, condition: Callable[[], bool], limit_cycles: int) -> i
     return int(drum.x.cycle)
 
 
+def _reached(drum: DrumChip, cycle: int) -> bool:
+    return bool(drum.x.cycle >= cycle)
+
+
 def overforce_lift_us() -> float:
     """From the end of the conversion that shows the force to full lift, several times."""
     took = []
@@ -68,7 +73,7 @@ def overforce_lift_us() -> float:
                 drum.run(1)
             drum.plant.set_disturbances(False, PUSH_G)
             drum.x.loadcell_counts = round(1e6)
-            begun = until(drum, lambda ready=ready: drum.x.cycle >= ready, 2 * MS)
+            begun = until(drum, partial(_reached, drum, ready), 2 * MS)
             took.append(until(drum, lambda: drum.x.drive < LIFTS, 2 * MS) - begun)
             assert drum.get("fault") == Fault.OVER_FORCE
             drum.plant.set_disturbances(False, 0.0)

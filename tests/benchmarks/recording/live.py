@@ -118,15 +118,15 @@ def redraw_costs_ms(frames: int = FRAMES) -> list[float]:
     import pyqtgraph as pg
 
     from gui.live.live_plots import LivePlots
-    from gui.widgets import theme
+    from gui.widgets.theme import ThemeChoice, apply_theme
     from tests.gui.fake_engine import FakeEngine
 
     app = pg.mkQApp()
-    theme.apply(app, theme.LIGHT)
+    light = apply_theme(ThemeChoice.LIGHT)
     with tempfile.TemporaryDirectory() as folder:
         engine = FakeEngine(Path(folder))
         engine.write_samples(11_000, SPIKES_A_SAMPLE)
-        scene = LivePlots(theme.LIGHT)
+        scene = LivePlots(light)
         scene.resize(*SIZE)
         scene.show()
         costs_ms = []

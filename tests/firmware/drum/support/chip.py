@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from types import TracebackType
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +66,7 @@ class DrumChip:
         self._sequence = self._beat = 0
         self.run(120)
 
-    def __enter__(self) -> DrumChip:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
