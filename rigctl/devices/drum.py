@@ -12,10 +12,17 @@ from dataclasses import replace
 from itertools import groupby
 
 from rigctl.devices.drum_refusals import command_refusal_text, settings_refusal_text
-from rigctl.devices.identity import PortDiagnosis, drum_identity, raise_diagnosis
+from rigctl.devices.identity import (
+    CONNECT_TIMEOUT_S,
+    WHICH_PORT,
+    PortDiagnosis,
+    drum_identity,
+    no_answer,
+    raise_diagnosis,
+)
 from rigctl.devices.links.byte_link import ByteLink
 from rigctl.devices.modbus_client import DRAIN_S, LINK_TIMEOUT_S, ModbusClient, RequestRefused
-from rigctl.errors import BoardFault, BoardRebooted, CommandRefused, LinkLost, RigFault, WrongBoard
+from rigctl.errors import BoardFault, BoardRebooted, CommandRefused, LinkLost, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum import register_table
 from rigctl.wire.drum.codes import Command, CommandResult
@@ -24,8 +31,6 @@ from rigctl.wire.drum.registers import BlockLayout, RegisterWrite, plan_reads, p
 from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
 from rigctl.wire.drum.tare_table import PLACE_NAMES, tare_table
 
-CONNECT_TIMEOUT_S = 4.0
-"""A board that was reset by opening its port answers within this time, bootloader included."""
 CLOCK_TOLERANCE_US, CLOCK_TOLERANCE_SHARE = 1_000_000, 0.01
 """The board rebooted where its clock deviates from the loop's by more than the sum of both."""
 COMMAND_POLL_S = 0.02
@@ -178,26 +183,15 @@ class Drum:
                 return _IDENTITY.unpack(await self.modbus.read(*register_table.IDENTITY_BLOCK))
             except RequestRefused as refused:
                 raise WrongBoard(
-                    f"{self.link.name}: the Modbus device there is not a rigctl board: "
-                    "rigctl ports shows which board is on which port"
+                    f"{self.link.name}: the Modbus device there is not a rigctl board: {WHICH_PORT}"
                 ) from refused
             except LinkLost:
                 if not self.link.is_open:
                     raise
                 if self._loop.time() > deadline_s:
-                    raise self._no_answer() from None
-
-    def _no_answer(self) -> RigFault:
-        name, seconds = self.link.name, f"within {CONNECT_TIMEOUT_S:g} s"
-        if self.modbus.bytes_received:
-            return WrongBoard(
-                f"{name}: bytes came, but no drum board answered {seconds}: "
-                "another board or baud rate? rigctl ports shows which board is on which port"
-            )
-        return LinkLost(
-            f"{name}: no drum board answered {seconds}: check cable and supply; "
-            "rigctl ports shows which board is on which port"
-        )
+                    raise no_answer(
+                        self.link.name, "drum", self.modbus.bytes_received > 0
+                    ) from None
 
     async def _read_settings(self, steps_per_turn: int) -> None:
         raw = _SETTINGS.unpack(await self.modbus.read(*register_table.SETTINGS_BLOCK))

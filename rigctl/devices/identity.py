@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
-from rigctl.errors import LinkLost, WrongBoard
+from rigctl.errors import LinkLost, RigFault, WrongBoard
 from rigctl.values import N_TAXELS, BoardIdentity
 from rigctl.wire.drum.register_table import BOARD_DRUM, BOARD_TAXELS, MAGIC, MAP_VERSION
 from rigctl.wire.taxels.frames import WIRE_VERSION, TaxelIdentity
+
+CONNECT_TIMEOUT_S = 4.0
+"""A board that was reset by opening its port answers within this time, bootloader included."""
+WHICH_PORT = "rigctl ports shows which board is on which port"
 
 PortDiagnosis = Callable[[], Awaitable[str]]
 """Returns a sentence about the other board on a port; empty where no board answers."""
@@ -21,13 +25,22 @@ async def raise_diagnosis(failure: BaseException, diagnose_port: PortDiagnosis |
             raise WrongBoard(sentence) from failure
 
 
+def no_answer(port: str, board: str, bytes_came: bool) -> RigFault:
+    """Return the error of a connect to ``board`` that was not answered in time."""
+    seconds = f"within {CONNECT_TIMEOUT_S:g} s"
+    if not bytes_came:
+        text = f"{port}: no {board} board answered {seconds}: check cable and supply; {WHICH_PORT}"
+        return LinkLost(text)
+    return WrongBoard(
+        f"{port}: bytes came, but no complete reply from a {board} board {seconds}: "
+        f"another board or baud rate? {WHICH_PORT}"
+    )
+
+
 def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
     """Return the drum's identity from its identity block; raises WrongBoard for another board."""
     if raw["magic"][0] != MAGIC or raw["board_id"][0] != BOARD_DRUM:
-        raise WrongBoard(
-            f"{name}: the Modbus device there is not a drum board: "
-            "rigctl ports shows which board is on which port"
-        )
+        raise WrongBoard(f"{name}: the Modbus device there is not a drum board: {WHICH_PORT}")
     version, map_version = _version(raw["firmware_version"][0]), raw["map_version"][0]
     if map_version != MAP_VERSION:
         raise WrongBoard(
@@ -49,10 +62,7 @@ def taxel_identity(name: str, reported: TaxelIdentity) -> BoardIdentity:
     """Return the taxel board's identity; raises WrongBoard for another board or wire version."""
     version = _version(reported.firmware_version)
     if reported.magic != MAGIC or reported.board_id != BOARD_TAXELS:
-        raise WrongBoard(
-            f"{name}: the board there is not a taxel board: "
-            "rigctl ports shows which board is on which port"
-        )
+        raise WrongBoard(f"{name}: the board there is not a taxel board: {WHICH_PORT}")
     if reported.wire_version != WIRE_VERSION or reported.n_taxels != N_TAXELS:
         raise WrongBoard(
             f"{name}: the taxel board's firmware {version} speaks wire version "

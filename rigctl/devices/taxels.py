@@ -9,9 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigctl.config.rig_config import ADC_MAX, TaxelArray
-from rigctl.devices.identity import PortDiagnosis, raise_diagnosis, taxel_identity
+from rigctl.devices.identity import (
+    CONNECT_TIMEOUT_S,
+    PortDiagnosis,
+    no_answer,
+    raise_diagnosis,
+    taxel_identity,
+)
 from rigctl.devices.links.byte_link import ByteLink
-from rigctl.errors import BoardRebooted, LinkLost, RigFault, WrongBoard
+from rigctl.errors import BoardRebooted, LinkLost, RigFault
 from rigctl.values import Block, BoardIdentity
 from rigctl.wire.taxels.frames import (
     IDENTIFY,
@@ -24,8 +30,6 @@ from rigctl.wire.taxels.frames import (
 )
 from rigctl.wire.taxels.self_test import SelfTest, findings
 
-CONNECT_TIMEOUT_S = 4.0
-"""A board that was reset by opening its port answers within this time, bootloader included."""
 IDENTIFY_INTERVAL_S = 0.1
 LINK_TIMEOUT_S = 0.2
 """A board that sends no byte for this time counts as lost."""
@@ -173,25 +177,13 @@ class Taxels:
         deadline_s = self._loop.time() + CONNECT_TIMEOUT_S
         while not identified.done() or self._decoder.waiting:
             if self._loop.time() > deadline_s:
-                raise self._no_answer(identified.done() or bool(self._last_byte_s))
+                raise no_answer(self.link.name, "taxel", identified.done() or self._last_byte_s > 0)
             if not identified.done():
                 self.link.write(encode_request(IDENTIFY))
             await asyncio.sleep(IDENTIFY_INTERVAL_S)
             if identified.done():
                 identified.result()
         return identified.result()
-
-    def _no_answer(self, bytes_came: bool) -> RigFault:
-        name, seconds = self.link.name, f"within {CONNECT_TIMEOUT_S:g} s"
-        if bytes_came:
-            return WrongBoard(
-                f"{name}: bytes came, but no whole answer of a taxel board {seconds}: "
-                "another board or baud rate? rigctl ports shows which board is on which port"
-            )
-        return LinkLost(
-            f"{name}: no taxel board answered {seconds}: check cable and supply; "
-            "rigctl ports shows which board is on which port"
-        )
 
     def _receive(self, data: bytes, at_s: float) -> None:
         self._last_byte_s = at_s

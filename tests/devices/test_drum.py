@@ -132,7 +132,7 @@ def test_a_stream_of_foreign_bytes_is_no_drum() -> None:
     async def main(loop: JumpingLoop) -> None:
         drum, _, link = bench(loop)
         link.board = lambda data: link.say(bytes(range(40)))
-        with pytest.raises(WrongBoard, match="bytes came, but no drum board answered"):
+        with pytest.raises(WrongBoard, match="bytes came, but no complete reply from a drum board"):
             await drum.connect()
 
     run(main)

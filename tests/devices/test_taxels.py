@@ -114,7 +114,7 @@ def test_a_stream_without_identity_is_no_board_of_ours() -> None:
     async def main(loop: JumpingLoop) -> None:
         taxels, board, link, _ = bench(loop)
         board.identity = None
-        with pytest.raises(WrongBoard, match="bytes came, but no whole answer"):
+        with pytest.raises(WrongBoard, match="no complete reply from a taxel board"):
             await taxels.connect()
         assert not link.is_open
 

@@ -28,36 +28,21 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _unit(register: Register) -> str:
-    if register.scale == 1:
-        return register.unit or "–"
-    return f"{register.scale:g} {register.unit}".strip()
-
-
-def _place(register: Register) -> str:
-    last = register.end - 1
-    return f"{register.address}" if last == register.address else f"{register.address}–{last}"
+def _start(register: Register) -> tuple[str, ...]:
+    """Return the cells of a register that every table begins with."""
+    address = range(register.address, register.end)
+    place = f"{address[0]}" if len(address) == 1 else f"{address[0]}–{address[-1]}"
+    unit = register.unit if register.scale == 1 else f"{register.scale:g} {register.unit}"
+    return place, f"`{register.name}`", register.kind, unit.strip() or "–"
 
 
 def _read_rows(registers: Iterable[Register]) -> str:
-    rows = [(_place(r), f"`{r.name}`", r.kind, _unit(r), r.doc) for r in registers]
+    rows = [(*_start(r), r.doc) for r in registers]
     return _table(("address", "name", "kind", "one count is", "meaning"), rows)
 
 
 def _write_rows(registers: Iterable[Register]) -> str:
-    rows = [
-        (
-            _place(r),
-            f"`{r.name}`",
-            r.kind,
-            _unit(r),
-            _bounds(r),
-            str(r.default),
-            _GUARDS[r.guard],
-            r.doc,
-        )
-        for r in registers
-    ]
+    rows = [(*_start(r), _bounds(r), str(r.default), _GUARDS[r.guard], r.doc) for r in registers]
     head = ("address", "name", "kind", "one count is", "bounds", "at boot", "changed", "meaning")
     return _table(head, rows)
 
