@@ -7,7 +7,7 @@ queue for the line, except :meth:`Drum.stop`.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
 
@@ -22,18 +22,17 @@ from rigctl.devices.identity import (
 )
 from rigctl.devices.links.byte_link import ByteLink
 from rigctl.devices.modbus_client import DRAIN_S, LINK_TIMEOUT_S, ModbusClient, RequestRefused
-from rigctl.errors import BoardFault, BoardRebooted, CommandRefused, LinkLost, WrongBoard
+from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum import register_table
 from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.poll import PollDecoder, RawPoll, RingSample
 from rigctl.wire.drum.registers import BlockLayout, RegisterWrite, plan_reads, plan_writes
-from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
+from rigctl.wire.drum.states import Fault, State
 from rigctl.wire.drum.tare_table import PLACE_NAMES, tare_table
 
 CLOCK_TOLERANCE_US, CLOCK_TOLERANCE_SHARE = 1_000_000, 0.01
 """The board rebooted where its clock deviates from the loop's by more than the sum of both."""
-COMMAND_POLL_S = 0.02
 RING_PART = 16
 """Load-cell samples of one read: 32 registers, a part of the ring without its wrap."""
 
@@ -42,8 +41,6 @@ _SETTINGS = BlockLayout(*register_table.SETTINGS_BLOCK, entries=register_table.S
 _HEARTBEAT = register_table.BY_NAME["heartbeat"].address
 _HEARTBEAT_SEEN = register_table.BY_NAME["heartbeat_seen"].address - register_table.POLL_BLOCK[0]
 _COMMAND = register_table.BY_NAME["command"].address
-
-OnState = Callable[[DrumState], None]
 
 
 class Drum:
@@ -75,7 +72,6 @@ class Drum:
         self._heartbeat = 0
         self._sequence = 0
         self._tare_sequence: int | None = None
-        self._on_state: list[OnState] = []
 
     @property
     def connected(self) -> bool:
@@ -86,10 +82,6 @@ class Drum:
     def state(self) -> DrumState | None:
         """The newest state polled since the last connect."""
         return self._decoder.last
-
-    def on_state(self, callback: OnState) -> None:
-        """Subscribe ``callback`` to every polled state."""
-        self._on_state.append(callback)
 
     async def connect(self) -> BoardIdentity:
         """Open the link, read identity and settings, and return the identity.
@@ -126,10 +118,7 @@ class Drum:
             self._check_clock(raw, at_s)
             ring = await self._read_ring(self._decoder.missing(raw))
             await self._read_new_tare(raw)
-            state = self._decoder.decode(raw, at_s, ring)
-        for callback in self._on_state:
-            callback(state)
-        return state
+            return self._decoder.decode(raw, at_s, ring)
 
     async def set(self, **values: float) -> dict[str, float]:
         """Write settings in engineering units and return the values read back, by name.
@@ -151,12 +140,8 @@ class Drum:
         self._update_settings(values)
         return values
 
-    async def command(self, command: Command, wait: bool = False) -> None:
-        """Send a command; ``wait`` polls with heartbeat until the board has executed it.
-
-        Raises CommandRefused where the state does not allow it, BoardFault where the board
-        latches a fault meanwhile.
-        """
+    async def command(self, command: Command) -> None:
+        """Send a command. Raises CommandRefused where the state does not allow it."""
         sequence = self._next_sequence()
         if command in (Command.TARE, Command.TARE_TURN, Command.TARE_ANYWAY):
             self._tare_sequence = sequence
@@ -164,8 +149,6 @@ class Drum:
             await self.modbus.write(_COMMAND, (command, sequence), resume_after_stop=False)
         except RequestRefused as refused:
             raise await self._refusal(command) from refused
-        while wait and not self._is_done(command, sequence, await self.poll()):
-            await asyncio.sleep(COMMAND_POLL_S)
 
     async def stop(self) -> None:
         """Stop and lift immediately: abandon the reply in flight, preempt all other requests."""
@@ -280,14 +263,3 @@ class Drum:
         state, fault = State(int(values["state"])), Fault(int(values["fault"]))
         reason = command_refusal_text(command, state, fault, int(values["status_bits"]))
         return CommandRefused(f"{self.link.name}: {reason}")
-
-    def _is_done(self, command: Command, sequence: int, state: DrumState) -> bool:
-        name = f"{self.link.name}: {command.name}"
-        if state.fault:
-            raise BoardFault(f"{name} ended in a fault: {FAULT_TEXT[Fault(state.fault)]}")
-        if state.values["command_acknowledged"] != sequence:
-            raise CommandRefused(f"{name} was overtaken by another")
-        result = state.values["command_result"]
-        if result == CommandResult.FAILED:
-            raise CommandRefused(f"{name} was broken off")
-        return result == CommandResult.DONE

@@ -39,7 +39,6 @@ class Operator:
         self.states: list[DrumState] = []
         self.blocks: list[Block] = []
         self.taxel_faults: list[RigFault] = []
-        rig.drum.on_state(self.states.append)
         rig.taxels.on_block(self.blocks.append)
         rig.taxels.on_fault(self.taxel_faults.append)
 
@@ -62,6 +61,12 @@ class Operator:
         """Latched fault of the newest poll."""
         return Fault(self.states[-1].fault)
 
+    async def poll(self, heartbeat: bool = True) -> DrumState:
+        """Poll the drum and record its state."""
+        state = await self.drum.poll(heartbeat)
+        self.states.append(state)
+        return state
+
     def shows(self, status: Status) -> bool:
         """Return a status bit of the newest poll."""
         return bool(self.states[-1].status_bits >> status & 1)
@@ -76,7 +81,7 @@ class Operator:
         """Connect both boards."""
         await self.drum.connect()
         await self.taxels.connect()
-        await self.drum.poll()
+        await self.poll()
 
     async def until(
         self, done: Callable[[DrumState], bool], limit_s: float = 15.0, beat: bool = True
@@ -84,7 +89,7 @@ class Operator:
         """Poll 25 times a second until a state is ``done``."""
         end_s = self.now_s + limit_s
         while self.now_s < end_s:
-            state = await self.drum.poll(beat)
+            state = await self.poll(beat)
             if done(state):
                 return state
             await asyncio.sleep(POLL_S)
@@ -125,7 +130,7 @@ class Operator:
             await self.taxels.connect()
         if not self.drum.connected:
             await self.drum.connect()
-        state = await self.drum.poll()
+        state = await self.poll()
         if state.fault:
             await self.until_state(State.FAULT_OFF)
             await self.do(Command.CLEAR)

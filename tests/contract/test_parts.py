@@ -43,7 +43,7 @@ async def rewired(
     The emergency stop comes last: a board that sees it open takes no such setting.
     """
     absent, inverted = tuple(absent), tuple(inverted)
-    await operator.drum.poll()
+    await operator.poll()
     if operator.state not in (State.IDLE, State.FAULT_OFF):
         await operator.reach(State.IDLE)
     told = await operator.drum.get("optional_signals", "signal_polarity")
@@ -226,7 +226,7 @@ def test_every_optional_wire_may_be_inverted(operator: Operator) -> None:
 
 def test_an_undeclared_inverted_emergency_stop_is_a_fault(operator: Operator) -> None:
     async def main() -> None:
-        await operator.drum.poll()
+        await operator.poll()
         operator.faults.rewire(inverted=[Signal.ESTOP])
         await operator.watch(0.1)
         assert operator.fault is Fault.ESTOP
@@ -263,7 +263,7 @@ def test_saving_takes_a_byte_a_tick_and_power_lost_meanwhile_leaves_the_old(
         await operator.drum.command(Command.SAVE)
         await asyncio.sleep(0.03)
         operator.faults.reset(DRUM)
-        await operator.lost(operator.drum.poll)
+        await operator.lost(operator.poll)
         await operator.drum.connect()
         await operator.until_state(State.IDLE)
         assert (await operator.drum.get("gain_p"))["gain_p"] == pytest.approx(6.5)
@@ -279,7 +279,7 @@ def test_saved_settings_outlive_a_reset_and_others_do_not(operator: Operator) ->
         await operator.do(Command.SAVE)
         await operator.drum.set(gain_p=9.0)
         operator.faults.reset(DRUM)
-        await operator.lost(operator.drum.poll)
+        await operator.lost(operator.poll)
         await operator.drum.connect()
         await operator.until_state(State.IDLE)
         kept = await operator.drum.get("gain_p", "force_set", "scale_ug_per_count", "settings_from")

@@ -143,11 +143,11 @@ def test_a_command_that_idle_does_not_allow_is_refused(
     operator: Operator, command: Command
 ) -> None:
     async def main() -> None:
-        await operator.drum.poll()
+        await operator.poll()
         before = operator.states[-1]
         with pytest.raises(CommandRefused, match=f"refused {command.name} in state IDLE"):
             await operator.drum.command(command)
-        after = await operator.drum.poll()
+        after = await operator.poll()
         assert (after.state, after.fault) == (State.IDLE, 0)
         assert after.values["command_acknowledged"] == before.values["command_acknowledged"]
 
@@ -161,7 +161,7 @@ def test_a_repeated_command_with_the_same_sequence_is_executed_once(operator: Op
             await operator.drum.modbus.write(BY_NAME["command"].address, (Command.ARM, sequence))
         await operator.until_state(State.ARMED)
         await operator.drum.modbus.write(BY_NAME["command"].address, (Command.ARM, sequence))
-        assert (await operator.drum.poll()).state == State.ARMED
+        assert (await operator.poll()).state == State.ARMED
         await operator.do(Command.DISARM)
 
     operator.run(main())
@@ -169,7 +169,7 @@ def test_a_repeated_command_with_the_same_sequence_is_executed_once(operator: Op
 
 def test_an_idle_rig_shows_an_unpressed_unfaulted_bench(operator: Operator) -> None:
     async def main() -> None:
-        state = await operator.drum.poll()
+        state = await operator.poll()
         assert state.status_bits >> Status.ESTOP_CLOSED & 1
         assert not state.status_bits >> Status.SYNC_HIGH & 1
         assert (state.speed_mm_s, state.actuator_drive_permille, state.fault_bits) == (0.0, 0, 0)
@@ -204,9 +204,9 @@ def test_every_load_cell_sample_arrives_once_at_slow_polls_too(operator: Operato
     async def main() -> None:
         operator.clear_record()
         for pause_s in (0.02, 0.04, 0.1, 0.3, 0.7, 0.04, 0.6):
-            await operator.drum.poll()
+            await operator.poll()
             await asyncio.sleep(pause_s)
-        await operator.drum.poll()
+        await operator.poll()
 
     operator.run(main())
     heard = [sample for state in operator.states for sample in state.loadcell]

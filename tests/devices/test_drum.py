@@ -9,9 +9,8 @@ import pytest
 
 from rigctl.devices.drum import Drum
 from rigctl.devices.modbus_client import PreemptedByStop
-from rigctl.errors import BoardFault, BoardRebooted, CommandRefused, LinkLost, WrongBoard, WrongUse
-from rigctl.values import DrumState
-from rigctl.wire.drum.codes import Command, CommandResult
+from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, WrongBoard, WrongUse
+from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from tests.devices.memory_link import (
     JumpingLoop,
@@ -270,24 +269,6 @@ def test_out_of_bounds_never_reaches_the_wire_and_a_refusal_is_a_sentence() -> N
     run(main)
 
 
-def test_waiting_for_a_command_ends_with_done_or_with_the_fault() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        drum, board, _ = bench(loop)
-        await drum.connect()
-        states: list[DrumState] = []
-        drum.on_state(states.append)
-        await drum.command(Command.ARM, wait=True)
-        assert len(states) == 1
-        loop.call_later(0.1, board.put, "fault", Fault.NO_CONTACT)
-        loop.call_later(0.001, board.put, "command_result", CommandResult.RUNNING)
-        with pytest.raises(BoardFault, match="APPROACH ended in a fault: no contact"):
-            await drum.command(Command.APPROACH, wait=True)
-        assert len(states) > 3
-        drum.close()
-
-    run(main)
-
-
 def test_a_tare_changes_what_raw_counts_mean() -> None:
     async def main(loop: JumpingLoop) -> None:
         drum, board, _ = bench(loop)
@@ -296,7 +277,8 @@ def test_a_tare_changes_what_raw_counts_mean() -> None:
         board.put("loadcell_sequence", 1)
         before = (await drum.poll()).loadcell[0].force_g
         board.put("tare_counts", 80_000)
-        await drum.command(Command.TARE, wait=True)
+        await drum.command(Command.TARE)
+        await drum.poll()
         board.put("loadcell_sequence", 2)
         after = (await drum.poll()).loadcell[0].force_g
         assert before == pytest.approx(81_000 * 2400e-6)
@@ -338,9 +320,9 @@ def test_polls_of_two_tasks_share_the_samples_between_them() -> None:
         await asyncio.sleep(1.0)
         await drum.connect()
         numbers: list[int] = []
-        drum.on_state(lambda state: numbers.extend(s.sequence for s in state.loadcell))
         for _ in range(10):
-            await asyncio.gather(drum.poll(), drum.poll(), drum.poll())
+            for state in await asyncio.gather(drum.poll(), drum.poll(), drum.poll()):
+                numbers += [sample.sequence for sample in state.loadcell]
             await asyncio.sleep(0.5)
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
         drum.close()
@@ -356,10 +338,9 @@ def test_two_minutes_of_polls_with_stalls_lose_no_load_cell_sample() -> None:
         await asyncio.sleep(1.0)
         await drum.connect()
         numbers: list[int] = []
-        drum.on_state(lambda state: numbers.extend(s.raw_counts // 10 for s in state.loadcell))
         pauses_s = random.Random(3)
         while loop.time() < 121.0:
-            await drum.poll()
+            numbers += [sample.raw_counts // 10 for sample in (await drum.poll()).loadcell]
             await asyncio.sleep(0.7 if pauses_s.random() < 0.01 else 0.03)
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
         assert len(numbers) > 120 / 0.0124 - 60
