@@ -118,7 +118,7 @@ def _count_variants(
         tile = views.select(selected)
         rows = _kernel_rows(edges, tuple(sorted(set(tile.lengths.tolist()))), max_samples)
         for (sa_scale, sa_only), out in zip(variants, outs, strict=True):
-            blocks = NeuronBlocks.for_trials(
+            blocks = NeuronBlocks(
                 len(selected),
                 normalisation,
                 parameters,

@@ -78,7 +78,7 @@ class Encoder:
         return self._encode(self._blocks, samples)
 
     def _blocks_at_rest(self) -> NeuronBlocks:
-        return NeuronBlocks.for_trials(1, self._normalisation, self.parameters)
+        return NeuronBlocks(1, self._normalisation, self.parameters)
 
     def _encode(self, blocks: NeuronBlocks, samples: Samples) -> NDArray[np.uint8]:
         every_sample = np.arange(1, len(samples) + 1)
@@ -119,7 +119,7 @@ def encode_trials(
     encoder = TrainEncoder(parameters)
     for selected in tiles([len(samples) for samples in trials], normalisation.n_taxels):
         scale = None if sa_scale is None else sa_scale[selected]
-        blocks = NeuronBlocks.for_trials(len(selected), normalisation, parameters, scale)
+        blocks = NeuronBlocks(len(selected), normalisation, parameters, scale)
         views = TrialViews.from_arrays([trials[i] for i in selected])
         spikes.update(zip(selected, encoder.encode(blocks, views), strict=True))
     return [spikes[i] for i in range(len(trials))]
@@ -141,7 +141,10 @@ def membrane_mv(
     Encoded from rest. A sample with a spike shows the threshold, as such curves are usually drawn.
     """
     _check(samples, normalisation)
-    blocks = NeuronBlocks.for_trials(1, normalisation, parameters)
-    counts, voltage = blocks.trace_membrane_mv(TrialViews.from_arrays([samples]))
-    voltage = np.where(counts > 0, parameters.threshold_mv, voltage)
-    return to_raster(voltage, normalisation.n_taxels)
+    blocks = NeuronBlocks(1, normalisation, parameters)
+    voltage = np.empty((len(samples), 2 * normalisation.n_taxels))
+    for t in range(len(samples)):
+        counts = blocks.advance(TrialViews.from_arrays([samples[t : t + 1]]), np.array([1]))
+        fired = to_raster(counts, normalisation.n_taxels)[0] > 0
+        voltage[t] = np.where(fired, parameters.threshold_mv, blocks.membrane_mv())
+    return voltage

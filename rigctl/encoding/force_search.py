@@ -132,7 +132,7 @@ def _pilot(
     for _ in pilot.evaluate(brackets, PILOT_TOLERANCE_HZ, MAX_PILOT_EVALUATIONS):
         pass
     share = pilot.views.lengths.sum() / max(1, condition.views.lengths.sum())
-    c, slopes = (np.array([getattr(b, n) for b in brackets]) for n in ("predicted_c", "slope"))
+    c, slopes = np.array([(b.predicted_c, b.slope) for b in brackets]).T
     return c * ratio, slopes / ratio, share * np.array([b.evaluations for b in brackets])
 
 

@@ -174,13 +174,12 @@ def kernel_for(
     parameters: EncoderParameters,
     *,
     sa_only: bool = False,
-    traced: bool = False,
     trains: bool = False,
 ) -> Kernel:
     """Return the compiled kernel of a scheme; its numbers come from :func:`kernel_constants`.
 
     Call it as ``kernel(addresses, lengths, row_bytes, low, width, scale, sa_drive, ra_drive,
-    constants, state, ends, out, trace)``, all contiguous, lanes in blocks of 32 (64 of SA alone).
+    constants, state, ends, out)``, all contiguous, lanes in blocks of 32 (64 of SA alone).
     addresses: int64 (lanes,), address of each lane's first reading, the next row_bytes further;
     lengths: int64 (lanes,), number of readings.
     low, width: uint16 (lanes,); scale, sa_drive, ra_drive: float64 (lanes,). state: from
@@ -191,8 +190,7 @@ def kernel_for(
     end of each block; two channels, SA and RA, or SA alone. If ``trains``, the kernel ignores ends,
     writes words of 64 samples to out as
     :func:`rigctl.encoding.kernel.transpose_bits.transpose_words` does, and returns the most spikes
-    in one sample of any lane, ended or not. trace: float64 of the shape of out; if ``traced``, the
-    kernel writes the membrane after each row. Releases the GIL.
+    in one sample of any lane, ended or not. Releases the GIL.
     """
     return compile_kernel(
         substeps=parameters.substeps,
@@ -201,6 +199,5 @@ def kernel_for(
         late_reset=has_late_reset(parameters),
         signed=parameters.ra_rectify is Rectify.SIGNED,
         sa_only=sa_only,
-        traced=traced,
         trains=trains,
     )

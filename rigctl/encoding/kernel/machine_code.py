@@ -29,7 +29,6 @@ from rigctl.encoding.kernel.neuron_step import (
     THRESHOLD,
     carry_state,
     compute_currents,
-    copy_half,
     published_sample,
     substep,
 )
@@ -39,7 +38,6 @@ from rigctl.encoding.kernel.prefetch import (
     SEGMENT_FIELDS,
     locate_run,
     plan_run,
-    prefetch_sample,
 )
 from rigctl.encoding.kernel.simd import HALF_LANES, broadcast, stack_memory, store
 from rigctl.encoding.kernel.spike_counters import add_spikes, to_lane_order, zero_counters
@@ -68,7 +66,6 @@ def compile_kernel(
     late_reset: bool,
     signed: bool,
     sa_only: bool,
-    traced: bool,
     trains: bool,
 ) -> Kernel:
     """Compile one scheme; see :func:`rigctl.encoding.kernel.constants.kernel_for` for its call.
@@ -81,7 +78,7 @@ def compile_kernel(
 
     def advance(
         addresses: Any, lengths: Any, row_bytes: Any, low: Any, width: Any, scale: Any,
-        sa_drive: Any, ra_drive: Any, k: Any, state: Any, ends: Any, out: Any, trace: Any,
+        sa_drive: Any, ra_drive: Any, k: Any, state: Any, ends: Any, out: Any,
     ) -> int:  # fmt: skip
         _ = checksum
         lanes, rows, highest = low.shape[0], ends.shape[0], 0
@@ -109,7 +106,6 @@ def compile_kernel(
                         *run, stop - first, ranges, lane + at, k, state, block, at, options
                     )
                 for t in range(first, stop):
-                    prefetch_sample(segments, row_bytes, t + CHUNK_SAMPLES)
                     w = BLOCK_W + (t - first) * BLOCK
                     if late_reset:
                         counters = add_spikes(counters, published_sample(block, w, k, substeps))
@@ -121,9 +117,6 @@ def compile_kernel(
                     elif t + 1 == ends[row]:
                         at = (lane // block_lanes * rows + row) * BLOCK
                         store(out, at, to_lane_order(counters))
-                        if traced:
-                            copy_half(trace, at, block, 0, True)
-                            copy_half(trace, at + HALF_LANES, block, HALF_LANES, True)
                         counters, row = zero_counters(), row + 1
                 if trains and (place == WORD * BLOCK or stop == n):
                     highest = max(highest, pack_words(history, place // BLOCK, packed, row))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.kernel import constants
+from rigctl.encoding.kernel import constants, neuron_step
 from rigctl.encoding.kernel.machine_code import Kernel, lanes_per_block
 from rigctl.encoding.kernel.prefetch import READING_BYTES, TrialViews, first_readings
 from rigctl.encoding.normalisation import Normalisation
@@ -20,32 +20,12 @@ class NeuronBlocks:
     """Neurons of each lane, with equal spikes for any slicing of the samples.
 
     A lane is a taxel, of one trial or of several side by side, trial after trial. All start at
-    rest. Silent lanes pad the last block.
+    rest. Silent lanes pad the last block. ``taxels``: those to encode (default all); ``sa_scale``:
+    float64 (n_trials, taxels), a factor on the SA current (default 1).
     """
 
     def __init__(
         self,
-        normalisation: Normalisation,
-        n_trials: int,
-        taxels: NDArray[np.int64],
-        parameters: EncoderParameters,
-        sa_scale: NDArray[np.float64],
-        sa_only: bool,
-    ) -> None:
-        self.n_taxels = len(taxels)
-        self._parameters, self._sa_only = parameters, sa_only
-        self._taxels, self._sa_scale = np.tile(taxels, n_trials), sa_scale.reshape(-1)
-        self._constants = constants.kernel_constants(parameters)
-        self._advance = constants.kernel_for(parameters, sa_only=sa_only)
-        self._block_lanes = lanes_per_block(sa_only)
-        self._blocks = -(-len(self._taxels) // self._block_lanes)
-        self.lanes = self._blocks * self._block_lanes
-        self.set_normalisation(normalisation)
-        self.reset()
-
-    @classmethod
-    def for_trials(
-        cls,
         n_trials: int,
         normalisation: Normalisation,
         parameters: EncoderParameters,
@@ -53,16 +33,19 @@ class NeuronBlocks:
         *,
         taxels: NDArray[np.int64] | None = None,
         sa_only: bool = False,
-    ) -> NeuronBlocks:
-        """Return a lane for each trial and taxel (some ``taxels`` only, or all).
-
-        ``sa_scale``: float64 (n_trials, taxels), a factor on the SA current, or None for 1.
-        """
-        if taxels is None:
-            taxels = np.arange(normalisation.n_taxels)
-        if sa_scale is None:
-            sa_scale = np.ones((n_trials, len(taxels)))
-        return cls(normalisation, n_trials, taxels, parameters, sa_scale, sa_only)
+    ) -> None:
+        taxels = np.arange(normalisation.n_taxels) if taxels is None else taxels
+        self.n_taxels = len(taxels)
+        self._parameters, self._sa_only = parameters, sa_only
+        self._taxels = np.tile(taxels, n_trials)
+        self._sa_scale = np.ones(len(self._taxels)) if sa_scale is None else sa_scale.reshape(-1)
+        self._constants = constants.kernel_constants(parameters)
+        self._advance = constants.kernel_for(parameters, sa_only=sa_only)
+        self._block_lanes = lanes_per_block(sa_only)
+        self._blocks = -(-len(self._taxels) // self._block_lanes)
+        self.lanes = self._blocks * self._block_lanes
+        self.set_normalisation(normalisation)
+        self.reset()
 
     def set_normalisation(self, normalisation: Normalisation) -> None:
         """Use these taxel ranges from the next sample on; neurons and filters keep their state."""
@@ -95,7 +78,7 @@ class NeuronBlocks:
         among them; no row may exceed ``constants.max_samples_per_row``.
         """
         counts = self.empty_counts(len(ends))
-        self._run(self._advance, views, ends, counts, np.empty(0))
+        self._run(self._advance, views, ends, counts)
         return counts
 
     def encode_bits(self, views: TrialViews, words: NDArray[np.uint64]) -> int:
@@ -105,16 +88,12 @@ class NeuronBlocks:
         that, spikes are missing.
         """
         advance = constants.kernel_for(self._parameters, trains=True)
-        return self._run(advance, views, np.empty(0, np.int64), words, np.empty(0))
+        return self._run(advance, views, np.empty(0, np.int64), words)
 
-    def trace_membrane_mv(self, views: TrialViews) -> tuple[Counts, NDArray[np.float64]]:
-        """Return spikes and membrane voltage of each sample, (blocks, n, channels, block lanes)."""
-        advance = constants.kernel_for(self._parameters, sa_only=self._sa_only, traced=True)
-        ends = np.arange(1, views.lengths.max() + 1)
-        counts = self.empty_counts(len(ends))
-        trace = np.empty(counts.shape)
-        self._run(advance, views, ends, counts, trace)
-        return counts, constants.membrane_mv(self._parameters, trace)
+    def membrane_mv(self) -> NDArray[np.float64]:
+        """Return the present membrane voltage, float64 (2 · lanes,), SA then RA, in mV."""
+        rows = self._state[[neuron_step.M, neuron_step.M_RA], : len(self._taxels)]
+        return constants.membrane_mv(self._parameters, rows.reshape(-1))
 
     def _run(
         self,
@@ -122,7 +101,6 @@ class NeuronBlocks:
         views: TrialViews,
         ends: NDArray[np.int64],
         out: NDArray[Any],
-        trace: NDArray[np.float64],
     ) -> int:
         if not views.lengths.any():
             return 0
@@ -132,7 +110,7 @@ class NeuronBlocks:
         if not self._filter_started:
             self._start_filter(addresses, lengths)
         lanes = (addresses, lengths, views.row_bytes, *self._ranges)
-        return advance(*lanes, self._constants, self._state, ends, out, trace)
+        return advance(*lanes, self._constants, self._state, ends, out)
 
     def _start_filter(self, addresses: NDArray[np.int64], lengths: NDArray[np.int64]) -> None:
         low, width, scale = self._ranges[:3]

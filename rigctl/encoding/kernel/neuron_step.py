@@ -6,7 +6,6 @@ Vectors of neurons are loaded, stepped and stored one by one; the next starts be
 
 from __future__ import annotations
 
-from collections import deque
 from functools import partial
 from typing import Any
 
@@ -38,12 +37,7 @@ from rigctl.encoding.kernel.simd import (
     unpack,
     vector_pointers,
 )
-from rigctl.encoding.kernel.spike_counters import (
-    half_spikes,
-    join_halves,
-    pack_masks,
-    vector_order,
-)
+from rigctl.encoding.kernel.spike_counters import half_spikes, join_halves, pack_masks
 
 # A block is two halves: SA and RA of the same lanes, or SA of twice as many.
 BLOCK = 2 * HALF_LANES
@@ -82,51 +76,31 @@ def substep(_typing: Any, block: Any, w_at: Any, c: Any, old_v: Any, coupled: An
         coupling, *others = (unpack(builder, each)[0] for each in unpack(builder, constants))
         starts, lanes = (w_at.type(0), w_at.type(BLOCK_Q), w_at), Lanes("float64", 2 * HALF_VECTORS)
         rows = [vector_pointers(context, builder, block, memory, at, lanes)[0] for at in starts]
-        waiting = deque(half + i for half in (0, HALF_VECTORS) for i in vector_order())
-        started: deque[tuple[Any, ...]] = deque()
         put = partial(_store_in_order, builder, memory)
 
-        def start_next() -> None:
-            i = waiting.popleft()
-            m_at, q_at, _ = pointers = [row[i] for row in rows]
-            started.append((m_at, q_at, *_start_vector(builder, pointers, coupling)))
+        def step(i: int) -> Any:
+            pointers = [row[i] for row in rows]
+            return _step_vector(builder, put, pointers, is_old, is_coupled, coupling, *others)
 
-        def step_next(_: int) -> Any:
-            if waiting:
-                start_next()
-            m_at, q_at, m, after = started.popleft()
-            drive = (m if is_old else after) if is_coupled else None
-            return _finish_vector(builder, put, m_at, q_at, after, drive, *others)
-
-        start_next()
-        return pack(builder, [pack_masks(builder, step_next) for _ in range(2)])
+        halves = (0, HALF_VECTORS)
+        return pack(builder, [pack_masks(builder, lambda i, h=h: step(h + i)) for h in halves])
 
     return Lanes("uint8", 2)(block, types.intp, c, old_v, coupled), generate
 
 
-def _start_vector(b: Any, pointers: list[Any], coupling: Any) -> tuple[Any, Any]:
-    """Return a vector's membrane before the step and after it."""
-    m, q, w = (b.load(each, align=8 * VECTOR_WIDTH) for each in pointers)
-    return m, call_llvm(b, FMA, m, m, call_llvm(b, FMA, coupling, q, w))
-
-
-def _finish_vector(
-    b: Any, put: Any, m_at: Any, q_at: Any, after: Any, drive: Any,
-    decay: Any, threshold: Any, reset_to: Any, jump: Any,
+def _step_vector(
+    b: Any, put: Any, pointers: list[Any], is_old: bool, is_coupled: bool,
+    coupling: Any, decay: Any, threshold: Any, reset_to: Any, jump: Any,
 ) -> Any:  # fmt: skip
-    """Store a vector's membrane and recovery; return the mask of its spikes.
-
-    ``drive``: the membrane that drives the recovery, if any.
-    """
+    """Advance a vector, given by pointers to m, q and w; return the mask of its spikes."""
+    m_at, q_at, _ = pointers
+    m, q, w = (b.load(each, align=8 * VECTOR_WIDTH) for each in pointers)
+    after = call_llvm(b, FMA, m, m, call_llvm(b, FMA, coupling, q, w))
     spike = b.fcmp_ordered(">=", after, threshold)
     put(b.select(spike, reset_to, after), m_at)
-    # Loading recovery only now, or again, lets the multiplication read memory and saves a register.
-    q = b.load(q_at, align=8 * VECTOR_WIDTH)
-    q = b.fmul(decay, q) if drive is None else call_llvm(b, FMA, decay, q, drive)
-    if HAS_AVX512:
-        put(b.select(spike, b.fadd(q, jump), q), q_at)
-    else:  # chooses the jump or 0 while q is still computed
-        put(b.fadd(q, b.select(spike, jump, ir.Constant(jump.type, [0.0] * VECTOR_WIDTH))), q_at)
+    drive = m if is_old else after
+    q = call_llvm(b, FMA, decay, q, drive) if is_coupled else b.fmul(decay, q)
+    put(b.select(spike, b.fadd(q, jump), q), q_at)
     return spike
 
 
