@@ -38,6 +38,7 @@ from rigctl.encoding.kernel.prefetch import (
     SEGMENT_FIELDS,
     locate_run,
     plan_run,
+    prefetch_sample,
 )
 from rigctl.encoding.kernel.simd import HALF_LANES, broadcast, stack_memory, store
 from rigctl.encoding.kernel.spike_counters import add_spikes, to_lane_order, zero_counters
@@ -106,6 +107,7 @@ def compile_kernel(
                         *run, stop - first, ranges, lane + at, k, state, block, at, options
                     )
                 for t in range(first, stop):
+                    prefetch_sample(segments, row_bytes, t + CHUNK_SAMPLES)
                     w = BLOCK_W + (t - first) * BLOCK
                     if late_reset:
                         counters = add_spikes(counters, published_sample(block, w, k, substeps))

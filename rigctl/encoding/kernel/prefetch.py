@@ -231,3 +231,13 @@ def locate_run(
         _gather_compiled(segments, n, row_bytes, first, stop, copies)
         return copies.ctypes.data + READING_BYTES * RUN, READING_BYTES * COPY_ROW
     return segments[0, ADDRESS] + first * row_bytes, row_bytes
+
+
+@inline
+def prefetch_sample(segments: Any, row_bytes: Any, sample: Any) -> None:
+    """Prefetch a later sample's readings: the first segment of each run.
+
+    Other readings of that sample are mostly in the same cache lines.
+    """
+    for i in range(len(segments)):
+        _prefetch(segments[i, 0, ADDRESS] + sample * row_bytes)

@@ -178,15 +178,7 @@ def parameter_infos(parameters: WorldParameters | None = None) -> list[Parameter
     """Return every numeric parameter with its unit, range and meaning, in declaration order."""
     chosen = parameters or WorldParameters()
     return [
-        ParameterInfo(
-            field.name,
-            float(getattr(chosen, field.name)),
-            str(field.metadata["unit"]),
-            float(field.metadata["low"]),
-            float(field.metadata["high"]),
-            str(field.metadata["doc"]),
-            str(field.metadata["source"]),
-        )
+        ParameterInfo(field.name, float(getattr(chosen, field.name)), **field.metadata)
         for field in dataclasses.fields(WorldParameters)
         if field.metadata
     ]
