@@ -38,7 +38,7 @@ def find_protocol(name: str) -> Path:
     if path.parent in (Path(), Path("protocols")) and shipped.is_file():
         return shipped
     known = ", ".join(sorted(p.stem for p in protocols().glob("*.toml"))) or "none"
-    raise ProtocolError(f"there is no protocol {name}; give a file, or one of those here: {known}")
+    raise ProtocolError(f"there is no protocol {name}: give a file or a built-in name: {known}")
 
 
 def firmware_image(board: str) -> Path:

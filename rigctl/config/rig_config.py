@@ -66,7 +66,7 @@ class RigLimits:
     speed_max_mm_s: float = number(150, "mm/s", 5, 200, "highest speed in contact")
     force_min_g: float = number(50, "g", 50, 1500, "lowest force")
     force_max_g: float = number(1200, "g", 50, 1500, "highest force of a protocol")
-    over_force_g: float = number(1400, "g", 100, 3000, "the board lifts immediately above it")
+    over_force_g: float = number(1400, "g", 100, 3000, "force at which the board lifts")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,17 +74,17 @@ class Actuator:
     """The actuator that presses and lifts the drum, and its force loop."""
 
     lift_clearance_mm: float = number(3, "mm", 0.5, 20, "lift above the last contact")
-    approach_limit_mm: float = number(30, "mm", 0.5, 50, "travel without contact: a fault")
+    approach_limit_mm: float = number(30, "mm", 0.5, 50, "longest way to contact; more is a fault")
     approach_timeout_s: float = number(10, "s", 0.5, 30, "longest time to settle; more is a fault")
-    stiffness_g_per_mm: float = number(900, "g/mm", 50, 5000, "stiffest contact: first estimate")
+    stiffness_g_per_mm: float = number(900, "g/mm", 50, 5000, "estimate of the stiffest contact")
     dead_band_permille: int = number(100, "‰", 0, 500, "lowest duty that moves the actuator")
-    gain_p_per_s: float = number(6, "1/s", 0.01, 50, "of the force loop: error over stiffness")
-    gain_i_per_s: float = number(5, "1/s", 0, 50, "of the force loop: how fast it learns")
+    gain_p_per_s: float = number(6, "1/s", 0.01, 50, "proportional gain of error over stiffness")
+    gain_i_per_s: float = number(5, "1/s", 0, 50, "integral gain of the force loop")
 
 
 @dataclass(frozen=True, slots=True)
 class LoadCell:
-    """From the amplifier's counts to grams."""
+    """Conversion of the amplifier's counts to grams."""
 
     scale_ug_per_count: int = number(
         2400, "µg/count", -_SCALES[1], _SCALES[1], "sign included; from calibration with masses"
@@ -102,7 +102,7 @@ class Clocks:
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """Which optional wires are fitted."""
+    """Optional wires that are fitted."""
 
     estop: bool = flag(True, "emergency stop")
     index: bool = flag(True, "index mark of the drum")
@@ -113,7 +113,7 @@ class Signals:
 
 @dataclass(frozen=True, slots=True)
 class Inverted:
-    """Which optional wires mean the opposite of what the wiring drawing says."""
+    """Optional wires whose level means the opposite of what the wiring drawing says."""
 
     estop: bool = flag(False, "contact that closes when pressed: a broken wire goes unnoticed")
     index: bool = flag(False, "mark reads low")
@@ -169,7 +169,7 @@ class RigConfig:
     encoder: EncoderConfig = EncoderConfig()
 
     def with_order(self) -> RigConfig:
-        """Return this rig with the order of its taxels written out, also if it is as drawn."""
+        """Return this rig with the order of its taxels written out, even if it is the drawing's."""
         return replace(self, taxels=replace(self.taxels, wiring=self.taxels.order))
 
     def to_toml(self) -> str:
@@ -205,7 +205,7 @@ def _config(text: TomlText) -> RigConfig:
 def _check_geometry(drum: DrumGeometry, table: TomlTable) -> None:
     end, turn = drum.plate_start_mm + drum.plate_length_mm, drum.circumference_mm
     if end > turn:
-        message = f"the plate would end at {end:g} mm, behind the turn of {turn:g} mm"
+        message = f"the plate would end at {end:g} mm, beyond the turn of {turn:g} mm"
         table.fail("plate_length_mm", message)
 
 
@@ -226,11 +226,11 @@ def _check_taxels(taxels: TaxelArray, table: TomlTable) -> None:
         if values and len(values) != taxels.count:
             table.fail(name, f"has {len(values)} entries for {taxels.count} taxels")
     if bool(taxels.low) != bool(taxels.high):
-        table.fail("low" if taxels.high else "high", "is missing: a range has both ends")
+        table.fail("low" if taxels.high else "high", "is missing: give both low and high")
     if any(low >= high for low, high in zip(taxels.low, taxels.high, strict=True)):
         table.fail("low", "each taxel's low must be below its high")
     if taxels.wiring and sorted(taxels.wiring) != list(range(taxels.count)):
-        table.fail("wiring", f"must hold each of 0 to {taxels.count - 1} once")
+        table.fail("wiring", f"must contain each of 0 to {taxels.count - 1} once")
 
 
 def _check_scale(loadcell: LoadCell, table: TomlTable) -> None:
@@ -238,8 +238,8 @@ def _check_scale(loadcell: LoadCell, table: TomlTable) -> None:
     if abs(scale) < _SCALES[0]:
         table.fail(
             "scale_ug_per_count",
-            f"{scale} µg a count is too little for a load cell, {_SCALES[0]} to {_SCALES[1]} of "
-            "either sign: the drum would press harder than it reads; calibrate it",
+            f"{scale} µg a count is too little for a load cell, which has {_SCALES[0]} to "
+            f"{_SCALES[1]} of either sign; the drum would press too hard: calibrate it",
         )
 
 

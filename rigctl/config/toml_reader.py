@@ -1,6 +1,6 @@
-"""Typed reading of a TOML text, where every mistake is named by file, line and key.
+"""Read and check the values of a TOML text; every error names file, line and key.
 
-A :class:`TomlTable` returns values by key, checked for type and range, and
+A :class:`TomlTable` returns values by key after a check of type and range, and
 :meth:`TomlTable.finish` refuses unknown keys and suggests the most similar known one.
 """
 
@@ -19,14 +19,14 @@ from rigctl.errors import WrongUse
 _HEADER = re.compile(r"^\s*\[\[?(?P<name>[^\[\]]+)\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"^\s*(?P<name>[^#=\[\]]+?)\s*=")
 
-Place = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 """The path of a key: the names of tables, the indices of repeated tables, the key."""
 
 
 class TomlText:
     """One TOML text: its name for messages, its source, its error type and its root table.
 
-    Raises ``error`` with the line for text that is not TOML.
+    Raises ``error`` with the line for text that is not valid TOML.
     """
 
     def __init__(self, name: str, text: str, error: type[WrongUse]) -> None:
@@ -47,28 +47,28 @@ class TomlText:
         except OSError as problem:
             raise error(f"cannot read {path}: {problem.strerror}") from problem
         except UnicodeDecodeError as problem:
-            raise error(f"{path} is not a UTF-8 text") from problem
+            raise error(f"{path} is not UTF-8 text") from problem
 
-    def fail(self, place: Place, message: str) -> NoReturn:
-        """Raise the text's error for the key at ``place``."""
-        line = self._line_of(place)
+    def fail(self, path: KeyPath, message: str) -> NoReturn:
+        """Raise the text's error for the key at ``path``."""
+        line = self._line_of(path)
         where = f"{self.name}, line {line}" if line else self.name
-        key = _dotted(place)
+        key = _dotted(path)
         raise self.error(f"{where}: {key}: {message}" if key else f"{where}: {message}")
 
-    def _line_of(self, place: Place) -> int | None:
+    def _line_of(self, path: KeyPath) -> int | None:
         """Return the line of the key, or of the longest part of its path that has one."""
-        lines = _lines_of_places(self.source)
-        parts = (place[:length] for length in range(len(place), 0, -1))
+        lines = _lines_of_paths(self.source)
+        parts = (path[:length] for length in range(len(path), 0, -1))
         return next((lines[part] for part in parts if part in lines), None)
 
 
-def _lines_of_places(source: str) -> dict[Place, int]:
-    """Return the first line of each key and table; best effort, from the shape of the lines."""
-    found: dict[Place, int] = {}
-    table: Place = ()
-    path: Place
-    n_tables: Counter[Place] = Counter()
+def _lines_of_paths(source: str) -> dict[KeyPath, int]:
+    """Return the first line of each key and table; it may miss unusually formatted ones."""
+    found: dict[KeyPath, int] = {}
+    table: KeyPath = ()
+    path: KeyPath
+    n_tables: Counter[KeyPath] = Counter()
     for number, line in enumerate(source.splitlines(), start=1):
         if header := _HEADER.match(line):
             table = _split(header["name"])
@@ -85,16 +85,16 @@ def _lines_of_places(source: str) -> dict[Place, int]:
     return found
 
 
-def _split(name: str) -> Place:
+def _split(name: str) -> KeyPath:
     return tuple(part.strip().strip("\"'") for part in name.split("."))
 
 
 class TomlTable:
-    """One table of a text; remembers the keys that its reader knows."""
+    """One table of a text; it remembers which keys its reader has asked for."""
 
-    def __init__(self, text: TomlText, place: Place, data: dict[str, Any]) -> None:
+    def __init__(self, text: TomlText, path: KeyPath, data: dict[str, Any]) -> None:
         self._text = text
-        self._place = place
+        self._path = path
         self._data = data
         self._known: set[str] = set()
 
@@ -111,12 +111,12 @@ class TomlTable:
 
     def fail(self, key: str, message: str) -> NoReturn:
         """Raise the text's error for one of this table's keys; '' is the table itself."""
-        self._text.fail((*self._place, key) if key else self._place, message)
+        self._text.fail((*self._path, key) if key else self._path, message)
 
     def number(
         self, key: str, default: float | None = None, *, unit: str = "", low: float, high: float
     ) -> float:
-        """Return a number within [low, high]; without a default it is required."""
+        """Return a number within [low, high]; without a default the key is required."""
         value = self._take(key, default)
         return self._number(key, value, unit, low, high)
 
@@ -124,120 +124,120 @@ class TomlTable:
         """Return a whole number within [low, high]."""
         value = self._take(key, default)
         if isinstance(value, bool) or not isinstance(value, int):
-            self.fail(key, f"must be a whole number, not {_say(value)}")
+            self.fail(key, f"must be a whole number, not {_format(value)}")
         return int(self._number(key, value, "", low, high))
 
     def numbers(self, key: str, *, unit: str = "", low: float, high: float) -> tuple[float, ...]:
-        """Return a list of numbers within [low, high], none twice; empty if missing."""
+        """Return a list of different numbers within [low, high]; empty if missing."""
         values = self._take(key, [])
         if key not in self:
             return ()
         if not isinstance(values, list) or not values:
-            self.fail(key, f"must be a list of numbers, such as [{low:g}], not {_say(values)}")
+            self.fail(key, f"must be a list of numbers, such as [{low:g}], not {_format(values)}")
         checked = tuple(self._number(key, value, unit, low, high) for value in values)
-        self._refuse_doubles(key, checked)
+        self._refuse_duplicates(key, checked)
         return checked
 
     def integers(
         self, key: str, default: tuple[int, ...], *, low: int, high: int
     ) -> tuple[int, ...]:
-        """Return a list of whole numbers within [low, high]; it may be empty or repeat some."""
+        """Return a list of whole numbers within [low, high], possibly empty or with duplicates."""
         values = self._take(key, list(default))
         if not isinstance(values, list) or any(
             isinstance(v, bool) or not isinstance(v, int) for v in values
         ):
-            self.fail(key, f"must be a list of whole numbers, not {_say(values)}")
+            self.fail(key, f"must be a list of whole numbers, not {_format(values)}")
         return tuple(int(self._number(key, value, "", low, high)) for value in values)
 
     def text(self, key: str, default: str | None = None) -> str:
         """Return a text."""
         value = self._take(key, default)
         if not isinstance(value, str):
-            self.fail(key, f"must be a text in quotes, not {_say(value)}")
+            self.fail(key, f"must be a text in quotes, not {_format(value)}")
         return value
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of at least one text, none empty, none twice."""
+        """Return a list of at least one text; all are different and none is empty."""
         values = self._take(key, None)
         if not isinstance(values, list) or not values:
-            self.fail(key, f'must be a list of texts, such as ["A", "B"], not {_say(values)}')
+            self.fail(key, f'must be a list of texts, such as ["A", "B"], not {_format(values)}')
         for value in values:
             if not isinstance(value, str) or not value:
-                self.fail(key, f"must hold texts in quotes, not {_say(value)}")
-        self._refuse_doubles(key, tuple(values))
+                self.fail(key, f"must contain texts in quotes, not {_format(value)}")
+        self._refuse_duplicates(key, tuple(values))
         return tuple(values)
 
     def flag(self, key: str, default: bool) -> bool:
         """Return true or false."""
         value = self._take(key, default)
         if not isinstance(value, bool):
-            self.fail(key, f"must be true or false, not {_say(value)}")
+            self.fail(key, f"must be true or false, not {_format(value)}")
         return value
 
     def choice(self, key: str, choices: Iterable[str], default: str | None = None) -> str:
-        """Return one of some words."""
+        """Return a text that is one of ``choices``."""
         value = self.text(key, default)
         words = tuple(choices)
         if value not in words:
-            self.fail(
-                key, f"must be one of {', '.join(words)}, not {_say(value)}{_near(value, words)}"
-            )
+            hint = _suggestion(value, words)
+            self.fail(key, f"must be one of {', '.join(words)}, not {_format(value)}{hint}")
         return value
 
     def table(self, key: str) -> TomlTable:
         """Return a table; a missing one is empty, so that its defaults apply."""
         value = self._take(key, {})
         if not isinstance(value, dict):
-            self.fail(key, f"must be a table, written [{_dotted((*self._place, key))}]")
-        return TomlTable(self._text, (*self._place, key), value)
+            self.fail(key, f"must be a table, written [{_dotted((*self._path, key))}]")
+        return TomlTable(self._text, (*self._path, key), value)
 
     def tables(self, key: str) -> list[TomlTable]:
         """Return a list of tables; a missing one is empty."""
         values = self._take(key, [])
         if not isinstance(values, list) or not all(isinstance(v, dict) for v in values):
-            self.fail(key, f"must be tables, each written [[{_dotted((*self._place, key))}]]")
+            self.fail(key, f"must be tables, each written [[{_dotted((*self._path, key))}]]")
         return [
-            TomlTable(self._text, (*self._place, key, place), value)
-            for place, value in enumerate(values)
+            TomlTable(self._text, (*self._path, key, index), value)
+            for index, value in enumerate(values)
         ]
 
     def finish(self) -> None:
         """Raise the text's error for the first unknown key."""
         for key in self._data:
             if key not in self._known:
-                hint = _near(key, self._known) or f"; known here: {', '.join(sorted(self._known))}"
+                known = ", ".join(sorted(self._known))
+                hint = _suggestion(key, self._known) or f"; known keys: {known}"
                 self.fail(key, f"unknown key{hint}")
 
     def _take(self, key: str, default: Any) -> Any:
         self._known.add(key)
         if key not in self._data and default is None:
             close = difflib.get_close_matches(key, set(self._data) - self._known, 1)
-            hint = f"; {close[0]!r} was found, was it meant?" if close else ""
+            hint = f"; is {close[0]!r} a misspelling of it?" if close else ""
             self.fail(key, f"is missing{hint}")
         return self._data.get(key, default)
 
     def _number(self, key: str, value: Any, unit: str, low: float, high: float) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.fail(key, f"must be a number, not {_say(value)}")
+            self.fail(key, f"must be a number, not {_format(value)}")
         if not low <= value <= high:
             in_unit = f" {unit}" if unit else ""
             shown = f"{value:g}" if isinstance(value, float) else str(value)
             self.fail(key, f"{shown} is outside {low:g} to {high:g}{in_unit}")
         return float(value)
 
-    def _refuse_doubles(self, key: str, values: tuple[Any, ...]) -> None:
-        for place, value in enumerate(values):
-            if value in values[:place]:
-                self.fail(key, f"holds {_say(value)} twice")
+    def _refuse_duplicates(self, key: str, values: tuple[Any, ...]) -> None:
+        for index, value in enumerate(values):
+            if value in values[:index]:
+                self.fail(key, f"contains {_format(value)} twice")
 
 
-def _dotted(place: Place) -> str:
-    """Return ``steps[2].kind`` for ("steps", 1, "kind"): people count from 1."""
-    parts = (f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in place)
+def _dotted(path: KeyPath) -> str:
+    """Return ``steps[2].kind`` for ("steps", 1, "kind"), because users count from 1."""
+    parts = (f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in path)
     return "".join(parts).removeprefix(".")
 
 
-def _say(value: Any) -> str:
+def _format(value: Any) -> str:
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, bool):
@@ -245,6 +245,6 @@ def _say(value: Any) -> str:
     return repr(value)
 
 
-def _near(word: str, words: Iterable[str]) -> str:
+def _suggestion(word: str, words: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, tuple(words), 1)
     return f"; did you mean {close[0]!r}?" if close else ""

@@ -124,15 +124,15 @@ def test_position_mode_presses_to_depths() -> None:
         (GOOD.replace("120", "nan"), ["line 2", "nan is outside"]),
         (GOOD.replace("120", "'fast'"), ["line 2", "must be a number, not 'fast'"]),
         (GOOD.replace("120", "true"), ["line 2", "must be a number, not true"]),
-        (GOOD.replace("120", "40"), ["line 2", "holds 40.0 twice"]),
+        (GOOD.replace("120", "40"), ["line 2", "contains 40.0 twice"]),
         (GOOD.replace("[250]", "[5000]"), ["line 3", "forces_g", "outside 50 to 1200 g"]),
         (GOOD.replace("[250]", "250"), ["line 3", "must be a list of numbers"]),
         (GOOD.replace("= 2", "= 0"), ["line 4", "repeats", "0 is outside 1"]),
         (GOOD.replace("= 2", "= 2.5"), ["line 4", "whole number"]),
         (GOOD.replace("= 2", "= 900000"), ["line 4", "trials"]),
-        (GOOD.replace('["A", "B"]', "[1]"), ["line 1", "must hold texts in quotes"]),
+        (GOOD.replace('["A", "B"]', "[1]"), ["line 1", "must contain texts in quotes"]),
         (GOOD.replace('["A", "B"]', "[]"), ["line 1", "list of texts"]),
-        (GOOD.replace('["A", "B"]', '["A", "A"]'), ["line 1", "holds 'A' twice"]),
+        (GOOD.replace('["A", "B"]', '["A", "A"]'), ["line 1", "contains 'A' twice"]),
         (GOOD.replace('"A"', f'"{"x" * 17}"'), ["line 1", "longer than 16 bytes"]),
         (GOOD + "[trial]\ntravel_mm = 360\n", ["line 6", "travel_mm", "do not fit on the plate"]),
         (GOOD + "[trial]\nforce_mode = 'holt'\n", ["line 6", "did you mean 'hold'"]),
@@ -220,7 +220,7 @@ def test_a_missing_or_unreadable_file_is_named(tmp_path: Path) -> None:
         load_protocol(tmp_path / "none.toml")
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ProtocolError, match="not a UTF-8 text"):
+    with pytest.raises(ProtocolError, match="not UTF-8 text"):
         load_protocol(binary)
     with pytest.raises(ProtocolError, match="cannot read"):
         load_protocol(tmp_path)

@@ -103,7 +103,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ("# taxels\ndead_taxels = [18]", ["line 2: dead_taxels", "18 is outside 0 to 17"]),
         ("stuck_taxels = [1.5]", ["line 1: stuck_taxels", "whole numbers"]),
         ("dead_taxels = 3", ["line 1: dead_taxels", "list of whole numbers"]),
-        ("circumference_mm = 350", ["line 1", "the plate would end at 380 mm, behind the turn"]),
+        ("circumference_mm = 350", ["line 1", "the plate would end at 380 mm, beyond the turn"]),
         ("circumference_mm = 390\nplate_length_mm = 385", ["line 2: plate_length_mm", "395 mm"]),
         ("start_mm\nstop_mm", ["not TOML", "line 1"]),
         ("[plates.Q]\ngroup = 'waves'", ["line 1: plates.Q", "the catalogue has A to P"]),

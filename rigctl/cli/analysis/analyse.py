@@ -30,13 +30,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
     parser.add_argument("--out", required=True, metavar="REPORT", help="new folder")
-    parser.add_argument("--iterations", type=int, default=20, metavar="N", help="draws (20)")
-    parser.add_argument("--k-max", type=int, default=50, metavar="K", help="components (50)")
+    parser.add_argument("--iterations", type=int, default=20, metavar="N", help="random draws (20)")
+    parser.add_argument(
+        "--k-max", type=int, default=50, metavar="K", help="principal components, at most (50)"
+    )
     parser.add_argument(
         "--engine",
         choices=("own", "sklearn"),
         default="own",
-        help="own: one decomposition for each fold; sklearn: a pipeline for each k (slow, equal)",
+        help="own: one decomposition per draw; sklearn: a pipeline per number of components, "
+        "which is slower and gives the same results",
     )
     parser.add_argument(
         "--c",
@@ -47,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sensitivity",
         action="store_true",
-        help="add a table over all encoder presets, with 10 components and the same draws",
+        help="add a table of all encoder presets, with 10 components and the same draws",
     )
     parser.add_argument(
         "--task",
@@ -55,11 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="TASK",
         help="textures, groups, extrapolation, leave-speed-out or leave-force-out; may be "
-        "repeated (default: all that fit the set)",
+        "repeated (default: all that fit the sessions)",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the draws (0)")
     parser.add_argument("--trial", type=int, metavar="ID", help="trial in the figure of one taxel")
-    parser.add_argument("--taxel", type=int, metavar="N", help="its taxel, from 1")
+    parser.add_argument("--taxel", type=int, metavar="N", help="taxel in that figure, from 1")
     add_encoder(parser)
     add_resources(parser)
     _add_model(parser)
@@ -88,13 +91,13 @@ def run(args: argparse.Namespace) -> int:
         Path(args.out),
         SweepSettings(args.iterations, args.k_max, args.seed, engine, tuple(args.task)),
         parameters_of(args),
-        args.reference_force,
-        args.trial,
-        args.taxel,
-        _model_of(args),
-        args.c,
-        args.sensitivity,
-        ranges_of(args),
+        reference_g=args.reference_force,
+        trial=args.trial,
+        taxel=args.taxel,
+        model=_model_of(args),
+        c=args.c,
+        sensitivity=args.sensitivity,
+        ranges=ranges_of(args),
     )
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     with resources_of(args) as resources:
@@ -120,12 +123,12 @@ def _summary(report: ReportResult) -> str:
     """Return the remarks, one line for each task, and the paths of the files."""
     lines = [f"note: {remark}" for remark in report.remarks]
     for result in report.results:
-        shares = (
+        accuracies = (
             f"{curve.representation.name} {curve.mean[result.shown_components - 1]:.1%}"
             for curve in result.curves
         )
         lines.append(
-            f"{result.task.title} ({result.shown_components} components): {', '.join(shares)}"
+            f"{result.task.title} ({result.shown_components} components): {', '.join(accuracies)}"
         )
     names = {"report": "report.html", "results": "results.json", "table": "table1.csv"}
     files = {k: report.folder / v for k, v in names.items()}

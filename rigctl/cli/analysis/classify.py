@@ -1,7 +1,7 @@
 """Predict the textures of a session with a trained model.
 
-Encode the trials of sessions as those of the model were encoded, and predict the texture of
-each with its posterior. rigctl analyse --save-model makes models.
+Encode the trials as the model's training trials were encoded, and predict the texture of each
+with its posterior. rigctl analyse --save-model makes models.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, metavar="FILE", help="write the predictions: JSON to .json, else CSV"
     )
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="processors to use (1)")
-    parser.set_defaults(dask=None, no_cache=True)
+    parser.set_defaults(dask=None, no_cache=True)  # options that resources_of reads
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print or write the predictions; the last line gives the share that is right."""
+    """Print or write the predictions and their accuracy."""
     from rigctl.analysis.classification.classify_sessions import classify
     from rigctl.analysis.classification.predictions import as_dict, as_text, prediction_rows
     from rigctl.analysis.paper.result_tables import to_csv
@@ -38,11 +38,11 @@ def run(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     with resources_of(args) as resources:
         found = classify(model, args.sessions, resources)
-    plain = json.dumps(as_dict(found), allow_nan=False, ensure_ascii=False)
+    as_json = json.dumps(as_dict(found), allow_nan=False, ensure_ascii=False)
     if args.out is not None:
         is_json = args.out.suffix == ".json"
-        replace_file(args.out, plain + "\n" if is_json else to_csv(prediction_rows(found)))
-    print(plain if args.json else as_text(found, every_trial=args.out is None))
+        replace_file(args.out, as_json + "\n" if is_json else to_csv(prediction_rows(found)))
+    print(as_json if args.json else as_text(found, every_trial=args.out is None))
     if args.out is not None and not args.json:
-        print(f"answers: {args.out}")
+        print(f"predictions: {args.out}")
     return 0

@@ -42,22 +42,22 @@ def run(args: argparse.Namespace) -> int:
     line = ProgressLine(sys.stderr)
     rig = f"the {args.rig} rig, seed {args.seed}"
     line.say(f"recording {PROTOCOL}.toml on {rig}, faster than real time")
-    ended = _record(args, line)
-    if ended.state != "done":
-        print(f"the run ended early: {ended.text}\nsession: {ended.session}")
-        return EXIT_CODES[ended.state]
-    session = Path(ended.session or "")
+    status = _record(args, line)
+    if status.state != "done":
+        print(f"the run ended early: {status.text}\nsession: {status.session}")
+        return EXIT_CODES[status.state]
+    session = Path(status.session or "")
     report = verify(session)
     if not report.whole:
         raise NegativeAnswer(f"{session} is not whole: {report.problems[0]}")
     print(f"{session} is whole: {contents(report)}")
     line.say("encoding, classifying, drawing")
-    answer = analyse_session(session, session / FIGURES, progress=line.show_stage)
+    result = analyse_session(session, session / FIGURES, progress=line.show_stage)
     line.end()
-    for remark in answer.remarks:
+    for remark in result.remarks:
         print(f"note: {remark}")
-    print(f"{answer.sentence}; everything from the simulated bench")
-    print(f"session: {session}\nraster: {answer.raster}\naccuracy: {answer.accuracy}", flush=True)
+    print(f"{result.sentence}; all data come from the simulated bench")
+    print(f"session: {session}\nraster: {result.raster}\naccuracy: {result.accuracy}", flush=True)
     if not args.no_window and has_display():
         _open_window(args, line)
     return 0
@@ -65,31 +65,31 @@ def run(args: argparse.Namespace) -> int:
 
 def has_display() -> bool:
     """Return whether there is a display for a window."""
-    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    return bool(named) or sys.platform in ("win32", "darwin")
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(display) or sys.platform in ("win32", "darwin")
 
 
 def _record(args: argparse.Namespace, line: ProgressLine) -> RunStatus:
-    """Run the protocol on a new engine and return the run's part of the last status."""
-    order = ["--protocol", PROTOCOL, "--yes", *(["--out", args.out] if args.out else [])]
-    order += _world_words(args)
-    client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=order)
+    """Run the protocol on a new engine and return the run's last status."""
+    options = ["--protocol", PROTOCOL, "--yes", *(["--out", args.out] if args.out else [])]
+    options += _world_options(args)
+    client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=options)
     return RunWatcher(client, line).watch()
 
 
-def _world_words(args: argparse.Namespace) -> list[str]:
+def _world_options(args: argparse.Namespace) -> list[str]:
     return [] if args.world is None else ["--world", str(args.world)]
 
 
 def _open_window(args: argparse.Namespace, line: ProgressLine) -> None:
     """Open the window in another process, so that no failure of Qt affects the results."""
-    end = "close it to end (--no-window leaves it out)"
-    line.say(f"opening the window on a live {args.rig} rig; {end}")
-    command = [sys.executable, "-m", "rigctl", "gui", "--rig", args.rig, *_world_words(args)]
+    hint = "close it to end the demo (--no-window skips it)"
+    line.say(f"opening the window on a live {args.rig} rig; {hint}")
+    command = [sys.executable, "-m", "rigctl", "gui", "--rig", args.rig, *_world_options(args)]
     code = subprocess.run(command, check=False).returncode
     if code:
         line.say(
-            f"the window ended with code {code}; the results above are complete. Where Qt's "
-            "platform plugin does not load, on Debian install libxcb-cursor0 libxcb-icccm4 "
+            f"the window ended with code {code}; the results above are complete. If Qt's "
+            "platform plugin does not load on Debian, install libxcb-cursor0 libxcb-icccm4 "
             "libxcb-keysyms1"
         )

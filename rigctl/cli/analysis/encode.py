@@ -33,15 +33,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scaled-by",
         choices=("none", "texture", "blind"),
         default="none",
-        help="factor on the SA current: none; texture: C of the trial's own texture; blind: mean "
-        "of C over textures (the file holds C in any case)",
+        help="factor on the SA current: none; C of the trial's own texture; or, blind to the "
+        "texture, the mean of C over all textures (the file contains C in every case)",
     )
     add_encoder(parser)
     add_resources(parser)
     parser.add_argument(
         "--trial", type=int, metavar="ID", help="also draw one taxel of this trial: DIR/taxel.*"
     )
-    parser.add_argument("--taxel", type=int, metavar="N", help="its taxel, from 1")
+    parser.add_argument("--taxel", type=int, metavar="N", help="taxel to draw, from 1")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,27 +52,27 @@ def run(args: argparse.Namespace) -> int:
         tuple(Path(name) for name in args.sessions),
         Path(args.out),
         parameters_of(args),
-        args.reference_force,
-        ranges_of(args),
-        ScaledBy(args.scaled_by),
-        args.trial,
-        args.taxel,
+        reference_g=args.reference_force,
+        ranges=ranges_of(args),
+        scaled_by=ScaledBy(args.scaled_by),
+        trial=args.trial,
+        taxel=args.taxel,
     )
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     with resources_of(args) as resources:
-        found = encode_sessions(request, now, resources)
-    print("\n".join(_summary(found, resources.cache)), flush=True)
+        encoded = encode_sessions(request, now, resources)
+    print("\n".join(_summary(encoded, resources.cache)), flush=True)
     return 0
 
 
-def _summary(found: Encoded, cache: Cache) -> list[str]:
+def _summary(encoded: Encoded, cache: Cache) -> list[str]:
     """Return the remarks, a sentence about C, the work done, and the path of the file."""
     from rigctl.analysis.features.representations import force_sentence
 
-    lines = [f"note: {remark}" for remark in found.remarks]
-    if found.force is not None:
-        lines.append(force_sentence(found.force))
+    lines = [f"note: {remark}" for remark in encoded.remarks]
+    if encoded.force is not None:
+        lines.append(force_sentence(encoded.force))
     tasks = cache.hits + cache.misses
-    lines.append(f"{found.trials:,} trials, {found.spikes:,} spikes")
+    lines.append(f"{encoded.trials:,} trials, {encoded.spikes:,} spikes")
     lines.append(f"{cache.misses} of {tasks} tasks computed, {cache.hits} read from the cache")
-    return [*lines, f"spikes: {found.file}"]
+    return [*lines, f"spikes: {encoded.file}"]

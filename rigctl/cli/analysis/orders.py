@@ -1,7 +1,7 @@
 """Compare the paper's Table 1 with several reports of analyse.
 
-Show reports of independent sets side by side: accuracies beside the paper's, whether each
-comparison of its Table 1 holds in each set, and measurements where not.
+Show the reports of independent data sets side by side: the accuracies beside the paper's, which
+comparisons of Table 1 hold in which set, and measurements for those that do not hold.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the page and print what holds and the path of the page."""
+    """Write the page; print which comparisons hold, and the path of the page."""
     import json
 
     from rigctl import __version__
@@ -28,9 +28,9 @@ def run(args: argparse.Namespace) -> int:
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     out = Path(args.out)
     folders = [Path(name) for name in args.reports]
-    found = write_comparisons(folders, out, f"rigctl {__version__}, {now}")
+    comparisons = write_comparisons(folders, out, f"rigctl {__version__}, {now}")
     if args.json:
-        print(json.dumps(found, allow_nan=False))
+        print(json.dumps(comparisons, allow_nan=False))
     else:
-        print("\n".join([*summary_sentences(found), f"page: {out / 'orders.html'}"]))
+        print("\n".join([*summary_sentences(comparisons), f"page: {out / 'orders.html'}"]))
     return 0

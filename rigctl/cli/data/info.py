@@ -18,21 +18,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the summary. Raises SessionError for a folder that is not a session."""
-    answer = summarise_session(args.session)
+    summary = summarise_session(args.session)
     if args.json:
-        print(json.dumps(answer, ensure_ascii=False))
+        print(json.dumps(summary, ensure_ascii=False))
         return 0
-    width = max(map(len, answer))
-    for name, value in answer.items():
-        print(f"{name.replace('_', ' '):<{width}}  {_say(value)}")
+    width = max(map(len, summary))
+    for name, value in summary.items():
+        print(f"{name.replace('_', ' '):<{width}}  {_format(value)}")
     return 0
 
 
-def _say(value: Any) -> str:
+def _format(value: Any) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{name.replace('_', ' ')} {_say(item)}" for name, item in value.items())
+        return ", ".join(
+            f"{name.replace('_', ' ')} {_format(item)}" for name, item in value.items()
+        )
     if isinstance(value, list):
-        return " ".join(map(_say, value)) or "none"
+        return " ".join(map(_format, value)) or "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         world = session_world(args.source)
         if world is None:
             raise SessionError(
-                f"{args.source} holds no simulated bench: it was not recorded on one"
+                f"{args.source} contains no simulated bench: it was not recorded on one"
             )
     else:
         world = chosen_world(args.source) or NOMINAL_WORLD

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def add_encoder(parser: argparse.ArgumentParser) -> None:
-    """Add the encoder's preset and parameters, the reference force and the taxel ranges."""
+    """Add the options of the encoder, the reference force and the taxel ranges."""
     group = parser.add_argument_group("the encoder")
     group.add_argument("--preset", default="default", metavar="NAME", help="encoder preset")
     group.add_argument(
@@ -29,43 +29,44 @@ def add_encoder(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="change one of its parameters, as sa_gain=120; may be repeated",
+        help="change a parameter of the preset, such as sa_gain=120; may be repeated",
     )
     group.add_argument(
         "--ranges",
         default="all",
         metavar="all|training|FILE",
-        help="taxel ranges over all trials (default), over those at the paper's training speeds "
-        "and forces alone, or of a spikes.h5 or model file",
+        help="measure the taxel ranges in all trials (default) or only in those at the paper's "
+        "training speeds and forces, or take them from a spikes.h5 or model file",
     )
     group.add_argument(
         "--reference-force",
         type=float,
         default=500.0,
         metavar="G",
-        help="force whose SA rates the others are scaled to (500)",
+        help="force to which the SA rates of the other forces are scaled (500)",
     )
 
 
 def add_resources(parser: argparse.ArgumentParser) -> None:
-    """Add the workers and the cache."""
+    """Add the options of the workers and the cache."""
     workers = parser.add_mutually_exclusive_group()
     workers.add_argument(
-        "--workers", type=int, default=1, metavar="N", help="processors to use here (1)"
+        "--workers", type=int, default=1, metavar="N", help="processors to use on this computer (1)"
     )
     workers.add_argument(
         "--dask",
         metavar="ADDRESS",
-        help="workers of a Dask scheduler, as tcp://host:8786; they must see the folders",
+        help="use the workers of a Dask scheduler, such as tcp://host:8786; they must be able to "
+        "read and write the same folders",
     )
     cache = parser.add_mutually_exclusive_group()
     cache.add_argument(
         "--cache",
         type=Path,
         metavar="DIR",
-        help="folder for encoded conditions, which a second run does not encode again (at most "
-        "4 GiB, the least recently used go first); default rigctl in the user's "
-        "cache folder, ~/.cache/rigctl on Linux. To clear it, remove the folder",
+        help="folder that keeps encoded conditions for later runs (at most 4 GiB; the least "
+        "recently used are removed first; remove the folder to clear it). Default: rigctl in the "
+        "system's cache folder, on Linux $XDG_CACHE_HOME or ~/.cache",
     )
     cache.add_argument("--no-cache", action="store_true", help="neither read nor write the cache")
 

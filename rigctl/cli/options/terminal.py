@@ -1,4 +1,4 @@
-"""What commands share at a terminal: Ctrl-C ends them at a safe place, and questions."""
+"""Questions at a terminal, and signals that end a command at a safe place."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ class Interrupts:
 
     def __enter__(self) -> Interrupts:
         for number in (signal.SIGINT, signal.SIGTERM):
-            self._handlers[number] = signal.signal(number, self._caught)
+            self._handlers[number] = signal.signal(number, self._count_signal)
         return self
 
     def __exit__(self, *_: object) -> None:
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
 
-    def _caught(self, number: int, frame: FrameType | None) -> None:
+    def _count_signal(self, number: int, frame: FrameType | None) -> None:
         self.count += 1
         if self.count == self._limit:
             self.__exit__()
 
 
-def ask(text: str, cure: str) -> None:
+def ask(text: str, remedy: str) -> None:
     """Print ``text`` and wait for Enter.
 
-    Raises KeyboardInterrupt for the answer a, and WrongUse with ``cure`` without a terminal.
+    Raises KeyboardInterrupt for the answer a, and WrongUse with ``remedy`` without a terminal.
     """
     try:
         answer = input(f"{text} [Enter, or a to abort] ")
     except EOFError:
-        raise WrongUse(f"there is no terminal to answer at: {cure}") from None
+        raise WrongUse(f"there is no terminal to answer at: {remedy}") from None
     if answer.strip().lower().startswith("a"):
         raise KeyboardInterrupt

@@ -1,7 +1,7 @@
 """Judge a rig by a session of the acceptance protocol.
 
 Judge force, drift, speed, steps and losses of a rig from a session recorded with
-protocols/acceptance.toml. Exit code 0: accepted; 1: not; 2: no such session.
+protocols/acceptance.toml. Exit code 0: accepted; 1: not accepted; 2: not a session.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Calibrate load cell, force loop, imbalance or wiring.
 
 Calibrate a rig and save the result on the drum's board and in rig.toml. Exit code 0: done; 2:
-the measurement cannot be right; 3: rig fault.
+the measurement is implausible; 3: rig fault.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", required=True, help="virtual, firmware, or a rig.toml")
     add_world(parser)
     parser.add_argument("--seed", type=int, default=0, help="seed of a simulated rig")
-    parser.add_argument("--yes", action="store_true", help="do not ask: everything is in place")
+    parser.add_argument("--yes", action="store_true", help="do not ask for confirmation")
     parser.add_argument(
         "--dry", action="store_true", help="save nothing, neither on the board nor in files"
     )
@@ -43,12 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "force", help="find the gains of the force loop from a step at a held force"
     )
     force.add_argument("--force", type=float, default=500.0, metavar="G")
-    parts.add_parser("imbalance", help="measure what the drum's angle adds to the load cell")
+    parts.add_parser("imbalance", help="measure the load-cell error over the drum's angle")
     tare = parts.add_parser("tare", help="set the reading of the lifted drum to 0 g")
     tare.add_argument(
         "--anyway",
         action="store_true",
-        help="accept a zero far from the last one, as after a change of drum",
+        help="accept a zero far from the last one, such as after a change of the drum",
     )
     parts.add_parser("wiring", help="find which reading is which taxel by unplugging and pressing")
 
@@ -91,7 +91,7 @@ class _CalibrationSession:
             "curve_share": scale.nonlinearity_share,
         }
         self._lines.append(
-            f"{scale.ug_per_count} µg a count, {100 * scale.nonlinearity_share:.2f} % off a line"
+            f"{scale.ug_per_count} µg a count, nonlinearity {100 * scale.nonlinearity_share:.2f} %"
         )
         masses = ", ".join(f"{mass:g} g" for mass in sorted(self._args.mass))
         today = datetime.now(UTC).strftime("%Y-%m-%d")

@@ -15,8 +15,8 @@ from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.protocol.steps import PLATE_CHANGE_S
 
-NOMINAL = ("virtual", "firmware")
-"""Rigs that need no description: they have the nominal one."""
+SIMULATED = ("virtual", "firmware")
+"""Rigs without a rig.toml: they have the nominal description."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=int, help="seed of the trial order, instead of the protocol's"
     )
     parser.add_argument(
-        "--rig", default=NOMINAL[0], metavar="RIG", help="virtual, firmware, or a rig.toml"
+        "--rig", default=SIMULATED[0], metavar="RIG", help="virtual, firmware, or a rig.toml"
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="exit with 1 if the disk of DIR is too small"
@@ -36,15 +36,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the summary. Raises ProtocolError for a protocol that cannot be run."""
-    config = RigConfig() if args.rig in NOMINAL else load_config(Path(args.rig))
+    config = RigConfig() if args.rig in SIMULATED else load_config(Path(args.rig))
     plan = load_protocol(find_protocol(args.protocol), config).plan(args.seed)
-    answer = describe(plan)
+    summary = describe(plan)
     if args.json:
-        print(json.dumps(answer, ensure_ascii=False))
+        print(json.dumps(summary, ensure_ascii=False))
     else:
-        print(table(answer))
+        print(table(summary))
     if args.out:
-        _check_room(args.out, plan.bytes_estimate)
+        _check_disk_space(args.out, plan.bytes_estimate)
     return 0
 
 
@@ -70,38 +70,37 @@ def describe(plan: Plan) -> dict[str, Any]:
     }
 
 
-def table(answer: dict[str, Any]) -> str:
+def table(summary: dict[str, Any]) -> str:
     """Return the summary as a table of two columns."""
-    presses, unit = ("forces", "g") if answer["forces_g"] else ("depths", "mm")
+    presses, unit = ("forces", "g") if summary["forces_g"] else ("depths", "mm")
+    is_shuffled = summary["order"] == "shuffled"
+    order = f"shuffled by seed {summary['seed']}" if is_shuffled else "blocked"
     rows = (
-        ("protocol", f"{answer['protocol']} – {answer['description']}".rstrip(" –")),
-        ("textures", " ".join(answer["textures"]) or "none"),
-        ("speeds", _numbers(answer["speeds_mm_s"], "mm/s")),
-        (presses, _numbers(answer[f"{presses}_{unit}"], unit)),
-        (
-            "order",
-            f"shuffled by seed {answer['seed']}" if answer["order"] == "shuffled" else "blocked",
-        ),
-        ("trials", f"{answer['trials']:,} of {answer['travel_mm']:g} mm"),
-        ("steps", f"{answer['steps']:,}"),
-        ("plate changes", str(answer["plate_changes"])),
-        ("samples", f"{_time(answer['trial_seconds'])} of trials"),
-        ("rig time", _time(answer["rig_seconds"])),
-        ("with plate changes", _time(answer["rig_seconds"] + answer["people_seconds"])),
-        ("disk", _size(answer["bytes"])),
-        ("plan", answer["hash"]),
+        ("protocol", f"{summary['protocol']} – {summary['description']}".rstrip(" –")),
+        ("textures", " ".join(summary["textures"]) or "none"),
+        ("speeds", _numbers(summary["speeds_mm_s"], "mm/s")),
+        (presses, _numbers(summary[f"{presses}_{unit}"], unit)),
+        ("order", order),
+        ("trials", f"{summary['trials']:,} of {summary['travel_mm']:g} mm"),
+        ("steps", f"{summary['steps']:,}"),
+        ("plate changes", str(summary["plate_changes"])),
+        ("samples", f"{_time(summary['trial_seconds'])} of trials"),
+        ("rig time", _time(summary["rig_seconds"])),
+        ("with plate changes", _time(summary["rig_seconds"] + summary["people_seconds"])),
+        ("disk", _size(summary["bytes"])),
+        ("plan", summary["hash"]),
     )
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
 
-def _check_room(folder: Path, need: int) -> None:
-    existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    free = shutil.disk_usage(existing).free
-    if need > free:
+def _check_disk_space(folder: Path, needed_bytes: int) -> None:
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    free_bytes = shutil.disk_usage(existing).free
+    if needed_bytes > free_bytes:
         raise NegativeAnswer(
-            f"the disk of {folder} has {_size(free)} free, the protocol needs {_size(need)}: "
-            "make room or choose another disk"
+            f"the disk of {folder} has {_size(free_bytes)} free, but the protocol needs "
+            f"{_size(needed_bytes)}: make room or choose another disk"
         )
 
 

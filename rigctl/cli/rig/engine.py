@@ -54,22 +54,21 @@ def run(args: argparse.Namespace) -> int:
     rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
     with closing(rig), open_listener() as listener:
         live = LiveWriter(folder / f"{name}.live")
-        watched = args.paced or not rig.simulated
-        engine = Engine(rig, live, _utc_now, watched)
+        engine = Engine(rig, live, _utc_now, real_time=args.paced or not rig.simulated)
         port = listener.getsockname()[1]
         path = write_engine_file(
             folder, EngineFile(name, os.getpid(), port, token, args.rig, str(live.path))
         )
         try:
-            # Simulated time has not begun, so the moment of the client's arrival changes no sample.
+            # Simulated time starts later, so it does not matter when the client connects.
             address = EngineAddress(listener, token, accept_first_client(listener, token))
-            _end_on_signals(rig.loop, engine)
+            _shut_down_on_signals(rig.loop, engine)
             return rig.loop.run_until_complete(
                 engine.serve(address, CommandHandler(engine).handle, request)
             )
         finally:
             live.close()
-            _drop_empty(folder / f"{name}.log")
+            _remove_empty(folder / f"{name}.log")
             path.unlink(missing_ok=True)
 
 
@@ -80,21 +79,21 @@ def _world(args: argparse.Namespace) -> SimulatedWorld | None:
     return chosen_world(args.world)
 
 
-def _end_on_signals(loop: asyncio.AbstractEventLoop, engine: Engine) -> None:
-    """End the engine on a signal as a client does: run aborted, rig safe, session whole."""
+def _shut_down_on_signals(loop: asyncio.AbstractEventLoop, engine: Engine) -> None:
+    """Shut down on SIGINT or SIGTERM as for a client: abort the run, save the session."""
 
-    def end() -> None:
+    def shut_down() -> None:
         engine.shut_down("a signal ended the engine")
 
     for number in (signal.SIGINT, signal.SIGTERM):
         if sys.platform == "win32":
-            signal.signal(number, lambda *_: loop.call_soon_threadsafe(end))
+            signal.signal(number, lambda *_: loop.call_soon_threadsafe(shut_down))
         else:
-            loop.add_signal_handler(number, end)
+            loop.add_signal_handler(number, shut_down)
 
 
-def _drop_empty(log: Path) -> None:
-    """Remove the log that the starting process made for us, if nothing was written to it."""
+def _remove_empty(log: Path) -> None:
+    """Remove the log file, which the starting process created, if it is empty."""
     if sys.platform != "win32" and log.is_file() and log.stat().st_size == 0:
         log.unlink()
 

@@ -9,11 +9,11 @@ from rigctl.errors import NegativeAnswer, RigFault
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the command."""
+    """Add nothing: the command has no options."""
 
 
 def run(args: argparse.Namespace) -> int:
-    """Stop every engine; a run ends with its session whole."""
+    """Stop every engine. Raises RigFault with the name of each that does not answer."""
     failures: list[str] = []
 
     def report(stopped: StopResult) -> None:

@@ -67,7 +67,7 @@ def parse_world(text: TomlText) -> WorldParameters:
     if end_mm > p.circumference_mm:
         root.fail(
             "plate_length_mm" if "plate_length_mm" in root else "circumference_mm",
-            f"the plate would end at {end_mm:g} mm, behind the turn of {p.circumference_mm:g} mm",
+            f"the plate would end at {end_mm:g} mm, beyond the turn of {p.circumference_mm:g} mm",
         )
     return p
 
