@@ -23,6 +23,7 @@ uint32_t steps_of(uint16_t tenths_mm) {
 // --- motions ------------------------------------------------------------------------------------
 
 void Axis::start(const Motion &motion, uint16_t speed) {
+    homing_ = false;  // an interrupted search for the mark must not end this motion there
     Motion complete = motion;
     const int16_t trim_ppm = static_cast<int16_t>(bank_.word(reg::clock_trim_ppm));
     complete.profile = ramp::profile(speed, bank_.word(reg::acceleration_set), trim_ppm);
@@ -39,8 +40,8 @@ void Axis::move() {
 
 void Axis::home() {
     homed_ = false;
-    homing_ = true;
     start({{}, false, HOMING_STEPS, ENDLESS, 0}, HOMING_SPEED);
+    homing_ = true;
 }
 
 void Axis::tare_turn() {

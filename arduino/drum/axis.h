@@ -29,7 +29,7 @@ class Axis {
     // Makes the present position zero; the angle is then unknown.
     void zero_position();
     // The driver is off: the drum may be turned by hand.
-    void forget_angle() { homed_ = false; }
+    void forget_angle() { homed_ = homing_ = false; }
     bool homed() const { return homed_; }
 
     // Steps since the index mark, within a turn.

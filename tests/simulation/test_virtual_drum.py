@@ -110,6 +110,21 @@ def test_move_lands_on_the_step_and_home_zeroes_at_the_mark(rig: VirtualRig, hos
     assert place_mm % 400 == pytest.approx(100.0, abs=0.04)
 
 
+def test_a_move_after_an_interrupted_homing_passes_the_mark(host: Host) -> None:
+    host.armed()
+    host.command(Command.HOME)
+    host.attend(300_000)
+    host.command(Command.STOP)
+    host.state(State.ARMED)
+    host.attend(500_000)
+    host.command(Command.ZERO_STEPS)
+    host.put("move_target", 12_800)  # a turn: the mark is on the way
+    host.command(Command.MOVE)
+    poll = host.until(lambda poll: poll["command_result"] != CommandResult.RUNNING)
+    assert (poll["command_result"], poll["steps"]) == (CommandResult.DONE, 12_800)
+    assert not poll["status_bits"] >> Status.HOMED & 1
+
+
 def test_backward_runs_count_down(host: Host) -> None:
     host.holding()
     host.command(Command.ZERO_STEPS)
