@@ -1,16 +1,16 @@
-"""Errors that a user can meet, with the exit code of each.
+"""Errors that users see, with the exit code of each.
 
 A message says what failed, where, and what to do, without a traceback.
 """
 
 
 class RigctlError(Exception):
-    """Base of every failure a user can meet."""
+    """Base of all errors that users see."""
 
     exit_code = 3
 
 
-class NegativeAnswer(RigctlError):
+class CheckFailed(RigctlError):
     """A check was made and its result is negative."""
 
     exit_code = 1
@@ -47,7 +47,7 @@ class LinkLost(RigFault):
 
 
 class BoardRebooted(LinkLost):
-    """The board rebooted without a request: its settings are the defaults, connect it again."""
+    """The board rebooted without a request and has its default settings: connect it again."""
 
 
 class WrongBoard(RigFault):
@@ -63,4 +63,4 @@ class BoardFault(RigFault):
 
 
 class DiskFault(RigFault):
-    """The recorder cannot write; the run stops and committed trials are kept."""
+    """The disk is full or not writable; a run stops and its committed trials are kept."""

@@ -1,6 +1,6 @@
 """Frozen values that modules exchange; every number has its unit.
 
-Arrays inside a value are never written after its construction.
+Code never changes the arrays of a value after its construction.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ An HX711 at gain 128 measures its bridge against the bridge's own supply: at a c
 counts sensitivity · 256 · 2**23. A cell of 1 kg with 2 mV/V gives 233 µg a count, one of 50 kg
 with 1 mV/V gives 23,283.
 
-With a scale outside, a press of kilograms would read as one of grams or as none. ``rig.toml``,
-calibrations and the drum's wire refuse such a scale.
+With a scale outside this band, a press of kilograms would read as grams or as nothing.
+``rig.toml``, calibrations and the drum's wire refuse such a scale.
 """
 
 
@@ -44,7 +44,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Samples that the board took and the host did not receive.
+    """Samples that the board took and that did not reach the host.
 
     ``first_counter`` is the unwrapped board counter of the first lost sample.
     """

@@ -1,4 +1,4 @@
-"""Both boards of a rig: connected, polled, shown live, and reconnected after a loss."""
+"""Both boards of a rig: connection, polls, live data, and reconnection after a loss."""
 
 from __future__ import annotations
 
@@ -169,13 +169,13 @@ class Boards:
             self._event_bus.publish("link", str(fault), board=DRUM)
 
     def _publish_self_test(self, test: SelfTest) -> None:
-        """Publish a self-test once: the board repeats it whenever it introduces itself."""
+        """Publish a self-test once: the board repeats it after each requested identity."""
         test_id = (self.identities[TAXELS].boot_count, test.count)
         if test_id == self._published_test:
             return
         self._published_test = test_id
         found = self.taxels.findings
-        text = f"taxels' self-test: {'; '.join(found) if found else 'nothing found'}"
+        text = f"self-test of the taxels: {'; '.join(found) or 'no findings'}"
         self._event_bus.publish("check" if found else "board", text, found=found)
 
     def _taxels_failed(self, fault: RigFault) -> None:

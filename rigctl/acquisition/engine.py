@@ -111,7 +111,7 @@ class Engine:
         return self.run is not None and not self.run.ended
 
     def set_plate(self, texture: str) -> bool:
-        """Note the mounted plate; return whether a simulated rig mounted it."""
+        """Store which plate is mounted; return whether a simulated rig mounted it."""
         self._texture = texture
         return self.rig.set_plate(texture)
 
@@ -158,7 +158,7 @@ class Engine:
         try:
             await work
         except Exception as error:  # noqa: BLE001 - top of a task: it becomes a visible fault
-            sentence = f"the engine failed inside: {error!r}; report this with the session"
+            sentence = f"internal error of the engine: {error!r}; report it with the session"
             self.event_bus.publish("fault", sentence)
             self.shut_down(sentence)
 

@@ -205,7 +205,7 @@ class LiveWriter:
         self._file.header[0] = MAGIC
 
     def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
-        """Store the readings that the encoder maps to 0 and 1; the version is odd meanwhile."""
+        """Store the readings that the encoder maps to 0 and 1; an odd version marks the write."""
         self._file.header[4] += 1
         self._file.range[:] = (low, high)
         self._file.header[4] += 1

@@ -66,14 +66,14 @@ class EngineHarness:
         """Wait in loop time."""
         end_s = self.rig.loop.time() + seconds
         while self.rig.loop.time() < end_s:
-            await self.engine.boards.drum_poller.wait_turn()
+            await self.engine.boards.drum_poller.wait_cycle()
 
     async def until(self, condition: Callable[[], bool], limit_s: float = 120.0) -> None:
         """Wait until the condition is true; check it once per poll."""
         end_s = self.rig.loop.time() + limit_s
         while not condition():
             assert self.rig.loop.time() < end_s, "the condition never became true"
-            await self.engine.boards.drum_poller.wait_turn()
+            await self.engine.boards.drum_poller.wait_cycle()
 
     def texts(self, kind: str) -> list[str]:
         """Return the texts of the events of this kind."""

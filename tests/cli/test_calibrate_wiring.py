@@ -157,7 +157,7 @@ def test_unclear_press_is_repeated(
 ) -> None:
     code, person = calibrate(rig, taxels, monkeypatch, [0, 0, *range(1, 9)])
     assert code == 0
-    assert "not clear: D6·A4 answered, as it did at row 1, column 1" in capsys.readouterr().out
+    assert "not clear: D6·A4 responded, as it did at row 1, column 1" in capsys.readouterr().out
     assert [text.startswith("Press row 1, column 2") for text in person.questions].count(True) == 2
 
 
@@ -169,7 +169,7 @@ def test_contradictory_presses_leave_the_file_unchanged(
 ) -> None:
     code, _ = calibrate(rig, taxels, monkeypatch, [0, 1, 2, 4, 3, 5, 6, 7, 8])
     assert code == 2
-    assert "do not cross as lines and inputs do" in capsys.readouterr().err
+    assert "do not form rows of one line" in capsys.readouterr().err
     assert rig.read_text() == RIG
 
 

@@ -37,7 +37,7 @@ def by_hand(operator: Operator, work: Work, config: RigConfig = FORWARDS) -> Non
         await poller.connect()
         polling = asyncio.ensure_future(poller.run())
         try:
-            await poller.wait_turn()
+            await poller.wait_cycle()
             await work(DrumMotion(poller, config))
         finally:
             polling.cancel()
@@ -56,7 +56,7 @@ def test_a_jog_turns_by_the_requested_travel_and_reports_it(
         for mm in (10.0, 1.0, -1.0, -10.0, 123.4):
             before_mm = turned_mm(operator)
             assert await motion.jog(mm) == pytest.approx(mm, abs=STEP_MM)
-            await motion.poller.wait_turn()
+            await motion.poller.wait_cycle()
             assert sign * (turned_mm(operator) - before_mm) == pytest.approx(mm, abs=STEP_MM)
 
     by_hand(operator, work, config)
@@ -98,7 +98,7 @@ def test_a_stop_ends_a_jog(operator: Operator) -> None:
         await motion.poller.drum.stop()
         moved_mm = await jogging
         assert 0 < moved_mm < 200
-        await motion.poller.wait_turn()
+        await motion.poller.wait_cycle()
         assert motion.poller.healthy_state().state == State.ARMED
         assert turned_mm(operator) - before_mm == pytest.approx(moved_mm, abs=STEP_MM)
 

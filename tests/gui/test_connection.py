@@ -89,7 +89,7 @@ def test_closing_during_connection_leaves_no_engine(app: QApplication, tmp_path:
 
 def test_end_of_the_engine_is_reported(bench: Bench) -> None:
     bench.update()
-    bench.engine.failure = LinkLost("the engine ended (its end of the connection closed)")
+    bench.engine.failure = LinkLost("the engine ended (it closed the connection)")
     bench.window.poll()
     assert "the engine ended" in bench.window.status_line.text()
     assert bench.window.toolbar.connect_button.text() == "Connect"

@@ -10,7 +10,7 @@ import pytest
 
 from rigctl.cli import create_parser
 from rigctl.cli.rig import check
-from rigctl.errors import NegativeAnswer, ProtocolError
+from rigctl.errors import CheckFailed, ProtocolError
 
 
 def run(*words: str) -> int:
@@ -52,5 +52,5 @@ def test_too_little_disk_space_is_a_negative_answer(
 ) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(check.shutil, "disk_usage", lambda _: usage(2_000_000, 1, 1_000_000))
-    with pytest.raises(NegativeAnswer, match=r"1 MB free, but the protocol needs 14 MB"):
+    with pytest.raises(CheckFailed, match=r"1 MB free, but the protocol needs 14 MB"):
         run("quick", "--out", str(tmp_path / "new" / "folder"))

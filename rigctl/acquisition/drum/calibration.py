@@ -53,9 +53,9 @@ class ForceLoopGains(NamedTuple):
 
 
 def fit_scale(readings: Sequence[MassReading]) -> LoadCellScale:
-    """Return the straight line through an empty reading and one of each mass.
+    """Return the scale that fits an empty reading and one of each mass.
 
-    Raises WrongUse with a sentence for readings that cannot be right.
+    Raises WrongUse for implausible readings.
     """
     masses = np.array([reading.mass_g for reading in readings])
     counts = np.array([reading.mean_counts for reading in readings])
@@ -65,8 +65,8 @@ def fit_scale(readings: Sequence[MassReading]) -> LoadCellScale:
     nonlinearity = float(residual.max() / masses.max())
     if nonlinearity > MAX_NONLINEARITY_SHARE:
         raise WrongUse(
-            f"the masses do not lie on a line ({100 * nonlinearity:.1f} % off): check them, and "
-            "that nothing touches the drum"
+            f"the readings are not proportional to the masses ({100 * nonlinearity:.1f} % off): "
+            "check the masses, and that nothing touches the drum"
         )
     ug_per_count = round(float(g_per_count) * 1e6)
     low, high = SCALE_BAND_UG_PER_COUNT
@@ -89,7 +89,7 @@ def _validate_readings(readings: Sequence[MassReading], span_counts: float) -> N
     noisiest = max(readings, key=lambda reading: reading.sd_counts)
     if noisiest.sd_counts > MAX_SPREAD_SHARE * span_counts:
         raise WrongUse(
-            f"the reading at {noisiest.mass_g:g} g is restless (± {noisiest.sd_counts:.0f} of "
+            f"the reading at {noisiest.mass_g:g} g is unstable (± {noisiest.sd_counts:.0f} of "
             f"{span_counts:.0f} counts): let the drum come to rest, then calibrate again"
         )
 
@@ -113,7 +113,7 @@ class Calibrator:
         await self._poller.connect()
         polling = asyncio.ensure_future(self._poller.run())
         try:
-            await self._poller.wait_turn()
+            await self._poller.wait_cycle()
             await self.motion.configure()
             await work()
         finally:
@@ -127,7 +127,7 @@ class Calibrator:
     async def read_mass(self, mass_g: float) -> MassReading:
         """Return a reading at rest. Raises RigFault while the drum is not switched off."""
         if self._poller.healthy_state().state != State.IDLE:
-            raise RigFault("the load cell is calibrated with the drum lifted and switched off")
+            raise RigFault("calibrate the load cell with the drum lifted and switched off")
         await asyncio.sleep(REST_S)
         counts: list[int] = []
         unsubscribe = self._poller.subscribe(
@@ -135,7 +135,7 @@ class Calibrator:
         )
         try:
             while len(counts) < READINGS:
-                await self._poller.wait_turn()
+                await self._poller.wait_cycle()
                 self._poller.healthy_state()
         finally:
             unsubscribe()
@@ -155,7 +155,7 @@ class Calibrator:
         await self.motion.approach()
         if not await self.motion.execute(Command.TUNE, TUNE_TIMEOUT_S, "the step test"):
             raise RigFault(
-                "the force did not answer the step as an actuator's should: check the plate, "
+                "the force did not respond to the step as expected: check the plate, "
                 "the mechanics and the load cell's scale"
             )
         found = await self._poller.drum.get(
@@ -164,7 +164,7 @@ class Calibrator:
         return ForceLoopGains(*(round(value, 2) for value in found.values()))
 
     async def tare(self, anyway: bool) -> int:
-        """Tare the lifted drum and return the counts; ``anyway`` allows one far from the last."""
+        """Tare the lifted drum and return the counts; ``anyway`` allows any zero."""
         await self.motion.arm()
         await self.motion.tare(anyway)
         return round((await self._poller.drum.get("tare_counts"))["tare_counts"])

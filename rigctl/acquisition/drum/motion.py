@@ -1,6 +1,6 @@
 """Drum motion: each method sends one command and waits until the board has finished it.
 
-Every wait calls ``check``, so that a pause or a stop ends it at the next turn of the poll loop.
+Every wait calls ``check``, so that a pause or a stop ends it at the next cycle of the poll loop.
 """
 
 from __future__ import annotations
@@ -64,11 +64,11 @@ class DrumMotion:
         A latched fault ends the wait too. Raises RigFault where the self-test does not end.
         """
         poller, end_s = self.poller, self.poller.loop.time() + SELF_TEST_TIMEOUT_S
-        await poller.wait_turn()
+        await poller.wait_cycle()
         while poller.connected and (poller.state is None or poller.state.state in STARTING_STATES):
             if poller.loop.time() > end_s:
                 raise RigFault("the drum's self-test does not end: restart the board")
-            await poller.wait_turn()
+            await poller.wait_cycle()
 
     async def configure(self) -> str:
         """Write the settings of the rig's description and read the other set-points.
@@ -91,12 +91,12 @@ class DrumMotion:
         return ""
 
     async def _write_guarded_settings(self) -> None:
-        """Write what decides a force. Raises CommandRefused where the state does not allow it."""
+        """Write the settings that determine a force. Raises CommandRefused if the board refuses."""
         settings = rig_settings(self.config)
         await self.write_settings(**{name: settings[name] for name in GUARDED_SETTINGS})
 
     async def write_settings(self, **values: float) -> None:
-        """Write settings, in engineering units, that differ from those on the board."""
+        """Write the settings, in engineering units, that differ from those on the board."""
         changed = {name: v for name, v in values.items() if self.settings.get(name) != v}
         if changed:
             await self.poller.drum.set(**changed)
@@ -180,9 +180,9 @@ class DrumMotion:
             await self.reach(Command.MOVE, State.ARMED, MOVE_TIMEOUT_S, "moving, lifted,")
 
     async def jog(self, travel_mm: float) -> float:
-        """Turn the lifted drum by this much texture at the speed of moves; return the real mm.
+        """Turn the lifted drum at the speed of moves; return the true travel in mm.
 
-        Positive turns as a forward trial does. The target stays within the board's limits.
+        A positive travel turns as a forward trial does. The target stays within the board's limits.
         Raises WrongUse for more than a turn, CommandRefused where the drum is not armed.
         """
         step_mm, stop_count = self._step_mm, self.stop_count
@@ -254,7 +254,7 @@ class DrumMotion:
     async def _fresh_state(self) -> DrumState:
         """Return a state that is newer than the last command."""
         while self.poller.healthy_state().at_s < self._commanded_s:
-            await self.poller.wait_turn()
+            await self.poller.wait_cycle()
             self.check()
         return self.poller.healthy_state()
 

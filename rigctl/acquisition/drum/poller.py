@@ -1,8 +1,7 @@
 """The poll loop of the drum: 20 polls a second, with the heartbeat, until the engine ends.
 
-All code that waits for the drum waits for the next turn of this loop. A turn comes every 50 ms
-whether the board answers or not, so every wait notices a fault or a lost link and can be
-cancelled.
+All code that waits for the drum waits for the next cycle of this loop. A cycle takes 50 ms, half a
+second while the link is lost, so every wait notices a fault or a lost link and can be cancelled.
 """
 
 from __future__ import annotations
@@ -72,16 +71,16 @@ class DrumPoller:
         return lambda: self._subscribers.remove(subscriber)
 
     async def run(self) -> None:
-        """Poll until cancelled; the mean period is exact, and missed turns are skipped."""
+        """Poll until cancelled; the mean period is exact, and missed cycles are skipped."""
         due_s = self.loop.time()
         while True:
-            await self._turn()
+            await self._run_cycle()
             period_s = POLL_PERIOD_S if self.connected else RECONNECT_PERIOD_S
             due_s = max(due_s + period_s, self.loop.time())
             await asyncio.sleep(due_s - self.loop.time())
 
-    async def wait_turn(self) -> None:
-        """Wait for the end of the next turn of the poll loop."""
+    async def wait_cycle(self) -> None:
+        """Wait for the end of the next cycle of the poll loop."""
         waiter: asyncio.Future[None] = self.loop.create_future()
         self._waiters.append(waiter)
         await waiter
@@ -93,30 +92,30 @@ class DrumPoller:
         action: str,
         check: Callable[[], None] = lambda: None,
     ) -> DrumState:
-        """Return the first new state that ``is_done``; ``check`` may raise at every turn.
+        """Return the first new state that ``is_done``; ``check`` may raise at every cycle.
 
-        Raises LinkLost, BoardFault when the drum latched a fault, RigFault after ``timeout_s``;
-        ``action`` begins that sentence.
+        Raises LinkLost, BoardFault when the drum latched a fault, and RigFault after ``timeout_s``
+        with a sentence that begins with ``action``.
         """
         end_s = self.loop.time() + timeout_s
         while True:
-            await self.wait_turn()
+            await self.wait_cycle()
             check()
             state = self.healthy_state()
             if is_done(state):
                 return state
             if self.loop.time() > end_s:
-                raise RigFault(f"{action} took longer than {timeout_s:g} s: the run stops here")
+                raise RigFault(f"{action} took longer than {timeout_s:g} s: check the drum")
 
     def healthy_state(self) -> DrumState:
         """Return the newest state. Raises LinkLost without one, BoardFault at a latched fault."""
         if self.link_error or self.state is None:
-            raise LinkLost(self.link_error or "drum: it was not polled yet")
+            raise LinkLost(self.link_error or "the drum has not been polled yet")
         if self.fault_latched:
             raise BoardFault(FAULT_TEXT[Fault(self.state.fault)])
         return self.state
 
-    async def _turn(self) -> None:
+    async def _run_cycle(self) -> None:
         try:
             if self.link_error:
                 await self._reconnect()

@@ -20,15 +20,14 @@ from rigctl.wire.drum.codes import is_abnormal_reset, reset_cause_text
 from rigctl.wire.taxels.frames import CYCLES_PER_US
 
 DRUM, TAXELS = "drum", "taxels"
-READ_PERIOD_TURNS = 20
-"""Polls between two reads of the drum's counters: a second."""
+READ_PERIOD_CYCLES = 20
+"""Cycles of the poll loop between two reads of the drum's counters: a second."""
 EVENT_KIND = "board"
 START, END = "start", "end"
 
 _DRUM_COUNTERS = ("longest_isr_us", "free_stack_bytes", "idle_permille")
 _RAM_BYTES = {DRUM: 8192, TAXELS: 2048}
 _U16 = 1 << 16
-
 
 Counters = dict[str, Any]
 """The counters of one board, by their names in :class:`BoardStatus`."""
@@ -70,11 +69,11 @@ class BoardHealth:
             if self._poller.connected:
                 with suppress(RigFault):  # the next poll reports a lost drum
                     self._drum_counters = await self._poller.drum.get(*_DRUM_COUNTERS)
-            for _ in range(READ_PERIOD_TURNS):
-                await self._poller.wait_turn()
+            for _ in range(READ_PERIOD_CYCLES):
+                await self._poller.wait_cycle()
 
     def counters(self) -> dict[str, Counters]:
-        """Return the counters by board, of those that have reported."""
+        """Return the counters of each board that has reported, by board."""
         found = {}
         if self._drum_counters:
             readings = [self._drum_counters[name] for name in _DRUM_COUNTERS]
@@ -89,7 +88,7 @@ class BoardHealth:
         return found
 
     def statuses(self) -> dict[str, BoardStatus]:
-        """Return the board's part of the status message, by board that has connected."""
+        """Return each connected board's part of the status message, by board."""
         counters = self.counters()
         return {
             name: BoardStatus(

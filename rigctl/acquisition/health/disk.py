@@ -35,7 +35,7 @@ class DiskMonitor:
         return status.failure is not None or status.queue_samples < HUNG_SAMPLES
 
     def must_pause(self, paused: bool) -> bool:
-        """Return whether the disk is too full to record; a ``paused`` run needs twice the room."""
+        """Return whether the disk is too full to record; a ``paused`` run needs twice the space."""
         reserve = (RESERVE_BYTES + RESERVE_S * self._bytes.per_s) * (2 if paused else 1)
         return self._recorder.status.disk_free_bytes < reserve
 

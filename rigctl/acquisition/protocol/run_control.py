@@ -1,7 +1,7 @@
 """Pauses, questions and the end of a run, and how every wait notices them.
 
 A pause has reasons; it ends when the last one is gone, and the end of one reason does not remove
-another. All code that waits for the rig calls :meth:`RunControl.check` at every turn of the poll
+another. All code that waits for the rig calls :meth:`RunControl.check` at every cycle of the poll
 loop, which raises where there is a reason to pause or to end.
 """
 
@@ -75,7 +75,7 @@ class RunControl:
         self._failure = self._failure or failure
 
     def answer(self, prompt_id: int, answer: str) -> bool:
-        """Answer the question of this number; return False where it is not the current one."""
+        """Answer the question with this number; return False where it is not the current one."""
         if self.prompt is None or self.prompt.id != prompt_id:
             return False
         if answer == "abort":
@@ -95,13 +95,13 @@ class RunControl:
         """Wait in loop time, with a check at every poll."""
         end_s = self._poller.loop.time() + seconds
         while self._poller.loop.time() < end_s:
-            await self._poller.wait_turn()
+            await self._poller.wait_cycle()
             self.check()
 
     async def wait_resumed(self) -> None:
         """Wait, with the rig already safe, until no reason is left and no fault is latched."""
         while self._paused_since_s:
-            await self._paused_turn()
+            await self._wait_paused_cycle()
 
     async def ask(self, text: str, texture: str | None) -> None:
         """Ask the operator, with the rig already safe, and wait for the answer."""
@@ -109,12 +109,12 @@ class RunControl:
         self.prompt = PromptStatus(self._prompt_count, text, texture)
         self._event_bus.publish("prompt", text, id=self._prompt_count, texture=texture)
         while PROMPT in self.reasons:
-            await self._paused_turn()
+            await self._wait_paused_cycle()
         await self.wait_resumed()
 
-    async def _paused_turn(self) -> None:
+    async def _wait_paused_cycle(self) -> None:
         """Wait for the next poll; a fault is now a reason to pause, as people are at the rig."""
-        await self._poller.wait_turn()
+        await self._poller.wait_cycle()
         self.check_in()
         self._check_end()
         if self._poller.link_error:

@@ -35,7 +35,7 @@ from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
 
 SAFE_TIMEOUT_S = 20.0
-CLEAR_TURNS = 3
+CLEAR_CYCLES = 3
 
 
 class Run:
@@ -156,8 +156,8 @@ class Run:
             return
         self._event_bus.publish("log", "a fault from before this run is cleared")
         await self._poller.drum.command(Command.CLEAR)
-        for _ in range(CLEAR_TURNS):
-            await self._poller.wait_turn()
+        for _ in range(CLEAR_CYCLES):
+            await self._poller.wait_cycle()
             self.control.check_in()
 
     async def _run_step(self, step: Step) -> None:
@@ -189,7 +189,7 @@ class Run:
         while self._now_s() < end_s and self._poller.connected:
             if self._poller.state is not None and self._poller.state.state == State.FAULT_OFF:
                 return
-            await self._poller.wait_turn()
+            await self._poller.wait_cycle()
             self.control.check_in()
 
     def _end(self, outcome: str, text: str) -> None:

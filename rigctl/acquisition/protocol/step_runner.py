@@ -135,8 +135,8 @@ class StepRunner:
         what = f"{step.turns} turns at {step.speed_mm_s:g} mm/s, lifted,"
         self._publish("turn", f"{what} begin", **data, begins=True)
         await self._motion.turn(step.speed_mm_s, step.turns + 1)
-        index = await self._motion.index_error_steps()
-        self._publish("turn", f"{what} end", **data, begins=False, index_error_steps=index)
+        error_steps = await self._motion.index_error_steps()
+        self._publish("turn", f"{what} end", **data, begins=False, index_error_steps=error_steps)
 
     async def _press(self, step: ApproachOnly) -> None:
         await self._motion.write_settings(**press_settings(step.force_g))
@@ -174,8 +174,8 @@ class StepRunner:
         attempt = TrialAttempt(self._motion, self._pipeline, trial, number, self._quality)
         try:
             reasons = await attempt.run()
-        except (RunPaused, RunStopped, RigFault) as end:
-            self._store(attempt, Verdict.ABORTED, (str(end),))
+        except (RunPaused, RunStopped, RigFault) as interruption:
+            self._store(attempt, Verdict.ABORTED, (str(interruption),))
             raise
         data: dict[str, Any] = {"index_error_steps": await self._motion.index_error_steps()}
         if attempt.start_by_clock is not None:
@@ -187,7 +187,7 @@ class StepRunner:
         return not reasons
 
     async def _without_pauses(self, move: Callable[[], Any]) -> None:
-        """Do one move to its end, whatever the reasons to pause or stop."""
+        """Complete one move, regardless of reasons to pause or stop."""
         check, self._motion.check = self._motion.check, self._control.check_in
         try:
             await move()
@@ -230,7 +230,7 @@ class StepRunner:
 def remaining_steps(steps: Iterable[Step], done: frozenset[int]) -> Iterator[Step]:
     """Yield the steps to run when some trials are committed already.
 
-    Plates are mounted only for steps that follow on them. Free steps before the first remaining
+    A plate is mounted only if a step on it remains. Free steps before the first remaining
     trial were run in an earlier sitting, unless no trial is committed.
     """
     plate: ChangePlate | None = None

@@ -1,4 +1,4 @@
-"""One attempt at one trial, from the lifted drum to the lifted drum, with its row for the table."""
+"""One attempt at one trial, which begins and ends with the lifted drum, and its table row."""
 
 from __future__ import annotations
 
@@ -105,14 +105,14 @@ class TrialAttempt:
                     f"the {unknown[0]}'s clock cannot be fitted because its data arrive too "
                     "unevenly: give the board a USB port of its own"
                 )
-            await self._poller.wait_turn()
+            await self._poller.wait_cycle()
             self._motion.check()
 
     async def _wait_for_samples(self) -> None:
         """Give the window's last samples time to arrive; lost ones are judged, not awaited."""
         end_s = self._now_s() + LATE_SAMPLES_TIMEOUT_S
         while not self._is_cut() and self._now_s() < end_s:
-            await self._poller.wait_turn()
+            await self._poller.wait_cycle()
             self._motion.check()
 
     def _is_cut(self) -> bool:

@@ -83,7 +83,7 @@ def _data_reasons(cut: CutTrial, quality: Quality) -> list[str]:
 
 
 def _window_reasons(cut: CutTrial, measured: MeasuredTrial) -> list[str]:
-    """Without the sync line's level in each sample, the drum's window must be long enough."""
+    """Return a reason where the drum's window is too short and the sync line does not show it."""
     window_samples = measured.window_s * SAMPLE_RATE_HZ
     if cut.by_wire or window_samples >= cut.n_samples:
         return []

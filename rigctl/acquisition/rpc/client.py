@@ -147,7 +147,7 @@ class EngineClient:
             self._live.close()
             self._live = None
         self._socket.close()
-        self._link_error = self._link_error or "this client left the engine"
+        self._link_error = self._link_error or "this client closed the connection"
 
     def shut_down(self, timeout_s: float = 30.0) -> int | None:
         """End the engine, which makes the rig safe; return its exit code where it is our process.
@@ -199,7 +199,7 @@ class EngineClient:
                 self._set_lost(error.strerror or "connection broken")
                 break
             if not data:
-                self._set_lost("its end of the connection closed")
+                self._set_lost("it closed the connection")
             self._split_lines(data)
 
     def _split_lines(self, data: bytes) -> None:
@@ -207,7 +207,7 @@ class EngineClient:
         *lines, rest = self._received.split(b"\n")
         self._received = bytearray(rest)
         if len(rest) > LINE_LIMIT_BYTES:
-            self._set_lost("it sent a line without end")
+            self._set_lost("it sent a line that is too long")
         for line in lines:
             message = decode_message(bytes(line))
             if message.get("reply") in self._replies:

@@ -71,13 +71,13 @@ class CommandHandler:
         return as_dict(self._engine.status())
 
     async def on_jog(self, mm: float) -> Result:
-        """Turn the lifted drum by mm of texture, forwards where positive; return the real mm."""
-        motion = self._free_motion()
+        """Turn the lifted drum, forwards where ``mm`` is positive; return the true travel."""
+        motion = self._motion_outside_runs()
         return {"moved_mm": await motion.jog(_validate_number("mm", mm))}
 
     async def on_set(self, **values: float) -> Result:
         """Write an operator's settings; return the values that the board took."""
-        motion = self._free_motion()
+        motion = self._motion_outside_runs()
         for name, value in values.items():
             _validate_setting(name, value, motion.config.limits)
         registers = {OPERATOR_SETTINGS[name]: value for name, value in values.items()}
@@ -96,7 +96,7 @@ class CommandHandler:
     async def on_start(self, **request: Any) -> Result:
         """Run a protocol or resume a session, as a :class:`RunRequest` says."""
         _validate_arguments("command start", RunRequest, request)
-        self._free_motion()
+        self._refuse_during_run()
         run = self._engine.start(RunRequest(**request))
         return {"session": str(run.folder)}
 
@@ -118,8 +118,8 @@ class CommandHandler:
             raise WrongUse(f"question {prompt_id} is not the current one")
 
     async def on_plate(self, texture: str) -> Result:
-        """Note the mounted plate; a simulated rig mounts it without help."""
-        self._free_motion()
+        """Store which plate is mounted; a simulated rig mounts it itself."""
+        self._refuse_during_run()
         return {"changed": self._engine.set_plate(texture)}
 
     async def on_calibrate_range(self, seconds: float = 10.0) -> Result:
@@ -129,7 +129,7 @@ class CommandHandler:
 
     async def on_test_taxels(self) -> Result:
         """Start the taxel board's self-test; return one sentence per finding."""
-        self._free_motion()
+        self._refuse_during_run()
         taxels = self._engine.boards.taxels
         await taxels.test()
         return {"found": taxels.findings}
@@ -150,12 +150,15 @@ class CommandHandler:
         self._engine.shut_down("a client ended the engine")
 
     async def _move(self, move: Callable[[DrumMotion], Awaitable[object]]) -> None:
-        await move(self._free_motion())
+        await move(self._motion_outside_runs())
 
-    def _free_motion(self) -> DrumMotion:
-        """Return the drum's motion. Raises WrongUse during a run."""
+    def _refuse_during_run(self) -> None:
         if self._engine.is_running:
-            raise WrongUse("a run is active: pause or abort it first")
+            raise WrongUse("a run is active: abort it first, or wait for its end")
+
+    def _motion_outside_runs(self) -> DrumMotion:
+        """Return the drum's motion. Raises WrongUse during a run."""
+        self._refuse_during_run()
         return self._engine.boards.motion
 
     def _active_run(self) -> Run:

@@ -5,7 +5,7 @@ one; between replies the engine sends events to every client::
 
     {"id": 1, "command": "arm", "args": {}}
     {"reply": 1, "ok": true, "result": {}}
-    {"reply": 1, "ok": false, "error": "one sentence with the cure", "exit_code": 3}
+    {"reply": 1, "ok": false, "error": "one sentence with a remedy", "exit_code": 3}
     {"event": "fault", "at_s": 12.3, "text": "one sentence", "data": {}}
 
 The engine sends the event ``status`` ten times a second of loop time; its ``data`` has the fields
@@ -213,5 +213,5 @@ def decode_message(line: bytes) -> dict[str, Any]:
     """Return the message in one line. Raises ValueError where it is not a JSON object."""
     message = json.loads(line)
     if not isinstance(message, dict):
-        raise ValueError("a message is a JSON object")
+        raise ValueError("a message must be a JSON object")
     return message

@@ -141,7 +141,7 @@ class Server:
     async def _serve(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, logged_in: bool
     ) -> None:
-        """Serve one client until it leaves, sends an invalid line or a first one without the token.
+        """Serve one client until it leaves, sends an invalid line, or does not send the token.
 
         Requests of one client may overtake each other.
         """
@@ -163,12 +163,12 @@ class Server:
         reply: dict[str, Any]
         try:
             if not isinstance(args, dict):
-                raise WrongUse("a request's args are a JSON object")
+                raise WrongUse("a request's args must be a JSON object")
             reply = {"ok": True, "result": await self._handle(str(message.get("command")), args)}
         except RigctlError as error:
             reply = {"ok": False, "error": str(error), "exit_code": error.exit_code}
         except Exception as error:  # noqa: BLE001 - top of a task: the client must get a reply
-            text = f"the engine failed inside: {error!r}; report this"
+            text = f"internal error of the engine: {error!r}; report it"
             reply = {"ok": False, "error": text}
         _write(client, encode_message({"reply": message.get("id"), **reply}))
 

@@ -24,8 +24,10 @@ _MIN_SIGMA_S = 1e-6
 
 
 class ClockEstimate(NamedTuple):
-    """``ppm``: how much faster than the loop's the board's clock runs; its standard error;
-    the loop time that the readings span."""
+    """Clock error with its standard error, from readings that span ``span_s`` of loop time.
+
+    ``ppm``: positive where the board's clock runs faster than the loop's.
+    """
 
     ppm: float
     error_ppm: float
@@ -33,8 +35,10 @@ class ClockEstimate(NamedTuple):
 
 
 class ArrivalLine(NamedTuple):
-    """Board time against the loop time of the earliest arrivals; ``spread_s``: how much later
-    the median arrival is."""
+    """Line of board time against the loop time of the earliest arrivals.
+
+    ``spread_s``: delay of the median arrival after the earliest ones.
+    """
 
     board_from_s: float
     loop_from_s: float
@@ -51,7 +55,7 @@ class ArrivalLine(NamedTuple):
 
 
 class ClockFit:
-    """The newest readings of one board's clock, and the line through them."""
+    """The newest readings of one board's clock, and its error estimated from them."""
 
     def __init__(self) -> None:
         self._readings = np.zeros((WINDOW_POINTS, 2))
@@ -72,7 +76,7 @@ class ClockFit:
 
     @property
     def estimate(self) -> ClockEstimate | None:
-        """The line through the readings, None while there are too few."""
+        """The clock error from all readings, None while there are too few."""
         if self._count - self._fitted >= MIN_NEW_POINTS:
             self._fitted = self._count
             readings = self._readings[: min(self._count, len(self._readings))]
@@ -81,7 +85,7 @@ class ClockFit:
 
     @property
     def ppm(self) -> float | None:
-        """How much faster than the loop's the board's clock runs, None while it is unknown."""
+        """Clock error of the board, positive where it runs fast; None while it is unknown."""
         return self.estimate.ppm if self.estimate else None
 
     @property

@@ -1,4 +1,4 @@
-"""Trials cut out of the taxel samples: from the rise of the sync line, exact to the sample.
+"""Cut trials out of the taxel samples at the rise of the sync line, exact to the sample.
 
 Every frame counts the rises modulo 4, so a rise is known even when the frame in which it fell
 was lost. A trial's first sample is the first frame that starts after the rise, which is the one

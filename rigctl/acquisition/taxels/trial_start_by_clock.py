@@ -16,7 +16,7 @@ from rigctl.wire.drum import register_table
 from rigctl.wire.taxels import frames
 
 CABLE_S = 0.004
-"""Least delay that one USB adapter may add and the other not: no clock shows it."""
+"""Delay that one USB adapter may add and the other may not; no clock shows it."""
 SAMPLE_S = 1.0 / SAMPLE_RATE_HZ
 _BITS_PER_BYTE = 10
 _REPLY_BYTES = 2 * register_table.POLL_BLOCK[1] + 5

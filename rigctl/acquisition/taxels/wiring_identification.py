@@ -1,4 +1,4 @@
-"""Which reading is which taxel, from one unplugged layer and a press at each place.
+"""Identify each taxel's reading from one unplugged layer and a press at each place.
 
 The sensor has two layers, so a press changes one taxel of each; only an unplugged read line shows
 which of the two is the upper one. All readings here are in the order of the wire, reading
@@ -27,7 +27,7 @@ PER_LAYER = SIDE * SIDE
 
 
 class WiringIdentification:
-    """The presses so far. ``upper``, ``lower``: inputs of each layer."""
+    """Identification from the presses so far; ``upper``, ``lower``: inputs of each layer."""
 
     def __init__(self) -> None:
         self.upper: tuple[int, ...] = ()
@@ -48,7 +48,7 @@ class WiringIdentification:
         silent = tuple(np.flatnonzero(change < MIN_CHANGE_COUNTS).tolist())
         if len(silent) != SIDE:
             raise WrongUse(
-                f"{_input_names(silent)} did not answer, but a layer has three inputs: unplug "
+                f"{_input_names(silent)} did not respond, but a layer has three inputs: unplug "
                 "only the three read lines of the bottom layer, and press the whole sensor"
             )
         self.lower = silent
@@ -66,7 +66,7 @@ class WiringIdentification:
             for place, other in enumerate(self._pairs):
                 if reading in other:
                     raise WrongUse(
-                        f"{_reading_name(reading)} answered, as it did at {place_name(place)}: "
+                        f"{_reading_name(reading)} responded, as it did at {place_name(place)}: "
                         f"press {place_name(self.place)}"
                     )
         self._pairs.append(pair)
@@ -76,7 +76,7 @@ class WiringIdentification:
     def wiring(self) -> tuple[int, ...]:
         """Return the reading at each place, the top layer first.
 
-        Raises WrongUse where the readings of a layer are not those of lines that cross inputs.
+        Raises WrongUse where a layer does not have one line per row and one input per column.
         """
         layers = list(zip(*self._pairs, strict=True))
         for readings, name in zip(layers, ("top", "bottom"), strict=True):
@@ -94,10 +94,10 @@ def _strongest(change: MeanReadings, inputs: Sequence[int], layer: str) -> int:
     readings = [reading for reading in range(N_TAXELS) if reading % N_INPUTS in inputs]
     first, second = sorted(readings, key=lambda reading: -change[reading])[:2]
     if change[first] < MIN_CHANGE_COUNTS:
-        raise WrongUse(f"no taxel of the {layer} layer answered: press harder, with a blunt tip")
+        raise WrongUse(f"no taxel of the {layer} layer responded: press harder, with a blunt tip")
     if change[first] < MIN_CHANGE_RATIO * change[second]:
         raise WrongUse(
-            f"{_reading_name(first)} and {_reading_name(second)} of the {layer} layer answered "
+            f"{_reading_name(first)} and {_reading_name(second)} of the {layer} layer responded "
             "alike: press one place only, with a tip of about 3 mm"
         )
     return first
@@ -114,8 +114,8 @@ def _validate_crossing(readings: Sequence[int], layer: str) -> None:
         if (lines == lines[:, :1]).all() and (inputs == inputs[:1]).all():
             return
     raise WrongUse(
-        f"the rows and columns of the {layer} layer do not cross as lines and inputs do: a press "
-        "was at a wrong place, or a wire came loose; begin again"
+        f"the presses on the {layer} layer do not form rows of one line and columns of one input: "
+        "a press was at a wrong place, or a wire came loose; begin again"
     )
 
 

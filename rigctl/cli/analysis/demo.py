@@ -19,7 +19,7 @@ from rigctl.cli.data.verify import contents
 from rigctl.cli.data.world import add_world
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.rig.run import EXIT_CODES, RunWatcher
-from rigctl.errors import NegativeAnswer
+from rigctl.errors import CheckFailed
 from rigctl.session.verify.session import verify
 
 PROTOCOL = "quick"
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     session = Path(status.session or "")
     report = verify(session)
     if not report.whole:
-        raise NegativeAnswer(f"{session} is not whole: {report.problems[0]}")
+        raise CheckFailed(f"{session} is not whole: {report.problems[0]}")
     print(f"{session} is whole: {contents(report)}")
     line.say("encoding, classifying, drawing")
     result = analyse_session(session, session / FIGURES, progress=line.show_stage)

@@ -10,7 +10,7 @@ from typing import Any
 
 from rigctl.config.resources import find_protocol
 from rigctl.config.rig_config import RigConfig, load_config
-from rigctl.errors import NegativeAnswer
+from rigctl.errors import CheckFailed
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.protocol.steps import PLATE_CHANGE_S
@@ -98,7 +98,7 @@ def _check_disk_space(folder: Path, needed_bytes: int) -> None:
     existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     free_bytes = shutil.disk_usage(existing).free
     if needed_bytes > free_bytes:
-        raise NegativeAnswer(
+        raise CheckFailed(
             f"the disk of {folder} has {_size(free_bytes)} free, but the protocol needs "
             f"{_size(needed_bytes)}: make room or choose another disk"
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
-from rigctl.errors import NegativeAnswer, RigFault
+from rigctl.errors import CheckFailed, RigFault
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"stopped: {stopped.name}", flush=True)
 
     if not stop_engines(report):
-        raise NegativeAnswer("no engine is running, so there is nothing to stop")
+        raise CheckFailed("no engine is running, so there is nothing to stop")
     if failures:
         raise RigFault("; ".join(failures))
     return 0

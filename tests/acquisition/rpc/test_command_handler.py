@@ -161,7 +161,7 @@ def test_the_status_of_the_boards_is_published_and_requested(harness: EngineHarn
 
     harness.run(scenario)
     texts = [text for text in harness.texts("board") if "self-test" in text]
-    assert texts == ["taxels' self-test: nothing found"] * 2
+    assert texts == ["self-test of the taxels: no findings"] * 2
 
 
 def test_commands_start_pause_and_abort_a_protocol(harness: EngineHarness) -> None:

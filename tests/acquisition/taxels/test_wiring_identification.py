@@ -80,14 +80,14 @@ def test_each_press_is_described() -> None:
 def test_an_unclear_or_repeated_press_is_refused() -> None:
     order, sensor = WiringIdentification(), PressedSensor(DRAWN_WIRING)
     order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
-    with pytest.raises(WrongUse, match="no taxel of the top layer answered: press harder"):
+    with pytest.raises(WrongUse, match="no taxel of the top layer responded: press harder"):
         pressed(order, sensor, [])
-    with pytest.raises(WrongUse, match="answered alike: press one place only"):
+    with pytest.raises(WrongUse, match="responded alike: press one place only"):
         pressed(order, sensor, [0, 1])
     with pytest.raises(WrongUse, match="no taxel of the bottom layer"):
         order.add_press(np.zeros(18), changes(r0=300))
     pressed(order, sensor, [0])
-    with pytest.raises(WrongUse, match=r"D4·A0 answered, as it did at row 1, column 1: press row"):
+    with pytest.raises(WrongUse, match=r"D4·A0 responded, as it did at row 1, column 1: press row"):
         pressed(order, sensor, [0])
     assert order.place == 1
 
@@ -97,5 +97,5 @@ def test_mixed_up_places_are_refused() -> None:
     order.add_unplugged_press(sensor.rest(unplugged=True), sensor.press(ALL, unplugged=True))
     for place in [0, 1, 2, 3, 5, 4, 6, 7, 8]:
         pressed(order, sensor, [place])
-    with pytest.raises(WrongUse, match="do not cross as lines and inputs do"):
+    with pytest.raises(WrongUse, match="do not form rows of one line"):
         order.wiring()
