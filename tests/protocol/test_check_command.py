@@ -47,7 +47,7 @@ def test_an_unknown_protocol_lists_the_known_ones() -> None:
         run("qiuck")
 
 
-def test_too_little_disk_space_is_a_negative_answer(
+def test_too_little_disk_space_fails_the_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     usage = namedtuple("usage", "total used free")
