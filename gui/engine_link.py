@@ -1,7 +1,7 @@
 """The window's connection to the engine: opened in a thread, polled by the window's timer.
 
-Nothing here blocks. Requests are sent immediately, and their replies come back through
-:meth:`EngineLink.poll`, and timeouts report an engine that does not answer.
+Nothing here blocks. Requests are sent immediately, their replies arrive through
+:meth:`EngineLink.poll`, and a timeout reports an engine that does not answer.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ repeats = 6
 """
 TIMEOUT_S = 300.0
 MIN_TRIALS = 3
-RANGE_S = 2.0
-SETTLING_MS = 1500  # layouts settle, and traces reach the new width
+CALIBRATION_S = 2.0
+SETTLING_MS = 1500  # until layouts and traces have the new width
 OPERATE, PROTOCOL, ANALYSIS = range(3)
 
 
@@ -66,7 +66,7 @@ def render_all(folder: Path, work: Path, session: Path) -> None:
 
 
 def _start_run(window: MainWindow, work: Path) -> None:
-    """Connect, start the protocol and confirm its prompts until trials are on disk."""
+    """Connect, start the protocol and confirm its prompts until some trials are on disk."""
     window.connect_rig("virtual")
     link, panel = window.engine_link, window.protocol_panel
     _wait(window, lambda: link.status.drum_connected and link.status.taxels_connected)
@@ -77,13 +77,13 @@ def _start_run(window: MainWindow, work: Path) -> None:
     panel.add_protocol(str(ridges))
     _wait(window, panel.buttons["Start"].isEnabled)
     panel.buttons["Start"].click()
-    _wait(window, lambda: _is_turning(window))
-    link.request("calibrate_range", seconds=RANGE_S)
-    _wait(window, lambda: _is_turning(window) and link.status.run.trials_committed >= MIN_TRIALS)
+    _wait(window, lambda: _advance_run(window))
+    link.request("calibrate_range", seconds=CALIBRATION_S)
+    _wait(window, lambda: _advance_run(window) and link.status.run.trials_committed >= MIN_TRIALS)
 
 
-def _is_turning(window: MainWindow) -> bool:
-    """Confirm a prompt; return whether the drum turns under force at its set speed."""
+def _advance_run(window: MainWindow) -> bool:
+    """Confirm a prompt, if any; return whether the drum turns under force at its set speed."""
     status = window.engine_link.status
     if status.run.prompt is not None and window.prompt_panel.isVisible():
         window.prompt_panel.confirm.click()
@@ -93,14 +93,14 @@ def _is_turning(window: MainWindow) -> bool:
 def _render_live(window: MainWindow, folder: Path) -> None:
     """Render the Operate tab in both themes and sizes, and the Protocol tab once."""
     window.resize(*SIZES[0])
-    _save(window, folder / "protocol.png", lambda: _is_turning(window))
+    _save(window, folder / "protocol.png", lambda: _advance_run(window))
     window.tabs.setCurrentIndex(OPERATE)
     for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
         window.set_theme(choice)
         for width, height in SIZES:
             window.resize(width, height)
             name = f"window-{choice.name.lower()}-{width}x{height}.png"
-            _save(window, folder / name, lambda: _is_turning(window))
+            _save(window, folder / name, lambda: _advance_run(window))
 
 
 def _render_analysis(window: MainWindow, folder: Path, session: Path) -> None:

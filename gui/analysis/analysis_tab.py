@@ -23,7 +23,7 @@ class AnalysisTab(QObject):
     reported = Signal(str, str)
     """Kind and text for the event log."""
     view_changed = Signal()
-    """:attr:`view` is another one."""
+    """:attr:`view` has changed."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()

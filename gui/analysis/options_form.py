@@ -84,7 +84,7 @@ class AnalysisOptionsForm(QWidget):
         return (*((self._open_session,) if self._open_session else ()), *self._added)
 
     def request(self) -> AnalysisRequest:
-        """Return the present choices, with a new folder beside the open session."""
+        """Return the chosen options, with a new folder beside the open session."""
         return AnalysisRequest(
             sessions=self.sessions,
             folder=str(_new_folder(Path(self._open_session))),
@@ -128,6 +128,6 @@ class AnalysisOptionsForm(QWidget):
 
 
 def _new_folder(session: Path) -> Path:
-    """Return a free name: that of the session and a number."""
+    """Return a new folder for a report beside the session; its name ends in a number."""
     folders = (session.with_name(f"{session.name}-report-{number}") for number in count(1))
     return next(f for f in folders if not f.exists() and not model_path(f).exists())

@@ -36,21 +36,10 @@ def report_results(report: ReportResult) -> AnalysisResults:
     if (out / "sensitivity.csv").exists():
         pages.append(ResultsPage("Presets", _csv_table(out / "sensitivity.csv")))
     pages.append(ResultsPage("Remarks", _bullets(report.remarks)))
-    first = report.results[0]
-    means = {
-        curve.representation.name: curve.mean[first.shown_components - 1] for curve in first.curves
-    }
-    best = max(means, key=lambda name: means[name])
-    sentence = (
-        f"{first.task.title}: {best} {means[best]:.1%}, chance {first.chance:.1%}. "
-        f"The report is {out / 'report.html'}"
-    )
-    if report.model is not None:
-        sentence += f"; the model is {report.model}"
-    return AnalysisResults(sentence, tuple(pages))
+    return AnalysisResults(_report_sentence(report), tuple(pages))
 
 
-def prediction_results(found: Classification) -> AnalysisResults:
+def prediction_results(classification: Classification) -> AnalysisResults:
     """Return the predictions of a model: each trial, the confusion matrix and the remarks."""
     from rigctl.analysis.classification.predictions import summary
 
@@ -64,22 +53,36 @@ def prediction_results(found: Classification) -> AnalysisResults:
             f"<b>{escape(p.predicted)}</b>", verdicts[p.right], f"{p.posterior:.1%}",
             escape(p.runner_up), f"{p.margin:.2f}",
         ]
-        for p in found.predictions
+        for p in classification.predictions
     ]  # fmt: skip
-    predictions = f"<h3>{escape(summary(found))}</h3>{table(head, cells)}"
+    predictions = f"<h3>{escape(summary(classification))}</h3>{table(head, cells)}"
     pages = (
         ResultsPage("Predictions", predictions),
-        ResultsPage("Confusion", _confusion(found)),
-        ResultsPage("Remarks", _bullets(found.remarks)),
+        ResultsPage("Confusion", _confusion(classification)),
+        ResultsPage("Remarks", _bullets(classification.remarks)),
     )
-    return AnalysisResults(summary(found), pages)
+    return AnalysisResults(summary(classification), pages)
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
-    """Return an HTML table; the cells are HTML, too."""
+    """Return an HTML table; ``head`` and ``rows`` contain HTML."""
     header = "".join(f'<th align="left">{cell}</th>' for cell in head)
     body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
     return f'<table cellspacing="0" cellpadding="5"><tr>{header}</tr>{body}</table>'
+
+
+def _report_sentence(report: ReportResult) -> str:
+    """Return the best accuracy in the first task, and the paths of the report and the model."""
+    first = report.results[0]
+    means = {
+        curve.representation.name: curve.mean[first.shown_components - 1] for curve in first.curves
+    }
+    best = max(means, key=lambda name: means[name])
+    sentence = (
+        f"{first.task.title}: {best} {means[best]:.1%}, chance {first.chance:.1%}. "
+        f"The report is {report.folder / 'report.html'}"
+    )
+    return sentence if report.model is None else f"{sentence}; the model is {report.model}"
 
 
 def _table_1(report: ReportResult) -> str:
@@ -113,11 +116,11 @@ def _percent(row: dict[str, Any] | None, absent: str) -> str:
     return f"{row['mean_percent']:.2f}{sd}<br><small>{paper}</small>"
 
 
-def _confusion(found: Classification) -> str:
-    names = found.model.classes
+def _confusion(classification: Classification) -> str:
+    names = classification.model.classes
     rows = [
         [f"<b>{escape(name)}</b>", *(str(count or "·") for count in row)]
-        for name, row in zip(names, found.confusion.tolist(), strict=True)
+        for name, row in zip(names, classification.confusion.tolist(), strict=True)
     ]
     note = "<p>Rows: true texture; columns: predicted texture.</p>"
     return note + table(["", *map(escape, names)], rows)

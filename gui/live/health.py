@@ -23,7 +23,7 @@ DISK_FREE_LIMIT_BYTES = 2_000_000_000
 TRIAL_AGE_LIMIT_S = 180.0
 SUPPLY_LIMITS_V = (4.6, 5.4)
 MIN_FREE_STACK_PERCENT = 25
-"""Of a chip's RAM that its program never used; below it the next call may overwrite data."""
+"""Of a chip's RAM that its stack has never used; with less, the stack may overwrite data."""
 
 
 class Reading(NamedTuple):

@@ -141,7 +141,7 @@ class ProtocolPanel(QWidget):
         self.run_rows["Session"].setToolTip(run.session or "")
 
     def _request_plan(self, seed: int | None = None) -> None:
-        """Request a plan in place of one that waits; until it is there, Start stays disabled."""
+        """Request a plan, and drop a waiting request; Start is disabled until the plan arrives."""
         self._is_planned = False
         if path := self.protocol.currentData():
             self._next_plan = (path, seed)

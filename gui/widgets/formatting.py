@@ -1,4 +1,4 @@
-"""Text for sizes and durations."""
+"""Format sizes and durations as text."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def container(layout: QLayout) -> QWidget:
 
 
 def scroll_area(widget: QWidget) -> QScrollArea:
-    """Return an area that scrolls its widget vertically where the screen is too low for it."""
+    """Return an area that scrolls its widget vertically if the screen is too small for it."""
     area = QScrollArea(widgetResizable=True)
     area.setWidget(widget)
     area.setFrameShape(QScrollArea.Shape.NoFrame)
@@ -85,7 +85,7 @@ def scroll_area(widget: QWidget) -> QScrollArea:
 
 
 def combo_box(items: dict[str, str]) -> QComboBox:
-    """Return a list of texts with their data; it may be narrower than its longest text."""
+    """Return a box of texts, each with its data; it may be narrower than its longest text."""
     policy = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
     box = QComboBox(sizeAdjustPolicy=policy, minimumContentsLength=8)
     for text, data in items.items():

@@ -1,4 +1,4 @@
-"""Plots with fixed ranges, without menus, whose axes line up."""
+"""Create plots with fixed ranges and aligned axes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
     plot.setMouseEnabled(x=False, y=False)
     plot.disableAutoRange()
     for side in ("left", "bottom"):
-        # Replaying nine axes a frame costs more than all curves together; a pixmap does not.
+        # Drawing nine axes in each frame takes longer than all curves; cached pixmaps do not.
         plot.getAxis(side).setStyle(hideOverlappingLabels=False)
         plot.getAxis(side).enableAutoSIPrefix(False)
         plot.getAxis(side).setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
@@ -27,7 +27,7 @@ def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
 
 
 def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> pg.PlotItem:
-    """Return a plot over time; all have equally wide left axes, the last shows the time."""
+    """Return a plot over time, with the same left margin as the others; the last shows times."""
     plot = fixed_plot(layout, row, 0)
     plot.setLabel("left", label)
     plot.getAxis("left").setWidth(LEFT_PX)
@@ -51,5 +51,5 @@ def colour_axes(plot: pg.PlotItem, theme: Theme) -> None:
 
 
 def taxel_ticks() -> list[tuple[float, str]]:
-    """Return the name of every second taxel at the middle of its band."""
+    """Return an axis tick for every second taxel: the middle of its band, and its name."""
     return [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(0, N_TAXELS, 2)]

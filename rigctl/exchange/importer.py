@@ -63,7 +63,7 @@ def import_files(
     inspection = inspect_files(paths, mapping, lambda done: on_progress("inspecting", done))
     n_taxels = len(inspection.scaling.names)
     if n_taxels > MAX_TAXELS:
-        raise WrongUse(f"{n_taxels} taxels are mapped, a session holds up to {MAX_TAXELS}")
+        raise WrongUse(f"{n_taxels} taxels are mapped, but a session has at most {MAX_TAXELS}")
     trials = [
         file.label.trial(number, file.count) for number, file in enumerate(inspection.files, 1)
     ]

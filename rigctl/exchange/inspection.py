@@ -96,7 +96,7 @@ def extract_series(columns: FileColumns, mapping: ImportMap) -> tuple[TimeSeries
             f"{columns.path}: its times span {series.time_s[-1]:.0f} s: check unit in [time]"
         )
     if columns.truncated:
-        remarks.append("its last row is cut short: left out")
+        remarks.append("its last row is incomplete: left out")
     return series, remarks
 
 
@@ -137,7 +137,7 @@ class _Inspector:
         names = tuple(columns.names[k] for k in columns.indices(self._mapping.taxels))
         if self._names and len(names) != len(self._names):
             raise WrongUse(
-                f"{path} has {len(names)} taxels, the files before it {len(self._names)}: "
+                f"{path} has {len(names)} taxels, but the files before it have {len(self._names)}: "
                 "import them into separate sessions"
             )
         self._names = self._names or names
@@ -154,7 +154,7 @@ class _Inspector:
         )
 
     def scaling(self) -> TaxelScaling:
-        """Return the scaling: integers at 1 kHz are stored unchanged, all else fills the range."""
+        """Return the scaling: integers at 1 kHz stay unchanged, all else spans the full range."""
         low, high = self._mapping.taxel_low, self._mapping.taxel_high
         if low < high:
             return self._fixed_scaling(low, high)
@@ -170,7 +170,7 @@ class _Inspector:
         """Return the map's own range, which is the same for every import with that map."""
         outside = (self._low < low) | (self._high > high)
         for name in np.array(self._names)[outside]:
-            self.remarks.append(f"{name} goes beyond {low:g} to {high:g}: cut off there")
+            self.remarks.append(f"{name} leaves the range {low:g} to {high:g}: clipped")
         n = len(self._names)
         scale = np.full(n, (high - low) / MAX_COUNT)
         return TaxelScaling(self._names, np.full(n, low), scale, fixed=True)
@@ -185,7 +185,7 @@ class _Inspector:
         return [f"outliers from {first_s:.3f} s on, kept: {listed}"]
 
     def _extend_range(self, series: TimeSeries, resampled: ResampledSeries) -> None:
-        # A filter may overshoot the rows that it is given.
+        # A filter may overshoot the range of its input.
         source = resampled.values if is_oversampled(series.rate_hz) else series.values
         values = source[:, : len(self._names)]
         low, high = values.min(axis=0), values.max(axis=0)

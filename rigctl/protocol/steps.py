@@ -1,6 +1,6 @@
 """The steps of a plan and their durations.
 
-The overheads are those of the nominal rig, rounded up; a run replaces them by its measurements.
+The overheads are those of the nominal rig, rounded up; a run replaces them with measurements.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class RunTrial:
 
 @dataclass(frozen=True, slots=True)
 class Tare:
-    """Set the reading of the lifted, still load cell as zero."""
+    """Zero the load cell while the drum is lifted and still."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Wait, lifted."""
+    """Wait with the drum lifted."""
 
     seconds: float
 

@@ -122,7 +122,7 @@ def test_defects_of_time_are_reported_and_gaps_are_not_interpolated(tmp_path: Pa
     assert "1 rows repeat a time stamp, first row 22" in remarks
     assert "gap from 0.099 to 0.150 s" in remarks
     assert "outliers from 0.200 s on, kept: b 1" in remarks
-    assert "cut short" in remarks
+    assert "is incomplete" in remarks
     report = verify(folder)
     assert report.problems == []
     assert report.lost_samples == 53
@@ -219,7 +219,7 @@ def test_separate_imports_can_share_a_scale_and_are_not_mixed_otherwise(tmp_path
         folder, inspection = run_import(tmp_path, text, [file], f"alike{number}")
         alike.append(folder)
         remarks = "\n".join(inspection.remarks)
-        assert ("c goes beyond -10 to 40: cut off there" in remarks) == (number == 2)
+        assert ("c leaves the range -10 to 40: clipped" in remarks) == (number == 2)
         with Session.open(folder) as session:
             stored, scaling = session.samples(0), session.scaling
         assert scaling == ((-10.0, 50 / 65535),) * 3

@@ -94,7 +94,7 @@ def test_a_hole_in_the_log_is_refused(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     empty = (np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros(3, np.uint8))
     write_truth(tmp_path / "s", (0, *empty))
-    with pytest.raises(SessionError, match="ends 2 ms before the log continues"):
+    with pytest.raises(SessionError, match="ends 2 ms before the new rows"):
         write_truth(tmp_path / "s", (5, *empty))
 
 

@@ -19,7 +19,7 @@ def atomic_directory(out: Path) -> Iterator[Path]:
     Raises WrongUse where ``out`` exists, DiskFault where it cannot be written.
     """
     if out.exists():
-        raise WrongUse(f"{out} is there already: name another folder, or remove it")
+        raise WrongUse(f"{out} already exists: name another folder, or remove it")
     folder = out.absolute().with_name(PARTIAL.format(name=out.name))
     try:
         folder.mkdir(parents=True)

@@ -30,17 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
     parser.add_argument("--out", required=True, metavar="REPORT", help="new folder")
-    parser.add_argument("--iterations", type=int, default=20, metavar="N", help="random draws (20)")
-    parser.add_argument(
-        "--k-max", type=int, default=50, metavar="K", help="principal components, at most (50)"
-    )
-    parser.add_argument(
-        "--engine",
-        choices=("own", "sklearn"),
-        default="own",
-        help="own: one decomposition per draw; sklearn: a pipeline per number of components, "
-        "which is slower and gives the same results",
-    )
+    _add_sweep(parser)
     parser.add_argument(
         "--c",
         type=Path,
@@ -52,6 +42,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="add a table of all encoder presets, with 10 components and the same draws",
     )
+    parser.add_argument("--trial", type=int, metavar="ID", help="trial in the figure of one taxel")
+    parser.add_argument("--taxel", type=int, metavar="N", help="taxel in that figure, from 1")
+    add_encoder(parser)
+    add_resources(parser)
+    _add_model(parser)
+
+
+def _add_sweep(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--iterations", type=int, default=20, metavar="N", help="random draws (20)")
+    parser.add_argument(
+        "--k-max", type=int, default=50, metavar="K", help="principal components, at most (50)"
+    )
+    parser.add_argument(
+        "--engine",
+        choices=("own", "sklearn"),
+        default="own",
+        help="own: one decomposition per fold; sklearn: a pipeline per number of components, "
+        "which is slower and gives the same results",
+    )
     parser.add_argument(
         "--task",
         action="append",
@@ -61,11 +70,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "repeated (default: all that fit the sessions)",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the draws (0)")
-    parser.add_argument("--trial", type=int, metavar="ID", help="trial in the figure of one taxel")
-    parser.add_argument("--taxel", type=int, metavar="N", help="taxel in that figure, from 1")
-    add_encoder(parser)
-    add_resources(parser)
-    _add_model(parser)
 
 
 def _add_model(parser: argparse.ArgumentParser) -> None:

@@ -56,8 +56,8 @@ def add_resources(parser: argparse.ArgumentParser) -> None:
     workers.add_argument(
         "--dask",
         metavar="ADDRESS",
-        help="use the workers of a Dask scheduler, such as tcp://host:8786; they must be able to "
-        "read and write the same folders",
+        help="use the workers of a Dask scheduler, such as tcp://host:8786; they must see the "
+        "sessions' folders",
     )
     cache = parser.add_mutually_exclusive_group()
     cache.add_argument(

@@ -48,9 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
     folder, name = runtime_folder(), args.name or new_engine_name()
-    token, request = secrets.token_urlsafe(24), None
-    if args.protocol is not None or args.resume is not None:
-        request = RunRequest(args.protocol, args.out, args.resume, args.order_seed, args.yes)
+    token = secrets.token_urlsafe(24)
     rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
     with closing(rig), open_listener() as listener:
         live = LiveWriter(folder / f"{name}.live")
@@ -64,12 +62,18 @@ def run(args: argparse.Namespace) -> int:
             address = EngineAddress(listener, token, accept_first_client(listener, token))
             _shut_down_on_signals(rig.loop, engine)
             return rig.loop.run_until_complete(
-                engine.serve(address, CommandHandler(engine).handle, request)
+                engine.serve(address, CommandHandler(engine).handle, _run_request(args))
             )
         finally:
             live.close()
             _remove_empty(folder / f"{name}.log")
             path.unlink(missing_ok=True)
+
+
+def _run_request(args: argparse.Namespace) -> RunRequest | None:
+    if args.protocol is None and args.resume is None:
+        return None
+    return RunRequest(args.protocol, args.out, args.resume, args.order_seed, args.yes)
 
 
 def _world(args: argparse.Namespace) -> SimulatedWorld | None:

@@ -71,6 +71,6 @@ def load_inputs(path: Path) -> tuple[dict[str, Any], ...]:
 
 
 def read_inputs(file: Any) -> tuple[dict[str, Any], ...]:
-    """Return the same from an open file. Raises KeyError or ValueError where there are none."""
+    """Return the source sessions in an open file. Raises KeyError or ValueError without any."""
     dataset = "training/inputs" if "training" in file else "inputs"
     return tuple(json.loads(read_text(file, dataset)))

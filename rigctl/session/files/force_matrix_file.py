@@ -13,7 +13,7 @@ from rigctl.session.files.analysis_file import open_analysis_file, read_inputs
 from rigctl.session.format.annotated_arrays import read_array, read_texts, write_array, write_texts
 
 AXES = "texture, taxel, speed, force"
-EVALUATIONS_DOC = "encodings that it took, those of some trials by their share of the samples"
+EVALUATIONS_DOC = "encodings in the search; one of some trials counts as their share of samples"
 STATUS_DOC = "0 reference force, 1 converged, 2 capped, 3 at a jump of the rate"
 
 
@@ -24,7 +24,7 @@ def write_force(group: Any, force: ForceMatrix) -> None:
     )
     write_array(group, "speeds_mm_s", np.array(force.speeds_mm_s), "mm/s", "planned", "speed")
     write_array(group, "forces_g", np.array(force.forces_g), "g", "planned", "force")
-    write_array(group, "reference_g", force.reference_g, "g", "force whose SA rates are aimed at")
+    write_array(group, "reference_g", force.reference_g, "g", "force with the target SA rates")
     write_array(group, "c", force.c, "none", "factor on the SA current", AXES)
     write_array(group, "status", force.status, "none", STATUS_DOC, AXES)
     write_array(group, "residual_hz", force.residual_hz, "Hz", "rate reached less the target", AXES)
@@ -58,7 +58,7 @@ def load_force(path: Path) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
     with open_analysis_file(path, "--c takes a model or a spikes.h5") as file:
         if "c" not in file:
             raise SessionError(
-                f"{path} holds no C: name a model of a Force Scaled representation, or a "
+                f"{path} contains no C: name a model of a Force Scaled representation, or a "
                 "spikes.h5 of sessions with several forces"
             )
         return read_force(file["c"]), read_inputs(file)

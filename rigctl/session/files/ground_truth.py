@@ -1,7 +1,7 @@
 """Write and evaluate the simulated world's own log, ``world.h5`` beside the session.
 
-A real bench has no such file. It gives the rig's true speed and force in each trial,
-independently of everything the rig measured.
+Only a simulated bench writes it. It gives the true speed and force in each trial, independently
+of everything that the rig measured.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TRUTH_PATTERN = "world*.h5"
 LAYOUT = "rigctl-world"
 CHUNK_ROWS = 65_536
 SLACK_MS = 1_000
-"""A rise of sync belongs to an attempt from this long before its start until its end."""
+"""An attempt's rise of sync is between its end and this time before its start."""
 
 COLUMNS = (
     ("speed_mm_s", "<f4", "mm/s", "true speed of the texture, mean over the millisecond"),
@@ -77,7 +77,7 @@ class TruthReader:
         }
 
     def window(self, name: str, start: int, stop: int) -> NDArray[Any]:
-        """Return rows of one column; cheap for windows that follow each other."""
+        """Return rows of one column; fast if each call continues the last."""
         return self._buffers[name].window(start, stop)
 
     def rises_ms(self) -> NDArray[np.int64]:
@@ -91,7 +91,7 @@ class TruthReader:
         return np.concatenate(rises)
 
     def check(self) -> None:
-        """Read every column once."""
+        """Read every column, so that damage raises an error."""
         for name, *_ in COLUMNS:
             for _ in read_blocks(partial(self.window, name), self.n_rows):
                 pass
@@ -100,8 +100,8 @@ class TruthReader:
 def write_truth(folder: Path, log: TruthLog) -> Path:
     """Write a log, or append its new rows, and return the file.
 
-    Call it at the end of a run, or from time to time with the rows since. Each sitting of a
-    resumed session has its own file, because the world's time starts again.
+    Call it at the end of a run, or repeatedly with the rows since the last call. Each sitting of
+    a resumed session has its own file, because the world's time starts at 0 again.
     """
     first_ms, speed, force, sync = log
     columns: tuple[NDArray[Any], ...] = (speed, force, sync)
@@ -114,7 +114,7 @@ def write_truth(folder: Path, log: TruthLog) -> Path:
         n_stored = int(file.attrs["first_ms"]) + length - first_ms
         if n_stored < 0:
             raise SessionError(
-                f"{path} ends {-n_stored} ms before the log continues: truth is missing"
+                f"{path} ends {-n_stored} ms before the new rows: part of the truth is missing"
             )
         for (name, *_), values in zip(COLUMNS, columns, strict=True):
             new = values[n_stored:]
@@ -124,7 +124,7 @@ def write_truth(folder: Path, log: TruthLog) -> Path:
 
 
 def check_truth(folder: Path) -> None:
-    """Read the logs of all sittings once. Raises SessionError for a damaged file."""
+    """Read the logs of all sittings. Raises SessionError for a damaged file."""
     for path in _log_paths(folder):
         with open_truth(path) as log:
             log.check()
@@ -162,7 +162,7 @@ def summarise_truth(
 ) -> dict[str, Any] | None:
     """Return the ``world`` section of ``rigctl info``; None without a log.
 
-    As :func:`trial_truths`.
+    Calls ``on_trial`` and raises as :func:`trial_truths` does.
     """
     if not _log_paths(session.path):
         return None
@@ -183,7 +183,7 @@ def _log_paths(folder: Path) -> list[Path]:
 
 
 def _trial_truth(log: TruthReader, rise_ms: int, row: Any) -> TrialTruth:
-    """Return means over the trial's own length from the millisecond after the rise's."""
+    """Return the trial's truth: means over its length from the millisecond after the rise."""
     start = rise_ms + 1 - log.first_ms
     stop = start + int(row["count"])
     speed = float(np.mean(np.abs(log.window("speed_mm_s", start, stop)), dtype=np.float64))
@@ -196,16 +196,16 @@ def _trial_truth(log: TruthReader, rise_ms: int, row: Any) -> TrialTruth:
 
 
 def _last_rise_ms(rises: NDArray[np.int64], row: Any) -> int | None:
-    """Return the attempt's last rise; loop time is world time at a simulated bench."""
+    """Return the attempt's last rise; on a simulated bench, loop time is world time."""
     low = np.searchsorted(rises, float(row["started_s"]) * 1000 - SLACK_MS)
     high = np.searchsorted(rises, float(row["ended_s"]) * 1000)
     return int(rises[high - 1]) if high > low else None
 
 
 def _drum_rise_ms(session: Session, index: int) -> int | None:
-    """Return when the drum opened the window, by its own clock: the world sees no sync wire.
+    """Return when the drum opened the window, by its own clock, for a world without a sync wire.
 
-    The result is late by the delay of the drum's last reply, some milliseconds.
+    The result is late by the delay of the drum's last reply, a few milliseconds.
     """
     polls = session.drum(index).polls
     if not len(polls):

@@ -1,4 +1,4 @@
-"""A trained classifier, saved as plain HDF5 arrays with units and a layout version, without code.
+"""Save and load a trained classifier as plain HDF5 arrays with units and a layout version.
 
 ``docs/reference/model.md`` shows the layout and how to classify with it without rigctl.
 """
@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 
 _FACTOR = "lower Cholesky factor of the pooled covariance, divisor n - classes"
 _MEANS = "factor · whitened = class mean of the scores"
-_DROPPED = "components from 0 without within-class variance: they take no part"
+_DROPPED = "0-based components without within-class variance, which are ignored"
 _ARRAYS = (
     ("pca/mean", "of the features", "training mean", "feature"),
     ("pca/axes", "", "unit vectors", "feature, component"),
@@ -57,7 +57,7 @@ class TrainingInfo:
     """Source sessions and software of a model.
 
     ``inputs``: a mapping for each session; its ``content`` is the digest of the recording.
-    ``seed`` is that of the analysis that made the model: training itself is not random.
+    ``seed`` belongs to the analysis that made the model, because training itself is not random.
     """
 
     made_utc: str
@@ -115,7 +115,7 @@ class Model:
 def check_output_path(path: Path) -> None:
     """Raise WrongUse if the file exists or its folder does not."""
     if path.exists():
-        raise WrongUse(f"{path} is there already: name another file, or remove it")
+        raise WrongUse(f"{path} already exists: name another file, or remove it")
     if not path.parent.is_dir():
         raise WrongUse(f"{path.parent} is not a folder: create it, or name another file")
 
@@ -136,17 +136,17 @@ def save_model(model: Model, path: Path) -> None:
 
 def load_model(path: Path) -> Model:
     """Return a model. Raises SessionError for a damaged, newer or other file."""
-    with open_analysis_file(path, "give one that --save-model made", MODEL_LAYOUT) as file:
+    with open_analysis_file(path, "give a file that --save-model made", MODEL_LAYOUT) as file:
         return _read(file)
 
 
 def _write(file: Any, model: Model) -> None:
     header: Attributes = {"layout": MODEL_LAYOUT, "layout_version": LAYOUT_VERSION}
     write_attributes(file, {**header, "simulated": int(model.training.simulated)})
-    write_text(file, "representation", model.representation, "the paper's name of it")
-    write_text(file, "key", model.key, "the same as a short word")
-    write_text(file, "force", model.force, "C by the trial's own texture, blind to it, or none: ''")
-    write_texts(file, "classes", model.classes, "what is told apart", "class")
+    write_text(file, "representation", model.representation, "name in the paper")
+    write_text(file, "key", model.key, "short name of the representation")
+    write_text(file, "force", model.force, "use of C: texture, blind to it, or empty for none")
+    write_texts(file, "classes", model.classes, "textures to choose from", "class")
     write_encoder(file.create_group("encoder"), model.parameters, model.normalisation)
     _write_features(file.create_group("features"), model.features)
     for path, unit, doc, axes in _ARRAYS:
@@ -162,7 +162,7 @@ def _write_features(group: Any, features: FeatureLayout) -> None:
     write_array(group, "reference_mm_s", features.reference_mm_s, "mm/s", "reference speed")
     write_array(group, "speed_scaled", features.scaled, "", "1: windows of texture travelled")
     order = "SA taxel 1 … n, RA taxel 1 … n; each with its windows; SA in Hz, RA as counts"
-    write_text(group, "order", order, "what a feature vector holds")
+    write_text(group, "order", order, "elements of a feature vector")
 
 
 def _write_training(group: Any, training: TrainingInfo) -> None:
@@ -170,9 +170,9 @@ def _write_training(group: Any, training: TrainingInfo) -> None:
     write_text(group, "software_version", training.software_version, "of rigctl")
     write_text(group, "software_commit", training.software_commit, "of rigctl, where it is known")
     write_array(group, "seed", training.seed, "", "of the analysis that made it")
-    write_array(group, "trials", training.trials, "", "that were learnt from")
-    write_array(group, "speeds_mm_s", np.array(training.speeds_mm_s), "mm/s", "learnt", "speed")
-    write_array(group, "forces_g", np.array(training.forces_g), "g", "learnt", "force")
+    write_array(group, "trials", training.trials, "", "number of training trials")
+    write_array(group, "speeds_mm_s", np.array(training.speeds_mm_s), "mm/s", "trained", "speed")
+    write_array(group, "forces_g", np.array(training.forces_g), "g", "trained", "force")
     inputs = json.dumps(training.inputs, ensure_ascii=False)
     write_text(group, "inputs", inputs, "JSON: a mapping for each session, content is its digest")
 

@@ -1,7 +1,7 @@
 """Wiring of a session: the reading of the taxel wire in each column of its samples.
 
-Columns are the sensor's places, layer by layer. Where two wirings differ, taxel 4 of one session
-is another taxel than taxel 4 of the other, so the program never combines the two.
+Columns are the sensor's places, layer by layer. If two wirings differ, taxel 4 of one session is
+not taxel 4 of the other, so the program never combines the two.
 """
 
 from __future__ import annotations

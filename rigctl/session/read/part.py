@@ -73,7 +73,7 @@ class PartReader:
         return bool(self._file.id.get_intent() & h5py.h5f.ACC_SWMR_READ)
 
     def dataset(self, path: str) -> Any:
-        """Return one of the per-sample data sets of h5py."""
+        """Return the h5py data set of a per-sample array."""
         return self._arrays[path]
 
     def n_rows(self, table: layout.TableLayout) -> int:

@@ -21,7 +21,7 @@ def part_paths(folder: Path) -> list[Path]:
     parts = sorted(folder.glob(layout.PART_PATTERN))
     if not parts:
         raise SessionError(
-            f"{folder} is not a session: it holds no part-0001.h5; give the folder that "
+            f"{folder} is not a session: it contains no part-0001.h5; give the folder that "
             "rigctl run or rigctl demo made"
         )
     return parts

@@ -1,11 +1,10 @@
-"""Index of where a session's files hold the samples of trials, to read them without HDF5.
+"""Find the samples of trials in a session's files, and read them without HDF5.
 
-HDF5 takes ten milliseconds to open a part and a tenth of one for each slice of it, under a lock
-that all threads share: too slow for an analysis of 24,000 trials in many threads and processes.
-But a part is not compressed: its samples are plain chunks at places that never change. The index
-finds them once; after that any thread or process reads a trial with ``seek`` and ``readinto``.
-Only a growing part, or one with chunks that somebody compressed, is read through HDF5
-(:mod:`rigctl.session.read.part`).
+HDF5 takes 10 ms to open a part and 0.1 ms for each slice of it, under a lock that all threads
+share: too slow for an analysis of 24,000 trials in many threads and processes. But a part is not
+compressed, and its chunks of samples never move. The index finds them once; after that, any thread
+or process reads a trial with ``seek`` and ``readinto``. Growing parts and parts that another
+program compressed are read through HDF5 (:mod:`rigctl.session.read.part`).
 """
 
 from __future__ import annotations
@@ -63,10 +62,10 @@ def locate_samples(part: PartReader) -> SampleFile:
 
 
 def locate_windows(part: PartReader, rows: StructuredArray, file: int) -> list[SampleRange]:
-    """Return the ranges of trials' windows in a part; ``rows``: theirs in /trials.
+    """Return the ranges of trials' windows in a part; ``rows`` are the trials' rows of /trials.
 
-    A window has ``count`` rows, less those missing where the counter jumps. Raises SessionError
-    for a part that HDF5 cannot read.
+    A window has ``count`` rows, less those that are missing where the counter jumps. Raises
+    SessionError for a part that HDF5 cannot read.
     """
     start = np.maximum(rows["first_sample"], 0)
     count = np.where(rows["first_sample"] < 0, 0, rows["count"])
@@ -110,7 +109,7 @@ class SampleReader:
     def read_all(
         self, windows: Sequence[SampleRange], out: NDArray[np.uint16], out_rows: Sequence[int]
     ) -> None:
-        """Read several trials into ``out`` (n, n_taxels), each from its row of ``out_rows`` on.
+        """Read several trials into ``out`` (n, n_taxels); ``out_rows``: the first row of each.
 
         Raises OSError or SessionError for a file that it cannot read.
         """
@@ -154,7 +153,7 @@ def _chunk_offsets(part: PartReader, path: str) -> NDArray[np.int64] | None:
 def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the board's counter at single rows, int64.
 
-    It ascends, so no sample is missing between two rows as far apart as their counters.
+    If two rows are as far apart as their ascending counters, no sample between them is missing.
     """
     if not len(rows):
         return rows
@@ -170,8 +169,8 @@ def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]
     if int(at.max()) + size > part.path.stat().st_size:
         raise SessionError(f"{part.path} is damaged: it ends before its samples do")
     with part.translate_errors():
-        octets = np.memmap(part.path, np.uint8, "r")  # twice as fast as a read for each row
-        values: NDArray[np.uint8] = np.asarray(octets[at[:, None] + np.arange(size)])
+        file_bytes = np.memmap(part.path, np.uint8, "r")  # twice as fast as a read for each row
+        values: NDArray[np.uint8] = np.asarray(file_bytes[at[:, None] + np.arange(size)])
     return values.view(np.int64)[:, 0]
 
 
@@ -180,7 +179,7 @@ def _split_by_chunk(
 ) -> Iterator[tuple[int, int, int]]:
     """Split trials at the borders of chunks; ``targets``: ranges and their first rows in memory.
 
-    Returns the byte in the file, the first byte in memory and the end in memory of each piece.
+    Returns (byte in the file, first byte in memory, end in memory) for each piece.
     """
     rows = np.array([(window.start, window.stop, row) for window, row in targets], np.int64)
     start, stop, out_row = rows.T

@@ -188,23 +188,23 @@ class Session:
         return tuple(map(locate_samples, self.parts))
 
     def sample_ranges(self, indices: Sequence[int], first_file: int = 0) -> list[SampleRange]:
-        """Return the rows of trials' windows; ``file`` counts :meth:`sample_files` from the first.
+        """Return the rows of trials' windows; ``first_file`` is the first part's ``file``.
 
         Raises SessionError for a part that is missing or that HDF5 cannot read.
         """
         rows = self.trials[list(indices)]
-        found: dict[int, SampleRange] = {}
+        ranges: dict[int, SampleRange] = {}
         for number, part in enumerate(self.parts):
             chosen = np.flatnonzero(rows["part"] == part.number)
             windows = locate_windows(part, rows[chosen], first_file + number)
-            found.update(zip(chosen.tolist(), windows, strict=True))
-        if len(found) < len(rows):
-            lost = rows[min(set(range(len(rows))) - set(found))]
+            ranges.update(zip(chosen.tolist(), windows, strict=True))
+        if len(ranges) < len(rows):
+            lost = rows[min(set(range(len(rows))) - set(ranges))]
             raise SessionError(
                 f"{self.path}: trial {lost['trial_id']} should be in part {lost['part']}, "
                 "which is missing"
             )
-        return [found[i] for i in range(len(rows))]
+        return [ranges[i] for i in range(len(rows))]
 
     def window(self, index: int) -> TrialSamples:
         """Return one trial's window with counters, flags and gaps."""

@@ -1,11 +1,11 @@
 """Make HDF5 read a part whose writer was killed as if the writer had closed it.
 
-h5py then reads such a part from this map as it reads any other from its file. HDF5 itself opens
-such a file in SWMR mode only, in which it waits for a writer to repair what it cannot read, and
-never returns if the file was also cut short. So the program maps the file copy-on-write and
-replaces the superblock in the map by one that has no open writer and the file's real length; damage
-is then an immediate error. The file itself does not change. Superblock versions 2 and 3 and their
-checksum: HDF5 File Format Specification 3.0, sections II.A and VIII (Jenkins' lookup3).
+HDF5 itself opens such a file in SWMR mode only: there it waits for a writer to repair what it
+cannot read, and never returns if the file is also truncated. So the program maps the file
+copy-on-write and replaces the superblock in the map by one that has no open writer and the file's
+real length. h5py reads the map like any file, and reports damage immediately. The file itself does
+not change. Superblock versions 2 and 3 and their checksum: HDF5 File Format Specification 3.0,
+sections II.A and VIII (Jenkins' lookup3).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Verify a session: every sample, gap and trial is where the tables say that it is.
+"""Verify a session: every sample, gap and trial agrees with the tables.
 
 A *problem* fails the check. A *note* is harmless: a part whose writer was killed before another
 continued the session, or trials that are not recorded yet.

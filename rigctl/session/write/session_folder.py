@@ -58,8 +58,8 @@ def check_same_world(folder: Path, recorded: Mapping[str, Any], current: Mapping
     name = next(n for n in {**there, **here} if there.get(n) != here.get(n))
     raise SessionError(
         f"{folder} was recorded in another world, {name} is {_format(there, name)} there and "
-        f"{_format(here, name)} here: resume it in its own, which `rigctl world {folder}` prints, "
-        "or start a new session"
+        f"{_format(here, name)} here: resume it in its own world (`rigctl world {folder}` prints "
+        "it), or start a new session"
     )
 
 

@@ -252,7 +252,7 @@ def test_the_commands_train_save_and_classify(
     output = capsys.readouterr().out
     assert f"model: {model}" in output and "9 components, 3 textures, trained on all 36" in output
     assert main([*words, "--task", "textures"]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
 
     assert main(["classify", str(model), str(other), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)

@@ -114,7 +114,7 @@ def test_a_second_run_takes_everything_from_the_cache(
     with h5py.File(tmp_path / "one/spikes.h5") as one, h5py.File(tmp_path / "two/spikes.h5") as two:
         np.testing.assert_array_equal(one["spikes/sample"][:], two["spikes/sample"][:])
     assert main([*words, "--out", str(tmp_path / "two")]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
 
 
 def test_an_interrupted_run_leaves_no_folder_and_can_be_continued(

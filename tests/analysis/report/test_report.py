@@ -146,7 +146,7 @@ def test_what_cannot_be_done_is_refused_and_leaves_nothing(
 ) -> None:
     start = ["analyse", str(session), "--out"]
     for words, message in (
-        ([str(report)], "is there already"),
+        ([str(report)], "already exists"),
         ([str(tmp_path / "r"), "--preset", "fast"], "unknown encoder preset 'fast'"),
         ([str(tmp_path / "r"), "--task", "colours"], "no task 'colours'"),
         ([str(tmp_path / "r"), "--taxel", "19"], "no taxel 19"),
