@@ -30,7 +30,7 @@ FAULTS: dict[str, dict[str, Any]] = {
 
 
 class BenchControls(QGroupBox):
-    """The mounted plate; on a simulated rig also faults to rehearse."""
+    """The mounted plate, and on a simulated rig the faults that users can inject."""
 
     command_requested = Signal(str, dict)
 

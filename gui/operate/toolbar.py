@@ -18,7 +18,7 @@ RIGS = {
     "Join the running engine": JOIN,
 }
 WORLDS = {"Nominal world": ""}
-UNRECORDED_LIMIT = 12  # statuses, ten a second: the engine judges by the last second itself
+UNRECORDED_LIMIT = 12  # statuses, ten a second: longer than the second that the engine judges
 
 
 class FileComboBox(QComboBox):

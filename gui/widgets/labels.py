@@ -27,7 +27,7 @@ def show_text(widget: QLabel, text: str) -> None:
 
 
 def set_property(widget: QWidget, name: str, value: str) -> None:
-    """Change a property that the style sheet selects by."""
+    """Set a property that selectors of the style sheet use, and apply the style."""
     if widget.property(name) != value:
         widget.setProperty(name, value)
         widget.style().unpolish(widget)

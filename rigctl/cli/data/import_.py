@@ -60,6 +60,6 @@ def _show(lines: tuple[str, ...]) -> None:
     shown = lines[-LINES_SHOWN:]
     if len(shown) < len(lines):
         left = len(lines) - len(shown)
-        print(f"note: the session's events hold {left} more remarks", file=sys.stderr)
+        print(f"note: the session's events contain {left} more remarks", file=sys.stderr)
     for line in shown:
         print(f"note: {line}", file=sys.stderr)

@@ -13,7 +13,7 @@ from rigctl.session.verify.session import VerifyReport, verify
 
 WHOLE, NOT_WHOLE = 0, 1
 QUIET_S = 2.0
-"""A check that takes no longer shows no progress."""
+"""A shorter check shows no progress."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

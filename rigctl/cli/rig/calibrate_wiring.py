@@ -28,7 +28,7 @@ from rigctl.rig import open_rig
 from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 STALE_S = 0.5
-"""Samples this old were taken before the answer to a question; they are dropped."""
+"""Samples that arrive this soon after an answer may be older than it, so they are dropped."""
 SAMPLES = 1000
 POLL_S = 0.05
 
@@ -43,7 +43,7 @@ PRESS = "Press {place} with a blunt tip of about 3 mm and hold it."
 
 def run(args: argparse.Namespace) -> int:
     """Guide the user; the last lines give the order and where it is saved."""
-    path, config = _bench(args)
+    path, config = _read_rig(args)
     taxels = replace(config.taxels, wiring=tuple(range(N_TAXELS)), pressure_raises=True)
     with closing(open_rig(args.rig, config=replace(config, taxels=taxels))) as rig:
         session = _WiringSession(rig.taxels, print if not args.json else lambda text: None)
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _bench(args: argparse.Namespace) -> tuple[Path, RigConfig]:
+def _read_rig(args: argparse.Namespace) -> tuple[Path, RigConfig]:
     """Return path and description of a real sensor. Raises WrongUse for any other."""
     path = Path(args.rig)
     config = load_config(path) if path.is_file() else None
@@ -79,7 +79,7 @@ def _bench(args: argparse.Namespace) -> tuple[Path, RigConfig]:
 
 
 class _WiringSession:
-    """Repeats each step until its result is clear; each uses the mean of one second."""
+    """Guides the user through the steps; repeats each until its result is clear."""
 
     def __init__(self, taxels: Taxels, print_line: Callable[[str], None]) -> None:
         self._taxels = taxels
@@ -92,39 +92,39 @@ class _WiringSession:
         self._taxels.on_block(lambda block: self._samples.append(block.samples))
         self._taxels.on_fault(self._fail)
         await self._taxels.connect()
-        order = WiringIdentification()
-        while not order.lower:
+        found = WiringIdentification()
+        while not found.lower:
             rest = await self._mean(UNPLUG)
-            self._print_step(order.add_unplugged_press, rest, await self._mean(FLAT))
+            self._print_step(found.add_unplugged_press, rest, await self._mean(FLAT))
         rest = await self._mean(PLUG)
-        while order.place < PER_LAYER:
-            question = PRESS.format(place=place_name(order.place))
-            self._print_step(order.add_press, rest, await self._mean(question))
-        return order.wiring()
+        while found.place < PER_LAYER:
+            question = PRESS.format(place=place_name(found.place))
+            self._print_step(found.add_press, rest, await self._mean(question))
+        return found.wiring()
 
     def _print_step(
         self,
-        take: Callable[[MeanReadings, MeanReadings], str],
+        add: Callable[[MeanReadings, MeanReadings], str],
         rest: MeanReadings,
         pressed: MeanReadings,
     ) -> None:
-        """Print the result of a step, or why it was not clear."""
+        """Add a press to the identification; print its result, or why it was not clear."""
         try:
-            self._print(take(rest, pressed))
+            self._print(add(rest, pressed))
         except WrongUse as unclear:
             self._print(f"not clear: {unclear}")
 
     async def _mean(self, question: str) -> MeanReadings:
         """Return the mean of one second, float64 (18,). Raises RigFault if the board is lost."""
         ask(question, "run this command at a terminal")
-        await self._pass_until(asyncio.get_running_loop().time() + STALE_S)
+        await self._sleep_until(asyncio.get_running_loop().time() + STALE_S)
         self._samples.clear()
         while sum(map(len, self._samples)) < SAMPLES:
-            await self._pass_until(asyncio.get_running_loop().time() + POLL_S)
+            await self._sleep_until(asyncio.get_running_loop().time() + POLL_S)
         mean: MeanReadings = np.concatenate(self._samples).mean(axis=0)
         return mean
 
-    async def _pass_until(self, end_s: float) -> None:
+    async def _sleep_until(self, end_s: float) -> None:
         await asyncio.sleep(end_s - asyncio.get_running_loop().time())
         if self._failure is not None:
             raise self._failure

@@ -48,7 +48,8 @@ def check_same_world(folder: Path, recorded: Mapping[str, Any], current: Mapping
     Both map parameter names to values; a real rig has none. Raises SessionError that names the
     first parameter that differs.
     """
-    there, here = recorded.get("world"), json.loads(json.dumps(current.get("world")))  # no tuples
+    there = recorded.get("world")
+    here = json.loads(json.dumps(current.get("world")))  # turns tuples into lists
     if there == here:
         return
     if there is None or here is None:
