@@ -1,1 +1,1 @@
-"""Find the simulated bench's unknowns by what is known of real ones; see decision 0018."""
+"""Identify the unknown parameters of the simulated bench; see decision 0018."""

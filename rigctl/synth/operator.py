@@ -1,4 +1,4 @@
-"""Drive the simulated drum through a run's moves, without cable and waiting."""
+"""Drive the simulated drum through a run's moves, without a cable and without waiting."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def remove_damaged_truth(folder: Path) -> None:
 
 def _check(folder: Path, found: SessionHeader, expected: SessionHeader) -> None:
     mismatch = SessionError(
-        f"{folder} holds another session than this protocol and seed make: choose another folder"
+        f"{folder} holds a session of another protocol or seed: choose another folder"
     )
     if (found.rig, found.seed) != (expected.rig, expected.seed):
         raise mismatch

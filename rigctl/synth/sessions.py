@@ -82,7 +82,7 @@ def _run_process(
     stopping: Event,
     report: Callable[[DatasetProgress], None],
 ) -> bool:
-    """Generate one session in a process of its own. Raises RigFault where the process dies."""
+    """Generate one session in a separate process. Raises RigFault where the process dies."""
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_generate_one, args=(request, sender, stopping))
     process.start()

@@ -33,20 +33,24 @@ class AcceptanceCheck(NamedTuple):
     passed: bool | None
 
 
-def check_limits(found: RigMeasurements) -> tuple[AcceptanceCheck, ...]:
+def check_limits(measured: RigMeasurements) -> tuple[AcceptanceCheck, ...]:
     """Return all checks in the order of the report."""
     return (
-        _worst(found, "settling time, 95 of 100 presses", "settle_p95_s", 1.0),
-        _worst(found, "overshoot, highest of all presses", "overshoot_percent", 5.0),
-        _worst(found, "mean force in the window", "mean_error_percent", 1.0),
-        _worst(found, "drift, last ten less first ten", "drift_percent", 0.5, "3.4 % (SD 4.2 %)"),
-        _worst(found, "speed by the travel window", "speed_error_percent", 0.5, "4.6 % (SD 2.6 %)"),
-        _check_index_speed(found),
-        _check_steps(found),
-        _check_zero("lost taxel samples", found.lost_samples),
-        _check_zero("lost load-cell samples", found.loadcell_lost),
-        _check_zero("presses that were rejected or broken off", found.not_committed),
-        _check_zero("faults", len(found.faults)),
+        _check_worst(measured, "settling time, 95 of 100 presses", "settle_p95_s", 1.0),
+        _check_worst(measured, "overshoot, highest of all presses", "overshoot_percent", 5.0),
+        _check_worst(measured, "mean force in the window", "mean_error_percent", 1.0),
+        _check_worst(
+            measured, "drift, last ten minus first ten", "drift_percent", 0.5, "3.4 % (SD 4.2 %)"
+        ),
+        _check_worst(
+            measured, "speed by the travel window", "speed_error_percent", 0.5, "4.6 % (SD 2.6 %)"
+        ),
+        _check_index_speed(measured),
+        _check_steps(measured),
+        _check_zero("lost taxel samples", measured.lost_samples),
+        _check_zero("lost load-cell samples", measured.loadcell_lost),
+        _check_zero("presses that were rejected or aborted", measured.not_committed),
+        _check_zero("faults", len(measured.faults)),
     )
 
 
@@ -72,11 +76,11 @@ def _statistics(condition: PressSeries) -> dict[str, float]:
     }
 
 
-def _worst(
-    found: RigMeasurements, name: str, statistic: str, limit: float, earlier: str = ""
+def _check_worst(
+    measured: RigMeasurements, name: str, statistic: str, limit: float, earlier: str = ""
 ) -> AcceptanceCheck:
     """Return the check of the condition with the largest deviation."""
-    values = [(_statistics(condition)[statistic], condition) for condition in found.conditions]
+    values = [(_statistics(condition)[statistic], condition) for condition in measured.conditions]
     unit = "s" if statistic.endswith("_s") else "%"
     allowed = f"{limit:g} {unit}"
     if any(math.isnan(value) for value, _ in values):
@@ -86,22 +90,22 @@ def _worst(
     return AcceptanceCheck(name, text, allowed, earlier, abs(worst) <= limit)
 
 
-def _check_index_speed(found: RigMeasurements) -> AcceptanceCheck:
+def _check_index_speed(measured: RigMeasurements) -> AcceptanceCheck:
     name, limit = "speed by the index mark, lifted", 0.5
-    if not found.turns:
+    if not measured.turns:
         return AcceptanceCheck(name, NOT_MEASURED, f"{limit:g} %", "", None)
-    worst = max(found.turns, key=lambda turns: float(np.abs(turns.errors).max()))
+    worst = max(measured.turns, key=lambda turns: float(np.abs(turns.errors).max()))
     percent = 100.0 * float(worst.errors[np.abs(worst.errors).argmax()])
     text = f"{percent:.3f} % at {worst.speed_mm_s:g} mm/s"
     return AcceptanceCheck(name, text, f"{limit:g} %", "", abs(percent) <= limit)
 
 
-def _check_steps(found: RigMeasurements) -> AcceptanceCheck:
+def _check_steps(measured: RigMeasurements) -> AcceptanceCheck:
     name, limit = "steps counted from mark to mark", 4
-    if not found.index_errors_steps:
+    if not measured.index_errors_steps:
         return AcceptanceCheck(name, NOT_MEASURED, f"{limit} steps", "", None)
-    worst = max(found.index_errors_steps, key=abs)
-    text = f"{worst} steps off in {len(found.index_errors_steps)} checks"
+    worst = max(measured.index_errors_steps, key=abs)
+    text = f"{worst} steps off in {len(measured.index_errors_steps)} checks"
     return AcceptanceCheck(name, text, f"{limit} steps", "", abs(worst) <= limit)
 
 
@@ -109,21 +113,21 @@ def _check_zero(name: str, number: int) -> AcceptanceCheck:
     return AcceptanceCheck(name, f"{number}", "0", "", number == 0)
 
 
-def as_dict(found: RigMeasurements, checks: Sequence[AcceptanceCheck]) -> dict[str, Any]:
+def as_dict(measured: RigMeasurements, checks: Sequence[AcceptanceCheck]) -> dict[str, Any]:
     """Return everything as values for JSON; None for a value that was not measured."""
     return {
-        "session": str(found.path),
-        "simulated": found.simulated,
-        "rig": found.rig,
-        "start_utc": found.start_utc,
+        "session": str(measured.path),
+        "simulated": measured.simulated,
+        "rig": measured.rig,
+        "start_utc": measured.start_utc,
         "accepted": is_accepted(checks),
         "checks": [check._asdict() for check in checks],
-        "conditions": [_condition_dict(c) for c in found.conditions],
+        "conditions": [_condition_dict(c) for c in measured.conditions],
         "turns": [
             {"speed_mm_s": t.speed_mm_s, "errors_percent": (100.0 * t.errors).round(4).tolist()}
-            for t in found.turns
+            for t in measured.turns
         ],
-        "faults": list(found.faults),
+        "faults": list(measured.faults),
     }
 
 
@@ -139,27 +143,27 @@ def _condition_dict(condition: PressSeries) -> dict[str, Any]:
     }
 
 
-def write_report(found: RigMeasurements, checks: Sequence[AcceptanceCheck], out: Path) -> Path:
+def write_report(measured: RigMeasurements, checks: Sequence[AcceptanceCheck], out: Path) -> Path:
     """Write report.html, acceptance.json and the figure to a new folder; return the page.
 
     Raises WrongUse where ``out`` exists, DiskFault where it cannot be written.
     """
     with atomic_directory(out) as folder:
-        values = as_dict(found, checks)
+        values = as_dict(measured, checks)
         text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
         (folder / "acceptance.json").write_text(text + "\n", encoding="utf-8")
-        figure = _draw_figure(found, folder / "acceptance")
-        page = render_page("acceptance.html", plain=values, figure=figure, earlier_work=EARLIER)
+        figure = _draw_figure(measured, folder / "acceptance")
+        page = render_page("acceptance.html", results=values, figure=figure, earlier_work=EARLIER)
         (folder / "report.html").write_text(page, encoding="utf-8")
     return out / "report.html"
 
 
-def _draw_figure(found: RigMeasurements, stem: Path) -> Path:
+def _draw_figure(measured: RigMeasurements, stem: Path) -> Path:
     figure, panels = new_figure((10, 8.4), 3, 1, height_ratios=[1.2, 1.2, 0.8])
     settle, drift, speed = panels
-    forces = sorted({c.force_g for c in found.conditions})
+    forces = sorted({c.force_g for c in measured.conditions})
     colours = {force: COLOURS[i % len(COLOURS)] for i, force in enumerate(forces)}
-    for condition in found.conditions:
+    for condition in measured.conditions:
         _draw_settling(settle, condition, colours[condition.force_g])
         _draw_drift(drift, condition, colours[condition.force_g])
     settle.set(xlabel="time since contact (s)", ylabel="force over set-point (%)", ylim=(0, 120))
@@ -167,10 +171,10 @@ def _draw_figure(found: RigMeasurements, stem: Path) -> Path:
     for force, colour in colours.items():
         drift.plot([], [], color=colour, label=f"{force:g} g")
     drift.legend(frameon=False, ncols=len(forces), loc="upper right")
-    _draw_speed(speed, found)
-    bench = "Simulated bench" if found.simulated else "Real bench"
-    presses = sum(len(c.presses) for c in found.conditions)
-    origin = f"{bench} · session {found.path.name} · {presses:,} presses"
+    _draw_speed(speed, measured)
+    bench = "Simulated bench" if measured.simulated else "Real bench"
+    presses = sum(len(c.presses) for c in measured.conditions)
+    origin = f"{bench} · session {measured.path.name} · {presses:,} presses"
     return save_figure(figure, stem, "Acceptance", origin)
 
 
@@ -187,11 +191,11 @@ def _draw_drift(axes: Axes, condition: PressSeries, colour: str) -> None:
     axes.axhspan(-1, 1, color=MUTED, alpha=0.06, lw=0)
 
 
-def _draw_speed(axes: Axes, found: RigMeasurements) -> None:
-    for condition in found.conditions:
+def _draw_speed(axes: Axes, measured: RigMeasurements) -> None:
+    for condition in measured.conditions:
         errors = 100.0 * condition.column("speed_error")
         axes.plot(np.full(len(errors), condition.speed_mm_s), errors, ".", ms=3, color=MUTED)
-    for turns in found.turns:
+    for turns in measured.turns:
         errors = 100.0 * turns.errors
         axes.plot(np.full(len(errors), turns.speed_mm_s), errors, "x", ms=7, color=COLOURS[0])
     sources = "· travel window, × whole turns by the mark"

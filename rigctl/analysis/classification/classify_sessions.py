@@ -57,8 +57,7 @@ class Prediction(NamedTuple):
 class Classification:
     """Predictions for all trials; ``clipped``: share of each taxel's readings outside its range.
 
-    ``confusion``: int64 (classes, classes), rows the truth, of trials whose texture is in the
-    model.
+    ``confusion``: int64 (classes, classes) of the trials whose texture is in the model; rows: true.
     """
 
     model: Model
@@ -116,8 +115,8 @@ def classify(
     lengths = [n for part in parts for n in part.lengths]
     clipped = np.sum([part.clipped for part in parts], axis=0) / max(1, sum(lengths))
     errors, warnings = _rate_errors(model, trials, resources)
-    new = [found.texture for found in predictions if found.right is None]
-    remarks = prediction_remarks(model, trials, new, clipped, lengths)
+    unknown = [one.texture for one in predictions if one.right is None]
+    remarks = prediction_remarks(model, trials, unknown, clipped, lengths)
     return Classification(
         model,
         trials,
@@ -182,8 +181,9 @@ def _posteriors(task: _PredictionTask) -> _Posteriors:
     if model.c is not None:
         scale = c_per_trial(task.trials, model.c, blind=model.force == "blind")
     speeds = [trial.speed_mm_s for trial in task.trials]
-    encoder = (model.normalisation, [model.features], model.parameters)
-    (features,) = feature_matrices(samples, speeds, *encoder, sa_scale=scale)
+    (features,) = feature_matrices(
+        samples, speeds, model.normalisation, [model.features], model.parameters, sa_scale=scale
+    )
     return _Posteriors(log_posteriors(model, features), list(map(len, samples)), clipped)
 
 
@@ -210,9 +210,9 @@ def _prediction(model: Model, trials: TrialSet, trial: TrialRef, logs: Floats) -
 def _confusion(model: Model, predictions: Sequence[Prediction]) -> NDArray[np.int64]:
     table = np.zeros((len(model.classes), len(model.classes)), np.int64)
     index = {name: i for i, name in enumerate(model.classes)}
-    for found in predictions:
-        if found.right is not None:
-            table[index[found.texture], index[found.predicted]] += 1
+    for prediction in predictions:
+        if prediction.right is not None:
+            table[index[prediction.texture], index[prediction.predicted]] += 1
     return table
 
 
@@ -225,6 +225,8 @@ def _rate_errors(
     unseen = unseen_sessions(trials, model.training.inputs, resources)
     if not unseen:
         return (), []
-    encoder = (model.c, model.normalisation, model.parameters)
-    errors = measure_rate_errors(trials, *encoder, resources, blind=model.force == "blind")
+    blind = model.force == "blind"
+    errors = measure_rate_errors(
+        trials, model.c, model.normalisation, model.parameters, resources, blind=blind
+    )
     return tuple(errors), [transfer_warning(errors, model.c, unseen)]

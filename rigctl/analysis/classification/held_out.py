@@ -86,8 +86,8 @@ def classify_held_out(
         (features,) = feature_matrices(samples, speeds, ranges, [layout])
         split = Split(train, {TASK: test})
         labels = {TASK: design.texture}
-        (found,) = predict_splits(features, labels, [split], k_max, SweepEngine.OWN)
-        predictions[:, test] = found.predictions[TASK]
+        (sweep,) = predict_splits(features, labels, [split], k_max, SweepEngine.OWN)
+        predictions[:, test] = sweep.predictions[TASK]
     progress("classifying", len(folds), len(folds))
     shown = min(SHOWN_COMPONENTS, max(1, k_max // 2))
     return HeldOutPredictions(design.textures, design.texture, predictions, len(folds), shown)
@@ -96,7 +96,7 @@ def classify_held_out(
 def _folds(design: Design, seed: int) -> list[Fold]:
     """Return four stratified folds, or as many as the smallest class has trials."""
     if len(design.textures) < 2:
-        raise WrongUse("telling textures apart needs trials of at least two textures")
+        raise WrongUse("classifying textures needs trials of at least two textures")
     counts = np.bincount(design.texture)
     if counts.min() < 2:
         raise WrongUse(

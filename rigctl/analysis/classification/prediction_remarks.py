@@ -17,26 +17,28 @@ MAX_LISTED_TAXELS = 6
 def prediction_remarks(
     model: Model,
     trials: TrialSet,
-    new: Sequence[str],
+    unknown: Sequence[str],
     clipped: NDArray[np.float64],
     lengths: Sequence[int],
 ) -> list[str]:
-    """Return all remarks. ``new``: the texture of each trial whose texture is not in the model;
-    ``clipped``: share of each taxel's readings; ``lengths``: samples of each trial.
+    """Return all remarks as sentences.
+
+    ``unknown``: textures that the model does not know, one per trial; ``clipped``: share of each
+    taxel's readings outside its range; ``lengths``: samples of each trial.
     """
     remarks = [_clipping_remark(model, clipped)]
-    if new:
-        listed = ", ".join(sorted(set(new)))
+    if unknown:
+        listed = ", ".join(sorted(set(unknown)))
         remarks.append(
-            f"{len(new)} trials are of textures that are not in the model ({listed}): they have "
-            "predictions, but do not count as right or wrong"
+            f"{len(unknown)} trials are of textures that are not in the model ({listed}): they "
+            "have predictions, but do not count as right or wrong"
         )
     remarks += _length_remarks(model, trials, lengths)
     remarks += _condition_remarks(model, trials)
     if model.force == "texture":
         remarks.append(
             "each trial's SA current was scaled by the C of its own true texture: "
-            "the model has part of the answer"
+            "the model gets part of the answer"
         )
     if model.training.simulated != trials.simulated:
         origin = "simulated" if model.training.simulated else "real"

@@ -153,15 +153,15 @@ def _extrapolation(design: Design, random: np.random.Generator) -> Split:
     train: list[Rows] = []
     tests: dict[str, list[Rows]] = {}
     for rows in design.conditions():
-        mixed, n = random.permutation(rows), len(rows)
+        shuffled, n = random.permutation(rows), len(rows)
         speed_is_trained = design.speed_mm_s[rows[0]] in published.TRAINED_SPEEDS_MM_S
         force_is_trained = design.force_g[rows[0]] in published.TRAINED_FORCES_G
         if speed_is_trained and force_is_trained:
             n_train = min(max(1, round(n * published.TRAINED_SHARE)), max(1, n - 1))
-            train.append(mixed[:n_train])
-            tested = mixed[n_train:]
+            train.append(shuffled[:n_train])
+            tested = shuffled[n_train:]
         else:
-            tested = mixed[: max(1, round(n * published.TESTED_SHARE))]
+            tested = shuffled[: max(1, round(n * published.TESTED_SHARE))]
         tests.setdefault(EXTRAPOLATIONS[speed_is_trained, force_is_trained], []).append(tested)
     joined = {key: np.concatenate(rows) for key, rows in tests.items() if rows}
     return Split(np.concatenate(train), {key: rows for key, rows in joined.items() if len(rows)})

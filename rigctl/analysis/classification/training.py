@@ -23,7 +23,7 @@ from rigctl.errors import WrongUse
 from rigctl.session.files.analysis_file import content_digest
 from rigctl.session.files.model_file import Model, TrainingInfo
 
-STAGE = "training the model, noting its sessions by content"
+STAGE = "training the model, hashing its sessions"
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ def _sentence(model: Model, request: ModelRequest) -> str:
     if model.force == "texture":
         caution = (
             "; its C depends on the true texture, so it classifies only trials of known texture, "
-            "and has part of the answer"
+            "and gets part of the answer"
         )
     return (
         f"model {request.path}: {model.representation}, {model.components} components{fewer}, "

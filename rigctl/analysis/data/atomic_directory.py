@@ -1,4 +1,4 @@
-"""A folder of results that appears whole or not at all, as a rename makes it."""
+"""A folder of results that a rename makes visible: it is complete or absent."""
 
 from __future__ import annotations
 
@@ -25,10 +25,12 @@ def atomic_directory(out: Path) -> Iterator[Path]:
         folder.mkdir(parents=True)
     except FileExistsError:
         raise WrongUse(
-            f"{folder} is there: another analysis writes it, or was killed; remove it then"
+            f"{folder} exists: another analysis is writing it, or was killed; then remove it"
         ) from None
     except OSError as error:
-        raise DiskFault(f"{out} cannot be made ({error.strerror}): name another folder") from error
+        raise DiskFault(
+            f"{out} cannot be created ({error.strerror}): name another folder"
+        ) from error
     try:
         yield folder
         folder.rename(out)

@@ -1,4 +1,4 @@
-"""A cache of computed arrays in files, and what an analysis computes with.
+"""A cache of computed arrays in files, and the resources of an analysis.
 
 The key of an entry is a digest of everything that determines its content, so no entry is ever out
 of date. Entries appear atomically: they are written under a temporary name and renamed. An entry
@@ -57,7 +57,7 @@ class Cache:
         self._max_bytes = max_bytes
 
     def __contains__(self, key: str) -> bool:
-        """Return whether there is a file for the key, whole or not."""
+        """Return whether there is a file for the key, even a damaged one."""
         return self._folder is not None and self._path(key).is_file()
 
     def get(self, key: str) -> Arrays | None:
@@ -111,7 +111,7 @@ class Cache:
 
 @dataclass(frozen=True, slots=True)
 class Resources:
-    """What an analysis computes with: an executor, a cache and a progress callback."""
+    """Resources of an analysis: an executor, a cache and a progress callback."""
 
     executor: Executor = SERIAL
     cache: Cache = field(default_factory=Cache)
@@ -167,7 +167,7 @@ def cache_key(*parts: Any) -> str:
 
 @cache
 def code_digest() -> bytes:
-    """Return the SHA-256 of the source that encodes and counts: other code, other entries."""
+    """Return the SHA-256 of the source that encodes and counts, as entries of other code differ."""
     digest = hashlib.sha256()
     here = Path(__file__).parent
     sources = sorted(Path(rigctl.encoding.__path__[0]).rglob("*.py"))

@@ -28,10 +28,11 @@ from rigctl.session.read.sample_index import SampleFile, SampleFiles
 
 
 class ConditionTask(NamedTuple):
-    """The trials of one texture at one speed, to be encoded; ``rows``: theirs in the set.
+    """The trials of one texture at one speed, to be encoded; ``rows``: their rows in the set.
 
-    ``forces_g``: levels of force that need a C, none for counts without C. ``given_c``: the C of
-    each of them, float64 (n_taxels,), or empty for a search.
+    All other row numbers count the condition's own trials from 0. ``forces_g``: levels of force
+    that need a C, none for counts without C. ``given_c``: the C of each of them, float64
+    (n_taxels,), or empty for a search.
     """
 
     rows: list[int]
@@ -82,7 +83,7 @@ class ConditionTask(NamedTuple):
 Arrays = dict[str, NDArray[Any]]
 SCRATCH = ScratchMemory()
 TRIALS_PER_READ = 32
-"""Trials read before their fingerprints are taken: so few are still in the processor's cache."""
+"""Trials read before their fingerprints are computed; that many fit in the processor's cache."""
 
 
 def fingerprint_trials(task: tuple[dict[int, SampleFile], tuple[TrialRef, ...]]) -> Arrays:
@@ -146,7 +147,7 @@ def _count_with_given_c(condition: ConditionTask, reader: TrialReader) -> Counts
 def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
     """Return the counts without C, the C at each force, and the SA counts with it.
 
-    The trials of one force are read at a time: so many stay in the processor's last cache.
+    It reads the trials of one force at a time, because they fit in the processor's last cache.
     """
     n_taxels, n_trials = condition.normalisation.n_taxels, len(condition.trials)
     plain = np.empty((n_trials, 2 * n_taxels, len(condition.bin_edges) - 1), np.uint32)
@@ -181,7 +182,7 @@ def _search_at_force(
     reading: NDArray[np.float64],
     target: NDArray[np.float64],
 ) -> tuple[Counts, ForceSearch]:
-    """Return the counts without C and the search, whose first C is counted along with none."""
+    """Return the counts without C, which the first encoding of the search adds, and the search."""
     plain: list[Counts] = []
     edges, encoder = condition.bin_edges, (condition.normalisation, condition.parameters)
 
@@ -229,7 +230,7 @@ def c_per_trial(
 
 
 def join_force_matrix(conditions: Sequence[ConditionTask], found: Sequence[Arrays]) -> ForceMatrix:
-    """Return the C of every texture at every speed, which come in sorted order."""
+    """Return the C of all conditions, which are sorted by texture and speed."""
     textures = tuple(sorted({condition.texture for condition in conditions}))
     speeds = tuple(sorted({condition.speed_mm_s for condition in conditions}))
 

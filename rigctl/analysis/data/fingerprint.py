@@ -1,7 +1,7 @@
 """Fingerprints of trials: the range of their samples, and a hash that identifies them.
 
-The hash is XXH3, which is faster than memory is read; a cache of recordings needs no protection
-against forgery.
+The hash is XXH3, which is faster than the memory that it reads; a cache of recordings needs no
+protection against forgery.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def hash_array(data: NDArray[Any]) -> int:
 def fingerprint(
     samples: Samples, starts: NDArray[np.int64], lengths: NDArray[np.int64]
 ) -> tuple[NDArray[np.uint64], Samples, Samples]:
-    """Return hash, minimum and maximum of trials: uint64 (n,), twice uint16 (n, n_taxels).
+    """Return hash, minimum and maximum of trials: uint64 (n,), uint16 (n, n_taxels) each.
 
     Each trial is ``lengths`` rows, at least one, of the contiguous ``samples`` (rows, n_taxels),
     from row ``starts`` on.

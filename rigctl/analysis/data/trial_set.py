@@ -104,7 +104,7 @@ class TrialSet:
 
 
 class ScratchMemory(threading.local):
-    """Memory that each thread reuses: fresh memory costs as much as to read into it."""
+    """Memory that each thread reuses, because fresh memory takes as long as reading into it."""
 
     def __init__(self) -> None:
         self._memory = np.empty(0, np.uint16)

@@ -18,14 +18,14 @@ Sources = Sequence[Mapping[str, Any]]
 
 def check_same_wiring(first: Mapping[str, Any], other: Mapping[str, Any]) -> None:
     """Raise SessionError where two sessions have their taxels in another order."""
-    _check(other, first, first["path"], "use them apart")
+    _check(other, first, first["path"], "analyse them separately")
 
 
 def check_source_wiring(file: Path | str, sources: Sources, sessions: Sources) -> None:
     """Raise SessionError where a session has another order than the sources of ``file``."""
     for session, source in product(sessions, sources):
-        cure = "make one from sessions in that order"
-        _check(session, source, f"the sessions of {file}", cure)
+        remedy = "make one from sessions in that order"
+        _check(session, source, f"the sessions of {file}", remedy)
 
 
 def check_file_wiring(file: Path, sessions: Sequence[Path]) -> None:
@@ -33,12 +33,12 @@ def check_file_wiring(file: Path, sessions: Sequence[Path]) -> None:
     check_source_wiring(file, load_inputs(file), [_source(path) for path in sessions])
 
 
-def _check(session: Mapping[str, Any], other: Mapping[str, Any], name: str, cure: str) -> None:
+def _check(session: Mapping[str, Any], other: Mapping[str, Any], name: str, remedy: str) -> None:
     ours, theirs = source_wiring(session), source_wiring(other)
     if not wirings_match(ours, theirs):
         raise SessionError(
             f"{session['path']} has its taxels in another order than {name} "
-            f"({describe_mismatch(ours, theirs)}): {cure}"
+            f"({describe_mismatch(ours, theirs)}): {remedy}"
         )
 
 

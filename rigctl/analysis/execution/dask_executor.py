@@ -78,7 +78,7 @@ class DaskExecutor(Executor):
                 if files != ours[folder]:
                     raise WrongUse(
                         f"Dask worker {name} sees other files in {folder} than this machine does: "
-                        "share the folder, and let a session end first that is being written"
+                        "share the folder, and wait for the end of a session that is being written"
                     )
 
     def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
@@ -107,16 +107,16 @@ class DaskExecutor(Executor):
 
     def _result(self, future: Any) -> Any:
         """Return the result of one future; poll the workers while it takes long."""
-        for _ in range(POLLS_WITHOUT_WORKERS):
-            while True:
-                with self._translate_errors(future):
-                    try:
-                        return future.result(timeout=POLL_S)
-                    except TimeoutError:
-                        if future.status == "error":
-                            raise
-                    if not self._client.nthreads():
-                        break
+        polls_without_workers = 0
+        while polls_without_workers < POLLS_WITHOUT_WORKERS:
+            with self._translate_errors(future):
+                try:
+                    return future.result(timeout=POLL_S)
+                except TimeoutError:
+                    if future.status == "error":
+                        raise
+                if not self._client.nthreads():
+                    polls_without_workers += 1
         raise WorkersLost(
             f"the Dask scheduler {self._scheduler} has had no worker for "
             f"{POLL_S * POLLS_WITHOUT_WORKERS:g} s: start some and repeat the analysis"
@@ -133,7 +133,7 @@ class DaskExecutor(Executor):
         except KilledWorker as error:
             raise WorkersLost(
                 f"a task of the analysis killed {error.allowed_failures + 1} Dask workers, "
-                "perhaps for want of memory: give each more, or fewer threads"
+                "possibly for lack of memory: give each more, or fewer threads"
             ) from error
         except (FutureCancelledError, ClosedClientError, OSError) as error:
             if future is not None and future.status == "error":
@@ -146,7 +146,7 @@ class DaskExecutor(Executor):
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[Executor]:
-    """Yield an executor over the workers of the scheduler at ``address``, as tcp://host:8786.
+    """Yield an executor over the workers of a scheduler, for example at tcp://host:8786.
 
     Raises WrongUse where Dask is not installed, no scheduler replies, there is no worker, or a
     worker has other versions than this process.
@@ -172,18 +172,18 @@ def dask_executor(address: str) -> Iterator[Executor]:
 
 def _check_connection(address: str) -> None:
     """Raise WrongUse where no plain connection opens: Dask's failed start leaves a thread."""
-    cure = "name a scheduler, as --dask tcp://host:8786 (dask scheduler starts one)"
+    remedy = "name a scheduler, such as --dask tcp://host:8786 (dask scheduler starts one)"
     try:
         parts = urlsplit(address)
         host, port = parts.hostname, parts.port
     except ValueError:
         host = port = None
-    if parts.scheme not in ("tcp", "tls") or not host or not port:
-        raise WrongUse(f"{address!r} is not the address of a Dask scheduler: {cure}")
+    if not host or not port or parts.scheme not in ("tcp", "tls"):
+        raise WrongUse(f"{address!r} is not the address of a Dask scheduler: {remedy}")
     try:
         socket.create_connection((host, port), CONNECT_S).close()
     except OSError as error:
-        raise WrongUse(f"no scheduler answers at {address} ({error}): {cure}") from error
+        raise WrongUse(f"no scheduler answers at {address} ({error}): {remedy}") from error
 
 
 def _matching_builds(client: Any, address: str) -> dict[str, WorkerBuild]:
@@ -216,8 +216,8 @@ def _check_versions(theirs: Versions, ours: Versions, name: str) -> None:
     for (what, their), (_, our) in zip(theirs, ours, strict=True):
         if their != our:
             raise WrongUse(
-                f"Dask worker {name} has {what} {their}, this machine {our}: results would not be "
-                "equal, install the same there"
+                f"Dask worker {name} has {what} {their}, this machine {our}: results would differ; "
+                "install the same version there"
             )
 
 
@@ -232,7 +232,7 @@ def _run_task(function: Callable[[T], R], versions: Versions, task: T) -> R:
 
 @cache
 def _limit_blas_threads_once() -> None:
-    # For good, as the limit is the process's: tasks in other threads would lose it too.
+    # Permanently: the limit is that of the process, so tasks in other threads would lose it too.
     limit_blas_threads()
 
 

@@ -70,7 +70,7 @@ class ProcessExecutor(Executor):
             yield from self._pool.map(function, tasks)
         except BrokenProcessPool as error:
             raise WorkersLost(
-                "a process of the analysis died, perhaps for want of memory: "
+                "a process of the analysis died, possibly for lack of memory: "
                 "free some, or use fewer --workers"
             ) from error
 
@@ -99,7 +99,7 @@ def local_executor(n_workers: int) -> Iterator[Executor]:
 
 
 def limit_blas_threads() -> threadpool_limits:
-    """Limit BLAS to one thread in this process, for good or within a ``with``."""
+    """Limit BLAS to one thread in this process, permanently or within a ``with``."""
     # Only libraries that are loaded can be limited, and SciPy brings one of its own.
     import scipy.linalg  # noqa: F401
 

@@ -1,4 +1,4 @@
-"""The paper's four representations of a set of trials, and two whose C knows no texture.
+"""The paper's four representations of a set of trials, and two with a texture-blind C.
 
 Every condition is read once for the force search and both layouts, and once more for the
 texture-blind C, which needs all conditions searched first. Feature matrices are files that are

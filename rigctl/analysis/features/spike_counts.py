@@ -65,8 +65,8 @@ def prepare_trials(
     remarks = list(trials.remarks)
     if np.any(outside):
         remarks.append(
-            f"taxel ranges are {normalisation.source}: readings outside are clipped, "
-            f"which {np.count_nonzero(outside)} of {len(low)} trials have"
+            f"taxel ranges are {normalisation.source}: {np.count_nonzero(outside)} of {len(low)} "
+            "trials have readings outside, which are clipped"
         )
     if normalisation.constant_taxels:
         listed = ", ".join(map(str, normalisation.constant_taxels))
@@ -86,12 +86,12 @@ def group_by_condition(
     """Return the set by texture and speed, in sorted order, with or without a search for C."""
     trials = prepared.trials
     forces = trials.forces_g if search_c else ()
-    encoder = (prepared.normalisation, parameters, prepared.layouts, forces, reference_g, ())
+    settings = (prepared.normalisation, parameters, prepared.layouts, forces, reference_g, ())
     conditions = []
     for rows in trials.by_condition().values():
         members = tuple(trials.trials[i] for i in rows)
         files = files_of_trials(trials.files, members)
-        conditions.append(ConditionTask(rows, files, members, *encoder))
+        conditions.append(ConditionTask(rows, files, members, *settings))
     return conditions
 
 
@@ -131,8 +131,8 @@ def count_with_given_c(
 
 def _with_given_c(condition: ConditionTask, force: ForceMatrix, blind: bool) -> ConditionTask:
     forces = tuple(sorted({trial.force_g for trial in condition.trials}))
-    where = (force, condition.texture, condition.speed_mm_s)
-    c = tuple(select_c(*where, force_g, blind=blind) for force_g in forces)
+    texture, speed = condition.texture, condition.speed_mm_s
+    c = tuple(select_c(force, texture, speed, force_g, blind=blind) for force_g in forces)
     return condition._replace(forces_g=forces, given_c=c)
 
 
@@ -233,7 +233,7 @@ def _ranges(
     if not trained:
         raise WrongUse(
             "no trial has a training speed and force of the paper (40, 60, 80 mm/s and "
-            "250, 500 g): take the ranges over all"
+            "250, 500 g): use --ranges all"
         )
     source = "minimum and maximum over the trials at 40, 60, 80 mm/s and 250, 500 g"
     return Normalisation.from_samples([low[trained], high[trained]], source)

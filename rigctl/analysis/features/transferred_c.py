@@ -76,7 +76,10 @@ class TransferredC(NamedTuple):
 def load_c(
     file: Path, trials: TrialSet, resources: Resources = SERIAL_RESOURCES
 ) -> ForceMatrixSource:
-    """Return the C of a model or a spikes.h5. Raises SessionError or WrongUse where it misfits."""
+    """Return the C of a model or a spikes.h5.
+
+    Raises SessionError or WrongUse where it does not fit the trials.
+    """
     force, inputs = load_force(file)
     check_source_wiring(file, inputs, trials.provenance)
     check_c_covers(trials, force, by_texture=True)

@@ -92,7 +92,7 @@ def measure_ablations(
         _VarianceJob(representations.files[r.key], design, representations.layout(r).n_windows)
         for r in representations.present
     ]
-    computed = resources.map(_split_variance, jobs, "what explains the features")
+    computed = resources.map(_split_variance, jobs, "splitting the variance of the features")
     halves = {r.key: both for r, both in zip(representations.present, computed, strict=True)}
     draws = min(DRAWS, settings.iterations)
     alone = _accuracies_alone(representations, design, results, settings.seed, draws, resources)

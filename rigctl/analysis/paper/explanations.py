@@ -1,4 +1,4 @@
-"""Measured numbers, as sentences, that may explain why a comparison of Table 1 does not hold."""
+"""Sentences with measurements that may explain why a comparison of Table 1 does not hold."""
 
 from __future__ import annotations
 

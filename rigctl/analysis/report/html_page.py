@@ -1,4 +1,4 @@
-"""HTML pages from the Jinja2 templates of this package; a page is one file that needs no other."""
+"""HTML pages from the Jinja2 templates of this package; each page is one self-contained file."""
 
 from __future__ import annotations
 

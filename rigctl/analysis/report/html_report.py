@@ -24,7 +24,7 @@ def html_report(results: Results, figures: Mapping[str, Path]) -> str:
     ]
     return render_page(
         "report.html",
-        plain=results,
+        results=results,
         figures=figures,
         keys=[key for key in NAME_OF if key in present],
         compared=[task for task in tasks if task["order"] is not None],

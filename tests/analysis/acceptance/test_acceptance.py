@@ -81,7 +81,7 @@ def test_a_rig_that_is_off_is_not_accepted(found: RigMeasurements) -> None:
     presses = [replace(press, error=0.03 * i / 19) for i, press in enumerate(condition.presses)]
     worse = replace(found, conditions=(replace(condition, presses=tuple(presses)),), faults=("x",))
     failed = [check.name for check in check_limits(worse) if not check.passed]
-    assert failed == ["mean force in the window", "drift, last ten less first ten", "faults"]
+    assert failed == ["mean force in the window", "drift, last ten minus first ten", "faults"]
 
 
 def test_what_cannot_be_measured_is_not_accepted(found: RigMeasurements) -> None:

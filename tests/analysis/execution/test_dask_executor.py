@@ -147,6 +147,7 @@ def test_an_address_without_workers_is_refused(
     command = ["analyse", str(session), "--out", str(session.parent / "r"), "--dask"]
     for address, message in (
         ("nowhere", "is not the address of a Dask scheduler"),
+        ("tcp://[", "is not the address of a Dask scheduler"),
         ("tcp://127.0.0.1:1", "no scheduler answers at tcp://127.0.0.1:1"),
         (cluster.none, "has no workers: start some"),
     ):

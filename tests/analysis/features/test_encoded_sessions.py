@@ -140,7 +140,7 @@ def test_ranges_come_from_all_from_training_or_from_a_file(
 ) -> None:
     words = ["encode", str(days[0]), "--no-cache", "--out"]
     assert main([*words, str(tmp_path / "training"), "--ranges", "training"]) == 0
-    assert "readings outside are clipped" in capsys.readouterr().out
+    assert "readings outside, which are clipped" in capsys.readouterr().out
     narrow = load_ranges(tmp_path / "training" / "spikes.h5")
     assert main([*words, str(tmp_path / "all")]) == 0
     wide = load_ranges(tmp_path / "all" / "spikes.h5")
