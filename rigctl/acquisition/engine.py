@@ -163,7 +163,7 @@ class Engine:
             self.shut_down(sentence)
 
     async def _tick(self) -> None:
-        """Ten times a second: serve pipeline, recorder and clients, and send the status."""
+        """Serve pipeline, recorder and clients, and send the status, ten times a second."""
         while True:
             await asyncio.sleep(STATUS_PERIOD_S)
             self.boards.pipeline.flush()

@@ -47,18 +47,18 @@ class Slider:
     """A bench whose rod is set directly, with one sensor for the whole session."""
 
     def __init__(self, parameters: WorldParameters, seed: int) -> None:
-        # A force loop compensates run-out and backlash; here there is neither loop nor either.
+        # There is no force loop here to compensate run-out and backlash, so both are 0.
         self._p = replace(parameters, run_out_mm=0.0, backlash_mm=0.0)
         self._seed = seed
         self._plant = Mechanics(self._p)
         self._skin = Skin(self._p, seed, self._plant)
         self._frames = 0
-        # A bench mounts one plate at power-up; counting it gives the same alignments as its seed.
+        # A bench mounts a plate at power-up. Counting it gives the alignments of the same seed.
         self._mountings = 1
         self.swing = 0.0
 
     def mount(self, plate: str) -> None:
-        """Mount a plate with an alignment of its own."""
+        """Mount a plate with a new alignment."""
         mounting = draw_mounting(self._p, self._seed, self._mountings)
         self._mountings += 1
         tables = contact_tables(plate, self._p)

@@ -25,7 +25,7 @@ MAX_STEP_US = 700_000
 """Longest time between two reads of the polls; the board's ring of conversions holds 0.8 s."""
 
 UNPOLLED_STEP_US = 10_000_000
-"""The same without polling."""
+"""Longest simulated step without polling."""
 
 TIMEOUT_US = 300_000_000
 OnPolls = Callable[[list[DrumState]], None]

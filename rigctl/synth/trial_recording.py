@@ -20,7 +20,7 @@ LEAD_US = 110_000
 """Recorded before the rise of sync; longer than the polling period, so that it contains a poll."""
 
 SEAM_US = 2_000
-"""Polls this close to the start of a stretch are left out: they could precede the last one's."""
+"""Polls this soon after the start of a stretch are left out: they could precede earlier ones."""
 
 POLLS_KEPT = 3
 

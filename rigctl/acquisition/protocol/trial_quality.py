@@ -12,7 +12,7 @@ from rigctl.protocol.plan import Quality
 from rigctl.values import SAMPLE_RATE_HZ, DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
 MIN_FORCE_TOLERANCE_G = 4.0
-"""A force may be off by this much in any case: no load cell reads better."""
+"""Smallest tolerance of a force, because no load cell measures more accurately."""
 MAX_FORCE_SPREAD_SHARE = 0.15
 MAX_LATE_SHARE = 0.01
 

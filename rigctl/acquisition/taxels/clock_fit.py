@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 WINDOW_POINTS = 3000
 MIN_NEW_POINTS = 20
-"""Before the first fit, and between two fits."""
+"""Least number of new readings before a fit."""
 RECENT_S = 5.0
-"""Window of the earliest arrivals: a clock error of 100 ppm is 0.5 ms of it."""
+"""Window of the earliest arrivals, in which 100 ppm of clock error amount to 0.5 ms."""
 _PASSES = 4
 _INLIER_SIGMAS = 2.5
 _MAD_TO_SIGMA = 1.4826

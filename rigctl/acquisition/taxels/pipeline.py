@@ -22,11 +22,11 @@ from rigctl.session.write.recorder import Recorder
 from rigctl.values import SAMPLE_RATE_HZ, Block
 
 REAL_TIME_BATCH_SAMPLES = 20
-"""Batch where people watch: at most 20 ms of delay, fifty batches a second."""
+"""Samples per batch in real time: at most 20 ms of delay, fifty batches a second."""
 FAST_BATCH_SAMPLES = 100
-"""Batch where simulated time runs faster than real time, so that people cannot watch."""
+"""Samples per batch where simulated time is faster than real time and no user can watch."""
 MAX_QUEUED_SAMPLES = 30_000
-"""From here on, a simulated world whose clock waits for this process waits for the disk."""
+"""Longest queue at a simulated bench; with more, its clock stops until the disk has caught up."""
 _CLOCK_PERIOD_SAMPLES = 50
 _SAMPLE_S = 1.0 / SAMPLE_RATE_HZ
 _SMOOTHING = 0.02

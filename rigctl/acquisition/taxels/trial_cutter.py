@@ -19,7 +19,7 @@ from rigctl.values import Block
 from rigctl.wire.taxels.frames import Flag
 
 BUFFERED_BLOCKS = 100
-"""Of 20 samples and more each: two seconds at least, and a poll reports a rise within 0.1 s."""
+"""At least two seconds, as a block has 20 samples or more; a poll reports a rise within 0.1 s."""
 _RISES = np.uint8(0b11)
 
 
@@ -28,8 +28,8 @@ class CutTrial:
     """Statistics of one trial's samples.
 
     ``first_counter``: board counter of its first sample. ``received`` of ``n_samples`` arrived;
-    ``late`` and ``overrun`` count samples flagged so, ``sync_low`` those outside the window in
-    which the drum signals a constant speed. ``start_lost``: the rise fell into a gap, so
+    ``late`` and ``overrun`` count samples with these flags, ``sync_low`` those outside the window
+    in which the drum signals a constant speed. ``start_lost``: the rise fell into a gap, so
     the first sample may be another one. ``by_wire``: cut at the sync line, which alone shows
     ``sync_low``.
     """

@@ -1,10 +1,11 @@
 """PCA and LDA for every number of components together, exactly as separate fits give them.
 
-Principal components are nested: the first k of fifty are the fifty's first k. So are the Cholesky
-factor of the within-class covariance of their scores and the forward substitution through it.
-One decomposition therefore serves every k, and a discriminant for k components is that for k − 1
-plus one term. Training folds share their work too: a fold's covariance is the total less the test
-block's. PCA is centred, not standardised; LDA has pooled covariance and empirical priors.
+Principal components are nested: a fit of k components gives the first k of a fit of fifty. The
+Cholesky factor of the within-class covariance of their scores is nested, too, and so is the forward
+substitution. One decomposition therefore serves every k, and a discriminant for k components is
+that for k − 1 plus one term. Training folds share their work too: a fold's covariance is the total
+less the test block's. PCA is centred, not standardised; LDA has pooled covariance and empirical
+priors.
 """
 
 from __future__ import annotations

@@ -31,9 +31,9 @@ Arrays = dict[str, NDArray[Any]]
 
 MAX_BYTES = 4 * 2**30
 RACY_NS = 2 * 10**9
-"""A file modified so recently may change again without a new time of modification."""
+"""A file that was modified so recently may change again with the same modification time."""
 DIGEST_BYTES = 8
-"""Size of the XXH3 behind an entry's archive; zipfile misses some damage to its directory."""
+"""Size of the XXH3 after an entry's archive, because zipfile misses some damage."""
 
 
 def cache_folder() -> Path:

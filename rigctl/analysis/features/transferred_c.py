@@ -38,10 +38,11 @@ COMPARING = "comparing sessions with those that C was searched on"
 
 
 class RateError(NamedTuple):
-    """SA rates at one speed and force less those at the reference, over textures and taxels.
+    """Errors of the SA rates at one speed and force, over textures and taxels.
 
-    Means of the absolute differences in Hz with C and without, the largest with C, the mean
-    target rate, and the number of pairs of texture and taxel.
+    An error is the absolute difference from the rate at the reference force, in Hz. The fields
+    hold the mean errors with C and without, the largest with C, the mean rate at the reference
+    force, and the number of pairs of texture and taxel.
     """
 
     speed_mm_s: float

@@ -14,7 +14,7 @@ NEAR_CHANCE = 1.5
 def explain(
     pair: RepresentationPair, result: TaskResult, ablations: Ablations | None
 ) -> tuple[str, ...]:
-    """Return what was measured on a pair that does not hold; nothing for one that holds."""
+    """Return sentences with measurements on a pair that does not hold, none for one that holds."""
     if pair.agreement is Agreement.HOLDS:
         return ()
     sentences = [_gap_sentence(pair, result), *_level_sentences(pair, result)]

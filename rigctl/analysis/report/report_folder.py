@@ -36,7 +36,7 @@ FEATURES = "features"
 IMPORT_EVENT = "import"
 """Kind of the events in which an import records its remarks."""
 WHOLE_IMPORT = ("sampled too slowly", "forces are levels", "rows a second: taken at 1 kHz")
-"""Words of the remarks that concern every trial."""
+"""Words that identify the remarks on every trial of an import."""
 CONFUSION_TASKS = ("untrained-both", "leave-speed-out", "leave-force-out", "textures", "groups")
 
 
@@ -100,15 +100,15 @@ def make_report(
     executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:
         executor.check_visible([folder])
-        found = _analyse(request, trials, source, folder / FEATURES, made_utc, resources)
+        analysis = _analyse(request, trials, source, folder / FEATURES, made_utc, resources)
         progress("writing the report", 0, 1)
-        _write(folder, request, found, made_utc)
+        _write(folder, request, analysis, made_utc)
         shutil.rmtree(folder / FEATURES)
-        if request.model is not None and found.model is not None:
-            save_model(found.model, request.model.path)
+        if request.model is not None and analysis.model is not None:
+            save_model(analysis.model, request.model.path)
     progress("writing the report", 1, 1)
     model = request.model.path if request.model is not None else None
-    return ReportResult(request.out, trials.simulated, found.results, found.remarks, model)
+    return ReportResult(request.out, trials.simulated, analysis.results, analysis.remarks, model)
 
 
 def _analyse(
@@ -148,8 +148,8 @@ def _analyse(
     return _Analysis(representations, tuple(results), remarks, preset_rows, ablations, model)
 
 
-def _write(folder: Path, request: ReportRequest, found: _Analysis, made_utc: str) -> None:
-    representations, results = found.representations, found.results
+def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: str) -> None:
+    representations, results = analysis.representations, analysis.results
     trials, ranges = representations.trials, representations.normalisation
     origin = trials_origin(trials)
     confusion = next(r for key in CONFUSION_TASKS for r in results if r.task.key == key)
@@ -160,9 +160,9 @@ def _write(folder: Path, request: ReportRequest, found: _Analysis, made_utc: str
         "fig2c": draw_taxel(taxel, folder / "fig2c"),
     }
     values = as_dict(
-        representations, request.settings, results, found.remarks, made_utc, found.ablations
+        representations, request.settings, results, analysis.remarks, made_utc, analysis.ablations
     )
-    values["sensitivity"] = table = sensitivity_dict(found.preset_rows)
+    values["sensitivity"] = table = sensitivity_dict(analysis.preset_rows)
     if table is not None:
         (folder / "sensitivity.csv").write_text(to_csv(table["rows"]), encoding="utf-8")
     # JSON has no NaN.

@@ -36,7 +36,7 @@ def write_comparisons(folders: Sequence[Path], out: Path, made: str) -> dict[str
     names = [folder.name for folder in folders]
     tasks = compare_sets(sets)
     described = [_describe(folder, one) for folder, one in zip(folders, sets, strict=True)]
-    plain = {"made": made, "sets": described, "tasks": tasks}
+    values = {"made": made, "sets": described, "tasks": tasks}
     page = render_page(
         "orders.html",
         made=made,
@@ -47,7 +47,7 @@ def write_comparisons(folders: Sequence[Path], out: Path, made: str) -> dict[str
         unconfirmed=unconfirmed(sets, names),
         ablation_sets=ablation_sets(sets),
     )
-    text = json.dumps(plain, indent=1, allow_nan=False)
+    text = json.dumps(values, indent=1, allow_nan=False)
     with atomic_directory(out) as folder:
         (folder / "orders.json").write_text(text + "\n", encoding="utf-8")
         (folder / "orders.html").write_text(page, encoding="utf-8")
@@ -76,14 +76,14 @@ def load_reports(folders: Sequence[Path]) -> list[dict[str, Any]]:
 def _load(folder: Path) -> dict[str, Any]:
     path = folder / RESULTS
     try:
-        plain: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        results: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise WrongUse(f"{path} cannot be read ({error}): name folders of rigctl analyse") from None
-    if "evidence" not in plain:
+    if "evidence" not in results:
         raise WrongUse(f"{folder} was made by an older rigctl: analyse its sessions again")
-    if not any(task["order"] for task in plain["tasks"].values()):
+    if not any(task["order"] for task in results["tasks"].values()):
         raise WrongUse(f"{folder} has none of the tasks of the paper's Table 1")
-    return plain
+    return results
 
 
 def _contents(one: Results) -> list[Any]:
