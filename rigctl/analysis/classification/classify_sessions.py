@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -106,14 +107,10 @@ def classify(
     if model.c is not None:
         check_c_covers(trials, model.c, by_texture=model.force == "texture")
     trials = trials.without_gaps()
-    chunks = [trials.trials[at : at + CHUNK] for at in range(0, len(trials.trials), CHUNK)]
-    tasks = [_PredictionTask(trials.files, chunk, model) for chunk in chunks]
-    parts = list(resources.map(_posteriors, tasks, STAGE))
-    logs = np.concatenate([part.logs for part in parts])
+    logs, lengths, n_clipped = _map_posteriors(model, trials, resources)
     pairs = zip(trials.trials, logs, strict=True)
     predictions = tuple(_prediction(model, trials, trial, row) for trial, row in pairs)
-    lengths = [n for part in parts for n in part.lengths]
-    clipped = np.sum([part.clipped for part in parts], axis=0) / max(1, sum(lengths))
+    clipped = n_clipped / max(1, sum(lengths))
     errors, warnings = _rate_errors(model, trials, resources)
     unknown = [one.texture for one in predictions if one.right is None]
     remarks = prediction_remarks(model, trials, unknown, clipped, lengths)
@@ -170,6 +167,14 @@ def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
                 f"{path} stores readings on another scale than the sessions of the model: import "
                 "it with the same low and high under [taxels] as theirs"
             )
+
+
+def _map_posteriors(model: Model, trials: TrialSet, resources: Resources) -> _Posteriors:
+    """Return the posteriors of all trials, computed in chunks."""
+    chunks = [trials.trials[at : at + CHUNK] for at in range(0, len(trials.trials), CHUNK)]
+    tasks = [_PredictionTask(trials.files, chunk, model) for chunk in chunks]
+    logs, lengths, clipped = zip(*resources.map(_posteriors, tasks, STAGE), strict=True)
+    return _Posteriors(np.concatenate(logs), list(chain(*lengths)), np.sum(clipped, axis=0))
 
 
 def _posteriors(task: _PredictionTask) -> _Posteriors:

@@ -151,12 +151,7 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
     """
     n_taxels, n_trials = condition.normalisation.n_taxels, len(condition.trials)
     plain = np.empty((n_trials, 2 * n_taxels, len(condition.bin_edges) - 1), np.uint32)
-    rows = condition.rows_at(condition.reference_g)
-    reference = _read(condition, reader, rows)
-    plain[rows] = _count(condition, reference)
-    lengths = reference.lengths.tolist()
-    target = sa_rates_hz(plain[rows, :n_taxels], lengths, condition.parameters)
-    reading = mean_normalised_reading(reference, condition.normalisation)
+    reading, target = _count_reference(condition, reader, plain)
     forced = np.empty_like(plain[:, :n_taxels])
     shape = (n_taxels, len(condition.forces_g))
     found: Arrays = {"c": np.ones(shape), "status": np.zeros(shape, np.int8)}
@@ -174,6 +169,21 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
         found["evaluations"][:, f] = search.evaluations
     forced = forced[condition.scaled_rows]
     return {"plain": _downcast(plain), "forced": _downcast(forced), **found}
+
+
+def _count_reference(
+    condition: ConditionTask, reader: TrialReader, plain: Counts
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Count the trials at the reference force into ``plain``.
+
+    Returns each taxel's mean normalised reading and SA rate in Hz, float64 (n_taxels,) each.
+    """
+    rows = condition.rows_at(condition.reference_g)
+    reference = _read(condition, reader, rows)
+    plain[rows] = _count(condition, reference)
+    sa_counts = plain[rows, : condition.normalisation.n_taxels]
+    rates_hz = sa_rates_hz(sa_counts, reference.lengths.tolist(), condition.parameters)
+    return mean_normalised_reading(reference, condition.normalisation), rates_hz
 
 
 def _search_at_force(
