@@ -1,1 +1,1 @@
-"""Figures with the peer beside them; ``make bench`` runs them all."""
+"""Benchmarks: figures of ours and of a peer from the same run; ``make bench`` runs them all."""

@@ -1,4 +1,4 @@
-"""Run every measurement (or those named), print one JSON object a line, keep them in build/."""
+"""Run all benchmarks or the named ones, print one JSON object per line, and write build/."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OUTPUT = Path("build/bench.jsonl")
 
 
 def rows(wanted: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield the figures of every module here whose name is wanted (all when none is named)."""
+    """Yield the figures of the wanted modules; an empty list means all modules."""
     packages = pkgutil.walk_packages(tests.benchmarks.__path__, "tests.benchmarks.")
     for module in sorted((m.name for m in packages), key=_last):
         if _last(module).startswith("_") or (wanted and _last(module) not in wanted):
@@ -31,6 +31,7 @@ def _last(module: str) -> str:
 
 
 def main(wanted: list[str]) -> None:
+    """Write the figures to :data:`OUTPUT` and print them."""
     OUTPUT.parent.mkdir(exist_ok=True)
     with OUTPUT.open("w") as output:
         for row in rows(wanted):

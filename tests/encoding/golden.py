@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.parameters import PRESETS
 from tests.benchmarks.encoder import _peers
-from tests.benchmarks.encoder.encoder import ask_brian2
+from tests.benchmarks.encoder.encoder import run_brian2
 from tests.benchmarks.encoder.numpy_encoder import currents
 
 FILE = Path(__file__).with_name("brian2_explicit.npz")
@@ -43,7 +43,7 @@ def make() -> None:
     drive = np.hstack([currents(trial, PRESETS["explicit"]) for trial in samples])
     with tempfile.TemporaryDirectory() as folder:
         np.save(Path(folder) / "golden.npy", drive)
-        answer = ask_brian2("cpp", Path(folder), "golden", strict=True)
+        answer = run_brian2("cpp", Path(folder), "golden", strict=True)
         brian2 = np.load(Path(folder) / "golden.npz")
         spikes = {"neuron": brian2["neuron"], "sample": brian2["sample"]}
     order = np.lexsort((spikes["sample"], spikes["neuron"]))

@@ -1,7 +1,8 @@
-"""The encoder's scene on Brian2, run by the peers' Python: TARGET INPUT OUTPUT STRICT THREADS.
+"""Simulate the encoder's neurons in Brian2. Arguments: TARGET INPUT OUTPUT STRICT THREADS.
 
-INPUT.npy: float64 (n_samples, n_neurons), k·x of every neuron. TARGET is cpp or cython. STRICT 1
-switches off fast-math and fused multiply-add, so that spike times can be equal.
+The Python of the peers runs it. INPUT.npy holds k·x of every neuron, float64 (n_samples,
+n_neurons). TARGET is cpp or cython. STRICT 1 switches off fast-math and fused multiply-add, so that
+spike times can be equal.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def main(target: str, source: str, destination: str, strict: str, threads: str) 
 
 
 def run(b: Any, network: Any, target: str, n_samples: int) -> float:
-    """Seconds of the simulation itself; code generation and compilation are left out."""
+    """Return the seconds of the simulation, without code generation and compilation."""
     if target == "cpp":
         network.run(n_samples * b.ms)
         return float(b.device._last_run_time)

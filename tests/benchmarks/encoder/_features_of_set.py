@@ -1,6 +1,6 @@
-"""Sessions to features in a fresh process: SESSION TRIALS WORKERS. Prints a JSON object.
+"""Compute features in a new process. Arguments: SESSION TRIALS WORKERS CACHE. Prints JSON.
 
-Kernels are loaded and the files read once before the clock runs; the set is joined within it.
+The kernels are loaded and the files read once before the timer starts; joining the set is timed.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from rigctl.encoding.parameters import DEFAULT
 WARM_TRIALS = 240
 
 
-class Stamps:
-    """When each stage began, s of the clock, and CPU time with it."""
+class StageTimes:
+    """The start of each stage, s of ``perf_counter``."""
 
     def __init__(self) -> None:
         self.began: dict[str, float] = {}
 
     def show(self, stage: str, done: int, all_: int) -> None:
-        """Take the time at a stage's first call."""
+        """Store the time of a stage's first call."""
         self.began.setdefault(stage, time.perf_counter())
 
 
-def evenly(trials: TrialSet, n: int) -> TrialSet:
-    """The first repeats of every condition, so many that there are ``n`` trials."""
+def take_evenly(trials: TrialSet, n: int) -> TrialSet:
+    """Return ``n`` trials: the first repeats of every condition, equally many of each."""
     conditions = {(t.texture, t.speed_mm_s, t.force_g) for t in trials.trials}
     most, seen, chosen = n // len(conditions), dict.fromkeys(conditions, 0), []
     for trial in trials.trials:
@@ -55,21 +55,21 @@ def main(session: str, n: str, workers: str, cache_folder: str) -> None:
     with local_executor(int(workers)) as executor:
         with tempfile.TemporaryDirectory() as folder:
             represent(
-                evenly(join_sessions(paths), WARM_TRIALS),
+                take_evenly(join_sessions(paths), WARM_TRIALS),
                 DEFAULT,
                 Path(folder),
                 resources=Resources(executor),
             )
-        stamps, cpu = Stamps(), time.process_time()
+        stages, cpu = StageTimes(), time.process_time()
         with tempfile.TemporaryDirectory() as folder:
             start = time.perf_counter()
-            trials = evenly(join_sessions(paths), int(n))
+            trials = take_evenly(join_sessions(paths), int(n))
             cache = Cache(Path(cache_folder) if cache_folder else None)
-            resources = Resources(executor, cache, stamps.show)
+            resources = Resources(executor, cache, stages.show)
             made = represent(trials, DEFAULT, Path(folder), resources=resources)
             end = time.perf_counter()
             sizes = {key: file.stat().st_size for key, file in made.files.items()}
-    four = stamps.began["encoding with a given C"] - start
+    four = stages.began["encoding with a given C"] - start
     own, others = (
         resource.getrusage(who).ru_maxrss / 1024
         for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)

@@ -1,4 +1,4 @@
-"""Runs a script of this folder in the peers' environment and reads back what it measured."""
+"""Run a script of this folder in the peers' Python environment and read its result."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ ABSENT = "no peers environment: make bench builds it and sets RIGCTL_PEERS_PYTHO
 
 
 def available() -> bool:
-    """Whether there is a peers environment."""
+    """Return whether there is a peers' environment."""
     return Path(os.environ.get("RIGCTL_PEERS_PYTHON", "")).is_file()
 
 
-def ask(script: str, *arguments: str, threads: int = 1) -> dict[str, Any]:
-    """Run ``script`` with the peers' Python; its last line is a JSON object."""
+def run_script(script: str, *arguments: str, threads: int = 1) -> dict[str, Any]:
+    """Run ``script`` with the peers' Python; return the JSON object of its last line."""
     python = os.environ["RIGCTL_PEERS_PYTHON"]
     path = str(Path(__file__).with_name(script))
     limits = {"OMP_NUM_THREADS": str(threads), "OPENBLAS_NUM_THREADS": "1"}
@@ -33,7 +33,7 @@ def ask(script: str, *arguments: str, threads: int = 1) -> dict[str, Any]:
 def row(
     name: str, value: float, unit: str, peer: str, peer_value: float | None, note: str
 ) -> dict[str, Any]:
-    """One figure; the ratio says how many times the peer's value ours is worth."""
+    """Return one figure; ``ratio`` is the peer's value over ours."""
     ratio = peer_value / value if peer_value is not None and value else None
     return {
         "name": name,

@@ -1,4 +1,4 @@
-"""The page on very many trials, rendered from measured rates, which stand in it as JSON."""
+"""Render the page on very many trials from measured rates, which it holds as JSON."""
 
 from __future__ import annotations
 
@@ -65,17 +65,17 @@ draws are therefore upper bounds.
 """
 
 
-class Break(NamedTuple):
-    """What grows, how many bytes a trial it takes, of which store, and how it would be mended."""
+class GrowthLimit(NamedTuple):
+    """Data that grows with the number of trials until it fills memory or disk."""
 
     what: str
-    bytes_a_trial: float
+    bytes_per_trial: float
     store: str
-    mend: str
+    remedy: str
 
 
 def render(rates: Mapping[str, Any]) -> str:
-    """The whole page."""
+    """Return the whole page."""
     memory, disk = (_bytes(rates[key]) for key in ("memory_bytes", "disk_free_bytes"))
     return (
         HEAD.format(trials=rates["trials"], machine=rates["machine"], made=rates["made"])
@@ -84,7 +84,7 @@ def render(rates: Mapping[str, Any]) -> str:
         + "\n## Sets of 24,000, 10⁶ and 10⁸ trials\n\n"
         + _sets(rates)
         + BREAKS.format(memory=memory, disk=disk)
-        + _broken(rates)
+        + _limits(rates)
         + ALIKE.format(covariance=_bytes(2160**2 * 8))
         + MARK
         + json.dumps(dict(rates), indent=1)
@@ -93,7 +93,7 @@ def render(rates: Mapping[str, Any]) -> str:
 
 
 def rates_of(text: str) -> dict[str, Any]:
-    """The rates that a page was rendered from."""
+    """Return the rates that a page was rendered from."""
     found: dict[str, Any] = json.loads(text.partition(MARK)[2].partition("```")[0])
     return found
 
@@ -146,12 +146,12 @@ def _sets(rates: Mapping[str, Any]) -> str:
 
 
 def _of_line(rates: Mapping[str, Any]) -> str:
-    """How the cost of a draw was measured, and what that is worth."""
+    """Return how the cost of a draw was measured, and whether it is an upper bound."""
     low, high = (f"{n:,}" for n in rates["sweep_trials"])
-    told = f"The cost of a draw is a line through {low} and {high} generated trials."
+    text = f"The cost of a draw is a line through {low} and {high} generated trials."
     if not _is_bound(rates):
-        return f"\n{told}\n"
-    return f"\n{told}\n{BOUND.format(tall=TALL_TRIALS)}"
+        return f"\n{text}\n"
+    return f"\n{text}\n{BOUND.format(tall=TALL_TRIALS)}"
 
 
 def _is_bound(rates: Mapping[str, Any]) -> bool:
@@ -163,7 +163,7 @@ def _read_s(n: int, rates: Mapping[str, Any]) -> float:
 
 
 def _encoded_s(n: int, workers: int, rates: Mapping[str, Any]) -> float:
-    """Work over the workers; what the first process does; for more than it, tasks and travel."""
+    """Return the time of encoding: shared work, the first process, and with Dask its overhead."""
     beside = n * (rates["join_s"] + rates["write_s"])
     work = n * rates["encode_s"] / min(workers, CONDITIONS)
     if workers == 1:
@@ -173,37 +173,38 @@ def _encoded_s(n: int, workers: int, rates: Mapping[str, Any]) -> float:
 
 
 def _drawn_s(n: int, workers: int, rates: Mapping[str, Any]) -> float:
-    """Draws, families and representations are pieces of their own: 240 of them."""
+    """Return the time of all draws; each draw, family and representation is a task: 240 tasks."""
     pieces = 12 * DRAWS
     work = DRAWS * (n * rates["draw_s"] + rates["draw_fixed_s"]) / min(workers, pieces)
     sent = pieces * (rates["task_s"] + n * rates["draw_job_bytes"] / rates["travel_bytes_s"])
     return float(work + (sent if workers > 1 else 0.0))
 
 
-def breaks(rates: Mapping[str, Any]) -> list[tuple[float, Break]]:
-    """Trials at which each store is full, fewest first."""
+def growth_limits(rates: Mapping[str, Any]) -> list[tuple[float, GrowthLimit]]:
+    """Return the numbers of trials at which data fills its store, the smallest first."""
     found = [
-        Break("the rows of one draw", rates["draw_bytes"], "memory",
-              "sum means and covariances over pieces of the rows, each worker its own"),
-        Break("counts kept until C is known", rates["counts_bytes"], "memory",
-              "write the unscaled rows first and read the counts back from the cache"),
-        Break("the table of trials", rates["table_bytes"], "memory",
-              "columns of numbers (25 bytes a trial) instead of one object a trial"),
-        Break(f"one of {CONDITIONS} conditions", rates["condition_bytes"] / CONDITIONS, "memory",
-              "search C on a sample of the condition's trials, and encode the rest in pieces"),
-        Break("the features", rates["feature_bytes"], "disk",
-              "store counts as bytes instead of float64, or one representation at a time"),
-        Break("the sessions", rates["session_bytes"], "disk",
-              "sessions on several disks or an object store; the analysis reads them in place"),
+        GrowthLimit("the rows of one draw", rates["draw_bytes"], "memory",
+            "sum means and covariances over pieces of the rows, each worker its own"),
+        GrowthLimit("counts kept until C is known", rates["counts_bytes"], "memory",
+            "write the unscaled rows first and read the counts back from the cache"),
+        GrowthLimit("the table of trials", rates["table_bytes"], "memory",
+            "columns of numbers (25 bytes a trial) instead of one object a trial"),
+        GrowthLimit(f"one of {CONDITIONS} conditions", rates["condition_bytes"] / CONDITIONS,
+            "memory",
+            "search C on a sample of the condition's trials, and encode the rest in pieces"),
+        GrowthLimit("the features", rates["feature_bytes"], "disk",
+            "store counts as bytes instead of float64, or one representation at a time"),
+        GrowthLimit("the sessions", rates["session_bytes"], "disk",
+            "sessions on several disks or an object store; the analysis reads them in place"),
     ]  # fmt: skip
     store = {"memory": rates["memory_bytes"], "disk": rates["disk_free_bytes"]}
-    return sorted((store[b.store] / b.bytes_a_trial, b) for b in found)
+    return sorted((store[limit.store] / limit.bytes_per_trial, limit) for limit in found)
 
 
-def _broken(rates: Mapping[str, Any]) -> str:
+def _limits(rates: Mapping[str, Any]) -> str:
     rows = [
-        (b.what, f"{_bytes(b.bytes_a_trial)} of {b.store}", _round(n), b.mend)
-        for n, b in breaks(rates)
+        (limit.what, f"{_bytes(limit.bytes_per_trial)} of {limit.store}", _round(n), limit.remedy)
+        for n, limit in growth_limits(rates)
     ]
     text = _table(("data", "per trial", "full at, trials", "remedy"), rows)
     at = 10**8
@@ -241,6 +242,6 @@ def _time(seconds: float) -> str:
 
 
 def _round(value: float) -> str:
-    """Two digits that count."""
+    """Format a value with two significant digits."""
     rounded = float(f"{value:.2g}")
     return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:g}"

@@ -1,7 +1,7 @@
-"""The paper's 24,000 trials from sessions to features: time, memory, and whether both are a line.
+"""Benchmark features of the paper's 24,000 trials: time, memory, and whether both grow linearly.
 
-The set is made by ``rigctl synth`` once and kept in ``build/bench-set`` (``RIGCTL_BENCH_SET`` names
-another that is there already). Each size is measured in a process of its own.
+``rigctl synth`` generates the set once in ``build/bench-set``; ``RIGCTL_BENCH_SET`` names an
+existing one. Each size runs in its own process.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ SET = Path(os.environ.get("RIGCTL_BENCH_SET", "build/bench-set"))
 
 
 def measure() -> Iterator[dict[str, Any]]:
-    """Yield the factor, the memory, a line a size, the second run, and opening the session."""
-    made_here()
-    print(f"# {machine()}", file=sys.stderr)
-    sizes = shortest([[ask(n) for n in SIZES] for _ in range(REPEATS)])
+    """Yield the figures: factor, memory, linearity, second run, and opening the session."""
+    ensure_dataset()
+    print(f"# {describe_machine()}", file=sys.stderr)
+    sizes = fastest_of_each([[compute_features(n) for n in SIZES] for _ in range(REPEATS)])
     largest = sizes[-1]
     factor = largest["trial_s"] / largest["four_s"]
     trials = join_sessions([SET])
@@ -49,22 +49,22 @@ def measure() -> Iterator[dict[str, Any]]:
         f"{largest['trials']} trials, {largest['trial_s']:.0f} s; join, ranges, search of C, both "
         f"encodings, features of the paper's four representations; {WORKERS} threads; files in "
         f"memory, kernels loaded; all six with the texture-blind two: {largest['six_s']:.2f} s; "
-        f"best of {REPEATS} in turns with smaller sets; CPU {largest['cpu_s']:.1f} s; {machine()}, "
-        f"load {largest['load']:.1f}; "
+        f"best of {REPEATS} in turns with smaller sets; CPU {largest['cpu_s']:.1f} s; "
+        f"{describe_machine()}, load {largest['load']:.1f}; "
         f"the peer encodes {PEER_TRIALS} trials with and without C, no search, extrapolated"
     )
     name = "h5py and NumPy, trial by trial"
     answer = row("dataset.realtime_factor", factor, "x trial time", name, peer, note)
     yield answer | {"ratio": factor / peer}
-    memory = "resident at most, all processes, feature files that are mapped included"
+    memory = "peak resident memory of all processes, with mapped feature files"
     yield row("dataset.peak_memory_mib", largest["peak_mib"], "MiB", "", None, memory)
-    yield from table(sizes)
+    yield from linearity_rows(sizes)
     yield second_run()
-    yield opening(trials)
+    yield open_session_row(trials)
 
 
-def made_here() -> None:
-    """Make the set unless it is there."""
+def ensure_dataset() -> None:
+    """Generate the set if it does not exist."""
     if "RIGCTL_BENCH_SET" in os.environ or (SET / "whole").exists():
         return
     words = ("synth", "--plan", "paper", "--seed", "1", "--resume", "--out", str(SET))
@@ -72,8 +72,8 @@ def made_here() -> None:
     (SET / "whole").touch()
 
 
-def machine() -> str:
-    """What it was measured on."""
+def describe_machine() -> str:
+    """Return processor, Python and library versions of this machine."""
     cpu = platform.processor() or platform.machine()
     lines = Path("/proc/cpuinfo")
     if lines.exists():
@@ -83,9 +83,9 @@ def machine() -> str:
     return f"{os.cpu_count()} x {cpu}, Python {platform.python_version()}, {libraries}"
 
 
-def ask(n: int, kept: str = "") -> dict[str, Any]:
-    """Features of ``n`` trials in a fresh process."""
-    words = [str(SET), str(n), str(WORKERS), kept]
+def compute_features(n: int, cache_folder: str = "") -> dict[str, Any]:
+    """Compute the features of ``n`` trials in a new process; return its measurements."""
+    words = [str(SET), str(n), str(WORKERS), cache_folder]
     done = subprocess.run(
         [sys.executable, "-m", "tests.benchmarks.encoder._features_of_set", *words],
         capture_output=True,
@@ -97,49 +97,49 @@ def ask(n: int, kept: str = "") -> dict[str, Any]:
     return answer
 
 
-def shortest(turns: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """The shortest measurement of each size: whatever else runs only makes them longer.
+def fastest_of_each(turns: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Return the fastest measurement of each size, since other load only slows them down.
 
-    Sizes take turns, so that a slow minute does not fall on all measurements of one.
+    Sizes take turns, so that a busy minute does not affect all measurements of one size.
     """
     sizes = zip(*turns, strict=True)
     return [min(answers, key=lambda answer: float(answer["four_s"])) for answers in sizes]
 
 
-def table(sizes: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Time and memory by size, and how far they are from a line."""
+def linearity_rows(sizes: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield the largest deviation of time and memory from a line over the size."""
     n = np.array([answer["trials"] for answer in sizes], np.float64)
     for key, unit in (("four_s", "s"), ("cpu_s", "s"), ("peak_mib", "MiB")):
         values = np.array([answer[key] for answer in sizes])
         slope, start = np.polyfit(n, values, 1)
         worst = float(np.abs(values - (start + slope * n)).max() / values[-1])
-        told = ", ".join(f"{int(m):,}: {value:.2f}" for m, value in zip(n, values, strict=True))
-        note = f"{told} {unit}; line: {start:.2f} + {1000 * slope:.3f} per 1,000 trials"
+        measured = ", ".join(f"{int(m):,}: {v:.2f}" for m, v in zip(n, values, strict=True))
+        note = f"{measured} {unit};  line: {start:.2f} + {1000 * slope:.3f} per 1,000 trials"
         yield row(f"dataset.off_the_line.{key}", worst, "of the largest", "", None, note)
 
 
 def second_run() -> dict[str, Any]:
-    """The same set with a cache: the first run fills it, the second takes all from it."""
-    with tempfile.TemporaryDirectory(dir=SET.parent) as kept:
-        first, second = ask(SIZES[-1], kept), ask(SIZES[-1], kept)
-        size = sum(path.stat().st_size for path in Path(kept).glob("??/*")) / 2**20
+    """Measure the set with a cache, which the first run fills and the second reads."""
+    with tempfile.TemporaryDirectory(dir=SET.parent) as cache:
+        first, second = (compute_features(SIZES[-1], cache) for _ in range(2))
+        size = sum(path.stat().st_size for path in Path(cache).glob("??/*")) / 2**20
     note = (
         f"{SIZES[-1]} trials, six representations; {second['missed']} of "
-        f"{second['missed'] + second['found']} pieces worked out; the cache holds {size:.0f} MiB"
+        f"{second['missed'] + second['found']} pieces computed; the cache holds {size:.0f} MiB"
     )
     peer = "the first run, which fills it"
     return row("dataset.second_run_s", second["six_s"], "s", peer, first["six_s"], note)
 
 
 def peer_factor(trials: TrialSet) -> float:
-    """Trial time over time for plain code: an h5py slice, NumPy's loop, windows by bincount."""
+    """Return trial time over computing time of plain code: h5py slices, NumPy, bincount."""
     some = trials.trials[:PEER_TRIALS]
-    start, samples_in_all = time.perf_counter(), 0
+    start, n_samples = time.perf_counter(), 0
     for trial in some:
         file = trials.files[trial.sample_range.file]
         with h5py.File(file.path) as part:
             samples = part["taxels/samples"][trial.sample_range.start : trial.sample_range.stop]
-        samples_in_all += len(samples)
+        n_samples += len(samples)
         for factor in (1.0, 1.1):
             drive = currents(samples, DEFAULT)
             drive[:, : trials.n_taxels] *= factor
@@ -148,11 +148,11 @@ def peer_factor(trials: TrialSet) -> float:
                 windows = layout.sample_windows(len(samples), trial.speed_mm_s)
                 for train in counts.T:
                     np.bincount(windows, train, minlength=layout.n_windows)
-    return samples_in_all / 1000 / (time.perf_counter() - start)
+    return n_samples / 1000 / (time.perf_counter() - start)
 
 
-def opening(trials: TrialSet) -> dict[str, Any]:
-    """Until all trials of the session are known and can be read."""
+def open_session_row(trials: TrialSet) -> dict[str, Any]:
+    """Measure the time until all trials of the session can be read."""
 
     def ours() -> None:
         with Session.open(SET) as session:
@@ -170,7 +170,7 @@ def opening(trials: TrialSet) -> dict[str, Any]:
 
     note = (
         f"{len(trials.trials)} trials in {len(trials.files)} parts, files in memory: tables, "
-        "texts, and of each trial whether it is complete and where it lies; best of 3"
+        "texts, and completeness and position of each trial; best of 3"
     )
     peer = "h5py: tables, and the last counter of each trial"
     ours_s, theirs_s = best_of(3, ours), best_of(1, theirs)

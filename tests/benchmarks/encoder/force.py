@@ -1,4 +1,4 @@
-"""The force search beside bisection, both with the same kernel, on waves at two forces."""
+"""Benchmark the search of C against bisection with the same kernel, on waves at two forces."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ SCENE = (
 
 
 def measure() -> Iterator[dict[str, Any]]:
-    """Time of both searches, and what they found."""
+    """Yield the time of both searches, with their numbers of encodings."""
     conditions = [
-        (recorded(texture, speed, force), *target(texture, speed))
+        (generate_trials(texture, speed, force), *target(texture, speed))
         for texture in TEXTURES
         for speed in SPEEDS_MM_S
         for force in FORCES_G
     ]
-    searched(conditions[:1], Method.REGULA_FALSI)  # compiles
-    ours, ours_s = searched(conditions, Method.REGULA_FALSI)
-    theirs, theirs_s = searched(conditions, Method.BISECTION)
-    note = f"{SCENE}; ours {told(ours)}; bisection {told(theirs)}"
+    search_all(conditions[:1], Method.REGULA_FALSI)  # compiles
+    ours, ours_s = search_all(conditions, Method.REGULA_FALSI)
+    theirs, theirs_s = search_all(conditions, Method.BISECTION)
+    note = f"{SCENE}; ours {describe(ours)}; bisection {describe(theirs)}"
     yield row("force_search.vs_bisection", ours_s, "s", "bisection of [0, 5]", theirs_s, note)
 
 
 def target(texture: int, speed_mm_s: float) -> tuple[Floats, Floats]:
-    """Rates and levels at 500 g, which both searches are given."""
-    trials = recorded(texture, speed_mm_s, REFERENCE_FORCE_G)
+    """Return rates and levels at 500 g, the targets of both searches."""
+    trials = generate_trials(texture, speed_mm_s, REFERENCE_FORCE_G)
     return mean_sa_rates_hz(trials, RANGES), mean_normalised_reading(trials, RANGES)
 
 
-def recorded(texture: int, speed_mm_s: float, force_g: float) -> Trials:
-    """Trials uint16 (n, 18): a steady level that saturates with force, and a wave on it."""
+def generate_trials(texture: int, speed_mm_s: float, force_g: float) -> Trials:
+    """Return trials, uint16 (n, 18): a level that saturates with force, and a wave on it."""
     rng = np.random.default_rng([texture, round(speed_mm_s), round(force_g)])
     n = round(1000 * TRAVEL_MM / speed_mm_s)
     travel = speed_mm_s * np.arange(n)[:, None] / 1000
@@ -62,17 +62,17 @@ def recorded(texture: int, speed_mm_s: float, force_g: float) -> Trials:
     ]
 
 
-def searched(conditions: list[Condition], method: Method) -> tuple[list[ForceSearch], float]:
-    """C of every condition, and how long it took, s; the start is part of the search."""
-    begun = time.perf_counter()
+def search_all(conditions: list[Condition], method: Method) -> tuple[list[ForceSearch], float]:
+    """Return C of every condition and the wall time, s, which includes finding the start."""
+    start_s = time.perf_counter()
     found = []
     for trials, target_hz, goal in conditions:
         found.append(search_c(trials, goal, target_hz, RANGES, method=method))
-    return found, time.perf_counter() - begun
+    return found, time.perf_counter() - start_s
 
 
-def told(found: list[ForceSearch]) -> str:
-    """Mean encodings an entry, those of some trials by their share, and what did not converge."""
+def describe(found: list[ForceSearch]) -> str:
+    """Return mean encodings per entry, partial ones by their share, and the failures."""
     evaluations = np.concatenate([one.evaluations for one in found])
-    ill = sum(int((one.status != SearchStatus.CONVERGED).sum()) for one in found)
-    return f"{evaluations.mean():.2f} encodings an entry, {ill} not converged"
+    failed = sum(int((one.status != SearchStatus.CONVERGED).sum()) for one in found)
+    return f"{evaluations.mean():.2f} encodings an entry, {failed} not converged"

@@ -1,6 +1,6 @@
-"""The default scheme in careful NumPy: the peer that needs no compiler.
+"""The default encoder in optimised NumPy: the peer that needs no compiler.
 
-Batched, all neurons of all trials take a step together, in place.
+All neurons of all trials advance together, in place.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ HIGHEST = 1023.0
 
 
 def currents(samples: NDArray[np.uint16], p: EncoderParameters) -> Reals:
-    """k·x of one trial by SciPy, float64 (n, 36): SA, then RA."""
+    """Return k·x of one trial, filtered by SciPy, float64 (n, 36): SA, then RA."""
     x = samples / HIGHEST
     b, a = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
     smooth, _ = signal.lfilter(b, a, x, axis=0, zi=signal.lfilter_zi(b, a)[:, None] * x[0])
@@ -28,32 +28,32 @@ def currents(samples: NDArray[np.uint16], p: EncoderParameters) -> Reals:
 
 
 def numpy_spikes(drive: Reals) -> NDArray[np.uint8]:
-    """Spikes of finished currents: drive (n, m) to counts (n, m)."""
+    """Return the spike counts (n, m) of input currents (n, m)."""
     neurons = _Neurons(drive.shape[1])
     counts = np.zeros(drive.shape, np.uint8)
     for now, spikes in zip(drive, counts, strict=True):
-        neurons.take(now, spikes)
+        neurons.advance(now, spikes)
     return counts
 
 
 def numpy_trains(readings: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Spike trains of readings of all lanes, uint16 (n, m): SA of all lanes, then RA.
+    """Return the spike trains of readings of all lanes, uint16 (n, m): SA of all lanes, then RA.
 
-    Where each train starts, int64 (2·m + 1,), and the samples of the spikes, int32.
+    The result is the start of each train, int64 (2·m + 1,), and the samples of all spikes, int32.
     """
     n, m = readings.shape
     if 2 * m > np.iinfo(np.uint16).max:
-        raise ValueError(f"{2 * m} trains: they are numbered with 16 bits")
+        raise ValueError(f"{2 * m} trains do not fit in 16-bit numbers")
     drives, neurons = _Drives(readings[0]), _Neurons(2 * m)
     which, sizes = [], np.empty(n, np.int64)
     for t in range(n):
         spikes = np.zeros(2 * m, np.uint8)
-        neurons.take(drives.of(readings[t]), spikes)
+        neurons.advance(drives.advance(readings[t]), spikes)
         some = np.flatnonzero(spikes.view(np.bool_))
         which.append(np.repeat(some, spikes[some]).astype(np.uint16))
         sizes[t] = len(which[-1])
     of_spike = np.concatenate(which)
-    in_order = np.argsort(of_spike, kind="stable")  # of 16 bits: NumPy sorts them by radix
+    in_order = np.argsort(of_spike, kind="stable")  # NumPy uses a radix sort for 16 bits
     samples = np.repeat(np.arange(n, dtype=np.int32), sizes)[in_order]
     starts = np.concatenate([[0], np.cumsum(np.bincount(of_spike, minlength=2 * m))])
     return starts, samples
@@ -71,8 +71,8 @@ class _Drives:
         self._drive = np.empty(2 * len(first))
         self._sa, self._ra = np.split(self._drive, 2)
 
-    def of(self, readings: NDArray[np.uint16]) -> Reals:
-        """Of one sample, float64 (2·m,); overwritten when the next is asked for."""
+    def advance(self, readings: NDArray[np.uint16]) -> Reals:
+        """Return the currents of the next sample, float64 (2·m,); the next call overwrites them."""
         x, y, part, (b0, b1, b2), (_, a1, a2) = self._x, self._y, self._part, self._b, self._a
         sa, ra = self._sa, self._ra
         np.divide(readings, HIGHEST, out=x)
@@ -93,14 +93,14 @@ class _Drives:
 
 
 class _Neurons:
-    """Neurons at rest, and what they do in a sample."""
+    """Izhikevich neurons, at rest at first."""
 
     def __init__(self, m: int) -> None:
         self._v, self._u = np.full(m, -70.0), np.full(m, -14.0)
         self._rise, self._fired = np.empty(m), np.empty(m, bool)
 
-    def take(self, drive: Reals, spikes: NDArray[np.uint8]) -> None:
-        """Four substeps; each spike is added to ``spikes``, uint8 (m,)."""
+    def advance(self, drive: Reals, spikes: NDArray[np.uint8]) -> None:
+        """Advance by one sample of four substeps; add the spikes to ``spikes``, uint8 (m,)."""
         v, u, rise, fired = self._v, self._u, self._rise, self._fired
         for _ in range(4):
             np.multiply(v, 0.04, out=rise)
@@ -117,7 +117,7 @@ class _Neurons:
             u += rise
             np.greater_equal(v, 30.0, out=fired)
             (where,) = fired.nonzero()
-            if len(where):  # by index: masks go through all neurons once more for each line
+            if len(where):  # an index is faster than a mask, which visits all neurons each time
                 v[where] = -65.0
                 u[where] += 6.0
                 spikes[where] += 1

@@ -1,6 +1,6 @@
-"""What a trial costs on its way through the analysis, and so what very many trials would.
+"""Measure what a trial costs in each step of the analysis, to extrapolate to very many trials.
 
-Times are processor time, so that a busy machine changes them little; only the disk is timed by the
+Times are processor time, which load on the machine changes little; only the disk is timed by the
 clock. ``python -m tests.benchmarks scale`` prints the rates;
 ``python -m tests.benchmarks.encoder.scale PAGE`` writes the page of docs/explanation from the
 rates of that same run.
@@ -37,19 +37,19 @@ from rigctl.encoding.parameters import DEFAULT
 from tests.analysis.recordings import record
 from tests.benchmarks.encoder import _scale_page
 from tests.benchmarks.encoder._peers import row
-from tests.benchmarks.encoder.fig3 import made_up
+from tests.benchmarks.encoder.fig3 import generate_features
 
 SPEEDS, FORCES = (40, 60, 80, 100, 120), (250, 500, 1000)
 REPEATS = 8
 SWEEPS = (9_600, 19_200)
-"""Trials of two sets that make a draw's cost a line: every fit has more than 2160 rows."""
+"""Trials of the two sets that give the slope of a draw's cost; each fit has > 2160 rows."""
 WIDTHS = (720, 2160)
 TASKS = 300
 SYNCED_BYTES = 2**28
 
 
 def measure() -> Iterator[dict[str, Any]]:
-    """One figure a rate."""
+    """Yield one figure for each rate."""
     found = rates()
     note = f"{found['trials']} trials, {found['machine']}"
     for name, unit in _scale_page.UNITS.items():
@@ -57,7 +57,7 @@ def measure() -> Iterator[dict[str, Any]]:
 
 
 def rates() -> dict[str, Any]:
-    """Everything that the page is reckoned from."""
+    """Measure everything that the page needs."""
     with tempfile.TemporaryDirectory() as name, threadpool_limits(1, "blas"):
         folder = Path(name)
         session = record(
@@ -67,9 +67,9 @@ def rates() -> dict[str, Any]:
             "made": time.strftime("%Y-%m-%d", time.gmtime()),
             "machine": _machine(),
         }
-        found |= _of_session(session) | _of_encoding(join_sessions([session]), folder)
-        found |= {"synced_bytes_s": _synced(folder), "disk_free_bytes": _free(folder)}
-    return found | _of_draws() | _of_dask()
+        found |= _session_rates(session) | _encoding_rates(join_sessions([session]), folder)
+        found |= {"synced_bytes_s": _synced_bytes_s(folder), "disk_free_bytes": _free(folder)}
+    return found | _draw_rates() | _dask_rates()
 
 
 def _machine() -> str:
@@ -84,8 +84,8 @@ def _machine() -> str:
     return f"{os.cpu_count()} processors ({model}), load {os.getloadavg()[0]:.1f} at the start"
 
 
-def _of_session(session: Path) -> dict[str, Any]:
-    """Bytes on disk, and the table of trials: how long it takes and how much memory it keeps."""
+def _session_rates(session: Path) -> dict[str, Any]:
+    """Measure bytes on disk, and time and memory of the table of trials."""
     begun = time.process_time()
     joined = join_sessions([session])
     took = time.process_time() - begun
@@ -106,7 +106,7 @@ def _of_session(session: Path) -> dict[str, Any]:
 
 
 class _Timed(Executor):
-    """A serial executor that counts the processor time of its tasks."""
+    """A serial executor that adds up the processor time of its tasks."""
 
     work_s = 0.0
 
@@ -125,14 +125,14 @@ class _Timed(Executor):
         return result
 
 
-def _of_encoding(trials: TrialSet, folder: Path) -> dict[str, Any]:
-    """Pieces of work and what the first process does beside them; bytes that they make."""
+def _encoding_rates(trials: TrialSet, folder: Path) -> dict[str, Any]:
+    """Measure time of the tasks and of the first process, and the bytes of their results."""
     prepared = prepare_trials(trials, Resources())
     condition = group_by_condition(prepared, DEFAULT, 500.0, search_c=True)[0]
-    counts = count_condition(condition)  # compiles what was not
+    counts = count_condition(condition)  # compiles the kernels
     took: dict[str, float] = {}
-    for way in ("first", "second"):
-        out, executor = folder / way, _Timed()
+    for turn in ("first", "second"):
+        out, executor = folder / turn, _Timed()
         out.mkdir()
         begun = time.process_time()
         made = represent(trials, DEFAULT, out, resources=Resources(executor))
@@ -152,8 +152,8 @@ def _of_encoding(trials: TrialSet, folder: Path) -> dict[str, Any]:
     }
 
 
-def _synced(folder: Path) -> float:
-    """Bytes a second that the disk really takes."""
+def _synced_bytes_s(folder: Path) -> float:
+    """Return the bytes per second that the disk stores, with fsync."""
     data = os.urandom(2**20)
     begun = time.perf_counter()
     with (folder / "synced").open("wb") as file:
@@ -168,20 +168,20 @@ def _free(folder: Path) -> int:
     return shutil.disk_usage(folder).free
 
 
-def _of_draws() -> dict[str, Any]:
-    """A draw of all tasks in all representations as a line over the size of the set."""
+def _draw_rates() -> dict[str, Any]:
+    """Fit a line over the size of the set to the cost of a draw of all tasks."""
     took, rows = [], 0.0
     for n in SWEEPS:
         whole = _design(n)
         seconds = 0.0
         for width in WIDTHS:
-            features = made_up(whole, width)
+            features = generate_features(whole, width)
             same = sum((2160 if not r.speed_scaled else 720) == width for r in REPRESENTATIONS)
             for family in ("folds", "extrapolation"):
                 fits = make_splits(whole, family, 0, 0)
                 drawn = np.unique(np.concatenate([np.r_[f.train, *f.tests.values()] for f in fits]))
                 rows = max(rows, len(drawn) / n)
-                seconds += same * _answered_s(features, whole, fits, family)
+                seconds += same * _sweep_s(features, whole, fits, family)
         took.append(seconds)
     slope = (took[1] - took[0]) / (SWEEPS[1] - SWEEPS[0])
     return {
@@ -192,7 +192,7 @@ def _of_draws() -> dict[str, Any]:
     }
 
 
-def _answered_s(features: Any, of: Design, fits: Any, family: str) -> float:
+def _sweep_s(features: Any, of: Design, fits: Any, family: str) -> float:
     labels = {task.key: of.labels(task) for task in published.TASKS if task.family == family}
     took = []
     for _ in range(2):
@@ -203,15 +203,15 @@ def _answered_s(features: Any, of: Design, fits: Any, family: str) -> float:
 
 
 def _design(n: int) -> Design:
-    """The paper's crossing of 16 textures, 5 speeds and 3 forces, ``n`` trials."""
+    """Return ``n`` trials of the paper's 16 textures × 5 speeds × 3 forces."""
     grid = np.meshgrid(np.arange(16), SPEEDS, FORCES, np.arange(n // 240), indexing="ij")
     texture, speed, force = (axis.ravel() for axis in grid[:3])
     names = tuple("ABCDEFGHIJKLMNOP")
     return Design(names, texture.astype(np.int64), speed.astype(float), force.astype(float))
 
 
-def _of_dask() -> dict[str, Any]:
-    """What a piece and its result cost scheduler and client, with two workers of their own.
+def _dask_rates() -> dict[str, Any]:
+    """Measure what a task and its result cost scheduler and client, with two worker processes.
 
     Scheduler and client are threads of this process.
     """

@@ -1,4 +1,4 @@
-"""The PCA+LDA sweep beside scikit-learn: 8000 trials × 2160 features, 4 folds, k = 1 … 50."""
+"""Benchmark the PCA+LDA sweep against scikit-learn: 8000 trials × 2160 features, 4 folds."""
 
 from __future__ import annotations
 
@@ -27,43 +27,43 @@ Data = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 
 def measure() -> Iterator[dict[str, Any]]:
-    """All figures of the sweep."""
+    """Yield all figures of the sweep for k = 1 … 50."""
     with threadpool_limits(1, "blas"):
         yield from _measure()
 
 
 def _measure() -> Iterator[dict[str, Any]]:
-    features, labels = big_set()
+    features, labels = generate_set()
     folds = stratified_folds(labels, N_FOLDS, seed=0)
-    all_three = (
+    candidates = (
         lambda: _predict(features, labels, folds, K_MAX, SweepEngine.OWN),
         lambda: _one_pipeline(features, labels, folds[0]),
-        lambda: hoisted(features, labels, folds, K_MAX),
+        lambda: predict_hoisted(features, labels, folds, K_MAX),
     )
-    (ours_s, one_s, hoisted_s), (ours, _, theirs) = in_turns(all_three)
-    told = f"{SCENE}; the middle of {TURNS} runs in turns"
-    note = f"{told}; the peer's time is 200 times one fit at k = {MEASURED_K} in one fold"
+    (ours_s, one_s, hoisted_s), (ours, _, theirs) = run_in_turns(candidates)
+    scene = f"{SCENE}; the median of {TURNS} runs in turns"
+    note = f"{scene}; the peer's time is 200 times one fit at k = {MEASURED_K} in one fold"
     peer = f"scikit-learn PCA({SOLVER}) + LDA for each k and fold"
     yield row("sweep.vs_sklearn_exact", ours_s, "s", peer, N_FOLDS * K_MAX * one_s, note)
     peer = f"scikit-learn PCA({SOLVER}, 50) once a fold, LDA for each k"
-    yield row("sweep.vs_sklearn_hoisted", ours_s, "s", peer, hoisted_s, told)
+    yield row("sweep.vs_sklearn_hoisted", ours_s, "s", peer, hoisted_s, scene)
     yield _differing(_count_differing(ours, theirs), sum(t.size for t in theirs))
 
 
-def in_turns(works: Sequence[Callable[[], Any]]) -> tuple[list[float], list[Any]]:
-    """The middle wall time of each, s, and what each gave last: a slow minute is everybody's."""
-    spent: list[list[float]] = [[] for _ in works]
+def run_in_turns(candidates: Sequence[Callable[[], Any]]) -> tuple[list[float], list[Any]]:
+    """Return the median wall time of each, s, and its last result; load affects all alike."""
+    spent: list[list[float]] = [[] for _ in candidates]
     for _ in range(TURNS):
-        given = []
-        for times, work in zip(spent, works, strict=True):
+        results = []
+        for times, candidate in zip(spent, candidates, strict=True):
             start = time.perf_counter()
-            given.append(work())
+            results.append(candidate())
             times.append(time.perf_counter() - start)
-    return list(map(statistics.median, spent)), given
+    return list(map(statistics.median, spent)), results
 
 
-def big_set() -> Data:
-    """Classes that overlap along sixty hidden directions with falling weight."""
+def generate_set() -> Data:
+    """Return classes that overlap in sixty latent directions of decreasing weight."""
     rng = np.random.default_rng(0)
     labels = np.repeat(np.arange(N_CLASSES), N_TRIALS // N_CLASSES)
     hidden = 3 * rng.normal(0, 1, (N_TRIALS, 60))
@@ -84,20 +84,22 @@ def _predict(
     return [one.predictions["classes"] for one in found]
 
 
-def hoisted(
+def predict_hoisted(
     features: NDArray[np.float64], labels: NDArray[np.int64], folds: list[Fold], k_max: int
 ) -> list[NDArray[np.int64]]:
-    """Predictions (k_max, n_test) of each fold by scikit-learn with the PCA taken out by hand.
+    """Return scikit-learn's predictions (k_max, n_test) of each fold, with one PCA for all k.
 
-    Its LDA divides the covariance by N, not by N − K: equal classes make no difference of it.
+    Its LDA divides the covariance by N, not by N − K, which changes nothing for equal classes.
     """
     results = []
     for train, test in folds:
         pca = PCA(k_max, svd_solver=SOLVER).fit(features[train])
-        learnt, asked = pca.transform(features[train]), pca.transform(features[test])
+        trained, tested = pca.transform(features[train]), pca.transform(features[test])
         lda = LinearDiscriminantAnalysis("lsqr")
-        fits = (lda.fit(learnt[:, :k], labels[train]) for k in range(1, k_max + 1))
-        results.append(np.array([fit.predict(asked[:, :k]) for k, fit in enumerate(fits, start=1)]))
+        fits = (lda.fit(trained[:, :k], labels[train]) for k in range(1, k_max + 1))
+        results.append(
+            np.array([fit.predict(tested[:, :k]) for k, fit in enumerate(fits, start=1)])
+        )
     return results
 
 
@@ -109,7 +111,7 @@ def _one_pipeline(features: Any, labels: Any, fold: Fold) -> None:
 
 
 def _differing(big: int, n_big: int) -> dict[str, Any]:
-    """Also on two published sets, one with unequal classes, one with constant columns."""
+    """Add two published sets, one with unequal classes and one with constant columns."""
     differing, compared = big, n_big
     for loader, k_max in ((load_wine, 13), (load_digits, 40)):
         features, labels = loader(return_X_y=True)

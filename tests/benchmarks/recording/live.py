@@ -1,4 +1,4 @@
-"""What a redraw of the whole live scene costs, data preparation included, without a display."""
+"""Benchmark the live plots: time of a redraw, and age of a sample on the screen."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REDRAW_NOTE = (
 )
 AGE_NOTE = (
     "virtual rig in real time in its engine's process; from a sample's time at the host to the "
-    "end of the paint that shows it, 30 redraws a second, window 1400x900 offscreen"
+    "end of the paint event that shows it, 30 redraws a second, window 1400x900 offscreen"
 )
 
 
@@ -54,10 +54,10 @@ def _row(name: str, value: np.floating[Any], note: str) -> dict[str, Any]:
 
 
 def ages_ms(seconds: float = SECONDS) -> list[float]:
-    """Age of every sample when it was painted, in a window on a virtual rig in real time.
+    """Return the age of every sample when a window painted it, on a virtual rig in real time.
 
-    The engine's clock is tied to ours by the fastest of its status messages, so an age is too
-    long by at most that message's own way.
+    The fastest status message gives the offset of the engine's clock, so an age is too long by
+    at most the latency of that message.
     """
     import pyqtgraph as pg
     from PySide6.QtCore import QTimer
@@ -72,19 +72,19 @@ def ages_ms(seconds: float = SECONDS) -> list[float]:
         window = MainWindow(choice=ThemeChoice.LIGHT)
         window.resize(*SIZE)
         window.show()
-        watch = _Ages(window)
-        window.timer.timeout.connect(lambda: QTimer.singleShot(0, watch.painted))
-        window.engine_link.status_changed.connect(lambda status: watch.heard(status.at_s))
+        ages = _SampleAges(window)
+        window.timer.timeout.connect(lambda: QTimer.singleShot(0, ages.on_paint))
+        window.engine_link.status_changed.connect(lambda status: ages.on_status(status.at_s))
         window.connect_rig("virtual")
-        while not watch.offsets_s:
+        while not ages.offsets_s:
             QTest.qWait(50)
         QTest.qWait(round(1000 * seconds))
         window.close()
-    return watch.ages_ms()
+    return ages.ages_ms()
 
 
-class _Ages:
-    """Collects when each sample was there and when it was painted."""
+class _SampleAges:
+    """Collects when each sample arrived and when it was painted."""
 
     def __init__(self, window: MainWindow) -> None:
         self._plots = window.live_plots
@@ -92,19 +92,19 @@ class _Ages:
         self._painted: list[tuple[float, float, float]] = []
         self.offsets_s: list[float] = []
 
-    def heard(self, at_s: float) -> None:
-        """A status of engine time ``at_s`` came."""
+    def on_status(self, at_s: float) -> None:
+        """Store the clock offset of a status of engine time ``at_s``."""
         self.offsets_s.append(time.monotonic() - at_s)
 
-    def painted(self) -> None:
-        """A paint is through: what the history holds is on the screen."""
+    def on_paint(self) -> None:
+        """Store the time at which the samples of the history are on the screen."""
         newest_s = self._plots.history.newest_s
         if newest_s > self._seen_s > 0 and self.offsets_s:
             self._painted.append((self._seen_s, newest_s, time.monotonic()))
         self._seen_s = newest_s
 
     def ages_ms(self) -> list[float]:
-        """Ages of all samples but those of the first second."""
+        """Return the ages of all samples except those of the first second."""
         offset_s = min(self.offsets_s)
         times = [
             at_s - offset_s - np.arange(newest_s, seen_s, -0.001)
@@ -114,7 +114,7 @@ class _Ages:
 
 
 def redraw_costs_ms(frames: int = FRAMES) -> list[float]:
-    """Wall time of each redraw: pull what is new, prepare it, paint it."""
+    """Return the wall time of each redraw, which reads new samples, prepares and paints them."""
     import pyqtgraph as pg
 
     from gui.live.live_plots import LivePlots

@@ -1,4 +1,4 @@
-"""What headless recording costs: the engine's own processor time, boards in another process."""
+"""Benchmark recording without a window: processor time of the engine, boards elsewhere."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def measure() -> Iterator[dict[str, Any]]:
 
 
 def _row(name: str, value: float, unit: str, note: str) -> dict[str, Any]:
-    nobody = {"peer": None, "peer_value": None, "ratio": None}
-    return {"name": name, "value": value, "unit": unit, **nobody, "note": note}
+    no_peer = {"peer": None, "peer_value": None, "ratio": None}
+    return {"name": name, "value": value, "unit": unit, **no_peer, "note": note}
 
 
 def recording_share(folder: Path) -> float:
-    """Share of one core that an engine takes while it records from served virtual boards."""
+    """Return the share of one core that an engine uses while it records from virtual boards."""
     with served_boards() as ports:
         rig = folder / "rig.toml"
         rig.write_text(f'[ports]\ndrum = "{ports["drum"]}"\ntaxels = "{ports["taxels"]}"\n')
@@ -51,8 +51,8 @@ def recording_share(folder: Path) -> float:
             'name = "one-plate"\ntextures = ["A"]\nspeeds_mm_s = [40]\nforces_g = [500]\n'
             'repeats = 20\n[order]\nkind = "blocked"\n'
         )
-        order = ["--protocol", str(protocol), "--out", str(folder / "session")]
-        client = EngineClient.start(str(rig), run=order)
+        options = ["--protocol", str(protocol), "--out", str(folder / "session")]
+        client = EngineClient.start(str(rig), run=options)
         try:
             _wait_for_recording(client)
             return _share_of(client.engine_file.pid)
@@ -63,7 +63,7 @@ def recording_share(folder: Path) -> float:
 
 @contextmanager
 def served_boards() -> Iterator[dict[str, str]]:
-    """Virtual boards in real time in a process of their own; their addresses."""
+    """Yield the addresses of virtual boards that another process serves in real time."""
     command = [sys.executable, "-m", "rigctl", "serve", "--rig", "virtual", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -76,7 +76,7 @@ def served_boards() -> Iterator[dict[str, str]]:
 
 
 def _wait_for_recording(client: EngineClient) -> None:
-    """Answer the plate's prompt, which may be older than this client, and see the drum turn."""
+    """Answer the plate's prompt, which may be older than this client; return when the drum runs."""
     answered = None
     while True:
         for message in client.wait(60.0):

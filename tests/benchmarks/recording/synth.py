@@ -1,4 +1,4 @@
-"""How much faster than real time virtual data sets are made, and how near the whole rig."""
+"""Benchmark ``rigctl synth`` against the virtual rig: speed, and difference of the data."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ repeats = 1
 
 
 def measure() -> Iterator[dict[str, Any]]:
-    """Yield ``synth.realtime_factor`` beside the whole rig's, and how far their samples differ."""
+    """Yield ``synth.realtime_factor`` and the rig's, and the differences of their samples."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         protocol = folder / "bench.toml"
         protocol.write_text(TEXT)
-        made_s(protocol, folder / "warm")
+        generation_time_s(protocol, folder / "warm")
         trial_s = sum(trial.duration_s for trial in load_plan(protocol, None, SEED).trials)
-        wall_s, core_s = made_s(protocol, folder / "synth")
+        wall_s, core_s = generation_time_s(protocol, folder / "synth")
         with open_harness(folder, SEED) as harness:
             began_s, began_core_s = time.perf_counter(), time.process_time()
             harness.record(TEXT)
@@ -44,11 +44,11 @@ def measure() -> Iterator[dict[str, Any]]:
         yield from _distances(folder / "synth", whole)
 
 
-def made_s(protocol: Path, folder: Path) -> tuple[float, float]:
-    """Wall and processor seconds to make the bench's protocol."""
-    order = DatasetRequest(load_plan(protocol, None, SEED), SEED, folder, START_UTC)
+def generation_time_s(protocol: Path, folder: Path) -> tuple[float, float]:
+    """Return wall and processor seconds to generate a protocol's data set."""
+    request = DatasetRequest(load_plan(protocol, None, SEED), SEED, folder, START_UTC)
     began_s, began_core_s = time.perf_counter(), time.process_time()
-    generate(order, lambda progress: None, lambda: False)
+    generate(request, lambda progress: None, lambda: False)
     return time.perf_counter() - began_s, time.process_time() - began_core_s
 
 
@@ -69,7 +69,7 @@ def _factors(
 
 
 def _distances(made: Path, recorded: Path) -> Iterator[dict[str, Any]]:
-    """Difference of each reading's mean over a trial, and of the trials' true force and speed."""
+    """Yield the differences in mean reading, true force and true speed of the trials."""
     with Session.open(made) as synth, Session.open(recorded) as rig:
         pairs = list(zip(synth.committed(), rig.committed(), strict=True))
         means = [

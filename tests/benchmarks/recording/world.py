@@ -1,4 +1,4 @@
-"""How much faster than real time the virtual rig records, with everything a run does."""
+"""Benchmark the virtual rig's recording against real time, with every part of a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROUNDS = 3
 
 
 def measure() -> Iterator[dict[str, Any]]:
-    """Yield ``world.virtual_factor``: world time over wall time, the best of a few runs."""
+    """Yield ``world.virtual_factor``: simulated time over wall time, the best of three runs."""
     factors = [recorded_factor() for _ in range(ROUNDS)]
     yield {
         "name": "world.virtual_factor",
@@ -31,7 +31,7 @@ def measure() -> Iterator[dict[str, Any]]:
 
 
 def recorded_factor() -> float:
-    """World seconds a wall second while the quick protocol is recorded."""
+    """Return simulated seconds per wall second while the quick protocol is recorded."""
     text = find_protocol("quick").read_text()
     with tempfile.TemporaryDirectory() as folder, open_harness(Path(folder), SEED) as harness:
         began_s = time.perf_counter()
