@@ -1,4 +1,4 @@
-"""What every test is held to: no thread may outlive it."""
+"""Settings and fixtures of all tests: no leaked threads, and separate cache and state folders."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
-# A first call compiles kernels; how long an example takes is no test of this house.
+# There is no deadline because the first call compiles kernels.
 settings.register_profile("rigctl", deadline=None, derandomize=True)
 settings.load_profile("rigctl")
 
@@ -27,7 +27,7 @@ def no_leaked_threads() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Tests neither fill the user's cache nor live on it, nor use up what a user is told once."""
+    """Separate the tests from the user's cache and from the state of messages shown once."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
@@ -35,7 +35,7 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print what tests recorded under ``shown``: seeds and figures that a passing run tells too."""
+    """Print the properties ``shown`` of tests, such as seeds and figures, also if they pass."""
     for outcome in ("passed", "failed"):
         for report in terminalreporter.getreports(outcome):
             for name, value in report.user_properties:

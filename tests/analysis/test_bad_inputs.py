@@ -27,7 +27,7 @@ from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError
 from rigctl.session.read.part_file import part_paths
 from tests.analysis.recordings import record
-from tests.session.building import Bench, plan, recorder
+from tests.session.building import SyntheticRig, plan, recorder
 
 FEW = SweepSettings(iterations=2, k_max=8)
 UTC = "2026-11-21T12:00:00Z"
@@ -221,7 +221,7 @@ def test_a_part_still_being_written_gives_what_is_committed(tmp_path: Path) -> N
     trials = plan().trials
     with recorder(tmp_path / "live") as rec:
         rec.begin_part("start", trials[0].texture)
-        bench = Bench(rec)
+        bench = SyntheticRig(rec)
         for trial in trials[:3]:
             bench.trial(trial)
         rec.wait_written()

@@ -67,7 +67,7 @@ def _imports(tree: ast.Module, modules: dict[str, Module]) -> Iterator[str]:
 
 
 def import_cycles(graph: dict[str, set[str]]) -> list[list[str]]:
-    """Return the groups of modules that import each other in a circle."""
+    """Return the groups of modules that import each other."""
     reachable = {name: _reachable(name, graph) for name in graph}
     circular = {name for name in graph if name in reachable[name]}
     groups = {

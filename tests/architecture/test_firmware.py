@@ -8,7 +8,7 @@ from tests.architecture.imports import import_cycles
 MOST_LINES = 450
 
 
-def test_no_files_of_the_firmware_include_each_other_in_a_circle() -> None:
+def test_the_firmware_has_no_include_cycle() -> None:
     graph = includes.include_graph()
     assert import_cycles(graph) == []
     assert graph["drum/commands"] >= {"drum/bank", "drum/controller"}

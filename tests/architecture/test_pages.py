@@ -1,4 +1,4 @@
-"""Pages name files that exist, and the trial passes few rooms."""
+"""Pages name only existing files, and the life of a trial passes few rooms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The house rules a reader relies on: small files and folders, no circles, one name once."""
+"""Rules of the structure: small files and folders, no import cycles, unique class names."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ MEDIAN_LINES = 150
 MODULES = load_modules()
 
 
-def test_no_modules_import_each_other_in_a_circle() -> None:
+def test_modules_have_no_import_cycle() -> None:
     assert import_cycles(import_graph(MODULES)) == []
 
 
-def test_a_circle_is_found() -> None:
+def test_an_import_cycle_is_found() -> None:
     graph = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}
     assert import_cycles(graph) == [["a", "b", "c"]]
 
@@ -42,7 +42,7 @@ def test_no_class_name_is_used_twice() -> None:
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
 
 
-def test_every_room_says_in_one_sentence_what_belongs_there() -> None:
+def test_every_room_describes_its_contents_in_one_sentence() -> None:
     silent = [str(m.path) for m in MODULES.values() if m.is_package and not m.summary]
     assert silent == []
 

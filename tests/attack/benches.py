@@ -21,7 +21,7 @@ from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
 from tests.firmware.drum.support.overshoot import overshoot_g
-from tests.firmware.drum.support.plant_drum import pressed
+from tests.firmware.drum.support.plant_drum import mounted_contact
 
 PLATE = "A"
 NEAR = validated(WorldParameters(contact_mm=10.0, actuator_start_mm=0.0))
@@ -116,7 +116,7 @@ def limit_g(bench: AttackBench) -> float:
 
 @cache
 def _limit_g(most_g: int, overrun_um: int) -> float:
-    return most_g + overshoot_g(overrun_um, most_g, pressed(PLATE, NEAR, SEED))
+    return most_g + overshoot_g(overrun_um, most_g, mounted_contact(PLATE, NEAR, SEED))
 
 
 class _Mechanics:
@@ -126,7 +126,7 @@ class _Mechanics:
         self.parameters = NEAR
         self.disturbances = Disturbances()
         self.plant = Mechanics(NEAR)
-        self.plant.set_force_table(pressed(PLATE, NEAR, SEED))
+        self.plant.set_force_table(mounted_contact(PLATE, NEAR, SEED))
         self.loadcell = LoadCellAmplifier(NEAR, SEED, self.plant, self.disturbances)
         self.logged_ms = 0
 

@@ -23,9 +23,9 @@ class _Drum(PlantDrum):
         self.duties: list[float] = []
         super().__init__(NEAR, PLATE, SEED, image)
 
-    def _press(self, duty: float) -> None:
+    def _advance_bench(self, duty: float) -> None:
         self.duties.append(duty)
-        super()._press(duty)
+        super()._advance_bench(duty)
 
 
 class ChipBench:

@@ -6,7 +6,7 @@ force      the force never exceeds the compiled limit by more than the overshoot
 heartbeat  after 250 ms without a heartbeat nothing presses; the drive is off after a second if
            contact has ended by then, and after the longest lift in any case
 stop       while the emergency stop is pressed nothing drives or turns, and the state allows neither
-lift       a lift that ends by itself has ended contact
+lift       a lift that ends without a command has ended contact
 guard      settings that determine the meaning of a force change only at rest and without contact
 bounds     the board accepts no value that the register table forbids
 tare       the board accepts no plain tare during contact
@@ -29,7 +29,7 @@ LIFT_STATES = {State.FAULT_LIFT: State.FAULT_OFF, State.RETRACT: State.ARMED}
 """States that lift, and the states in which the lift ends."""
 SILENCE_MS = 250
 TICKS_MS = 3
-"""The board counts the age of a heartbeat in ticks of its own clock."""
+"""The board counts the age of a heartbeat in ticks of its clock."""
 COAST_MS = 250
 """Time until a rod without current rests: eight lags of the actuator, and its backlash."""
 OFF_LIMIT_MS = 1000

@@ -42,7 +42,7 @@ class ActionKind(Enum):
     HEARTBEAT = "heartbeat"  # 1 on, 0 off
     RESET = "reset"  # 0
     WAIT = "wait ms"
-    WAIT_UNTIL_IDLE = "rest ms"  # until the state does not change by itself, at most this long
+    WAIT_UNTIL_IDLE = "rest ms"  # wait for a stable state, at most this long
     SLOW_ACTUATOR = "weak actuator"  # 0
 
 
@@ -104,7 +104,7 @@ def wait(milliseconds: int) -> Action:
 
 
 def wait_until_idle(limit_ms: int) -> Action:
-    """Wait until the board's state does not change by itself."""
+    """Wait until the board's state is stable."""
     return Action(ActionKind.WAIT_UNTIL_IDLE, limit_ms)
 
 

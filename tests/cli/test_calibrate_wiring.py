@@ -39,19 +39,19 @@ class PressedTaxels:
         self.unplugged = False
         self.lost: RigFault | None = None
         self._loop = loop
-        self._takers: list[Callable[[Block], None]] = []
+        self._consumers: list[Callable[[Block], None]] = []
         self._fault: Callable[[RigFault], None] = lambda fault: None
 
     def on_block(self, consumer: Callable[[Block], None]) -> None:
-        self._takers.append(consumer)
+        self._consumers.append(consumer)
 
     def on_fault(self, consumer: Callable[[RigFault], None]) -> None:
         self._fault = consumer
 
     async def connect(self) -> None:
-        self._tell()
+        self._send()
 
-    def _tell(self) -> None:
+    def _send(self) -> None:
         if self.lost is not None:
             self._fault(self.lost)
             return
@@ -59,9 +59,9 @@ class PressedTaxels:
         samples = np.tile(row.round().astype(np.uint16), (50, 1))
         zeros = np.zeros(50, np.uint8)
         block = Block(np.arange(50, dtype=np.int64), samples, zeros, zeros, (), self._loop.time())
-        for take in self._takers:
-            take(block)
-        self._loop.call_later(0.05, self._tell)
+        for consume in self._consumers:
+            consume(block)
+        self._loop.call_later(0.05, self._send)
 
 
 class Person:
@@ -87,8 +87,8 @@ class Person:
         return ""
 
 
-class BenchOfOne:
-    """A rig as far as it is used, opened with the order of the wire."""
+class TaxelRig:
+    """A rig without a drum, opened with the order of the wire."""
 
     def __init__(self, config: RigConfig, taxels: PressedTaxels, loop: JumpingLoop) -> None:
         assert config.taxels.order == tuple(range(18))
@@ -103,7 +103,7 @@ def taxels(monkeypatch: pytest.MonkeyPatch) -> Iterator[PressedTaxels]:
     loop = JumpingLoop()
     board = PressedTaxels(loop, PressedSensor(SOLDERED))
     monkeypatch.setattr(
-        calibrate_wiring, "open_rig", lambda spec, config: BenchOfOne(config, board, loop)
+        calibrate_wiring, "open_rig", lambda spec, config: TaxelRig(config, board, loop)
     )
     yield board
     loop.close()
@@ -143,7 +143,7 @@ def test_nine_presses_after_unplugging_find_and_save_the_order(
     assert f"wiring = {list(SOLDERED)}\nsaved in {rig}" in said
     written = load_config(rig).taxels
     assert written.wiring == SOLDERED
-    # Readings kept their ranges; their places are others.
+    # The ranges move with the readings to their new places.
     assert written.low == SOLDERED
     assert written.high == tuple(100 + reading for reading in SOLDERED)
     assert rig.read_text().startswith("# Mine.\n[taxels]\nwiring = [")

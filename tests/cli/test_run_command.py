@@ -114,7 +114,7 @@ def test_prompt_without_a_terminal_ends_the_run(place: Path) -> None:
 
 
 def test_end_of_input_during_a_prompt_ends_the_run(place: Path) -> None:
-    """It once waited forever: only a prompt after the end of input ended the run."""
+    """The run once waited forever if the input ended during a prompt."""
     with subprocess.Popen(
         rigctl("run", "one.toml", "--out", "session"),
         stdin=subprocess.PIPE,
@@ -154,10 +154,10 @@ def test_ctrl_c_stops_safely_and_the_run_can_be_continued(
     running.send_signal(signal.SIGINT)
     out, _ = running.communicate(timeout=LIMIT_S)
     assert running.returncode == 130
-    said = json.loads(out)
-    assert said["state"] == "aborted"
+    report = json.loads(out)
+    assert report["state"] == "aborted"
     assert verify(place / "session").whole
-    assert committed(place / "session") == list(range(1, said["trials_committed"] + 1))
+    assert committed(place / "session") == list(range(1, report["trials_committed"] + 1))
 
 
 def test_stop_from_another_terminal_ends_the_run(
@@ -174,9 +174,9 @@ def test_a_killed_engine_leaves_a_session_that_opens(
 ) -> None:
     before = on_disk(place / "session")
     os.kill(the_engine().pid, signal.SIGKILL)
-    _, said = running.communicate(timeout=LIMIT_S)
+    _, errors = running.communicate(timeout=LIMIT_S)
     assert running.returncode == 3
-    assert "session it wrote is kept" in said
+    assert "session it wrote is kept" in errors
     assert committed(place / "session")[: len(before)] == before
 
 

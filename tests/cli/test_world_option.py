@@ -30,7 +30,7 @@ LIMIT_S = 120
 
 @pytest.fixture(autouse=True)
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a protocol, two worlds, a wrong one, a real rig and a simulated one."""
+    """Return a folder with protocols, worlds (one invalid), a real rig and a simulated one."""
     monkeypatch.setenv("RIGCTL_RUNTIME", str(tmp_path / "runtime"))
     monkeypatch.chdir(tmp_path)
     texts = {
@@ -57,12 +57,12 @@ def finished(*args: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def kept(folder: Path) -> dict[str, object]:
-    """World and name of its file that each part of a session holds, the same in all."""
+def stored_world(folder: Path) -> dict[str, object]:
+    """Return world and file name of a session, which all its parts store alike."""
     with Session.open(folder) as session:
-        told = [json.dumps(part.header.simulation) for part in session.parts]
-    assert len(set(told)) == 1
-    return dict(json.loads(told[0]))
+        worlds = [json.dumps(part.header.simulation) for part in session.parts]
+    assert len(set(worlds)) == 1
+    return dict(json.loads(worlds[0]))
 
 
 @pytest.mark.parametrize(
@@ -111,14 +111,14 @@ def test_a_real_rig_has_no_world_file(place: Path) -> None:
     assert not (place / "s").exists()
 
 
-def test_run_stores_its_world_and_continues_in_no_other(place: Path) -> None:
+def test_run_stores_its_world_and_refuses_another_on_resume(place: Path) -> None:
     session = place / "session"
-    begun = [
+    arguments = [
         *("run", "three.toml", "--rig", "rehearsal.toml", "--world", "lab.toml"),
         *("--out", "session", "--yes", "--json"),
     ]
     with subprocess.Popen(
-        rigctl(*begun), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        rigctl(*arguments), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as process:
         while not (session / "part-0001.h5").exists():
             pass
@@ -133,18 +133,18 @@ def test_run_stores_its_world_and_continues_in_no_other(place: Path) -> None:
     assert sorted(path.name for path in session.iterdir()) == before
 
     assert finished("run", "--resume", "session", "--yes").returncode == 0
-    simulation = kept(session)
+    simulation = stored_world(session)
     assert simulation["world_file"] == "lab.toml"
     assert isinstance(simulation["world"], dict)
     assert simulation["world"]["start_mm"] == 100.0
 
 
-def test_data_set_stores_its_world_and_continues_in_no_other(
+def test_data_set_stores_its_world_and_refuses_another_on_resume(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["synth", "--plan", "one.toml", "--seed", "1", "--out", "set"]
     assert main([*command, "--world", "lab.toml"]) == 0
-    simulation = kept(place / "set")
+    simulation = stored_world(place / "set")
     assert simulation["world_file"] == "lab.toml"
     assert main([*command, "--world", "lab.toml", "--resume"]) == 0
     capsys.readouterr()

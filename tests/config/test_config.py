@@ -1,4 +1,4 @@
-"""``rig.toml`` names its mistakes, has defaults for all, and survives being written again."""
+"""``rig.toml`` has a default for every key, is written and read back, and mistakes are named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference page lists every key of rig.toml as it is."""
+"""The reference page lists every key of rig.toml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same contract for both kinds of simulated boards."""
+"""Fixtures that run the same tests on both kinds of simulated boards."""
 
 from __future__ import annotations
 

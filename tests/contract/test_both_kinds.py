@@ -17,7 +17,7 @@ from rigctl.wire.drum.register_table import SETTINGS
 from rigctl.wire.drum.states import State
 from rigctl.wire.taxels.frames import Flag
 from tests.contract.operator import NOMINAL, Operator
-from tests.firmware.drum.support.plant_drum import judged
+from tests.firmware.drum.support.plant_drum import evaluate_trial
 
 SEED = 5
 PLATES = ("A", "L")
@@ -58,7 +58,7 @@ STIFFNESS = 0.03
 
 
 @dataclass
-class Course:
+class RunResults:
     """The results of one kind of rig."""
 
     states: list[State] = field(default_factory=list)
@@ -69,7 +69,7 @@ class Course:
 
 
 async def just_after_a_conversion(at: Operator) -> None:
-    """Wait until :data:`BEHIND_S` after one: the amplifier's clock began when its board booted."""
+    """Wait until :data:`BEHIND_S` after a conversion, whose phase depends on the board's boot."""
     await at.watch(0.1)
     poll = at.states[-1]
     converted_s = poll.at_s - 1e-6 * (poll.board_time_us - poll.loadcell[-1].board_time_us)
@@ -77,10 +77,10 @@ async def just_after_a_conversion(at: Operator) -> None:
     await asyncio.sleep(converted_s + BEHIND_S + periods * PERIOD_S - at.now_s)
 
 
-async def do_trial(at: Operator, course: Course, speed_mm_s: float, force_g: float) -> None:
-    """Make one contact; return its ground truth and the samples of its window."""
+async def do_trial(at: Operator, results: RunResults, speed_mm_s: float, force_g: float) -> None:
+    """Make one contact; add its ground truth and the samples of its window to the results."""
     await at.drum.set(speed_set=speed_mm_s, force_set=force_g, travel_set=TRAVEL_MM)
-    await at.do(Command.HOME, 20.0)  # all the way up: the way down is as long on both
+    await at.do(Command.HOME, 20.0)  # to the upper end, so that both descend equally far
     await at.drum.set(move_target=1280.0)
     await at.do(Command.MOVE, 20.0)
     await just_after_a_conversion(at)
@@ -94,14 +94,14 @@ async def do_trial(at: Operator, course: Course, speed_mm_s: float, force_g: flo
     truth = at.simulation.truth.take()
     forces = truth.force_g.astype(np.float64)
     inside = np.flatnonzero(truth.sync)
-    done = judged(forces, rest_ms, slice(inside[0], inside[-1] + 1), force_g)
-    course.forces_g.append(done.window)
-    course.settled_s.append(done.settle_s)
-    course.windows.append(at.samples[(at.flags & np.uint8(Flag.SYNC)) > 0])
-    course.states += [State(s.state) for s in at.states]
+    trial = evaluate_trial(forces, rest_ms, slice(inside[0], inside[-1] + 1), force_g)
+    results.forces_g.append(trial.window)
+    results.settled_s.append(trial.settle_s)
+    results.windows.append(at.samples[(at.flags & np.uint8(Flag.SYNC)) > 0])
+    results.states += [State(s.state) for s in at.states]
 
 
-async def play(at: Operator, course: Course) -> None:
+async def play(at: Operator, results: RunResults) -> None:
     """Connect, arm, tare, home, and run all trials on each plate."""
     await at.connect()
     await at.drum.set(clock_trim_ppm=at.clocks_ppm["drum"], run_in_set=60.0)
@@ -110,27 +110,27 @@ async def play(at: Operator, course: Course) -> None:
     for plate in PLATES:
         at.simulation.set_plate(plate)
         for speed_mm_s, force_g in TRIALS:
-            await do_trial(at, course, speed_mm_s, force_g)
+            await do_trial(at, results, speed_mm_s, force_g)
     await at.watch(0.5)
-    course.registers = await at.drum.get(*AT_REST, *(entry.name for entry in SETTINGS))
+    results.registers = await at.drum.get(*AT_REST, *(entry.name for entry in SETTINGS))
 
 
-def course_of(kind: str) -> Course:
+def run_all_trials(kind: str) -> RunResults:
     rig = open_rig(kind, seed=SEED, paced=False)
     asyncio.set_event_loop(rig.loop)
-    course = Course()
+    results = RunResults()
     try:
         at = Operator(rig)
-        at.run(play(at, course))
+        at.run(play(at, results))
     finally:
         asyncio.set_event_loop(None)
         rig.close()
-    return course
+    return results
 
 
 @pytest.fixture(scope="module")
-def courses(images: object) -> Iterator[tuple[Course, Course]]:
-    yield course_of(VIRTUAL), course_of(FIRMWARE)
+def results(images: object) -> Iterator[tuple[RunResults, RunResults]]:
+    yield run_all_trials(VIRTUAL), run_all_trials(FIRMWARE)
 
 
 def changes(states: list[State]) -> list[State]:
@@ -138,14 +138,14 @@ def changes(states: list[State]) -> list[State]:
     return [s for i, s in enumerate(states) if i == 0 or states[i - 1] is not s]
 
 
-def test_both_have_the_same_states(courses: tuple[Course, Course]) -> None:
-    virtual, chips = courses
+def test_both_have_the_same_states(results: tuple[RunResults, RunResults]) -> None:
+    virtual, chips = results
     assert changes(virtual.states) == changes(chips.states)
     assert State.RUN in virtual.states
 
 
-def test_both_show_the_same_registers_at_rest(courses: tuple[Course, Course]) -> None:
-    virtual, chips = (course.registers for course in courses)
+def test_both_have_the_same_registers_at_rest(results: tuple[RunResults, RunResults]) -> None:
+    virtual, chips = (kind.registers for kind in results)
     different = {name for name in virtual if virtual[name] != chips[name]}
     assert different <= NOISY
     noise_counts = 1e6 * NOMINAL.loadcell_noise_g / NOMINAL.loadcell_ug_per_count
@@ -154,25 +154,26 @@ def test_both_show_the_same_registers_at_rest(courses: tuple[Course, Course]) ->
     assert stiffness[0] == pytest.approx(stiffness[1], rel=STIFFNESS)
 
 
-def test_true_forces_are_the_same(courses: tuple[Course, Course]) -> None:
-    virtual, chips = courses
-    for one, other in zip(virtual.forces_g, chips.forces_g, strict=True):
-        print(f"true mean force {one.mean():.2f} g virtual, {other.mean():.2f} g on chips")
-        assert one.mean() == pytest.approx(other.mean(), rel=MEAN_FORCE)
+def test_true_forces_are_the_same(results: tuple[RunResults, RunResults]) -> None:
+    virtual, chips = results
+    for virtual_g, chip_g in zip(virtual.forces_g, chips.forces_g, strict=True):
+        print(f"true mean force {virtual_g.mean():.2f} g virtual, {chip_g.mean():.2f} g on chips")
+        assert virtual_g.mean() == pytest.approx(chip_g.mean(), rel=MEAN_FORCE)
 
 
-def test_forces_settle_in_the_same_time(courses: tuple[Course, Course]) -> None:
-    virtual, chips = courses
+def test_forces_settle_in_the_same_time(results: tuple[RunResults, RunResults]) -> None:
+    virtual, chips = results
     print("settled, s:", virtual.settled_s, "virtual,", chips.settled_s, "on chips")
     np.testing.assert_allclose(virtual.settled_s, chips.settled_s, rtol=0, atol=SETTLING_S)
 
 
-def test_samples_differ_by_no_more_than_the_converters_noise(
-    courses: tuple[Course, Course],
+def test_samples_differ_only_by_the_noise_of_the_converter(
+    results: tuple[RunResults, RunResults],
 ) -> None:
-    virtual, chips = courses
-    for one, other in zip(virtual.windows, chips.windows, strict=True):
-        assert abs(len(one) - len(other)) <= 1
-        apart = one.mean(axis=0) - other.mean(axis=0)
-        print("largest difference of a taxel's mean, counts:", round(float(np.abs(apart).max()), 3))
-        assert np.abs(apart).max() < NOMINAL.adc_noise_counts
+    virtual, chips = results
+    for window, chip_window in zip(virtual.windows, chips.windows, strict=True):
+        assert abs(len(window) - len(chip_window)) <= 1
+        difference = window.mean(axis=0) - chip_window.mean(axis=0)
+        largest = float(np.abs(difference).max())
+        print("largest difference of a taxel's mean, counts:", round(largest, 3))
+        assert largest < NOMINAL.adc_noise_counts

@@ -40,16 +40,16 @@ async def rewired(
 ) -> None:
     """Lift and switch off, then change the wires of the bench and the board's settings.
 
-    The emergency stop comes last: a board that sees it open takes no such setting.
+    The emergency stop is rewired last, because a board refuses these settings while it is open.
     """
     absent, inverted = tuple(absent), tuple(inverted)
     await operator.poll()
     if operator.state not in (State.IDLE, State.FAULT_OFF):
         await operator.reach(State.IDLE)
-    told = await operator.drum.get("optional_signals", "signal_polarity")
+    settings = await operator.drum.get("optional_signals", "signal_polarity")
     others = [signal for signal in Signal if signal is not Signal.ESTOP]
-    missing = [] if int(told["optional_signals"]) & 1 else [Signal.ESTOP]
-    turned = [Signal.ESTOP] if int(told["signal_polarity"]) & 1 else []
+    missing = [] if int(settings["optional_signals"]) & 1 else [Signal.ESTOP]
+    turned = [Signal.ESTOP] if int(settings["signal_polarity"]) & 1 else []
     operator.faults.rewire(
         missing + [signal for signal in others if signal in absent],
         turned + [signal for signal in others if signal in inverted],
@@ -84,7 +84,7 @@ async def refused(operator: Operator, *commands: Command) -> None:
             await operator.drum.command(command)
 
 
-def test_a_step_test_proposes_gains_and_the_force_comes_back(operator: Operator) -> None:
+def test_a_step_test_proposes_gains_and_restores_the_force(operator: Operator) -> None:
     async def main() -> dict[str, float]:
         await operator.reach(State.ARMED)
         await refused(operator, Command.TUNE)
@@ -146,7 +146,7 @@ def test_a_depth_is_reached_and_kept_while_the_drum_turns(operator: Operator) ->
     assert max(depths) < 700
 
 
-def test_a_tare_over_a_turn_takes_the_imbalance_out(operator: Operator) -> None:
+def test_a_tare_over_a_turn_removes_the_imbalance(operator: Operator) -> None:
     async def main() -> list[float]:
         await operator.reach(State.ARMED)
         await refused(operator, Command.TARE_TURN)
@@ -233,7 +233,7 @@ def test_an_undeclared_inverted_emergency_stop_is_a_fault(operator: Operator) ->
         await refused(operator, Command.CLEAR)
         with pytest.raises(CommandRefused, match="signal_polarity not set: lift the drum"):
             await operator.drum.set(signal_polarity=1)
-        operator.faults.press_estop()  # it closes: the board may be told what it is
+        operator.faults.press_estop()  # closes the inverted input, so that settings may change
         await operator.watch(0.1)
         await operator.do(Command.CLEAR)
         await operator.drum.set(signal_polarity=1)
@@ -246,7 +246,7 @@ def test_an_undeclared_inverted_emergency_stop_is_a_fault(operator: Operator) ->
     operator.run(main())
 
 
-def test_saving_takes_a_byte_a_tick_and_power_lost_meanwhile_leaves_the_old(
+def test_a_save_takes_a_byte_per_tick_and_power_loss_keeps_the_old_settings(
     operator: Operator,
 ) -> None:
     async def save(seconds: float) -> float:
@@ -272,7 +272,7 @@ def test_saving_takes_a_byte_a_tick_and_power_lost_meanwhile_leaves_the_old(
     operator.run(main())
 
 
-def test_saved_settings_outlive_a_reset_and_others_do_not(operator: Operator) -> None:
+def test_only_saved_settings_survive_a_reset(operator: Operator) -> None:
     async def main() -> None:
         await operator.reach(State.IDLE)
         await operator.drum.set(gain_p=5.5, force_set=321.0, scale_ug_per_count=2399)
@@ -282,8 +282,10 @@ def test_saved_settings_outlive_a_reset_and_others_do_not(operator: Operator) ->
         await operator.lost(operator.poll)
         await operator.drum.connect()
         await operator.until_state(State.IDLE)
-        kept = await operator.drum.get("gain_p", "force_set", "scale_ug_per_count", "settings_from")
-        assert kept == pytest.approx(
+        settings = await operator.drum.get(
+            "gain_p", "force_set", "scale_ug_per_count", "settings_from"
+        )
+        assert settings == pytest.approx(
             {
                 "gain_p": 5.5,
                 "force_set": 321.0,

@@ -44,7 +44,7 @@ def test_the_taxel_board_tests_itself_at_boot_and_on_request(operator: Operator)
     assert operator.taxels.findings == []
 
 
-def test_the_drum_boots_to_idle_with_the_tables_defaults(operator: Operator) -> None:
+def test_the_drum_boots_to_idle_with_the_defaults_of_the_table(operator: Operator) -> None:
     settings = operator.drum.settings
     assert operator.state is State.IDLE
     assert settings == pytest.approx(
@@ -55,7 +55,7 @@ def test_the_drum_boots_to_idle_with_the_tables_defaults(operator: Operator) -> 
     )
 
 
-def test_settings_are_read_back_as_they_were_set(operator: Operator) -> None:
+def test_settings_are_read_back(operator: Operator) -> None:
     wanted = {
         "speed_set": 60.0,
         "force_set": 250.0,
@@ -100,7 +100,7 @@ def test_one_value_out_of_range_is_refused_and_nothing_changes(
     operator.run(main())
 
 
-def test_one_value_out_of_range_refuses_all(operator: Operator) -> None:
+def test_one_value_out_of_range_refuses_all_values(operator: Operator) -> None:
     async def main() -> None:
         before = await operator.drum.modbus.read(*register_table.SETTINGS_BLOCK)
         address = BY_NAME["speed_set"].address
@@ -113,7 +113,7 @@ def test_one_value_out_of_range_refuses_all(operator: Operator) -> None:
 
 
 @pytest.mark.parametrize("address", [0, 16, 113, 116, 127, 128, 383, 384, 60000])
-def test_what_cannot_be_written_is_refused_as_no_address(operator: Operator, address: int) -> None:
+def test_writes_of_read_only_addresses_are_refused(operator: Operator, address: int) -> None:
     async def main() -> None:
         with pytest.raises(RequestRefused, match="no such register") as refusal:
             await operator.drum.modbus.write(address, (1,))
@@ -122,7 +122,9 @@ def test_what_cannot_be_written_is_refused_as_no_address(operator: Operator, add
     operator.run(main())
 
 
-def test_holes_read_as_zero_and_the_end_is_the_end(operator: Operator) -> None:
+def test_unused_addresses_read_as_zero_and_those_beyond_the_end_fail(
+    operator: Operator,
+) -> None:
     async def main() -> None:
         assert await operator.drum.modbus.read(14, 2) == [0, 0]
         assert await operator.drum.modbus.read(113, 2) == [0, 0]
@@ -139,9 +141,7 @@ def test_holes_read_as_zero_and_the_end_is_the_end(operator: Operator) -> None:
     "command",
     [Command.MOVE, Command.APPROACH, Command.RUN, Command.RETRACT, Command.CLEAR, Command.HOME],
 )
-def test_a_command_that_idle_does_not_allow_is_refused(
-    operator: Operator, command: Command
-) -> None:
+def test_a_command_not_allowed_in_idle_is_refused(operator: Operator, command: Command) -> None:
     async def main() -> None:
         await operator.poll()
         before = operator.states[-1]
@@ -154,7 +154,7 @@ def test_a_command_that_idle_does_not_allow_is_refused(
     operator.run(main())
 
 
-def test_a_repeated_command_with_the_same_sequence_is_executed_once(operator: Operator) -> None:
+def test_a_command_with_a_repeated_sequence_is_executed_once(operator: Operator) -> None:
     async def main() -> None:
         sequence = operator.drum._next_sequence()
         for _ in range(2):
@@ -167,7 +167,7 @@ def test_a_repeated_command_with_the_same_sequence_is_executed_once(operator: Op
     operator.run(main())
 
 
-def test_an_idle_rig_shows_an_unpressed_unfaulted_bench(operator: Operator) -> None:
+def test_an_idle_rig_has_no_force_and_no_fault(operator: Operator) -> None:
     async def main() -> None:
         state = await operator.poll()
         assert state.status_bits >> Status.ESTOP_CLOSED & 1
@@ -177,7 +177,7 @@ def test_an_idle_rig_shows_an_unpressed_unfaulted_bench(operator: Operator) -> N
     operator.run(main())
 
 
-def test_frames_come_at_the_boards_own_thousand_hertz_and_none_is_lost(operator: Operator) -> None:
+def test_frames_arrive_at_the_boards_1000_hz_without_loss(operator: Operator) -> None:
     seconds = 5.0
     truth_ppm = operator.clocks_ppm["taxels"]
 
@@ -218,7 +218,7 @@ def test_every_load_cell_sample_arrives_once_at_slow_polls_too(operator: Operato
     assert periods_us.min() > 9_000
 
 
-def test_the_boards_clock_runs_as_fast_as_its_resonator(operator: Operator) -> None:
+def test_the_boards_clock_has_the_error_of_its_resonator(operator: Operator) -> None:
     async def main() -> None:
         operator.clear_record()
         await operator.watch(4.0)

@@ -1,4 +1,4 @@
-"""Faults of a bench on both kinds of boards; each leaves a safe drum."""
+"""Faults of a bench leave a safe drum, on both kinds of boards."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ async def _settle(operator: Operator) -> None:
     await operator.poll(False)
 
 
-async def faulted(operator: Operator, within_s: float = 0.5) -> float:
+async def wait_for_fault(operator: Operator, within_s: float = 0.5) -> float:
     """Poll every 5 ms until a fault is latched; return the seconds."""
     start_s = operator.now_s
     while not (await operator.poll()).fault:
@@ -55,7 +55,7 @@ def true_speed_mm_s(operator: Operator) -> float:
     return float(operator.simulation.truth.arrays().speed_mm_s[-1])
 
 
-async def lifted_then_off(operator: Operator, cause: Fault) -> None:
+async def check_lift_then_off(operator: Operator, cause: Fault) -> None:
     """Check that the fault lifts the drum, for a set time, and then switches everything off."""
     assert (operator.state, operator.fault) == (State.FAULT_LIFT, cause)
     off = await operator.until_state(State.FAULT_OFF, LIFT_LIMIT_S)
@@ -104,13 +104,13 @@ def test_an_open_emergency_stop_forbids_to_arm(operator: Operator) -> None:
 
 
 @pytest.mark.parametrize("state", [State.HOLD, State.RUN])
-def test_too_much_force_lifts_at_once(operator: Operator, state: State) -> None:
+def test_too_much_force_lifts_immediately(operator: Operator, state: State) -> None:
     async def main() -> None:
         await operator.reach(state)
         operator.faults.push(1500.0)
-        assert await faulted(operator) < 0.1
+        assert await wait_for_fault(operator) < 0.1
         operator.faults.push(0.0)
-        await lifted_then_off(operator, Fault.OVER_FORCE)
+        await check_lift_then_off(operator, Fault.OVER_FORCE)
 
     operator.run(main())
 
@@ -133,9 +133,9 @@ def test_a_load_cell_that_fails_lifts(
         await operator.watch(0.2)
         break_it = getattr(operator.faults, what.name.lower())
         break_it(True)
-        assert await faulted(operator, 1.0) < within_s
+        assert await wait_for_fault(operator, 1.0) < within_s
         assert operator.states[-1].fault_bits >> what & 1
-        await lifted_then_off(operator, what)
+        await check_lift_then_off(operator, what)
         with pytest.raises(CommandRefused):
             await operator.drum.command(Command.CLEAR)
         break_it(False)
@@ -182,7 +182,7 @@ def test_no_contact_within_the_travel_allowed_is_a_fault(operator: Operator) -> 
         await operator.until(lambda state: state.fault != Fault.NONE)
         assert FAULT_TEXT[operator.fault].startswith("no contact within the set travel")
         await operator.drum.set(approach_limit_um=30000)
-        await lifted_then_off(operator, Fault.NO_CONTACT)
+        await check_lift_then_off(operator, Fault.NO_CONTACT)
 
     operator.run(main())
 
@@ -201,7 +201,7 @@ def test_a_stop_while_running_lifts_and_leaves_the_drum_armed(operator: Operator
     operator.run(main())
 
 
-def test_a_pulled_drum_cable_is_detected_and_the_drum_lifts_by_itself(operator: Operator) -> None:
+def test_a_pulled_drum_cable_is_detected_and_the_drum_lifts(operator: Operator) -> None:
     async def main() -> None:
         await operator.reach(State.RUN)
         boots = operator.drum.identity.boot_count

@@ -1,4 +1,4 @@
-"""Broken taxels are named by the board's self-test, on both kinds of simulated boards."""
+"""The board's self-test names broken taxels, on both kinds of simulated boards."""
 
 from __future__ import annotations
 

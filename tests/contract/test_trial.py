@@ -107,7 +107,7 @@ def visited(states: list[DrumState]) -> list[State]:
 
 def test_the_states_follow_the_table(trial: Trial) -> None:
     way = visited(trial.states)
-    # A poll may miss a state that lasted less than its period, none of these does.
+    # Each of these states lasts longer than a poll's period, so no poll misses one.
     assert way[:2] == [State.IDLE, State.RETRACT]
     assert way[-6:] == [
         State.APPROACH,
@@ -120,14 +120,14 @@ def test_the_states_follow_the_table(trial: Trial) -> None:
     assert all(s.fault == 0 for s in trial.states)
 
 
-def test_home_finds_the_mark_and_move_goes_to_the_step(trial: Trial) -> None:
+def test_home_finds_the_mark_and_move_reaches_the_step(trial: Trial) -> None:
     approach = next(s for s in trial.states if s.state == State.APPROACH)
     assert approach.status_bits >> Status.HOMED & 1
     assert approach.steps == PLATE_START_MM / MM_PER_STEP
     assert approach.angle_deg == pytest.approx(9.0, abs=0.02)
 
 
-def test_the_tare_makes_the_lifted_drum_weigh_nothing(trial: Trial) -> None:
+def test_after_the_tare_the_lifted_drum_has_zero_force(trial: Trial) -> None:
     before_contact = [s for s in trial.states[: trial.run_from] if s.state < State.APPROACH]
     tared = [s for s in before_contact if s.status_bits >> Status.TARED & 1]
     assert abs(np.mean([x.force_g for s in tared for x in s.loadcell])) < 1.0
@@ -135,7 +135,7 @@ def test_the_tare_makes_the_lifted_drum_weigh_nothing(trial: Trial) -> None:
     assert abs(trial.states[-1].force_g) < 5.0
 
 
-def test_the_approach_stops_at_contact_and_never_presses_too_hard(trial: Trial) -> None:
+def test_the_approach_reaches_the_force_without_overshoot(trial: Trial) -> None:
     hold = next(s for s in trial.states if s.state == State.HOLD)
     assert hold.status_bits >> Status.IN_CONTACT & 1
     assert hold.status_bits >> Status.FORCE_SETTLED & 1
@@ -147,14 +147,14 @@ def test_commands_that_contact_does_not_allow_are_refused(trial: Trial) -> None:
     assert trial.refused == ["MOVE", "TARE", "HOME", "ARM", "CLEAR"]
 
 
-def test_force_and_speed_in_the_window_are_those_set(trial: Trial) -> None:
+def test_force_and_speed_in_the_window_are_the_set_values(trial: Trial) -> None:
     force, speed = trial.force_g[trial.window], trial.speed_mm_s[trial.window]
     assert abs(force.mean() / FORCE_G - 1) < 0.02
     assert abs(speed[1:-1].mean() / SPEED_MM_S - 1) < 0.001
     assert np.abs(speed[1:-1] / SPEED_MM_S - 1).max() < 0.05
 
 
-def test_sync_is_high_once_for_the_travel_set_after_the_run_in(trial: Trial) -> None:
+def test_sync_is_high_once_for_the_set_travel_after_the_run_in(trial: Trial) -> None:
     window = trial.window
     assert np.all(np.diff(window) == 1)
     travel_mm = trial.speed_mm_s[window].sum() * 1e-3
@@ -174,7 +174,7 @@ def test_the_board_reports_the_window(trial: Trial) -> None:
     assert steps * MM_PER_STEP > RUN_IN_MM + TRAVEL_MM
 
 
-def test_the_window_reaches_the_taxel_stream_to_the_sample(trial: Trial) -> None:
+def test_the_window_in_the_taxel_stream_is_exact_to_the_sample(trial: Trial) -> None:
     rows = trial.sample_window
     assert np.all(np.diff(rows) == 1)
     expected = TRAVEL_MM / SPEED_MM_S * 1000 * (1 + trial.taxels_ppm * 1e-6)
@@ -200,7 +200,7 @@ def test_no_frame_is_lost_and_no_load_cell_sample(trial: Trial) -> None:
     np.testing.assert_array_equal(np.diff(numbers), 1)
 
 
-def test_touch_raises_the_readings(trial: Trial) -> None:
+def test_contact_raises_the_readings(trial: Trial) -> None:
     touched = trial.samples[trial.sample_window].mean(axis=0)
     lifted = trial.samples[-50:].mean(axis=0)
     assert (touched > lifted + 10).sum() >= 9
@@ -216,7 +216,7 @@ def test_after_the_retract_the_drum_is_clear(trial: Trial) -> None:
 
 
 @pytest.mark.parametrize("end", ["start", "stop"])
-def test_ramps_have_the_acceleration_set(trial: Trial, end: str) -> None:
+def test_ramps_have_the_set_acceleration(trial: Trial, end: str) -> None:
     moving = np.flatnonzero(trial.speed_mm_s[trial.window[0] - 1000 : trial.window[-1] + 500])
     speed = trial.speed_mm_s[trial.window[0] - 1000 :][moving]
     ramp = speed[: np.argmax(speed >= 79)] if end == "start" else speed[::-1][:150]

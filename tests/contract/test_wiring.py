@@ -1,4 +1,4 @@
-"""A sensor soldered as drawn shows each taxel at its place, on both kinds of simulated boards."""
+"""A sensor wired as drawn has each taxel at its place, on both kinds of simulated boards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings from elsewhere: every format, every label, and a remark on every defect."""
+"""Imported recordings: every format, every label, and a report of every defect."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def ramp(n: int, step: float = 1.0) -> NDArray[np.float64]:
     return np.arange(n)[:, None] * step + np.array([0.0, 100.0, 200.0])
 
 
-def test_rows_between_milliseconds_are_joined_by_straight_lines(tmp_path: Path) -> None:
+def test_rows_between_milliseconds_are_interpolated_linearly(tmp_path: Path) -> None:
     time_ms = 5000.0 + np.arange(101) * 10.0
     file = write_csv(tmp_path / "cotton_-5cm_2.5N_3.csv", time_ms, ramp(101))
     folder, inspection = run_import(tmp_path, TIMED, [file])
@@ -132,7 +132,7 @@ def test_defects_of_time_are_reported_and_gaps_are_not_interpolated(tmp_path: Pa
         assert [(gap.first_counter, gap.count) for gap in window.gaps] == [(30, 3), (100, 50)]
 
 
-def test_empty_cells_leave_their_row_out(tmp_path: Path) -> None:
+def test_rows_with_empty_cells_are_skipped(tmp_path: Path) -> None:
     columns = ramp(50)
     columns[7, 0] = np.nan
     file = write_csv(tmp_path / "silk_6cm_5N_1.csv", np.arange(50.0), columns)
@@ -151,7 +151,7 @@ def test_a_gap_at_a_block_edge_is_a_gap(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def fast_csv(path: Path, hertz: float) -> Path:
-    """Half a second at 8 kHz: a slow wave, and one of so many hertz that folds back at 1 kHz."""
+    """Write half a second at 8 kHz: a slow wave, and a fast one that aliases at 1 kHz."""
     time_ms = np.arange(4000) / 8
     wave = 500 + 200 * np.sin(2 * np.pi * 20 * time_ms / 1000)
     fine = 200 * np.sin(2 * np.pi * hertz * time_ms / 1000)
@@ -159,7 +159,7 @@ def fast_csv(path: Path, hertz: float) -> Path:
 
 
 def spectrum(session: Path) -> NDArray[np.float64]:
-    """Amplitude in the file's units at each hertz, float64 (250, 3), ends of the trial left out."""
+    """Return the amplitude spectrum without the trial's ends, file's units, float64 (250, 3)."""
     with Session.open(session) as opened:
         samples = opened.samples(0)[:500].astype(float)
         data = [event.data for event in opened.events if event.kind == "scaling"]
@@ -167,12 +167,12 @@ def spectrum(session: Path) -> NDArray[np.float64]:
     return 2 * np.abs(np.fft.rfft(values, axis=0))[:250] / len(values)
 
 
-def test_rows_faster_than_1_khz_pass_a_low_pass_first(tmp_path: Path) -> None:
-    file = fast_csv(tmp_path / "silk_6cm_5N_1.csv", 900)  # would fold back to 100 Hz
+def test_rows_faster_than_1_khz_are_low_pass_filtered(tmp_path: Path) -> None:
+    file = fast_csv(tmp_path / "silk_6cm_5N_1.csv", 900)  # would alias to 100 Hz
     kept, inspection = run_import(tmp_path, TIMED, [file], "kept")
     assert "taken at 1 kHz behind a low-pass of 400 Hz" in inspection.remarks[-1]
     filtered = spectrum(kept)
-    assert filtered[10, 0] == pytest.approx(200, rel=0.02)  # 20 Hz stays: 2 Hz a line
+    assert filtered[10, 0] == pytest.approx(200, rel=0.02)  # 20 Hz passes; a line is 2 Hz
     assert filtered[50, 1] < 1.0
     raw, inspection = run_import(tmp_path, TIMED + "[quality]\nlow_pass_hz = 0\n", [file], "raw")
     assert "without a filter, as the map says" in inspection.remarks[-1]
@@ -192,7 +192,7 @@ def test_a_filter_stops_at_gaps(tmp_path: Path) -> None:
     assert set(np.unique(samples)) == {0, 65535}
 
 
-def test_the_session_says_what_a_reading_is(tmp_path: Path) -> None:
+def test_the_session_stores_the_unit_of_a_reading(tmp_path: Path) -> None:
     text = TIMED.replace('columns = ["a..c"]', 'columns = ["a..c"]\nunit = "mV"')
     plain = write_csv(tmp_path / "silk_6cm_5N_1.csv", np.arange(50.0), ramp(50))
     scaled = write_csv(tmp_path / "silk_6cm_5N_2.csv", np.arange(50.0), ramp(50) / 7)
@@ -209,7 +209,7 @@ def test_the_session_says_what_a_reading_is(tmp_path: Path) -> None:
             assert full.count_clipped(session.samples(0)).sum() == 0 and "0–65535" in full.source
 
 
-def test_separate_imports_can_share_a_scale_and_are_not_mixed_otherwise(tmp_path: Path) -> None:
+def test_separate_imports_are_combined_only_with_the_same_scale(tmp_path: Path) -> None:
     apart, alike = [], []
     for number in (1, 2):
         values = ramp(50) / 7 * number
@@ -261,7 +261,7 @@ def test_load_cell_and_extra_channels_are_imported(tmp_path: Path) -> None:
         assert file["values"].shape == (rows, 1)
 
 
-def test_files_without_number_are_numbered_and_sorted_by_condition(tmp_path: Path) -> None:
+def test_files_without_a_number_are_numbered_and_sorted_by_condition(tmp_path: Path) -> None:
     text = (
         "[files]\npattern = '(?P<texture>[a-z])'\n[labels]\nspeed_mm_s = 20\n"
         '[time]\nrate_hz = 500\n[taxels]\ncolumns = ["1", "3"]\n'

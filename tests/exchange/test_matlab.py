@@ -1,4 +1,4 @@
-"""MATLAB files with structures, cells and texts in them, of both formats."""
+"""MATLAB files of both formats with structures, cells and texts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MAP = PATTERN + (
 
 
 def write_73(path: Path, whole: dict[str, Any]) -> Path:
-    """As MATLAB lays out version 7.3: structures are groups, texts are numbers, axes are turned."""
+    """Write version 7.3 like MATLAB: structures as groups, texts as numbers, axes transposed."""
     with h5py.File(path, "w", userblock_size=512) as file:
         file.create_group("#refs#")
         _put(file, file, whole)
@@ -65,12 +65,12 @@ def _put(file: Any, group: Any, fields: dict[str, Any]) -> None:
 
 def _references(file: Any, items: list[Any]) -> Any:
     hidden = file["#refs#"]
-    found = []
+    references = []
     for item in items:
         name = f"x{len(hidden)}"
         _put(file, hidden, {name: item})
-        found.append([hidden[name].ref])
-    return np.array(found, h5py.ref_dtype)
+        references.append([hidden[name].ref])
+    return np.array(references, h5py.ref_dtype)
 
 
 def both(folder: Path, whole: dict[str, Any]) -> list[Path]:
@@ -122,7 +122,7 @@ def test_arrays_of_structures_and_cells_are_numbered_from_one(tmp_path: Path) ->
             np.testing.assert_array_equal(session.samples(0), TABLE)
 
 
-def test_what_a_matlab_file_lacks_is_named(tmp_path: Path) -> None:
+def test_missing_variables_are_named(tmp_path: Path) -> None:
     for number, path in enumerate(both(tmp_path, WHOLE)):
         for old, new, message in (
             ("run.skin1..run.skin3", "run.skin1..run.skin4", r"no column 'run\.skin4'"),

@@ -1,4 +1,4 @@
-"""Builds what the firmware tests run; several test processes may ask at the same time."""
+"""Build the images that the tests run, safely from several test processes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigctl.config.resources import checkout
 
 @cache
 def built(target: str) -> Path:
-    """Path of a file under ``build/`` that ``arduino/Makefile`` knows, up to date."""
+    """Build a target of ``arduino/Makefile``; return its path under ``build/``."""
     root = checkout()
     assert root is not None
     path = root / "build" / target

@@ -106,7 +106,7 @@ def page(rows: list[Row]) -> str:
             "no firmware.drum figures: run `python -m tests.benchmarks firmware` first"
         )
     taxels = [r for r in rows if r["name"].startswith(TAXELS)]
-    parts = [HEAD.format(run=said_of_run(drum)), "\n## Drum controller\n\n", table(drum, DRUM)]
+    parts = [HEAD.format(run=build_sentence(drum)), "\n## Drum controller\n\n", table(drum, DRUM)]
     parts += ["\n## Force over the plant's ranges\n\n", MAP_HEAD, force_map(rows)]
     if taxels:
         parts += ["\n## Taxel board\n\n", table(taxels, TAXELS)]
@@ -139,7 +139,7 @@ MAP_TABLE = (
 )
 
 
-def said_of_run(drum: Iterable[Row]) -> str:
+def build_sentence(drum: Iterable[Row]) -> str:
     """Return a sentence with the build of the image."""
     notes = [r["note"] for r in drum if "build " in r["note"]]
     build = notes[0].split("build ")[1].split(";")[0] if notes else "unknown"
@@ -174,9 +174,9 @@ def force_map(rows: Iterable[Row]) -> str:
     found = {r["name"].removeprefix(MAP): r for r in rows if r["name"].startswith(MAP)}
     lines = []
     for name, r in ((name, found[name]) for name in PLANTS if name in found):
-        said = r["note"].rsplit("; build/", 1)[0]
+        worst = r["note"].rsplit("; build/", 1)[0]
         grid = " | ".join(" ".join(r["cells"][force]) for force in forces)
-        lines.append(f"| {name} | {r['value']:.2f} | {grid} | {said} |\n")
+        lines.append(f"| {name} | {r['value']:.2f} | {grid} | {worst} |\n")
     return head + "".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""The boards' README and drawing say what the headers say, and the IDE can build both folders."""
+"""The README and drawing of the boards agree with the headers; the IDE can build both folders."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MEGA = {
     "PH4": "D7",
     "PH5": "D8",
 }
-"""Of the ATmega2560's ports, as printed on an Arduino Mega 2560 R3."""
+"""Pin names on an Arduino Mega 2560 R3 by port of the ATmega2560."""
 IDE_FLAGS = [
     "-c",
     "-g",
@@ -75,17 +75,17 @@ CORE = """
 typedef bool boolean;
 typedef uint8_t byte;
 """
-"""What the Arduino core's header would do to a sketch: its macros and types."""
+"""Macros and types of the Arduino core's header."""
 
 
 def table(heading: str) -> list[list[str]]:
-    """Cells of the first table behind a heading of the README."""
-    behind = README.split(heading, 1)[1]
-    rows = re.findall(r"(?:^\|.*\|\n)+", behind, re.MULTILINE)[0].splitlines()[2:]
+    """Return the cells of the first table after a heading of the README."""
+    section = README.split(heading, 1)[1]
+    rows = re.findall(r"(?:^\|.*\|\n)+", section, re.MULTILINE)[0].splitlines()[2:]
     return [[cell.strip(" `") for cell in row.strip("|").split("|")] for row in rows]
 
 
-def test_the_drums_pin_table_is_its_header() -> None:
+def test_the_drums_pin_table_agrees_with_its_header() -> None:
     header = (FOLDER / "drum" / "board.h").read_text(encoding="utf-8")
     pattern = r"constexpr uint8_t (\w+) = _BV\((P\w\d)\);\s*// (D\d+)"
     declared = {name: (pin, port) for name, port, pin in re.findall(pattern, header)}
@@ -96,7 +96,7 @@ def test_the_drums_pin_table_is_its_header() -> None:
     assert all(MEGA[port] == pin for pin, port in declared.values())
 
 
-def test_the_taxel_boards_pin_table_is_its_header() -> None:
+def test_the_taxel_boards_pin_table_agrees_with_its_header() -> None:
     header = (FOLDER / "taxels" / "board.h").read_text(encoding="utf-8")
     rows = {row[0]: (row[1], row[2]) for row in table("### Uno")}
     found = re.search(r"LINE_BIT\[LINES\] = \{([\d, ]+)\}", header)
@@ -112,12 +112,12 @@ def test_the_taxel_boards_pin_table_is_its_header() -> None:
         bit = int(mask, 16).bit_length() - 1
         expected[name.lower()] = (f"D{8 + bit}", f"PB{bit}")
     assert rows == expected
-    # The host names them in its sentences.
+    # The host uses these names in its messages.
     assert tuple(f"D{bit}" for bit in lines) == LINE_PINS
     assert tuple(f"A{n}" for n in inputs) == INPUT_PINS
 
 
-def test_the_default_order_of_taxels_is_that_of_the_table_and_of_the_drawing() -> None:
+def test_the_default_taxel_order_is_that_of_table_and_drawing() -> None:
     rows = [(row[0], row[-1]) for row in table("### Uno")]
     drawn = (FOLDER / "wiring.svg").read_text(encoding="utf-8")
     terminals = re.findall(r">((?:common|top|bottom)[^<]*: (?:row|column) \d)<", drawn)
@@ -129,11 +129,11 @@ def test_the_default_order_of_taxels_is_that_of_the_table_and_of_the_drawing() -
 
 
 SIGNALS = [*(f"line {i}" for i in (1, 2, 3)), *(f"input {i}" for i in range(1, 7))]
-"""Of the taxel board, in the order in which the drawing has them."""
+"""Signals of the taxel board in the order of the drawing."""
 
 
 def order_of(wires: list[tuple[str, str]]) -> tuple[int, ...]:
-    """The reading at each place, from what is said of each signal's other end."""
+    """Return the reading at each place, from the text on the other end of each signal."""
     lines, inputs = {}, {}
     for signal, end in wires:
         kind, _, number = signal.partition(" ")
@@ -149,7 +149,7 @@ def order_of(wires: list[tuple[str, str]]) -> tuple[int, ...]:
     return tuple(6 * lines[row] + inputs[top, column] for top, row, column in places)
 
 
-def test_the_drawing_is_as_the_headers_say() -> None:
+def test_the_drawing_agrees_with_the_headers() -> None:
     command = [sys.executable, str(FOLDER / "wiring.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
@@ -184,7 +184,7 @@ def test_a_sketch_builds_as_the_ide_builds_it(board: str, mcu: str, tmp_path: Pa
     assert subprocess.run(budgets, capture_output=True, check=False).returncode == 0
 
 
-def test_the_image_for_the_bench_is_intel_hex_without_eeprom() -> None:
+def test_the_image_to_flash_is_intel_hex_without_eeprom() -> None:
     lines = built("firmware/taxels.hex").read_text().splitlines()
     assert lines[-1] == ":00000001FF"
     highest = max(int(line[3:7], 16) for line in lines if line[7:9] == "00")

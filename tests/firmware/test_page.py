@@ -1,4 +1,4 @@
-"""The page of the firmware's figures: rendered from rows, and true to controls and table."""
+"""The page of the firmware's figures is rendered from rows, and its tables are up to date."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROWS = [
 ]
 
 
-def test_rows_become_lines_with_units_shares_and_peers() -> None:
+def test_rows_are_rendered_with_units_percentages_and_peers() -> None:
     text = page.page(ROWS)
     assert "| `idle_share` | 61.74 % | ≥ 60 % | asleep |" in text
     assert "10,240 steps/s" in text and "30,000 steps/s, grbl" in text
@@ -31,18 +31,20 @@ def test_rows_become_lines_with_units_shares_and_peers() -> None:
     assert "| lag 50 ms | 0.46 | · · · · m | · · · · · | so · · · · | all kept |" in text
 
 
-def test_a_trial_that_misses_something_is_marked_with_what() -> None:
+def test_a_trial_has_a_mark_for_each_missed_limit() -> None:
     kept = Cell(40, 250, settle_s=0.5, approach_peak=0.02, mean_error=-0.004)
     elsewhere = Cell(40, 250, settle_s=0.5, approach_peak=0.06, mean_error=-0.004)
     missed = Cell(120, 250, settle_s=1.2, approach_peak=0.16, mean_error=-0.05)
     fault = Cell(40, 500, fault="ACTUATOR_END")
     assert marks([kept, missed, fault]) == {"250 g": ["·", "som"], "500 g": ["f"], "1000 g": []}
     assert marks([kept, missed, elsewhere])["250 g"] == ["o", "som"]
-    assert missed.told == "120 mm/s 250 g settles in 1.20 s, overshoots 16.0%, mean off -5.0%"
-    assert not kept.told and "ACTUATOR_END" in fault.told
+    assert (
+        missed.missed_text == "120 mm/s 250 g settles in 1.20 s, overshoots 16.0%, mean off -5.0%"
+    )
+    assert not kept.missed_text and "ACTUATOR_END" in fault.missed_text
 
 
-def test_plants_whose_force_wanders_are_named() -> None:
+def test_plants_with_a_drifting_force_are_named() -> None:
     steady, late = np.full(10, 0.001), np.array([*[0.0] * 9, 0.012])
     rows = {r["name"]: r for r in drift_rows({"": steady, "soft": -steady, "hard": late})}
     assert rows["firmware.drum.force_drift"]["value"] == 0
@@ -57,7 +59,7 @@ def test_without_figures_there_is_no_page() -> None:
         page.page([])
 
 
-def test_the_page_in_the_docs_knows_the_controls_and_the_cells_of_today() -> None:
+def test_the_page_in_the_docs_has_the_current_controls_and_cells() -> None:
     root = checkout()
     assert root is not None
     text = (root / "docs/reference/firmware.md").read_text(encoding="utf-8")

@@ -15,7 +15,7 @@ from shiboken6 import delete
 
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Bench, SharedWindow, wait_until
+from tests.gui.steps import Harness, SharedWindow, wait_until
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -61,12 +61,12 @@ def disconnected(shared: SharedWindow, engine: FakeEngine) -> Iterator[SharedWin
 
 
 @pytest.fixture
-def bench(disconnected: SharedWindow, engine: FakeEngine) -> Iterator[Bench]:
+def harness(disconnected: SharedWindow, engine: FakeEngine) -> Iterator[Harness]:
     """Yield the shared window, connected to the engine."""
     window = disconnected.window
     window.connect_rig("virtual")
     wait_until(lambda: window.engine_link.live is not None)
-    yield Bench(window, engine)
+    yield Harness(window, engine)
     window.engine_link.close()
     window.engine_link.wait_closed()
     assert engine.is_closed

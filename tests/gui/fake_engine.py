@@ -1,4 +1,4 @@
-"""An engine without a rig: records requests, sends what the test wants, writes real live data."""
+"""An engine without a rig that records requests, sends scripted messages and writes live data."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class SharedWindow:
         return self.engine
 
 
-class Bench(NamedTuple):
+class Harness(NamedTuple):
     """A window and its engine."""
 
     window: MainWindow

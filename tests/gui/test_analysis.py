@@ -15,7 +15,7 @@ from rigctl.analysis.classification import sweep_engines
 from rigctl.analysis.features import representations
 from rigctl.analysis.paper import tasks
 from tests.analysis.recordings import record
-from tests.gui.steps import Bench, click, wait_until
+from tests.gui.steps import Harness, click, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -25,19 +25,19 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def opened(bench: Bench, session: Path) -> Bench:
+def opened(harness: Harness, session: Path) -> Harness:
     """Return the window with that session open."""
-    bench.window.tabs.setCurrentIndex(2)
-    panel = bench.window.analysis_tab.panel
+    harness.window.tabs.setCurrentIndex(2)
+    panel = harness.window.analysis_tab.panel
     panel.run_box.method.setCurrentIndex(0)
     panel.folder.setText(str(session))
     click(panel.open_button)
-    wait_until(lambda: not bench.window.analysis_tab.worker.is_busy)
-    assert bench.window.analysis_tab.trial_view.data is not None
-    return bench
+    wait_until(lambda: not harness.window.analysis_tab.worker.is_busy)
+    assert harness.window.analysis_tab.trial_view.data is not None
+    return harness
 
 
-def test_trials_and_spikes_of_first_trial_are_shown(opened: Bench) -> None:
+def test_trials_and_spikes_of_first_trial_are_shown(opened: Harness) -> None:
     panel, view = opened.window.analysis_tab.panel, opened.window.analysis_tab.trial_view
     assert panel.model.rowCount() == 48
     assert "48 of 48 trials committed, simulated rig" in panel.about.text()
@@ -47,13 +47,13 @@ def test_trials_and_spikes_of_first_trial_are_shown(opened: Bench) -> None:
     assert view.data.title.startswith("Trial 1: plate A")
 
 
-def test_another_trial_can_be_chosen(opened: Bench) -> None:
+def test_another_trial_can_be_chosen(opened: Harness) -> None:
     opened.window.analysis_tab.panel.table.selectRow(30)
     view = opened.window.analysis_tab.trial_view
     wait_until(lambda: view.data is not None and view.data.title.startswith("Trial 31"))
 
 
-def test_classify_shows_a_sentence_and_a_figure(opened: Bench, session: Path) -> None:
+def test_classify_shows_a_sentence_and_a_figure(opened: Harness, session: Path) -> None:
     panel = opened.window.analysis_tab.panel
     click(panel.run_box.run_button)
     assert not panel.run_box.run_button.isEnabled() and panel.run_box.cancel_button.isEnabled()
@@ -63,7 +63,7 @@ def test_classify_shows_a_sentence_and_a_figure(opened: Bench, session: Path) ->
     assert panel.run_box.run_button.isEnabled() and not panel.run_box.cancel_button.isEnabled()
 
 
-def test_classify_can_be_cancelled(opened: Bench) -> None:
+def test_classify_can_be_cancelled(opened: Harness) -> None:
     panel = opened.window.analysis_tab.panel
     click(panel.run_box.run_button)
     click(panel.run_box.cancel_button)
@@ -71,12 +71,12 @@ def test_classify_can_be_cancelled(opened: Bench) -> None:
     assert "cancelled" in opened.window.event_log.toPlainText()
 
 
-def test_folder_without_session_is_refused(bench: Bench, tmp_path: Path) -> None:
-    bench.window.tabs.setCurrentIndex(2)
-    panel = bench.window.analysis_tab.panel
+def test_folder_without_session_is_refused(harness: Harness, tmp_path: Path) -> None:
+    harness.window.tabs.setCurrentIndex(2)
+    panel = harness.window.analysis_tab.panel
     panel.folder.setText(str(tmp_path))
     click(panel.open_button)
-    wait_until(lambda: str(tmp_path) in bench.window.status_line.text())
+    wait_until(lambda: str(tmp_path) in harness.window.status_line.text())
 
 
 def choose(box: QComboBox, text: str) -> None:
@@ -97,7 +97,7 @@ def page_text(view: ResultsView, name: str) -> str:
     return page.toPlainText()
 
 
-def test_paper_analysis_has_options_of_command_line(opened: Bench, session: Path) -> None:
+def test_paper_analysis_has_options_of_command_line(opened: Harness, session: Path) -> None:
     box, tab = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab
     choose(box.method, "The paper's analysis")
     assert box.run_button.text() == "Analyse" and box.form.isVisible()
@@ -140,7 +140,7 @@ def test_paper_analysis_has_options_of_command_line(opened: Bench, session: Path
     assert opened.window.stack.currentWidget() is view
 
 
-def test_cancelled_analysis_leaves_no_files(opened: Bench, session: Path) -> None:
+def test_cancelled_analysis_leaves_no_files(opened: Harness, session: Path) -> None:
     box, tab = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab
     choose(box.method, "The paper's analysis")
     before = sorted(path.name for path in session.parent.iterdir())
@@ -152,7 +152,7 @@ def test_cancelled_analysis_leaves_no_files(opened: Bench, session: Path) -> Non
     assert box.run_button.isEnabled() and box.form.isEnabled()
 
 
-def test_failed_analysis_shows_the_reason(opened: Bench, tmp_path: Path) -> None:
+def test_failed_analysis_shows_the_reason(opened: Harness, tmp_path: Path) -> None:
     box, panel = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab.panel
     choose(box.method, "A trained model")
     box.model.setText(str(tmp_path / "none.h5"))

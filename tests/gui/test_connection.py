@@ -13,7 +13,7 @@ from gui.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost, WrongUse
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Bench, SharedWindow, click, wait_until
+from tests.gui.steps import Harness, SharedWindow, click, wait_until
 
 
 def test_connect_button_opens_the_chosen_rig(disconnected: SharedWindow) -> None:
@@ -87,20 +87,20 @@ def test_closing_during_connection_leaves_no_engine(app: QApplication, tmp_path:
     assert engine.is_closed
 
 
-def test_end_of_the_engine_is_reported(bench: Bench) -> None:
-    bench.update()
-    bench.engine.failure = LinkLost("the engine ended (it closed the connection)")
-    bench.window.poll()
-    assert "the engine ended" in bench.window.status_line.text()
-    assert bench.window.toolbar.connect_button.text() == "Connect"
-    assert not any(button.isEnabled() for button in bench.window.operate_panel.buttons.values())
+def test_end_of_the_engine_is_reported(harness: Harness) -> None:
+    harness.update()
+    harness.engine.failure = LinkLost("the engine ended (it closed the connection)")
+    harness.window.poll()
+    assert "the engine ended" in harness.window.status_line.text()
+    assert harness.window.toolbar.connect_button.text() == "Connect"
+    assert not any(button.isEnabled() for button in harness.window.operate_panel.buttons.values())
 
 
-def test_silent_engine_turns_the_recording_lamp_bad(bench: Bench) -> None:
-    bench.update(recording={"active": True, "samples_last_s": 1000, "folder": "/s"})
-    assert bench.window.toolbar.recording_lamp.level is Level.OK
-    wait_until(lambda: bench.window.toolbar.recording_lamp.level is Level.BAD)
-    assert "does not answer" in bench.window.status_line.text()
+def test_silent_engine_turns_the_recording_lamp_bad(harness: Harness) -> None:
+    harness.update(recording={"active": True, "samples_last_s": 1000, "folder": "/s"})
+    assert harness.window.toolbar.recording_lamp.level is Level.OK
+    wait_until(lambda: harness.window.toolbar.recording_lamp.level is Level.BAD)
+    assert "does not answer" in harness.window.status_line.text()
 
 
 @pytest.mark.parametrize(
@@ -113,19 +113,19 @@ def test_silent_engine_turns_the_recording_lamp_bad(bench: Bench) -> None:
     ],
 )
 def test_recording_lamp_shows_the_recording(
-    bench: Bench, recording: dict[str, object], level: Level, title: str
+    harness: Harness, recording: dict[str, object], level: Level, title: str
 ) -> None:
-    bench.update(recording=recording)
-    assert bench.window.toolbar.recording_lamp.level is level
-    assert bench.window.toolbar.recording.text() == title
+    harness.update(recording=recording)
+    assert harness.window.toolbar.recording_lamp.level is level
+    assert harness.window.toolbar.recording.text() == title
 
 
-def test_run_without_recording_turns_the_lamp_bad(bench: Bench) -> None:
+def test_run_without_recording_turns_the_lamp_bad(harness: Harness) -> None:
     for _ in range(20):
-        bench.update(run={"state": "running"}, recording={"active": False, "folder": "/s"})
-    assert bench.window.toolbar.recording_lamp.level is Level.BAD
-    bench.update(run={"state": "prompt"})
-    assert bench.window.toolbar.recording_lamp.level is Level.OFF
+        harness.update(run={"state": "running"}, recording={"active": False, "folder": "/s"})
+    assert harness.window.toolbar.recording_lamp.level is Level.BAD
+    harness.update(run={"state": "prompt"})
+    assert harness.window.toolbar.recording_lamp.level is Level.OFF
 
 
 def test_run_continues_without_the_window(app: QApplication, tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_run_continues_without_the_window(app: QApplication, tmp_path: Path) -> 
     window = MainWindow(lambda rig, world: engine)
     window.connect_rig("virtual")
     wait_until(lambda: window.engine_link.live is not None)
-    Bench(window, engine).update(run={"state": "running"})
+    Harness(window, engine).update(run={"state": "running"})
     window.close()
     delete(window)
     assert engine.is_closed and not engine.shut

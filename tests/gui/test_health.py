@@ -11,7 +11,7 @@ from gui.live.health import board_lines, readings
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
-from tests.gui.steps import Bench
+from tests.gui.steps import Harness
 
 
 def _read(**changes: Any) -> dict[str, Any]:
@@ -58,18 +58,18 @@ def test_disk_is_judged_by_the_remaining_time() -> None:
     assert _read(recording=recording)["disk"].level is Level.BAD
 
 
-def test_bad_is_shown_in_words_and_shape(bench: Bench) -> None:
-    bench.update(gaps=1)
-    cell = bench.window.health_strip.cells["gaps"]
+def test_bad_is_shown_in_words_and_shape(harness: Harness) -> None:
+    harness.update(gaps=1)
+    cell = harness.window.health_strip.cells["gaps"]
     assert cell.verdict.text() == "BAD"
     assert cell.lamp.level is Level.BAD
 
 
-def test_late_tick_is_a_warning_in_words_and_shape(bench: Bench) -> None:
+def test_late_tick_is_a_warning_in_words_and_shape(harness: Harness) -> None:
     boards = deepcopy(STATUS["boards"])
     boards["taxels"]["late_ticks"] = 3
-    bench.update(boards=boards)
-    cell = bench.window.health_strip.cells["ticks"]
+    harness.update(boards=boards)
+    cell = harness.window.health_strip.cells["ticks"]
     assert (cell.value.text(), cell.verdict.text()) == ("3 late, 25 µs", "WARN")
     assert cell.lamp.level is Level.WARN
     assert "taxels: 3 late ticks, longest interrupt 22.56 µs, idle 52.5 %" in cell.toolTip()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gui.protocol.protocol_panel import ProtocolPanel
-from tests.gui.steps import Bench, click, wait_until
+from tests.gui.steps import Harness, click, wait_until
 
 RUN = {
     "state": "running",
@@ -19,74 +19,76 @@ RUN = {
 }
 
 
-def _panel(bench: Bench) -> ProtocolPanel:
-    bench.window.tabs.setCurrentIndex(1)
-    panel = bench.window.protocol_panel
+def _panel(harness: Harness) -> ProtocolPanel:
+    harness.window.tabs.setCurrentIndex(1)
+    panel = harness.window.protocol_panel
     if panel.protocol.currentText() != "quick":
         panel.protocol.setCurrentIndex(panel.protocol.findText("quick"))
-    wait_planned(bench)
+    wait_planned(harness)
     return panel
 
 
-def wait_planned(bench: Bench) -> None:
+def wait_planned(harness: Harness) -> None:
     """Wait for the plan of the chosen protocol."""
-    wait_until(lambda: not bench.window.protocol_panel.worker.is_busy)
+    wait_until(lambda: not harness.window.protocol_panel.worker.is_busy)
 
 
-def test_the_quick_protocol_is_offered_with_its_count(bench: Bench) -> None:
-    panel = _panel(bench)
+def test_the_quick_protocol_is_offered_with_its_count(harness: Harness) -> None:
+    panel = _panel(harness)
     assert panel.protocol.currentText() == "quick"
     assert int(panel.plan_rows["Trials"].text()) > 0
     assert panel.plan_rows["Disk space"].text().endswith("MB")
 
 
-def test_start_sends_file_folder_and_seed(bench: Bench, tmp_path: Path) -> None:
-    panel = _panel(bench)
+def test_start_sends_file_folder_and_seed(harness: Harness, tmp_path: Path) -> None:
+    panel = _panel(harness)
     panel.out.setText(str(tmp_path))
     panel.seed.setValue(7)
-    wait_planned(bench)
-    bench.update()
+    wait_planned(harness)
+    harness.update()
     click(panel.buttons["Start"])
-    command, args = bench.engine.requests[-1]
+    command, args = harness.engine.requests[-1]
     assert command == "start" and args["seed"] == 7 and args["yes"] is False
     assert args["protocol"].endswith("quick.toml")
     assert Path(args["out"]).parent == tmp_path
 
 
-def test_interrupted_session_continues(bench: Bench, tmp_path: Path) -> None:
-    panel = _panel(bench)
-    bench.update(run={"state": "running"})
+def test_interrupted_session_continues(harness: Harness, tmp_path: Path) -> None:
+    panel = _panel(harness)
+    harness.update(run={"state": "running"})
     assert not panel.continue_button.isEnabled()
-    bench.update(run={"state": "idle"})
+    harness.update(run={"state": "idle"})
     click(panel.continue_button)
-    dialog = bench.window.file_browser.dialog
+    dialog = harness.window.file_browser.dialog
     assert dialog is not None
     dialog.fileSelected.emit(str(tmp_path))
-    assert bench.engine.requests[-1] == ("start", {"resume": str(tmp_path), "yes": False})
+    assert harness.engine.requests[-1] == ("start", {"resume": str(tmp_path), "yes": False})
 
 
-def test_invalid_protocol_cannot_start_and_shows_the_reason(bench: Bench, tmp_path: Path) -> None:
-    panel = _panel(bench)
+def test_invalid_protocol_does_not_start_and_shows_the_reason(
+    harness: Harness, tmp_path: Path
+) -> None:
+    panel = _panel(harness)
     bad = tmp_path / "bad.toml"
     bad.write_text('textures = ["A"]\nspeed_mm_s = [80]\n')
     panel.add_protocol(str(bad))
-    wait_planned(bench)
-    bench.update()
+    wait_planned(harness)
+    harness.update()
     assert "bad.toml" in panel.problem.text()
     assert not panel.buttons["Start"].isEnabled()
 
 
-def test_progress_is_that_of_the_engine(bench: Bench) -> None:
-    panel = _panel(bench)
-    bench.update(run=RUN)
+def test_progress_is_that_of_the_engine(harness: Harness) -> None:
+    panel = _panel(harness)
+    harness.update(run=RUN)
     assert panel.run_rows["Progress"].text() == "37 of 96 trials, 6 min 40 s left"
     assert panel.run_rows["Trial"].text() == "#38: C, 80 mm/s, 500 g, repeat 2"
     assert panel.run_rows["Session"].text() == "quick-20260101"
     assert panel.bar.value() == 37 and panel.bar.maximum() == 96
 
 
-def test_buttons_follow_the_run(bench: Bench) -> None:
-    panel = _panel(bench)
+def test_buttons_follow_the_run(harness: Harness) -> None:
+    panel = _panel(harness)
     for state, offered in (
         ("idle", {"Start"}),
         ("running", {"Pause", "Abort"}),
@@ -94,39 +96,39 @@ def test_buttons_follow_the_run(bench: Bench) -> None:
         ("prompt", {"Abort"}),
         ("done", {"Start"}),
     ):
-        bench.update(run={"state": state})
+        harness.update(run={"state": state})
         assert {n for n, b in panel.buttons.items() if b.isEnabled()} == offered
 
 
-def test_pause_resume_abort_reach_the_engine(bench: Bench) -> None:
-    panel = _panel(bench)
-    bench.update(run={**RUN, "state": "running"})
+def test_pause_resume_abort_reach_the_engine(harness: Harness) -> None:
+    panel = _panel(harness)
+    harness.update(run={**RUN, "state": "running"})
     click(panel.buttons["Pause"])
-    bench.update(run={"state": "paused", "reasons": ["operator"]})
+    harness.update(run={"state": "paused", "reasons": ["operator"]})
     assert panel.state.text() == "Paused, drum lifted (operator)"
     click(panel.buttons["Resume"])
     click(panel.buttons["Abort"])
-    assert bench.engine.commands == ["pause", "resume", "abort"]
+    assert harness.engine.commands == ["pause", "resume", "abort"]
 
 
-def test_prompt_is_answered_in_the_window(bench: Bench) -> None:
+def test_prompt_is_answered_in_the_window(harness: Harness) -> None:
     prompt = {"id": 4, "text": "Mount plate B, then confirm.", "texture": "B"}
-    bench.update(run={"state": "prompt", "prompt": prompt})
-    assert bench.window.prompt_panel.text.text() == "Mount plate B, then confirm."
-    click(bench.window.prompt_panel.confirm)
-    assert bench.engine.requests[-1] == ("answer", {"prompt_id": 4, "answer": "ok"})
-    bench.update(run={"state": "running", "prompt": None})
-    assert bench.window.prompt_panel.isHidden()
+    harness.update(run={"state": "prompt", "prompt": prompt})
+    assert harness.window.prompt_panel.text.text() == "Mount plate B, then confirm."
+    click(harness.window.prompt_panel.confirm)
+    assert harness.engine.requests[-1] == ("answer", {"prompt_id": 4, "answer": "ok"})
+    harness.update(run={"state": "running", "prompt": None})
+    assert harness.window.prompt_panel.isHidden()
 
 
-def test_prompt_can_abort_the_run(bench: Bench) -> None:
-    bench.update(run={"state": "prompt", "prompt": {"id": 5, "text": "?", "texture": None}})
-    click(bench.window.prompt_panel.abort)
-    assert bench.engine.requests[-1] == ("answer", {"prompt_id": 5, "answer": "abort"})
+def test_prompt_can_abort_the_run(harness: Harness) -> None:
+    harness.update(run={"state": "prompt", "prompt": {"id": 5, "text": "?", "texture": None}})
+    click(harness.window.prompt_panel.abort)
+    assert harness.engine.requests[-1] == ("answer", {"prompt_id": 5, "answer": "abort"})
 
 
-def test_time_since_the_last_trial_is_shown(bench: Bench) -> None:
-    bench.update(run={**RUN, "trials_committed": 0})
-    assert bench.window.health_strip.cells["trial"].value.text() == "–"
-    bench.update(run={**RUN, "trials_committed": 1})
-    assert bench.window.health_strip.cells["trial"].value.text().endswith("ago")
+def test_time_since_the_last_trial_is_shown(harness: Harness) -> None:
+    harness.update(run={**RUN, "trials_committed": 0})
+    assert harness.window.health_strip.cells["trial"].value.text() == "–"
+    harness.update(run={**RUN, "trials_committed": 1})
+    assert harness.window.health_strip.cells["trial"].value.text().endswith("ago")

@@ -21,7 +21,7 @@ from rigctl.acquisition.rpc.engine_files import (
 )
 from rigctl.acquisition.rpc.server import open_listener
 from rigctl.wire.drum.states import State
-from tests.gui.steps import Bench, click, press_escape, wait_until
+from tests.gui.steps import Harness, click, press_escape, wait_until
 
 LONG = """
 name = "long"
@@ -32,123 +32,123 @@ repeats = 500
 """
 
 
-def test_button_stops(bench: Bench) -> None:
-    click(bench.window.toolbar.stop_button)
-    assert bench.engine.commands == ["stop"]
+def test_button_stops(harness: Harness) -> None:
+    click(harness.window.toolbar.stop_button)
+    assert harness.engine.commands == ["stop"]
 
 
-def test_button_stops_in_every_state(bench: Bench) -> None:
+def test_button_stops_in_every_state(harness: Harness) -> None:
     for state in State:
-        bench.update(state=int(state))
-        click(bench.window.toolbar.stop_button)
-    assert bench.engine.commands == ["stop"] * len(State)
+        harness.update(state=int(state))
+        click(harness.window.toolbar.stop_button)
+    assert harness.engine.commands == ["stop"] * len(State)
 
 
-def test_escape_stops_from_a_spin_box(bench: Bench) -> None:
-    box = bench.window.operate_panel.speed
+def test_escape_stops_from_a_spin_box(harness: Harness) -> None:
+    box = harness.window.operate_panel.speed
     box.setFocus()
     press_escape(box)
-    assert bench.engine.commands == ["stop"]
+    assert harness.engine.commands == ["stop"]
 
 
-def test_escape_stops_from_a_text_field_and_a_list(bench: Bench) -> None:
-    bench.window.tabs.setCurrentIndex(1)
-    press_escape(bench.window.protocol_panel.out)
-    press_escape(bench.window.protocol_panel.protocol)
-    assert bench.engine.commands == ["stop", "stop"]
+def test_escape_stops_from_a_text_field_and_a_list(harness: Harness) -> None:
+    harness.window.tabs.setCurrentIndex(1)
+    press_escape(harness.window.protocol_panel.out)
+    press_escape(harness.window.protocol_panel.protocol)
+    assert harness.engine.commands == ["stop", "stop"]
 
 
-def test_escape_stops_and_closes_an_open_menu(bench: Bench) -> None:
-    menu = bench.window.menuBar().findChild(QMenu)
+def test_escape_stops_and_closes_an_open_menu(harness: Harness) -> None:
+    menu = harness.window.menuBar().findChild(QMenu)
     assert menu is not None
-    menu.popup(bench.window.mapToGlobal(QPoint(5, 30)))
+    menu.popup(harness.window.mapToGlobal(QPoint(5, 30)))
     wait_until(menu.isVisible)
     press_escape(menu)
-    assert bench.engine.commands == ["stop"]
+    assert harness.engine.commands == ["stop"]
     assert not menu.isVisible()
 
 
-def test_escape_stops_from_an_open_list(bench: Bench) -> None:
-    bench.update()
-    plate = bench.window.operate_panel.bench.plate
+def test_escape_stops_from_an_open_list(harness: Harness) -> None:
+    harness.update()
+    plate = harness.window.operate_panel.bench.plate
     plate.showPopup()
     press_escape(plate.view())
     plate.hidePopup()
-    assert set(bench.engine.commands) == {"stop"}
+    assert set(harness.engine.commands) == {"stop"}
 
 
-def test_escape_stops_from_the_file_browser_which_covers_nothing(bench: Bench) -> None:
-    window = bench.window
+def test_escape_stops_from_the_file_browser_which_covers_nothing(harness: Harness) -> None:
+    window = harness.window
     window.tabs.setCurrentIndex(1)
     window.protocol_panel.out_button.click()
     dialog = window.file_browser.dialog
     assert dialog is not None and not dialog.isModal() and not dialog.isWindow()
     press_escape(dialog)
-    assert bench.engine.commands == ["stop"]
+    assert harness.engine.commands == ["stop"]
     assert QApplication.activeModalWidget() is None
     place = window.toolbar.stop_button.mapTo(window, window.toolbar.stop_button.rect().center())
     assert window.childAt(place) is window.toolbar.stop_button
     window.file_browser.dismiss()
 
 
-def test_a_prompt_leaves_stop_uncovered(bench: Bench) -> None:
+def test_a_prompt_leaves_stop_uncovered(harness: Harness) -> None:
     prompt = {"id": 3, "text": "Mount plate B, then confirm.", "texture": "B"}
-    bench.update(run={"state": "prompt", "prompt": prompt})
-    window = bench.window
+    harness.update(run={"state": "prompt", "prompt": prompt})
+    window = harness.window
     assert window.prompt_panel.isVisibleTo(window)
     place = window.toolbar.stop_button.mapTo(window, window.toolbar.stop_button.rect().center())
     assert window.childAt(place) is window.toolbar.stop_button
 
 
-def test_unanswered_stop_is_reported(bench: Bench) -> None:
-    bench.engine.replies = False
-    click(bench.window.toolbar.stop_button)
-    wait_until(lambda: "press the emergency stop" in bench.window.status_line.text())
+def test_unanswered_stop_is_reported(harness: Harness) -> None:
+    harness.engine.replies = False
+    click(harness.window.toolbar.stop_button)
+    wait_until(lambda: "press the emergency stop" in harness.window.status_line.text())
 
 
-def test_stop_without_an_engine_is_reported(bench: Bench) -> None:
-    click(bench.window.toolbar.connect_button)
-    click(bench.window.toolbar.stop_button)
-    wait_until(lambda: "no engine is running" in bench.window.status_line.text())
-    assert "emergency stop if the drum moves" in bench.window.status_line.text()
-    assert bench.engine.commands == []
+def test_stop_without_an_engine_is_reported(harness: Harness) -> None:
+    click(harness.window.toolbar.connect_button)
+    click(harness.window.toolbar.stop_button)
+    wait_until(lambda: "no engine is running" in harness.window.status_line.text())
+    assert "emergency stop if the drum moves" in harness.window.status_line.text()
+    assert harness.engine.commands == []
 
 
 def test_window_without_connection_stops_a_running_protocol(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
-    click(bench.window.toolbar.connect_button)
+    click(harness.window.toolbar.connect_button)
     engine = start_protocol(tmp_path)
     try:
-        press_escape(bench.window)
+        press_escape(harness.window)
         text = f"STOP reached virtual (process {engine.engine_file.pid})"
-        wait_until(lambda: bench.window.status_line.text() == text)
+        wait_until(lambda: harness.window.status_line.text() == text)
         assert wait_ended(engine)["state"] == "aborted"
     finally:
         engine.shut_down()
-    assert bench.engine.commands == []
+    assert harness.engine.commands == []
 
 
 def test_window_stops_its_own_engine_first_then_all_others(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
-    write_engine_file(runtime_folder(), replace(bench.engine.engine_file, pid=os.getpid()))
+    write_engine_file(runtime_folder(), replace(harness.engine.engine_file, pid=os.getpid()))
     engine = start_protocol(tmp_path)
     try:
-        click(bench.window.toolbar.stop_button)
-        assert bench.engine.commands == ["stop"]
-        wait_until(lambda: "STOP reached virtual" in bench.window.event_log.toPlainText())
+        click(harness.window.toolbar.stop_button)
+        assert harness.engine.commands == ["stop"]
+        wait_until(lambda: "STOP reached virtual" in harness.window.event_log.toPlainText())
         assert wait_ended(engine)["state"] == "aborted"
     finally:
         engine.shut_down()
-    assert bench.engine.commands == ["stop"]
-    assert "did not reach" not in bench.window.event_log.toPlainText()
+    assert harness.engine.commands == ["stop"]
+    assert "did not reach" not in harness.window.event_log.toPlainText()
 
 
 def test_hanging_engine_is_reported_without_blocking_the_window(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
     monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.2)
@@ -156,10 +156,10 @@ def test_hanging_engine_is_reported_without_blocking_the_window(
         port = mute.getsockname()[1]
         engine = EngineFile("mute", os.getpid(), port, "", "bench.toml", "")
         write_engine_file(runtime_folder(), engine)
-        click(bench.window.toolbar.stop_button)
-        assert bench.engine.commands == ["stop"]
-        wait_until(lambda: "STOP did not reach bench.toml" in bench.window.status_line.text())
-        assert "press its emergency stop" in bench.window.status_line.text()
+        click(harness.window.toolbar.stop_button)
+        assert harness.engine.commands == ["stop"]
+        wait_until(lambda: "STOP did not reach bench.toml" in harness.window.status_line.text())
+        assert "press its emergency stop" in harness.window.status_line.text()
 
 
 def start_protocol(folder: Path) -> EngineClient:

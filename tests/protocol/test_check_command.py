@@ -1,4 +1,4 @@
-"""``rigctl check`` says what a protocol needs before anything moves."""
+"""``rigctl check`` reports what a protocol needs before anything moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A protocol's mistakes are refused with file, line and key; a good one says what was meant."""
+"""A protocol is planned as written, and mistakes are refused with file, line and key."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_blocked_order_is_texture_force_speed_repeat() -> None:
     assert plan.plate_changes == 2
 
 
-def test_paper_is_the_papers_data_set() -> None:
+def test_the_paper_protocol_has_the_design_of_the_papers_data_set() -> None:
     plan = load_protocol(protocols() / "paper.toml").plan()
     assert len(plan.trials) == 24_000
     assert plan.plate_changes == 16
@@ -80,7 +80,7 @@ def test_showcase_holds_every_kind_of_step() -> None:
     assert {t.direction for t in plan.trials} == {"forward", "backward"}
 
 
-def test_free_steps_come_at_their_places() -> None:
+def test_free_steps_keep_their_order() -> None:
     steps = "".join(
         f'[[steps]]\nat = "{place}"\nkind = "message"\ntext = "{place}"\n'
         for place in ("start", "plate_start", "between_plates", "plate_end", "end")
@@ -191,7 +191,7 @@ ODD_VALUES = (
 
 @given(st.data())
 @settings(max_examples=200, deadline=None)
-def test_a_spoilt_protocol_raises_nothing_but_a_protocol_error(data: st.DataObject) -> None:
+def test_a_corrupted_protocol_raises_only_a_protocol_error(data: st.DataObject) -> None:
     lines = (protocols() / "showcase.toml").read_text().splitlines()
     for _ in range(data.draw(st.integers(1, 3))):
         place = data.draw(st.integers(0, len(lines) - 1))

@@ -1,4 +1,4 @@
-"""Properties that every plan has."""
+"""Properties of every plan."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def protocol(draw: st.DrawFn) -> Protocol:
 
 @given(protocol())
 @settings(max_examples=60, deadline=None)
-def test_each_condition_comes_once_and_ids_count_up(drawn: Protocol) -> None:
+def test_each_condition_occurs_once_and_ids_are_consecutive(drawn: Protocol) -> None:
     plan = drawn.plan()
     wanted = len(drawn.textures) * len(drawn.speeds_mm_s) * len(drawn.forces_g) * drawn.repeats
     conditions = Counter((t.texture, t.speed_mm_s, t.force_g, t.repeat) for t in plan.trials)
@@ -45,7 +45,7 @@ def test_each_condition_comes_once_and_ids_count_up(drawn: Protocol) -> None:
 
 @given(protocol())
 @settings(max_examples=60, deadline=None)
-def test_the_right_plate_is_on_the_drum_and_is_changed_only_when_needed(drawn: Protocol) -> None:
+def test_plates_are_changed_only_when_needed(drawn: Protocol) -> None:
     mounted = None
     for step in drawn.plan().steps:
         if isinstance(step, ChangePlate):
@@ -57,14 +57,14 @@ def test_the_right_plate_is_on_the_drum_and_is_changed_only_when_needed(drawn: P
 
 @given(protocol())
 @settings(max_examples=60, deadline=None)
-def test_shuffling_multiplies_plate_changes_only_when_asked(drawn: Protocol) -> None:
+def test_shuffling_adds_plate_changes_only_if_requested(drawn: Protocol) -> None:
     if not (drawn.order == "shuffled" and drawn.across_plates):
         assert drawn.plan().plate_changes == len(drawn.textures)
 
 
 @given(protocol(), st.integers(0, 2**32))
 @settings(max_examples=40, deadline=None)
-def test_one_seed_gives_one_plan(drawn: Protocol, seed: int) -> None:
+def test_a_seed_determines_the_plan(drawn: Protocol, seed: int) -> None:
     first, again = drawn.plan(seed), drawn.plan(seed)
     assert first.steps == again.steps
     assert first.hash == again.hash
@@ -73,7 +73,7 @@ def test_one_seed_gives_one_plan(drawn: Protocol, seed: int) -> None:
 
 
 def test_the_order_of_a_seed_never_changes() -> None:
-    """The shuffle is part of what a session's plan hash stands for, so it must never change."""
+    """A session's plan hash depends on the shuffle, so the shuffle must never change."""
     plan = Protocol(
         "fixed",
         "",

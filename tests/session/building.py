@@ -129,8 +129,8 @@ def drum_state(at_s: float, sequence: int = 0, rise_us: int = 0) -> DrumState:
     )
 
 
-class Bench:
-    """Source of a recorder's data that behaves like a faultless rig."""
+class SyntheticRig:
+    """Source of a recorder's data, like a rig without faults."""
 
     def __init__(self, rec: Recorder, counter: int = 0) -> None:
         self.rec = rec
@@ -144,11 +144,11 @@ class Bench:
     def trial(
         self, trial: PlannedTrial, verdict: Verdict = Verdict.COMMITTED, attempt: int = 1
     ) -> None:
-        """Idle, the window with its sync a little longer, idle, the row."""
+        """Add idle samples, a window that ends before its sync, idle samples, and the row."""
         self.idle()
         rise_us = self.counter * 1000 - 400
         self.rises += 1
-        self._samples(1, sync=False)  # the frame in which the rise fell counts it
+        self._samples(1, sync=False)  # the frame with the rising edge counts it
         first = self.counter
         self._samples(trial.n_samples + 5, sync=True)
         self.idle()
@@ -158,22 +158,22 @@ class Bench:
 
     def _samples(self, count: int, *, sync: bool) -> None:
         while count > 0:
-            some = min(BLOCK, count)
-            self.rec.add_block(block(self.counter, some, sync=sync, rises=self.rises))
-            self.counter += some
-            count -= some
+            size = min(BLOCK, count)
+            self.rec.add_block(block(self.counter, size, sync=sync, rises=self.rises))
+            self.counter += size
+            count -= size
 
 
 def record_plan(folder: Path, of: Plan | None = None) -> Plan:
-    """A whole session of the small plan, one part a texture."""
+    """Record a complete session of the small plan, one part per texture; return the plan."""
     of = of or plan()
     with recorder(folder) as rec:
-        bench = Bench(rec)
+        source = SyntheticRig(rec)
         texture = ""
         for trial in of.trials:
             if trial.texture != texture:
                 texture = trial.texture
                 rec.begin_part("plate change", texture)
-            bench.trial(trial)
+            source.trial(trial)
     assert rec.status.failure is None
     return of

@@ -1,4 +1,4 @@
-"""A process that records until it is killed or the disk is full and prints what is on disk.
+"""Record until the process is killed or the disk is full, and print the trials on disk.
 
 ``python -m tests.session.endless_writer FOLDER [resume] [limit=BYTES]``
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rigctl.errors import RigctlError
 from rigctl.session.write.recorder import Recorder
-from tests.session.building import PROTOCOL, RIG, Bench, header, plan
+from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 
 
 def main() -> int:
@@ -32,7 +32,7 @@ def main() -> int:
 def record(rec: Recorder) -> None:
     trials = plan().trials
     rec.begin_part("start", "A")
-    bench = Bench(rec)
+    bench = SyntheticRig(rec)
     for number in count():
         bench.trial(trials[number % len(trials)])
         if number % 3 == 0:

@@ -1,4 +1,4 @@
-"""Windows of a long array are its rows, and the buffer stays small."""
+"""Windows of a buffered array are its rows, and the buffer stays small."""
 
 from __future__ import annotations
 

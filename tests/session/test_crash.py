@@ -1,4 +1,4 @@
-"""A writer that dies leaves readable parts and every row that it reported on disk."""
+"""A killed writer leaves readable parts and every row that it reported as saved."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def acknowledged(writer: subprocess.Popen[str], lines: int) -> int:
 
 
 def check_every_trial(folder: Path) -> int:
-    """Each row of each part points at its own samples; returns their number."""
+    """Check that each row of each part points at its own samples; return the number of rows."""
     with Session.open(folder) as session:
         for index in range(len(session.trials)):
             window = session.window(index)
@@ -42,7 +42,7 @@ def check_every_trial(folder: Path) -> int:
 
 
 def test_two_readers_in_one_process_follow_a_growing_part(tmp_path: Path) -> None:
-    """Each reads its own rows although the other opened or refreshed the same file later."""
+    """Each reader keeps its own rows when the other opens or refreshes the same file."""
     with endless_writer(tmp_path / "s") as writer:
         acknowledged(writer, 25)
         with Session.open(tmp_path / "s") as first, Session.open(tmp_path / "s") as second:

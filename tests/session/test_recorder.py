@@ -1,4 +1,4 @@
-"""Everything that the recorder takes is in the files, and its status counts nothing earlier."""
+"""The recorder saves all its data, and its status counts only saved data."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.session.building import (
     BLOCK,
     PROTOCOL,
     RIG,
-    Bench,
+    SyntheticRig,
     block,
     drum_state,
     header,
@@ -72,7 +72,7 @@ def test_a_reader_follows_the_growing_session_into_new_parts(tmp_path: Path) -> 
         rec.begin_part("start", "A")
         rec.wait_written()
         with Session.open(tmp_path / "s") as session:
-            bench = Bench(rec)
+            bench = SyntheticRig(rec)
             for texture, trial in zip("AB", plan().trials, strict=False):
                 if texture == "B":
                     rec.begin_part("plate change", texture)
@@ -153,7 +153,7 @@ def test_a_taxel_board_that_restarts_begins_a_new_part(tmp_path: Path) -> None:
         assert session.n_samples == 2 * BLOCK
 
 
-def test_a_full_queue_drops_samples_counts_them_and_says_so(
+def test_a_full_queue_drops_counts_and_reports_samples(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flush_began, disk_is_back = threading.Event(), threading.Event()
@@ -182,7 +182,7 @@ def test_a_full_queue_drops_samples_counts_them_and_says_so(
         assert session.n_samples + 2 * BLOCK == first + BLOCK
 
 
-def test_a_second_writer_is_refused_with_the_first_ones_process(tmp_path: Path) -> None:
+def test_a_second_writer_is_refused_and_the_first_process_is_named(tmp_path: Path) -> None:
     with recorder(tmp_path / "s") as rec:
         rec.begin_part("start", "A")
         rec.wait_written()
@@ -191,7 +191,7 @@ def test_a_second_writer_is_refused_with_the_first_ones_process(tmp_path: Path) 
     assert not (tmp_path / "s" / layout.LOCK_FILE).exists()
 
 
-def test_a_session_is_not_recorded_over(tmp_path: Path) -> None:
+def test_a_session_is_not_overwritten(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     before = (tmp_path / "s" / "part-0001.h5").read_bytes()
     with pytest.raises(SessionError, match=r"already holds a session: continue it with --resume"):
@@ -215,7 +215,7 @@ def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
         recorder(tmp_path / "s")
 
 
-def test_a_folder_that_cannot_be_made_is_named() -> None:
+def test_a_folder_that_cannot_be_created_is_named() -> None:
     with pytest.raises(DiskFault, match=r"cannot (make|write into) /proc/rigctl"):
         recorder(Path("/proc/rigctl"))
 
@@ -240,7 +240,7 @@ def test_another_number_of_taxels(tmp_path: Path) -> None:
         assert session.samples(0).shape == (30, 5)
 
 
-def test_an_unexpected_error_ends_as_a_sentence(
+def test_an_unexpected_error_is_reported_as_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(_: object) -> None:

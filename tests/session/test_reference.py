@@ -1,4 +1,4 @@
-"""The reference page shows the layout as it is."""
+"""The reference page has the current layout."""
 
 from __future__ import annotations
 

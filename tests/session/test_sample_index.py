@@ -1,4 +1,4 @@
-"""Samples read from the files directly equal those that HDF5 reads for the same trials."""
+"""Samples that are read directly from the files equal those that HDF5 reads."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rigctl.session.read.part import PartReader
 from rigctl.session.read.sample_index import SampleReader
 from rigctl.session.read.session import Session
 from rigctl.values import Gap
-from tests.session.building import Bench, block, plan, record_plan, recorder, trial_row
+from tests.session.building import SyntheticRig, block, plan, record_plan, recorder, trial_row
 
 CHUNKS_APART = 9_000
 """Idle samples between trials that put them into chunks of their own."""
@@ -24,7 +24,7 @@ def recorded(folder: Path) -> Path:
     trials = plan().trials
     with recorder(folder) as rec:
         rec.begin_part("start", "A")
-        bench = Bench(rec)
+        bench = SyntheticRig(rec)
         bench.idle(CHUNKS_APART)
         bench.trial(trials[0])
         first = bench.counter + 60
@@ -53,7 +53,7 @@ def check(folder: Path, *, plain: bool) -> list[bool]:
     return [located.complete for located in ranges]
 
 
-def test_samples_are_those_that_hdf5_reads(tmp_path: Path) -> None:
+def test_samples_equal_those_read_by_hdf5(tmp_path: Path) -> None:
     assert check(recorded(tmp_path / "session"), plain=True) == [True, False, True]
 
 

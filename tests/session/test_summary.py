@@ -1,4 +1,4 @@
-"""info summarises a session and compares it with the simulated world's own log."""
+"""``rigctl info`` summarises a session and compares it with the log of the simulated world."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_folder_without_a_session_is_refused(tmp_path: Path) -> None:
 
 
 def truth_of(session: Session) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-    """A world that is 1 ‰ fast and 1 % heavy in every window, and anything outside of them."""
+    """Write a log that is 1 ‰ fast and 1 % heavy in every window and arbitrary elsewhere."""
     end = session.parts[-1].read("/taxels/counter", session.parts[-1].n_samples - 1, 10**9)[0]
     speed = np.full(int(end) + 1, 7.0, np.float32)
     force = np.zeros_like(speed)
@@ -90,7 +90,7 @@ def test_each_trial_has_its_true_speed_and_force(tmp_path: Path) -> None:
     assert any("its log holds 8 trials" in note for note in verify(tmp_path / "s").notes)
 
 
-def test_a_hole_in_the_log_is_refused(tmp_path: Path) -> None:
+def test_a_gap_in_the_log_is_refused(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     empty = (np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros(3, np.uint8))
     write_truth(tmp_path / "s", (0, *empty))
@@ -98,7 +98,7 @@ def test_a_hole_in_the_log_is_refused(tmp_path: Path) -> None:
         write_truth(tmp_path / "s", (5, *empty))
 
 
-def test_each_sitting_has_its_own_log(tmp_path: Path) -> None:
+def test_each_run_of_a_session_has_its_own_log(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     later = {name: getattr(header(), name) for name in type(header()).__slots__}
     later["start_utc"] = "2026-11-22T08:00:00Z"

@@ -1,4 +1,4 @@
-"""A part whose writer was killed opens like a closed one; damage is an error at once."""
+"""A part whose writer was killed opens like a closed one; a damaged part is an error."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from rigctl.session.read.unclosed_part import (
 )
 from rigctl.session.verify.session import verify
 from rigctl.session.write.recorder import Recorder
-from tests.session.building import PROTOCOL, RIG, Bench, header, plan, record_plan, recorder
+from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan, record_plan, recorder
 
 PUBLISHED = (b"Four score and seven years ago", 0x17770551)
 
 
 @pytest.fixture
 def dead(tmp_path: Path) -> Path:
-    """A session copied while it is written: what a killed writer leaves."""
+    """Return a session that was copied while it was written, as a killed writer leaves it."""
     with recorder(tmp_path / "live") as rec:
         rec.begin_part("start", "A")
-        bench = Bench(rec)
+        bench = SyntheticRig(rec)
         for trial in plan().trials[:4]:
             bench.trial(trial)
         rec.wait_written()
@@ -37,12 +37,12 @@ def dead(tmp_path: Path) -> Path:
     return tmp_path / "dead"
 
 
-def test_the_checksum_is_that_of_its_author() -> None:
+def test_the_checksum_agrees_with_published_values() -> None:
     data, value = PUBLISHED
     assert lookup3(data) == value
 
 
-def test_the_checksum_is_that_of_hdf5(tmp_path: Path) -> None:
+def test_the_checksum_agrees_with_hdf5(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     head = (tmp_path / "s" / "part-0001.h5").read_bytes()[:SUPERBLOCK_BYTES]
     assert lookup3(head[:CHECKSUM_AT]) == int.from_bytes(head[CHECKSUM_AT:], "little")
@@ -62,7 +62,7 @@ def test_a_dead_part_opens_and_holds_its_trials(dead: Path) -> None:
 def test_a_dead_session_can_be_resumed(dead: Path) -> None:
     with Recorder(dead, header(), PROTOCOL, RIG, resume=True) as rec:
         rec.begin_part("resume", "B")
-        bench = Bench(rec)
+        bench = SyntheticRig(rec)
         for trial in plan().trials[4:]:
             bench.trial(trial)
     report = verify(dead)
@@ -85,7 +85,7 @@ def test_an_empty_file_is_damaged(dead: Path) -> None:
         Session.open(dead)
 
 
-def test_the_map_is_the_file_but_for_the_superblock(dead: Path) -> None:
+def test_the_map_equals_the_file_except_for_the_superblock(dead: Path) -> None:
     part = dead / "part-0001.h5"
     data = part.read_bytes()
     with map_as_closed(part) as view:

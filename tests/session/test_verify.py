@@ -1,4 +1,4 @@
-"""verify passes an intact session and names each fault of any other."""
+"""``rigctl verify`` passes an intact session and names each fault of a damaged one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rigctl.values import Gap, Verdict
 from tests.session.building import (
     PROTOCOL,
     RIG,
-    Bench,
+    SyntheticRig,
     block,
     header,
     plan,
@@ -39,7 +39,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def session(recorded: Path, tmp_path: Path) -> Path:
-    """A copy to spoil."""
+    """Return a copy of the session to damage."""
     copy = tmp_path / "s"
     copy.mkdir()
     for file in recorded.iterdir():
@@ -61,7 +61,7 @@ def test_a_complete_session_has_no_problem(
     assert (answer["whole"], answer["problems"], answer["lost_samples"]) == (True, [], 0)
 
 
-def test_what_is_no_session_is_wrong_use(tmp_path: Path) -> None:
+def test_a_folder_without_a_session_is_wrong_use(tmp_path: Path) -> None:
     with pytest.raises(SessionError, match="is not a session"):
         run(str(tmp_path))
     with pytest.raises(SessionError, match="is not a session"):
@@ -98,7 +98,7 @@ def other_seed(file: h5py.File) -> None:
 
 
 def again(file: h5py.File) -> None:
-    """The first trial committed a second time."""
+    """Commit the first trial a second time."""
     rows = file["/trials"]
     first = rows[0]
     rows.resize(rows.shape[0] + 1, axis=0)
@@ -141,7 +141,7 @@ def test_each_damage_is_named(
 
 
 @pytest.mark.parametrize("rows", [1, 50, 313])
-def test_findings_do_not_depend_on_how_much_is_read_at_a_time(
+def test_findings_do_not_depend_on_the_read_size(
     session: Path, rows: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with h5py.File(session / "part-0002.h5", "r+") as file:
@@ -192,14 +192,14 @@ def test_gaps_must_be_listed(tmp_path: Path) -> None:
     assert "/gaps lists 4 lost samples from counter 110, the samples do not" in problems[0]
 
 
-def test_gaps_before_the_first_sample_of_a_part_harm_nothing(tmp_path: Path) -> None:
+def test_gaps_before_the_first_sample_of_a_part_are_ignored(tmp_path: Path) -> None:
     with recorder(tmp_path / "s") as rec:
         rec.begin_part("start", "A")
         rec.add_block(block(100, gap=Gap(90, 10, "while the part was changed")))
     assert verify(tmp_path / "s").whole
 
 
-def test_a_session_that_is_written_is_not_whole_yet(tmp_path: Path) -> None:
+def test_a_session_being_written_is_incomplete(tmp_path: Path) -> None:
     with recorder(tmp_path / "s") as rec:
         rec.begin_part("start", "A")
         rec.wait_written()
@@ -209,8 +209,8 @@ def test_a_session_that_is_written_is_not_whole_yet(tmp_path: Path) -> None:
     assert "8 of 8 planned trials are not committed" in report.notes
 
 
-def test_a_resumed_session_is_whole(session: Path) -> None:
-    """A part whose writer was killed comes before the one that continues the session."""
+def test_a_resumed_session_is_complete(session: Path) -> None:
+    """Its first part was written by a killed process."""
     with h5py.File(session / "part-0001.h5", "r+") as file:
         file["/events"].resize(0, axis=0)
     report = verify(session)
@@ -223,7 +223,7 @@ def test_rejected_attempts_are_kept_and_do_not_count(tmp_path: Path) -> None:
     trial = plan().trials[0]
     with recorder(tmp_path / "s") as rec:
         rec.begin_part("start", "A")
-        bench = Bench(rec)
+        bench = SyntheticRig(rec)
         bench.trial(trial, Verdict.REJECTED, attempt=1)
         bench.trial(trial, attempt=2)
         bench.trial(trial, Verdict.ABORTED, attempt=3)
@@ -246,7 +246,7 @@ def test_another_plan_hash_is_found(tmp_path: Path) -> None:
     )
 
 
-def test_a_session_without_sync_wire_says_so(tmp_path: Path) -> None:
+def test_a_session_without_a_sync_wire_is_reported(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     for path in (tmp_path / "s").glob("part-*.h5"):
         with h5py.File(path, "r+") as file:

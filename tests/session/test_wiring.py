@@ -1,4 +1,4 @@
-"""A session stores the reading at each place; no rig with another order can resume it."""
+"""A session stores the reading at each place, and a rig with another order cannot resume it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import DRAWN_WIRING
-from tests.session.building import PROTOCOL, RIG, Bench, header, plan
+from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 
 AS_WIRED = tuple(range(18))
 BACKWARDS = tuple(reversed(range(18)))
@@ -28,7 +28,7 @@ def with_wiring(wiring: tuple[int, ...]) -> SessionHeader:
 def record(folder: Path, head: SessionHeader, rig: str = RIG, *, resume: bool = False) -> None:
     with Recorder(folder, head, PROTOCOL, rig, resume=resume) as recorder:
         recorder.begin_part("resume" if resume else "start", "A")
-        Bench(recorder).trial(plan().trials[0])
+        SyntheticRig(recorder).trial(plan().trials[0])
 
 
 def test_a_session_records_its_wiring(tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_a_stored_rig_description_names_the_order_explicitly() -> None:
     assert TaxelArray(count=4).order == (0, 1, 2, 3)
 
 
-def test_an_older_part_holds_the_order_of_the_wire_unless_its_rig_says_another() -> None:
+def test_an_older_part_has_the_order_of_the_wire_unless_its_rig_names_another() -> None:
     assert session_wiring(header(), RIG) == AS_WIRED
     assert session_wiring(header(), f"[taxels]\nwiring = {list(BACKWARDS)}\n") == BACKWARDS
     assert session_wiring(replace(header(), rig=IMPORTED), RIG) == ()
@@ -81,7 +81,7 @@ def test_an_older_session_is_continued_by_a_rig_that_names_its_order(tmp_path: P
     assert not [line for line in verify(tmp_path / "s").problems if "order" in line]
 
 
-def test_verify_sees_a_part_of_another_order(tmp_path: Path) -> None:
+def test_verify_reports_a_part_with_another_order(tmp_path: Path) -> None:
     record(tmp_path / "s", with_wiring(DRAWN_WIRING))
     record(tmp_path / "other", with_wiring(BACKWARDS))
     record(tmp_path / "other", with_wiring(BACKWARDS), resume=True)

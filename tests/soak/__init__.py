@@ -1,1 +1,1 @@
-"""Long runs with make targets of their own; the suite does not collect them."""
+"""Long runs with separate make targets; the suite does not collect them."""

@@ -1,6 +1,6 @@
-"""An hour of world time on each kind of simulated boards: nothing lost, nothing tripped.
+"""Run each kind of simulated boards for up to an hour of simulated time without any loss.
 
-Run by ``make soak``; the file's name keeps it out of the suite.
+``make soak`` runs it; the name of the file keeps it out of the suite.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ POLL_PERIOD_S = {"virtual": 0.04, "firmware": 0.02}
 
 
 async def _watch(rig: Rig, world_s: float, period_s: float) -> dict[str, int]:
-    """Poll and listen for so long; what was lost on the way."""
+    """Poll and receive for a time; return the numbers of rows, polls and lost samples."""
     rows = 0
 
     def count(block: Block) -> None:
@@ -41,14 +41,14 @@ async def _watch(rig: Rig, world_s: float, period_s: float) -> dict[str, int]:
 
 
 @pytest.mark.parametrize("kind", ["virtual", "firmware"])
-def test_nothing_is_lost_in_a_long_time(kind: str) -> None:
+def test_a_long_run_loses_nothing(kind: str) -> None:
     rig = open_rig(kind, seed=1, paced=False)
     try:
-        seen = rig.loop.run_until_complete(_watch(rig, WORLD_S[kind], POLL_PERIOD_S[kind]))
+        counts = rig.loop.run_until_complete(_watch(rig, WORLD_S[kind], POLL_PERIOD_S[kind]))
         lost = rig.taxels.counters.lost
     finally:
         rig.close()
-    assert seen["loadcell_lost"] == 0
+    assert counts["loadcell_lost"] == 0
     assert lost == 0
-    assert seen["rows"] == pytest.approx(WORLD_S[kind] * 1000, rel=0.006)
-    assert seen["polls"] >= WORLD_S[kind] / POLL_PERIOD_S[kind] * 0.99
+    assert counts["rows"] == pytest.approx(WORLD_S[kind] * 1000, rel=0.006)
+    assert counts["polls"] >= WORLD_S[kind] / POLL_PERIOD_S[kind] * 0.99

@@ -1,4 +1,4 @@
-"""Both wires under bytes that nobody meant. Run by ``make fuzz``; not part of the suite."""
+"""Send noise to both lines. ``make fuzz`` runs it; it is not part of the suite."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ DECODER_BYTES = 20_000_000
 DRUM_BYTES = 1_000_000
 PIECE_BYTES = 400
 SILENCE_S = 0.05
-"""More than the line needs for a piece at 115,200 baud, and the silence that resets the parser."""
+"""Longer than a piece at 115,200 baud plus the silence that resets the parser."""
 
 
-def test_noise_makes_no_taxel_samples() -> None:
+def test_noise_gives_no_taxel_samples() -> None:
     rng = np.random.default_rng(7)
     decoder = FrameDecoder()
     for _ in range(DECODER_BYTES // 1_000_000):
@@ -33,7 +33,7 @@ def test_noise_makes_no_taxel_samples() -> None:
 
 
 async def _fuzz(rig: Rig, n_bytes: int) -> tuple[dict[str, float], dict[str, float]]:
-    """Settings before and after so many bytes of noise on the drum's line."""
+    """Send noise on the drum's line; return the settings before and after it."""
     rng = np.random.default_rng(8)
     names = [entry.name for entry in SETTINGS if entry.name not in ("heartbeat",)]
     await rig.drum.connect()

@@ -23,7 +23,7 @@ from rigctl.errors import SessionError
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import Verdict
 from tests.analysis.recordings import record
-from tests.session.building import PROTOCOL, RIG, Bench, header, plan
+from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 
 
 def test_two_days_make_one_set(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_aborted_attempts_have_a_remark(tmp_path: Path) -> None:
     folder = tmp_path / "session"
     with Recorder(folder, header(), PROTOCOL, RIG) as recorder:
         recorder.begin_part("start", "A")
-        bench = Bench(recorder)
+        bench = SyntheticRig(recorder)
         trials = plan().trials
         bench.trial(trials[0], Verdict.ABORTED)
         for trial in trials:

@@ -114,7 +114,7 @@ def linearity_rows(sizes: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
         slope, start = np.polyfit(n, values, 1)
         worst = float(np.abs(values - (start + slope * n)).max() / values[-1])
         measured = ", ".join(f"{int(m):,}: {v:.2f}" for m, v in zip(n, values, strict=True))
-        note = f"{measured} {unit};  line: {start:.2f} + {1000 * slope:.3f} per 1,000 trials"
+        note = f"{measured} {unit}; line: {start:.2f} + {1000 * slope:.3f} per 1,000 trials"
         yield row(f"dataset.off_the_line.{key}", worst, "of the largest", "", None, note)
 
 

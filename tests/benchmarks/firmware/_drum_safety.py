@@ -1,4 +1,4 @@
-"""How soon the drum controller makes the bench safe, by itself; worst of what was tried."""
+"""Measure how soon the drum controller makes the bench safe; each figure is the worst case."""
 
 from __future__ import annotations
 
@@ -13,12 +13,18 @@ from rigctl.wire.drum.codes import Command, ResetCause
 from rigctl.wire.drum.states import Fault, State
 from tests.benchmarks.firmware._firmware_rows import US, figure
 from tests.firmware.drum.support.cells import SILENT, enter
-from tests.firmware.drum.support.checks import HANGS, MOVING_STATES, bring, hang, trip
+from tests.firmware.drum.support.checks import (
+    HANGS,
+    MOVING_STATES,
+    enter_from_idle,
+    hang_main_loop,
+    open_emergency_stop,
+)
 from tests.firmware.drum.support.chip import ENTRY_CYCLES, MS, DrumChip
 from tests.firmware.drum.support.plant_drum import PlantDrum
 
 PHASES = (900, 5000, 12_345)
-"""Cycles behind a millisecond's begin at which the emergency stop opens."""
+"""Cycles from the start of a millisecond to the opening of the emergency stop."""
 FINE_CYCLES = 160
 LIFTS = -0.95
 PUSH_G = 1500.0
@@ -36,24 +42,24 @@ def safety() -> Iterator[dict[str, Any]]:
 
 
 def estop_us() -> float:
-    """Edge of the input to the last driver off."""
-    took: list[int] = []
+    """Return the longest time from the input's edge until all drivers are off."""
+    delays: list[int] = []
     with DrumChip() as drum:
         for state in (s for s in MOVING_STATES for _ in PHASES):
             enter(drum, state)
-            took.append(trip(drum, PHASES[len(took) % len(PHASES)]))
+            delays.append(open_emergency_stop(drum, PHASES[len(delays) % len(PHASES)]))
     with DrumChip(HANGS) as drum:
         drum.arm()
-        hang(drum)
-        took.append(trip(drum, PHASES[0]))
-    return (max(took) + ENTRY_CYCLES) / US
+        hang_main_loop(drum)
+        delays.append(open_emergency_stop(drum, PHASES[0]))
+    return (max(delays) + ENTRY_CYCLES) / US
 
 
-def until(drum: DrumChip, condition: Callable[[], bool], limit_cycles: int) -> int:
-    """Run in slices of 10 µs, the mechanics at rest, until it holds; the cycle."""
+def run_until(drum: DrumChip, condition: Callable[[], bool], limit_cycles: int) -> int:
+    """Run in slices of 10 µs with frozen mechanics until a condition is true; return the cycle."""
     end = int(drum.x.cycle) + limit_cycles
     while not condition():
-        assert drum.x.cycle < end, "it never came"
+        assert drum.x.cycle < end, "the condition never became true"
         drum.chip.run(int(drum.x.cycle) + FINE_CYCLES)
     return int(drum.x.cycle)
 
@@ -63,8 +69,8 @@ def _reached(drum: DrumChip, cycle: int) -> bool:
 
 
 def overforce_lift_us() -> float:
-    """From the end of the conversion that shows the force to full lift, several times."""
-    took = []
+    """Return the longest time from the end of the conversion with the force to full lift."""
+    delays = []
     with PlantDrum() as drum:
         for _ in range(5):
             enter(drum, State.HOLD)
@@ -73,32 +79,32 @@ def overforce_lift_us() -> float:
                 drum.run(1)
             drum.plant.set_disturbances(False, PUSH_G)
             drum.x.loadcell_counts = round(1e6)
-            begun = until(drum, partial(_reached, drum, ready), 2 * MS)
-            took.append(until(drum, lambda: drum.x.drive < LIFTS, 2 * MS) - begun)
+            start = run_until(drum, partial(_reached, drum, ready), 2 * MS)
+            delays.append(run_until(drum, lambda: drum.x.drive < LIFTS, 2 * MS) - start)
             assert drum.get("fault") == Fault.OVER_FORCE
             drum.plant.set_disturbances(False, 0.0)
-    return (max(took) + ENTRY_CYCLES) / US
+    return (max(delays) + ENTRY_CYCLES) / US
 
 
 def silent_periods() -> float:
-    """From the last conversion to full lift, in conversion periods."""
+    """Return the time from the last conversion to full lift, in conversion periods."""
     with DrumChip() as drum:
-        bring(drum, State.HOLD)
+        enter_from_idle(drum, State.HOLD)
         drum.beat()
         period = drum.x.loadcell_period_q16 / 65536
         last = int(drum.x.loadcell_ready)
         while drum.x.cycle < last:
             drum.run(1)
         drum.x.loadcell_mode = SILENT
-        at = until(drum, lambda: drum.x.drive < LIFTS, 60 * MS)
+        at = run_until(drum, lambda: drum.x.drive < LIFTS, 60 * MS)
         assert drum.get("fault") == Fault.LOADCELL_SILENT
         return float(round((at - last) / period, 2))
 
 
 def heartbeat() -> Iterator[dict[str, Any]]:
-    """From the last beat to the ramp, to full lift, and to everything off."""
+    """Yield the times from the last heartbeat to the ramp, to full lift, and to all off."""
     with DrumChip() as drum:
-        bring(drum, State.RUN)
+        enter_from_idle(drum, State.RUN)
         drum.beat()
         begun = drum.last_byte_cycle
         drum.clear_edges()
@@ -117,7 +123,7 @@ def heartbeat() -> Iterator[dict[str, Any]]:
 
 
 def until_lifted(drum: DrumChip) -> int:
-    """Run until the actuator lifts at full duty; the cycle, to a millisecond."""
+    """Run until the actuator lifts at full duty; return the cycle, to a millisecond."""
     for _ in range(400):
         drum.run(1)
         if drum.x.drive < LIFTS:
@@ -126,21 +132,21 @@ def until_lifted(drum: DrumChip) -> int:
 
 
 def watchdog() -> Iterator[dict[str, Any]]:
-    """From the byte at which the loop hangs to the reset; what the board says afterwards."""
+    """Yield the time from the hang of the loop to the reset, with the fault afterwards."""
     with DrumChip(HANGS) as drum:
-        bring(drum, State.ARMED)
+        enter_from_idle(drum, State.ARMED)
         drum.set("move_target", 30_000)
         assert drum.command(Command.MOVE) == 0
         drum.poll_for(300)
-        hang(drum)
-        begun, resets = int(drum.x.cycle), drum.x.resets
+        hang_main_loop(drum)
+        start, resets = int(drum.x.cycle), drum.x.resets
         while drum.x.resets == resets:
-            assert drum.x.cycle < begun + 200 * MS
+            assert drum.x.cycle < start + 200 * MS
             drum.run(1)
-        took = (int(drum.x.cycle) - begun) / MS
+        delay_ms = (int(drum.x.cycle) - start) / MS
         drum.run(150)
         assert drum.x.drive == 0
         cause = ResetCause.WATCHDOG.name if drum.get("reset_cause") >> 3 & 1 else "none"
         fault = Fault(drum.get("fault")).name
     what = f"a hang in POSITION; afterwards reset cause {cause}, fault {fault}, all off"
-    yield figure("watchdog_ms", round(took, 1), "ms", what)
+    yield figure("watchdog_ms", round(delay_ms, 1), "ms", what)

@@ -1,4 +1,4 @@
-"""The drum controller's clockwork: pulses, ramps, interrupts, idle time, load-cell reads."""
+"""Measure the drum controller's timing: pulses, ramps, interrupts, idle time, load-cell reads."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ KLIPPER = "Klipper on a 16 MHz AVR takes 102 ticks a step with nothing else to d
 
 @dataclass
 class Extremes:
-    """The worst of everything that was run."""
+    """The worst values of all runs."""
 
     isr: int = 0
     off: int = 0
@@ -36,8 +36,8 @@ class Extremes:
     stack: int = 8192
     build: int = 0
 
-    def take(self, drum: DrumChip) -> None:
-        """Add what a chip has seen."""
+    def update(self, drum: DrumChip) -> None:
+        """Include the values of a chip."""
         x = drum.x
         self.isr = max(self.isr, max(x.longest_isr) + ENTRY_CYCLES)
         self.off = max(self.off, x.longest_off)
@@ -49,7 +49,7 @@ class Extremes:
 
 @dataclass(frozen=True)
 class Run:
-    """Pulses of one RUN."""
+    """Errors of the step pulses of one RUN: cycles, ppm, steps."""
 
     jitter: float
     rate_ppm: float
@@ -57,20 +57,20 @@ class Run:
 
 
 def timing() -> Iterator[dict[str, Any]]:
-    """Yield the clockwork's figures."""
+    """Yield the timing figures."""
     worst = Extremes()
     with PlantDrum() as drum:
-        drum.ready()
+        drum.prepare()
         drum.hold(500)
         drum.x.watch_interrupts = 1
         runs = [run(drum, speed, STEP_MM) for speed in SPEEDS_MM_S]
         idle = idle_share(drum)
-        worst.take(drum)
+        worst.update(drum)
         worst.build = drum.get("build_hash")
     yield from _pulse_rows(runs)
     yield figure("acceleration_error", acceleration_error(), "", f"at {ACCELERATIONS} mm/s²")
-    yield fastest(worst)
-    moves(worst)
+    yield highest_step_rate(worst)
+    run_fast_moves(worst)
     yield figure("idle_share", idle, "", "asleep at 120 mm/s in contact, 50 polls a second")
     yield from _extreme_rows(worst)
 
@@ -97,7 +97,7 @@ def _extreme_rows(worst: Extremes) -> Iterator[dict[str, Any]]:
 
 
 def run(drum: DrumChip, speed_mm_s: float, step_mm: float) -> Run:
-    """One RUN from HOLD; pulses inside the window, and the count from rest to rest."""
+    """Run once from HOLD; return the pulse errors in the window and of the step count."""
     drum.set("speed_set", round(100 * speed_mm_s))
     before = drum.get("steps")
     drum.clear_edges()
@@ -115,7 +115,7 @@ def run(drum: DrumChip, speed_mm_s: float, step_mm: float) -> Run:
 
 
 def acceleration_error() -> float:
-    """Largest share by which a ramp's acceleration is off, over the whole ramp."""
+    """Return the largest relative error of the acceleration over whole ramps."""
     with DrumChip() as drum:
         drum.arm()
         drum.set("move_speed_set", 20_000)
@@ -130,7 +130,7 @@ def acceleration_error() -> float:
 
 
 def ramp_error(steps: NDArray[np.int64], acceleration_mm_s2: float) -> float:
-    """Acceleration seen from the first pulse to each later one of the ramp, less what was set."""
+    """Return the largest relative error of the mean acceleration from the first pulse on."""
     to_speed = int(200.0**2 / (2 * acceleration_mm_s2) / STEP_MM) - 2
     n = np.arange(50, min(to_speed, steps.size // 2 - 1))
     seconds = (steps[n - 1] - steps[0]) / 16e6
@@ -138,25 +138,25 @@ def ramp_error(steps: NDArray[np.int64], acceleration_mm_s2: float) -> float:
     return float(np.abs(seen / acceleration_mm_s2 - 1).max())
 
 
-def fastest(worst: Extremes) -> dict[str, Any]:
-    """Steps a second in RUN with the force loop closed, on the variant with 32 microsteps."""
+def highest_step_rate(worst: Extremes) -> dict[str, Any]:
+    """Return steps per second in RUN with a closed force loop; the variant has 32 microsteps."""
     parameters = WorldParameters(steps_per_turn=25_600)
     with PlantDrum(parameters, image="firmware/drum-fine.elf") as drum:
-        drum.ready()
+        drum.prepare()
         drum.set("run_in_set", 900)
         drum.hold(500)
         drum.x.watch_interrupts = 1
-        done = run(drum, FINE_SPEED_MM_S, STEP_MM / 2)
-        assert done.steps_off == 0 and done.rate_ppm < 5
+        result = run(drum, FINE_SPEED_MM_S, STEP_MM / 2)
+        assert result.steps_off == 0 and result.rate_ppm < 5
         assert drum.x.loadcell_conversions - drum.x.loadcell_reads <= 1
-        worst.take(drum)
+        worst.update(drum)
     rate = FINE_SPEED_MM_S / (STEP_MM / 2)
-    what = f"force loop closed, polls, load cell; jitter {done.jitter:.1f} cycles; {KLIPPER}"
+    what = f"force loop closed, polls, load cell; jitter {result.jitter:.1f} cycles; {KLIPPER}"
     return figure("max_steps_per_s", rate, "steps/s", f"{what}; {FAST_ACCEL}: 50,000", GRBL, 3e4)
 
 
-def moves(worst: Extremes) -> None:
-    """The fastest moves, an approach, a save and homing, watched instruction by instruction."""
+def run_fast_moves(worst: Extremes) -> None:
+    """Home, move, save and approach at full speed while each instruction is watched."""
     with PlantDrum() as drum:
         drum.arm()
         drum.x.watch_interrupts = 1
@@ -167,11 +167,11 @@ def moves(worst: Extremes) -> None:
         assert drum.command(Command.SAVE, 3000) == 0
         drum.hold(1000)
         assert drum.command(Command.RETRACT, 5000) == 0
-        worst.take(drum)
+        worst.update(drum)
 
 
 def idle_share(drum: DrumChip) -> float:
-    """Share of the cycles asleep in the middle of a run at 120 mm/s."""
+    """Return the share of cycles asleep in the middle of a run at 120 mm/s."""
     drum.set("speed_set", 12_000)
     assert drum.command(Command.RUN) == 0
     drum.poll_for(500)

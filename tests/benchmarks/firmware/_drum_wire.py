@@ -1,4 +1,4 @@
-"""The drum's wire for ten minutes, and under noise."""
+"""Measure the drum's line: polls for ten minutes, and noise."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ SOAK_S = 600
 FUZZ_BYTES = 1_000_000
 PIECE_BYTES = 400
 BYTE_CYCLES = 16e6 * 10 / 115_200
-LOOKS = (b"\x01\x10\x00\x40", b"\x01\x06\x00\x45", b"\x01\x17\x00\x10", b"\x01\x03\x00")
-"""How requests begin: some of the noise looks like one."""
+REQUEST_STARTS = (b"\x01\x10\x00\x40", b"\x01\x06\x00\x45", b"\x01\x17\x00\x10", b"\x01\x03\x00")
+"""First bytes of requests: a third of the noise begins like a request."""
 
 
 def wire() -> Iterator[dict[str, Any]]:
-    """Yield the wire's figures."""
+    """Yield the figures of the line."""
     polls, missed, slowest = soak(SOAK_S)
     scene = f"{polls} polls at {POLLS_S} Hz while the drum runs trial after trial in contact"
     yield figure("poll_timeouts", missed, "", scene)
@@ -34,7 +34,7 @@ def wire() -> Iterator[dict[str, Any]]:
 
 
 def soak(seconds: int) -> tuple[int, int, float]:
-    """Polls, those without an answer, and the longest wait for a reply's first bit, µs."""
+    """Return polls, unanswered polls, and the longest wait for a reply's first bit, µs."""
     missed, polls, slowest = 0, 0, 0.0
     with DrumChip() as drum:
         drum.arm()
@@ -56,7 +56,7 @@ def soak(seconds: int) -> tuple[int, int, float]:
 
 
 def fuzz(n_bytes: int) -> tuple[int, int]:
-    """Settings changed and resets after so many bytes of noise; what moved raises."""
+    """Send noise; return the changed bytes of settings and the resets. Fail on any motion."""
     dice = np.random.default_rng(3)
     first, count = SETTINGS_BLOCK
     read = bytes([3, first >> 8, first & 0xFF, 0, count])
@@ -65,9 +65,9 @@ def fuzz(n_bytes: int) -> tuple[int, int]:
         before = drum.exchange(read)
         drum.clear_edges()
         for piece in range(n_bytes // PIECE_BYTES):
-            head = LOOKS[piece // 3 % len(LOOKS)] if piece % 3 == 0 else b""
-            noise = dice.integers(0, 256, PIECE_BYTES - len(head), np.uint8).tobytes()
-            drum.chip.send(head + noise)
+            start = REQUEST_STARTS[piece // 3 % len(REQUEST_STARTS)] if piece % 3 == 0 else b""
+            noise = dice.integers(0, 256, PIECE_BYTES - len(start), np.uint8).tobytes()
+            drum.chip.send(start + noise)
             drum.run(36 + int(dice.integers(0, 14)))
             drum.forces.clear()
         drum.run(20)

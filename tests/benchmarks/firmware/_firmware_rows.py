@@ -1,4 +1,4 @@
-"""One figure of the drum's firmware as a row of the bench."""
+"""A figure of the drum's firmware as a row of the benchmarks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def figure(
     peer: str | None = None,
     peer_value: float | None = None,
 ) -> dict[str, Any]:
-    """``firmware.drum.NAME``; a peer's value is the published one, not measured here."""
+    """Return ``firmware.drum.NAME``; a peer's value is published, not measured here."""
     if peer is not None:
         return row(f"firmware.drum.{name}", value, unit, peer, peer_value, f"{what}; {NOTE}")
     return {

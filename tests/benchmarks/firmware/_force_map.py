@@ -1,4 +1,4 @@
-"""What the force loop keeps on each plant: every speed at every force, two plants at a time."""
+"""Measure the force loop on each plant at every speed and force, two plants in parallel."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ SPEEDS_MM_S = (40, 60, 80, 100, 120)
 FORCES_G = (250, 500, 1000)
 GRID = tuple((speed, force) for force in FORCES_G for speed in SPEEDS_MM_S)
 SETTLE_S, OVERSHOOT, MEAN_ERROR = 1.0, 0.05, 0.01
-"""What is asked for."""
+"""Limits of a trial."""
 Found = TypeVar("Found")
 KEPT = "·"
 MARKS = {"s": "settles late", "o": "overshoots", "m": "mean off", "f": "a fault"}
 PROCESSES = 2
 DRIFT_SCENE, DRIFT_TRIALS = (120, 500), 100
 PLACES_MM = (10.0, 12.0, 14.0)
-"""Where trials begin: at the plate's start, as the host lets them, and elsewhere on a ridge."""
+"""Starts of a trial after the index mark: the plate's start, and two other places on a ridge."""
 SCENE = f"{len(GRID)} trials, 40–120 mm/s × 250–1000 g"
 EVERYWHERE = f"{len(GRID) * len(PLACES_MM)} trials, 40–120 mm/s × 250–1000 g × 3 places of a ridge"
 HARD = WorldParameters(actuator_lag_ms=50, dead_band=0.2, run_out_mm=0.1, backlash_mm=0.1)
@@ -57,26 +57,26 @@ PLANTS: dict[str, tuple[WorldParameters, str]] = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One trial of a plant, forces as shares of the set one; a fault where nothing is known."""
+    """Result of one trial on a plant, forces relative to the set force; or its fault."""
 
     speed_mm_s: float
     force_g: float
     fault: str = ""
     settle_s: float = float("inf")
     approach_peak: float = 0.0
-    """Highest millisecond from touch on, the drum still, over the set force."""
+    """Highest millisecond over the set force, from touch until the drum turns."""
     approach_mean: float = 0.0
     """Highest 200 ms mean of the same time."""
     mean_error: float = 0.0
-    """Of the window's mean."""
+    """Error of the window's mean."""
     motion_peak: float = 0.0
-    """Highest millisecond inside the window: ridges pass, the loop does not follow them."""
+    """Highest millisecond in the window, due to ridges that the loop does not follow."""
     swing: float = 0.0
-    """Farthest 200 ms mean inside the window."""
+    """Largest deviation of a 200 ms mean in the window."""
 
     @property
     def missed(self) -> str:
-        """Letters of :data:`MARKS` for what was not kept; empty where all was."""
+        """The letters of :data:`MARKS` of the missed limits."""
         if self.fault:
             return "f"
         late = self.settle_s >= SETTLE_S
@@ -85,8 +85,8 @@ class Cell:
         return "s" * late + "o" * over + "m" * off
 
     @property
-    def told(self) -> str:
-        """What was missed, in words and numbers."""
+    def missed_text(self) -> str:
+        """The missed limits in words and numbers; empty if all were kept."""
         words = {
             "f": f"fault ({self.fault})",
             "s": f"settles in {self.settle_s:.2f} s",
@@ -97,10 +97,10 @@ class Cell:
         return f"{self.speed_mm_s:g} mm/s {self.force_g:g} g {missed}" if missed else ""
 
 
-def cell_of(scene: tuple[float, float], trial: Trial) -> Cell:
-    """A trial's figures."""
+def make_cell(scene: tuple[float, float], trial: Trial) -> Cell:
+    """Return the figures of a trial."""
     speed_mm_s, force_g = scene
-    means = moving(trial.window) / force_g - 1
+    means = moving_mean(trial.window) / force_g - 1
     return Cell(
         speed_mm_s,
         force_g,
@@ -113,51 +113,51 @@ def cell_of(scene: tuple[float, float], trial: Trial) -> Cell:
     )
 
 
-def moving(forces: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means over 200 ms, (n,) to (n − 199,)."""
+def moving_mean(forces: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the means over 200 ms, (n − 199,), of the forces of n milliseconds."""
     return np.convolve(forces, np.ones(MEAN_MS) / MEAN_MS, "valid")
 
 
-def cells_of(
+def measure_cells(
     plant: WorldParameters,
     plate: str,
     scenes: tuple[tuple[float, float], ...] = GRID,
     begin_mm: float = PLACES_MM[0],
 ) -> list[Cell]:
-    """Trials on one plant, one behind the other; after a fault the drum starts anew."""
+    """Run trials on one plant in sequence; restart the drum after a fault."""
     done: list[Cell] = []
     while len(done) < len(scenes):
         with PlantDrum(plant, plate, begin_mm=begin_mm) as drum:
             try:
-                drum.ready()
+                drum.prepare()
                 for scene in scenes[len(done) :]:
                     trial = drum.trial(*scene)
-                    done.append(cell_of(scene, trial))
+                    done.append(make_cell(scene, trial))
             except AssertionError as error:
                 done.append(Cell(*scenes[len(done)], fault=str(error)[:40] or "refused"))
     return done
 
 
-def everywhere(plant: WorldParameters, plate: str) -> list[Cell]:
-    """The grid from each of the places, with a drum of its own for each."""
-    return [cell for mm in PLACES_MM for cell in cells_of(plant, plate, begin_mm=mm)]
+def measure_all_places(plant: WorldParameters, plate: str) -> list[Cell]:
+    """Run the grid from each starting place, each time on a new drum."""
+    return [cell for mm in PLACES_MM for cell in measure_cells(plant, plate, begin_mm=mm)]
 
 
 def mean_errors(plant: WorldParameters, plate: str) -> NDArray[np.float64]:
-    """Of the window's mean in each of a hundred trials, shares (100,)."""
+    """Return the relative error of the window's mean in a hundred trials, (100,)."""
     with PlantDrum(plant, plate) as drum:
-        drum.ready()
+        drum.prepare()
         return np.array([drum.trial(*DRIFT_SCENE).mean_error for _ in range(DRIFT_TRIALS)])
 
 
-def over_plants(
+def for_each_plant(
     work: Callable[[WorldParameters, str], Found],
     title: str,
     nominal: tuple[WorldParameters, str] | None = None,
 ) -> Iterator[tuple[str, Found]]:
-    """Every plant's name with what ``work`` finds on it, as they get done; progress is told.
+    """Yield each plant's name and result of ``work`` as they finish, and print the progress.
 
-    ``nominal``: one plant more, named "".
+    ``nominal`` is an additional plant, named "".
     """
     plants = PLANTS if nominal is None else {"": nominal, **PLANTS}
     names = tuple(plants)
@@ -168,13 +168,13 @@ def over_plants(
         for n, job in enumerate(as_completed(jobs), 1):
             passed_s = time.monotonic() - begun_s
             left_s = passed_s * (len(names) - n) / n
-            said = f"{title}: {n} of {len(names)} plants, {left_s:.0f} s left"
-            print(said, file=sys.stderr, flush=True)
+            progress = f"{title}: {n} of {len(names)} plants, {left_s:.0f} s left"
+            print(progress, file=sys.stderr, flush=True)
             yield jobs[job], job.result()
 
 
 def marks(cells: list[Cell]) -> dict[str, list[str]]:
-    """For each force what each speed kept or missed anywhere, in the order of the speeds."""
+    """Return for each force the marks of all speeds: all limits missed from any place."""
     missed: dict[tuple[float, float], str] = {}
     for cell in cells:
         scene = (cell.force_g, cell.speed_mm_s)
@@ -187,11 +187,11 @@ def marks(cells: list[Cell]) -> dict[str, list[str]]:
     }
 
 
-def off(cells: list[Cell]) -> float:
-    """The farthest mean of a window."""
+def largest_mean_error(cells: list[Cell]) -> float:
+    """Return the largest error of a window's mean."""
     return max(abs(c.mean_error) for c in cells)
 
 
-def swing(cells: list[Cell]) -> float:
-    """The farthest 200 ms mean inside a window."""
+def largest_swing(cells: list[Cell]) -> float:
+    """Return the largest deviation of a 200 ms mean in a window."""
     return max(c.swing for c in cells)

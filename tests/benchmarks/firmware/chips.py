@@ -1,4 +1,4 @@
-"""How fast both images and the world run together."""
+"""Benchmark both images with the simulated bench against real time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drum controller's firmware in numbers, counted on its simulated chip; exact anywhere."""
+"""Benchmark the drum controller's firmware on its simulated chip; the same on any machine."""
 
 from __future__ import annotations
 

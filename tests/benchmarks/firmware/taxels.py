@@ -1,4 +1,4 @@
-"""The taxel board's firmware, counted in cycles on its simulated chip; exact on any machine."""
+"""Benchmark the taxel board's firmware on its simulated chip; the same on any machine."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ NOTE = "build/firmware/taxels.elf on simavr, 18 taxels at 1 kHz, 500 kbaud, entr
 
 
 def measure() -> Iterator[dict[str, Any]]:
-    """Yield ``firmware.taxels.*`` but for lost frames, which take a million."""
+    """Yield ``firmware.taxels.*`` except lost frames, which need a million frames."""
     with TaxelChip() as board:
         board.run(TIMED_FRAMES)
         x, starts = board.x, board.sampled(0)
         drift = starts - starts[0] - FRAME_CYCLES * np.arange(starts.size)
-        whole = board.sampled(17).size  # frames sampled to their end
+        whole = board.sampled(17).size  # completely sampled frames
         offsets = [np.ptp(board.sampled(t)[:whole] - starts[:whole]) for t in range(18)]
         load = (x.isr_cycles + ENTRY_CYCLES * x.isr_count) / x.cycle
         yield row("frame_cycles_error", int(abs(drift[-1])), "cycles", f"{starts.size} frames")
@@ -35,7 +35,7 @@ def measure() -> Iterator[dict[str, Any]]:
 
 
 def interrupts_off_us() -> float:
-    """Longest time for which the main program kept interrupts off, requests and tests included."""
+    """Return the longest time with interrupts off in the main program, with requests and tests."""
     with TaxelChip() as board:
         board.run(BOOT_FRAMES)
         board.x.watch_interrupts = 1
@@ -46,7 +46,7 @@ def interrupts_off_us() -> float:
 
 
 def row(name: str, value: float, unit: str, what: str) -> dict[str, Any]:
-    """One line of the bench."""
+    """Return a row of the benchmarks."""
     return {
         "name": f"firmware.taxels.{name}",
         "value": value,

@@ -1,4 +1,4 @@
-"""The bridge's duty as the bench feels it is the one that the firmware asks for."""
+"""The simulated bridge drives the actuator with the duty that the firmware sets."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from rigctl.wire.drum.codes import Command
 from tests.firmware.drum.support.plant_drum import PlantDrum
 
 ONE_STEP = 0.05
-"""Permille: a fifth of what one count of the timer is."""
+"""Permille: a fifth of one count of the timer."""
 
 
-def test_a_duty_is_what_the_firmware_asks_for() -> None:
+def test_the_bench_gets_the_duty_that_the_firmware_sets() -> None:
     with PlantDrum() as drum:
-        drum.ready()
+        drum.prepare()
         assert drum.command(Command.APPROACH) == 0
-        apart = []
+        differences = []
         for _ in range(20):
             drum.poll_for(50)
-            apart.append(drum.get("actuator_drive") - 1000 * drum.x.drive)
-        # The register is the newest duty, what the bench feels the mean of a millisecond.
-        assert min(map(abs, apart)) == pytest.approx(0, abs=ONE_STEP)
+            differences.append(drum.get("actuator_drive") - 1000 * drum.x.drive)
+        # The register holds the newest duty; the bench gets the mean of a millisecond.
+        assert min(map(abs, differences)) == pytest.approx(0, abs=ONE_STEP)

@@ -1,4 +1,4 @@
-"""The simulated load-cell amplifier does what its data sheet says, bit by bit."""
+"""The simulated load-cell amplifier follows its data sheet bit by bit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NORMAL, SILENT, FROZEN, SATURATED = range(4)
 
 
 class Probe:
-    """A chip that reads the amplifier and says what it read."""
+    """A chip that reads the amplifier and sends the readings."""
 
     def __init__(self) -> None:
         library = load_library(built("sim/libchips.so"))
@@ -24,21 +24,21 @@ class Probe:
         self.x.host_byte_q16 = 1389 << 16
 
     def read(self, periods: float, send: bytes = b"") -> list[int]:
-        """Conversions read within so many periods."""
-        said = b""
+        """Run for some periods; return the conversions that the chip has read."""
+        received = b""
         if send:
             self.chip.send(send)
         end = self.x.cycle + round(periods * PERIOD)
         while self.x.cycle < end:
             self.chip.run(min(end, self.x.cycle + 16_000))
-            said += self.chip.tx[: self.x.tx_count].tobytes()
-        words = (said[i : i + 3] for i in range(0, len(said) - 2, 3))
+            received += self.chip.tx[: self.x.tx_count].tobytes()
+        words = (received[i : i + 3] for i in range(0, len(received) - 2, 3))
         return [int.from_bytes(word, "big", signed=True) for word in words]
 
 
 @pytest.fixture
 def probe() -> Iterator[Probe]:
-    """A probe that has read its first conversion."""
+    """Yield a probe that has read its first conversion."""
     probe = Probe()
     probe.x.loadcell_counts = 100
     assert probe.read(4.5) == [100]
@@ -68,17 +68,17 @@ def test_beyond_the_range_it_saturates(probe: Probe) -> None:
 
 def test_another_gain_takes_four_periods_and_halves_the_reading(probe: Probe) -> None:
     probe.x.loadcell_counts = 1000
-    assert probe.read(1, b"3") == [1000]  # chosen by this read, in force from the next
+    assert probe.read(1, b"3") == [1000]  # this read selects the gain of the next
     assert probe.read(3.5) == []
     assert probe.read(2) == [500, 500]
 
 
-def test_a_long_clock_powers_it_down_and_it_settles_anew(probe: Probe) -> None:
+def test_a_long_clock_powers_it_down_and_it_settles_again(probe: Probe) -> None:
     assert probe.read(3.8, b"p") == []
     assert probe.read(1) == [100]
 
 
-def test_faults_look_as_they_do_on_the_wire(probe: Probe) -> None:
+def test_faults_have_the_readings_of_a_real_amplifier(probe: Probe) -> None:
     probe.x.loadcell_mode = FROZEN
     probe.x.loadcell_counts = 555
     assert probe.read(2) == [100, 100]

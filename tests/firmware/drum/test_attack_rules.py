@@ -1,4 +1,4 @@
-"""Nothing that a computer writes makes a press of the drum: on the image, and without each rule."""
+"""No write of a computer makes the drum press too hard; each rule is needed for that."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tests.firmware.drum.support.attacks import (
     ATTACK_CONTROLS,
     LIFT_LIMIT_MS,
     REFUSED,
-    held,
-    shows,
+    has_status,
+    holding_drum,
 )
 from tests.firmware.drum.support.checks import IMAGE, Check
 from tests.firmware.drum.support.chip import DrumChip
@@ -46,12 +46,12 @@ def test_every_check_has_a_control() -> None:
 
 
 def plates(bench: WorldParameters) -> list[ForceTable]:
-    """The smooth plate and those with the highest and the widest ridges."""
+    """Return the contacts of the smooth plate and of those with the highest and widest ridges."""
     seat = draw_mounting(bench, 1, 0)
     return [force_table(contact_tables(plate, bench), bench, seat) for plate in "ACD"]
 
 
-def test_the_board_says_at_what_force_it_lifts_and_how_far_it_overruns() -> None:
+def test_the_board_reports_its_force_limit_and_its_overrun() -> None:
     with DrumChip() as drum:
         most, overrun_um = drum.get("most_force"), drum.get("overrun_um")
     assert most == 2000
@@ -64,31 +64,31 @@ def test_the_board_says_at_what_force_it_lifts_and_how_far_it_overruns() -> None
     assert nominal < stiffest < 0.5 * most
 
 
-def test_a_lift_that_cannot_ends_and_says_so() -> None:
-    with held(IMAGE) as drum:
+def test_a_lift_of_a_stuck_actuator_ends_and_is_reported() -> None:
+    with holding_drum(IMAGE) as drum:
         drum.actuator_mm_s = 0.0
         drum.run(LIFT_LIMIT_MS)
         assert drum.state is State.FAULT_OFF
         assert drum.x.drive == 0
         assert drum.get("fault") == Fault.HEARTBEAT
-        assert shows(drum, Status.LIFT_FAILED)
-        assert shows(drum, Status.CONTACT_MAY_STAND)
+        assert has_status(drum, Status.LIFT_FAILED)
+        assert has_status(drum, Status.CONTACT_MAY_STAND)
         drum.actuator_mm_s = 10.0
         drum.beat()
         assert drum.command(Command.CLEAR) == 0
-        assert shows(drum, Status.CONTACT_MAY_STAND)
+        assert has_status(drum, Status.CONTACT_MAY_STAND)
         assert drum.command(Command.ARM, LIFT_LIMIT_MS) == 0
         assert drum.force_g == 0
-        assert not shows(drum, Status.LIFT_FAILED)
+        assert not has_status(drum, Status.LIFT_FAILED)
 
 
 def test_a_board_that_boots_in_contact_lifts_before_it_is_tared() -> None:
-    with held(IMAGE) as drum:
+    with holding_drum(IMAGE) as drum:
         drum.chip.reset(ResetBy.PIN)
         drum.run(200)
         assert drum.state is State.IDLE
         assert drum.force_g > 400
-        assert shows(drum, Status.CONTACT_MAY_STAND)
+        assert has_status(drum, Status.CONTACT_MAY_STAND)
         assert drum.command(Command.TARE) == REFUSED
         assert drum.command(Command.TARE_TURN) == REFUSED
         assert drum.set("tare_counts", 288_000) == REFUSED
@@ -97,7 +97,7 @@ def test_a_board_that_boots_in_contact_lifts_before_it_is_tared() -> None:
         assert max(drum.forces) < 550
 
 
-def test_an_emergency_stop_of_the_other_kind_is_told_to_the_board_that_is_built() -> None:
+def test_a_normally_open_emergency_stop_can_be_compiled_in() -> None:
     with DrumChip("firmware/drum-normally-open.elf") as drum:
         drum.pin(Input.ESTOP, 1)
         drum.run(2)
@@ -111,8 +111,8 @@ def test_an_emergency_stop_of_the_other_kind_is_told_to_the_board_that_is_built(
         assert drum.set("signal_polarity", 0) == REFUSED
 
 
-def test_an_emergency_stop_of_the_other_kind_is_told_while_it_is_pressed() -> None:
-    """Pressed, it reads closed; told, it reads open until it is let go."""
+def test_a_normally_open_emergency_stop_is_configured_while_it_is_pressed() -> None:
+    """The new polarity reads an unpressed normally open switch as pressed."""
     with DrumChip() as drum:
         assert drum.set("signal_polarity", 1) == 0
         drum.run(3)
@@ -127,7 +127,7 @@ def test_an_emergency_stop_of_the_other_kind_is_told_while_it_is_pressed() -> No
 
 
 def test_a_refused_block_changes_none_of_its_settings() -> None:
-    with held(IMAGE) as drum:
+    with holding_drum(IMAGE) as drum:
         place = BY_NAME["over_force"].address
         clearance = drum.get("lift_clearance_um")
         assert drum.write(place, 20_000, 777) == REFUSED

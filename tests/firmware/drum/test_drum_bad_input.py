@@ -1,4 +1,4 @@
-"""Bad input on the drum's wire: an exception or silence, no motion, nothing persisted."""
+"""Bad input on the drum's line gets an exception or no reply, moves nothing, and saves nothing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rigctl.wire.drum.register_table import (
 )
 from rigctl.wire.drum.registers import pack_value
 from rigctl.wire.drum.states import Fault, State
-from tests.firmware.drum.support.checks import bring
+from tests.firmware.drum.support.checks import enter_from_idle
 from tests.firmware.drum.support.chip import DrumChip, crc16
 
 EEPROM_BYTES = 1024
@@ -30,21 +30,21 @@ FRAME_BAUD, BITS = 115_200, 10
 LIMITS = {"u16": (0, 0xFFFF), "i16": (-0x8000, 0x7FFF), "i32": (-(2**31), 2**31 - 1)}
 
 
-class Unmoved:
-    """Remembers settings and EEPROM, and that nothing has been driven."""
+class Snapshot:
+    """Settings and EEPROM of a drum, to check that input changes and drives nothing."""
 
     def __init__(self, drum: DrumChip) -> None:
         self.drum = drum
-        self.before = self._look()
+        self.before = self._read()
         drum.clear_edges()
 
-    def _look(self) -> tuple[bytes, bytes]:
+    def _read(self) -> tuple[bytes, bytes]:
         settings = self.drum.exchange(struct.pack(">BHH", 3, *SETTINGS_BLOCK))
         return settings, self.drum.chip.read_eeprom(0, EEPROM_BYTES)
 
-    def check(self) -> None:
-        """Raises AssertionError where anything changed or moved."""
-        assert self._look() == self.before
+    def check_unchanged(self) -> None:
+        """Check that nothing has changed or moved."""
+        assert self._read() == self.before
         assert self.drum.state is State.IDLE
         assert self.drum.steps().size == 0
         for signal in (Output.ENABLE, Output.BRIDGE):
@@ -54,17 +54,17 @@ class Unmoved:
 
 @pytest.fixture
 def idle() -> Iterator[DrumChip]:
-    """A drum in IDLE that must end as it began."""
+    """Yield a drum in IDLE; afterwards check that nothing has changed or moved."""
     with DrumChip() as drum:
         drum.run(60)
-        unmoved = Unmoved(drum)
+        snapshot = Snapshot(drum)
         yield drum
         drum.run(30)
-        unmoved.check()
+        snapshot.check_unchanged()
 
 
-def outside(register: Register) -> list[int]:
-    """Values just outside of a register's bounds that its words can still carry."""
+def values_out_of_bounds(register: Register) -> list[int]:
+    """Return values outside of a register's bounds that fit in its words."""
     least, most = LIMITS[register.kind]
     values = (register.low - 1, register.high + 1, least, most)
     return sorted(
@@ -74,7 +74,7 @@ def outside(register: Register) -> list[int]:
 
 def test_a_value_out_of_bounds_is_refused_whole(idle: DrumChip) -> None:
     for register in SETTINGS:
-        for value in outside(register):
+        for value in values_out_of_bounds(register):
             words = pack_value(register, value)
             assert idle.write(register.address, *words) == BAD_VALUE, (register.name, value)
     good, bad = BY_NAME["speed_set"], BY_NAME["force_set"]
@@ -86,7 +86,7 @@ def test_a_value_out_of_bounds_is_refused_whole(idle: DrumChip) -> None:
     assert idle.exchange(one)[1:3] == bytes([0x80 | 6, BAD_VALUE])
 
 
-def test_what_cannot_be_written_or_does_not_exist_is_refused(idle: DrumChip) -> None:
+def test_writes_of_read_only_and_missing_registers_are_refused(idle: DrumChip) -> None:
     for register in (r for r in REGISTERS if not r.writable):
         assert idle.write(register.address, 1) == NO_REGISTER, register.name
     wide = BY_NAME["move_target"]
@@ -104,43 +104,43 @@ def test_a_command_in_the_wrong_state_is_refused(idle: DrumChip) -> None:
         assert idle.command(command) == REFUSED
 
 
-def test_torn_and_merged_requests_are_answered_or_dropped(idle: DrumChip) -> None:
+def test_split_and_joined_requests_are_answered_or_dropped(idle: DrumChip) -> None:
     body = bytes([1, 3, 0, 0, 0, 1])
     frame = body + crc16(body)
     for cut in range(1, len(frame)):
-        assert idle.raw(frame[:cut]) == b""  # 40 ms of silence: forgotten
-        assert idle.raw(frame)[3:] == MAGIC.to_bytes(2, "big")
+        assert idle.send_raw(frame[:cut]) == b""  # 40 ms of silence discard it
+        assert idle.send_raw(frame)[3:] == MAGIC.to_bytes(2, "big")
     idle.chip.send(frame[:3])
     idle.run(5)
-    assert idle.raw(frame[3:])[3:] == MAGIC.to_bytes(2, "big")
+    assert idle.send_raw(frame[3:])[3:] == MAGIC.to_bytes(2, "big")
     idle.chip.send(frame + frame)
     idle.run(20)
     assert idle.get("frames_seen") >= 2 + len(frame)
 
 
-def test_a_repeated_frame_repeats_nothing() -> None:
+def test_a_repeated_frame_is_executed_once() -> None:
     with DrumChip() as drum:
         drum.arm()
         head = struct.pack(">BBHHBHH", 1, 16, 65, 2, 4, Command.MOVE, 500)
         frame = head + crc16(head)
         drum.set("move_target", 640)
         drum.clear_edges()
-        drum.raw(frame)
+        drum.send_raw(frame)
         drum.poll_for(600)
         for _ in range(3):
-            drum.raw(frame)
+            drum.send_raw(frame)
             drum.poll_for(40)
         assert drum.steps().size == 640
         beat = struct.pack(">BBHHHHBH", 1, 23, 16, 40, 64, 1, 2, 4711)
-        for _ in range(20):  # the same beat over and over is no beat
-            drum.raw(beat + crc16(beat))
+        for _ in range(20):  # the board ignores a heartbeat that does not change
+            drum.send_raw(beat + crc16(beat))
             drum.run(10)
         assert drum.get("fault") == Fault.HEARTBEAT
 
 
 def test_a_host_that_dies_in_the_middle_of_a_write_stops_the_drum() -> None:
     with DrumChip() as drum:
-        bring(drum, State.RUN)
+        enter_from_idle(drum, State.RUN)
         before = drum.get("over_force"), drum.get("force_set")
         eeprom = drum.chip.read_eeprom(0, EEPROM_BYTES)
         head = struct.pack(">BBHHBHH", 1, 16, BY_NAME["speed_set"].address, 2, 4, 4000, 9000)
@@ -154,8 +154,8 @@ def test_a_host_that_dies_in_the_middle_of_a_write_stops_the_drum() -> None:
         assert drum.chip.read_eeprom(0, EEPROM_BYTES) == eeprom
 
 
-def heard(data: bytes, baud: int) -> bytes:
-    """What a receiver at 115,200 baud makes of bytes sent at another rate."""
+def received_bytes(data: bytes, baud: int) -> bytes:
+    """Return what a receiver at 115,200 baud decodes from bytes sent at another rate."""
     bits = [b for byte in data for b in (0, *(byte >> n & 1 for n in range(8)), 1)] + [1] * 40
     length = len(bits) * FRAME_BAUD / baud
     out, at = bytearray(), 0.0
@@ -172,9 +172,9 @@ def heard(data: bytes, baud: int) -> bytes:
     return bytes(out)
 
 
-def test_what_is_heard_at_the_right_rate_is_what_was_sent() -> None:
+def test_the_receiver_model_decodes_bytes_at_its_own_rate() -> None:
     data = bytes(range(256))
-    assert heard(data, FRAME_BAUD) == data
+    assert received_bytes(data, FRAME_BAUD) == data
 
 
 @pytest.mark.parametrize("baud", [9600, 38_400, 57_600, 230_400, 500_000])
@@ -182,11 +182,11 @@ def test_another_baud_rate_does_nothing(idle: DrumChip, baud: int) -> None:
     armed = struct.pack(">BBHHBHHH", 1, 16, 64, 3, 6, 1, Command.ARM, 77)
     limits = struct.pack(">BBHHBH", 1, 16, BY_NAME["over_force"].address, 1, 2, 30_000)
     for body in (armed, limits) * 3:
-        idle.chip.send(heard(body + crc16(body), baud))
+        idle.chip.send(received_bytes(body + crc16(body), baud))
         idle.run(40)
 
 
-def test_noise_with_the_look_of_requests_does_nothing(idle: DrumChip) -> None:
+def test_noise_that_begins_like_a_request_does_nothing(idle: DrumChip) -> None:
     dice = np.random.default_rng(11)
     heads = (b"\x01\x10\x00\x40", b"\x01\x06\x00\x45", b"\x01\x17\x00\x10", b"\x01\x03")
     for n in range(200):

@@ -1,4 +1,4 @@
-"""Each safety check passes on the drum's image and fails on the image that breaks its point."""
+"""Each safety check passes on the drum's image and fails on an image with the checked defect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The force loop on its chip, against the world's true force: nominal, and at the ends."""
+"""The force loop keeps the true force on its chip, on nominal and extreme plants."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from tests.firmware.drum.support.plant_drum import PlantDrum
     ],
     ids=["nominal", "stiff", "stiff and stiffening", "soft and sluggish"],
 )
-def test_a_trial_keeps_its_force(plant: WorldParameters, force_g: int) -> None:
+def test_the_force_is_within_its_limits(plant: WorldParameters, force_g: int) -> None:
     with PlantDrum(plant) as drum:
-        drum.ready()
+        drum.prepare()
         trial = drum.trial(120, force_g)
     assert trial.settle_s < 1.0
     assert trial.overshoot < 0.05
     assert abs(trial.mean_error) < 0.01
 
 
-def test_ridges_that_pass_in_a_ramp_are_not_taken_for_run_out() -> None:
-    """What a trial's slow start and end told of the surface, the next one believed."""
+def test_ridges_that_pass_in_a_ramp_are_not_learnt_as_run_out() -> None:
+    """The loop once learnt from the slow start and end of a trial, which disturbed the next one."""
     rippled = WorldParameters(base_space_mm=6.0, bottom_blur_mm=1.0, edge_drop_mm=0.2)
     with PlantDrum(rippled, "C") as drum:
-        drum.ready()
+        drum.prepare()
         first, second = drum.trial(40, 250), drum.trial(60, 250)
     assert abs(first.mean_error) < 0.005
     assert abs(second.mean_error) < 0.005

@@ -1,4 +1,4 @@
-"""What needs no chip: the generated files, and the C++ tests under sanitizers."""
+"""Tests without a chip: generated files, and the C++ tests under sanitizers."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from rigctl.wire.codegen.__main__ import GENERATED, find_stale
 from tests.firmware.building import built
 
 
-def test_headers_and_page_say_what_the_tables_say() -> None:
+def test_headers_and_page_agree_with_the_tables() -> None:
     assert find_stale() == {}
 
 
-def test_a_changed_header_is_noticed() -> None:
+def test_a_stale_header_is_detected() -> None:
     root = checkout()
     assert root is not None
     stale = find_stale(root / "docs")
@@ -21,7 +21,7 @@ def test_a_changed_header_is_noticed() -> None:
     assert stale == {path: (root / path).read_text(encoding="utf-8") for path in stale}
 
 
-def test_the_pure_parts_pass_their_tests_under_sanitizers() -> None:
+def test_the_cpp_tests_pass_under_sanitizers() -> None:
     done = subprocess.run(
         [str(built("firmware/native-drum"))], capture_output=True, text=True, check=False
     )

@@ -1,4 +1,4 @@
-"""What the drum controller's image does by itself when things go wrong, on its chip."""
+"""The drum controller's image reacts to faults without the computer, on its chip."""
 
 from __future__ import annotations
 
@@ -11,15 +11,22 @@ from rigctl.simulation.chips.simavr import Input, Output, ResetBy
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_table import BY_NAME, MAGIC
 from rigctl.wire.drum.states import Fault, State
-from tests.firmware.drum.support.checks import ESTOP_LIMIT, HANGS, MOVING_STATES, bring, hang, trip
+from tests.firmware.drum.support.checks import (
+    ESTOP_LIMIT,
+    HANGS,
+    MOVING_STATES,
+    enter_from_idle,
+    hang_main_loop,
+    open_emergency_stop,
+)
 from tests.firmware.drum.support.chip import MS, DrumChip, crc16
 
 
 @pytest.mark.parametrize("state", MOVING_STATES)
 def test_the_emergency_stop_acts_within_100_microseconds(state: State) -> None:
     with DrumChip() as drum:
-        bring(drum, state)
-        trip(drum, 5000)
+        enter_from_idle(drum, state)
+        open_emergency_stop(drum, 5000)
         assert drum.state is State.FAULT_OFF
         assert drum.get("fault") == Fault.ESTOP
         assert drum.command(Command.CLEAR) == 4
@@ -29,7 +36,7 @@ def test_the_emergency_stop_acts_within_100_microseconds(state: State) -> None:
         assert drum.state is State.IDLE
 
 
-def test_a_short_opening_of_the_emergency_stop_is_not_forgotten() -> None:
+def test_a_short_opening_of_the_emergency_stop_is_latched() -> None:
     with DrumChip() as drum:
         drum.arm()
         drum.pin(Input.ESTOP, 1, 3000)
@@ -38,7 +45,7 @@ def test_a_short_opening_of_the_emergency_stop_is_not_forgotten() -> None:
         assert drum.get("fault") == Fault.ESTOP
 
 
-def test_an_open_emergency_stop_at_boot_refuses_to_arm() -> None:
+def test_a_board_that_boots_with_an_open_emergency_stop_does_not_arm() -> None:
     with DrumChip() as drum:
         drum.pin(Input.ESTOP, 1)
         drum.run(1)
@@ -54,7 +61,7 @@ def test_the_emergency_stop_works_with_a_hung_main_loop() -> None:
         drum.set("move_target", 100_000)
         drum.command(Command.MOVE)
         drum.poll_for(200)
-        hang(drum)
+        hang_main_loop(drum)
         drum.clear_edges()
         at = drum.pin(Input.ESTOP, 1, 2000)
         drum.run(2)
@@ -63,14 +70,14 @@ def test_the_emergency_stop_works_with_a_hung_main_loop() -> None:
         assert not np.any(drum.steps() > at + ESTOP_LIMIT)
 
 
-def test_over_force_lifts_within_a_millisecond_of_its_sample() -> None:
+def test_over_force_lifts_within_two_milliseconds_of_its_sample() -> None:
     with DrumChip() as drum:
-        bring(drum, State.HOLD)
+        enter_from_idle(drum, State.HOLD)
         drum.rod_mm += 2.0
         while drum.x.drive > -0.9:
             drum.run(1)
         shown = drum.x.loadcell_ready - (drum.x.loadcell_period_q16 >> 16)
-        assert 0 < drum.x.cycle - shown <= 2 * MS  # looked at once a millisecond
+        assert 0 < drum.x.cycle - shown <= 2 * MS  # the tick checks it every ms
         assert drum.state is State.FAULT_LIFT
         assert drum.get("fault") == Fault.OVER_FORCE
 
@@ -81,7 +88,7 @@ def test_over_force_lifts_within_a_millisecond_of_its_sample() -> None:
 )
 def test_a_failed_load_cell_lifts(mode: int, fault: Fault, within_ms: int) -> None:
     with DrumChip() as drum:
-        bring(drum, State.HOLD)
+        enter_from_idle(drum, State.HOLD)
         drum.x.loadcell_mode = mode
         drum.run(within_ms)
         assert drum.state is State.FAULT_LIFT
@@ -113,19 +120,19 @@ def test_fuzz_changes_no_setting_and_hangs_nothing() -> None:
         assert drum.state is State.IDLE
 
 
-def test_torn_and_merged_requests_are_answered() -> None:
+def test_split_requests_are_answered() -> None:
     with DrumChip() as drum:
         body = bytes([1, 3, 0, 0, 0, 1])
         frame = body + crc16(body)
         drum.chip.send(frame[:3])
         drum.run(5)
-        assert drum.raw(frame[3:])[3:] == MAGIC.to_bytes(2, "big")
-        assert drum.raw(frame[:4]) == b""
+        assert drum.send_raw(frame[3:])[3:] == MAGIC.to_bytes(2, "big")
+        assert drum.send_raw(frame[:4]) == b""
         drum.run(12)
-        assert drum.raw(frame)[3:] == MAGIC.to_bytes(2, "big")
+        assert drum.send_raw(frame)[3:] == MAGIC.to_bytes(2, "big")
 
 
-def test_settings_outlive_the_power_and_a_half_written_slot() -> None:
+def test_saved_settings_survive_power_loss_and_a_damaged_slot() -> None:
     with DrumChip() as drum:
         boots = drum.get("boot_count")
         for value in (6100, 6200):
@@ -147,7 +154,7 @@ def test_settings_outlive_the_power_and_a_half_written_slot() -> None:
         assert drum.get("speed_set") == BY_NAME["speed_set"].default
 
 
-def test_most_of_the_stack_was_never_used() -> None:
+def test_a_quarter_of_the_stack_is_never_used() -> None:
     with DrumChip() as drum:
-        bring(drum, State.RUN)
+        enter_from_idle(drum, State.RUN)
         assert drum.get("free_stack_bytes") > 0.25 * 8192

@@ -19,11 +19,11 @@ from tests.firmware.drum.support.cells import (
 from tests.firmware.drum.support.chip import DrumChip
 
 PASSED = {State.RETRACT: State.ARMED}
-"""A lift that has no way to go is over with the next tick."""
+"""A lift without travel ends in the next tick."""
 
 
 def check_cell(drum: DrumChip, state: State, event: StateEvent) -> None:
-    """Cause the event; the drum must be where the table says, its drivers with it."""
+    """Cause the event, and check the new state and its drivers against the table."""
     wanted = next_state(state, event)
     assert wanted is not None
     cause(drum, event)
@@ -34,7 +34,7 @@ def check_cell(drum: DrumChip, state: State, event: StateEvent) -> None:
 
 
 @pytest.mark.parametrize("state", ATTENDED, ids=lambda s: s.name)
-def test_commands_and_faults_lead_where_the_table_says(state: State) -> None:
+def test_commands_and_faults_follow_the_table(state: State) -> None:
     with DrumChip() as drum:
         enter(drum, state)
         for event in (e for e in COMMANDS if next_state(state, e) is None):
@@ -59,7 +59,7 @@ def test_commands_and_faults_lead_where_the_table_says(state: State) -> None:
     ],
     ids=str,
 )
-def test_each_completion_leads_where_the_table_says(state: State, limit_ms: int) -> None:
+def test_completions_follow_the_table(state: State, limit_ms: int) -> None:
     with DrumChip() as drum:
         enter(drum, state)
         for _ in range(limit_ms // 20):
@@ -70,7 +70,7 @@ def test_each_completion_leads_where_the_table_says(state: State, limit_ms: int)
         assert drum.state is next_state(state, event)
 
 
-def test_selftest_refuses_every_command_and_then_passes() -> None:
+def test_selftest_refuses_every_command_and_passes() -> None:
     with DrumChip() as drum:
         for event in COMMANDS:
             drum.chip.reset(ResetBy.PIN)
@@ -94,7 +94,7 @@ def test_selftest_fails_without_a_load_cell_and_on_an_open_emergency_stop() -> N
         assert drum.state is next_state(State.SELFTEST, StateEvent.OFF_FAULT)
 
 
-def test_until_armed_nothing_is_driven() -> None:
+def test_an_unarmed_drum_drives_nothing() -> None:
     with DrumChip() as drum:
         drum.clear_edges()
         drum.chip.reset(ResetBy.PIN)
@@ -105,7 +105,7 @@ def test_until_armed_nothing_is_driven() -> None:
         assert drum.steps().size == 0
 
 
-def test_every_cell_is_reached_or_said_to_be_out_of_reach() -> None:
+def test_every_cell_is_reached_or_has_a_reason() -> None:
     reached = {(s, e) for s in ATTENDED for e in (*COMMANDS, *FAULTS)}
     reached |= {(s, e) for s, events in COMPLETIONS.items() for e in events}
     reached |= {(State.SELFTEST, e) for e in (*COMMANDS, StateEvent.OFF_FAULT)}

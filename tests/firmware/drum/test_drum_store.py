@@ -1,4 +1,4 @@
-"""Settings in the drum's EEPROM: whole, old or new, whatever happens to the power."""
+"""Settings in the drum's EEPROM are complete, either old or new, after any loss of power."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def read(drum: DrumChip) -> tuple[int, int]:
     return drum.get("force_set"), drum.get("tare_place_15")
 
 
-def lifted(drum: DrumChip) -> None:
-    """At its upper end, where the board takes a tare."""
+def lift(drum: DrumChip) -> None:
+    """Move to the upper end, where the board accepts a tare."""
     drum.rod_mm = 0.0
     drum.run(50)
 
@@ -33,27 +33,27 @@ def power_cycle(drum: DrumChip) -> None:
     drum.run(120)
 
 
-def saved(drum: DrumChip, values: tuple[int, int]) -> None:
+def save(drum: DrumChip, values: tuple[int, int]) -> None:
     write(drum, values)
     assert drum.command(Command.SAVE, 1000) == 0
 
 
-def test_a_save_takes_a_byte_a_tick_at_most() -> None:
+def test_a_save_writes_at_most_one_byte_per_tick() -> None:
     with DrumChip() as drum:
-        lifted(drum)
+        lift(drum)
         begun = drum.x.cycle // MS
-        saved(drum, OLD)
+        save(drum, OLD)
         assert drum.x.cycle // MS - begun >= SLOT_BYTES
         power_cycle(drum)
         assert read(drum) == OLD
         assert drum.get("settings_from") == SettingsFrom.SAVED
 
 
-def test_a_power_loss_at_every_byte_leaves_old_or_new_settings_whole() -> None:
+def test_power_loss_at_any_byte_leaves_complete_old_or_new_settings() -> None:
     with DrumChip() as drum:
-        lifted(drum)
-        saved(drum, (1000, 10))
-        saved(drum, OLD)
+        lift(drum)
+        save(drum, (1000, 10))
+        save(drum, OLD)
         kept = drum.chip.read_eeprom(SLOTS, 2 * STRIDE)
         found = []
         for milliseconds in range(0, SLOT_BYTES + 12, 2):
@@ -69,11 +69,11 @@ def test_a_power_loss_at_every_byte_leaves_old_or_new_settings_whole() -> None:
 
 
 @pytest.mark.parametrize("byte", [0, 1, 2, 50, SLOT_BYTES - 3, SLOT_BYTES - 2, SLOT_BYTES - 1])
-def test_a_damaged_slot_gives_the_other_and_two_the_defaults(byte: int) -> None:
+def test_a_damaged_slot_falls_back_to_the_other_and_then_to_defaults(byte: int) -> None:
     with DrumChip() as drum:
-        lifted(drum)
-        saved(drum, OLD)
-        saved(drum, NEW)
+        lift(drum)
+        save(drum, OLD)
+        save(drum, NEW)
         for start, expected in ((SLOTS + STRIDE, OLD), (SLOTS, (5000, 0))):
             (old,) = drum.chip.read_eeprom(start + byte, 1)
             drum.chip.write_eeprom(start + byte, bytes([old ^ 0x10]))
@@ -85,6 +85,6 @@ def test_a_damaged_slot_gives_the_other_and_two_the_defaults(byte: int) -> None:
         assert drum.get("settings_from") == SettingsFrom.SAVED
 
 
-def test_a_blank_board_says_that_it_runs_on_defaults() -> None:
+def test_a_blank_board_reports_its_default_settings() -> None:
     with DrumChip() as drum:
         assert drum.get("settings_from") == SettingsFrom.DEFAULTS

@@ -1,4 +1,4 @@
-"""The drum controller's clockwork, in cycles: pulses, interrupts, load-cell reads, replies."""
+"""The drum controller's timing in cycles: pulses, interrupts, load-cell reads, replies."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from rigctl.wire.drum.states import State
 from tests.firmware.drum.support.chip import ENTRY_CYCLES, DrumChip
 
 STEP_CYCLES_AT_1_MM_S = 16e6 * 0.03125
-FLOOR = 5
-"""Cycles by which the simulator's own instructions move an edge."""
+JITTER_CYCLES = 5
+"""Jitter of an edge due to the simulator, which stops between instructions."""
 
 
 @pytest.fixture(scope="module")
 def holding() -> Iterator[DrumChip]:
-    """A drum that holds 500 g."""
+    """Yield a drum that holds 500 g."""
     with DrumChip() as drum:
         drum.arm()
         drum.hold(500)
@@ -28,7 +28,7 @@ def holding() -> Iterator[DrumChip]:
 
 
 def trial(drum: DrumChip, speed_mm_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Run once; cycles of all steps, and rows (cycle, level) of sync."""
+    """Run once; return the cycles of all steps, and the edges (cycle, level) of sync."""
     drum.set("speed_set", round(speed_mm_s * 100))
     drum.clear_edges()
     assert drum.command(Command.RUN, 12_000) == 0
@@ -37,7 +37,7 @@ def trial(drum: DrumChip, speed_mm_s: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("speed_mm_s", [40.0, 73.7, 120.0])
-def test_a_run_is_exact_to_the_step_and_to_the_cycle(holding: DrumChip, speed_mm_s: float) -> None:
+def test_a_run_has_exact_steps_and_pulse_times(holding: DrumChip, speed_mm_s: float) -> None:
     steps, sync = trial(holding, speed_mm_s)
     wanted = STEP_CYCLES_AT_1_MM_S / speed_mm_s
     opened, closed = (int(np.searchsorted(steps, c, "right")) for c in sync[:, 0])
@@ -45,7 +45,7 @@ def test_a_run_is_exact_to_the_step_and_to_the_cycle(holding: DrumChip, speed_mm
     assert (opened, closed) == (3200, 3200 + 7840)
     inside = steps[opened - 1 : closed]
     intervals = np.diff(inside)
-    assert np.abs(intervals - wanted).max() <= FLOOR + 1
+    assert np.abs(intervals - wanted).max() <= JITTER_CYCLES + 1
     assert intervals.mean() / wanted == pytest.approx(1.0, abs=5e-6)
     assert sync[0, 0] - steps[opened - 1] < 400  # sync follows its step within 25 µs
     assert sync[1, 0] - steps[closed - 1] < 400
@@ -65,7 +65,7 @@ def test_ramps_have_the_acceleration_set(holding: DrumChip) -> None:
     assert 2 * 301 * 0.03125 / seconds**2 == pytest.approx(600, rel=0.01)
 
 
-def test_interrupts_are_short_and_load_cell_reads_quick(holding: DrumChip) -> None:
+def test_interrupts_and_load_cell_reads_are_short(holding: DrumChip) -> None:
     x = holding.x
     x.watch_interrupts = 1
     trial(holding, 120.0)
@@ -81,7 +81,7 @@ def test_interrupts_are_short_and_load_cell_reads_quick(holding: DrumChip) -> No
     assert holding.get("loadcell_dropped") == 0
 
 
-def test_the_longest_read_holds_up_no_conversion(holding: DrumChip) -> None:
+def test_the_longest_modbus_read_delays_no_conversion(holding: DrumChip) -> None:
     for _ in range(20):
         holding.beat()
         holding.exchange(struct.pack(">BHH", 3, 128, 125))
@@ -89,7 +89,7 @@ def test_the_longest_read_holds_up_no_conversion(holding: DrumChip) -> None:
     assert holding.x.loadcell_reads == holding.x.loadcell_conversions
 
 
-def test_more_than_half_of_the_time_is_idle_at_120_mm_s(holding: DrumChip) -> None:
+def test_the_processor_is_idle_for_60_percent_at_120_mm_s(holding: DrumChip) -> None:
     holding.set("speed_set", 12_000)
     assert holding.command(Command.RUN) == 0
     holding.poll_for(500)
@@ -102,7 +102,7 @@ def test_more_than_half_of_the_time_is_idle_at_120_mm_s(holding: DrumChip) -> No
     assert holding.state is State.HOLD
 
 
-def test_ten_thousand_steps_a_second_for_as_long_as_wanted() -> None:
+def test_a_long_move_runs_at_ten_thousand_steps_per_second() -> None:
     with DrumChip() as drum:
         drum.arm()
         drum.set("move_speed_set", 32_000)
@@ -113,7 +113,7 @@ def test_ten_thousand_steps_a_second_for_as_long_as_wanted() -> None:
         assert steps.size == 40_000
         assert drum.get("steps") == 40_000
         fastest = np.diff(steps[18_000:22_000])
-        assert np.abs(fastest - STEP_CYCLES_AT_1_MM_S / 320).max() <= FLOOR + 1
+        assert np.abs(fastest - STEP_CYCLES_AT_1_MM_S / 320).max() <= JITTER_CYCLES + 1
         assert max(drum.x.longest_isr) + ENTRY_CYCLES <= 400
         assert drum.x.longest_read <= 960
         assert drum.x.loadcell_latency <= 16_000

@@ -1,4 +1,4 @@
-"""Another drum is another header: pins, driver, microsteps, drum, actuator, 10 samples a second."""
+"""A header adapts the image to another drum, driver, actuator and amplifier."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from rigctl.simulation.chips.simavr import Input, Output, ResetBy
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from tests.benchmarks.firmware._drum_timing import run
-from tests.firmware.drum.support.checks import trip
+from tests.firmware.drum.support.checks import open_emergency_stop
 from tests.firmware.drum.support.other_drum import SELFTEST_MS, STEP_MM, OtherDrum
 
 
 def start_over(drum: OtherDrum) -> None:
-    """To ARMED after an emergency stop, homed again."""
+    """Clear an emergency stop, then arm, home and tare again."""
     drum.pin(Input.ESTOP, 0)
     drum.run(3)
     assert drum.command(Command.CLEAR) == 0
-    drum.ready()
+    drum.prepare()
 
 
 @pytest.fixture(scope="module")
 def tuned() -> Iterator[OtherDrum]:
-    """Homed and tared, with the gains that it proposes itself."""
+    """Yield a drum in ARMED with the gains that it proposed."""
     with OtherDrum() as drum:
         drum.tune()
         yield drum
 
 
-def test_it_says_what_it_is_and_that_the_index_was_where_steps_say(tuned: OtherDrum) -> None:
+def test_it_reports_its_geometry_and_finds_the_index_at_the_expected_step(tuned: OtherDrum) -> None:
     assert tuned.get("steps_per_turn") == 6400
     assert tuned.get("nm_per_step") == 56_250
     before = tuned.x.drum_steps - tuned.get("steps")
@@ -45,20 +45,20 @@ def test_it_says_what_it_is_and_that_the_index_was_where_steps_say(tuned: OtherD
 
 
 @pytest.mark.parametrize(("speed_mm_s", "force_g"), [(40, 250), (120, 1000)])
-def test_a_trial_keeps_its_force(tuned: OtherDrum, speed_mm_s: float, force_g: int) -> None:
+def test_the_force_is_within_its_limits(tuned: OtherDrum, speed_mm_s: float, force_g: int) -> None:
     trial = tuned.trial(speed_mm_s, force_g)
     assert trial.settle_s < 2.0  # 0.6 s with 80 samples a second
     assert trial.overshoot < 0.05
     assert abs(trial.mean_error) < 0.01
 
 
-def test_a_run_is_exact_to_the_step_and_to_the_cycle(tuned: OtherDrum) -> None:
+def test_a_run_has_exact_steps_and_pulse_times(tuned: OtherDrum) -> None:
     tuned.hold(500)
     for speed_mm_s in (40, 73.7, 120):
-        done = run(tuned, speed_mm_s, STEP_MM)
-        assert done.jitter <= 6
-        assert done.rate_ppm < 5
-        assert done.steps_off == 0
+        result = run(tuned, speed_mm_s, STEP_MM)
+        assert result.jitter <= 6
+        assert result.rate_ppm < 5
+        assert result.steps_off == 0
     assert tuned.x.loadcell_conversions - tuned.x.loadcell_reads <= 1
     assert tuned.command(Command.RETRACT, 5000) == 0
 
@@ -71,12 +71,12 @@ def test_the_emergency_stop_acts_within_100_microseconds(tuned: OtherDrum, state
         assert tuned.command(Command.RUN) == 0
         tuned.poll_for(600)
     assert tuned.state is state
-    trip(tuned, 5000)
+    open_emergency_stop(tuned, 5000)
     assert tuned.get("fault") == Fault.ESTOP
     start_over(tuned)
 
 
-def test_its_lower_end_is_where_the_header_says(tuned: OtherDrum) -> None:
+def test_its_lower_end_switch_has_the_pin_of_the_header(tuned: OtherDrum) -> None:
     assert tuned.command(Command.APPROACH) == 0
     tuned.poll_for(300)
     tuned.pin(Input.END_UP, 1)  # the pin that is the upper end in the default variant
@@ -85,10 +85,10 @@ def test_its_lower_end_is_where_the_header_says(tuned: OtherDrum) -> None:
     tuned.pin(Input.END_UP, 0)
     tuned.poll_for(800)
     assert tuned.command(Command.CLEAR) == 0
-    tuned.ready()
+    tuned.prepare()
 
 
-def test_its_own_limit_of_force_is_what_its_header_says(tuned: OtherDrum) -> None:
+def test_its_force_limit_is_that_of_the_header(tuned: OtherDrum) -> None:
     assert tuned.get("most_force") == 1500
     before = tuned.get("over_force")
     assert tuned.set("over_force", 30_000) == 0
@@ -97,7 +97,7 @@ def test_its_own_limit_of_force_is_what_its_header_says(tuned: OtherDrum) -> Non
     assert tuned.set("over_force", before) == 0
 
 
-def test_until_armed_its_driver_is_off() -> None:
+def test_its_driver_is_off_until_it_is_armed() -> None:
     with OtherDrum() as drum:
         drum.clear_edges()
         drum.chip.reset(ResetBy.PIN)

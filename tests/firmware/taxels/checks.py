@@ -1,4 +1,4 @@
-"""What the taxel board must do, as checks of an image, and the broken images that fail them."""
+"""Checks of an image of the taxel board, and the broken images that must fail them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ MILLISECONDS = 300
 LEAST_FRAMES = MILLISECONDS - 20
 
 
-def every_frame_has_the_next_number(image: str) -> None:
-    """Counters go up by one, and the stream is one stream."""
+def frame_counters_are_consecutive(image: str) -> None:
+    """Counters increase by one."""
     with TaxelChip(image) as board:
         board.run(MILLISECONDS)
         assert board.counters.size > LEAST_FRAMES
@@ -23,7 +23,7 @@ def every_frame_has_the_next_number(image: str) -> None:
 
 
 def frames_begin_every_16000_cycles(image: str) -> None:
-    """The first sample of each frame, for as long as it runs."""
+    """The times of the first samples do not drift."""
     with TaxelChip(image) as board:
         board.run(MILLISECONDS)
         starts = board.sampled(0)
@@ -32,8 +32,8 @@ def frames_begin_every_16000_cycles(image: str) -> None:
         assert np.abs(drift).max() <= 1
 
 
-def the_sample_times_do_not_move(image: str) -> None:
-    """Every taxel at its slot to a cycle, both ends of each distance jittering by one."""
+def sample_times_are_constant(image: str) -> None:
+    """Every taxel is sampled in its slot; both ends of an interval jitter by one cycle."""
     with TaxelChip(image) as board:
         board.run(MILLISECONDS)
         starts = board.sampled(0)[: board.sampled(17).size]
@@ -44,7 +44,7 @@ def the_sample_times_do_not_move(image: str) -> None:
 
 
 def no_frame_is_dropped(image: str) -> None:
-    """What is sampled arrives."""
+    """Every sampled frame is received."""
     with TaxelChip(image) as board:
         board.run(MILLISECONDS)
         assert board.statuses[-1].frames_dropped == 0
@@ -52,16 +52,16 @@ def no_frame_is_dropped(image: str) -> None:
 
 
 def the_watchdog_does_not_fire(image: str) -> None:
-    """The program says that it is alive, and so is never restarted."""
+    """The program kicks the watchdog in time."""
     with TaxelChip(image) as board:
         board.run(MILLISECONDS)
         assert board.x.resets == 0
 
 
 CONTROLS: list[tuple[str, str, Check]] = [
-    ("stuck-counter", "the frame counter does not advance", every_frame_has_the_next_number),
+    ("stuck-counter", "the frame counter does not advance", frame_counters_are_consecutive),
     ("never-clear", "the compare flag stays set", frames_begin_every_16000_cycles),
-    ("by-software", "an interrupt starts conversions", the_sample_times_do_not_move),
+    ("by-software", "an interrupt starts conversions", sample_times_are_constant),
     ("slow-wire", "250 kbaud for 33 bytes a millisecond", no_frame_is_dropped),
     ("never-kick", "the firmware never kicks the watchdog", the_watchdog_does_not_fire),
 ]

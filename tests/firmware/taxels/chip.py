@@ -1,8 +1,9 @@
-"""The taxel board's image alone on its chip, fed and watched cycle by cycle."""
+"""The taxel board's image on its chip, with access to pins and edges by cycle."""
 
 from __future__ import annotations
 
 from types import TracebackType
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ ENTRY_CYCLES = 4
 
 
 class TaxelChip:
-    """One run of one image; used as a context so that the chip is freed."""
+    """An image on a chip; leaving the context frees it."""
 
     def __init__(self, image: str = "firmware/taxels.elf") -> None:
         self.chip = Chip(load_library(built("sim/libchips.so")), built(image), Kind.TAXELS)
@@ -37,7 +38,7 @@ class TaxelChip:
         self._decoder = FrameDecoder()
         self._samples: list[NDArray[np.int64]] = []
 
-    def __enter__(self) -> TaxelChip:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -49,20 +50,20 @@ class TaxelChip:
         self.chip.close()
 
     def run(self, milliseconds: int) -> None:
-        """Run on, a millisecond at a time."""
+        """Run in steps of a millisecond."""
         for _ in range(milliseconds):
             self.run_slice(1)
 
     def run_slice(self, milliseconds: int) -> None:
-        """Run on in one go."""
+        """Run in one step."""
         self.chip.run((self.x.cycle // FRAME_CYCLES + milliseconds) * FRAME_CYCLES)
-        self._take()
+        self._collect()
 
     def edge(self, signal: Input, level: int, cycle: int) -> None:
-        """Change a pin at a cycle from now on."""
+        """Change a pin at a future cycle."""
         self.chip.set_input(signal, cycle, level)
 
-    def _take(self) -> None:
+    def _collect(self) -> None:
         x, chip = self.x, self.chip
         decoded = self._decoder.feed(chip.tx[: x.tx_count].tobytes(), x.cycle / 16e6)
         self.blocks += decoded.blocks
@@ -76,27 +77,27 @@ class TaxelChip:
         self._samples.append(np.stack([stamps, levels], axis=1))
 
     def sampled(self, taxel: int) -> NDArray[np.int64]:
-        """Cycles at which a taxel was sampled, without the conversion that wakes the converter."""
+        """Return the cycles at which a taxel was sampled, without the ADC's first conversion."""
         rows = np.concatenate(self._samples)
         cycles: NDArray[np.int64] = rows[rows[:, 1] == taxel, 0]
         return cycles[1:] if taxel == 0 else cycles
 
     @property
     def counters(self) -> NDArray[np.int64]:
-        """Counters of all frames that came."""
+        """Counters of all received frames, int64 (n,)."""
         return np.concatenate([np.empty(0, np.int64), *[b.counters for b in self.blocks]])
 
     @property
     def samples(self) -> NDArray[np.uint16]:
-        """Readings of all frames that came, (n, 18)."""
+        """Readings of all received frames, uint16 (n, 18)."""
         return np.concatenate([np.empty((0, 18), np.uint16), *[b.samples for b in self.blocks]])
 
     @property
     def flags(self) -> NDArray[np.uint8]:
-        """Flags of all frames that came."""
+        """Flags of all received frames, uint8 (n,)."""
         return np.concatenate([np.empty(0, np.uint8), *[b.flags for b in self.blocks]])
 
     @property
     def edges(self) -> NDArray[np.uint8]:
-        """Edge counts of all frames that came."""
+        """Edge counts of all received frames, uint8 (n,)."""
         return np.concatenate([np.empty(0, np.uint8), *[b.edges for b in self.blocks]])

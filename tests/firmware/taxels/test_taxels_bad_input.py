@@ -1,4 +1,4 @@
-"""Bad input on the taxel board's wire: it changes nothing, and no sample moves by a cycle."""
+"""Bad input on the taxel board's line changes nothing and delays no sample."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from rigctl.wire.taxels.frames import BAUD, IDENTIFY, SELF_TEST, encode_request,
 from tests.firmware.taxels.chip import BYTE_CYCLES, FRAME_CYCLES, SLOT_CYCLES, TaxelChip
 
 EEPROM_BYTES = 1024
-FLOOR_CYCLES = 1
+JITTER_CYCLES = 1
 
 
 @pytest.fixture
 def streaming() -> Iterator[TaxelChip]:
-    """A board in mid-stream, which must end as undisturbed as it began."""
+    """Yield a streaming board; afterwards check that the input has changed nothing."""
     with TaxelChip() as board:
         board.run(120)
         eeprom = board.chip.read_eeprom(0, EEPROM_BYTES)
-        told = len(board.identities), len(board.tests)
+        received = len(board.identities), len(board.tests)
         yield board
         board.run(120)
-        assert (len(board.identities), len(board.tests)) == told
+        assert (len(board.identities), len(board.tests)) == received
         assert board.chip.read_eeprom(0, EEPROM_BYTES) == eeprom
         assert board.x.resets == 0
-        undisturbed(board)
+        check_undisturbed(board)
 
 
-def undisturbed(board: TaxelChip) -> None:
-    """Raises AssertionError where a frame is missing, flagged, or a sample was moved."""
+def check_undisturbed(board: TaxelChip) -> None:
+    """Check that no frame is missing or flagged, and that all samples are at their slots."""
     assert np.all(np.diff(board.counters) == 1)
     assert not board.flags.any()
     assert board.rejected == 0
@@ -38,17 +38,17 @@ def undisturbed(board: TaxelChip) -> None:
     assert status.frames_dropped == status.late_slots == 0
     whole = board.sampled(17).size
     starts = board.sampled(0)[:whole]
-    assert np.abs(np.diff(starts) - FRAME_CYCLES).max() <= FLOOR_CYCLES
+    assert np.abs(np.diff(starts) - FRAME_CYCLES).max() <= JITTER_CYCLES
     for taxel in range(18):
         offsets = board.sampled(taxel)[:whole] - starts - SLOT_CYCLES * taxel
-        assert np.abs(offsets).max() <= FLOOR_CYCLES, taxel
+        assert np.abs(offsets).max() <= JITTER_CYCLES, taxel
 
 
-def heard(data: bytes, sent_baud: float, read_baud: float = BAUD) -> bytes:
-    """What a receiver at one baud rate makes of 8N1 bytes sent without a pause at another.
+def received_bytes(data: bytes, sent_baud: float, read_baud: float = BAUD) -> bytes:
+    """Return what a receiver at one baud rate decodes from 8N1 bytes sent at another.
 
-    Bits are sampled in their middles from each falling edge on; a stop bit that is low does not
-    keep the chip's receiver from handing the byte over.
+    The bytes are sent without a pause. The receiver samples bits in their middles from each falling
+    edge on, and like the chip's receiver it accepts a byte whose stop bit is low.
     """
     bits = np.array([b for byte in data for b in (0, *(byte >> i & 1 for i in range(8)), 1)])
     line = np.concatenate([[1], bits, np.ones(12, int)])
@@ -65,11 +65,11 @@ def heard(data: bytes, sent_baud: float, read_baud: float = BAUD) -> bytes:
     return bytes(got)
 
 
-def test_the_model_of_a_receiver_hears_what_is_sent_at_its_own_rate() -> None:
+def test_the_receiver_model_decodes_bytes_at_its_own_rate() -> None:
     data = bytes(range(256))
-    assert heard(data, BAUD) == data
-    assert heard(data, BAUD * 1.02) == data
-    assert heard(data, BAUD / 2) != data
+    assert received_bytes(data, BAUD) == data
+    assert received_bytes(data, BAUD * 1.02) == data
+    assert received_bytes(data, BAUD / 2) != data
 
 
 def test_garbage_at_full_speed(streaming: TaxelChip) -> None:
@@ -82,9 +82,9 @@ def test_garbage_at_full_speed(streaming: TaxelChip) -> None:
 @pytest.mark.parametrize("baud", [9_600, 57_600, 115_200, 230_400, 250_000, 1_000_000])
 def test_a_host_at_another_baud_rate(streaming: TaxelChip, baud: int) -> None:
     requests = encode_request(IDENTIFY) + encode_request(SELF_TEST)
-    seen = heard(requests * 12, baud)
+    received = received_bytes(requests * 12, baud)
     streaming.x.host_byte_q16 = max(BYTE_CYCLES, BYTE_CYCLES * BAUD // baud) << 16
-    streaming.chip.send(seen)
+    streaming.chip.send(received)
     streaming.run(len(requests) * 12 * 10_000 // baud + 20)
 
 
@@ -103,7 +103,7 @@ def test_damaged_truncated_and_unknown_requests(streaming: TaxelChip) -> None:
         streaming.run(2)
 
 
-def test_a_host_that_dies_in_mid_request_costs_nobody_else_a_request() -> None:
+def test_an_incomplete_request_does_not_affect_the_next_one() -> None:
     with TaxelChip() as board:
         board.run(30)
         board.chip.send(encode_request(IDENTIFY)[:3])
@@ -113,7 +113,7 @@ def test_a_host_that_dies_in_mid_request_costs_nobody_else_a_request() -> None:
         assert len(board.identities) == 2
 
 
-def test_requests_without_end_disturb_no_sample() -> None:
+def test_a_flood_of_requests_disturbs_no_sample() -> None:
     with TaxelChip() as board:
         board.run(120)
         for _ in range(200):
@@ -121,4 +121,4 @@ def test_requests_without_end_disturb_no_sample() -> None:
             board.run(1)
         board.run(100)
         assert len(board.identities) > 60
-        undisturbed(board)
+        check_undisturbed(board)

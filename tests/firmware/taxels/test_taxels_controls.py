@@ -1,4 +1,4 @@
-"""Each check of the taxel board passes on its image and fails where its point is broken."""
+"""Each check passes on the taxel board's image and fails on an image with the checked defect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sync and index: every edge counted into the frame in which it happened, none lost."""
+"""Every edge of sync and index is counted in the frame in which it occurs."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from rigctl.wire.taxels.frames import Flag
 from tests.firmware.taxels.chip import FRAME_CYCLES, TaxelChip
 
 UNSURE_CYCLES = 4
-"""An edge so near to a frame's boundary may count on either side: one instruction's length."""
+"""An edge within one instruction of a frame's boundary may count in either frame."""
 
 
 def frame_of_rise(board: TaxelChip, counts: np.ndarray, before: int) -> int:
-    """Counter of the frame whose count changed first behind a place in the list."""
+    """Return the counter of the first frame after row ``before`` whose edge count changed."""
     changed = np.flatnonzero(np.diff(counts[before:].astype(int)))
     return int(board.counters[before + changed[0] + 1])
 
 
 @pytest.mark.parametrize("input_", [Input.SYNC, Input.INDEX])
-def test_an_edge_counts_into_the_frame_in_which_it_rose(input_: Input) -> None:
+def test_an_edge_counts_in_the_frame_in_which_it_rises(input_: Input) -> None:
     shift = 0 if input_ is Input.SYNC else 2
-    # Sync is stamped by hardware; the index has the latency of other routines, 25 µs at most.
+    # Hardware timestamps sync; other interrupts delay the index by at most 25 µs.
     unsure = UNSURE_CYCLES if input_ is Input.SYNC else 400
     offsets = [-3000, -800, -401, -60, -20, -6, 6, 20, 60, 200, 430, 470, 800, 8000, 12345]
     with TaxelChip() as board:
@@ -40,7 +40,7 @@ def test_an_edge_counts_into_the_frame_in_which_it_rose(input_: Input) -> None:
             assert frame_of_rise(board, counts, seen) == expected, offset
 
 
-def test_the_sync_flag_is_the_level_at_the_frames_end() -> None:
+def test_the_sync_flag_is_the_level_at_the_end_of_the_frame() -> None:
     with TaxelChip() as board:
         board.run(20)
         boundary = int(board.sampled(0)[-1]) + 3 * FRAME_CYCLES
@@ -52,7 +52,7 @@ def test_the_sync_flag_is_the_level_at_the_frames_end() -> None:
         assert np.array_equal(high, np.arange(counter, counter + 5))
 
 
-def test_index_flag_marks_the_frame_in_which_the_mark_began() -> None:
+def test_the_index_flag_is_set_in_the_frame_in_which_the_mark_begins() -> None:
     with TaxelChip() as board:
         board.run(20)
         boundary = int(board.sampled(0)[-1]) + 3 * FRAME_CYCLES

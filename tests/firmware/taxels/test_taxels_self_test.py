@@ -1,4 +1,4 @@
-"""The taxel board finds what is wrong with its wires and its sensor, and samples on meanwhile."""
+"""The taxel board's self-test finds faults of wires and sensor without disturbing samples."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tests.firmware.taxels.chip import FRAME_CYCLES, TaxelChip
 
 TEST_FRAMES = 21
 AT_REST = 0.02
-"""Share of the supply that an untouched taxel gives."""
+"""Voltage of an untouched taxel, as a share of the supply."""
 ALL = Coverage.LINES | Coverage.OPEN_INPUTS | Coverage.SHORT_INPUTS | Coverage.TAXELS
 
 
 def outcome_with(levels: dict[int, float] | None = None, **faults: int) -> SelfTest:
-    """Outcome at boot with these faults in the wiring and these levels of taxels."""
+    """Return the outcome at boot with faults of the wiring and some taxel levels."""
     with TaxelChip() as board:
         board.chip.analog[0] = AT_REST
         for reading, level in (levels or {}).items():
@@ -30,7 +30,7 @@ def outcome_with(levels: dict[int, float] | None = None, **faults: int) -> SelfT
         return outcome
 
 
-def test_a_healthy_board_finds_nothing_at_boot() -> None:
+def test_a_sound_board_passes_at_boot() -> None:
     assert outcome_with() == SelfTest(1, ALL)
 
 
@@ -45,7 +45,7 @@ def test_a_healthy_board_finds_nothing_at_boot() -> None:
         ({"inputs_together": 0b1001}, {"inputs_together": 0b1001}),
     ],
 )
-def test_a_fault_of_the_wiring_is_found(fault: dict[str, int], expected: dict[str, Any]) -> None:
+def test_a_wiring_fault_is_found(fault: dict[str, int], expected: dict[str, Any]) -> None:
     assert outcome_with(**fault) == SelfTest(1, ALL, **expected)
 
 
@@ -63,7 +63,7 @@ def test_a_touched_sensor_is_no_fault() -> None:
     assert outcome_with({4: 0.6, 5: 0.3, 10: 0.5}).passed
 
 
-def test_it_is_repeated_on_request_and_disturbs_no_sample() -> None:
+def test_a_requested_test_disturbs_no_sample() -> None:
     with TaxelChip() as board:
         board.chip.analog[0] = np.arange(1, 19) / 20
         board.run(300)
@@ -78,7 +78,7 @@ def test_it_is_repeated_on_request_and_disturbs_no_sample() -> None:
         assert board.statuses[-1].late_slots == 0
 
 
-def test_the_outcome_is_told_again_with_the_identity_and_stands_in_the_status() -> None:
+def test_the_outcome_is_sent_with_the_identity_and_is_in_the_status() -> None:
     with TaxelChip() as board:
         board.chip.analog[0] = AT_REST
         board.x.lines_low = 1

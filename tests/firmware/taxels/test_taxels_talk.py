@@ -1,4 +1,4 @@
-"""What the taxel board says and hears: identity, requests, resets, the count of its boots."""
+"""The taxel board's messages: identity, requests, resets, boot count."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_identity_comes_first_after_power_up() -> None:
         assert identity.build_hash != 0
 
 
-def test_identity_on_request_while_frames_go_on() -> None:
+def test_an_identity_request_interrupts_no_frames() -> None:
     with TaxelChip() as board:
         board.run(30)
         for _ in range(10):
@@ -36,7 +36,7 @@ def test_identity_on_request_while_frames_go_on() -> None:
         assert np.all(np.diff(board.counters) == 1)
 
 
-def test_garbage_from_the_host_harms_nothing() -> None:
+def test_noise_from_the_host_has_no_effect() -> None:
     noise = np.random.default_rng(1).integers(0, 256, 4000, np.uint8).tobytes()
     with TaxelChip() as board:
         board.run(30)
@@ -50,7 +50,7 @@ def test_garbage_from_the_host_harms_nothing() -> None:
         assert board.x.rx_overruns == 0
 
 
-def test_a_reset_is_told_with_its_cause_and_the_boots_are_counted() -> None:
+def test_the_identity_has_reset_cause_and_boot_count() -> None:
     with TaxelChip() as board:
         board.run(30)
         for boots in range(2, 6):
@@ -74,19 +74,19 @@ def test_a_damaged_byte_of_eeprom_costs_at_most_one_boot(offset: int) -> None:
         assert before <= board.identities[-1].boot_count <= before + 1
 
 
-def test_pure_parts_pass_their_own_tests_under_sanitizers() -> None:
+def test_the_cpp_tests_pass_under_sanitizers() -> None:
     done = subprocess.run(
         [built("firmware/native-taxels")], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_a_main_loop_that_hangs_is_restarted_and_the_board_says_so() -> None:
+def test_a_hung_main_loop_is_restarted_and_reported() -> None:
     with TaxelChip("firmware/taxels-never-kick.elf") as hung:
         hung.run(1000)
         boots = [(i.boot_count, i.reset_cause) for i in hung.identities]
         assert boots[0] == (1, POWER_ON)
         assert boots[1:] == [(n + 2, WATCHDOG) for n in range(len(boots) - 1)]
-        assert 13 <= len(boots) <= 16  # the watchdog bites after 64 ms
+        assert 13 <= len(boots) <= 16  # the watchdog resets after 64 ms
         assert hung.x.resets == len(boots) - 1
         assert hung.rejected <= len(boots)  # frames that the resets cut

@@ -1,4 +1,4 @@
-"""The taxel board's promise: a frame every 16,000 cycles, samples at their instants, none lost."""
+"""The taxel board sends a frame every 16,000 cycles, samples in its slots, and loses no frame."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ FRAMES = 5000
 
 @pytest.fixture(scope="module")
 def long_run() -> Iterator[TaxelChip]:
-    """A board that sampled for five seconds."""
+    """Yield a board that has sampled for five seconds."""
     with TaxelChip() as board:
         board.chip.analog[0] = np.arange(18) / 20
         board.run(FRAMES)
         yield board
 
 
-def test_frames_follow_each_other_at_16000_cycles_exactly(long_run: TaxelChip) -> None:
+def test_frames_begin_every_16000_cycles_without_drift(long_run: TaxelChip) -> None:
     starts = long_run.sampled(0)
     drift = starts - starts[0] - FRAME_CYCLES * np.arange(starts.size)
     assert starts.size > FRAMES - 20
-    assert np.abs(drift).max() <= 1  # the simulator's own jitter; it does not add up
+    assert np.abs(drift).max() <= 1  # jitter of the simulator, which does not accumulate
 
 
 def test_each_taxel_is_sampled_at_its_slot(long_run: TaxelChip) -> None:
@@ -37,7 +37,7 @@ def test_each_taxel_is_sampled_at_its_slot(long_run: TaxelChip) -> None:
         assert np.abs(offset).max() <= 2, taxel  # both ends jitter by a cycle
 
 
-def test_no_frame_is_lost_and_none_says_it_was_late(long_run: TaxelChip) -> None:
+def test_no_frame_is_lost_or_late(long_run: TaxelChip) -> None:
     counters = long_run.counters
     assert counters.size > FRAMES - 20
     assert np.all(np.diff(counters) == 1)
@@ -57,7 +57,7 @@ def test_readings_are_the_voltages_in_taxel_order(long_run: TaxelChip) -> None:
     assert np.array_equal(long_run.samples[-1], expected)
 
 
-def test_a_reading_is_the_voltage_at_its_own_instant() -> None:
+def test_a_reading_is_the_voltage_at_its_sample_time() -> None:
     with TaxelChip() as board:
         board.run(20)
         board.x.analog_rows = 2
@@ -84,9 +84,9 @@ def test_the_processor_has_time_left(long_run: TaxelChip) -> None:
     assert max(x.longest_isr) + ENTRY_CYCLES <= 400  # 25 µs
 
 
-def test_the_main_program_keeps_interrupts_off_for_10_us_at_most() -> None:
+def test_the_main_program_disables_interrupts_for_at_most_10_us() -> None:
     with TaxelChip() as board:
-        board.run(5)  # before that the chip boots
+        board.run(5)  # after the boot
         board.x.watch_interrupts = 1
         for _ in range(4):
             board.chip.send(encode_request(IDENTIFY) + encode_request(SELF_TEST))
@@ -94,7 +94,7 @@ def test_the_main_program_keeps_interrupts_off_for_10_us_at_most() -> None:
         assert 0 < board.x.longest_off + ENTRY_CYCLES <= 160
 
 
-def test_what_the_board_says_of_itself_is_what_the_simulator_saw(long_run: TaxelChip) -> None:
+def test_the_status_agrees_with_the_simulator(long_run: TaxelChip) -> None:
     status = long_run.statuses[-1]
     assert abs(status.longest_isr_cycles - max(long_run.x.longest_isr) - ENTRY_CYCLES) <= 16
     assert abs(status.idle_permille - 1000 * long_run.x.slept_cycles / long_run.x.cycle) < 100
@@ -105,11 +105,11 @@ def test_what_the_board_says_of_itself_is_what_the_simulator_saw(long_run: Taxel
 def test_an_image_that_never_clears_the_compare_flag_does_not_sample() -> None:
     with TaxelChip("firmware/taxels-never-clear.elf") as broken:
         broken.run(100)
-        assert broken.identities  # it lives, and yet
+        assert broken.identities  # the program runs
         assert broken.counters.size == 0
 
 
-def test_on_a_wire_too_slow_frames_are_dropped_and_counted_and_sampling_goes_on() -> None:
+def test_on_a_slow_line_dropped_frames_are_counted_and_sampling_continues() -> None:
     with TaxelChip("firmware/taxels-slow-wire.elf") as slow:
         slow.run(1000)
         starts = slow.sampled(0)

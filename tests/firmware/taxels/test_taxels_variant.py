@@ -1,4 +1,4 @@
-"""Another wiring is another header: driven low, dividers to 5 V, no wires to the drum."""
+"""A header adapts the image to another wiring: driven low, dividers to 5 V, no drum wires."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LEVELS = np.arange(1, 19) / 25
 
 
 def variant() -> TaxelChip:
-    """The variant on a sensor wired for it."""
+    """Return the variant with a matching sensor."""
     board = TaxelChip(IMAGE)
     board.x.driven_low = 1
     board.chip.analog[0] = LEVELS
@@ -23,7 +23,7 @@ def variant() -> TaxelChip:
 def test_pressure_lowers_the_reading_of_its_line_and_input() -> None:
     with variant() as board:
         board.run(60)
-        # Pins are in the opposite order in this header.
+        # This header has the pins in reverse order.
         conductance = (LEVELS / (1 - LEVELS)).reshape(3, 6)[::-1, ::-1]
         others = conductance.sum(axis=0) - conductance
         pulls_up = (1 + others) / (1 + others + conductance)
@@ -31,7 +31,7 @@ def test_pressure_lowers_the_reading_of_its_line_and_input() -> None:
         assert np.abs(np.diff(board.sampled(0)) - FRAME_CYCLES).max() <= 2
 
 
-def test_its_self_test_knows_what_it_cannot_see() -> None:
+def test_its_self_test_reports_its_reduced_coverage() -> None:
     with variant() as board:
         board.run(60)
         assert board.tests == [SelfTest(1, Coverage.LINES | Coverage.TAXELS)]
@@ -45,10 +45,10 @@ def test_its_self_test_finds_lines_and_inputs() -> None:
         (outcome,) = board.tests
         # D4 is this header's third line, A5 its first input.
         assert (outcome.lines_low, outcome.lines_high, outcome.lines_together) == (0b100, 0, 0)
-        assert outcome.inputs_high & 0b1  # away from the divider's side, which is 5 V here
+        assert outcome.inputs_high & 0b1  # the dividers pull to 5 V, so the fault reads as high
 
 
-def test_wires_that_are_not_there_are_not_heard() -> None:
+def test_missing_sync_and_index_wires_are_ignored() -> None:
     with variant() as board:
         board.run(60)
         for signal in (Input.SYNC, Input.INDEX):

@@ -1,7 +1,7 @@
-"""What no computer may talk the drum's image into, as checks that take an image.
+"""Checks that writes of a computer cannot make an image of the drum press too hard.
 
-Judged by the bench's own true force. Each check passes on the image that is flashed, and fails on
-the image without the rule that it is about (:data:`ATTACK_CONTROLS`).
+The bench's true force decides. Each check passes on the flashed image, and fails on an image
+without the tested rule (:data:`ATTACK_CONTROLS`).
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ LIFT_LIMIT_MS = 9000
 IMPOSSIBLE_SCALES = (0, 1, -1, 199, -199, 25_001, 1_000_000)
 
 
-def shows(drum: DrumChip, status: Status) -> bool:
-    """A bit of the board's status."""
+def has_status(drum: DrumChip, status: Status) -> bool:
+    """Return a bit of the board's status."""
     return bool(drum.get("status_bits") >> status & 1)
 
 
 def limit_g(drum: DrumChip) -> float:
-    """True force that the board may let come about on this bench, whatever is written."""
+    """Return the highest true force that any write may cause on this bench."""
     most = float(drum.get("most_force"))
     return most + overshoot_g(drum.get("overrun_um"), most, linear(STIFFNESS_G_MM))
 
 
 @contextmanager
-def held(image: str) -> Iterator[DrumChip]:
-    """A drum in HOLD at 500 g."""
+def holding_drum(image: str) -> Iterator[DrumChip]:
+    """Yield a drum in HOLD at 500 g."""
     with DrumChip(image) as drum:
         drum.arm()
         drum.hold(SET_FORCE_G)
         yield drum
 
 
-def attacks(drum: DrumChip) -> list[dict[str, int]]:
-    """Writes that change what a force means, or what stops it; each was 1 to 20 kg once."""
+def force_changing_writes(drum: DrumChip) -> list[dict[str, int]]:
+    """Return writes that would change the zero, scale or limit of the force by 1 to 20 kg."""
     pressed = drum.get("loadcell_recent")
     return [
         {"scale_ug_per_count": 240},
@@ -57,10 +57,10 @@ def attacks(drum: DrumChip) -> list[dict[str, int]]:
     ]
 
 
-def nothing_changes_what_a_held_force_means(image: str) -> None:
-    """Every such write is refused in HOLD, and the force stays; its own value is taken."""
-    with held(image) as drum:
-        for writes in attacks(drum):
+def settings_of_the_force_are_locked_in_hold(image: str) -> None:
+    """HOLD refuses every such write and keeps its force; it accepts an unchanged value."""
+    with holding_drum(image) as drum:
+        for writes in force_changing_writes(drum):
             for name, value in writes.items():
                 before = drum.get(name)
                 assert drum.set(name, value) == REFUSED, name
@@ -72,7 +72,7 @@ def nothing_changes_what_a_held_force_means(image: str) -> None:
 
 
 def no_impossible_scale_is_accepted(image: str) -> None:
-    """In no state; a cell that is mounted upside down is possible."""
+    """No state accepts one; a negative scale, of a cell mounted upside down, is possible."""
     with DrumChip(image) as drum:
         for scale in IMPOSSIBLE_SCALES:
             assert drum.set("scale_ug_per_count", scale) == OUT_OF_RANGE
@@ -85,8 +85,8 @@ def no_impossible_scale_is_accepted(image: str) -> None:
         assert drum.state is State.HOLD
 
 
-def a_wrong_scale_ends_at_the_boards_own_limit(image: str) -> None:
-    """Set while lifted, as a person may; 1,500 g by its reading would be 18 kg."""
+def a_wrong_scale_is_stopped_by_the_compiled_limit(image: str) -> None:
+    """The scale is set while lifted, which is permitted; 1,500 g on it would be 18 kg."""
     with DrumChip(image) as drum:
         drum.arm()
         assert drum.set("scale_ug_per_count", 200) == 0
@@ -99,7 +99,7 @@ def a_wrong_scale_ends_at_the_boards_own_limit(image: str) -> None:
         assert drum.force_g == 0
 
 
-def a_depth_ends_at_the_boards_own_limit(image: str) -> None:
+def a_depth_is_stopped_by_the_compiled_limit(image: str) -> None:
     """10 mm into the skin would be 6 kg."""
     with DrumChip(image) as drum:
         drum.arm()
@@ -113,10 +113,10 @@ def a_depth_ends_at_the_boards_own_limit(image: str) -> None:
         assert drum.force_g == 0
 
 
-def a_held_emergency_stop_is_not_configured_away(image: str) -> None:
-    """Pressed in HOLD, and pressed when the board starts."""
+def a_pressed_emergency_stop_cannot_be_configured_away(image: str) -> None:
+    """It is pressed in HOLD, and then also at boot."""
     for at_boot in (False, True):
-        with held(image) as drum:
+        with holding_drum(image) as drum:
             drum.pin(Input.ESTOP, 1)
             drum.run(3)
             if at_boot:
@@ -131,27 +131,27 @@ def a_held_emergency_stop_is_not_configured_away(image: str) -> None:
 
 
 def a_tare_in_contact_is_refused(image: str) -> None:
-    """HOLD, emergency stop, released, CLEAR, TARE: the drum still presses, and the board knows."""
-    with held(image) as drum:
+    """After HOLD, emergency stop and CLEAR the drum still presses, and the board knows it."""
+    with holding_drum(image) as drum:
         drum.pin(Input.ESTOP, 1)
         drum.poll_for(200)
         drum.pin(Input.ESTOP, 0)
         drum.run(3)
         assert drum.command(Command.CLEAR) == 0
         assert drum.force_g > 0.8 * SET_FORCE_G
-        assert shows(drum, Status.CONTACT_MAY_STAND)
+        assert has_status(drum, Status.CONTACT_MAY_STAND)
         before = drum.get("tare_counts")
         assert drum.command(Command.TARE) == REFUSED
         assert drum.get("tare_counts") == before
         assert drum.command(Command.ARM, LIFT_LIMIT_MS) == 0
         assert drum.force_g == 0
-        assert not shows(drum, Status.CONTACT_MAY_STAND)
+        assert not has_status(drum, Status.CONTACT_MAY_STAND)
         drum.hold(SET_FORCE_G)
         assert max(drum.forces) < 1.1 * SET_FORCE_G
 
 
 def a_lift_continues_until_contact_is_gone(image: str) -> None:
-    """An actuator that has become slow lifts 1.3 mm in 700 ms, out of 1.7 mm."""
+    """A slowed actuator lifts 1.3 mm of the 1.7 mm in 700 ms."""
     with DrumChip(image) as drum:
         drum.arm()
         drum.hold(1000)
@@ -163,18 +163,18 @@ def a_lift_continues_until_contact_is_gone(image: str) -> None:
                 break
         assert drum.state is State.FAULT_OFF
         assert drum.force_g == 0
-        assert not shows(drum, Status.LIFT_FAILED)
-        assert not shows(drum, Status.CONTACT_MAY_STAND)
+        assert not has_status(drum, Status.LIFT_FAILED)
+        assert not has_status(drum, Status.CONTACT_MAY_STAND)
 
 
 ATTACK_CHECKS: tuple[tuple[Check, str], ...] = tuple(
     (check, IMAGE)
     for check in (
-        nothing_changes_what_a_held_force_means,
+        settings_of_the_force_are_locked_in_hold,
         no_impossible_scale_is_accepted,
-        a_wrong_scale_ends_at_the_boards_own_limit,
-        a_depth_ends_at_the_boards_own_limit,
-        a_held_emergency_stop_is_not_configured_away,
+        a_wrong_scale_is_stopped_by_the_compiled_limit,
+        a_depth_is_stopped_by_the_compiled_limit,
+        a_pressed_emergency_stop_cannot_be_configured_away,
         a_tare_in_contact_is_refused,
         a_lift_continues_until_contact_is_gone,
     )
@@ -182,14 +182,14 @@ ATTACK_CHECKS: tuple[tuple[Check, str], ...] = tuple(
 """Each check, and the good image that it passes on."""
 
 ATTACK_CONTROLS: tuple[tuple[str, str, Check], ...] = (
-    ("unguarded", "settings change in any state", nothing_changes_what_a_held_force_means),
+    ("unguarded", "settings change in any state", settings_of_the_force_are_locked_in_hold),
     ("any-scale", "any scale is accepted", no_impossible_scale_is_accepted),
-    ("no-raw-limit", "no limit in raw counts", a_wrong_scale_ends_at_the_boards_own_limit),
-    ("no-raw-limit", "no limit in raw counts", a_depth_ends_at_the_boards_own_limit),
+    ("no-raw-limit", "no limit in raw counts", a_wrong_scale_is_stopped_by_the_compiled_limit),
+    ("no-raw-limit", "no limit in raw counts", a_depth_is_stopped_by_the_compiled_limit),
     (
         "estop-configurable",
         "signal settings change while the emergency stop is open",
-        a_held_emergency_stop_is_not_configured_away,
+        a_pressed_emergency_stop_cannot_be_configured_away,
     ),
     ("tare-in-contact", "any tare is accepted", a_tare_in_contact_is_refused),
     ("short-lift", "a fault lifts for 700 ms", a_lift_continues_until_contact_is_gone),

@@ -1,11 +1,11 @@
-"""Every state × event of the drum's table: how each cell is reached on the chip, or why not."""
+"""Bring the chip to each cell of the state × event table, or say why that is impossible."""
 
 from __future__ import annotations
 
 from rigctl.simulation.chips.simavr import Input
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State, StateEvent
-from tests.firmware.drum.support.checks import bring
+from tests.firmware.drum.support.checks import enter_from_idle
 from tests.firmware.drum.support.chip import DrumChip
 
 COMMANDS = {
@@ -28,13 +28,13 @@ COMPLETIONS = {
     State.RETRACT: (StateEvent.LIFTED,),
     State.FAULT_LIFT: (StateEvent.LIFT_TIME_OVER,),
 }
-"""Events that the firmware gives itself, and only in the state that they complete."""
+"""Events that the firmware raises itself, each only in the state that it completes."""
 ATTENDED = tuple(s for s in State if s not in (State.BOOT, State.SELFTEST))
 NORMAL, SILENT = 0, 1
 
 
 def unreachable(state: State, event: StateEvent) -> str:
-    """Why no bench can bring this cell about; empty where one can."""
+    """Return why no bench can reach this cell; empty if one can."""
     if event in COMPLETIONS.get(state, ()):
         return ""
     if event not in COMMANDS and event not in FAULTS:
@@ -47,7 +47,7 @@ def unreachable(state: State, event: StateEvent) -> str:
 
 
 def to_idle(drum: DrumChip) -> None:
-    """From any state; whatever was wrong with the bench is put right."""
+    """Repair the bench and go from any state to IDLE."""
     drum.x.loadcell_mode = NORMAL
     drum.pin(Input.ESTOP, 0)
     drum.poll_for(60)
@@ -62,7 +62,7 @@ def to_idle(drum: DrumChip) -> None:
 
 
 def enter(drum: DrumChip, state: State) -> None:
-    """Into a state, from wherever the drum is; the causes of a fault are gone."""
+    """Go from any state to ``state``, without the cause of its fault."""
     to_idle(drum)
     if state is State.FAULT_OFF:
         cause(drum, StateEvent.OFF_FAULT)
@@ -73,15 +73,15 @@ def enter(drum: DrumChip, state: State) -> None:
         drum.run(20)
         assert drum.command(Command.ARM) == 0
     elif state is State.FAULT_LIFT:
-        bring(drum, State.ARMED)
+        enter_from_idle(drum, State.ARMED)
         cause(drum, StateEvent.TIMED_FAULT)
     elif state is not State.IDLE:
-        bring(drum, state)
+        enter_from_idle(drum, state)
     assert drum.state is state
 
 
 def cause(drum: DrumChip, event: StateEvent) -> None:
-    """Bring an event about: a command, a load cell that falls silent, the emergency stop."""
+    """Cause an event by a command, a silent load cell, or the emergency stop."""
     drum.beat()
     if event is StateEvent.MOVE:
         drum.set("move_target", drum.get("steps") + 50_000)

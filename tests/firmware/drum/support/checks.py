@@ -1,7 +1,7 @@
-"""What the drum controller's image must do, as checks that take an image.
+"""Safety checks of an image of the drum controller.
 
-Each stands in the suite twice: on the image that is flashed it must pass, and on the image that
-is broken in just this point (:data:`CONTROLS`) it must fail, or it would prove nothing.
+The suite runs each check twice: it must pass on the flashed image, and fail on an image that is
+broken in the checked point (:data:`CONTROLS`), which shows that the check detects the defect.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from tests.firmware.drum.support.chip import MS, DrumChip
 
 IMAGE = "firmware/drum.elf"
 HANGS = "firmware/drum-hangs.elf"
-"""The image itself but for one move target at which it stops thinking."""
+"""The image, except that one move target hangs its main loop."""
 ESTOP_LIMIT = 1600
 """Cycles in 100 µs."""
 MOVING_STATES = (State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN)
 SET_FORCE_G = 500
 
 
-def hang(drum: DrumChip) -> None:
-    """Write the target at which :data:`HANGS` stops thinking."""
+def hang_main_loop(drum: DrumChip) -> None:
+    """Write the move target that hangs the main loop of :data:`HANGS`."""
     drum.exchange(struct.pack(">BHHBi", 16, BY_NAME["move_target"].address, 2, 4, -32_000), 2)
 
 
-def bring(drum: DrumChip, state: State) -> None:
-    """From IDLE into a state in which something moves or holds."""
+def enter_from_idle(drum: DrumChip, state: State) -> None:
+    """Go from IDLE to one of :data:`MOVING_STATES`."""
     drum.arm()
     if state is State.POSITION:
         drum.set("move_target", drum.get("steps") + 40_000)
@@ -49,35 +49,35 @@ def bring(drum: DrumChip, state: State) -> None:
     assert drum.state is state
 
 
-def trip(drum: DrumChip, after_cycles: int) -> int:
-    """Open the emergency stop, see everything go off in time; how long it took, cycles."""
+def open_emergency_stop(drum: DrumChip, after_cycles: int) -> int:
+    """Open the emergency stop and check that all goes off in time; return the delay, cycles."""
     drum.clear_edges()
     at = drum.pin(Input.ESTOP, 1, after_cycles)
     drum.run(3)
-    took = []
+    delays = []
     for signal, off in ((Output.ENABLE, 1), (Output.BRIDGE, 0)):
         edges = drum.edges(signal)
         assert edges[0, 1] == off
-        took.append(int(edges[0, 0]) - at)
-    assert min(took) > 0 and max(took) <= ESTOP_LIMIT
+        delays.append(int(edges[0, 0]) - at)
+    assert min(delays) > 0 and max(delays) <= ESTOP_LIMIT
     assert not np.any(drum.steps() > at + ESTOP_LIMIT)
     assert drum.x.drive == 0
-    return max(took)
+    return max(delays)
 
 
 def the_emergency_stop_acts_within_100_us(image: str) -> None:
-    """Armed, which is where an image that leaves it to the tick is late."""
+    """The drum is ARMED, where an image that handles the stop in the tick is too late."""
     with DrumChip(image) as drum:
-        bring(drum, State.ARMED)
-        trip(drum, 5000)
+        enter_from_idle(drum, State.ARMED)
+        open_emergency_stop(drum, 5000)
 
 
 def a_hung_loop_is_reset_within_100_ms(image: str) -> None:
-    """And the board says so afterwards, and starts from FAULT_OFF."""
+    """Afterwards the board reports the hang and is in FAULT_OFF."""
     with DrumChip(image) as drum:
         drum.arm()
         boots = drum.get("boot_count")
-        hang(drum)
+        hang_main_loop(drum)
         hung_at, resets = int(drum.x.cycle), drum.x.resets
         while drum.x.resets == resets and drum.x.cycle < hung_at + 200 * MS:
             drum.run(1)
@@ -90,10 +90,10 @@ def a_hung_loop_is_reset_within_100_ms(image: str) -> None:
         assert drum.command(Command.CLEAR) == 0
 
 
-def a_silent_computer_is_noticed(image: str) -> None:
-    """At 250 ms the drum ramps down and lifts; within a second everything is off."""
+def a_lost_heartbeat_lifts_and_switches_off(image: str) -> None:
+    """After 250 ms the drum ramps down and lifts; within a second everything is off."""
     with DrumChip(image) as drum:
-        bring(drum, State.RUN)
+        enter_from_idle(drum, State.RUN)
         drum.beat()
         begun = int(drum.x.cycle) // MS
         drum.clear_edges()
@@ -111,7 +111,7 @@ def a_silent_computer_is_noticed(image: str) -> None:
 
 
 def the_set_force_is_reached_and_held(image: str) -> None:
-    """Within a second of touch to ±2 %, less than 5 % over, and quiet from then on."""
+    """The force is within ±2 % a second after touch, stays there, and overshoots less than 5 %."""
     with DrumChip(image) as drum:
         drum.arm()
         drum.hold(SET_FORCE_G)
@@ -126,7 +126,7 @@ Check = Callable[[str], None]
 CHECKS: tuple[tuple[Check, str], ...] = (
     (the_emergency_stop_acts_within_100_us, IMAGE),
     (a_hung_loop_is_reset_within_100_ms, HANGS),
-    (a_silent_computer_is_noticed, IMAGE),
+    (a_lost_heartbeat_lifts_and_switches_off, IMAGE),
     (the_set_force_is_reached_and_held, IMAGE),
 )
 """Each check, and the good image that it passes on."""
@@ -134,7 +134,7 @@ CHECKS: tuple[tuple[Check, str], ...] = (
 CONTROLS: tuple[tuple[str, str, Check], ...] = (
     ("no-estop", "no E-stop interrupt, only the tick", the_emergency_stop_acts_within_100_us),
     ("unwatched", "the loop hangs without a watchdog", a_hung_loop_is_reset_within_100_ms),
-    ("deaf", "heartbeat ignored", a_silent_computer_is_noticed),
+    ("deaf", "heartbeat ignored", a_lost_heartbeat_lifts_and_switches_off),
     ("swapped", "actuator's sign swapped", the_set_force_is_reached_and_held),
     ("gain-10", "loop gain times ten", the_set_force_is_reached_and_held),
 )

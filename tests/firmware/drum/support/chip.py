@@ -1,4 +1,4 @@
-"""The drum controller's image alone on its chip, with a little bench and a Modbus master."""
+"""The drum controller's image on its chip, with a simple bench and a Modbus master."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _CRC_OF_BYTE = [_crc_of_byte(byte) for byte in range(256)]
 
 
 def crc16(data: bytes) -> bytes:
-    """CRC of Modbus, low byte first."""
+    """Return the CRC of Modbus, low byte first."""
     crc = 0xFFFF
     for byte in data:
         crc = (crc >> 8) ^ _CRC_OF_BYTE[(crc ^ byte) & 0xFF]
@@ -43,7 +43,7 @@ def crc16(data: bytes) -> bytes:
 
 
 class DrumChip:
-    """One run of one image, a millisecond at a time; used as a context so that it is freed."""
+    """An image on a chip that runs in steps of a millisecond; leaving the context frees it."""
 
     def __init__(self, image: str = "firmware/drum.elf") -> None:
         self.chip = Chip(load_library(built("sim/libchips.so")), built(image), Kind.DRUM)
@@ -84,7 +84,7 @@ class DrumChip:
     # --- time and bench ---------------------------------------------------------------------
 
     def run(self, milliseconds: int) -> None:
-        """Run on; no byte is sent."""
+        """Run without sending a byte."""
         for _ in range(milliseconds):
             self._one_ms()
 
@@ -97,9 +97,9 @@ class DrumChip:
         if self.x.tx_count and not self._answer:
             self.first_reply_cycle = int(self.chip.tx_cycle[0])
         self._answer += self.chip.tx[: self.x.tx_count].tobytes()
-        self._press(self.x.drive)
+        self._advance_bench(self.x.drive)
 
-    def _press(self, duty: float) -> None:
+    def _advance_bench(self, duty: float) -> None:
         target = 0.0
         if abs(duty) > 0.08:
             target = np.sign(duty) * (abs(duty) - 0.08) / 0.92 * self.actuator_mm_s
@@ -114,7 +114,7 @@ class DrumChip:
         self.chip.analog[0, 0] = self.rod_mm / 50.0
 
     def pin(self, signal: Input, level: int, after_cycles: int = 0) -> int:
-        """Change an input pin; returns the cycle at which it will change."""
+        """Change an input pin after some cycles; return the cycle of the change."""
         at = int(self.x.cycle) + after_cycles
         self.chip.set_input(signal, at, level)
         return at
@@ -122,43 +122,43 @@ class DrumChip:
     # --- edges ------------------------------------------------------------------------------
 
     def clear_edges(self) -> None:
-        """Forget the output edges seen so far."""
+        """Discard the output edges so far."""
         self._edges = []
 
     def edges(self, signal: Output) -> NDArray[np.int64]:
-        """Rows (cycle, level) of an output since the last clear."""
+        """Return the edges of an output since the last clear, int64 (n, 2): cycle and level."""
         rows = np.concatenate([np.empty((0, 3), np.int64), *self._edges])
         chosen: NDArray[np.int64] = rows[rows[:, 1] == signal][:, (0, 2)]
         return chosen
 
     def steps(self) -> NDArray[np.int64]:
-        """Cycles of the step pulses since the last clear."""
+        """Return the cycles of the step pulses since the last clear."""
         cycles: NDArray[np.int64] = self.edges(Output.STEP)[:, 0]
         return cycles
 
     # --- Modbus -----------------------------------------------------------------------------
 
     def exchange(self, pdu: bytes, limit_ms: int = 40) -> bytes:
-        """Send a request of unit 1; the answer without its CRC, empty when none came."""
+        """Send a request to unit 1; return the reply without CRC, empty without a reply."""
         frame = b"\x01" + pdu
-        return self.raw(frame + crc16(frame), limit_ms)
+        return self.send_raw(frame + crc16(frame), limit_ms)
 
-    def raw(self, data: bytes, limit_ms: int = 40) -> bytes:
-        """Send bytes as they are; the answer without its CRC, empty when none came."""
+    def send_raw(self, data: bytes, limit_ms: int = 40) -> bytes:
+        """Send bytes unchanged; return the reply without CRC, empty without a reply."""
         self._answer = b""
         begun = int(self.x.cycle)
         self.chip.send(data)
         self.last_byte_cycle = begun + round(len(data) * self.x.host_byte_q16 / 65536)
         for _ in range(limit_ms):
             self._one_ms()
-            if self._whole():
+            if self._is_complete():
                 answer, check = self._answer[:-2], self._answer[-2:]
                 assert crc16(answer) == check
                 return answer
         assert not self._answer, f"half an answer: {self._answer.hex()}"
         return b""
 
-    def _whole(self) -> bool:
+    def _is_complete(self) -> bool:
         got = self._answer
         if len(got) < 5:
             return False
@@ -167,31 +167,31 @@ class DrumChip:
         return len(got) == (5 + got[2] if got[1] in (3, 23) else 8)
 
     def get(self, name: str) -> int:
-        """One register, signed where it is."""
+        """Read one register."""
         register = BY_NAME[name]
         answer = self.exchange(struct.pack(">BHH", 3, register.address, register.words))
         return _value(register, answer[3:])
 
     def write(self, address: int, *words: int) -> int:
-        """Function 16; returns the exception code, 0 when it was accepted."""
+        """Write registers with function 16; return the exception code, 0 if accepted."""
         head = struct.pack(">BHHB", 16, address, len(words), 2 * len(words))
         answer = self.exchange(head + struct.pack(f">{len(words)}H", *words))
         return answer[2] if answer[1] & 0x80 else 0
 
     def set(self, name: str, value: int) -> int:
-        """Write one setting in raw integers."""
+        """Write one setting as a raw integer; return the exception code, 0 if accepted."""
         register = BY_NAME[name]
         if register.words == 1:
             return self.write(register.address, value & 0xFFFF)
         return self.write(register.address, value >> 16 & 0xFFFF, value & 0xFFFF)
 
     def beat(self) -> bytes:
-        """One poll with a heartbeat; its answer."""
+        """Send a poll with the next heartbeat; return the reply."""
         self._beat = (self._beat + 1) & 0xFFFF
         return self.exchange(struct.pack(">BHHHHBH", 23, 16, 40, 64, 1, 2, self._beat))
 
     def poll_for(self, milliseconds: int) -> None:
-        """Poll and beat 50 times a second."""
+        """Poll 50 times a second, with the heartbeat."""
         end = self.x.cycle // MS + milliseconds
         while self.x.cycle // MS < end:
             start = self.x.cycle // MS
@@ -200,7 +200,7 @@ class DrumChip:
             self.run(int(max(0, start + 20 - self.x.cycle // MS)))
 
     def command(self, command: Command, limit_ms: int = 0) -> int:
-        """Give a command and, with a limit, poll until it is done; the exception code or 0."""
+        """Send a command and, with a limit, poll until it ends; return the exception code or 0."""
         self._sequence += 1
         refused = self.write(BY_NAME["command"].address, int(command), self._sequence)
         end = self.x.cycle // MS + limit_ms
@@ -215,13 +215,13 @@ class DrumChip:
         return State(self.get("state"))
 
     def arm(self) -> None:
-        """To ARMED, with the load cell tared."""
+        """Arm, and tare the load cell."""
         assert self.command(Command.ARM, 5000) == 0
         assert self.command(Command.TARE, 8000) == 0
         assert self.state is State.ARMED
 
     def hold(self, force_g: int) -> None:
-        """To HOLD at a force."""
+        """Approach to HOLD at a force."""
         self.set("force_set", force_g * 10)
         assert self.command(Command.APPROACH, 15_000) == 0
         assert self.state is State.HOLD

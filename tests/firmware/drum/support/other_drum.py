@@ -1,4 +1,4 @@
-"""The drum of ``variants/other_drum.h`` on a bench that is built for it."""
+"""The drum of ``variants/other_drum.h`` on a matching bench."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ STEP_MM = 0.05625
 SELFTEST_MS = 1500
 """The amplifier settles for four conversions, and the firmware waits for four more."""
 GAINS = 400, 150
-"""Of the force loop, 0.01/s: calm enough to hold a force before better ones are known."""
+"""Initial gains of the force loop, 0.01/s: low enough to hold a force before tuning."""
 
 SETTLE_TIME_MS = 1000
-"""Inside the band, until a force counts as settled: ten samples, where 300 ms have three."""
+"""Time within the band until the force is settled: ten samples, as 300 ms have only three."""
 
 
 class OtherDrum(PlantDrum):
-    """Booted, in IDLE; ten conversions a second, each the mean of a tenth of a second."""
+    """A booted drum in IDLE; ten conversions a second, each the mean of a tenth of a second."""
 
     def __init__(self) -> None:
         super().__init__(BENCH, image=IMAGE)
@@ -44,15 +44,15 @@ class OtherDrum(PlantDrum):
         super()._wire_up()
 
     def tune(self) -> None:
-        """Homed and tared, with the gains that it proposes itself."""
-        self.ready()
+        """Home and tare, and set the gains that the board proposes."""
+        self.prepare()
         self.set("settle_time_ms", SETTLE_TIME_MS)
-        self._take_gains(*GAINS)
+        self._set_gains(*GAINS)
         self.hold(500)
         assert self.command(Command.TUNE, 30_000) == 0
-        self._take_gains(self.get("proposed_gain_p"), self.get("proposed_gain_i"))
+        self._set_gains(self.get("proposed_gain_p"), self.get("proposed_gain_i"))
         assert self.command(Command.RETRACT, 5000) == 0
 
-    def _take_gains(self, gain_p: int, gain_i: int) -> None:
+    def _set_gains(self, gain_p: int, gain_i: int) -> None:
         self.set("gain_p", gain_p)
         self.set("gain_i", gain_i)

@@ -1,4 +1,4 @@
-"""The drum's chip in closed loop with the world's own mechanics, and what a trial on it gives."""
+"""The drum's chip in a closed loop with the simulated mechanics, and trials on it."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from tests.firmware.drum.support.chip import MS, DrumChip
 
 CYCLES_PER_US = 16
 MEAN_MS = 200
-"""Span whose mean counts as settled."""
+"""Span of the mean that decides whether the force has settled."""
 BAND = 0.02
 REST_MS = 300
-"""From HOLD to RUN."""
+"""Pause between HOLD and RUN."""
 PLATE_START_MM = 10.0
-"""From the mark to where the host lets a trial begin."""
+"""Distance from the index mark to the start of a trial."""
 
 
 @dataclass(frozen=True)
@@ -33,24 +33,24 @@ class Trial:
     """True force of one trial at a set speed and force; shares are of the set force."""
 
     settle_s: float
-    """From first touch until the 200 ms mean is, and stays, within ±2 %; inf when never."""
+    """Time from first touch until the 200 ms mean stays within ±2 %; inf if it never does."""
     overshoot: float
-    """Highest millisecond from touch to the start of the run: the drum is still."""
+    """Highest millisecond from touch to the start of the run, while the drum is still."""
     approach_mean: float
-    """Highest 200 ms mean of the same time."""
+    """Highest 200 ms mean in that time."""
     mean_error: float
     window: NDArray[np.float64]
 
 
 @lru_cache(maxsize=4)
-def pressed(plate: str, parameters: WorldParameters, seed: int) -> ForceTable:
-    """What a bench's first mounting of a plate does to the skin."""
+def mounted_contact(plate: str, parameters: WorldParameters, seed: int) -> ForceTable:
+    """Return the contact of a bench's first mounting of a plate."""
     seat = draw_mounting(parameters, seed, 0)
     return force_table(contact_tables(plate, parameters), parameters, seat)
 
 
 class PlantDrum(DrumChip):
-    """The image on its chip, actuator, contact and load cell as the world has them."""
+    """The image on its chip with the simulated actuator, contact and load cell."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class PlantDrum(DrumChip):
         self._begin_mm = begin_mm
         self.parameters = validated(parameters or WorldParameters())
         self.plant = Mechanics(self.parameters)
-        self.plant.set_force_table(pressed(plate, self.parameters, seed))
+        self.plant.set_force_table(mounted_contact(plate, self.parameters, seed))
         self._cell = LoadCellAmplifier(self.parameters, seed, self.plant, Disturbances())
         super().__init__(image)
 
@@ -75,7 +75,7 @@ class PlantDrum(DrumChip):
         self.chip.place_drum(round(p.start_mm / p.mm_per_step))
         self._start_steps = float(x.drum_place)
 
-    def _press(self, duty: float) -> None:
+    def _advance_bench(self, duty: float) -> None:
         end_ms = int(self.x.cycle) // MS
         travel_mm = (self.x.drum_place - self._start_steps) * self.parameters.mm_per_step
         self.plant.advance(end_ms, duty, DrumTrajectory(end_ms * 1000.0, travel_mm, 0.0))
@@ -85,8 +85,8 @@ class PlantDrum(DrumChip):
             self.x.loadcell_counts = self._cell.weigh(end_ms * 1000)
         self.chip.analog[0, 0] = self.rod_mm / self.parameters.actuator_travel_mm
 
-    def ready(self) -> None:
-        """Armed, homed and tared."""
+    def prepare(self) -> None:
+        """Arm, home and tare."""
         self.arm()
         assert self.command(Command.HOME, 20_000) == 0
         assert self.command(Command.TARE, 8000) == 0
@@ -104,9 +104,11 @@ class PlantDrum(DrumChip):
         rest = len(self.forces)
         assert self.command(Command.RUN, 20_000) == 0
         assert self.state is State.HOLD, self.get("fault")
-        done = judged(np.array(self.forces[begun:]), rest - begun, self._window(begun), force_g)
+        trial = evaluate_trial(
+            np.array(self.forces[begun:]), rest - begun, self._window(begun), force_g
+        )
         assert self.command(Command.RETRACT, 5000) == 0
-        return done
+        return trial
 
     def _place(self) -> None:
         turn = self.get("steps_per_turn")
@@ -121,8 +123,8 @@ class PlantDrum(DrumChip):
         return slice(rise - offset, fall - offset)
 
 
-def judged(forces: NDArray[np.float64], rest: int, window: slice, force_g: float) -> Trial:
-    """What the true force of each millisecond (n,) says; the drum turns from ``rest`` on."""
+def evaluate_trial(forces: NDArray[np.float64], rest: int, window: slice, force_g: float) -> Trial:
+    """Return the figures of the true force of each ms, (n,); the drum turns from ``rest`` on."""
     touch = int(np.argmax(forces > 0))
     means = np.convolve(forces[touch:], np.ones(MEAN_MS) / MEAN_MS, "valid") / force_g - 1
     approach = means[: rest - touch - MEAN_MS]
