@@ -103,7 +103,7 @@ def rtu(payload: bytes, unit: int = register_table.UNIT) -> bytes:
 
 
 class RegisterBoard:
-    """A Modbus slave with the drum's registers and no drum behind it.
+    """A Modbus slave with the drum's registers, without a drum.
 
     ``refuse``: exception code for every write; ``silent``: no replies; ``garble``: replies whose
     CRC is wrong; ``reply_s``: time until the reply starts.
@@ -170,7 +170,7 @@ class RegisterBoard:
             self.put("command_result", CommandResult.DONE)
 
 
-class WeighingBoard(RegisterBoard):
+class LoadCellBoard(RegisterBoard):
     """A register board whose load cell converts every 12.4 ms; sample n has raw value 10 n."""
 
     PERIOD_US = 12_400

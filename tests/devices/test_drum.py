@@ -1,4 +1,4 @@
-"""The drum's driver against boards that answer late, wrongly, or not at all."""
+"""The drum's driver with boards that reply late, wrongly, or not at all."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from tests.devices.memory_link import (
     JumpingLoop,
+    LoadCellBoard,
     MemoryLink,
     RegisterBoard,
     Script,
-    WeighingBoard,
     rtu,
     run,
 )
 
 
-def bench(loop: JumpingLoop) -> tuple[Drum, RegisterBoard, MemoryLink]:
+def unconnected_drum(loop: JumpingLoop) -> tuple[Drum, RegisterBoard, MemoryLink]:
     link = MemoryLink(loop, "/dev/drum")
     return Drum(link, loop), RegisterBoard(loop, link), link
 
 
-def test_connect_says_who_is_there_and_reads_the_settings() -> None:
+def test_connect_returns_the_identity_and_reads_the_settings() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, _ = bench(loop)
+        drum, board, _ = unconnected_drum(loop)
         board.put("force_set", 2500)
         identity = await drum.connect()
         assert (identity.board, identity.firmware_version) == ("drum", "1.3")
@@ -82,9 +82,9 @@ def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
     run(main)
 
 
-def test_a_board_that_boots_slowly_is_waited_for() -> None:
+def test_connect_waits_for_a_board_that_boots_slowly() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, _ = bench(loop)
+        drum, board, _ = unconnected_drum(loop)
         board.silent = True
         loop.call_later(1.8, setattr, board, "silent", False)
         await drum.connect()
@@ -102,9 +102,9 @@ def test_a_board_that_boots_slowly_is_waited_for() -> None:
         ("map_version", 9, "firmware 1.3 speaks register map 9, this program map 3: make firmware"),
     ],
 )
-def test_somebody_else_is_named(register: str, value: int, sentence: str) -> None:
+def test_another_device_is_named(register: str, value: int, sentence: str) -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, link = bench(loop)
+        drum, board, link = unconnected_drum(loop)
         board.put(register, value)
         with pytest.raises(WrongBoard, match=sentence):
             await drum.connect()
@@ -115,7 +115,7 @@ def test_somebody_else_is_named(register: str, value: int, sentence: str) -> Non
 
 def test_nobody_there_is_said_in_time() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, link = bench(loop)
+        drum, board, link = unconnected_drum(loop)
         board.silent = True
         with pytest.raises(LinkLost, match="no drum board answered within 4 s"):
             await drum.connect()
@@ -127,9 +127,9 @@ def test_nobody_there_is_said_in_time() -> None:
     run(main)
 
 
-def test_a_stream_of_foreign_bytes_is_no_drum() -> None:
+def test_a_stream_of_foreign_bytes_is_refused() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, _, link = bench(loop)
+        drum, _, link = unconnected_drum(loop)
         link.board = lambda data: link.say(bytes(range(40)))
         with pytest.raises(WrongBoard, match="bytes came, but no complete reply from a drum board"):
             await drum.connect()
@@ -137,9 +137,9 @@ def test_a_stream_of_foreign_bytes_is_no_drum() -> None:
     run(main)
 
 
-def test_a_lost_or_damaged_reply_is_asked_for_again() -> None:
+def test_a_request_with_a_lost_or_damaged_reply_is_repeated() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, _ = bench(loop)
+        drum, board, _ = unconnected_drum(loop)
         await drum.connect()
         board.garble = 2
         state = await drum.poll()
@@ -150,9 +150,9 @@ def test_a_lost_or_damaged_reply_is_asked_for_again() -> None:
     run(main)
 
 
-def test_silence_is_seen_within_0_3_s() -> None:
+def test_silence_is_reported_within_0_3_s() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, link = bench(loop)
+        drum, board, link = unconnected_drum(loop)
         await drum.connect()
         await drum.poll()
         board.silent, fell_silent_s = True, loop.time()
@@ -170,9 +170,9 @@ def test_silence_is_seen_within_0_3_s() -> None:
     run(main)
 
 
-def test_an_unplug_ends_the_exchange_in_flight_at_once() -> None:
+def test_an_unplug_ends_the_pending_exchange_immediately() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, link = bench(loop)
+        drum, board, link = unconnected_drum(loop)
         await drum.connect()
         loop.call_later(0.002, link.unplug)
         started_s = loop.time()
@@ -189,9 +189,9 @@ def test_an_unplug_ends_the_exchange_in_flight_at_once() -> None:
     run(main)
 
 
-def test_a_reply_to_an_older_poll_is_not_taken_for_this_one() -> None:
+def test_a_late_reply_to_an_older_poll_is_ignored() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, _ = bench(loop)
+        drum, board, _ = unconnected_drum(loop)
         await drum.connect()
         await drum.poll()
         board.reply_s = 0.07
@@ -206,7 +206,7 @@ def test_a_reply_to_an_older_poll_is_not_taken_for_this_one() -> None:
 
 def test_a_stop_waits_for_no_reply() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, link = bench(loop)
+        drum, board, link = unconnected_drum(loop)
         await drum.connect()
         board.reply_s = 0.05
         poll = asyncio.create_task(drum.poll())
@@ -231,9 +231,9 @@ def test_a_stop_waits_for_no_reply() -> None:
     run(main)
 
 
-def test_a_command_overtaken_by_a_stop_is_never_given_again() -> None:
+def test_a_command_overtaken_by_a_stop_is_not_repeated() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, _ = bench(loop)
+        drum, board, _ = unconnected_drum(loop)
         await drum.connect()
         board.reply_s = 0.05
         running = asyncio.create_task(drum.command(Command.RUN))
@@ -250,7 +250,7 @@ def test_a_command_overtaken_by_a_stop_is_never_given_again() -> None:
 
 def test_out_of_bounds_never_reaches_the_wire_and_a_refusal_is_a_sentence() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, link = bench(loop)
+        drum, board, link = unconnected_drum(loop)
         await drum.connect()
         sent = len(link.written)
         with pytest.raises(WrongUse, match="speed_set cannot be 300 mm/s"):
@@ -269,9 +269,9 @@ def test_out_of_bounds_never_reaches_the_wire_and_a_refusal_is_a_sentence() -> N
     run(main)
 
 
-def test_a_tare_changes_what_raw_counts_mean() -> None:
+def test_a_tare_changes_the_zero_of_raw_counts() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, _ = bench(loop)
+        drum, board, _ = unconnected_drum(loop)
         await drum.connect()
         board.put("loadcell_recent", 81_000)
         board.put("loadcell_sequence", 1)
@@ -290,7 +290,7 @@ def test_a_tare_changes_what_raw_counts_mean() -> None:
 
 def test_a_gap_in_the_load_cell_is_read_from_the_ring() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, _ = bench(loop)
+        drum, board, _ = unconnected_drum(loop)
         await drum.connect()
         board.put("loadcell_sequence", 65520)
         await drum.poll()
@@ -315,7 +315,7 @@ def test_a_gap_in_the_load_cell_is_read_from_the_ring() -> None:
 def test_polls_of_two_tasks_share_the_samples_between_them() -> None:
     async def main(loop: JumpingLoop) -> None:
         link = MemoryLink(loop)
-        WeighingBoard(loop, link)
+        LoadCellBoard(loop, link)
         drum = Drum(link, loop)
         await asyncio.sleep(1.0)
         await drum.connect()
@@ -333,7 +333,7 @@ def test_polls_of_two_tasks_share_the_samples_between_them() -> None:
 def test_two_minutes_of_polls_with_stalls_lose_no_load_cell_sample() -> None:
     async def main(loop: JumpingLoop) -> None:
         link = MemoryLink(loop)
-        WeighingBoard(loop, link)
+        LoadCellBoard(loop, link)
         drum = Drum(link, loop)
         await asyncio.sleep(1.0)
         await drum.connect()
@@ -351,9 +351,9 @@ def test_two_minutes_of_polls_with_stalls_lose_no_load_cell_sample() -> None:
     run(main)
 
 
-def test_a_board_that_restarts_by_itself_is_noticed() -> None:
+def test_an_unexpected_restart_of_the_board_is_reported() -> None:
     async def main(loop: JumpingLoop) -> None:
-        drum, board, _ = bench(loop)
+        drum, board, _ = unconnected_drum(loop)
         await drum.connect()
         await asyncio.sleep(30)
         await drum.poll()

@@ -1,4 +1,4 @@
-"""Boards on pseudo-terminals: found by asking, named when they stand on each other's port."""
+"""Boards on pseudo-terminals are identified, and swapped ports are named."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def warm_kernels() -> None:
 
 
 class Terminals:
-    """A drum, a taxel board and nobody, each on a pseudo-terminal."""
+    """Three pseudo-terminals: a drum, a taxel board, and one without a board."""
 
     def __init__(self) -> None:
         self.loop = asyncio.new_event_loop()
@@ -89,7 +89,7 @@ def terminals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminals]:
     there.close()
 
 
-def test_every_port_is_asked_who_is_there(
+def test_every_port_is_identified(
     terminals: Terminals, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     paths = [terminals.drum.path, terminals.taxels.path, terminals.nobody.path]
@@ -152,7 +152,7 @@ def test_a_described_rig_connects_and_polls(terminals: Terminals, tmp_path: Path
     assert not rig.taxels.connected
 
 
-def test_boards_without_a_named_port_are_looked_for(
+def test_boards_without_a_named_port_are_searched(
     terminals: Terminals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def found() -> dict[str, str]:

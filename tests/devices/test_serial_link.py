@@ -1,4 +1,4 @@
-"""A serial port on a pseudo-terminal: bytes both ways, one owner, and its end is noticed."""
+"""A serial port on a pseudo-terminal: bytes both ways, one owner, and a reported loss."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def terminal() -> Iterator[Terminal]:
     ends.close_board()
 
 
-class Ear:
-    """Keeps what a link says and lets a test wait for it."""
+class LinkRecorder:
+    """Records bytes and loss of a link, and waits for them."""
 
     def __init__(self) -> None:
         self.data = b""
@@ -65,7 +65,7 @@ class Ear:
 def test_bytes_go_both_ways(terminal: Terminal, batch_s: float) -> None:
     async def main() -> None:
         link = SerialLink(terminal.path, 115200, asyncio.get_running_loop(), batch_s)
-        ear = Ear()
+        ear = LinkRecorder()
         link.open(ear.on_bytes, ear.on_lost)
         assert link.is_open
         sent = bytes(range(256)) * 8
@@ -87,7 +87,7 @@ def test_a_second_owner_is_refused_and_the_port_is_free_after_a_close(terminal: 
     async def main() -> None:
         loop = asyncio.get_running_loop()
         first, second = (SerialLink(terminal.path, 115200, loop) for _ in range(2))
-        ear = Ear()
+        ear = LinkRecorder()
         first.open(ear.on_bytes, ear.on_lost)
         with pytest.raises(LinkLost, match="the port is in use: close the program that holds it"):
             second.open(ear.on_bytes, ear.on_lost)
@@ -101,7 +101,7 @@ def test_a_second_owner_is_refused_and_the_port_is_free_after_a_close(terminal: 
 def test_a_port_that_vanishes_is_reported_once(terminal: Terminal) -> None:
     async def main() -> None:
         link = SerialLink(terminal.path, 115200, asyncio.get_running_loop())
-        ear = Ear()
+        ear = LinkRecorder()
         link.open(ear.on_bytes, ear.on_lost)
         terminal.close_board()
         await ear.until(lambda: ear.lost)
@@ -117,7 +117,7 @@ def test_a_port_that_vanishes_is_reported_once(terminal: Terminal) -> None:
 def test_a_missing_port_and_a_file_that_is_no_port_are_one_sentence_each(tmp_path: Path) -> None:
     async def main() -> None:
         loop = asyncio.get_running_loop()
-        ear = Ear()
+        ear = LinkRecorder()
         missing = SerialLink(str(tmp_path / "ttyUSB9"), 115200, loop)
         with pytest.raises(LinkLost, match="ttyUSB9: there is no such port: plug the board in"):
             missing.open(ear.on_bytes, ear.on_lost)

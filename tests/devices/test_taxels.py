@@ -36,10 +36,10 @@ class StreamingBoard:
         self.tested = SelfTest(1, 15, lines_low=0b010)
         self._loop = loop
         self._link = link
-        link.board = self.asked
+        link.board = self.on_request
         loop.call_later(EVERY_S, self.tick)
 
-    def asked(self, data: bytes) -> None:
+    def on_request(self, data: bytes) -> None:
         if data == frames.encode_request(frames.IDENTIFY) and self.identity and not self.silent:
             self._link.say(taxel_encoder.encode_identity(self.identity), 0.001)
             self._link.say(taxel_encoder.encode_self_test(self.tested), 0.001)
@@ -70,7 +70,7 @@ class StreamingBoard:
 
 
 class Listener:
-    """Keeps what the driver says."""
+    """Collects the blocks and faults of the driver."""
 
     def __init__(self, taxels: Taxels) -> None:
         self.blocks: list[Block] = []
@@ -83,7 +83,7 @@ class Listener:
         return [int(c) for block in self.blocks for c in block.counters]
 
 
-def bench(
+def unconnected_board(
     loop: JumpingLoop, counter: int = 0, array: TaxelArray | None = None
 ) -> tuple[Taxels, StreamingBoard, MemoryLink, Listener]:
     link = MemoryLink(loop, "/dev/taxels")
@@ -94,14 +94,14 @@ def bench(
 
 def test_connecting_to_a_board_that_has_run_for_hours_gives_its_whole_counter() -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, _, _, heard = bench(loop, counter=5_000_000)
+        taxels, _, _, listener = unconnected_board(loop, counter=5_000_000)
         identity = await taxels.connect()
         assert (identity.board, identity.firmware_version) == ("taxels", "1.2")
         await asyncio.sleep(1.0)
-        first = heard.counters[0]
+        first = listener.counters[0]
         assert 5_000_000 < first < 5_000_300
-        assert heard.counters == list(range(first, first + len(heard.counters)))
-        assert taxels.counters.frames == len(heard.counters) > 900
+        assert listener.counters == list(range(first, first + len(listener.counters)))
+        assert taxels.counters.frames == len(listener.counters) > 900
         assert taxels.counters.lost == taxels.counters.rejected_frames == 0
         assert taxels.status is not None
         assert taxels.status.supply_mv == 5012
@@ -110,9 +110,9 @@ def test_connecting_to_a_board_that_has_run_for_hours_gives_its_whole_counter() 
     run(main)
 
 
-def test_a_stream_without_identity_is_no_board_of_ours() -> None:
+def test_a_stream_without_an_identity_is_refused() -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, board, link, _ = bench(loop)
+        taxels, board, link, _ = unconnected_board(loop)
         board.identity = None
         with pytest.raises(WrongBoard, match="no complete reply from a taxel board"):
             await taxels.connect()
@@ -131,7 +131,7 @@ def test_a_stream_without_identity_is_no_board_of_ours() -> None:
 )
 def test_another_board_or_firmware_is_refused(change: dict[str, int], sentence: str) -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, board, _, _ = bench(loop)
+        taxels, board, _, _ = unconnected_board(loop)
         board.identity = replace(IDENTITY, **change)
         with pytest.raises(WrongBoard, match=sentence):
             await taxels.connect()
@@ -141,7 +141,7 @@ def test_another_board_or_firmware_is_refused(change: dict[str, int], sentence: 
 
 def test_nobody_there_is_said_in_time() -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, board, link, _ = bench(loop)
+        taxels, board, link, _ = unconnected_board(loop)
         board.silent = True
         with pytest.raises(LinkLost, match="no taxel board answered within 4 s"):
             await taxels.connect()
@@ -157,12 +157,12 @@ def test_nobody_there_is_said_in_time() -> None:
 
 def test_silence_is_reported_within_0_3_s() -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, board, link, heard = bench(loop)
+        taxels, board, link, listener = unconnected_board(loop)
         await taxels.connect()
         await asyncio.sleep(0.5)
         board.silent, silent_s = True, loop.time()
         await asyncio.sleep(1.0)
-        ((at_s, fault),) = heard.faults
+        ((at_s, fault),) = listener.faults
         assert isinstance(fault, LinkLost)
         assert at_s - silent_s < 0.3
         assert not link.is_open
@@ -170,22 +170,24 @@ def test_silence_is_reported_within_0_3_s() -> None:
     run(main)
 
 
-def test_an_unplug_is_reported_at_once_and_the_gap_is_counted_after_the_replug() -> None:
+def test_an_unplug_is_reported_and_the_gap_is_counted_after_the_replug() -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, _, link, heard = bench(loop)
+        taxels, _, link, listener = unconnected_board(loop)
         await taxels.connect()
         await asyncio.sleep(0.5)
         link.unplug()
-        assert [str(fault) for _, fault in heard.faults] == ["/dev/taxels: the port vanished"]
-        last = heard.counters[-1]
+        assert [str(fault) for _, fault in listener.faults] == ["/dev/taxels: the port vanished"]
+        last = listener.counters[-1]
         await asyncio.sleep(100.0)
         link.plugged = True
         await taxels.connect()
         await asyncio.sleep(0.3)
         assert not taxels.rebooted
-        (gap,) = [gap for block in heard.blocks for gap in block.gaps]
+        (gap,) = [gap for block in listener.blocks for gap in block.gaps]
         assert gap.first_counter == last + 1
-        assert gap.count == heard.counters[heard.counters.index(last) + 1] - last - 1 > 100_000
+        assert (
+            gap.count == listener.counters[listener.counters.index(last) + 1] - last - 1 > 100_000
+        )
         assert taxels.counters.lost == gap.count
         taxels.close()
 
@@ -194,12 +196,12 @@ def test_an_unplug_is_reported_at_once_and_the_gap_is_counted_after_the_replug()
 
 def test_a_restart_of_the_board_is_reported_with_and_without_a_replug() -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, board, link, heard = bench(loop)
+        taxels, board, link, listener = unconnected_board(loop)
         await taxels.connect()
         await asyncio.sleep(0.5)
         board.reboot()
         await asyncio.sleep(0.5)
-        assert [type(fault) for _, fault in heard.faults] == [BoardRebooted]
+        assert [type(fault) for _, fault in listener.faults] == [BoardRebooted]
         assert taxels.counters.lost == 0
         link.unplug()
         board.reboot()
@@ -211,9 +213,9 @@ def test_a_restart_of_the_board_is_reported_with_and_without_a_replug() -> None:
     run(main)
 
 
-def test_a_consumer_that_fails_is_reported_and_the_others_go_on() -> None:
+def test_a_failing_consumer_is_reported_and_the_others_continue() -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, _, _, heard = bench(loop)
+        taxels, _, _, listener = unconnected_board(loop)
 
         def fails(block: Block) -> None:
             raise KeyError("oops")
@@ -221,10 +223,10 @@ def test_a_consumer_that_fails_is_reported_and_the_others_go_on() -> None:
         taxels.on_block(fails)
         await taxels.connect()
         await asyncio.sleep(0.5)
-        assert [str(fault) for _, fault in heard.faults] == [
+        assert [str(fault) for _, fault in listener.faults] == [
             "/dev/taxels: a consumer of samples failed: KeyError('oops')"
         ]
-        assert len(heard.counters) > 400
+        assert len(listener.counters) > 400
         taxels.close()
 
     run(main)
@@ -234,10 +236,10 @@ def test_samples_come_in_the_sensors_order_and_polarity() -> None:
     async def main(loop: JumpingLoop) -> None:
         wiring = (5, 0, 1, 2, 3, 4, *range(17, 5, -1))
         array = TaxelArray(wiring=wiring, pressure_raises=False)
-        taxels, _, _, heard = bench(loop, array=array)
+        taxels, _, _, listener = unconnected_board(loop, array=array)
         await taxels.connect()
         await asyncio.sleep(0.3)
-        block = heard.blocks[-1]
+        block = listener.blocks[-1]
         wired = (block.counters[:, None] + np.array(wiring)) % 1024
         assert np.array_equal(block.samples, 1023 - wired)
         assert block.samples.dtype == np.uint16 and block.samples.flags.c_contiguous
@@ -246,9 +248,9 @@ def test_samples_come_in_the_sensors_order_and_polarity() -> None:
     run(main)
 
 
-def test_the_outcome_of_a_self_test_is_told_and_asked_for() -> None:
+def test_the_outcome_of_a_self_test_is_received_and_requested() -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, board, _, _ = bench(loop)
+        taxels, board, _, _ = unconnected_board(loop)
         told: list[SelfTest] = []
         taxels.on_self_test(told.append)
         await taxels.connect()

@@ -10,7 +10,7 @@ from rigctl.devices.links.tcp import TcpLink
 from rigctl.errors import ConfigError, LinkLost
 
 
-def test_bytes_go_both_ways_and_the_other_ends_close_is_noticed() -> None:
+def test_bytes_go_both_ways_and_a_close_by_the_other_end_is_reported() -> None:
     async def main() -> None:
         loop = asyncio.get_running_loop()
         heard: asyncio.Queue[bytes | str] = asyncio.Queue()
@@ -40,7 +40,7 @@ def test_bytes_go_both_ways_and_the_other_ends_close_is_noticed() -> None:
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1", "tcp://:x", "udp://1.2.3.4:5"])
-def test_an_address_that_is_none_says_what_one_looks_like(address: str) -> None:
+def test_an_invalid_address_is_refused_with_the_format(address: str) -> None:
     loop = asyncio.new_event_loop()
     with pytest.raises(ConfigError, match="write an address as tcp://"):
         TcpLink(address, loop)

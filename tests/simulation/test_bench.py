@@ -69,7 +69,7 @@ def turn(bench: Bench, speed_mm_s: float, milliseconds: int) -> NDArray[np.uint1
     return bench.skin.read(start_ms, starts, 50.0)
 
 
-def in_places(counts: NDArray[np.uint16]) -> NDArray[np.float64]:
+def by_place(counts: NDArray[np.uint16]) -> NDArray[np.float64]:
     """Counts (n, 18) with the taxels in their places, the top layer first."""
     return counts[:, DRAWN_WIRING].astype(float)
 
@@ -136,7 +136,7 @@ def test_nothing_moves_inside_the_dead_band(drive: float) -> None:
     assert bench.plant.rod_mm == QUIET.actuator_start_mm
 
 
-def test_the_actuator_reaches_its_speed_with_its_lag_and_ends_at_its_ends() -> None:
+def test_the_actuator_has_its_lag_its_speed_and_its_end_stops() -> None:
     bench = Bench(QUIET, 0)
     bench.advance(30, -1.0, AT_REST)
     early_mm = QUIET.actuator_start_mm - bench.plant.rod_mm
@@ -156,7 +156,7 @@ def test_backlash_opens_only_under_a_force_above_the_drums_weight() -> None:
     assert risen_mm[1] - risen_mm[0] == pytest.approx(0.05, abs=0.015)
 
 
-def test_run_out_comes_once_a_turn() -> None:
+def test_run_out_has_the_period_of_a_turn() -> None:
     bench = Bench(dataclasses.replace(QUIET, run_out_mm=0.05), 0)
     press(bench, 500.0)
     start_ms = bench.plant.time_ms
@@ -175,7 +175,7 @@ def test_a_taxel_oscillates_at_speed_over_spacing(
     bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
     bench.set_plate(plate)
     press(bench, 500.0)
-    counts = in_places(turn(bench, speed_mm_s, 1900))[200:, 4]
+    counts = by_place(turn(bench, speed_mm_s, 1900))[200:, 4]
     assert main_frequency_hz(counts) == pytest.approx(speed_mm_s / space_mm, rel=0.03)
 
 
@@ -196,7 +196,7 @@ def test_under_contact_the_readings_rise_almost_linearly_with_force() -> None:
         press(bench, force_g)
         counts = turn(bench, 80.0, 1500)
         assert counts.max() < 600
-        means.append(in_places(counts)[:, :9].mean())
+        means.append(by_place(counts)[:, :9].mean())
     assert 40 < means[0] < means[1] < means[2] < 400
     assert 1.2 * (means[1] - means[0]) < means[2] - means[1] < 2.5 * (means[1] - means[0])
 
@@ -205,7 +205,7 @@ def test_the_top_layer_is_more_sensitive_to_texture_than_the_bottom_layer() -> N
     bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
     bench.set_plate("B")
     press(bench, 500.0)
-    share = texture_share(in_places(turn(bench, 80.0, 1500)))
+    share = texture_share(by_place(turn(bench, 80.0, 1500)))
     assert np.all(share[:9] > 1.4 * share[9:])
 
 
@@ -343,7 +343,7 @@ def test_the_clamp_is_smooth_and_carries_the_same_force_as_the_plate() -> None:
     assert np.all(np.abs(force[row] / force[row].mean() - 1.0) < 0.2)
 
 
-def test_ground_truth_is_the_same_taken_whole_or_in_parts() -> None:
+def test_ground_truth_is_the_same_in_one_piece_or_in_parts() -> None:
     whole, pieces = Bench(WorldParameters(), 1), Bench(WorldParameters(), 1)
     trajectory = DrumTrajectory(0.0, 0.0, 80.0)
     taken = []

@@ -14,7 +14,7 @@ from rigctl.simulation.virtual_rig import open_virtual_rig
 KINDS = ("published", "measured", "identified", "plausible")
 
 
-def test_every_nominal_value_lies_in_its_range_and_has_a_meaning_and_a_source() -> None:
+def test_every_nominal_value_is_in_its_range_and_has_a_meaning_and_a_source() -> None:
     for row in parameter_infos():
         assert row.low <= row.value <= row.high, row.name
         assert row.doc

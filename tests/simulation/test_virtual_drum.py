@@ -204,7 +204,7 @@ def test_over_force_lifts(rig: VirtualRig, host: Host) -> None:
 
 
 @pytest.mark.parametrize("state", [State.ARMED, State.HOLD, State.RUN])
-def test_estop_stops_everything_at_once(rig: VirtualRig, host: Host, state: State) -> None:
+def test_estop_stops_everything_immediately(rig: VirtualRig, host: Host, state: State) -> None:
     host.armed() if state is State.ARMED else host.holding()
     if state is State.RUN:
         host.command(Command.RUN)

@@ -11,7 +11,7 @@ from tests.wire.taxel_encoder import cobs_decode
 
 
 @given(st.binary(max_size=253))
-def test_any_bytes_come_back_without_a_zero_on_the_wire(data: bytes) -> None:
+def test_any_bytes_are_restored_and_have_no_zero_on_the_wire(data: bytes) -> None:
     stuffed = cobs_encode(data)
     assert 0 not in stuffed
     assert cobs_decode(stuffed) == data
@@ -32,6 +32,6 @@ def test_published_examples(data: bytes, wire: bytes) -> None:
 
 
 @pytest.mark.parametrize("wire", [b"\x05\x11", b"\x02\x00", b"\x00"])
-def test_what_no_encoder_wrote_is_refused(wire: bytes) -> None:
+def test_invalid_cobs_is_refused(wire: bytes) -> None:
     with pytest.raises(ValueError, match="COBS"):
         cobs_decode(wire)

@@ -46,7 +46,7 @@ class LoadcellBoard:
         return tuple(words)
 
     def ring(self, wanted: range, now_us: int) -> dict[int, tuple[int, int]]:
-        """What the places of ``wanted`` hold at ``now_us``, whichever sample that is."""
+        """Return the contents of the ring's places of ``wanted`` at ``now_us``."""
         newest = self.newest(now_us)
         held = {n % RING_DEPTH: n for n in range(newest - RING_DEPTH + 1, newest + 1)}
         kept = {n: held[n % RING_DEPTH] for n in wanted}

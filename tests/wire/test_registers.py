@@ -1,4 +1,4 @@
-"""The register table in engineering units: what goes out comes back, what cannot is refused."""
+"""The register table in engineering units: values are restored, invalid ones refused."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_a_refusal_names_register_value_bounds_and_unit() -> None:
         ("force_set", float("inf"), "force_set cannot be inf g"),
     ],
 )
-def test_what_cannot_be_set_is_refused(name: str, value: float, sentence: str) -> None:
+def test_unsettable_values_are_refused(name: str, value: float, sentence: str) -> None:
     with pytest.raises(WrongUse, match=sentence):
         registers.to_raw(name, value)
 

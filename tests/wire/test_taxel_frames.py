@@ -84,7 +84,7 @@ def test_a_frame_has_33_bytes_and_zlibs_crc() -> None:
 
 @given(st.integers(0, 2**31), st.integers(1, 40), st.integers(0, 2**32 - 1))
 @settings(max_examples=40)
-def test_what_was_encoded_comes_back(first: int, n: int, seed: int) -> None:
+def test_encoded_frames_are_restored(first: int, n: int, seed: int) -> None:
     counters = np.arange(first, first + n)
     samples, flags, edges = readings(counters, seed)
     block = only(
@@ -223,7 +223,7 @@ def test_the_32_bits_of_the_status_counter_wrap_too() -> None:
 
 
 @pytest.mark.parametrize("told_by", ["identity", "status", "counter"])
-def test_a_reboot_is_reported_and_counting_starts_anew(told_by: str) -> None:
+def test_a_reboot_is_reported_and_restarts_the_counter(told_by: str) -> None:
     wire = taxel_encoder.encode_identity(IDENTITY) + stream(np.arange(300))
     if told_by == "identity":
         wire += taxel_encoder.encode_identity(replace(IDENTITY, boot_count=8))
@@ -237,7 +237,7 @@ def test_a_reboot_is_reported_and_counting_starts_anew(told_by: str) -> None:
     assert before.gaps == after.gaps == ()
 
 
-def test_flags_and_edge_counts_stand_where_the_reference_says() -> None:
+def test_flags_and_edge_counts_have_the_places_of_the_reference() -> None:
     counters = np.arange(1)
     samples = np.zeros((1, 18), np.uint16)
     flags = np.array([Flag.SYNC | Flag.LATE | 3 << DROPS_SHIFT], np.uint8)

@@ -1,4 +1,4 @@
-"""The self-test's outcome: bits that come back whole, and sentences that name wire and taxel."""
+"""The outcome of the self-test is decoded, and its sentences name wire and taxel."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GOOD = SelfTest(1, 15)
 
 
 def found(**bits: int) -> list[str]:
-    """Sentences for an outcome with these bits."""
+    """Return the sentences for an outcome with these bits."""
     return findings(SelfTest(1, 15, **bits))
 
 
@@ -41,7 +41,7 @@ def test_an_outcome_between_samples_comes_back_whole(outcome: SelfTest, cut: int
     assert sum(p.rejected_frames for p in pieces) == 0
 
 
-def test_nothing_found_is_nothing_said() -> None:
+def test_no_fault_gives_no_sentence() -> None:
     assert GOOD.passed
     assert findings(GOOD) == []
 
@@ -78,7 +78,7 @@ def test_a_sentence_names_the_wire_or_the_taxel(bits: dict[str, int], sentences:
     assert found(**bits) == sentences
 
 
-def test_what_a_broken_wire_explains_is_not_said_again() -> None:
+def test_faults_explained_by_a_broken_wire_are_not_repeated() -> None:
     assert len(found(lines_low=1, silent=0b111111)) == 1
     assert len(found(inputs_high=1, full=1 << 0 | 1 << 6 | 1 << 12)) == 1
 

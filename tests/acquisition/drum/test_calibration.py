@@ -96,7 +96,7 @@ def test_the_command_finds_the_imbalance(capsys: pytest.CaptureFixture[str]) -> 
     assert (max(table) - min(table)) / 2 == pytest.approx(1.0, abs=0.3)
 
 
-def test_wrong_use_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_use_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "--rig", "virtual", "loadcell", "--mass", "-1"]) == 2
     assert "known mass" in capsys.readouterr().err
     words = ["calibrate", "--rig", "virtual", "--yes", "force", "--force", "9000"]

@@ -218,7 +218,7 @@ def test_a_trial_with_lost_bytes_is_repeated(harness: EngineHarness) -> None:
     assert harness.engine.run is not None and harness.engine.run.status().trials_rejected == 1
 
 
-def test_a_full_disk_ends_the_run_with_what_was_committed(
+def test_a_full_disk_ends_the_run_and_keeps_committed_trials(
     harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def scenario(harness: EngineHarness) -> None:

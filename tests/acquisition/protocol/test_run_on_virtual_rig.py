@@ -32,7 +32,7 @@ def test_every_trial_is_committed_complete_and_true(harness: EngineHarness) -> N
     assert verify(harness.session).whole
 
 
-def test_the_window_begins_at_the_first_sample_behind_the_rise(harness: EngineHarness) -> None:
+def test_the_window_begins_at_the_first_sample_after_the_rise(harness: EngineHarness) -> None:
     harness.record()
     with open_session(harness.session) as session:
         for index in session.committed():

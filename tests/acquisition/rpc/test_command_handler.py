@@ -211,7 +211,7 @@ def test_a_run_that_hangs_stops_the_heartbeat_and_the_drum_lifts(
     assert harness.engine.run is not None and harness.engine.run.outcome == "failed"
 
 
-def test_an_engine_without_client_and_run_ends_by_itself(harness: EngineHarness) -> None:
+def test_an_engine_without_client_and_run_ends(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
         await handler_of(harness)("arm", {})
         await harness.wait(60)

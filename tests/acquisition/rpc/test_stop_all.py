@@ -33,7 +33,7 @@ def announced(name: str, listener: socket.socket) -> None:
     write_engine_file(runtime_folder(), EngineFile(name, os.getpid(), port, "", name, ""))
 
 
-class Answering:
+class ReplyServer:
     """A server that accepts one client, replies to it and records its command."""
 
     def __init__(self, name: str) -> None:
@@ -59,14 +59,14 @@ class Answering:
 
 
 @pytest.fixture
-def engines() -> Iterator[list[Answering]]:
-    made = [Answering("one"), Answering("two")]
+def engines() -> Iterator[list[ReplyServer]]:
+    made = [ReplyServer("one"), ReplyServer("two")]
     yield made
     for engine in made:
         engine.close()
 
 
-def test_every_engine_is_stopped(engines: list[Answering]) -> None:
+def test_every_engine_is_stopped(engines: list[ReplyServer]) -> None:
     results: list[StopResult] = []
     assert stop_engines(results.append) == 2
     assert {(each.rig, each.failure) for each in results} == {("one", ""), ("two", "")}
@@ -74,7 +74,7 @@ def test_every_engine_is_stopped(engines: list[Answering]) -> None:
 
 
 def test_an_engine_that_hangs_does_not_delay_the_others(
-    engines: list[Answering], monkeypatch: pytest.MonkeyPatch
+    engines: list[ReplyServer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.5)
     results: list[StopResult] = []
@@ -86,7 +86,9 @@ def test_an_engine_that_hangs_does_not_delay_the_others(
 
 
 def test_the_command_reports_each_result(
-    engines: list[Answering], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    engines: list[ReplyServer],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.5)
     with open_listener() as mute:
@@ -98,7 +100,7 @@ def test_the_command_reports_each_result(
     assert output.err.startswith(f"rigctl: mute (process {pid}): no answer to 'stop'")
 
 
-def test_excluded_engines_are_not_stopped(engines: list[Answering]) -> None:
+def test_excluded_engines_are_not_stopped(engines: list[ReplyServer]) -> None:
     results: list[StopResult] = []
     assert stop_engines(results.append, exclude=("one",)) == 1
     assert [each.rig for each in results] == ["two"]

@@ -86,7 +86,7 @@ def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, lengt
     assert pipeline.sample_count == N
 
 
-def test_behind_a_gap_the_encoder_resets(live: LiveWriter) -> None:
+def test_the_encoder_resets_after_a_gap(live: LiveWriter) -> None:
     block = touch(lost=range(500, 520))
     pipeline, spikes = run_pipeline(live, block, 20)
     assert np.array_equal(spikes, offline(block, [301, 500, 681]))

@@ -84,7 +84,7 @@ def test_a_rig_that_is_off_is_not_accepted(found: RigMeasurements) -> None:
     assert failed == ["mean force in the window", "drift, last ten minus first ten", "faults"]
 
 
-def test_what_cannot_be_measured_is_not_accepted(found: RigMeasurements) -> None:
+def test_a_rig_with_missing_measurements_is_not_accepted(found: RigMeasurements) -> None:
     few = replace(found.conditions[0], presses=found.conditions[0].presses[:5])
     checks = check_limits(replace(found, conditions=(few,), turns=()))
     assert [check.found for check in checks if check.passed is None] == ["not measured"] * 2

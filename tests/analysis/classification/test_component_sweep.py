@@ -88,7 +88,7 @@ DATA_SETS = {
 
 
 @pytest.mark.parametrize("name", sorted(DATA_SETS))
-def test_every_prediction_is_scikit_learns(name: str) -> None:
+def test_every_prediction_equals_that_of_scikit_learn(name: str) -> None:
     (features, labels), k_max = DATA_SETS[name]
     folds = folds_of(labels)
     ours = predict_folds(features, labels, folds, k_max)
@@ -160,7 +160,7 @@ def test_components_are_ordered_and_orthonormal() -> None:
         np.testing.assert_allclose(scores.var(axis=0, ddof=1), principal.variance, rtol=1e-8)
 
 
-def test_what_cannot_be_learnt_is_refused_in_words() -> None:
+def test_unsuitable_training_sets_are_refused_with_a_reason() -> None:
     features, labels = wide_set()
     with pytest.raises(WrongUse, match="allow 1 to 32"):
         predict_folds(features, labels, folds_of(labels), 40)

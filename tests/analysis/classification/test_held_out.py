@@ -15,7 +15,7 @@ from rigctl.errors import SessionError, WrongUse
 from tests.analysis.recordings import record
 
 
-def test_the_answer_counts_as_one_would_by_hand() -> None:
+def test_the_counts_equal_those_worked_out_by_hand() -> None:
     labels = np.array([0, 0, 0, 1, 1])
     held_out = HeldOutPredictions(
         ("A", "B"), labels, np.array([[0, 0, 1, 1, 0], [0, 0, 0, 1, 1]]), 2, 1
@@ -33,7 +33,7 @@ def design(textures: str, speed_mm_s: float) -> Design:
     return Design(tuple(names.tolist()), labels, np.full(n, speed_mm_s), np.full(n, 500.0))
 
 
-def test_labels_that_mean_nothing_are_told_at_chance() -> None:
+def test_shuffled_labels_give_chance_accuracy() -> None:
     """Nothing leaks from the test part: shuffled labels give no more than luck."""
     shares = []
     for seed in range(12):
@@ -46,7 +46,7 @@ def test_labels_that_mean_nothing_are_told_at_chance() -> None:
     assert abs(np.mean(shares) - 0.25) < 0.04
 
 
-def test_what_cannot_be_classified_is_refused_in_words() -> None:
+def test_unsuitable_sessions_are_refused_with_a_reason() -> None:
     samples = [np.zeros((100, 2), np.uint16)] * 3
     with pytest.raises(WrongUse, match="two textures"):
         classify_held_out(samples, design("AAA", 40.0))
@@ -54,7 +54,7 @@ def test_what_cannot_be_classified_is_refused_in_words() -> None:
         classify_held_out(samples, design("ABA", 40.0))
 
 
-def test_a_session_becomes_an_answer_and_two_figures(tmp_path: Path) -> None:
+def test_a_session_gives_a_result_and_two_figures(tmp_path: Path) -> None:
     stages: list[str] = []
     session = record(tmp_path / "session", travel_mm=60.0, torn=(5,))
     answer = analyse_session(session, tmp_path / "figures", progress=lambda s, *_: stages.append(s))

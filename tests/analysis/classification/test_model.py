@@ -189,7 +189,9 @@ def imported(folder: Path, n_taxels: int, scale: float = 1.0) -> Path:
     return folder / "narrow"
 
 
-def test_files_that_are_no_model_are_sentences(made: RepresentationSet, tmp_path: Path) -> None:
+def test_invalid_model_files_are_refused_with_a_reason(
+    made: RepresentationSet, tmp_path: Path
+) -> None:
     good = saved(made, tmp_path / "good.h5", "Speed Scaled")
     with pytest.raises(SessionError, match="there is no file"):
         load_model(tmp_path / "none.h5")

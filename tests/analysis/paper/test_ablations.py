@@ -20,7 +20,7 @@ TASKS = {task.key: task for task in published.TASKS}
 BY_KEY = {r.key: r for r in REPRESENTATIONS}
 
 
-def test_variance_goes_to_the_factor_that_makes_it(tmp_path: Path) -> None:
+def test_variance_is_attributed_to_its_factor(tmp_path: Path) -> None:
     """SA: speed alone, in the first of five windows. RA: force, and as much inside conditions."""
     texture, speed, force, turn = (
         axis.ravel() for axis in np.meshgrid([0, 1], [40.0, 80.0], [250.0, 500.0], [0, 1, 2, 3])

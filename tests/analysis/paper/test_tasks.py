@@ -126,7 +126,7 @@ def test_processes_give_equal_answers(representations: RepresentationSet) -> Non
         np.testing.assert_array_equal(a.accuracy, b.accuracy)
 
 
-def test_fewer_components_are_said(representations: RepresentationSet) -> None:
+def test_a_reduced_number_of_components_is_reported(representations: RepresentationSet) -> None:
     results, remarks = run_tasks(
         representations, SweepSettings(iterations=1, tasks=("textures", "leave-force-out"))
     )
@@ -137,7 +137,7 @@ def test_fewer_components_are_said(representations: RepresentationSet) -> None:
     assert _of(results, "leave-force-out").classes == ("A", "B", "G")
 
 
-def test_another_design_leaves_one_out(tmp_path: Path) -> None:
+def test_a_design_with_other_levels_leaves_one_out(tmp_path: Path) -> None:
     session = record(tmp_path / "session", "AX", repeats=2, travel_mm=12.0)
     representations = represent(join_sessions([session]), DEFAULT, tmp_path)
     results, remarks = run_tasks(representations, SweepSettings(iterations=1, k_max=2))

@@ -35,7 +35,7 @@ def test_results_are_named_one_a_line(session: Path, capsys: pytest.CaptureFixtu
     assert "simulated bench" in lines[-4]
 
 
-def test_a_window_opens_only_where_somebody_can_see_it(
+def test_a_window_opens_only_with_a_display(
     session: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     opened: list[list[str]] = []

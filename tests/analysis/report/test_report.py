@@ -75,7 +75,7 @@ def test_numbers_agree_between_the_files(report: Path) -> None:
     assert plain["force_matrix"]["paper"] == {"unconverged": 62, "of": 4320}
 
 
-def test_the_page_stands_alone_and_says_what_matters(report: Path) -> None:
+def test_the_page_is_self_contained_and_has_the_results(report: Path) -> None:
     class Page(HTMLParser):
         sources: list[str] = []  # noqa: RUF012
         words = ""
@@ -141,7 +141,7 @@ def test_several_reports_are_compared(
     assert not (tmp_path / "no").exists()
 
 
-def test_what_cannot_be_done_is_refused_and_leaves_nothing(
+def test_impossible_requests_are_refused_and_write_nothing(
     session: Path, report: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     start = ["analyse", str(session), "--out"]
@@ -159,7 +159,7 @@ def test_what_cannot_be_done_is_refused_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_interrupted_it_leaves_no_half_report(
+def test_an_interruption_leaves_no_partial_report(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*_: Any, **__: Any) -> None:
@@ -216,7 +216,7 @@ def test_components_needed_are_the_first_that_reach_it() -> None:
     assert needed["speed"]["as_original"] == 1
 
 
-def test_progress_says_how_long_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_shows_the_remaining_time(capsys: pytest.CaptureFixture[str]) -> None:
     import sys
 
     line = ProgressLine(sys.stderr)
