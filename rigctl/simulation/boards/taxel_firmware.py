@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.boards.library import I32, I64, POINTER, FirmwareLibrary
+from rigctl.simulation.boards.firmware_library import I32, I64, POINTER, FirmwareLibrary
 from rigctl.values import N_TAXELS
 
 MAX_FRAMES, MAX_BYTES = 4096, 65536
