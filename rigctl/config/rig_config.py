@@ -191,10 +191,13 @@ def _config(text: TomlText) -> RigConfig:
     root = text.root
     tables = {f.name: root.table(f.name) for f in fields(RigConfig)}
     root.finish()
-    values: dict[str, Any] = {
-        f.name: read_section(tables[f.name], type(f.default)) for f in fields(RigConfig)
-    }
-    config = RigConfig(**values)
+    default = RigConfig()
+    config = RigConfig(
+        **{
+            name: read_section(table, type(getattr(default, name)))
+            for name, table in tables.items()
+        }
+    )
     _check_geometry(config.drum, tables["drum"])
     _check_limits(config.limits, tables["limits"])
     _check_taxels(config.taxels, tables["taxels"])

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import field, fields
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rigctl.config.toml_reader import TomlTable
 
-_Section = TypeVar("_Section")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Section = TypeVar("_Section", bound="DataclassInstance")
 
 
 def number(
@@ -32,8 +35,7 @@ def read_section(table: TomlTable, kind: type[_Section]) -> _Section:
 
     Raises the error of the table's text for an unknown key or an invalid value.
     """
-    # ``type`` cannot say that every section is a dataclass.
-    values = {f.name: _read_value(table, f) for f in fields(kind)}  # type: ignore[arg-type]
+    values = {f.name: _read_value(table, f) for f in fields(kind)}
     table.finish()
     return kind(**values)
 

@@ -18,14 +18,17 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rigctl.wire.drum.states import State
 
 LINE_LIMIT_BYTES = 1 << 20
 STATUS_PERIOD_S = 0.1
 
-_T = TypeVar("_T")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_T = TypeVar("_T", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +179,7 @@ def parse_status(data: Mapping[str, Any]) -> EngineStatus:
 
 
 def _parse(kind: type[_T], data: Mapping[str, Any]) -> _T:
-    values = {f.name: data.get(f.name) for f in fields(kind)}  # type: ignore[arg-type]
+    values = {f.name: data.get(f.name) for f in fields(kind)}
     return kind(
         **{
             name: _PARSERS[name](value) if name in _PARSERS else value
