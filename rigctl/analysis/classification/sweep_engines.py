@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.analysis.classification.component_sweep import (
     Labels,
@@ -113,7 +113,7 @@ def _predict_with_sklearn(
 
     tall = features.shape[1] <= len(train)
     n, n_classes = len(train), len(np.unique(labels[train]))
-    pooled = scaled_covariance(n / (n - n_classes))
+    pooled = ScaledCovariance(n / (n - n_classes))
     rows = []
     for k in range(1, rank + 1):
         pca = PCA(k, svd_solver="covariance_eigh" if tall else "full").fit(features[train])
@@ -124,17 +124,17 @@ def _predict_with_sklearn(
     return np.array(rows, np.int64)
 
 
-def scaled_covariance(factor: float) -> Any:
-    """Return a covariance estimator for scikit-learn, which divides by n, not by n − classes."""
-    from sklearn.covariance import EmpiricalCovariance
+@dataclass
+class ScaledCovariance:
+    """A covariance estimator that gives scikit-learn, which divides by n, another divisor.
 
-    class ScaledCovariance(EmpiricalCovariance):  # type: ignore[misc]  # scikit-learn has no types
-        """A class's covariance times a factor."""
+    ``covariance_`` is the covariance of the rows, divisor n, times ``factor``.
+    """
 
-        def fit(self, rows: NDArray[np.float64]) -> ScaledCovariance:
-            """Fit the rows of one class."""
-            centred = rows - rows.mean(axis=0)
-            self.covariance_ = factor * centred.T @ centred / len(rows)
-            return self
+    factor: float
 
-    return ScaledCovariance()
+    def fit(self, rows: Matrix) -> ScaledCovariance:
+        """Fit the rows of one class."""
+        centred = rows - rows.mean(axis=0)
+        self.covariance_ = self.factor * centred.T @ centred / len(rows)
+        return self

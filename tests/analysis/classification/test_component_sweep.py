@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
 from sklearn.datasets import load_digits, load_iris, load_wine
 from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
@@ -15,20 +13,12 @@ from sklearn.model_selection import StratifiedKFold
 
 from rigctl.analysis.classification.component_sweep import fit_nested_lda, fit_pca
 from rigctl.analysis.classification.splits import Fold, Split
-from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
+from rigctl.analysis.classification.sweep_engines import (
+    ScaledCovariance,
+    SweepEngine,
+    predict_splits,
+)
 from rigctl.errors import WrongUse
-
-
-class ScaledCovariance(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
-    """A class's covariance times N / (N − K), which turns the pooled divisor N into N − K."""
-
-    def __init__(self, factor: float) -> None:
-        self.factor = factor
-
-    def fit(self, rows: NDArray[np.float64]) -> ScaledCovariance:
-        centred = rows - rows.mean(axis=0)
-        self.covariance_ = self.factor * centred.T @ centred / len(rows)
-        return self
 
 
 def predict_folds(features: Any, labels: Any, folds: list[Fold], k_max: int) -> list[Any]:

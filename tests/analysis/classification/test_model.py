@@ -74,14 +74,14 @@ def test_posteriors_equal_those_of_scikit_learn(made: RepresentationSet, tmp_pat
     from sklearn.decomposition import PCA
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
-    from rigctl.analysis.classification.sweep_engines import scaled_covariance
+    from rigctl.analysis.classification.sweep_engines import ScaledCovariance
 
     labels = Design.from_trials(made.trials).texture
     for representation in REPRESENTATIONS[:4]:
         model, _ = train_model(made, ModelRequest(tmp_path / "m", representation.key, 12), UTC, 0)
         features = np.asarray(made.features(representation))
         scores = PCA(12, svd_solver="full").fit(features)
-        pooled = scaled_covariance(len(labels) / (len(labels) - 3))
+        pooled = ScaledCovariance(len(labels) / (len(labels) - 3))
         lda = LinearDiscriminantAnalysis(solver="lsqr", covariance_estimator=pooled)
         lda.fit(scores.transform(features), labels)
         new = features + np.random.default_rng(1).normal(0, 20, features.shape)
