@@ -15,6 +15,7 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
+from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 from rigctl.encoding.kernel.simd import (
@@ -216,7 +217,7 @@ plan_run, first_readings = _compile(_plan_run), _compile(_first_readings)
 @inline
 def trial_readings(address: Any, n: Any, n_taxels: Any) -> Any:
     """Return all readings of a trial, uint16 (n, n_taxels), from an address on."""
-    return numba.carray(_reading_pointer(address), (n, n_taxels))  # type: ignore[attr-defined]  # numba has no type information
+    return carray(_reading_pointer(address), (n, n_taxels))
 
 
 @inline

@@ -63,7 +63,7 @@ class StackMemory(types.Type):
 class _LanesModel(extending.models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Lanes) -> None:
         vectors = ir.ArrayType(VECTORS[kind.element], kind.vectors)
-        super().__init__(manager, kind, vectors)  # type: ignore[no-untyped-call]  # numba is untyped here
+        super().__init__(manager, kind, vectors)  # type: ignore[no-untyped-call]  # numba annotates no constructor
 
 
 @extending.register_model(StackMemory)

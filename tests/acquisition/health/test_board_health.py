@@ -76,7 +76,9 @@ def test_a_slot_delayed_by_an_edge_is_counted_and_its_frame_flagged(tmp_path: Pa
     assert late <= edged
 
 
-def test_reading_the_counters_does_not_delay_the_polls(harness: EngineHarness) -> None:
+def test_reading_the_counters_does_not_delay_the_polls(
+    harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     reads: list[int] = []
     read_registers = harness.rig.drum.modbus.read
 
@@ -86,7 +88,7 @@ def test_reading_the_counters_does_not_delay_the_polls(harness: EngineHarness) -
         return await read_registers(address, count)
 
     async def scenario(harness: EngineHarness) -> None:
-        harness.rig.drum.modbus.read = read_and_count  # type: ignore[method-assign]
+        monkeypatch.setattr(harness.rig.drum.modbus, "read", read_and_count)
         polls: list[float] = []
         harness.engine.boards.drum_poller.subscribe(lambda state: polls.append(state.at_s))
         await harness.wait(10)
