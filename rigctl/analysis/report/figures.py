@@ -100,7 +100,7 @@ def draw_accuracy(held_out: HeldOutPredictions, origin: str, stem: Path) -> Path
     _plot_confusion(right, held_out)
     correct, n = int(held_out.correct_counts()[held_out.shown_components - 1]), held_out.n
     title = (
-        f"Textures told apart on held-out trials: {correct} of {n} "
+        f"Held-out trials classified correctly: {correct} of {n} "
         f"({correct / n:.0%}) with {held_out.shown_components} components"
     )
     return save_figure(figure, stem, title, origin)

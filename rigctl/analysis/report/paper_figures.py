@@ -77,7 +77,7 @@ def draw_curves(results: Sequence[TaskResult], origin: str, stem: Path) -> Path:
     figure.legend(lines, names, loc="outside lower right", ncols=columns, frameon=False, fontsize=9)
     iterations = len(results[0].curves[0].accuracy)
     bars = "bars: standard deviation" if iterations > 1 else "one draw, no spread"
-    title = f"Textures told apart: mean accuracy of {iterations} draws; {bars}"
+    title = f"Classification accuracy: mean of {iterations} draws; {bars}"
     return save_figure(figure, stem, title, origin)
 
 
