@@ -17,7 +17,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-BOARDS = ("drum", "taxels")
+BOARDS = ("drum", "taxels", "finger")
+# The finger board frames its bytes as the taxel board does.
+_SHARED = {"finger": ("taxels/cobs.cpp", "taxels/cobs.h", "taxels/crc32.cpp", "taxels/crc32.h")}
 CURE = "install a C++ compiler (g++ or clang++) or `pip install ziglang`, then run "
 COMMAND = "python -m rigctl.host_build"
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
@@ -44,12 +46,16 @@ def sources(board: str) -> list[Path]:
     """Return the sources of a board's library: its portable core and its host body."""
     core, body = ROOT / "arduino" / board, ROOT / "arduino" / "host"
     files = [*core.glob("*.cpp"), *core.glob("*.h"), *body.glob("*.h"), *(body / board).iterdir()]
-    return sorted(path for path in files if not path.name.startswith("chip"))
+    shared = [ROOT / "arduino" / name for name in _SHARED.get(board, ())]
+    return sorted(path for path in files + shared if not path.name.startswith("chip"))
 
 
 def digest(board: str) -> str:
-    """Return the SHA-256 of a board's sources with their names, hexadecimal."""
-    sha256 = hashlib.sha256()
+    """Return the SHA-256 of a board's sources with their names, hexadecimal.
+
+    It covers the image's sources too, because the library reports the image's build hash.
+    """
+    sha256 = hashlib.sha256(image_hash(board).encode())
     for path in sources(board):
         sha256.update(path.name.encode() + b"\0" + path.read_bytes().replace(b"\r\n", b"\n"))
     return sha256.hexdigest()
@@ -83,6 +89,7 @@ def build(board: str, output: Path | None = None, defines: Sequence[str] = ()) -
     target = output or dynamic_library_path(board)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")
+    folders = {board, f"host/{board}", *(name.split("/")[0] for name in _SHARED.get(board, ()))}
     command = [
         *compiler(),
         *_FLAGS,
@@ -91,7 +98,7 @@ def build(board: str, output: Path | None = None, defines: Sequence[str] = ()) -
         f"-DBUILD_HASH=0x{image_hash(board)}UL",
         f'-DSOURCES="{digest(board)}"',
         *(f"-D{define}" for define in defines),
-        *(f"-I{ROOT / 'arduino' / folder}" for folder in (board, f"host/{board}")),
+        *(f"-I{ROOT / 'arduino' / folder}" for folder in sorted(folders)),
         *(str(path) for path in sources(board) if path.suffix == ".cpp"),
         *("-o", str(partial)),
     ]

@@ -5,7 +5,7 @@ Other packages import these names from here, never from a module inside; see
 """
 
 from rigctl.encoding.kernel import simd
-from rigctl.encoding.kernel.constants import butterworth, max_samples_per_row
+from rigctl.encoding.kernel.constants import butterworth, max_samples_per_row, sa_constants
 from rigctl.encoding.kernel.neuron_blocks import NeuronBlocks
 from rigctl.encoding.kernel.prefetch import Trials, TrialViews, trial_readings
 from rigctl.encoding.kernel.raster import accumulate_bins, scatter_to_trials, to_raster
@@ -19,6 +19,7 @@ __all__ = [
     "accumulate_bins",
     "butterworth",
     "max_samples_per_row",
+    "sa_constants",
     "scatter_to_trials",
     "simd",
     "to_raster",

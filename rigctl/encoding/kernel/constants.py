@@ -44,6 +44,7 @@ from numpy.typing import NDArray
 from rigctl.encoding.kernel import neuron_step
 from rigctl.encoding.kernel.machine_code import Kernel, compile_kernel
 from rigctl.encoding.parameters import EncoderParameters, Recovery, Rectify, Reset
+from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
 
@@ -120,6 +121,29 @@ def drives(parameters: EncoderParameters, scale: Floats, sa_scale: Floats) -> tu
     b, _ = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
     per_slope = per_unit * (p.ra_gain * p.sample_rate_hz) * (1.0 if has_late_reset(p) else b[0])
     return per_unit * p.sa_gain * sa_scale * unit, per_slope * unit
+
+
+def sa_constants(parameters: EncoderParameters) -> dict[str, float]:
+    """Return the numbers of one SA neuron by name, for another implementation of the normal form.
+
+    ``drive`` is that of a taxel whose range is one count wide. Raises WrongUse for a scheme with
+    another order of operations.
+    """
+    if has_late_reset(parameters) or parameters.recovery is not Recovery.NEW_V:
+        raise WrongUse(f"encoder preset {parameters.name!r}: give one with the default's order")
+    k, rest = kernel_constants(parameters), rest_state(parameters, 1)
+    one = np.ones(1)
+    return {
+        "input_at_rest": float(k[neuron_step.W0]),
+        "drive": float(drives(parameters, one, one)[0][0]),
+        "coupling": float(k[neuron_step.COUPLING]),
+        "decay": float(k[neuron_step.DECAY]),
+        "threshold": float(k[neuron_step.THRESHOLD]),
+        "reset_to": float(k[neuron_step.RESET_TO]),
+        "jump": float(k[neuron_step.JUMP]),
+        "rest_membrane": float(rest[neuron_step.M, 0]),
+        "rest_recovery": float(rest[neuron_step.Q, 0]),
+    }
 
 
 @cache

@@ -1,0 +1,45 @@
+// Nine slowly adapting neurons (Izhikevich, 2003) with the default preset of rigctl.encoding.
+//
+// Double precision and the encoder's own order of operations: the spikes are equal bit for bit.
+// neuron_constants.h comes from the same constants (python -m rigctl.encoding.neuron_header).
+#ifndef FINGER_NEURONS_H
+#define FINGER_NEURONS_H
+
+#include <stdint.h>
+
+const uint8_t TAXELS = 9;
+
+// Lowest and highest reading of each taxel; they map to no input and to full input.
+struct Ranges {
+    uint16_t low[TAXELS], high[TAXELS];
+};
+
+// What nine taxels read in one millisecond, and how often their neurons fired in it.
+struct Sample {
+    uint16_t reading[TAXELS];
+    uint8_t spikes[TAXELS];
+};
+
+class Neurons {
+public:
+    Neurons();
+
+    // Uses other ranges from the next sample on. Each low end must not be above its high end.
+    void set_ranges(const Ranges &ranges);
+    const Ranges &ranges() const { return ranges_; }
+
+    // Puts all neurons at rest.
+    void reset();
+
+    // Advances all neurons by a millisecond and fills in the sample's spikes.
+    void advance(Sample &sample);
+
+private:
+    uint8_t advance_one(uint8_t taxel, double input);
+
+    Ranges ranges_;
+    double drive_[TAXELS];
+    double membrane_[TAXELS], recovery_[TAXELS];
+};
+
+#endif

@@ -1,0 +1,1 @@
+"""The finger board's frames: samples with spikes, scaled windows, requests and settings."""

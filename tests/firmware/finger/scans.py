@@ -1,0 +1,90 @@
+"""Scans as a finger would make them, and the same scan through each build of the firmware."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.simulation.boards.finger_firmware import FingerFirmware
+from rigctl.simulation.chips.qemu import InstructionCount, Line, Script, run_script
+from rigctl.wire.finger import messages
+from rigctl.wire.finger.messages import BATCH_SAMPLES, N_TAXELS
+
+LOW = tuple(range(40, 40 + N_TAXELS))
+HIGH = tuple(range(700, 700 + N_TAXELS))
+PROFILES = {
+    "slow": (50, 50),
+    "medium": (100, 100),
+    "fast": (200, 200),
+    "slow-to-fast": (50, 200),
+    "fast-to-slow": (200, 50),
+}
+"""Velocities in mm/s at the start and at the end of the scan."""
+SETTINGS = messages.set_ranges(LOW, HIGH) + messages.read_settings()
+
+
+@dataclass(frozen=True)
+class SyntheticScan:
+    """Readings uint16 (n, 9), and the velocity of each batch of 100 in µm/s."""
+
+    number: int
+    readings: NDArray[np.uint16]
+    velocities_um_per_s: list[int]
+
+
+def synthetic_scan(number: int, seed: int = 1) -> SyntheticScan:
+    """Return scan ``number`` over ridges 2.5 mm apart, with the profiles in turns."""
+    rng = np.random.default_rng((seed, number))
+    begin, end = list(PROFILES.values())[number % len(PROFILES)]
+    samples = int(200_000 / ((begin + end) / 2)) + int(rng.integers(0, 100))
+    speed = np.linspace(begin, end, samples) * rng.uniform(0.85, 1.15)
+    position_mm = np.cumsum(speed) / 1000.0
+    phase = rng.uniform(0, 2 * np.pi, N_TAXELS)
+    ridges = np.sin(2 * np.pi * position_mm[:, None] / 2.5 + phase)
+    pressure = 350.0 + 60.0 * np.sin(position_mm / 40.0 + phase[0])
+    noise = rng.normal(0.0, 6.0, (samples, N_TAXELS))
+    readings = np.clip(pressure[:, None] + 250.0 * ridges + noise, 0, 1023).astype(np.uint16)
+    means = [speed[at : at + BATCH_SAMPLES].mean() for at in range(0, samples, BATCH_SAMPLES)]
+    return SyntheticScan(number, readings, [round(mean * 1000) for mean in means])
+
+
+def steps(scan: SyntheticScan) -> list[tuple[Line, bytes]]:
+    """Return what reaches the board in a scan: start, samples, velocities, stop."""
+    whole = len(scan.readings) // BATCH_SAMPLES
+    done: list[tuple[Line, bytes]] = [(Line.HOST, messages.start(scan.number))]
+    for batch, velocity in enumerate(scan.velocities_um_per_s):
+        rows = scan.readings[batch * BATCH_SAMPLES : (batch + 1) * BATCH_SAMPLES]
+        done.append((Line.CONVERTER, rows.tobytes()))
+        if batch == whole:  # the last, short one
+            done.append((Line.HOST, messages.stop(scan.number)))
+        done.append((Line.HOST, messages.velocity(scan.number, batch, velocity)))
+    if len(scan.velocities_um_per_s) == whole:
+        done.append((Line.HOST, messages.stop(scan.number)))
+    return done
+
+
+def through_host_build(
+    scans: list[SyntheticScan], board: FingerFirmware, requests: bytes = b""
+) -> bytes:
+    """Return the bytes that the core sends on this computer, from its boot on."""
+    board.boot(0)
+    board.receive(SETTINGS + requests)
+    sent = [board.take_sent()]
+    for line, data in (step for scan in scans for step in steps(scan)):
+        if line is Line.HOST:
+            board.receive(data)
+        else:
+            board.run(np.frombuffer(data, np.uint16).reshape(-1, N_TAXELS))
+        sent.append(board.take_sent())
+    return b"".join(sent)
+
+
+def through_image(scans: list[SyntheticScan]) -> tuple[bytes, InstructionCount]:
+    """Return the bytes that the Cortex-M7 image sends, and its instructions."""
+    script = Script()
+    script.add(Line.HOST, SETTINGS)
+    for line, data in (step for scan in scans for step in steps(scan)):
+        script.add(line, data)
+    return run_script(script)
