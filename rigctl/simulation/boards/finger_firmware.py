@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.boards.library import I32, I64, POINTER, FirmwareLibrary
+from rigctl.simulation.boards.firmware_library import I32, I64, POINTER, FirmwareLibrary
 from rigctl.wire.finger.messages import N_TAXELS
 
 MAX_SAMPLES, MAX_BYTES = 4096, 262144
