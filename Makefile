@@ -11,15 +11,16 @@ SAY := @printf '==> %s\n'
 # Qt and its fonts: without a font every label is blank.
 DEBIAN_RUN := python3-venv libegl1 libgl1 libxkbcommon0 libdbus-1-3 libfontconfig1 fonts-dejavu-core \
   libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4 libxcb-keysyms1 libxcb-image0 libxcb-render-util0 libxcb-shape0
-DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev
+DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
+  gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware bench orders identify scale shots soak fuzz attack docs lock clean
+.PHONY: help setup boards demo gui test check pytest firmware bench orders identify scale shots soak fuzz scans attack docs lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, orders, identify, scale, shots, soak, fuzz, attack, docs, lock, clean'
+	@echo 'also: make gui, check, firmware, bench, orders, identify, scale, shots, soak, fuzz, scans, attack, docs, lock, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, wheels only)"
@@ -55,10 +56,11 @@ check: $(VENV)/.ready
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/python -m rigctl.wire.codegen --check
+	@$(BIN)/python -m rigctl.encoding.neuron_header --check
 
 firmware: $(VENV)/.ready
 	@sh .ci/debian-packages $(DEBIAN_FIRMWARE)
-	$(SAY) "firmware of both boards, and the simulated chips"
+	$(SAY) "firmware of all boards, and the simulated chips"
 	@$(MAKE) --no-print-directory -C arduino PYTHON=$(abspath $(BIN)/python)
 
 pytest: firmware
@@ -117,6 +119,10 @@ fuzz: firmware
 	$(SAY) "both wires under a million corrupted bytes"
 	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_wires.py
 
+scans: firmware
+	$(SAY) "500 scans of the moving finger: the Cortex-M7 image, the host build and the encoder, spike by spike"
+	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_scans.py
+
 # Another seed each time, printed at the end: ATTACK_SEED=… has the same attacks again.
 ATTACK_SEED ?= $(shell date +%s)
 ATTACKS ?= 100000
@@ -130,6 +136,7 @@ attack: firmware
 docs: $(VENV)/.ready
 	$(SAY) "pages and pictures that are rendered from the code"
 	@$(BIN)/python -m rigctl.wire.codegen
+	@$(BIN)/python -m rigctl.encoding.neuron_header
 	@$(BIN)/python -m rigctl.simulation.bench.parameter_tables
 	@$(BIN)/python -m tests.architecture.picture
 

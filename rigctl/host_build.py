@@ -1,4 +1,4 @@
-"""Compile both boards' firmware for this computer: the libraries of the virtual boards.
+"""Compile the boards' firmware for this computer: the libraries of the virtual boards.
 
 ``python -m rigctl.host_build`` compiles what is stale; so do ``make firmware`` and
 ``pip install``. This module imports nothing of rigctl, because the build hook of the

@@ -32,14 +32,14 @@ void Neurons::reset()
 // The normal form of rigctl/encoding/kernel/constants.py: three fused operations a substep.
 uint8_t Neurons::advance_one(uint8_t taxel, double input)
 {
-    double m = membrane_[taxel], q = recovery_[taxel];
+    NeuronState m = membrane_[taxel], q = recovery_[taxel];
     uint8_t spikes = 0;
     for (uint8_t substep = 0; substep < neuron::SUBSTEPS; substep++) {
-        m = fma(m, m, fma(neuron::COUPLING, q, input));
-        q = fma(neuron::DECAY, q, m);
+        m = NeuronState(fma(m, m, fma(neuron::COUPLING, q, input)));
+        q = NeuronState(fma(neuron::DECAY, q, m));
         if (m >= neuron::THRESHOLD) {
-            m = neuron::RESET_TO;
-            q += neuron::JUMP;
+            m = NeuronState(neuron::RESET_TO);
+            q = NeuronState(q + neuron::JUMP);
             spikes++;
         }
     }

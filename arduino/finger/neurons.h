@@ -20,6 +20,12 @@ struct Sample {
     uint8_t spikes[TAXELS];
 };
 
+#ifdef STATE_IN_FLOAT  // broken on purpose: a test must see other spikes
+typedef float NeuronState;
+#else
+typedef double NeuronState;
+#endif
+
 class Neurons {
 public:
     Neurons();
@@ -39,7 +45,7 @@ private:
 
     Ranges ranges_;
     double drive_[TAXELS];
-    double membrane_[TAXELS], recovery_[TAXELS];
+    NeuronState membrane_[TAXELS], recovery_[TAXELS];
 };
 
 #endif

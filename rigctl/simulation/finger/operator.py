@@ -61,7 +61,7 @@ class Slide(NamedTuple):
     force_g: _Floats
 
 
-class Session(NamedTuple):
+class Habits(NamedTuple):
     """What stays the same within a session: relative speed and force, and the attachment's tilt."""
 
     speed: float
@@ -70,11 +70,11 @@ class Session(NamedTuple):
     tilt_across_mm: float
 
 
-def draw_session(parameters: OperatorParameters, random: np.random.Generator) -> Session:
+def draw_session(parameters: OperatorParameters, random: np.random.Generator) -> Habits:
     """Return the habits and the attachment of one session."""
     p = parameters
     speed, force, along, across = random.standard_normal(4)
-    return Session(
+    return Habits(
         float(np.exp(p.speed_session_spread * speed)),
         float(np.exp(p.force_session_spread * force)),
         p.tilt_session_mm * float(along),
@@ -84,7 +84,7 @@ def draw_session(parameters: OperatorParameters, random: np.random.Generator) ->
 
 def draw_slide(
     parameters: OperatorParameters,
-    session: Session,
+    session: Habits,
     profile: VelocityProfile,
     random: np.random.Generator,
 ) -> Slide:

@@ -1,0 +1,42 @@
+"""Compare 500 scans of the moving finger. ``make scans`` runs it; it is not part of the suite."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rigctl.simulation.boards.finger_firmware import FingerFirmware
+from tests.firmware.building import built
+from tests.firmware.finger.scans import (
+    PROFILES,
+    differing_trains,
+    differing_windows,
+    synthetic_scan,
+    through_host_build,
+    through_image,
+)
+
+RecordProperty = Callable[[str, object], None]
+SCANS, AT_ONCE = 500, 50
+
+
+def test_image_host_build_and_encoder_agree_in_500_scans(
+    record_property: RecordProperty,
+) -> None:
+    built("firmware/finger.elf")
+    longest, trains, windows = 0, 0, 0
+    for first in range(0, SCANS, AT_ONCE):
+        scans = [synthetic_scan(number, seed=17) for number in range(first, first + AT_ONCE)]
+        board = FingerFirmware()
+        sent = through_host_build(scans, board)
+        board.close()
+        image, count = through_image(scans)
+        assert image == sent
+        longest = max(longest, count.longest)
+        trains += differing_trains(sent, scans)
+        windows += differing_windows(sent, scans)
+    record_property(
+        "shown",
+        f"{SCANS} scans of {len(PROFILES)} velocity profiles: {trains} of {9 * SCANS} spike trains "
+        f"and {windows} windows differ; the longest sample takes {longest} instructions",
+    )
+    assert trains == windows == 0
