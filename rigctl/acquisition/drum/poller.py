@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from rigctl.acquisition.taxels.clock_fit import ClockFit
+from rigctl.devices.clock_fit import ClockFit
 from rigctl.devices.drum import Drum
 from rigctl.errors import BoardFault, LinkLost, RigFault
 from rigctl.values import BoardIdentity, DrumState

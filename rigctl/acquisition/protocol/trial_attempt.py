@@ -5,10 +5,10 @@ from __future__ import annotations
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.drum.settings import trial_settings
 from rigctl.acquisition.protocol.trial_quality import MeasuredTrial, judge, measure, trial_row
-from rigctl.acquisition.taxels.clock_fit import ClockEstimate
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.acquisition.taxels.trial_cutter import CutTrial
 from rigctl.acquisition.taxels.trial_start_by_clock import TrialStart, estimate_trial_start
+from rigctl.devices.clock_fit import ClockEstimate
 from rigctl.errors import RigFault
 from rigctl.protocol.plan import Quality
 from rigctl.values import DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.taxels.clock_fit import ClockFit
 from rigctl.acquisition.taxels.trial_cutter import TrialCutter
+from rigctl.devices.clock_fit import ClockFit
 from rigctl.encoding.encoder import Encoder
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import SAMPLE_RATE_HZ, Block

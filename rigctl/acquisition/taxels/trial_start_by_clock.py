@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from rigctl.acquisition.taxels.clock_fit import ClockFit
+from rigctl.devices.clock_fit import ClockFit
 from rigctl.values import SAMPLE_RATE_HZ
 from rigctl.wire.drum import register_table
 from rigctl.wire.taxels import frames

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.taxels.clock_fit import ClockFit
 from rigctl.acquisition.taxels.trial_start_by_clock import (
     FRAME_WIRE_S,
     POLL_WIRE_S,
@@ -20,6 +19,7 @@ from rigctl.acquisition.taxels.trial_start_by_clock import (
 from rigctl.cli import main
 from rigctl.cli.rig.run import _rig
 from rigctl.config.rig_config import Ports, RigConfig, Signals
+from rigctl.devices.clock_fit import ClockFit
 from rigctl.rig import open_rig
 from rigctl.session.files.ground_truth import open_truth
 from rigctl.session.read.session import Session

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.acquisition.taxels.clock_fit import ClockFit
+from rigctl.devices.clock_fit import ClockFit
 
 RATE_HZ = 25
 
