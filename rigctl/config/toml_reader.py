@@ -138,6 +138,15 @@ class TomlTable:
         self._refuse_duplicates(key, checked)
         return checked
 
+    def vector(
+        self, key: str, size: int, *, unit: str = "", low: float, high: float
+    ) -> tuple[float, ...]:
+        """Return a list of ``size`` numbers within [low, high], possibly with duplicates."""
+        values = self._take(key, None)
+        if not isinstance(values, list) or len(values) != size:
+            self.fail(key, f"must be a list of {size} numbers, not {_format(values)}")
+        return tuple(self._number(key, value, unit, low, high) for value in values)
+
     def integers(
         self, key: str, default: tuple[int, ...], *, low: int, high: int
     ) -> tuple[int, ...]:
