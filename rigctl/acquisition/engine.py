@@ -14,7 +14,7 @@ from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.protocol.run_control import DISK, LINK
+from rigctl.acquisition.protocol.run_reasons import DISK, LINK
 from rigctl.acquisition.protocol.run_request import RunContext, RunRequest, open_run
 from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.rig import Rig

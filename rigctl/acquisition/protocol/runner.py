@@ -24,7 +24,8 @@ from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import END
 from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.acquisition.protocol.progress import RunProgress
-from rigctl.acquisition.protocol.run_control import RunControl, RunPaused, RunStopped
+from rigctl.acquisition.protocol.run_control import RunControl
+from rigctl.acquisition.protocol.run_reasons import RunPaused, RunStopped
 from rigctl.acquisition.protocol.run_request import OpenedRun
 from rigctl.acquisition.protocol.step_runner import StepRunner, remaining_steps
 from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus

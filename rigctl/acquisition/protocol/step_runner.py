@@ -10,7 +10,8 @@ from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.drum.settings import press_settings
 from rigctl.acquisition.health.boards import START, Counters
 from rigctl.acquisition.protocol.progress import RunProgress
-from rigctl.acquisition.protocol.run_control import RunControl, RunPaused, RunStopped
+from rigctl.acquisition.protocol.run_control import RunControl
+from rigctl.acquisition.protocol.run_reasons import RunPaused, RunStopped
 from rigctl.acquisition.protocol.run_request import OpenedRun
 from rigctl.acquisition.protocol.trial_attempt import TrialAttempt
 from rigctl.errors import RigFault

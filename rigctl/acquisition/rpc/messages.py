@@ -17,7 +17,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rigctl.wire.drum.states import State
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 _T = TypeVar("_T", bound="DataclassInstance")
+FieldParsers = Mapping[str, Callable[[Any], Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,30 +175,40 @@ def as_dict(status: Any) -> dict[str, Any]:
 def parse_status(data: Mapping[str, Any]) -> EngineStatus:
     """Return the status in a message's ``data``; missing fields get their defaults."""
     known_state = State._value2member_map_.get(data.get("state"))
-    return _parse(EngineStatus, {**data, "state": known_state})
+    return parse_fields(EngineStatus, {**data, "state": known_state}, _STATUS_PARSERS)
 
 
-def _parse(kind: type[_T], data: Mapping[str, Any]) -> _T:
+def parse_fields(kind: type[_T], data: Mapping[str, Any], parsers: FieldParsers) -> _T:
+    """Return a dataclass from JSON data; missing and null fields get their defaults.
+
+    ``parsers``: how JSON becomes the value of a field, by the field's name.
+    """
     values = {f.name: data.get(f.name) for f in fields(kind)}
     return kind(
         **{
-            name: _PARSERS[name](value) if name in _PARSERS else value
+            name: parsers[name](value) if name in parsers else value
             for name, value in values.items()
             if value is not None
         }
     )
 
 
-_PARSERS: dict[str, Callable[[Any], Any]] = {
-    "boards": lambda boards: {name: _parse(BoardStatus, boards[name]) for name in boards},
+PARSERS: FieldParsers = {
     "self_test": tuple,
-    "recording": partial(_parse, RecordingStatus),
-    "run": partial(_parse, RunStatus),
     "reasons": tuple,
-    "current": partial(_parse, CurrentTrial),
-    "prompt": partial(_parse, PromptStatus),
+    "recording": lambda data: parse_fields(RecordingStatus, data, {}),
+    "current": lambda data: parse_fields(CurrentTrial, data, {}),
+    "prompt": lambda data: parse_fields(PromptStatus, data, {}),
 }
-"""How JSON becomes the value of a field, by the field's name."""
+"""Parsers of the fields that statuses share."""
+
+_STATUS_PARSERS: FieldParsers = {
+    **PARSERS,
+    "boards": lambda boards: {
+        name: parse_fields(BoardStatus, boards[name], PARSERS) for name in boards
+    },
+    "run": lambda data: parse_fields(RunStatus, data, PARSERS),
+}
 
 
 _ENCODER = json.JSONEncoder(

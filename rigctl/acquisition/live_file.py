@@ -1,0 +1,197 @@
+"""A file in memory that processes share: rings of rows, written by one process, read by others.
+
+A reader never blocks the writer, and never sees a half-written row: the writer first stores how far
+it is about to write (``reserved``), then writes the rows, then stores that they are complete
+(``head``). A reader copies the rows it wants and reads ``reserved`` afterwards: the rows that the
+writer may have changed meanwhile are the oldest ones, and the reader drops them. Both numbers count
+rows since the file was created, are aligned 64-bit words and never wrap.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import RigFault
+
+ALIGNMENT_BYTES = 64
+_HEADER_BYTES = 1024
+_HEADER_WORDS = 8  # magic, taxels, rows of both rings, version of the range, three spare
+_RANGE_OFFSET = 64
+_COUNTERS_BYTES = 64
+_RANGE_TRIES = 1000
+_NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+
+RingColumns = Mapping[str, np.dtype[Any]]
+"""The element type of each column by name; a subarray type has several elements per row."""
+
+
+class RingBuffer:
+    """Rows of a few columns inside memory that processes share."""
+
+    def __init__(self, memory: mmap.mmap, offset: int, rows: int, columns: RingColumns) -> None:
+        self.rows = rows
+        self._counters = np.ndarray(2, np.int64, memory, offset)
+        self._columns: dict[str, NDArray[Any]] = {}
+        offset += _COUNTERS_BYTES
+        for name, dtype in columns.items():
+            self._columns[name] = np.ndarray((rows, *dtype.shape), dtype.base, memory, offset)
+            offset += _column_bytes(rows, dtype)
+
+    @property
+    def head(self) -> int:
+        """Rows written since the file was created."""
+        return int(self._counters[1])
+
+    @property
+    def reserved(self) -> int:
+        """Rows written or being written since the file was created."""
+        return int(self._counters[0])
+
+    def append(self, count: int, **values: NDArray[Any] | float) -> None:
+        """Add ``count`` rows, oldest first, at most :attr:`rows`.
+
+        ``values``: for each column an array, or one value for all rows.
+        """
+        head = self.head
+        self._counters[0] = head + count
+        start = head % self.rows
+        first = min(count, self.rows - start)
+        for name, column in self._columns.items():
+            value = values[name]
+            column[start : start + first] = (
+                value[:first] if isinstance(value, np.ndarray) else value
+            )
+            if count > first:
+                column[: count - first] = value[first:] if isinstance(value, np.ndarray) else value
+        self._counters[1] = head + count
+
+    def newest(self, n: int) -> tuple[int, dict[str, NDArray[Any]]]:
+        """Return the number of the first row, and copies of the newest ``n`` rows or fewer."""
+        head = self.head
+        first = max(0, head - n, self.reserved - self.rows)
+        copies = {name: self._copy(column, first, head) for name, column in self._columns.items()}
+        safe = min(head, max(first, self.reserved - self.rows))
+        return safe, {name: copy[safe - first :] for name, copy in copies.items()}
+
+    def _copy(self, column: NDArray[Any], first: int, head: int) -> NDArray[Any]:
+        start = first % self.rows
+        end = start + max(0, head - first)
+        if end <= self.rows:
+            return column[start:end].copy()
+        return np.concatenate((column[start:], column[: end - self.rows]))
+
+
+def ring_bytes(rows: int, columns: RingColumns) -> int:
+    """Return the size of a ring in bytes."""
+    return _COUNTERS_BYTES + sum(_column_bytes(rows, dtype) for dtype in columns.values())
+
+
+def _column_bytes(rows: int, dtype: np.dtype[Any]) -> int:
+    """Return the size of one column, rounded up to the alignment."""
+    return -(-rows * dtype.itemsize // ALIGNMENT_BYTES) * ALIGNMENT_BYTES
+
+
+@dataclass(frozen=True, slots=True)
+class RingWindow:
+    """Newest rows of a ring, oldest first, copied out of it.
+
+    ``first``: row number of the first one in the stream of all rows written.
+    ``time_s``: float64 (n,), loop time of each row.
+    """
+
+    first: int
+    time_s: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveLayout:
+    """Two rings and their columns: the taxels' and another one. ``magic`` names the layout."""
+
+    magic: int
+    n_taxels: int
+    taxel_columns: RingColumns
+    other_columns: RingColumns
+
+
+class LiveFile:
+    """Views of the file's parts, for the writer and for readers."""
+
+    def __init__(
+        self, memory: mmap.mmap, layout: LiveLayout, taxel_rows: int, other_rows: int
+    ) -> None:
+        self.header = np.ndarray(_HEADER_WORDS, np.int64, memory)
+        self.range = np.ndarray((2, layout.n_taxels), np.uint16, memory, _RANGE_OFFSET)
+        self.taxels = RingBuffer(memory, _HEADER_BYTES, taxel_rows, layout.taxel_columns)
+        offset = _HEADER_BYTES + ring_bytes(taxel_rows, layout.taxel_columns)
+        self.other = RingBuffer(memory, offset, other_rows, layout.other_columns)
+        self._memory = memory
+
+    @classmethod
+    def create(cls, path: Path, layout: LiveLayout, taxel_rows: int, other_rows: int) -> Self:
+        """Create the file."""
+        size = _HEADER_BYTES + ring_bytes(taxel_rows, layout.taxel_columns)
+        size += ring_bytes(other_rows, layout.other_columns)
+        descriptor = os.open(path, _NEW_FILE, 0o600)
+        try:
+            os.ftruncate(descriptor, size)
+            memory = mmap.mmap(descriptor, size)
+        finally:
+            os.close(descriptor)
+        file = cls(memory, layout, taxel_rows, other_rows)
+        file.header[1:5] = (layout.n_taxels, taxel_rows, other_rows, 0)
+        file.header[0] = layout.magic
+        return file
+
+    @classmethod
+    def open(cls, path: Path, layout: LiveLayout) -> Self:
+        """Open the file of an engine. Raises RigFault where it is absent or has another layout."""
+        taxel_rows, other_rows = _read_rows(path, layout)
+        with path.open("rb") as file:
+            memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        return cls(memory, layout, taxel_rows, other_rows)
+
+    def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
+        """Store the readings that the encoder maps to 0 and 1; an odd version marks the write."""
+        self.header[4] += 1
+        self.range[:] = (low, high)
+        self.header[4] += 1
+
+    def copy_range(self) -> NDArray[np.uint16]:
+        """Return the readings that the encoder maps to 0 and 1, uint16 (2, n_taxels)."""
+        for _ in range(_RANGE_TRIES):  # a killed engine may leave the version odd
+            version = int(self.header[4])
+            limits = self.range.copy()
+            if version % 2 == 0 and int(self.header[4]) == version:
+                break
+        return limits
+
+    def close(self) -> None:
+        """Unmap the file."""
+        del self.header, self.range, self.taxels, self.other  # mapped memory in use stays mapped
+        self._memory.close()
+
+
+def _read_rows(path: Path, layout: LiveLayout) -> tuple[int, int]:
+    """Return the rows of both rings. Raises RigFault where it is no live-data file."""
+    try:
+        with path.open("rb") as file:
+            words = np.frombuffer(file.read(8 * _HEADER_WORDS), dtype=np.int64)
+    except OSError as error:
+        raise RigFault(
+            f"live data {path} cannot be opened ({error.strerror}): check that the engine runs"
+        ) from error
+    known = (layout.magic, layout.n_taxels)
+    if len(words) < _HEADER_WORDS or (words[0], words[1]) != known:
+        raise RigFault(f"{path} holds no live data of this version: restart the engine")
+    return int(words[2]), int(words[3])
