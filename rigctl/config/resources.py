@@ -25,24 +25,41 @@ def protocols() -> Path:
     return root / "protocols" if root else _PACKAGE / "_data" / "protocols"
 
 
+def finger_protocols() -> Path:
+    """Return the folder of the built-in protocols of the moving finger."""
+    return protocols() / "finger"
+
+
 def find_protocol(name: str) -> Path:
     """Return the file of a protocol: ``name`` is a path, or the name of a built-in protocol.
 
     ``quick``, ``quick.toml`` and ``protocols/quick.toml`` find the built-in one unless the
     current folder has such a file. Raises ProtocolError with the names of the built-in ones.
     """
+    return _find(name, protocols(), (Path(), Path("protocols")))
+
+
+def find_finger_protocol(name: str) -> Path:
+    """Return the file of a protocol of the moving finger, as :func:`find_protocol`."""
+    return _find(name, finger_protocols(), (Path(), Path("protocols/finger")))
+
+
+def _find(name: str, built_in: Path, parents: tuple[Path, ...]) -> Path:
     path = Path(name)
     if path.is_file():
         return path
-    shipped = protocols() / (path.name if path.suffix == ".toml" else f"{path.name}.toml")
-    if path.parent in (Path(), Path("protocols")) and shipped.is_file():
+    shipped = built_in / (path.name if path.suffix == ".toml" else f"{path.name}.toml")
+    if path.parent in parents and shipped.is_file():
         return shipped
-    known = ", ".join(sorted(p.stem for p in protocols().glob("*.toml"))) or "none"
+    known = ", ".join(sorted(p.stem for p in built_in.glob("*.toml"))) or "none"
     raise ProtocolError(f"there is no protocol {name}: give a file or a built-in name: {known}")
 
 
 def firmware_image(board: str) -> Path:
-    """Return the compiled image (ELF) of ``drum`` or ``taxels``. Raises WrongUse without one."""
+    """Return the compiled image (ELF) of ``drum``, ``taxels`` or ``finger``.
+
+    Raises WrongUse without one.
+    """
     root = checkout()
     if root is None:
         raise WrongUse(

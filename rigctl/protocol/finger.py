@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 
 PLATE_MM = 300.0
@@ -27,3 +28,27 @@ class VelocityProfile(StrEnum):
     FAST = "fast"
     SLOW_TO_FAST = "slow-to-fast"
     FAST_TO_SLOW = "fast-to-slow"
+
+
+class Stage(StrEnum):
+    """The stages of the experiment, in their order (Protocol in Materials and Methods).
+
+    NORMALISE finds the range of each taxel, TRAIN the classifier, CALIBRATE the mean features of
+    a new session; RUN classifies in real time.
+    """
+
+    NORMALISE = "normalise"
+    TRAIN = "train"
+    CALIBRATE = "calibrate"
+    RUN = "run"
+
+
+@dataclass(frozen=True, slots=True)
+class FingerTrial:
+    """One scan of a plan. ``trial_id`` counts from 1 in planned order and never changes."""
+
+    trial_id: int
+    stage: Stage
+    texture: str
+    profile: VelocityProfile
+    repeat: int

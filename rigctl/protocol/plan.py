@@ -9,13 +9,15 @@ from functools import cached_property
 from itertools import groupby, product
 from operator import attrgetter
 from random import Random
-from typing import Any
+from typing import Any, TypeVar
 
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_section import number
 from rigctl.protocol.steps import ChangePlate, RunTrial, Step, rig_seconds
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
 from rigctl.wire.drum.register_table import BY_NAME
+
+_Trial = TypeVar("_Trial")
 
 BYTES_PER_TRIAL = 700
 BYTES_PER_POLL = 102
@@ -168,12 +170,13 @@ def _plate_blocks(protocol: Protocol, seed: int) -> list[tuple[str, list[Planned
     if protocol.order == "blocked":
         return blocks
     if not protocol.across_plates:
-        return [(texture, _shuffled(trials, random)) for texture, trials in blocks]
-    mixed = _shuffled([trial for _, trials in blocks for trial in trials], random)
+        return [(texture, shuffled(trials, random)) for texture, trials in blocks]
+    mixed = shuffled([trial for _, trials in blocks for trial in trials], random)
     return [(plate, list(run)) for plate, run in groupby(mixed, attrgetter("texture"))]
 
 
-def _shuffled(trials: list[PlannedTrial], random: Random) -> list[PlannedTrial]:
+def shuffled(trials: list[_Trial], random: Random) -> list[_Trial]:
+    """Return the trials in an order that depends on ``random`` alone."""
     keys = [random.random() for _ in trials]
     return [trials[place] for place in sorted(range(len(trials)), key=keys.__getitem__)]
 

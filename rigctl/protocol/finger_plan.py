@@ -1,0 +1,183 @@
+"""Protocols of the moving finger: ``protocols/finger/*.toml`` to an ordered plan of scans."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise, product
+from pathlib import Path
+from random import Random
+
+from rigctl.config.toml_reader import TomlTable, TomlText
+from rigctl.config.toml_section import number, read_section
+from rigctl.errors import ProtocolError
+from rigctl.protocol.finger import FingerTrial, Stage, VelocityProfile
+from rigctl.protocol.loader import MAX_SEED, MAX_TRIALS, ORDERS, TEXTURE_BYTES
+from rigctl.protocol.plan import shuffled
+
+BYTES_PER_SECOND = 45_000
+"""Samples, spikes, flags and track of a second, with the time between scans recorded too."""
+SECONDS_PER_TRIAL = 5.0
+"""A scan, the way back and a breath; people differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class StageRepeats:
+    """Scans of each plate and velocity profile in each stage; 0 leaves the stage out."""
+
+    normalise: int = number(2, "", 0, 1000)
+    train: int = number(4, "", 0, 1000)
+    calibrate: int = number(2, "", 0, 1000)
+    run: int = number(4, "", 0, 1000)
+
+    def of(self, stage: Stage) -> int:
+        """Return the number of scans of a stage."""
+        return int(getattr(self, stage.value))
+
+
+@dataclass(frozen=True, slots=True)
+class ScanQuality:
+    """Limits that a scan must keep to be committed, and the number of attempts.
+
+    ``change_ratio``: mean speed of the faster half of the way over that of the slower one; above
+    it the speed counts as changing. Slow is below ``slow_max_mm_s``, fast above
+    ``fast_min_mm_s``, medium between them.
+    """
+
+    slowest_mm_s: float = number(15.0, "mm/s", 1, 1000)
+    slow_max_mm_s: float = number(82.0, "mm/s", 1, 1000)
+    fast_min_mm_s: float = number(124.0, "mm/s", 1, 1000)
+    fastest_mm_s: float = number(400.0, "mm/s", 1, 10_000)
+    change_ratio: float = number(1.45, "", 1, 10)
+    max_lost_samples: int = number(0, "", 0, 1000)
+    max_held_velocities: int = number(0, "", 0, 1000)
+    max_tracker_gap_ms: float = number(100.0, "ms", 10, 10_000)
+    min_contact_percent: float = number(98.0, "%", 0, 100)
+    attempts: int = number(5, "", 1, 100)
+
+
+@dataclass(frozen=True, slots=True)
+class FingerProtocol:
+    """A protocol of the moving finger as in its file; ``text`` is the source.
+
+    ``order`` is ``blocked`` (plate by plate) or ``shuffled`` by ``order_seed``, in each stage.
+    """
+
+    name: str
+    text: str
+    textures: tuple[str, ...]
+    profiles: tuple[VelocityProfile, ...]
+    description: str = ""
+    reference_mm_s: float = 100.0
+    stages: StageRepeats = StageRepeats()
+    quality: ScanQuality = ScanQuality()
+    order: str = "blocked"
+    order_seed: int = 0
+
+    def plan(self, stages: Collection[Stage], seed: int | None = None) -> FingerPlan:
+        """Return the plan of some stages, in their order; ``seed`` overrides that of the file."""
+        used = self.order_seed if seed is None else seed
+        random = Random(used)
+        trials = [trial for stage in Stage for trial in self._trials(stage, random)]
+        chosen = [trial for trial in trials if trial.stage in stages]
+        numbered = (replace(trial, trial_id=i) for i, trial in enumerate(chosen, start=1))
+        return FingerPlan(self, used, tuple(numbered))
+
+    def _trials(self, stage: Stage, random: Random) -> list[FingerTrial]:
+        repeats = range(1, self.stages.of(stage) + 1)
+        trials = [
+            FingerTrial(0, stage, texture, profile, repeat)
+            for texture, repeat, profile in product(self.textures, repeats, self.profiles)
+        ]
+        return shuffled(trials, random) if self.order == "shuffled" else trials
+
+
+@dataclass(frozen=True)
+class FingerPlan:
+    """The ordered scans. Plans with the same ``hash`` have the same scans and limits."""
+
+    protocol: FingerProtocol
+    seed: int
+    trials: tuple[FingerTrial, ...]
+
+    @property
+    def duration_s(self) -> float:
+        """Estimate of the time that a person needs."""
+        return SECONDS_PER_TRIAL * len(self.trials)
+
+    @property
+    def bytes_estimate(self) -> int:
+        """Size on disk."""
+        return round(BYTES_PER_SECOND * self.duration_s)
+
+    @cached_property
+    def hash(self) -> str:
+        """Digest of scans, limits and reference speed, 32 hexadecimal digits."""
+        parts = [self.protocol.quality, self.protocol.reference_mm_s, *self.trials]
+        return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:32]
+
+
+def load_finger_protocol(path: Path) -> FingerProtocol:
+    """Load a protocol of the moving finger. Raises ProtocolError."""
+    return _parse(TomlText.read(path, ProtocolError), path.stem)
+
+
+def parse_finger_protocol(text: str, name: str) -> FingerProtocol:
+    """Parse a protocol of the moving finger from ``text``; ``name`` is for messages."""
+    return _parse(TomlText(name, text, ProtocolError), Path(name).stem)
+
+
+def _parse(text: TomlText, stem: str) -> FingerProtocol:
+    root = text.root
+    order = root.table("order")
+    protocol = FingerProtocol(
+        name=root.text("name", stem),
+        text=text.source,
+        description=root.text("description", ""),
+        textures=root.texts("textures"),
+        profiles=_profiles(root),
+        reference_mm_s=root.number("reference_mm_s", 100, unit="mm/s", low=1, high=10_000),
+        stages=read_section(root.table("stages"), StageRepeats),
+        quality=_quality(root.table("quality")),
+        order=order.choice("kind", ORDERS, "blocked"),
+        order_seed=order.integer("seed", 0, low=0, high=MAX_SEED),
+    )
+    for table in (order, root):
+        table.finish()
+    _validate(protocol, root, order)
+    return protocol
+
+
+def _profiles(root: TomlTable) -> tuple[VelocityProfile, ...]:
+    known = {profile.value: profile for profile in VelocityProfile}
+    names = root.texts("profiles") if "profiles" in root else tuple(known)
+    root.allow("profiles")
+    for name in names:
+        if name not in known:
+            root.fail("profiles", f"{name!r} is not one of {', '.join(known)}")
+    return tuple(known[name] for name in names)
+
+
+def _quality(table: TomlTable) -> ScanQuality:
+    quality = read_section(table, ScanQuality)
+    speeds = ("slowest_mm_s", "slow_max_mm_s", "fast_min_mm_s", "fastest_mm_s")
+    for lower, upper in pairwise(speeds):
+        if getattr(quality, lower) >= getattr(quality, upper):
+            table.fail(upper, f"must be above {lower}, which is {getattr(quality, lower):g} mm/s")
+    return quality
+
+
+def _validate(protocol: FingerProtocol, root: TomlTable, order: TomlTable) -> None:
+    for texture in protocol.textures:
+        if len(texture.encode()) > TEXTURE_BYTES:
+            root.fail("textures", f"{texture!r} is longer than {TEXTURE_BYTES} bytes")
+    if len(protocol.textures) < 2:
+        root.fail("textures", "a classifier needs at least two plates")
+    if protocol.order == "shuffled" and "seed" not in order:
+        order.fail("seed", "is missing: a shuffled order needs a written seed, such as seed = 1")
+    repeats = sum(protocol.stages.of(stage) for stage in Stage)
+    trials = repeats * len(protocol.textures) * len(protocol.profiles)
+    if not 1 <= trials <= MAX_TRIALS:
+        root.fail("stages", f"make {trials:,} scans; a protocol has 1 to {MAX_TRIALS:,}")
