@@ -228,3 +228,8 @@ def decode_message(line: bytes) -> dict[str, Any]:
     if not isinstance(message, dict):
         raise ValueError("a message must be a JSON object")
     return message
+
+
+def engine_message(kind: str, text: str, data: object, at_s: float = 0.0) -> dict[str, Any]:
+    """Return a message of the engine: an event or a status, with one sentence and its data."""
+    return {"event": kind, "at_s": at_s, "text": text, "data": data}

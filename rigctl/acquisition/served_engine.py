@@ -1,0 +1,185 @@
+"""What every engine does: tasks, clients, status and events, the disk, an orderly end.
+
+A run continues without a client. Without client and run the engine makes the rig safe and ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import Coroutine
+from typing import Any, Generic, Protocol, TypeVar
+
+from rigctl.acquisition.event_bus import EventBus
+from rigctl.acquisition.health.disk import DiskMonitor
+from rigctl.acquisition.protocol.run_reasons import DISK, RunReasons
+from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, engine_message
+from rigctl.acquisition.rpc.server import EngineAddress, RequestHandler, Server
+from rigctl.errors import RigctlError, RigFault
+from rigctl.values import Event
+
+IDLE_TIMEOUT_S = 10.0
+"""Without client and run the engine ends after this time."""
+
+
+class EngineRun(Protocol):
+    """A run as its engine sees it."""
+
+    @property
+    def control(self) -> RunReasons:
+        """Why it waits or ends."""
+
+    @property
+    def disk_monitor(self) -> DiskMonitor:
+        """The disk that it records to."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether it is over and its session closed."""
+
+
+_Run = TypeVar("_Run", bound=EngineRun)
+_Request = TypeVar("_Request")
+
+
+class ServedEngine(ABC, Generic[_Run, _Request]):
+    """The control program of one rig; :meth:`serve` runs it."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, description: str) -> None:
+        self.event_bus = EventBus(loop.time)
+        self.run: _Run | None = None
+        self.is_ready = False
+        self._loop = loop
+        self._description = description
+        self._now_s = loop.time
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._run_task: asyncio.Task[None] | None = None
+        self._server = Server()
+        self._last_used_s = self._now_s()
+        self._shutdown_requested = asyncio.Event()
+
+    async def serve(
+        self, address: EngineAddress, handle: RequestHandler, request: _Request | None = None
+    ) -> int:
+        """Connect, serve clients until the engine ends, make the rig safe; return the exit code.
+
+        ``handle`` executes the clients' commands; ``request`` is a run to start immediately.
+        """
+        self.event_bus.subscribe(self._send_event)
+        await self._server.open(address, handle)
+        try:
+            await self._connect()
+            self.spawn(self._tick())
+            if request is not None:
+                self.start(request)
+        except RigctlError as error:
+            data = {"exit_code": error.exit_code}
+            self._server.set_greeting(engine_message("failed", str(error), data))
+            await self._close()
+            return error.exit_code
+        self.is_ready = True
+        self._server.set_greeting(engine_message("ready", "", {"rig": self._description}))
+        await self._shutdown_requested.wait()
+        await self._close()
+        return 0
+
+    @abstractmethod
+    def start(self, request: _Request) -> _Run:
+        """Start a run. Raises where the request or the disk is at fault."""
+
+    @abstractmethod
+    def status(self) -> Any:
+        """Return the status message."""
+
+    @abstractmethod
+    async def _connect(self) -> None:
+        """Connect the boards. Raises RigFault."""
+
+    @abstractmethod
+    async def _make_safe(self) -> None:
+        """Switch the rig off at the end of the engine."""
+
+    @abstractmethod
+    def _disconnect(self) -> None:
+        """Close the boards."""
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a run is active, paused ones included."""
+        return self.run is not None and not self.run.ended
+
+    def spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        """Start a task; its failure ends the engine safely."""
+        task = self._loop.create_task(self._supervise(work))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    def shut_down(self, text: str) -> None:
+        """End the engine: abort a run first, then make the rig safe."""
+        if self.run is not None:
+            self.run.control.abort(text)
+        self._shutdown_requested.set()
+
+    async def _supervise(self, work: Coroutine[Any, Any, None]) -> None:
+        try:
+            await work
+        except Exception as error:  # noqa: BLE001 - top of a task: it becomes a visible fault
+            sentence = f"internal error of the engine: {error!r}; report it with the session"
+            self.event_bus.publish("fault", sentence)
+            self.shut_down(sentence)
+
+    async def _tick(self) -> None:
+        """Serve recorder and clients, and send the status, ten times a second."""
+        while True:
+            await asyncio.sleep(STATUS_PERIOD_S)
+            self._serve_boards()
+            self._check_disk()
+            self._check_idle()
+            self._send_status()
+
+    def _serve_boards(self) -> None:
+        """Do what the boards need ten times a second."""
+
+    def _check_disk(self) -> None:
+        if self.run is None or self.run.ended:
+            return
+        monitor, control = self.run.disk_monitor, self.run.control
+        monitor.update(self._now_s())
+        if monitor.must_pause(DISK in control.reasons):
+            control.pause(DISK)
+        else:
+            control.resume(DISK)
+
+    def _check_idle(self) -> None:
+        now_s = self._now_s()
+        if self.is_running or len(self._server):
+            self._last_used_s = now_s
+        elif now_s - self._last_used_s > IDLE_TIMEOUT_S:
+            self.shut_down("no client is left")
+
+    def _send_status(self) -> None:
+        if len(self._server):
+            self._server.broadcast(engine_message("status", "", self.status(), self._now_s()))
+
+    def _send_event(self, event: Event) -> None:
+        self._server.broadcast(engine_message(event.kind, event.text, event.data, event.at_s))
+
+    def _fail_run(self, fault: RigFault) -> None:
+        if self.run is not None:
+            self.run.control.fail(fault)
+
+    async def _close(self) -> None:
+        """Wait for a run's safe end, switch the rig off, close boards and connections."""
+        if self.run is not None and self._run_task is not None:
+            self.run.control.abort("the engine ends")
+            await self._run_task
+        try:
+            await self._make_safe()
+        except RigFault as fault:
+            self.event_bus.publish("fault", str(fault))
+        for task in tuple(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._disconnect()
+        await self._server.close()
