@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Coroutine
+from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.event_bus import EventBus
@@ -36,6 +37,10 @@ class EngineRun(Protocol):
     @property
     def ended(self) -> bool:
         """Whether it is over and its session closed."""
+
+    @property
+    def folder(self) -> Path:
+        """The session's folder."""
 
 
 _Run = TypeVar("_Run", bound=EngineRun)

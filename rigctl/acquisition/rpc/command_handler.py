@@ -5,22 +5,17 @@ Commands that move the rig are refused during a run; stop never is.
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import Any
 
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.protocol.run_request import RunRequest
-from rigctl.acquisition.protocol.runner import Run
-from rigctl.acquisition.rpc.messages import as_dict
+from rigctl.acquisition.rpc.engine_commands import EngineCommands, Result, validate_number
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
 from rigctl.wire.drum.codes import Command
-
-Result = dict[str, Any]
 
 OPERATOR_SETTINGS = {
     "speed_mm_s": "speed_set",
@@ -45,35 +40,17 @@ MOVES: dict[str, Callable[[DrumMotion], Awaitable[object]]] = {
 """Commands that move the rig without an argument."""
 
 
-class CommandHandler:
-    """Executes requests. A command's method returns the reply's result, None for an empty one."""
+class CommandHandler(EngineCommands[Engine]):
+    """Executes requests to the engine of a drum rig."""
 
     def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-        self._commands: dict[str, Callable[..., Awaitable[Result | None]]] = {
-            name.removeprefix("on_"): method
-            for name, method in inspect.getmembers(self, inspect.iscoroutinefunction)
-            if name.startswith("on_")
-        }
+        super().__init__(engine, RunRequest, lambda: engine.rig.faults)
         self._commands |= {name: partial(self._move, move) for name, move in MOVES.items()}
-
-    async def handle(self, command: str, args: dict[str, Any]) -> Result:
-        """Execute one request. Raises WrongUse for an unknown command or wrong arguments."""
-        method = self._commands.get(command)
-        if method is None:
-            names = ", ".join(sorted(self._commands))
-            raise WrongUse(f"the engine has no command {command!r}: it has {names}")
-        _validate_arguments(f"command {command}", method, args)
-        return await method(**args) or {}
-
-    async def on_status(self) -> Result:
-        """Return the data of the status event."""
-        return as_dict(self._engine.status())
 
     async def on_jog(self, mm: float) -> Result:
         """Turn the lifted drum, forwards where ``mm`` is positive; return the true travel."""
         motion = self._motion_outside_runs()
-        return {"moved_mm": await motion.jog(_validate_number("mm", mm))}
+        return {"moved_mm": await motion.jog(validate_number("mm", mm))}
 
     async def on_set(self, **values: float) -> Result:
         """Write an operator's settings; return the values that the board took."""
@@ -93,30 +70,6 @@ class CommandHandler:
         """Clear the latched fault, where its cause is gone."""
         await self._engine.rig.drum.command(Command.CLEAR)
 
-    async def on_start(self, **request: Any) -> Result:
-        """Run a protocol or resume a session, as a :class:`RunRequest` says."""
-        _validate_arguments("command start", RunRequest, request)
-        self._refuse_during_run()
-        run = self._engine.start(RunRequest(**request))
-        return {"session": str(run.folder)}
-
-    async def on_pause(self) -> None:
-        """Lift off and pause the run."""
-        self._active_run().control.pause()
-
-    async def on_resume(self) -> None:
-        """Resume the run; the interrupted trial repeats."""
-        self._active_run().control.resume()
-
-    async def on_abort(self) -> None:
-        """End the run safely."""
-        self._active_run().control.abort("aborted by a client")
-
-    async def on_answer(self, prompt_id: int, answer: str) -> None:
-        """Answer a question: ``ok`` continues, ``abort`` ends the run."""
-        if not self._active_run().control.answer(prompt_id, answer):
-            raise WrongUse(f"question {prompt_id} is not the current one")
-
     async def on_plate(self, texture: str) -> Result:
         """Store which plate is mounted; a simulated rig mounts it itself."""
         self._refuse_during_run()
@@ -134,38 +87,13 @@ class CommandHandler:
         await taxels.test()
         return {"found": taxels.findings}
 
-    async def on_inject(self, fault: str, **args: Any) -> None:
-        """Inject a fault into a simulated bench."""
-        faults = self._engine.rig.faults
-        if faults is None:
-            raise WrongUse("faults can be injected on a simulated rig only")
-        method = getattr(faults, fault, None)
-        if fault.startswith("_") or not callable(method):
-            raise WrongUse(f"the simulated bench has no fault {fault!r}")
-        _validate_arguments(f"fault {fault}", method, args)
-        method(**args)
-
-    async def on_shutdown(self) -> None:
-        """End the engine; it makes the rig safe first."""
-        self._engine.shut_down("a client ended the engine")
-
     async def _move(self, move: Callable[[DrumMotion], Awaitable[object]]) -> None:
         await move(self._motion_outside_runs())
-
-    def _refuse_during_run(self) -> None:
-        if self._engine.is_running:
-            raise WrongUse("a run is active: abort it first, or wait for its end")
 
     def _motion_outside_runs(self) -> DrumMotion:
         """Return the drum's motion. Raises WrongUse during a run."""
         self._refuse_during_run()
         return self._engine.boards.motion
-
-    def _active_run(self) -> Run:
-        run = self._engine.run
-        if run is None or run.ended:
-            raise WrongUse("no run is active: start one first")
-        return run
 
 
 def _validate_setting(name: str, value: object, limits: RigLimits) -> None:
@@ -175,7 +103,7 @@ def _validate_setting(name: str, value: object, limits: RigLimits) -> None:
             f"{name} is not an operator's setting, which are {', '.join(OPERATOR_SETTINGS)}: "
             "change it in rig.toml or in the protocol, or calibrate the rig"
         )
-    number = _validate_number(name, value)
+    number = validate_number(name, value)
     bounds = {
         "speed_mm_s": (limits.speed_min_mm_s, limits.speed_max_mm_s),
         "force_g": (limits.force_min_g, limits.force_max_g),
@@ -186,17 +114,3 @@ def _validate_setting(name: str, value: object, limits: RigLimits) -> None:
             f"{name} {number:g} is outside this rig's limits, {low:g} to {high:g}: choose one "
             "within them, or change [limits] in rig.toml"
         )
-
-
-def _validate_number(name: str, value: object) -> float:
-    """Return the value. Raises WrongUse where it is not a finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise WrongUse(f"{name} must be a number, not {value!r}")
-    return value
-
-
-def _validate_arguments(what: str, method: Callable[..., object], args: dict[str, Any]) -> None:
-    try:
-        inspect.signature(method).bind(**args)
-    except TypeError as error:
-        raise WrongUse(f"{what}: {error}") from error
