@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from rigctl.session.format import layout
+from rigctl.session.format import data_sets, layout
 
 
-def table(of: layout.TableLayout) -> str:
+def table(of: data_sets.TableLayout) -> str:
     lines = [
         f"### `{of.path}`: {of.doc}",
         "",

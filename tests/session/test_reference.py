@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.session.format import layout
+from rigctl.session.format import data_sets, layout
 from rigctl.session.format.header import SessionHeader
 from tests.session.reference import arrays, table
 
@@ -15,7 +15,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "session.md"
 
 
 @pytest.mark.parametrize("of", layout.TABLES, ids=lambda of: of.path)
-def test_each_table_is_on_the_page(of: layout.TableLayout) -> None:
+def test_each_table_is_on_the_page(of: data_sets.TableLayout) -> None:
     assert table(of) in PAGE.read_text(encoding="utf-8"), table(of)
 
 

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.session.format.layout import LIBVER
+from rigctl.session.format.data_sets import LIBVER
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.sample_index import SampleReader
 from rigctl.session.read.session import Session

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import read_attributes, write_attributes
+from rigctl.session.format.data_sets import LIBVER
 from rigctl.session.format.header import CUT_BY_CLOCK
 from rigctl.session.read.buffered_array import BufferedArray, read_blocks
 from rigctl.session.read.part_file import open_part
@@ -109,7 +110,7 @@ def write_truth(folder: Path, log: TruthLog) -> Path:
     path = folder / ("world.h5" if sitting == 1 else f"world-{sitting:04d}.h5")
     if not path.exists():
         _create(path, first_ms, sitting)
-    with h5py.File(path, "r+", libver=layout.LIBVER) as file:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
         length = int(file["sync"].shape[0])
         n_stored = int(file.attrs["first_ms"]) + length - first_ms
         if n_stored < 0:
@@ -229,7 +230,7 @@ def _sittings(folder: Path) -> dict[int, int]:
 
 
 def _create(path: Path, first_ms: int, sitting: int) -> None:
-    with h5py.File(path, "x", libver=layout.LIBVER) as file:
+    with h5py.File(path, "x", libver=LIBVER) as file:
         write_attributes(
             file, {"layout": LAYOUT, "layout_version": 1, "first_ms": first_ms, "sitting": sitting}
         )

@@ -32,7 +32,7 @@ from rigctl.session.format.annotated_arrays import (
     write_text,
     write_texts,
 )
-from rigctl.session.format.layout import LIBVER
+from rigctl.session.format.data_sets import LIBVER
 from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]

@@ -30,7 +30,7 @@ from rigctl.session.format.annotated_arrays import (
     write_text,
     write_texts,
 )
-from rigctl.session.format.layout import LIBVER
+from rigctl.session.format.data_sets import LIBVER
 
 SAMPLE_CHUNK = 1 << 16
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from rigctl.encoding.normalisation import FULL_SCALE
 from rigctl.session.format.annotated_arrays import Attributes
+from rigctl.session.format.layout import DRUM_EXPERIMENT
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
 
 IMPORTED = "import"
@@ -15,7 +16,9 @@ IMPORTED = "import"
 CUT_BY_WIRE, CUT_BY_CLOCK = "sync line", "drum clock"
 """``cut_by``: the signal that marks the first sample of a trial."""
 ADC_COUNTS = f"ADC counts, 0–{FULL_SCALE}"
-_PER_TAXEL = ("taxel_low", "taxel_high", "wiring")
+_SEQUENCES = ("taxel_low", "taxel_high", "wiring", "stages")
+_MAPPINGS = ("simulation", "tracker")
+_FINGER_ONLY = ("experiment", "reference_um_per_s", "stages", "tracker")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,10 @@ class SessionHeader:
     ``sample_unit`` is the unit of a reading, ``highest_reading`` its upper limit. ``cut_by`` is
     the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what
     repeats a simulated bench (seed, slice length, parameters) and is empty for a real one.
+
+    The moving finger also has ``experiment``, the reference speed of scaled time, the planned
+    ``stages`` and the ``tracker`` (name and plate frame); parts of the drum lack these attributes.
+    ``taxel_low`` and ``taxel_high`` are then the ranges that the board uses in the part.
     """
 
     plan_hash: str
@@ -54,12 +61,17 @@ class SessionHeader:
     wiring: tuple[int, ...] = ()
     cut_by: str = ""
     simulation: dict[str, Any] = field(default_factory=dict)
+    experiment: str = DRUM_EXPERIMENT
+    reference_um_per_s: int = 0
+    stages: tuple[str, ...] = ()
+    tracker: dict[str, Any] = field(default_factory=dict)
 
     def to_attributes(self) -> Attributes:
         """Return the attributes of a part's root; sequences and mappings become JSON."""
         values = {
             name: json.dumps(value) if isinstance(value, tuple | dict) else value
             for name, value in asdict(self).items()
+            if name not in _FINGER_ONLY or self.experiment != DRUM_EXPERIMENT
         }
         return {**values, "simulated": int(self.simulated)}
 
@@ -68,8 +80,9 @@ class SessionHeader:
         """Return the inverse of :meth:`to_attributes`; ignore unknown attributes."""
         fields = {name: attributes[name] for name in cls.__slots__ if name in attributes}
         fields["simulated"] = bool(fields["simulated"])
-        fields["simulation"] = json.loads(fields["simulation"])
         fields["boards"] = tuple(BoardIdentity(**board) for board in json.loads(fields["boards"]))
-        for name in fields.keys() & _PER_TAXEL:
+        for name in fields.keys() & _MAPPINGS:
+            fields[name] = json.loads(fields[name])
+        for name in fields.keys() & _SEQUENCES:
             fields[name] = tuple(json.loads(fields[name]))
         return cls(**fields)

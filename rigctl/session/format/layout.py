@@ -1,25 +1,19 @@
-"""HDF5 layout of a session's part: every data set and column with its type, unit and meaning.
+"""The drum's layout: every data set and column with its type, unit and meaning.
 
-``docs/reference/session.md`` shows the same tables. All data sets are created before the first
-sample, because HDF5 cannot add any to a file in SWMR mode; strings have a fixed length for the
-same reason. ``('v110', 'v110')`` is the newest format that the HDF5 1.10 tools of today's
-distributions read.
+``docs/reference/session.md`` shows the same tables. The names of files and the tables of arrivals,
+events and gaps are those of every session.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import h5py
-import numpy as np
-
-from rigctl.session.format.annotated_arrays import Attributes, text_scalar, write_attributes
+from rigctl.session.format.data_sets import ArrayLayout, Column, SessionLayout, TableLayout
 
 LAYOUT = "rigctl-session"
 LAYOUT_VERSION = 1
-LIBVER = ("v110", "v110")
+DRUM_EXPERIMENT = "drum"
+"""``experiment`` of a session of the drum; its parts have no such attribute."""
 PROTOCOL_FILE = "protocol.toml"
 RIG_FILE = "rig.toml"
 LOCK_FILE = "writer.lock"
@@ -27,73 +21,29 @@ PART_PATTERN = "part-*.h5"
 PART_END_KIND = "part_end"
 """Kind of the event in the last row of a finished part."""
 
-SAMPLE_CHUNK_ROWS = 4096
-"""A chunk of samples is 147 kB at 18 taxels: small to rewrite at each flush, large to read."""
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A named value of a row: NumPy type code (``S`` is UTF-8 text), unit, meaning."""
-
-    name: str
-    type_code: str
-    unit: str
-    doc: str
-
-    @property
-    def text_bytes(self) -> int:
-        """Length of the stored text, 0 for a number."""
-        return int(self.type_code[1:]) if self.type_code.startswith("S") else 0
-
-    @property
-    def stored_dtype(self) -> np.dtype[Any]:
-        """Little-endian number or fixed-length UTF-8."""
-        if not self.text_bytes:
-            return np.dtype(f"<{self.type_code}")
-        dtype: np.dtype[Any] = h5py.string_dtype("utf-8", self.text_bytes)
-        return dtype
-
-
-@dataclass(frozen=True, slots=True)
-class TableLayout:
-    """A growing one-dimensional data set whose rows are HDF5 compounds."""
-
-    path: str
-    doc: str
-    chunk_rows: int
-    columns: tuple[Column, ...]
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Row type in the file."""
-        return np.dtype([(c.name, c.stored_dtype) for c in self.columns])
-
-
-@dataclass(frozen=True, slots=True)
-class ArrayLayout:
-    """A growing data set of plain numbers, one row for each taxel sample."""
-
-    path: str
-    type_code: str
-    unit: str
-    doc: str
-    per_taxel: bool = False
-
-
 SAMPLE_UNIT = "attribute `sample_unit`"
 """The unit of a reading depends on the source, so an attribute of the part holds it."""
 
 PLACES = "one column for each place, layer by layer; attribute `wiring`: the reading at each"
 
+SAMPLES, COUNTER, FLAGS, EDGES = (
+    "/taxels/samples",
+    "/taxels/counter",
+    "/taxels/flags",
+    "/taxels/edges",
+)
+
+COUNTER_ARRAY = ArrayLayout(
+    COUNTER, "counters", "i8", "samples", "the board's own sample number, unwrapped"
+)
+
 TAXEL_ARRAYS = (
-    ArrayLayout("/taxels/samples", "u2", SAMPLE_UNIT, PLACES, True),
-    ArrayLayout("/taxels/counter", "i8", "samples", "the board's own sample number, unwrapped"),
+    ArrayLayout(SAMPLES, "samples", "u2", SAMPLE_UNIT, PLACES, per_taxel=True, raw=True),
+    COUNTER_ARRAY,
     ArrayLayout(
-        "/taxels/flags", "u1", "", "bits of the taxel wire's flags; bit 0 is the sync level"
+        FLAGS, "flags", "u1", "", "bits of the taxel wire's flags; bit 0 is the sync level"
     ),
-    ArrayLayout(
-        "/taxels/edges", "u1", "", "sync rises mod 4 in bits 0–1, index marks mod 4 in 2–3"
-    ),
+    ArrayLayout(EDGES, "edges", "u1", "", "sync rises mod 4 in bits 0–1, index marks mod 4 in 2–3"),
 )
 
 ARRIVALS = TableLayout(
@@ -198,7 +148,7 @@ GAPS = TableLayout(
 )
 
 TABLES = (ARRIVALS, DRUM, LOADCELL, TRIALS, EVENTS, GAPS)
-TEXTS = (("/protocol_toml", "text of the protocol"), ("/rig_toml", "text of rig.toml"))
+DRUM_LAYOUT = SessionLayout(DRUM_EXPERIMENT, "taxel board", TAXEL_ARRAYS, TABLES, TRIALS)
 
 
 def part_name(number: int) -> str:
@@ -210,39 +160,3 @@ def part_number(path: Path) -> int:
     """Return the number in a part's file name; 0 for any other file."""
     digits = path.stem.removeprefix("part-")
     return int(digits) if digits.isdigit() else 0
-
-
-def build_empty_part(attributes: Attributes, n_taxels: int, texts: tuple[str, str]) -> bytes:
-    """Return a part with every data set empty. ``texts``: protocol and rig description."""
-    with h5py.File("new", "w", driver="core", backing_store=False, libver=LIBVER) as file:
-        write_attributes(file, attributes)
-        for array in TAXEL_ARRAYS:
-            _create_array(file, array, n_taxels, str(attributes.get("sample_unit", "")))
-        for table in TABLES:
-            _create_table(file, table)
-        for (path, doc), text in zip(TEXTS, texts, strict=True):
-            write_attributes(file.create_dataset(path, data=text_scalar(text)), {"doc": doc})
-        file.flush()
-        return bytes(file.id.get_file_image())
-
-
-def _create_array(file: Any, array: ArrayLayout, n_taxels: int, sample_unit: str) -> None:
-    tail = (n_taxels,) if array.per_taxel else ()
-    dataset = _create(file, array.path, f"<{array.type_code}", SAMPLE_CHUNK_ROWS, tail)
-    shape = "(sample, taxel)" if array.per_taxel else "(sample,)"
-    unit = sample_unit if array.per_taxel and sample_unit else array.unit or "none"
-    write_attributes(dataset, {"doc": array.doc, "unit": unit, "shape": shape})
-
-
-def _create_table(file: Any, table: TableLayout) -> None:
-    dataset = _create(file, table.path, table.dtype, table.chunk_rows)
-    write_attributes(dataset, {"doc": table.doc, "shape": "(row,)"})
-    lines = [f"{c.name} [{c.unit or 'none'}]: {c.doc}".encode() for c in table.columns]
-    width = max(map(len, lines))
-    dataset.attrs.create("columns", np.array(lines, dtype=h5py.string_dtype("utf-8", width)))
-
-
-def _create(file: Any, path: str, dtype: Any, chunk_rows: int, tail: tuple[int, ...] = ()) -> Any:
-    return file.create_dataset(
-        path, (0, *tail), dtype, maxshape=(None, *tail), chunks=(chunk_rows, *tail)
-    )

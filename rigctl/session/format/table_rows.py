@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from operator import attrgetter
 from typing import Any
 
-from rigctl.session.format.layout import DRUM, EVENTS, TRIALS, Column
+from rigctl.session.format.data_sets import Column, TableLayout
+from rigctl.session.format.layout import DRUM, EVENTS, TRIALS
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
 
 REASON_SEPARATOR = "; "
@@ -43,7 +45,7 @@ def event_row(event: Event) -> Row:
     data = json.dumps(event.data, ensure_ascii=False, default=str)
     if len(data.encode()) > EVENTS.columns[-1].text_bytes:
         data = json.dumps({"truncated": True, "length": len(data)})
-    return tuple(map(_encode, (event.at_s, event.kind, event.text, data), EVENTS.columns))
+    return encode_row((event.at_s, event.kind, event.text, data), EVENTS)
 
 
 def parse_event(row: Any) -> Event:
@@ -54,17 +56,26 @@ def parse_event(row: Any) -> Event:
 def trial_row(row: TrialRow, part: int, first_sample: int) -> Row:
     """Return one row of /trials; the writer supplies ``part`` and ``first_sample``."""
     stored = replace(row, part=part, first_sample=first_sample)
-    return tuple(map(_encode, _trial_values(stored), TRIALS.columns))
+    return encode_row(_trial_values(stored), TRIALS)
 
 
 def parse_trial(row: Any) -> TrialRow:
     """Return the attempt in a row of /trials, text as Unicode."""
     values: dict[str, Any] = dict(zip(row.dtype.names, row.item(), strict=True))
     trial = PlannedTrial(**{name: values.pop(name) for name in _PLANNED})
-    reasons = values.pop("reasons")
-    values["reasons"] = tuple(reasons.split(REASON_SEPARATOR)) if reasons else ()
-    values["verdict"] = Verdict(values["verdict"])
-    return TrialRow(trial=trial, **values)
+    return TrialRow(trial=trial, **parse_verdict(values))
+
+
+def parse_verdict(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of an attempt with its verdict and reasons as values."""
+    reasons = values["reasons"]
+    parsed = tuple(reasons.split(REASON_SEPARATOR)) if reasons else ()
+    return {**values, "verdict": Verdict(values["verdict"]), "reasons": parsed}
+
+
+def encode_row(values: Iterable[Any], table: TableLayout) -> Row:
+    """Return values as a row of a table; text is cut to its column's length."""
+    return tuple(map(_encode, values, table.columns))
 
 
 def _encode(value: Any, column: Column) -> Any:

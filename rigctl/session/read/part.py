@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import read_attributes, read_text
+from rigctl.session.format.data_sets import TableLayout
+from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.read.part_file import open_part
 
@@ -55,9 +57,10 @@ class PartReader:
         self._file = open_part(self.path)
         self.attributes = read_attributes(self._file)
         try:
+            self.layout = layout_of(self.attributes, self.path)
             self.header = SessionHeader.from_attributes(self.attributes)
-            self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
-            self._arrays = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
+            self._tables = {t.path: self._file[t.path] for t in self.layout.tables}
+            self._arrays = {a.path: self._file[a.path] for a in self.layout.arrays}
         except KeyError as error:
             self._file.close()
             raise SessionError(f"{self.path} is damaged, it lacks {error}") from error
@@ -76,7 +79,7 @@ class PartReader:
         """Return the h5py data set of a per-sample array."""
         return self._arrays[path]
 
-    def n_rows(self, table: layout.TableLayout) -> int:
+    def n_rows(self, table: TableLayout) -> int:
         """Return the number of rows of a table."""
         return int(self._tables[table.path].shape[0])
 
@@ -84,15 +87,13 @@ class PartReader:
         """Return the rows of each per-sample data set; after a kill they differ by one flush."""
         return {path: int(dataset.shape[0]) for path, dataset in self._arrays.items()}
 
-    def rows(
-        self, table: layout.TableLayout, start: int = 0, stop: int | None = None
-    ) -> StructuredArray:
+    def rows(self, table: TableLayout, start: int = 0, stop: int | None = None) -> StructuredArray:
         """Return rows of a table; text as Unicode."""
         with self.translate_errors():
             raw = self._tables[table.path][start:stop]
         return self._decode_rows(table, raw)
 
-    def rows_where(self, table: layout.TableLayout, column: str, text: str) -> StructuredArray:
+    def rows_where(self, table: TableLayout, column: str, text: str) -> StructuredArray:
         """Return the rows with ``text`` in a column; only these are decoded."""
         with self.translate_errors():
             raw = self._tables[table.path][:]
@@ -113,7 +114,7 @@ class PartReader:
             return out
 
     def rows_between(
-        self, table: layout.TableLayout, column: str, first: float, last: float
+        self, table: TableLayout, column: str, first: float, last: float
     ) -> StructuredArray:
         """Return the rows with ``first`` ≤ ``column`` ≤ ``last``, an ascending column."""
         dataset, rows = self._tables[table.path], range(self.n_rows(table))
@@ -142,7 +143,7 @@ class PartReader:
         except OSError as error:
             raise SessionError(f"{self.path} is damaged: {error}") from error
 
-    def _decode_rows(self, table: layout.TableLayout, raw: StructuredArray) -> StructuredArray:
+    def _decode_rows(self, table: TableLayout, raw: StructuredArray) -> StructuredArray:
         dtype = [(c.name, c.type_code.replace("S", "U")) for c in table.columns]
         rows: StructuredArray = np.empty(raw.shape, dtype)
         for column in table.columns:

@@ -9,6 +9,7 @@ import h5py
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import read_attributes
+from rigctl.session.format.data_sets import LIBVER
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.unclosed_part import map_as_closed
 
@@ -52,12 +53,12 @@ def open_part(path: Path) -> h5py.File:
 def _open(path: Path) -> h5py.File:
     """Open a closed part directly, a growing one in SWMR mode and an unclosed one through a map."""
     try:
-        return h5py.File(path, "r", libver=layout.LIBVER, rdcc_nbytes=CACHE_BYTES)
+        return h5py.File(path, "r", libver=LIBVER, rdcc_nbytes=CACHE_BYTES)
     except OSError as error:
         if "already open" not in str(error):
             raise
     if _is_growing(path):
-        return h5py.File(path, "r", libver=layout.LIBVER, swmr=True, rdcc_nbytes=CACHE_BYTES)
+        return h5py.File(path, "r", libver=LIBVER, swmr=True, rdcc_nbytes=CACHE_BYTES)
     return h5py.File(map_as_closed(path), "r", rdcc_nbytes=CACHE_BYTES)
 
 

@@ -1,10 +1,10 @@
-"""Read a session: join its parts and cut its trials, also while a writer appends to it."""
+"""Read a session of the drum: cut its trials, also while a writer appends to it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
-from rigctl.session.format.header import SessionHeader
-from rigctl.session.format.table_rows import parse_event, parse_trial
+from rigctl.session.format.data_sets import SessionLayout
+from rigctl.session.format.table_rows import parse_trial
 from rigctl.session.format.wiring import session_wiring
 from rigctl.session.read.part import PartReader, StructuredArray
-from rigctl.session.read.part_file import part_paths
 from rigctl.session.read.sample_index import SampleFile, SampleRange, locate_samples, locate_windows
-from rigctl.values import Event, Gap, TrialRow, Verdict
+from rigctl.session.read.session_reader import SessionReader
+from rigctl.values import Gap, TrialRow
 
 SCALING_KIND = "scaling"
 """Kind of an import's events with the scale of the stored counts, one for each taxel."""
@@ -69,58 +69,10 @@ class TrialDrum:
     loadcell_s: NDArray[np.float64]
 
 
-class Session:
-    """Reader of a session's folder. Close it, or use it in a ``with`` block.
+class Session(SessionReader):
+    """Reader of a session of the drum."""
 
-    ``trials`` is one structured array over all parts, text as Unicode: one row for each attempt in
-    the order in which they ended. ``docs/reference/session.md`` lists the columns; every method
-    takes an index into it for a trial.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.parts = [PartReader(part) for part in part_paths(path)]
-        self.trials = self._join(layout.TRIALS)
-
-    @classmethod
-    def open(cls, path: Path) -> Session:
-        """Open a session. Raises SessionError for a damaged one or another kind of folder."""
-        return cls(path)
-
-    def close(self) -> None:
-        """Close the files of all parts."""
-        for part in self.parts:
-            part.close()
-
-    def __enter__(self) -> Session:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def refresh(self) -> None:
-        """Update to the last flush: new rows and new parts."""
-        for part in self.parts:
-            part.refresh()
-        last = self.parts[-1].number
-        paths = part_paths(self.path)
-        self.parts += [PartReader(path) for path in paths if layout.part_number(path) > last]
-        self.trials = self._join(layout.TRIALS)
-
-    @property
-    def header(self) -> SessionHeader:
-        """Metadata of the first part; each of ``parts`` has its own."""
-        return self.parts[0].header
-
-    @property
-    def protocol_text(self) -> str:
-        """Protocol of the session, TOML."""
-        return self.parts[0].text("/protocol_toml")
-
-    @property
-    def rig_text(self) -> str:
-        """Description of the rig at the last start, TOML."""
-        return self.parts[-1].text("/rig_toml")
+    layout: ClassVar[SessionLayout] = layout.DRUM_LAYOUT
 
     @property
     def config(self) -> RigConfig:
@@ -131,31 +83,6 @@ class Session:
     def wiring(self) -> tuple[int, ...]:
         """Reading of the taxel wire in each column of the samples; empty if unknown."""
         return session_wiring(self.header, self.parts[0].text("/rig_toml"))
-
-    @property
-    def finished(self) -> bool:
-        """Whether the writer closed the last part."""
-        return self.parts[-1].finished
-
-    @property
-    def n_samples(self) -> int:
-        """Number of samples in all parts."""
-        return sum(part.n_samples for part in self.parts)
-
-    @property
-    def gaps(self) -> StructuredArray:
-        """All gaps, with the number of their ``part``."""
-        return self._join(layout.GAPS)
-
-    @property
-    def events(self) -> tuple[Event, ...]:
-        """Events of all parts."""
-        return tuple(map(parse_event, self._join(layout.EVENTS)))
-
-    def events_of(self, kind: str) -> tuple[Event, ...]:
-        """Return the events of one kind."""
-        parts = [(p.number, p.rows_where(layout.EVENTS, "kind", kind)) for p in self.parts]
-        return tuple(map(parse_event, _joined(parts)))
 
     @property
     def scaling(self) -> tuple[tuple[float, float], ...]:
@@ -171,17 +98,6 @@ class Session:
     def trial_row(self, index: int) -> TrialRow:
         """Return one attempt."""
         return parse_trial(self.trials[index])
-
-    def committed(self) -> NDArray[np.int64]:
-        """Return the indices of the committed trials, int64, in the order of trial ids."""
-        indices = np.flatnonzero(self.trials["verdict"] == Verdict.COMMITTED.value)
-        order = np.argsort(self.trials["trial_id"][indices], kind="stable")
-        return indices[order].astype(np.int64)
-
-    def samples(self, index: int) -> NDArray[np.uint16]:
-        """Return the readings of a trial, uint16 (n, n_taxels); :meth:`window` has the gaps."""
-        part, start, stop = self._rows_of(index)
-        return part.read("/taxels/samples", start, stop)
 
     def sample_files(self) -> tuple[SampleFile, ...]:
         """Return the chunk index of the samples of each of ``parts``."""
@@ -231,35 +147,6 @@ class Session:
             (polls["board_time_us"] - rise_us) * 1e-6,
             (loadcell["board_time_us"] - rise_us) * 1e-6,
         )
-
-    def _part(self, number: int) -> PartReader:
-        return next(part for part in self.parts if part.number == number)
-
-    def _rows_of(self, index: int) -> tuple[PartReader, int, int]:
-        """Return the part and the rows [start, stop) of a trial's window."""
-        row = self.trials[[index]]
-        part = self._part(int(row["part"][0]))
-        (window,) = locate_windows(part, row, 0)
-        return part, window.start, window.stop
-
-    def _join(self, table: layout.TableLayout) -> StructuredArray:
-        parts = [(part.number, part.rows(table)) for part in self.parts]
-        if table is layout.TRIALS:  # without rows that a crash left empty
-            parts = [(n, rows[np.isin(rows["verdict"], list(Verdict))]) for n, rows in parts]
-        return _joined(parts)
-
-
-def _joined(parts: Sequence[tuple[int, StructuredArray]]) -> StructuredArray:
-    """Return the rows of a table in all parts, with the number of each row's part."""
-    rows: StructuredArray = np.concatenate([rows for _, rows in parts])
-    names = rows.dtype.names or ()
-    if "part" in names:
-        return rows
-    joined: StructuredArray = np.empty(rows.shape, [("part", "i2"), *rows.dtype.descr])
-    joined["part"] = np.repeat([number for number, _ in parts], [len(r) for _, r in parts])
-    for name in names:
-        joined[name] = rows[name]
-    return joined
 
 
 def _loadcell_of(part: PartReader, polls: StructuredArray) -> StructuredArray:

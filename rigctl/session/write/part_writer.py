@@ -7,15 +7,35 @@ import os
 from bisect import bisect_right
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
-from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import Attributes
+from rigctl.session.format.data_sets import LIBVER, SessionLayout, TableLayout, build_empty_part
+from rigctl.session.format.layout import ARRIVALS, GAPS
 from rigctl.session.format.table_rows import Row
-from rigctl.values import Block, Gap
+from rigctl.values import Gap
+
+
+class SampleBlock(Protocol):
+    """Samples that arrived together, with an attribute for each array of the layout."""
+
+    @property
+    def counters(self) -> NDArray[np.int64]:
+        """The board's own sample number, int64 (n,), ascending."""
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Losses found directly before or inside the block."""
+
+    @property
+    def arrived_s(self) -> float:
+        """Loop time at which the bytes arrived."""
+
+    def __len__(self) -> int: ...
 
 
 class CounterMap:
@@ -27,7 +47,7 @@ class CounterMap:
         self.next_row = 0
         self.next_counter: int | None = None
 
-    def add(self, block: Block) -> None:
+    def add(self, block: SampleBlock) -> None:
         """Add the rows of ``block``; its counters must ascend."""
         counters = block.counters
         before = counters[0] - 2 if self.next_counter is None else self.next_counter - 1
@@ -56,17 +76,23 @@ class PartWriter:
     """
 
     def __init__(
-        self, path: Path, attributes: Attributes, n_taxels: int, texts: tuple[str, str]
+        self,
+        path: Path,
+        layout: SessionLayout,
+        attributes: Attributes,
+        n_taxels: int,
+        texts: tuple[str, str],
     ) -> None:
         self.path = path
+        self._layout = layout
         self.counters = CounterMap()
         self.samples_written = 0
-        self._blocks: list[Block] = []
-        self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.TABLES}
-        _write_new(path, layout.build_empty_part(attributes, n_taxels, texts))
-        self._file = h5py.File(_temporary_path(path), "r+", libver=layout.LIBVER)
-        self._datasets = {a.path: self._file[a.path] for a in layout.TAXEL_ARRAYS}
-        self._tables = {t.path: self._file[t.path] for t in layout.TABLES}
+        self._blocks: list[SampleBlock] = []
+        self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.tables}
+        _write_new(path, build_empty_part(layout, attributes, n_taxels, texts))
+        self._file = h5py.File(_temporary_path(path), "r+", libver=LIBVER)
+        self._datasets = {a.path: self._file[a.path] for a in layout.arrays}
+        self._tables = {t.path: self._file[t.path] for t in layout.tables}
         try:
             self._start()
         except BaseException:
@@ -81,10 +107,10 @@ class PartWriter:
             _temporary_path(self.path).rename(self.path)
         _sync_folder(self.path.parent)
 
-    def add_block(self, block: Block) -> None:
+    def add_block(self, block: SampleBlock) -> None:
         """Buffer samples, their arrival and the gaps found with them."""
         if len(block):
-            self.add_rows(layout.ARRIVALS, [(self.counters.next_row, block.arrived_s)])
+            self.add_rows(ARRIVALS, [(self.counters.next_row, block.arrived_s)])
             self.counters.add(block)
             self._blocks.append(block)
         for gap in block.gaps:
@@ -95,16 +121,16 @@ class PartWriter:
         row = self.counters.row_of(gap.first_counter)
         row = row if row >= 0 else self.counters.next_row
         reason = gap.reason.encode()[:32].decode(errors="ignore").encode()
-        self.add_rows(layout.GAPS, [(gap.first_counter, gap.count, row, reason)])
+        self.add_rows(GAPS, [(gap.first_counter, gap.count, row, reason)])
 
-    def add_rows(self, table: layout.TableLayout, rows: Sequence[Row]) -> None:
+    def add_rows(self, table: TableLayout, rows: Sequence[Row]) -> None:
         """Buffer rows of one table."""
         self._rows[table.path].extend(rows)
 
     def write(self) -> None:
         """Append all buffered rows and flush them, samples first and trials last."""
         touched = self._write_samples()
-        order = sorted(self._rows, key=lambda path: path == layout.TRIALS.path)
+        order = sorted(self._rows, key=lambda path: path == self._layout.trials.path)
         for path in order:
             rows, self._rows[path] = self._rows[path], []
             if rows:
@@ -142,11 +168,10 @@ class PartWriter:
         blocks, self._blocks = self._blocks, []
         if not blocks:
             return []
-        datasets = list(self._datasets.values())
-        columns = ("samples", "counters", "flags", "edges")
-        for dataset, column in zip(datasets, columns, strict=True):
-            _append(dataset, np.concatenate([getattr(block, column) for block in blocks]))
-        return datasets
+        for array in self._layout.arrays:
+            rows = np.concatenate([getattr(block, array.field) for block in blocks])
+            _append(self._datasets[array.path], rows)
+        return list(self._datasets.values())
 
 
 def _temporary_path(path: Path) -> Path:

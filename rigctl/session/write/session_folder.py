@@ -10,6 +10,7 @@ from typing import Any
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import read_attributes, read_text
+from rigctl.session.format.experiments import check_experiment, layout_of
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.wiring import describe_mismatch, session_wiring, wirings_match
 from rigctl.session.format.writer_lock import WriterLock
@@ -92,12 +93,20 @@ def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
 
 def _check_plan(path: Path, header: SessionHeader) -> None:
     with open_part(path) as file:
-        recorded = SessionHeader.from_attributes(read_attributes(file))
+        attributes = read_attributes(file)
+        found, wanted = layout_of(attributes, path), layout_of(header.to_attributes(), path)
+        check_experiment(path.parent, found, wanted)
+        recorded = SessionHeader.from_attributes(attributes)
         wiring = session_wiring(recorded, read_text(file, "/rig_toml"))
     if (recorded.plan_hash, recorded.n_taxels) != (header.plan_hash, header.n_taxels):
         raise SessionError(
             f"{path.parent} was recorded with another protocol or seed: resume it with its own "
             f"{layout.PROTOCOL_FILE}, or start a new session"
+        )
+    if recorded.reference_um_per_s != header.reference_um_per_s:
+        raise SessionError(
+            f"{path.parent} has a reference speed of {recorded.reference_um_per_s} µm/s, not of "
+            f"{header.reference_um_per_s}: resume it with its own, or start a new session"
         )
     if not wirings_match(header.wiring, wiring):
         raise SessionError(

@@ -10,18 +10,21 @@ import errno
 import os
 import re
 import shutil
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
+from typing import Protocol
 
 from rigctl.errors import DiskFault
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import Attributes
+from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.header import SessionHeader
-from rigctl.session.format.table_rows import drum_row, event_row, trial_row
-from rigctl.session.write.part_writer import PartWriter
-from rigctl.values import Block, DrumState, Event, Gap, TrialRow
+from rigctl.session.format.table_rows import Row, event_row
+from rigctl.session.write.part_writer import PartWriter, SampleBlock
+from rigctl.values import Event, Gap
 
 _ERRNO = re.compile(r"errno = (\d+)")
 _REMEDIES = {
@@ -50,13 +53,35 @@ class RecorderStatus:
     failure: str | None = None
 
 
+class Attempt(Protocol):
+    """What the writer reads of a finished attempt at a trial."""
+
+    @property
+    def first_counter(self) -> int:
+        """Counter of its first sample, -1 without one."""
+
+    @property
+    def ended_s(self) -> float:
+        """Loop time at which it ended."""
+
+
+EncodeTrial = Callable[[int, int], Row]
+"""Returns the row of an attempt, from its part and the row of its first sample."""
+
+
 class SessionWriter:
     """Writer of a session's parts. Each flush replaces ``status`` as a whole."""
 
     def __init__(
-        self, folder: Path, header: SessionHeader, texts: tuple[str, str], last_part: int
+        self,
+        folder: Path,
+        session_layout: SessionLayout,
+        header: SessionHeader,
+        texts: tuple[str, str],
+        last_part: int,
     ) -> None:
         self._folder = folder
+        self._layout = session_layout
         self._header = header
         self._texts = texts
         self._number = last_part
@@ -67,9 +92,10 @@ class SessionWriter:
         self._sync_due = False
         self.status = self._read_status()
 
-    def begin_part(self, reason: str, texture: str) -> None:
-        """Close the open part and create the next."""
+    def begin_part(self, reason: str, texture: str, header: SessionHeader | None = None) -> None:
+        """Close the open part and create the next, with another ``header`` if one is given."""
         self.close_part()
+        self._header = header or self._header
         self._number += 1
         self._texture = texture
         attributes: Attributes = {
@@ -81,15 +107,15 @@ class SessionWriter:
             **self._header.to_attributes(),
         }
         path = self._folder / layout.part_name(self._number)
-        self._part = PartWriter(path, attributes, self._header.n_taxels, self._texts)
+        self._part = PartWriter(path, self._layout, attributes, self._header.n_taxels, self._texts)
         self.flush()
 
-    def add_block(self, block: Block) -> None:
+    def add_block(self, block: SampleBlock) -> None:
         """Add samples; a lower counter means that the board restarted and begins a new part."""
         part = self._open_part(block.arrived_s)
         expected = part.counters.next_counter
         if len(block) and expected is not None and block.counters[0] < expected:
-            self.begin_part("the taxel board restarted", self._texture)
+            self.begin_part(f"the {self._layout.board} restarted", self._texture)
             part = self._open_part()
         part.add_block(block)
 
@@ -97,21 +123,19 @@ class SessionWriter:
         """Add a gap of samples that the recorder itself dropped."""
         self._open_part().add_gap(gap)
 
-    def add_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
-        """Add a poll and its load-cell samples."""
-        part = self._open_part(state.at_s)
-        part.add_rows(layout.DRUM, [drum_row(state, force_set_g, speed_set_mm_s)])
-        part.add_rows(layout.LOADCELL, state.loadcell)  # the table has a sample's fields
+    def add_rows(self, table: TableLayout, at_s: float, rows: Sequence[Row]) -> None:
+        """Add rows of a table, of loop time ``at_s``."""
+        self._open_part(at_s).add_rows(table, rows)
 
     def add_event(self, event: Event) -> None:
         """Add an event."""
-        self._open_part(event.at_s).add_rows(layout.EVENTS, [event_row(event)])
+        self.add_rows(layout.EVENTS, event.at_s, [event_row(event)])
 
-    def commit_trial(self, row: TrialRow) -> None:
-        """Add an attempt's row; an fsync follows the next flush."""
+    def commit_trial(self, row: Attempt, encode: EncodeTrial) -> None:
+        """Add an attempt's row, as ``encode`` returns it; an fsync follows the next flush."""
         part = self._open_part(row.ended_s)
         first_sample = part.counters.row_of(row.first_counter)
-        part.add_rows(layout.TRIALS, [trial_row(row, self._number, first_sample)])
+        part.add_rows(self._layout.trials, [encode(self._number, first_sample)])
         self._sync_due = True
 
     def sync(self) -> None:

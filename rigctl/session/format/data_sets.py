@@ -1,0 +1,130 @@
+"""Describe the data sets of a part as values, and build an empty part from them.
+
+All data sets are created before the first sample, because HDF5 cannot add any to a file in SWMR
+mode; strings have a fixed length for the same reason. ``('v110', 'v110')`` is the newest format
+that the HDF5 1.10 tools of today's distributions read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import h5py
+import numpy as np
+
+from rigctl.session.format.annotated_arrays import Attributes, text_scalar, write_attributes
+
+LIBVER = ("v110", "v110")
+SAMPLE_CHUNK_ROWS = 4096
+"""A chunk of samples is 147 kB at 18 taxels: small to rewrite at each flush, large to read."""
+
+TEXTS = (("/protocol_toml", "text of the protocol"), ("/rig_toml", "text of rig.toml"))
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A named value of a row: NumPy type code (``S`` is UTF-8 text), unit, meaning."""
+
+    name: str
+    type_code: str
+    unit: str
+    doc: str
+
+    @property
+    def text_bytes(self) -> int:
+        """Length of the stored text, 0 for a number."""
+        return int(self.type_code[1:]) if self.type_code.startswith("S") else 0
+
+    @property
+    def stored_dtype(self) -> np.dtype[Any]:
+        """Little-endian number or fixed-length UTF-8."""
+        if not self.text_bytes:
+            return np.dtype(f"<{self.type_code}")
+        dtype: np.dtype[Any] = h5py.string_dtype("utf-8", self.text_bytes)
+        return dtype
+
+
+@dataclass(frozen=True, slots=True)
+class TableLayout:
+    """A growing one-dimensional data set whose rows are HDF5 compounds."""
+
+    path: str
+    doc: str
+    chunk_rows: int
+    columns: tuple[Column, ...]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Row type in the file."""
+        return np.dtype([(c.name, c.stored_dtype) for c in self.columns])
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayLayout:
+    """A growing data set of plain numbers, one row for each taxel sample.
+
+    ``field`` is the attribute of a :class:`SampleBlock` with its rows. ``per_taxel`` arrays have a
+    column for each taxel; a ``raw`` one is in the unit of the part's attribute ``sample_unit``.
+    """
+
+    path: str
+    field: str
+    type_code: str
+    unit: str
+    doc: str
+    per_taxel: bool = False
+    raw: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SessionLayout:
+    """All data sets of the parts of one experiment.
+
+    ``experiment`` is the attribute of a part's root, ``board`` the name of the board that samples,
+    for people. ``trials`` is the one of ``tables`` that is written last.
+    """
+
+    experiment: str
+    board: str
+    arrays: tuple[ArrayLayout, ...]
+    tables: tuple[TableLayout, ...]
+    trials: TableLayout
+
+
+def build_empty_part(
+    layout: SessionLayout, attributes: Attributes, n_taxels: int, texts: tuple[str, str]
+) -> bytes:
+    """Return a part with every data set empty. ``texts``: protocol and rig description."""
+    with h5py.File("new", "w", driver="core", backing_store=False, libver=LIBVER) as file:
+        write_attributes(file, attributes)
+        for array in layout.arrays:
+            _create_array(file, array, n_taxels, str(attributes.get("sample_unit", "")))
+        for table in layout.tables:
+            _create_table(file, table)
+        for (path, doc), text in zip(TEXTS, texts, strict=True):
+            write_attributes(file.create_dataset(path, data=text_scalar(text)), {"doc": doc})
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def _create_array(file: Any, array: ArrayLayout, n_taxels: int, sample_unit: str) -> None:
+    tail = (n_taxels,) if array.per_taxel else ()
+    dataset = _create(file, array.path, f"<{array.type_code}", SAMPLE_CHUNK_ROWS, tail)
+    shape = "(sample, taxel)" if array.per_taxel else "(sample,)"
+    unit = sample_unit if array.raw and sample_unit else array.unit or "none"
+    write_attributes(dataset, {"doc": array.doc, "unit": unit, "shape": shape})
+
+
+def _create_table(file: Any, table: TableLayout) -> None:
+    dataset = _create(file, table.path, table.dtype, table.chunk_rows)
+    write_attributes(dataset, {"doc": table.doc, "shape": "(row,)"})
+    lines = [f"{c.name} [{c.unit or 'none'}]: {c.doc}".encode() for c in table.columns]
+    width = max(map(len, lines))
+    dataset.attrs.create("columns", np.array(lines, dtype=h5py.string_dtype("utf-8", width)))
+
+
+def _create(file: Any, path: str, dtype: Any, chunk_rows: int, tail: tuple[int, ...] = ()) -> Any:
+    return file.create_dataset(
+        path, (0, *tail), dtype, maxshape=(None, *tail), chunks=(chunk_rows, *tail)
+    )

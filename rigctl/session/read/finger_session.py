@@ -1,0 +1,114 @@
+"""Read a session of the moving finger: cut its scans, also while a writer appends to it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.finger_values import FingerTrialRow, PredictionRow
+from rigctl.session.format import finger_layout
+from rigctl.session.format.annotated_arrays import read_attributes
+from rigctl.session.format.data_sets import SessionLayout, TableLayout
+from rigctl.session.format.experiments import layout_of
+from rigctl.session.format.finger_rows import parse_finger_trial, parse_prediction
+from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.layout import COUNTER
+from rigctl.session.read.part import StructuredArray
+from rigctl.session.read.part_file import open_part, part_paths
+from rigctl.session.read.session_reader import SessionReader
+
+
+class FingerSession(SessionReader):
+    """Reader of a session of the moving finger.
+
+    Rows of tables are structured arrays with the columns of ``docs/reference/session.md``.
+    """
+
+    layout: ClassVar[SessionLayout] = finger_layout.FINGER_LAYOUT
+
+    @property
+    def latencies(self) -> StructuredArray:
+        """All rows of /latencies, with the number of their ``part``."""
+        return self._join(finger_layout.LATENCIES)
+
+    def trial_row(self, index: int) -> FingerTrialRow:
+        """Return one attempt."""
+        return parse_finger_trial(self.trials[index])
+
+    def normalisation(self, index: int) -> Normalisation:
+        """Return the ranges that the board used in a trial; the whole range if none was set."""
+        return board_ranges(self._part(int(self.trials[index]["part"])).header)
+
+    def spikes(self, index: int) -> NDArray[np.uint8]:
+        """Return the board's spikes, uint8 (n, 9), a row for each row of :meth:`samples`."""
+        part, start, stop = self._rows_of(index)
+        return part.read(finger_layout.SPIKES, start, stop)
+
+    def counters(self, index: int) -> NDArray[np.int64]:
+        """Return the board's counters of the samples, int64 (n,); they jump at lost samples."""
+        part, start, stop = self._rows_of(index)
+        return part.read(COUNTER, start, stop)
+
+    def scan_spikes(self, index: int) -> NDArray[np.uint8]:
+        """Return the spikes of every millisecond of a scan, uint8 (count, 9), 0 for lost samples.
+
+        :func:`rigctl.encoding.scaled_time.scale_windows` takes them with :meth:`velocities_um_s`.
+        """
+        row = self.trials[index]
+        spikes = np.zeros((int(row["count"]), self.header.n_taxels), np.uint8)
+        spikes[self.counters(index) - int(row["first_counter"])] = self.spikes(index)
+        return spikes
+
+    def velocities_um_s(self, index: int) -> NDArray[np.int64]:
+        """Return the velocity that the board used in each batch, int64 (batches,), µm/s."""
+        velocities: NDArray[np.int64] = self.batches(index)["velocity_um_s"]
+        return velocities
+
+    def track(self, index: int) -> StructuredArray:
+        """Return the rows of /track between an attempt's start and its end."""
+        row = self.trials[index]
+        rows = self._part(int(row["part"])).rows(finger_layout.TRACK)
+        inside: StructuredArray = rows[
+            (rows["at_s"] >= row["started_s"]) & (rows["at_s"] <= row["ended_s"])
+        ]
+        return inside
+
+    def batches(self, index: int) -> StructuredArray:
+        """Return the rows of /batches of a trial's scan."""
+        return self._scan_rows(finger_layout.BATCHES, index)
+
+    def windows(self, index: int) -> StructuredArray:
+        """Return the rows of /windows of a trial's scan; ``spike_counts`` returns its counts."""
+        return self._scan_rows(finger_layout.WINDOWS, index)
+
+    def predictions(self, index: int) -> tuple[PredictionRow, ...]:
+        """Return the answers during a trial's scan, in the order of time."""
+        return tuple(map(parse_prediction, self._scan_rows(finger_layout.PREDICTIONS, index)))
+
+    def _scan_rows(self, table: TableLayout, index: int) -> StructuredArray:
+        row = self.trials[index]
+        rows = self._part(int(row["part"])).rows(table)
+        own: StructuredArray = rows[(rows["scan"] == row["scan"]) & (row["first_counter"] >= 0)]
+        return own
+
+
+def board_ranges(header: SessionHeader) -> Normalisation:
+    """Return the ranges on the board in a part; the converter's whole range if none was set."""
+    if not header.taxel_low:
+        return Normalisation.full_scale(header.n_taxels)
+    low, high = np.array(header.taxel_low, np.uint16), np.array(header.taxel_high, np.uint16)
+    return Normalisation(low, high, "the board's ranges")
+
+
+def is_finger_session(path: Path) -> bool:
+    """Return whether a session is of the moving finger.
+
+    Raises SessionError for a damaged session or another kind of folder.
+    """
+    first = part_paths(path)[0]
+    with open_part(first) as file:
+        return layout_of(read_attributes(file), first) is finger_layout.FINGER_LAYOUT
