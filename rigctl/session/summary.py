@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,15 @@ import numpy as np
 
 from rigctl.session.files.ground_truth import summarise_truth
 from rigctl.session.format import layout
+from rigctl.session.format.data_sets import TableLayout
+from rigctl.session.format.finger_layout import BATCHES, PREDICTIONS, TRACK, WINDOWS
+from rigctl.session.format.finger_rows import NOT_CLASSIFIED
 from rigctl.session.format.writer_lock import is_being_written, lock_owner_pid
+from rigctl.session.read.finger_session import FingerSession, is_finger_session
 from rigctl.session.read.session import Session
+from rigctl.session.read.session_reader import SessionReader
 from rigctl.values import Verdict
+from rigctl.wire.finger.messages import VelocitySource
 
 BOARD_KIND = "board"
 """Kind of the events with a board's own counts at the start and the end of a sitting."""
@@ -19,19 +26,85 @@ BOARD_KIND = "board"
 
 def summarise_session(path: Path) -> dict[str, Any]:
     """Return the summary. Raises SessionError for another kind of folder."""
+    return _summarise_finger(path) if is_finger_session(path) else _summarise_drum(path)
+
+
+def _summarise_drum(path: Path) -> dict[str, Any]:
     with Session.open(path) as session:
+        trials = session.trials
         summary = {
             "path": str(path),
             **_identity(session),
             **_trials(session),
-            **_counts(session),
+            "speeds_mm_s": sorted(set(trials["speed_mm_s"].tolist())),
+            "forces_g": sorted(set(trials["force_g"].tolist())),
+            **_samples(session),
+            "drum_polls": _count_rows(session, layout.DRUM),
+            "loadcell_samples": _count_rows(session, layout.LOADCELL),
+            "loadcell_lost": session.loadcell_lost(),
+            "events": _count_rows(session, layout.EVENTS),
             **_boards(session),
         }
         truth = summarise_truth(session)
     return summary if truth is None else {**summary, "world": truth}
 
 
-def _identity(session: Session) -> dict[str, Any]:
+def _summarise_finger(path: Path) -> dict[str, Any]:
+    with FingerSession.open(path) as session:
+        return {
+            "path": str(path),
+            "experiment": session.header.experiment,
+            **_identity(session),
+            "tracker": session.header.tracker.get("name", ""),
+            "reference_mm_s": session.header.reference_um_per_s / 1000,
+            **_trials(session),
+            "profiles": sorted(set(session.trials["profile"].tolist())),
+            "committed_by_stage": dict(_count_committed(session)),
+            **_answers(session),
+            **_samples(session),
+            **_scans(session),
+            "latency_p99_ms": _latencies(session),
+            "events": _count_rows(session, layout.EVENTS),
+            **_boards(session),
+        }
+
+
+def _count_committed(session: FingerSession) -> Counter[str]:
+    return Counter(session.trials["stage"][session.committed()].tolist())
+
+
+def _answers(session: FingerSession) -> dict[str, int]:
+    """Return the committed trials that were classified, and those that were right."""
+    correct = session.trials["correct"][session.committed()]
+    classified = int(np.count_nonzero(correct != NOT_CLASSIFIED))
+    return {"classified": classified, "right": int(np.count_nonzero(correct == 1))}
+
+
+def _scans(session: FingerSession) -> dict[str, int]:
+    sources = np.concatenate([part.rows(BATCHES)["velocity_source"] for part in session.parts])
+    return {
+        "positions": _count_rows(session, TRACK),
+        "batches": len(sources),
+        "batches_without_velocity": int(np.count_nonzero(sources != VelocitySource.RECEIVED)),
+        "windows": _count_rows(session, WINDOWS),
+        "predictions": _count_rows(session, PREDICTIONS),
+    }
+
+
+def _latencies(session: FingerSession) -> dict[str, float]:
+    """Return the 99th percentile of each kind, ms."""
+    rows = session.latencies
+    return {
+        kind: round(float(np.percentile(rows["ms"][rows["kind"] == kind], 99)), 3)
+        for kind in sorted(set(rows["kind"].tolist()))
+    }
+
+
+def _count_rows(session: SessionReader, table: TableLayout) -> int:
+    return sum(part.n_rows(table) for part in session.parts)
+
+
+def _identity(session: SessionReader) -> dict[str, Any]:
     header = session.header
     writing = is_being_written(session.path)
     boards = session.parts[-1].header.boards
@@ -56,7 +129,7 @@ def _identity(session: Session) -> dict[str, Any]:
     }
 
 
-def _boards(session: Session) -> dict[str, Any]:
+def _boards(session: SessionReader) -> dict[str, Any]:
     """Return the boards' own counts over all sittings; empty without such events."""
     counts: dict[str, list[dict[str, Any]]] = {}
     for event in session.events_of(BOARD_KIND):
@@ -75,7 +148,7 @@ def _combine(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _trials(session: Session) -> dict[str, Any]:
+def _trials(session: SessionReader) -> dict[str, Any]:
     trials = session.trials
     committed = len(set(trials["trial_id"][session.committed()].tolist()))
 
@@ -89,12 +162,10 @@ def _trials(session: Session) -> dict[str, Any]:
         "attempts_rejected": attempts(Verdict.REJECTED),
         "attempts_aborted": attempts(Verdict.ABORTED),
         "textures": sorted(set(trials["texture"].tolist())),
-        "speeds_mm_s": sorted(set(trials["speed_mm_s"].tolist())),
-        "forces_g": sorted(set(trials["force_g"].tolist())),
     }
 
 
-def _counts(session: Session) -> dict[str, Any]:
+def _samples(session: SessionReader) -> dict[str, Any]:
     gaps, header = session.gaps, session.header
     return {
         "samples": session.n_samples,
@@ -103,8 +174,4 @@ def _counts(session: Session) -> dict[str, Any]:
         "sample_rate_hz": header.sample_rate_hz,
         "gaps": len(gaps),
         "lost_samples": int(gaps["count"].sum()),
-        "drum_polls": sum(part.n_rows(layout.DRUM) for part in session.parts),
-        "loadcell_samples": sum(part.n_rows(layout.LOADCELL) for part in session.parts),
-        "loadcell_lost": session.loadcell_lost(),
-        "events": sum(part.n_rows(layout.EVENTS) for part in session.parts),
     }

@@ -9,7 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from rigctl.cli.options.progress import ProgressLine, remaining
-from rigctl.session.verify.session import VerifyReport, verify
+from rigctl.session.verify.report import VerifyReport
+from rigctl.session.verify.session import verify
 
 WHOLE, NOT_WHOLE = 0, 1
 QUIET_S = 2.0

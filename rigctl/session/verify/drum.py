@@ -1,0 +1,73 @@
+"""Check a drum session's trials against its plan, and the simulated bench's own log."""
+
+from __future__ import annotations
+
+from rigctl.errors import RigctlError, SessionError
+from rigctl.protocol.loader import parse_protocol
+from rigctl.protocol.plan import Plan
+from rigctl.session.files.ground_truth import summarise_truth
+from rigctl.session.format import layout
+from rigctl.session.format.table_rows import parse_trial
+from rigctl.session.read.session import Session
+from rigctl.session.verify.report import OnProgress, VerifyReport
+
+WORLD = "the world's own log"
+PROGRESS_INTERVAL_TRIALS = 500
+
+
+def check_drum_plan(session: Session, report: VerifyReport) -> None:
+    """Check that each attempt is at a trial of the plan."""
+    plan = _rebuild_plan(session, report)
+    if plan is not None:
+        planned = {trial.trial_id: trial for trial in plan.trials}
+        for row in map(parse_trial, session.trials):
+            if planned.get(row.trial.trial_id) != row.trial:
+                name = layout.part_name(row.part)
+                report.problems.append(f"{name}: trial {row.trial.trial_id} is not in the plan")
+
+
+def _rebuild_plan(session: Session, report: VerifyReport) -> Plan | None:
+    """Return the plan from the protocol and seed; its hash must match the recorded one."""
+    if not session.protocol_text:
+        report.notes.append("the session has no protocol, so its trials have no plan")
+        return None
+    try:
+        protocol = parse_protocol(session.protocol_text, layout.PROTOCOL_FILE, session.config)
+    except RigctlError as error:
+        report.problems.append(f"the protocol in the session is not readable: {error}")
+        return None
+    plan = protocol.plan(session.header.seed)
+    if plan.hash != session.header.plan_hash:
+        report.problems.append("the plan hash does not match the session's protocol and seed")
+        return None
+    return plan
+
+
+def check_truth(
+    session: Session, report: VerifyReport, on_progress: OnProgress, done_share: float
+) -> None:
+    """Compare the committed trials with the simulated bench's own log.
+
+    ``done_share`` is the share of the work that is done already.
+    """
+
+    def on_trial(done: int, trials: int) -> None:
+        if done % PROGRESS_INTERVAL_TRIALS == 0:
+            on_progress(done_share + (1.0 - done_share) * done / trials, WORLD)
+
+    try:
+        truth = summarise_truth(session, on_trial)
+    except SessionError as error:
+        report.problems.append(str(error))
+        return
+    if truth is None:
+        if session.header.simulated:
+            report.notes.append("recorded at a simulated bench; the world's own log is missing")
+    elif not truth["trials"]:
+        report.notes.append("recorded at a simulated bench; its log holds no committed trial")
+    else:
+        report.notes.append(
+            f"recorded at a simulated bench; its log holds {truth['trials']} trials; largest "
+            f"error {truth['max_speed_error_permille']} ‰ in speed, "
+            f"{truth['max_force_error_permille']} ‰ in force"
+        )
