@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
+from rigctl.errors import WrongUse
 from rigctl.finger_values import (
     BatchRow,
     FingerSamples,
@@ -39,10 +41,29 @@ LOST_AFTER_BOARD = "lost on the finger board's line"
 
 
 class FingerRecorder(SessionRecorder):
-    """Writer of one session of the moving finger."""
+    """Writer of one session of the moving finger.
+
+    Also raises WrongUse for a header without the reference speed of scaled time.
+    """
 
     layout: ClassVar[SessionLayout] = finger_layout.FINGER_LAYOUT
-    _next_counter: int | None = None
+
+    def __init__(
+        self,
+        folder: Path,
+        header: SessionHeader,
+        protocol_text: str,
+        rig_text: str,
+        *,
+        resume: bool = False,
+    ) -> None:
+        if header.reference_um_per_s <= 0:
+            raise WrongUse(
+                f"a session of the finger needs the reference speed, not "
+                f"{header.reference_um_per_s} µm/s: nothing is recorded into {folder}"
+            )
+        super().__init__(folder, header, protocol_text, rig_text, resume=resume)
+        self._next_counter: int | None = None
 
     def begin_part(
         self, reason: str, texture: str = "", header: SessionHeader | None = None

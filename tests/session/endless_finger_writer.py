@@ -1,0 +1,27 @@
+"""Record scans of the finger until the process is killed, and print the attempts on disk.
+
+``python -m tests.session.endless_finger_writer FOLDER [resume]``
+"""
+
+from __future__ import annotations
+
+import sys
+from itertools import count
+from pathlib import Path
+
+from tests.session.finger_building import SyntheticFinger, plan, recorder
+
+
+def main() -> None:
+    trials = plan().trials
+    with recorder(Path(sys.argv[1]), resume="resume" in sys.argv) as rec:
+        rec.begin_part("start")
+        with SyntheticFinger(rec) as finger:
+            for number in count():
+                finger.trial(trials[number % len(trials)], attempt=1 + number // len(trials))
+                rec.wait_written()
+                print(f"trials {number + 1}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
