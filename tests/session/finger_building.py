@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,7 @@ from rigctl.wire.finger.messages import (
     Message,
     WindowReport,
 )
+from rigctl.wire.taxels.frames import frame
 
 PROTOCOL = """\
 name = "small"
@@ -48,6 +50,8 @@ RIG = "[about]\noperator = 'Jörg'\n"
 LOW, HIGH = tuple(range(40, 40 + N_TAXELS)), tuple(range(700, 700 + N_TAXELS))
 VELOCITIES_UM_S = (180_000, 205_500, 0, 93_001, 250_000)
 """Of the batches of a scan; the last one is short."""
+TOP_LAYER = (0, 1, 2, 6, 7, 8, 12, 13, 14)
+"""The readings of the taxel board that are the finger's taxels (arduino/finger/board.h)."""
 SCAN_MS = 437
 IDLE_MS = 30
 
@@ -84,7 +88,8 @@ def recorder(folder: Path, *, resume: bool = False) -> FingerRecorder:
 class SyntheticFinger:
     """Source of a recorder's data: the board's firmware and a finger without faults.
 
-    ``lose`` maps a place in a scan (ms) to a number of samples that the host does not get.
+    ``lose`` and ``miss`` are places in a scan (ms) of samples that do not reach the host, and that
+    do not reach the board.
     """
 
     def __init__(self, rec: FingerRecorder) -> None:
@@ -96,7 +101,7 @@ class SyntheticFinger:
         self._rng = np.random.default_rng(1)
         self.scans = 0
         self.now_s = 0.0
-        self._lose = range(0)
+        self._lose = self._miss = range(0)
 
     def __enter__(self) -> SyntheticFinger:
         return self
@@ -110,6 +115,7 @@ class SyntheticFinger:
         verdict: Verdict = Verdict.COMMITTED,
         attempt: int = 1,
         lose: range = range(0),
+        miss: range = range(0),
     ) -> FingerTrialRow:
         """Record one scan with everything that belongs to it, and its row."""
         started_s = self.now_s
@@ -118,6 +124,7 @@ class SyntheticFinger:
         self.board.receive(messages.start(self.scans))
         first = round(self.now_s * 1000)
         self._lose = range(first + lose.start, first + lose.stop)
+        self._miss = range(first + miss.start, first + miss.stop)
         for batch, velocity in enumerate(VELOCITIES_UM_S):
             self._samples(min(BATCH_SAMPLES, SCAN_MS - batch * BATCH_SAMPLES))
             if batch == len(VELOCITIES_UM_S) - 1:
@@ -128,6 +135,8 @@ class SyntheticFinger:
         self._samples(IDLE_MS)
         row = finger_trial_row(trial, self.scans, first, verdict, attempt)
         row = replace(row, started_s=started_s, ended_s=self.now_s)
+        if miss and not miss.start:  # the first sample that the board gets begins the scan
+            row = replace(row, first_counter=first + miss.stop, count=SCAN_MS - miss.stop)
         self.rec.commit_trial(row)
         return row
 
@@ -135,11 +144,16 @@ class SyntheticFinger:
         """Pass samples to the board in blocks of 10, and record what it sends."""
         for start in range(0, count, 10):
             size = min(10, count - start)
-            self.board.run(self._readings(size))
+            self.board.receive_taxels(self._frames(size))
             self.now_s += size / 1000
             self._take()
             place = 50 + 200 * self.now_s
             self.rec.add_position(TrackRow(self.now_s, place, 0.5, 2.0, place, 0.5, 1.0, True))
+
+    def _frames(self, count: int) -> bytes:
+        first = round(self.now_s * 1000)
+        numbered = enumerate(self._readings(count), start=first)
+        return b"".join(taxel_frame(n, row) for n, row in numbered if n not in self._miss)
 
     def _readings(self, count: int) -> NDArray[np.uint16]:
         phase = round(self.now_s * 1000) + np.arange(count)[:, None] + 7 * np.arange(N_TAXELS)
@@ -179,6 +193,12 @@ class SyntheticFinger:
             )
         )
         self.rec.add_latency(LatencyRow(self.now_s, self.scans, "features", 1.5))
+
+
+def taxel_frame(counter: int, readings: NDArray[np.uint16]) -> bytes:
+    """Return a frame of the taxel board with these readings in its top layer."""
+    number = sum(int(value) << 10 * place for place, value in zip(TOP_LAYER, readings, strict=True))
+    return frame(struct.pack("<BHB", 0x11, counter & 0xFFFF, 0) + number.to_bytes(23, "little"))
 
 
 def select(block: FingerBlock, kept: NDArray[np.bool_]) -> FingerBlock:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from rigctl.session.format import data_sets, layout
+from rigctl.session.format import data_sets
+from rigctl.session.format.finger_layout import FINGER_LAYOUT
+from rigctl.session.format.layout import DRUM_LAYOUT
+
+LAYOUTS = (DRUM_LAYOUT, FINGER_LAYOUT)
 
 
 def table(of: data_sets.TableLayout) -> str:
@@ -18,9 +22,9 @@ def table(of: data_sets.TableLayout) -> str:
     return "\n".join(lines)
 
 
-def arrays() -> str:
+def arrays(of: data_sets.SessionLayout) -> str:
     lines = ["| data set | shape | type | unit | meaning |", "|---|---|---|---|---|"]
-    for array in layout.TAXEL_ARRAYS:
+    for array in of.arrays:
         shape = "(n, n_taxels)" if array.per_taxel else "(n,)"
         row = (f"`{array.path}`", shape, kind(array.type_code), array.unit or "–", array.doc)
         lines.append(f"| {' | '.join(row)} |")
@@ -35,6 +39,7 @@ def kind(code: str) -> str:
 
 
 if __name__ == "__main__":
-    print(arrays())
-    for each in layout.TABLES:
-        print(f"\n{table(each)}")
+    for of in LAYOUTS:
+        print(f"\n## {of.experiment}\n\n{arrays(of)}")
+        for each in of.tables:
+            print(f"\n{table(each)}")

@@ -130,14 +130,26 @@ def test_each_damage_is_named(session: Path, spoil: Spoil, words: str) -> None:
     assert any(words in line for line in problems), problems
 
 
-def record_scan(folder: Path, lose: range) -> None:
+def record_scan(folder: Path, **losses: range) -> None:
     with recorder(folder) as rec, SyntheticFinger(rec) as finger:
         rec.begin_part("start")
-        finger.trial(plan().trials[0], lose=lose)
+        finger.trial(plan().trials[0], **losses)
+
+
+@pytest.mark.parametrize("miss", [range(4), range(120, 127), range(433, 436)])
+def test_samples_that_the_board_lost_have_no_spikes(tmp_path: Path, miss: range) -> None:
+    record_scan(tmp_path / "s", miss=miss)
+    report = verify(tmp_path / "s")
+    assert report.problems == []
+    assert report.lost_samples == len(miss)
+    assert [line for line in report.notes if "trial 1" in line] == []
+    with h5py.File(tmp_path / "s" / "part-0001.h5", "r+") as file:
+        set_row("/windows", 0, spikes_1=60)(file)
+    assert "window 0 differs" in verify(tmp_path / "s").problems[0]
 
 
 def test_samples_that_only_the_board_had_leave_the_rest_unproved(tmp_path: Path) -> None:
-    record_scan(tmp_path / "s", range(250, 253))
+    record_scan(tmp_path / "s", lose=range(250, 253))
     report = verify(tmp_path / "s")
     assert report.whole
     assert report.lost_samples == 3

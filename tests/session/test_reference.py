@@ -7,20 +7,22 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.session.format import data_sets, layout
+from rigctl.session.format import data_sets
 from rigctl.session.format.header import SessionHeader
-from tests.session.reference import arrays, table
+from tests.session.reference import LAYOUTS, arrays, table
 
+TABLES = list(dict.fromkeys(each for of in LAYOUTS for each in of.tables))
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "session.md"
 
 
-@pytest.mark.parametrize("of", layout.TABLES, ids=lambda of: of.path)
+@pytest.mark.parametrize("of", TABLES, ids=lambda of: of.path)
 def test_each_table_is_on_the_page(of: data_sets.TableLayout) -> None:
     assert table(of) in PAGE.read_text(encoding="utf-8"), table(of)
 
 
 def test_the_samples_and_the_attributes_are_on_the_page() -> None:
     page = PAGE.read_text(encoding="utf-8")
-    assert arrays() in page
+    for of in LAYOUTS:
+        assert arrays(of) in page, arrays(of)
     for item in fields(SessionHeader):
         assert f"| `{item.name}` |" in page

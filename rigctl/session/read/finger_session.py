@@ -54,13 +54,18 @@ class FingerSession(SessionReader):
         return part.read(COUNTER, start, stop)
 
     def scan_spikes(self, index: int) -> NDArray[np.uint8]:
-        """Return the spikes of every millisecond of a scan, uint8 (count, 9), 0 for lost samples.
+        """Return the spikes of every millisecond of a scan, uint8 (n, 9), 0 for lost samples.
 
-        :func:`rigctl.encoding.scaled_time.scale_windows` takes them with :meth:`velocities_um_s`.
+        n is that of the board's batches: ``count``, and samples that the board lost directly before
+        the first one. :func:`rigctl.encoding.scaled_time.scale_windows` takes them with
+        :meth:`velocities_um_s`.
         """
         row = self.trials[index]
-        spikes = np.zeros((int(row["count"]), self.header.n_taxels), np.uint8)
-        spikes[self.counters(index) - int(row["first_counter"])] = self.spikes(index)
+        n_scanned = max(int(row["count"]), int(self.batches(index)["samples"].sum(dtype=np.int64)))
+        spikes = np.zeros((n_scanned, self.header.n_taxels), np.uint8)
+        lost_first = n_scanned - int(row["count"])
+        at = self.counters(index) - int(row["first_counter"]) + lost_first
+        spikes[at] = self.spikes(index)
         return spikes
 
     def velocities_um_s(self, index: int) -> NDArray[np.int64]:
