@@ -100,6 +100,20 @@ class Spikes:
         return int(self.row_start.shape[0]) - 1
 
 
+class Position(NamedTuple):
+    """One measurement of a tracker, in the tracker's own frame.
+
+    ``at_s``: the loop time at which it holds, which is its arrival less the source's known latency.
+    ``valid``: False where the tracker says that it has lost its reference.
+    """
+
+    at_s: float
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    valid: bool
+
+
 class LoadcellSample(NamedTuple):
     """One conversion of the load-cell amplifier."""
 

@@ -11,9 +11,7 @@ from __future__ import annotations
 import asyncio
 import selectors
 import time
-from typing import Any
-
-from rigctl.simulation.simulated_rig import SimulatedRig
+from typing import Any, Protocol
 
 CLOCK_RESOLUTION_S = 1e-6
 MAX_LAG_S = 0.5
@@ -23,13 +21,27 @@ TURNS_PER_SELECT = 8
 """A free-running simulation polls its files once in this many turns: each poll is a system call,
 and no sample depends on what a file delivers."""
 
+
+class TimedSimulation(Protocol):
+    """What passes simulated time: a drum rig or a finger."""
+
+    time_us: int
+
+    @property
+    def slice_us(self) -> int:
+        """Longest useful advance from now, microseconds, at least 1."""
+
+    def advance(self, until_us: int) -> None:
+        """Simulate up to a time."""
+
+
 _Ready = list[tuple[selectors.SelectorKey, int]]
 
 
 class _SimulationSelector(selectors.DefaultSelector):
     """Advances the simulation instead of waiting for files."""
 
-    def __init__(self, simulation: SimulatedRig, pace: float | None) -> None:
+    def __init__(self, simulation: TimedSimulation, pace: float | None) -> None:
         super().__init__()
         self._simulation = simulation
         self._pace = pace
@@ -85,7 +97,7 @@ class SimulatedTimeLoop(asyncio.SelectorEventLoop):
     the simulation.
     """
 
-    def __init__(self, simulation: SimulatedRig, pace: float | None = None) -> None:
+    def __init__(self, simulation: TimedSimulation, pace: float | None = None) -> None:
         self.simulation = simulation
         super().__init__(_SimulationSelector(simulation, pace))
         # asyncio treats timers within this span as due; simulated time is in whole microseconds.

@@ -15,8 +15,8 @@ from rigctl.config.resources import find_protocol
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError, SessionError
 from rigctl.protocol.loader import load_protocol
+from rigctl.simulation.bench.parameter_fields import ParameterInfo
 from rigctl.simulation.bench.parameters import (
-    ParameterInfo,
     Plate,
     WorldParameters,
     parameter_infos,

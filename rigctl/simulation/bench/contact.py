@@ -77,12 +77,15 @@ class ForceTable(NamedTuple):
 
 
 class Mounting(NamedTuple):
-    """Alignment of a mounted plate: tilts in mm a taxel pitch, shift along, gains float64 (18,)."""
+    """Alignment of a mounted plate: tilts in mm a taxel pitch, shift along, gains float64 (18,),
+    and a turn of the sensor against the travel besides that of the world.
+    """
 
     tilt_along_mm: float
     tilt_across_mm: float
     shift_mm: float
     gains: _Floats
+    turn_deg: float = 0.0
 
 
 def draw_mounting(parameters: WorldParameters, seed: int, number: int) -> Mounting:
@@ -97,7 +100,7 @@ def draw_mounting(parameters: WorldParameters, seed: int, number: int) -> Mounti
 def positions_along_mm(parameters: WorldParameters, mounting: Mounting) -> _Floats:
     """Return the position of each site along the travel, mm from the middle, float64 (9,)."""
     row, column = _rows_and_columns()
-    skew = math.tan(math.radians(parameters.sensor_skew_deg))
+    skew = math.tan(math.radians(parameters.sensor_skew_deg + mounting.turn_deg))
     return parameters.taxel_pitch_mm * (row + column * skew) + mounting.shift_mm
 
 

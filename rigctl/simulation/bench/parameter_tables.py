@@ -8,11 +8,15 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rigctl.simulation.bench.parameters import ParameterInfo, WorldParameters, parameter_infos
+from rigctl.simulation.bench.parameter_fields import ParameterInfo
+from rigctl.simulation.bench.parameters import WorldParameters, parameter_infos
 from rigctl.simulation.bench.textures import CATALOGUE
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "world.md"
 
+TABLE_HEAD = (
+    "| parameter | nominal | range | unit | meaning | source |\n|---|---|---|---|---|---|\n"
+)
 _GROUPS = {
     "circumference_mm": "Drum",
     "actuator_speed_mm_s": "Actuator",
@@ -42,15 +46,13 @@ def _parameters() -> str:
     parts = []
     for row in parameter_infos():
         if heading(row.name):
-            parts.append(
-                f"\n### {heading(row.name)}\n\n| parameter | nominal | range | unit |"
-                " meaning | source |\n|---|---|---|---|---|---|\n"
-            )
-        parts.append(_line(row))
+            parts.append(f"\n### {heading(row.name)}\n\n{TABLE_HEAD}")
+        parts.append(table_line(row))
     return "".join(parts)
 
 
-def _line(row: ParameterInfo) -> str:
+def table_line(row: ParameterInfo) -> str:
+    """Return a parameter as a line below :data:`TABLE_HEAD`."""
     span = f"{row.low:.6g} … {row.high:.6g}"
     return f"| `{row.name}` | {row.value:.6g} | {span} | {row.unit} | {row.doc} | {row.source} |\n"
 

@@ -8,38 +8,16 @@ the rest is plausible.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
-from rigctl.errors import WrongUse
+from rigctl.simulation.bench.parameter_fields import ParameterInfo, checked, describe
+from rigctl.simulation.bench.parameter_fields import parameter as _p
 
-
-class ParameterInfo(NamedTuple):
-    """One parameter with the range that tests sweep."""
-
-    name: str
-    value: float
-    unit: str
-    low: float
-    high: float
-    doc: str
-    source: str
-
-
-PLAUSIBLE = "plausible"
 PAPER = "published: the paper"
 RIG = "published: Chaudhry et al., NER 2023"
 SENSOR = "published: Nguyen et al., BioCAS 2018"
 RECORDINGS = "measured: recordings of other labs"
 IDENTIFIED = "identified"
-
-
-def _p(value: float, unit: str, low: float, high: float, doc: str, source: str = PLAUSIBLE) -> Any:
-    return dataclasses.field(
-        default=value,
-        metadata={"unit": unit, "low": low, "high": high, "doc": doc, "source": source},
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,20 +154,9 @@ class WorldParameters:
 
 def parameter_infos(parameters: WorldParameters | None = None) -> list[ParameterInfo]:
     """Return every numeric parameter with its unit, range and meaning, in declaration order."""
-    chosen = parameters or WorldParameters()
-    return [
-        ParameterInfo(field.name, float(getattr(chosen, field.name)), **field.metadata)
-        for field in dataclasses.fields(WorldParameters)
-        if field.metadata
-    ]
+    return describe(parameters or WorldParameters())
 
 
 def validated(parameters: WorldParameters) -> WorldParameters:
     """Return the parameters. Raises WrongUse that names one outside its plausible range."""
-    for row in parameter_infos(parameters):
-        if not row.low <= row.value <= row.high:
-            raise WrongUse(
-                f"world parameter {row.name} is {row.value:g} {row.unit}: "
-                f"choose {row.low:g} to {row.high:g}"
-            )
-    return parameters
+    return checked(parameters, "world")

@@ -1,110 +1,137 @@
 """The simulated operator: how fast, where and how hard a person moves the finger.
 
-Nobody has published an operator's speeds or forces, so all numbers are plausible ones. A person is
-imprecise in three ways: each session, each scan, and within a scan.
+A person has habits for a session, and draws anew for every slide. All draws of a slide come from
+one generator, so they depend on its seed alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.protocol.finger import MARKS_MM, PLATE_MM, VelocityProfile
+from rigctl.simulation.bench.contact import Mounting
+from rigctl.simulation.finger.operator_parameters import OperatorParameters
+from rigctl.simulation.finger.wander import wander
+from rigctl.values import N_TAXELS
 
-TICK_S = 1e-3
-LIFTED_MS = 200
-"""Time in the air before and after a slide."""
-RUN_UP_MM = 30.0
-"""Distance in contact before the first mark and behind the last one."""
+ALONG, ACROSS, HEIGHT, FORCE, WRIST_ALONG, WRIST_ACROSS, WRIST_HEIGHT = range(7)
+"""Columns of a movement: the fingertip on the plate in mm (across from the middle, height over the
+plate), contact force in g, and the deviation of the wrist from its place behind the finger in mm.
+"""
+N_COLUMNS = 7
+TAXEL_PITCH_MM = 5.0
+EDGE_MM = 10.0
+"""Distance that a person keeps from the plate's ends: half a sensor and a margin."""
 
+SLOWEST = 0.3
+"""Share of the intended speed below which no slide falls."""
+
+_MIDDLE_MM = PLATE_MM / 2.0
 _Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class OperatorParameters:
-    """How a person moves; spreads are those of the logarithm, relative to the mean.
-
-    Speeds are means between the marks. ``speed_*_spread`` and ``force_*_spread`` vary from session
-    to session, from scan to scan, and within a scan with a correlation time. ``tilt_*_mm``: height
-    difference of neighbouring taxels, from attachment to attachment and from scan to scan.
-    ``attachment_spread``: change of each taxel's gain with each attachment.
-    """
-
-    slow_mm_s: float = 60.0
-    medium_mm_s: float = 100.0
-    fast_mm_s: float = 160.0
-    speed_session_spread: float = 0.05
-    speed_scan_spread: float = 0.12
-    speed_wander_spread: float = 0.10
-    speed_wander_s: float = 0.3
-    force_g: float = 400.0
-    force_session_spread: float = 0.10
-    force_scan_spread: float = 0.15
-    force_wander_spread: float = 0.12
-    force_wander_s: float = 0.4
-    tilt_session_mm: float = 0.05
-    tilt_scan_mm: float = 0.02
-    attachment_spread: float = 0.08
-    lateral_wander_mm: float = 1.5
-
-
-class Slide(NamedTuple):
-    """One movement over a plate, one value a millisecond: position along and across the plate in
-    mm, float64 (n,) each, and contact force in g, float64 (n,), 0 in the air.
-    """
-
-    along_mm: _Floats
-    across_mm: _Floats
-    force_g: _Floats
-
-
 class Habits(NamedTuple):
-    """What stays the same within a session: relative speed and force, and the attachment's tilt."""
+    """What stays the same within a session: relative speed and force, the path, the sensor's
+    attachment (tilts and turn in degrees, shift in mm, gains float64 (18,)), relative conductance
+    without load, and the grip of the wrist in mm, float64 (3,).
+    """
 
     speed: float
     force: float
-    tilt_along_mm: float
-    tilt_across_mm: float
+    lateral_mm: float
+    skew_deg: float
+    tilts_deg: _Floats
+    turn_deg: float
+    shift_mm: float
+    gains: _Floats
+    rest: float
+    wrist_mm: _Floats
 
 
-def draw_session(parameters: OperatorParameters, random: np.random.Generator) -> Habits:
+class Slide(NamedTuple):
+    """One movement over a plate, a row a millisecond, and how the sensor lies on it.
+
+    ``rows``: float64 (n, 7), see :data:`ALONG`. It begins in the air over the place where the
+    finger comes down, and ends there. In rows ``down`` to ``up`` the finger is on the plate.
+    """
+
+    rows: _Floats
+    down: int
+    up: int
+    mounting: Mounting
+
+
+def draw_habits(p: OperatorParameters, random: np.random.Generator) -> Habits:
     """Return the habits and the attachment of one session."""
-    p = parameters
-    speed, force, along, across = random.standard_normal(4)
+    speed, force, lateral, skew, turn, shift, rest, drift = random.standard_normal(8)
+    gains = np.exp(
+        p.gain_drift_spread * drift + p.attachment_spread * random.standard_normal(N_TAXELS)
+    )
     return Habits(
-        float(np.exp(p.speed_session_spread * speed)),
-        float(np.exp(p.force_session_spread * force)),
-        p.tilt_session_mm * float(along),
-        p.tilt_session_mm * float(across),
+        speed=math.exp(p.speed_session_spread * speed),
+        force=math.exp(p.force_session_spread * force),
+        lateral_mm=p.lateral_session_mm * float(lateral),
+        skew_deg=p.skew_session_deg * float(skew),
+        tilts_deg=p.tilt_attachment_deg * random.standard_normal(2),
+        turn_deg=p.turn_attachment_deg * float(turn),
+        shift_mm=p.shift_attachment_mm * float(shift),
+        gains=gains,
+        rest=math.exp(p.rest_drift_spread * rest),
+        wrist_mm=p.wrist_session_mm * random.standard_normal(3),
     )
 
 
 def draw_slide(
-    parameters: OperatorParameters,
-    session: Habits,
-    profile: VelocityProfile,
-    random: np.random.Generator,
+    p: OperatorParameters, habits: Habits, profile: VelocityProfile, random: np.random.Generator
 ) -> Slide:
     """Return one slide over the plate in a velocity profile."""
-    p = parameters
-    factor = session.speed * float(np.exp(p.speed_scan_spread * random.standard_normal()))
-    longest = round(1000.0 * PLATE_MM / (0.3 * min(_ends(p, profile))))
-    speed_wander = _wander(longest, p.speed_wander_spread, p.speed_wander_s, random)
-    along_mm = _move(p, profile, factor * np.exp(speed_wander))
-    n = len(along_mm)
-    scan_force = float(np.exp(p.force_scan_spread * random.standard_normal()))
-    level = p.force_g * session.force * scan_force
-    wander = _wander(n, p.force_wander_spread, p.force_wander_s, random)
-    across_mm = p.lateral_wander_mm * _wander(n, 1.0, 1.0, random)
-    slide = Slide(along_mm, across_mm, level * np.exp(wander) * _touch(n))
-    return _with_air(slide)
+    skew_deg = habits.skew_deg + p.skew_scan_deg * float(random.standard_normal())
+    mounting = _mounting(p, habits, skew_deg, random)
+    along_mm = _along(p, habits, profile, random)
+    rows = np.zeros((len(along_mm), N_COLUMNS))
+    rows[:, ALONG] = along_mm
+    rows[:, ACROSS] = _across(p, habits, along_mm, skew_deg, random)
+    rows[:, FORCE] = _force(p, habits, len(along_mm), random)
+    rows[:, WRIST_ALONG:] = _wrist(p, habits, along_mm, random)
+    before, after = lower(p, rows[0]), lift(p, rows[-1])
+    back = carry(p, after[-1], before[0])
+    whole = np.concatenate([before, rows, after, back])
+    return Slide(whole, len(before), len(before) + len(rows), mounting)
 
 
-def _ends(p: OperatorParameters, profile: VelocityProfile) -> tuple[float, float]:
-    """Return the speeds at the first and at the last mark, mm/s."""
+def lower(p: OperatorParameters, first: _Floats) -> _Floats:
+    """Return rows in which the finger comes down in the place of a row, float64 (n, 7)."""
+    return lift(p, first, p.lower_s)[::-1]
+
+
+def lift(p: OperatorParameters, last: _Floats, seconds: float | None = None) -> _Floats:
+    """Return rows in which the finger leaves the plate in the place of a row, float64 (n, 7)."""
+    n = round(1000 * (p.lift_s if seconds is None else seconds))
+    rows = np.tile(last, (n, 1))
+    rows[:, FORCE] = 0.0
+    rows[:, HEIGHT] = last[HEIGHT] + (p.air_mm - last[HEIGHT]) * smooth_step(n)
+    return rows
+
+
+def carry(p: OperatorParameters, begin: _Floats, end: _Floats) -> _Floats:
+    """Return rows in which the hand moves through the air between two rows, float64 (n, 7)."""
+    share = smooth_step(round(1000 * p.return_s))[:, None]
+    return begin + (end - begin) * share
+
+
+def smooth_step(n: int) -> _Floats:
+    """Return 0 to 1 in n steps, at rest at both ends (minimum jerk), float64 (n,)."""
+    t = np.arange(1, n + 1, dtype=np.float64) / n
+    step: _Floats = t**3 * (10.0 + t * (6.0 * t - 15.0))
+    return step
+
+
+def intended_speeds(p: OperatorParameters, profile: VelocityProfile) -> tuple[float, float]:
+    """Return the speeds that a profile asks for near the first and the last mark, mm/s."""
     constant = {
         VelocityProfile.SLOW: p.slow_mm_s,
         VelocityProfile.MEDIUM: p.medium_mm_s,
@@ -113,45 +140,94 @@ def _ends(p: OperatorParameters, profile: VelocityProfile) -> tuple[float, float
     if profile in constant:
         return constant[profile], constant[profile]
     ends = p.slow_mm_s, p.fast_mm_s
-    return ends if profile is VelocityProfile.SLOW_TO_FAST else ends[::-1]
+    return ends if profile is VelocityProfile.SLOW_TO_FAST else (ends[1], ends[0])
 
 
-def _move(p: OperatorParameters, profile: VelocityProfile, factors: _Floats) -> _Floats:
-    """Return positions from the run-up to the end, mm; the speed follows the position."""
-    first, last = MARKS_MM
-    begin, end = _ends(p, profile)
-    position, positions = first - RUN_UP_MM, []
+def _mounting(
+    p: OperatorParameters, habits: Habits, skew_deg: float, random: np.random.Generator
+) -> Mounting:
+    tilts_deg = habits.tilts_deg + p.tilt_scan_deg * random.standard_normal(2)
+    along_mm, across_mm = TAXEL_PITCH_MM * np.tan(np.radians(tilts_deg))
+    shift_mm = habits.shift_mm + p.seating_mm * float(random.standard_normal())
+    turn_deg = habits.turn_deg + skew_deg + p.turn_scan_deg * float(random.standard_normal())
+    return Mounting(float(along_mm), float(across_mm), shift_mm, habits.gains, turn_deg)
+
+
+def _along(
+    p: OperatorParameters, habits: Habits, profile: VelocityProfile, random: np.random.Generator
+) -> _Floats:
+    """Return the positions from touch to lift, mm; the intended speed follows the position."""
+    before, after = np.abs(p.run_up_mm + p.run_up_scatter_mm * random.standard_normal(2))
+    begin_mm = max(MARKS_MM[0] - float(before), EDGE_MM)
+    end_mm = min(MARKS_MM[1] + float(after), PLATE_MM - EDGE_MM)
+    factors = habits.speed * np.exp(p.speed_scan_spread * random.standard_normal(2))
+    first, last = np.array(intended_speeds(p, profile)) * factors
+    if profile in (VelocityProfile.SLOW, VelocityProfile.MEDIUM, VelocityProfile.FAST):
+        last = first
+    middle_mm = _MIDDLE_MM + p.change_place_mm * float(random.standard_normal())
+    places = np.arange(int(PLATE_MM) + 1)
+    share = np.clip((places - middle_mm) / p.change_mm + 0.5, 0.0, 1.0)
+    speeds = first + (last - first) * share * share * (3.0 - 2.0 * share)
+    longest = round(1000.0 * PLATE_MM / (SLOWEST * float(min(first, last))))
+    wandering = np.exp(p.speed_wander_spread * wander(longest, p.speed_wander_s, random))
+    path = _integrate(begin_mm, end_mm, speeds.tolist(), np.maximum(wandering, SLOWEST).tolist())
+    return _with_soft_ends(np.array(path), round(1000.0 * p.acceleration_s))
+
+
+def _integrate(
+    begin_mm: float, end_mm: float, speeds: list[float], factors: list[float]
+) -> list[float]:
+    position, positions = begin_mm, []
     for factor in factors:
-        share = min(max((position - first) / (last - first), 0.0), 1.0)
-        position += (begin + (end - begin) * share) * factor * TICK_S
-        if position >= last + RUN_UP_MM:
-            break
         positions.append(position)
-    return np.array(positions)
+        position += speeds[int(position)] * factor * 1e-3
+        if position >= end_mm:
+            break
+    return positions
 
 
-def _wander(n: int, spread: float, correlation_s: float, random: np.random.Generator) -> _Floats:
-    """Return slow fluctuations of a standard deviation, float64 (n,): a low-passed noise."""
-    keep = float(np.exp(-TICK_S / correlation_s))
-    noise = random.standard_normal(n) * np.sqrt(1.0 - keep * keep)
-    value, values = random.standard_normal(), np.empty(n)
-    for i in range(n):
-        value = keep * value + noise[i]
-        values[i] = value
-    return spread * values
+def _with_soft_ends(positions: _Floats, ramp_ms: int) -> _Floats:
+    """Return the same path that starts from rest and ends at rest: its ends take twice as long."""
+    ramp_ms = min(ramp_ms, len(positions) // 3)
+    rising = (np.arange(2 * ramp_ms) + 1.0) / (2 * ramp_ms)
+    rate = np.concatenate([rising, np.ones(len(positions) - 2 * ramp_ms), rising[::-1]])
+    at = np.minimum(np.cumsum(rate), len(positions) - 1.0)
+    soft: _Floats = np.interp(at, np.arange(len(positions)), positions)
+    return soft
 
 
-def _touch(n: int) -> _Floats:
-    """Return the share of the force while the finger comes down and lifts, 0 to 1."""
-    ramp = np.minimum(np.arange(n), np.arange(n)[::-1]) / 80.0
-    return np.minimum(ramp, 1.0)
+def _across(
+    p: OperatorParameters,
+    habits: Habits,
+    along_mm: _Floats,
+    skew_deg: float,
+    random: np.random.Generator,
+) -> _Floats:
+    lateral_mm = habits.lateral_mm + p.lateral_scan_mm * float(random.standard_normal())
+    wandering = p.lateral_wander_mm * wander(len(along_mm), p.lateral_wander_s, random)
+    straight = lateral_mm + math.tan(math.radians(skew_deg)) * (along_mm - _MIDDLE_MM)
+    across: _Floats = straight + wandering
+    return across
 
 
-def _with_air(slide: Slide) -> Slide:
-    """Return the slide with the time in the air at both ends."""
-    air = (LIFTED_MS, LIFTED_MS)
-    return Slide(
-        np.pad(slide.along_mm, air, mode="edge"),
-        np.pad(slide.across_mm, air, mode="edge"),
-        np.pad(slide.force_g, air),
-    )
+def _force(p: OperatorParameters, habits: Habits, n: int, random: np.random.Generator) -> _Floats:
+    level = p.force_scan_spread * float(random.standard_normal())
+    wandering = p.force_wander_spread * wander(n, p.force_wander_s, random)
+    ramp_ms = min(round(1000.0 * p.touch_s), n // 3)
+    touch = np.ones(n)
+    touch[:ramp_ms], touch[n - ramp_ms :] = smooth_step(ramp_ms), smooth_step(ramp_ms)[::-1]
+    force: _Floats = p.force_g * habits.force * np.exp(level + wandering) * touch
+    return force
+
+
+def _wrist(
+    p: OperatorParameters, habits: Habits, along_mm: _Floats, random: np.random.Generator
+) -> _Floats:
+    """Return how the wrist deviates from its place behind the finger, mm, float64 (n, 3)."""
+    grip_mm = habits.wrist_mm + p.wrist_scan_mm * random.standard_normal(3)
+    bend_mm = p.wrist_bend_mm * random.standard_normal(3)
+    share = (along_mm - _MIDDLE_MM) / (MARKS_MM[1] - MARKS_MM[0])
+    n = len(along_mm)
+    wandering = np.stack([wander(n, p.wrist_wander_s, random) for _ in range(3)], axis=1)
+    deviation: _Floats = grip_mm + share[:, None] * bend_mm + p.wrist_wander_mm * wandering
+    return deviation
