@@ -138,6 +138,7 @@ docs: $(VENV)/.ready
 	@$(BIN)/python -m rigctl.wire.codegen
 	@$(BIN)/python -m rigctl.encoding.neuron_header
 	@$(BIN)/python -m rigctl.simulation.bench.parameter_tables
+	@$(BIN)/python -m rigctl.simulation.finger.parameter_page
 	@$(BIN)/python -m tests.architecture.picture
 
 lock:

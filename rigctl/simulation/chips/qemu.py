@@ -114,7 +114,7 @@ class FingerImage:
     ) -> None:
         self._host.close()
         self._taxels.close()
-        self._process.terminate()
+        self._process.kill()  # it has no disk to save, and would report a request to end
         self._process.wait()
         self._folder.cleanup()
 

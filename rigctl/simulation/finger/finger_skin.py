@@ -51,7 +51,10 @@ class _Motion:
         self.log = np.zeros((RING_MS, 5))
 
     def append(
-        self, along_mm: NDArray[np.float64], force_g: NDArray[np.float64], depth_mm: NDArray[np.float64]
+        self,
+        along_mm: NDArray[np.float64],
+        force_g: NDArray[np.float64],
+        depth_mm: NDArray[np.float64],
     ) -> None:
         """Add milliseconds: position, force and depth, float64 (n,) each."""
         before = self.log[self.time_ms % RING_MS, FORCE_G]

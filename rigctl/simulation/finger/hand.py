@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rigctl.protocol.finger import MARKS_MM
 from rigctl.simulation.finger.operator import (
     ALONG,
+    EDGE_MM,
     FORCE,
     HEIGHT,
     N_COLUMNS,
@@ -138,8 +139,8 @@ def too_fast(contact: Contact) -> Contact:
     rows = contact.rows
     distance_mm = rows[-1, ALONG] - rows[0, ALONG]
     pace = max(1.0, TOO_FAST_MM_S * len(rows) * 1e-3 / max(distance_mm, 1.0))
-    at = np.append(np.arange(0.0, len(rows) - 1, pace), len(rows) - 1.0)
-    return contact._replace(rows=_played(rows, at))
+    at = np.cumsum(np.concatenate([_ramp(1.0, pace), np.full(len(rows), pace)]))
+    return contact._replace(rows=_played(rows, np.append(at[at < len(rows) - 1], len(rows) - 1.0)))
 
 
 def lift_for(seconds: float) -> Change:
@@ -178,13 +179,16 @@ def _at_pace(pace: _Floats) -> Change:
 
 
 def _played(rows: _Floats, at: _Floats) -> _Floats:
-    """Return the rows at fractional places; before the first one the hand goes back in line."""
+    """Return the rows at fractional places; before the first one the hand goes back in line, but
+    not off the plate.
+    """
     inside = np.clip(at, 0.0, len(rows) - 1.0)
     low = np.minimum(inside.astype(int), max(len(rows) - 2, 0))
     high = np.minimum(low + 1, len(rows) - 1)
     played: _Floats = rows[low] + (inside - low)[:, None] * (rows[high] - rows[low])
     speed = rows[min(1, len(rows) - 1), ALONG] - rows[0, ALONG]
-    played[:, ALONG] += np.minimum(at, 0.0) * speed
+    back_mm = played[:, ALONG] + np.minimum(at, 0.0) * speed
+    played[:, ALONG] = np.where(at < 0.0, np.maximum(back_mm, EDGE_MM), back_mm)
     return played
 
 

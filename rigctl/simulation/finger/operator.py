@@ -191,7 +191,8 @@ def _with_soft_ends(positions: _Floats, ramp_ms: int) -> _Floats:
     ramp_ms = min(ramp_ms, len(positions) // 3)
     rising = (np.arange(2 * ramp_ms) + 1.0) / (2 * ramp_ms)
     rate = np.concatenate([rising, np.ones(len(positions) - 2 * ramp_ms), rising[::-1]])
-    at = np.minimum(np.cumsum(rate), len(positions) - 1.0)
+    at = np.cumsum(rate) - rate[0]
+    at *= (len(positions) - 1.0) / at[-1]
     soft: _Floats = np.interp(at, np.arange(len(positions)), positions)
     return soft
 

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 from rigctl.simulation.bench.parameter_fields import parameter as _p
 
-PROFILES = "published: the paper names the profile; the speed is plausible"
-GRADED = "published: humans tell forces apart by 7 to 27 % (Sci. Rep. 12, 2022, s41598-022-12010-0)"
+NAMED = "plausible: the paper names the profile"
+FELT = "plausible: a person feels changes from 7 to 10 % on [2]"
+VIVE = "published: [1]"
+TILTED = "plausible: that there is one, is published [1]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,9 +22,9 @@ class OperatorParameters:
     """How a person moves; ``spread`` is the standard deviation of the logarithm."""
 
     # Speed
-    slow_mm_s: float = _p(60.0, "mm/s", 30, 90, "speed of a slow slide between the marks", PROFILES)
-    medium_mm_s: float = _p(100.0, "mm/s", 70, 140, "the same, medium", PROFILES)
-    fast_mm_s: float = _p(160.0, "mm/s", 120, 300, "the same, fast", PROFILES)
+    slow_mm_s: float = _p(60.0, "mm/s", 30, 90, "speed of a slow slide between the marks", NAMED)
+    medium_mm_s: float = _p(100.0, "mm/s", 70, 140, "the same, medium", NAMED)
+    fast_mm_s: float = _p(160.0, "mm/s", 120, 300, "the same, fast", NAMED)
     change_mm: float = _p(120.0, "mm", 40, 200, "travel over which slow becomes fast")
     change_place_mm: float = _p(15.0, "mm", 0, 40, "scatter of the middle of that change, rms")
     speed_session_spread: float = _p(0.05, "", 0, 0.3, "spread of all speeds over sessions")
@@ -45,8 +47,8 @@ class OperatorParameters:
     # Pressure
     force_g: float = _p(400.0, "g", 150, 800, "contact force")
     force_session_spread: float = _p(0.10, "", 0, 0.4, "its spread over sessions")
-    force_scan_spread: float = _p(0.15, "", 0, 0.4, "its spread over scans", GRADED)
-    force_wander_spread: float = _p(0.12, "", 0, 0.4, "its spread within a scan", GRADED)
+    force_scan_spread: float = _p(0.15, "", 0, 0.4, "its spread over scans", FELT)
+    force_wander_spread: float = _p(0.12, "", 0, 0.4, "its spread within a scan", FELT)
     force_wander_s: float = _p(0.4, "s", 0.1, 2, "time in which the force wanders")
     touch_s: float = _p(0.08, "s", 0.03, 0.3, "time from the first touch to the full force")
 
@@ -86,18 +88,14 @@ class TrackerParameters:
     """What the tracker measures of the wrist, and when its measurements arrive."""
 
     rate_hz: float = _p(100.0, "Hz", 90, 120, "measurements a second")
-    noise_mm: float = _p(
-        0.1, "mm", 0, 0.2, "noise of each coordinate, rms", "published: Niehorster et al. 2017"
-    )
-    latency_ms: float = _p(
-        22.0, "ms", 10, 50, "latency that the source knows", "published: Niehorster et al. 2017"
-    )
+    noise_mm: float = _p(0.1, "mm", 0, 0.2, "noise of each coordinate, rms", VIVE)
+    latency_ms: float = _p(22.0, "ms", 10, 50, "latency that the source knows", VIVE)
     latency_error_ms: float = _p(3.0, "ms", 0, 10, "unknown rest of the latency of a session, rms")
     arrival_jitter_ms: float = _p(1.0, "ms", 0, 5, "mean delay of an arrival; exponential")
     dropouts_per_min: float = _p(2.0, "1/min", 0, 60, "short gaps in the measurements")
     dropout_ms: float = _p(40.0, "ms", 10, 200, "mean length of a gap; exponential")
     frame_tilt_deg: float = _p(
-        1.5, "°", 0, 5, "tilt of its frame to the plate, rms", "published: Niehorster et al. 2017"
+        1.5, "°", 0, 5, "tilt of its frame to the plate, each way, rms", TILTED
     )
     shift_after_loss_mm: float = _p(
         3.0,

@@ -38,7 +38,7 @@ from rigctl.simulation.finger.truth import FingerTruth
 from rigctl.simulation.simulated_rig import SimulatedLink
 
 FINGER = "finger"
-FLUSH_US = 20_000
+FLUSH_US = 10_000
 """Period in which samples reach the host, as on the bench's virtual taxel board."""
 
 USB_US = 500

@@ -1,0 +1,1 @@
+"""The virtual finger: person, skin, tracker, board and faults."""
