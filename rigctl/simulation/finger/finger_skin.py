@@ -17,6 +17,7 @@ from rigctl.simulation.bench.contact import (
     force_table,
 )
 from rigctl.simulation.bench.mechanics import (
+    CELLS_PER_MM,
     CONTACTS,
     DEPTH_MM,
     DRUM_MM,
@@ -24,9 +25,9 @@ from rigctl.simulation.bench.mechanics import (
     RING_MS,
     Mechanics,
 )
+from rigctl.simulation.bench.numba_options import compiled
 from rigctl.simulation.bench.parameters import WorldParameters, validated
 from rigctl.simulation.bench.skin import SLOT_US, Skin
-from rigctl.simulation.bench.textures import GRID_MM
 from rigctl.values import DRAWN_WIRING
 from rigctl.wire.finger.messages import N_TAXELS
 
@@ -40,6 +41,7 @@ MOST_MS = RING_MS // 2
 MS_PER_SLIDE = 1 << 24
 """Noise counts milliseconds from here for each slide, so that it depends on the slide's number."""
 CONTACTS_PER_SLIDE = 1 << 10
+_Floats = NDArray[np.float64]
 
 
 class _Motion:
@@ -50,20 +52,18 @@ class _Motion:
         self.contacts = 0
         self.log = np.zeros((RING_MS, 5))
 
-    def append(
-        self,
-        along_mm: NDArray[np.float64],
-        force_g: NDArray[np.float64],
-        depth_mm: NDArray[np.float64],
-    ) -> None:
-        """Add milliseconds: position, force and depth, float64 (n,) each."""
-        before = self.log[self.time_ms % RING_MS, FORCE_G]
-        touches = (force_g > 0) & (np.concatenate([[before], force_g[:-1]]) <= 0)
-        at = np.arange(self.time_ms + 1, self.time_ms + 1 + len(force_g)) % RING_MS
-        self.log[at, DRUM_MM] = along_mm
-        self.log[at, FORCE_G], self.log[at, DEPTH_MM] = force_g, depth_mm
-        self.log[at, CONTACTS] = self.contacts + np.cumsum(touches)
-        self.contacts += int(touches.sum())
+    def append(self, along_mm: _Floats, force_g: _Floats, forces: ForceTable) -> None:
+        """Add milliseconds: place on the table and force, float64 (n,) each."""
+        self.contacts = _log_motion(
+            self.log,
+            self.time_ms,
+            self.contacts,
+            along_mm,
+            force_g,
+            forces.force_g,
+            forces.cell_mm,
+            forces.frame_mm_g,
+        )
         self.time_ms += len(force_g)
 
 
@@ -86,7 +86,7 @@ class FingerSkin:
         self._motion = _Motion()
         self._skin = Skin(self._p, seed, cast("Mechanics", self._motion))
         self._plates: dict[str, ContactTables] = {}
-        self._forces: ForceTable | None = None
+        self._forces = ForceTable(np.zeros((2, 1), np.float32), 0.0, 0.0)
 
     def begin_slide(self, number: int, plate: str, mounting: Mounting) -> None:
         """Lay out a plate for slide ``number``. Raises WrongUse for an unknown plate."""
@@ -98,9 +98,7 @@ class FingerSkin:
         self._jump((number + 1) * MS_PER_SLIDE)
         self._motion.contacts = (number + 1) * CONTACTS_PER_SLIDE
 
-    def advance(
-        self, along_mm: NDArray[np.float64], force_g: NDArray[np.float64]
-    ) -> NDArray[np.uint16]:
+    def advance(self, along_mm: _Floats, force_g: _Floats) -> NDArray[np.uint16]:
         """Return the readings of the next milliseconds, in the order of the taxel board's wire.
 
         Takes the place on the plate in mm and the contact force in g, float64 (n,) each; returns
@@ -114,15 +112,10 @@ class FingerSkin:
             [self._advance(along_mm[i : i + MOST_MS], force_g[i : i + MOST_MS]) for i in parts]
         )
 
-    def _advance(
-        self, along_mm: NDArray[np.float64], force_g: NDArray[np.float64]
-    ) -> NDArray[np.uint16]:
+    def _advance(self, along_mm: _Floats, force_g: _Floats) -> NDArray[np.uint16]:
         first = self._motion.time_ms
         table_mm = along_mm + self._p.plate_start_mm
-        depth_mm = np.zeros(len(force_g))
-        if self._forces is not None and force_g.any():
-            depth_mm = _depth_mm(self._forces, table_mm, force_g)
-        self._motion.append(table_mm, force_g, depth_mm)
+        self._motion.append(table_mm, np.ascontiguousarray(force_g), self._forces)
         self._skin.advance()
         # A frame's slots lie between two rows of levels, so the newest frame ends a row earlier.
         starts_us = np.arange(first - 1, first - 1 + len(force_g), dtype=np.float64) * 1000.0
@@ -138,16 +131,38 @@ class FingerSkin:
         self._motion.time_ms = self._skin.time_ms = time_ms
 
 
-def _depth_mm(
-    forces: ForceTable, table_mm: NDArray[np.float64], force_g: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the depth at which the skin carries a force at each place, float64 (n,)."""
-    positions = forces.force_g.shape[1]
-    columns = forces.force_g[:, np.rint(table_mm / GRID_MM).astype(int) % positions]
-    above = np.argmax(columns >= force_g, axis=0)
-    row = np.clip(above, 1, len(columns) - 1)
-    n = np.arange(len(force_g))
-    low, high = columns[row - 1, n], columns[row, n]
-    share = np.clip((force_g - low) / np.maximum(high - low, 1e-9), 0.0, 1.0)
-    depth_mm: NDArray[np.float64] = (row - 1 + share) * forces.cell_mm - force_g * forces.frame_mm_g
-    return np.where(force_g > 0.0, np.maximum(depth_mm, 0.0), 0.0)
+@compiled
+def _log_motion(
+    log: _Floats,
+    time_ms: int,
+    contacts: int,
+    along_mm: _Floats,
+    force_g: _Floats,
+    table: NDArray[np.float32],
+    cell_mm: float,
+    frame_mm_g: float,
+) -> int:
+    """Log milliseconds after ``time_ms``; return the number of contacts so far.
+
+    The depth is the one at which the skin carries the force at that place; ``table``: float32
+    (travels, positions), see :class:`ForceTable`.
+    """
+    last, positions = table.shape[0] - 1, table.shape[1]
+    before = log[time_ms % RING_MS, FORCE_G]
+    for k in range(force_g.size):
+        row, force = log[(time_ms + 1 + k) % RING_MS], force_g[k]
+        contacts += force > 0.0 and before <= 0.0
+        column = round(along_mm[k] * CELLS_PER_MM) % positions
+        low, high = 0, last
+        while high - low > 1:
+            middle = (low + high) // 2
+            if table[middle, column] >= force:
+                high = middle
+            else:
+                low = middle
+        step_g = max(table[high, column] - table[low, column], 1e-9)
+        travel = low + min(max((force - table[low, column]) / step_g, 0.0), 1.0)
+        row[DRUM_MM], row[FORCE_G], row[CONTACTS] = along_mm[k], force, contacts
+        row[DEPTH_MM] = max(travel * cell_mm - force * frame_mm_g, 0.0) if force > 0.0 else 0.0
+        before = force
+    return contacts

@@ -74,7 +74,7 @@ class Hand:
         begin_ms = max(now_ms + 1, self.free_ms)
         self._rows = self.rows(max(self._first_ms, now_ms - KEPT_MS), begin_ms)
         self._first_ms = begin_ms - len(self._rows)
-        approach = carry(self._p, self._rows[-1], slide.rows[0])
+        approach = carry(self._rows[-1], slide.rows[0], self._p.lower_s)
         self._rows = np.concatenate([self._rows, approach, slide.rows])
         first_ms = begin_ms + len(approach)
         self._down_ms, self._up_ms = first_ms + slide.down, first_ms + slide.up
@@ -98,8 +98,10 @@ class Hand:
 
     def rows(self, begin_ms: int, end_ms: int) -> _Floats:
         """Return the rows of these milliseconds, float64 (n, 7); the hand rests after its plan."""
-        at = np.arange(begin_ms, end_ms) - self._first_ms
-        rows: _Floats = self._rows[np.clip(at, 0, len(self._rows) - 1)]
+        begin, end = begin_ms - self._first_ms, end_ms - self._first_ms
+        if begin >= 0 and end <= len(self._rows):
+            return self._rows[begin:end]
+        rows: _Floats = self._rows[np.clip(np.arange(begin, end), 0, len(self._rows) - 1)]
         return rows
 
     def at(self, time_ms: float) -> _Floats:
@@ -162,7 +164,7 @@ def stop_early(contact: Contact) -> Contact:
     slow = _played(contact.rows, np.minimum(np.cumsum(_ramp(1.0, 0.0)), len(contact.rows) - 1.0))
     slow[:, FORCE] *= 1.0 - smooth_step(len(slow))
     up = lift(contact.parameters, slow[-1])
-    back = carry(contact.parameters, up[-1], contact.after[-1])
+    back = carry(up[-1], contact.after[-1], contact.parameters.return_s)
     return contact._replace(rows=slow, after=np.concatenate([up, back]))
 
 

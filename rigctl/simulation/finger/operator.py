@@ -98,7 +98,7 @@ def draw_slide(
     rows[:, FORCE] = _force(p, habits, len(along_mm), random)
     rows[:, WRIST_ALONG:] = _wrist(p, habits, along_mm, random)
     before, after = lower(p, rows[0]), lift(p, rows[-1])
-    back = carry(p, after[-1], before[0])
+    back = carry(after[-1], before[0], p.return_s)
     whole = np.concatenate([before, rows, after, back])
     return Slide(whole, len(before), len(before) + len(rows), mounting)
 
@@ -117,9 +117,9 @@ def lift(p: OperatorParameters, last: _Floats, seconds: float | None = None) -> 
     return rows
 
 
-def carry(p: OperatorParameters, begin: _Floats, end: _Floats) -> _Floats:
+def carry(begin: _Floats, end: _Floats, seconds: float) -> _Floats:
     """Return rows in which the hand moves through the air between two rows, float64 (n, 7)."""
-    share = smooth_step(round(1000 * p.return_s))[:, None]
+    share = smooth_step(round(1000 * seconds))[:, None]
     return begin + (end - begin) * share
 
 

@@ -77,7 +77,7 @@ class OperatorParameters:
     corner_touch_mm: float = _p(0.4, "mm", 0, 1, "error of touching a plate's corner, rms")
 
     # Time between slides
-    lower_s: float = _p(0.3, "s", 0.1, 1, "time to bring the finger down to the plate")
+    lower_s: float = _p(0.3, "s", 0.1, 1, "time to get ready, and to bring the finger down")
     lift_s: float = _p(0.2, "s", 0.1, 1, "time to lift it")
     return_s: float = _p(1.0, "s", 0.5, 5, "time in the air back to the start")
     air_mm: float = _p(30.0, "mm", 10, 100, "height in the air")

@@ -12,6 +12,7 @@ sends in answer to a request comes at once, with the samples before it.
 from __future__ import annotations
 
 from collections import deque
+from functools import cache
 
 import numpy as np
 
@@ -44,6 +45,9 @@ FLUSH_US = 10_000
 USB_US = 500
 """Time of bytes on the cable, each way; USB 2.0 polls every 125 µs, and a host needs some more."""
 
+WARM_UP_US = 1_500_000
+"""By then a first slide is on the plate."""
+
 _HABITS, _SLIDE, _TRACKER, _TRACKED_SLIDE, _CORNERS = range(5)
 """Purposes of the random draws."""
 
@@ -74,6 +78,18 @@ def open_virtual_finger(
         (seed, session),
         first_slide,
     )
+
+
+@cache
+def compile_finger_kernels() -> None:
+    """Compile or load every kernel of a virtual finger.
+
+    Compiling takes seconds after an update; during a run it would stall a paced simulation.
+    """
+    finger = open_virtual_finger()
+    finger.slide("A", VelocityProfile.FAST)
+    finger.advance(WARM_UP_US)
+    finger.close()
 
 
 class VirtualFinger:

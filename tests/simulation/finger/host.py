@@ -24,8 +24,13 @@ class FingerHost:
         self.pieces: list[tuple[bytes, float]] = []
         self.positions: list[Position] = []
         self.lost: list[str] = []
-        finger.finger.open(lambda data, at_s: self.pieces.append((data, at_s)), self.lost.append)
+        self.open_cable()
         finger.tracker.open(self.positions.append, self.lost.append)
+
+    def open_cable(self) -> None:
+        """Open the board's cable, from now on with an empty collection."""
+        self.pieces.clear()
+        self.rig.finger.open(lambda data, at_s: self.pieces.append((data, at_s)), self.lost.append)
 
     def wait(self, microseconds: int) -> None:
         """Let simulated time pass, as the event loop does."""

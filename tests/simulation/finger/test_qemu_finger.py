@@ -39,12 +39,11 @@ def test_the_image_sends_the_same_bytes_at_the_same_times() -> None:
 def test_the_image_boots_again_after_the_cable() -> None:
     built("firmware/finger.elf")
     rig = open_qemu_finger(seed=8)
-    FingerHost(rig).wait(20_000)
+    host = FingerHost(rig)
+    host.wait(20_000)
     rig.faults.unplug()
     rig.faults.replug()
-    host = FingerHost.__new__(FingerHost)
-    host.rig, host.pieces = rig, []
-    rig.finger.open(lambda data, at_s: host.pieces.append((data, at_s)), print)
+    host.open_cable()
     host.wait(50_000)
     rig.close()
     assert host.decode()[0].counters[0] == 0
