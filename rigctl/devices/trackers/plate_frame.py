@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rigctl.config.toml_reader import TomlTable, TomlText
-from rigctl.devices.trackers.tracker import Position
 from rigctl.errors import ConfigError, RigFault
 from rigctl.protocol.finger import PLATE_CORNERS_MM
+from rigctl.values import Position
 
 MAX_RESIDUAL_MM = 2.0
 """A corner farther from its place than this was touched wrongly."""

@@ -4,22 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
-
-class Position(NamedTuple):
-    """One measurement of a tracker, in its own frame.
-
-    ``at_s``: loop time at which it holds, which is its arrival less the known latency of the
-    source. ``valid`` is False where the tracker says that it has lost its reference.
-    """
-
-    at_s: float
-    x_mm: float
-    y_mm: float
-    z_mm: float
-    valid: bool
-
+from rigctl.values import Position
 
 OnPosition = Callable[[Position], None]
 """Called in the loop's thread with each position."""

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from rigctl.devices.trackers.path import FingerPath
 from rigctl.devices.trackers.plate_frame import PlateFrame, PlatePosition
-from rigctl.devices.trackers.tracker import Position
 from rigctl.errors import WrongUse
+from rigctl.values import Position
 
 MISSED_S = 0.03
 """Positions farther apart than this are a dropout: a source needs at least 50 positions/s."""

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rigctl.devices.trackers.plate_frame import PlateFrame, fit_plate_frame
-from rigctl.devices.trackers.tracker import Position
 from rigctl.errors import ConfigError, RigFault
 from rigctl.protocol.finger import PLATE_CORNERS_MM
+from rigctl.values import Position
 
 Touched = list[tuple[str, tuple[float, float, float]]]
 

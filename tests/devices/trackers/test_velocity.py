@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.devices.trackers.plate_frame import PlateFrame
-from rigctl.devices.trackers.tracker import Position
 from rigctl.devices.trackers.velocity import BatchVelocity, EstimateSource, VelocityEstimator
 from rigctl.errors import WrongUse
+from rigctl.values import Position
 
 STEP_S = 0.01
 
