@@ -1,0 +1,82 @@
+"""The real-time experiment as published: its tasks, numbers of trials, and quoted accuracies."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rigctl.protocol.finger import VelocityProfile
+
+DRAWS = 100
+N_FOLDS = 4
+TRAINED_SHARE = 0.75
+COMPONENTS = 25
+TRAINED_PROFILES = (VelocityProfile.SLOW, VelocityProfile.MEDIUM)
+
+
+class QuotedAccuracy(NamedTuple):
+    """An accuracy from the text: in per cent, with ``components``, or None for a saturation."""
+
+    percent: float
+    components: int | None = None
+
+
+class FingerTask(NamedTuple):
+    """A task of the real-time experiment.
+
+    ``k_max``: the number of components that its training set allows. ``quoted``: Original's and
+    Speed Scaled's accuracy. ``claims``: what the paper says of the difference.
+    """
+
+    key: str
+    title: str
+    figure: str
+    k_max: int
+    quoted: tuple[QuotedAccuracy, QuotedAccuracy]
+    claims: str
+
+
+SAME_SESSION = FingerTask(
+    "same-session",
+    "Same session",
+    "Fig. 4B",
+    70,
+    (QuotedAccuracy(65.0), QuotedAccuracy(90.0)),
+    "Speed Scaled is better at all components (p < 0.01, d > 1)",
+)
+NEW_SESSION = FingerTask(
+    "new-session",
+    "New session",
+    "Fig. 4B",
+    70,
+    (QuotedAccuracy(50.45, 54), QuotedAccuracy(50.0)),
+    "both saturate around 50 %; Speed Scaled is better (p < 0.01, d > 1) from 5 to 30 components "
+    "and above Original's peak from 10 to 26",
+)
+TRAINED = FingerTask(
+    "trained-profiles",
+    "Trained profiles",
+    "Fig. 4C",
+    25,
+    (QuotedAccuracy(38.6, 20), QuotedAccuracy(48.1, 18)),
+    "Speed Scaled is above Original's peak from 5 components, ** from 4 to 16, p < 0.01 and "
+    "0.5 < d < 1 at the others",
+)
+UNTRAINED = FingerTask(
+    "untrained-profiles",
+    "Untrained profiles",
+    "Fig. 4C",
+    25,
+    (QuotedAccuracy(28.2, 23), QuotedAccuracy(42.7, 9)),
+    "Speed Scaled is above Original's peak from 4 components, ** from 4 to 22, p < 0.01 and "
+    "0.5 < d < 1 at the others",
+)
+DEPLOYED = FingerTask(
+    "deployed",
+    "Real-time classifier",
+    "Fig. S5",
+    95,
+    (QuotedAccuracy(52.33, 67), QuotedAccuracy(61.67, 25)),
+    "Speed Scaled is above Original's peak at most numbers of components from 7, ** at many from "
+    "6 to 26, * at most up to 34",
+)
+FINGER_TASKS = (SAME_SESSION, NEW_SESSION, TRAINED, UNTRAINED, DEPLOYED)
