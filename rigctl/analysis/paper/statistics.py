@@ -13,36 +13,45 @@ from rigctl.errors import WrongUse
 
 Values = NDArray[np.float64]
 
-ASTERISKS = (("**", 0.01, 1.0), ("*", 0.05, 0.5))
+AsteriskRule = tuple[tuple[str, float, float], ...]
+ASTERISKS: AsteriskRule = (("**", 0.01, 1.0), ("*", 0.05, 0.5))
 """Figure 4's rule: p is below the first bound and the size of Cohen's d above the second."""
+PROPORTION_ASTERISKS: AsteriskRule = (("**", 0.01, 0.5), ("*", 0.05, 0.2))
+"""Figure S5's rule, with Cohen's h."""
 REDRAWN = (
     "The values compared are accuracies of repeated draws from the same trials. They are not "
     "independent, so p is smaller and d is larger than for new recordings."
+)
+PAIRED = (
+    "Both proportions are of the same trials; the two-proportion test takes them as independent."
 )
 CEILING_SHARE = 0.99
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Welch's t, its p and Cohen's d, each None where it is not defined.
+    """Welch's t, its p and Cohen's d, each None where it is not defined; or z, p and Cohen's h.
 
-    ``assumptions``: sentences on assumptions that do not hold.
+    ``assumptions``: sentences on assumptions that do not hold. ``rule``: of the asterisks.
     """
 
     statistic: float | None
     p: float | None
     effect: float | None
     assumptions: tuple[str, ...]
+    rule: AsteriskRule = ASTERISKS
 
     @property
     def stars(self) -> str:
         """The paper's asterisks; empty where the test is not defined."""
-        return "" if self.p is None or self.effect is None else asterisks(self.p, self.effect)
+        if self.p is None or self.effect is None:
+            return ""
+        return asterisks(self.p, self.effect, self.rule)
 
 
-def asterisks(p: float, effect: float) -> str:
+def asterisks(p: float, effect: float, rule: AsteriskRule = ASTERISKS) -> str:
     """Return ``""``, ``"*"`` or ``"**"``; the sign of the effect does not matter."""
-    earned = (stars for stars, most_p, least in ASTERISKS if p < most_p and abs(effect) > least)
+    earned = (stars for stars, most_p, least in rule if p < most_p and abs(effect) > least)
     return next(earned, "")
 
 
@@ -92,6 +101,24 @@ def welch(first: Values, second: Values) -> Difference:
     found = stats.ttest_ind_from_stats(*sides[0], *sides[1], equal_var=False)
     effect = cohens_d(first, second)
     return Difference(float(found.statistic), float(found.pvalue), effect, tuple(weak))
+
+
+def two_proportions(first: int, second: int, n: int) -> Difference:
+    """Return the two-tailed two-proportion z-test and Cohen's h of two counts out of ``n`` trials.
+
+    Positive where the first is larger; z is None where no trial, or every one, is counted.
+    Raises :class:`WrongUse` for counts that are not between 0 and n.
+    """
+    from statsmodels.stats.proportion import proportion_effectsize, proportions_ztest
+
+    if not (n > 0 and 0 <= first <= n and 0 <= second <= n):
+        raise WrongUse(f"{first} and {second} are no counts out of {n} trials")
+    effect = float(proportion_effectsize(first / n, second / n))
+    weak = (PAIRED,)
+    if first + second in (0, 2 * n):
+        return Difference(None, None, effect, weak, PROPORTION_ASTERISKS)
+    statistic, p = proportions_ztest([first, second], [n, n])
+    return Difference(float(statistic), float(p), effect, weak, PROPORTION_ASTERISKS)
 
 
 def _variance(values: Values) -> float:

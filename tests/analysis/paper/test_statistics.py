@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.analysis.paper.statistics import asterisks, cohens_d, welch, wilson_interval
+from rigctl.analysis.paper.statistics import (
+    asterisks,
+    cohens_d,
+    two_proportions,
+    welch,
+    wilson_interval,
+)
 from rigctl.errors import WrongUse
 
 
@@ -56,3 +62,25 @@ def test_weak_assumptions_are_reported() -> None:
     high = welch(np.array([0.991, 0.993, 0.995]), np.array([0.90, 0.91, 0.92]))
     assert any("close to 100 %" in s for s in high.assumptions)
     assert any("not independent" in s for s in high.assumptions)
+
+
+def test_two_proportions_are_those_worked_by_hand() -> None:
+    """185 and 157 of 300: p̂ = 0.57, z = 28/300 / sqrt(0.57 · 0.43 · 2 / 300)."""
+    found = two_proportions(185, 157, 300)
+    assert found.statistic == pytest.approx((28 / 300) / np.sqrt(0.57 * 0.43 * 2 / 300))
+    h = 2 * np.arcsin(np.sqrt(185 / 300)) - 2 * np.arcsin(np.sqrt(157 / 300))
+    assert found.effect == pytest.approx(h) and 0.01 < (found.p or 0) < 0.05
+    assert found.stars == "", "h is below 0.2"
+    assert any("same trials" in sentence for sentence in found.assumptions)
+
+
+@pytest.mark.parametrize(("first", "stars"), [(160, ""), (180, "*"), (240, "**"), (60, "**")])
+def test_figure_s5_has_its_own_rule(first: int, stars: str) -> None:
+    assert two_proportions(first, 150, 300).stars == stars
+
+
+def test_proportions_without_a_difference_to_test_have_no_p() -> None:
+    assert two_proportions(0, 0, 300).p is None and two_proportions(0, 0, 300).stars == ""
+    assert two_proportions(300, 300, 300).p is None
+    with pytest.raises(WrongUse, match="no counts"):
+        two_proportions(301, 0, 300)
