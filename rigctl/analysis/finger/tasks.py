@@ -1,0 +1,296 @@
+"""Figures 4B, 4C and S5: accuracy for every number of components, over draws and data sets.
+
+A draw has the same training and test trials in both representations. A new session's trials are
+centred by the mean of its calibration, in place of the training trials' mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.classification.splits import Split, stratified_folds
+from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
+from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.finger import published
+from rigctl.analysis.finger.published import (
+    DEPLOYED,
+    FINGER_TASKS,
+    NEW_SESSION,
+    SAME_SESSION,
+    TRAINED,
+    UNTRAINED,
+    FingerTask,
+)
+from rigctl.analysis.finger.scans import ScanKind, ScanSet
+from rigctl.analysis.paper.statistics import Difference, two_proportions, welch
+from rigctl.errors import WrongUse
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+KINDS = (ScanKind.ORIGINAL, ScanKind.SPEED_SCALED)
+STAGE = "classifying draws"
+CHUNK = 5
+"""Draws of one task."""
+
+
+@dataclass(frozen=True, slots=True)
+class FingerDataSet:
+    """The scans of one data set: a training session, and calibration and run of a later one."""
+
+    name: str
+    training: ScanSet
+    calibration: ScanSet
+    tested: ScanSet
+
+    @classmethod
+    def from_sessions(cls, name: str, first: ScanSet, new: ScanSet) -> FingerDataSet:
+        """Return the data set of two sessions, by their stages train, calibrate and run.
+
+        Raises :class:`WrongUse` for a missing stage, or other textures in a later stage.
+        """
+        parts = first.of_stage("train"), new.of_stage("calibrate"), new.of_stage("run")
+        for part in parts[1:]:
+            if part.textures != parts[0].textures:
+                raise WrongUse(
+                    f"{new.session} has the textures {', '.join(part.textures)}, {first.session} "
+                    f"{', '.join(parts[0].textures)}: pair sessions of one protocol"
+                )
+        return cls(name, *parts)
+
+    @property
+    def textures(self) -> tuple[str, ...]:
+        """Names of the textures, sorted."""
+        return self.training.textures
+
+
+@dataclass(frozen=True, slots=True)
+class FingerSettings:
+    """``draws``: of each data set; ``seed``: of the draws."""
+
+    draws: int = published.DRAWS
+    seed: int = 0
+    engine: SweepEngine = SweepEngine.OWN
+
+    def __post_init__(self) -> None:
+        if self.draws < 1:
+            raise WrongUse("the analysis needs one draw or more")
+
+
+@dataclass(frozen=True, slots=True)
+class FingerResult:
+    """Accuracies of a task. ``accuracy``: of each kind, float64 (draws of all sets, k_max).
+
+    ``n_tested``: trials that a draw tests; ``n_train``: that it trains on, at least.
+    """
+
+    task: FingerTask
+    accuracy: dict[ScanKind, Floats]
+    n_tested: int
+    n_train: int
+    chance: float
+
+    @property
+    def k_max(self) -> int:
+        """The largest number of components."""
+        return int(self.accuracy[ScanKind.ORIGINAL].shape[1])
+
+    def mean(self, kind: ScanKind) -> Floats:
+        """Return the mean accuracy for each number of components, float64 (k_max,)."""
+        return np.asarray(self.accuracy[kind].mean(axis=0))
+
+    def standard_error(self, kind: ScanKind) -> Floats:
+        """Return the standard error over draws, or that of a proportion for a single fit a set."""
+        values = self.accuracy[kind]
+        if self.task is DEPLOYED:
+            mean = values.mean(axis=0)
+            return np.sqrt(mean * (1.0 - mean) / (len(values) * self.n_tested))
+        if len(values) < 2:
+            return np.zeros(self.k_max)
+        return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(len(values)))
+
+    def differences(self) -> list[Difference]:
+        """Return Speed Scaled against Original for each number of components."""
+        scaled, original = (self.accuracy[kind].T for kind in KINDS[::-1])
+        if self.task is not DEPLOYED:
+            return [welch(one, other) for one, other in zip(scaled, original, strict=True)]
+        n = scaled.shape[1] * self.n_tested
+        counts = (np.rint(one.sum(axis=1) * self.n_tested).astype(int) for one in (scaled, original))
+        return [two_proportions(int(one), int(other), n) for one, other in zip(*counts, strict=True)]
+
+
+class _DrawTask(NamedTuple):
+    data_set: FingerDataSet
+    number: int
+    draws: range
+    settings: FingerSettings
+
+
+DrawnAccuracies = dict[tuple[str, ScanKind], list[Floats]]
+
+
+def run_finger_tasks(
+    data_sets: Sequence[FingerDataSet],
+    settings: FingerSettings,
+    resources: Resources = SERIAL_RESOURCES,
+) -> list[FingerResult]:
+    """Return the results of every task. Raises :class:`WrongUse` where trials are too few."""
+    tasks = [
+        _DrawTask(data_set, number, range(at, min(at + CHUNK, settings.draws)), settings)
+        for number, data_set in enumerate(data_sets)
+        for at in range(0, settings.draws, CHUNK)
+    ]
+    found: DrawnAccuracies = {}
+    for drawn in resources.map(_draw_accuracies, tasks, STAGE):
+        for key, rows in drawn.items():
+            found.setdefault(key, []).extend(rows)
+    return [_join(task, data_sets, found) for task in FINGER_TASKS]
+
+
+def _join(
+    task: FingerTask, data_sets: Sequence[FingerDataSet], found: DrawnAccuracies
+) -> FingerResult:
+    rows = {kind: found[task.key, kind] for kind in KINDS}
+    # Sets of other sizes may allow other numbers of components: the common ones are compared.
+    k_max = min(len(row) for kind in KINDS for row in rows[kind])
+    accuracy = {kind: np.array([row[:k_max] for row in rows[kind]]) for kind in KINDS}
+    tested = min(len(_tested(task, data_set)) for data_set in data_sets)
+    n_train = min(_n_train(task, data_set) for data_set in data_sets)
+    chance = 1.0 / len(data_sets[0].textures)
+    return FingerResult(task, accuracy, tested, n_train, chance)
+
+
+def _tested(task: FingerTask, data_set: FingerDataSet) -> ScanSet:
+    if task is SAME_SESSION:
+        return data_set.training
+    if task not in (TRAINED, UNTRAINED):
+        return data_set.tested
+    trained = np.isin(data_set.tested.profile, published.TRAINED_PROFILES)
+    return data_set.tested.select(trained if task is TRAINED else ~trained)
+
+
+def _n_train(task: FingerTask, data_set: FingerDataSet) -> int:
+    training = data_set.training
+    if task in (TRAINED, UNTRAINED):
+        training = training.of_profiles(published.TRAINED_PROFILES)
+    if task is DEPLOYED:
+        return len(training)
+    return len(training) - round(len(training) * (1.0 - published.TRAINED_SHARE))
+
+
+def _draw_accuracies(task: _DrawTask) -> DrawnAccuracies:
+    """Return the accuracies of some draws of one data set, by task and kind."""
+    found: DrawnAccuracies = {}
+    for draw in task.draws:
+        seed = [task.settings.seed, task.number, draw]
+        for kind in KINDS:
+            for key, row in draw_accuracies(task.data_set, kind, seed, task.settings.engine):
+                found.setdefault((key, kind), []).append(row)
+    if 0 in task.draws:
+        for kind in KINDS:
+            accuracy = deployed_accuracy(task.data_set, kind, task.settings.engine)
+            found[DEPLOYED.key, kind] = [accuracy]
+    return found
+
+
+def draw_accuracies(
+    data_set: FingerDataSet, kind: ScanKind, seed: Sequence[int], engine: SweepEngine
+) -> list[tuple[str, Floats]]:
+    """Return the accuracies of one draw of Figures 4B and 4C, float64 (k_max,), by task key."""
+    random = np.random.default_rng(seed)
+    training = data_set.training
+    folds = _fold_splits(training.labels(data_set.textures), random)
+    same = _accuracies(training, data_set, kind, folds, SAME_SESSION.k_max, engine)
+    everything = np.arange(len(training))
+    train = _draw(everything, random)
+    tests = {NEW_SESSION.key: np.arange(len(data_set.tested))}
+    new = _new_session(data_set, kind, train, tests, NEW_SESSION.k_max, engine)
+    profiles = np.isin(training.profile, published.TRAINED_PROFILES)
+    if not profiles.any():
+        raise WrongUse(f"{training.session} has no training trials of the profiles slow and medium")
+    train = _draw(everything[profiles], random)
+    trained = np.isin(data_set.tested.profile, published.TRAINED_PROFILES)
+    tests = {TRAINED.key: np.flatnonzero(trained), UNTRAINED.key: np.flatnonzero(~trained)}
+    other = _new_session(data_set, kind, train, tests, TRAINED.k_max, engine)
+    return [(SAME_SESSION.key, same[SAME_SESSION.key]), *new.items(), *other.items()]
+
+
+def deployed_accuracy(data_set: FingerDataSet, kind: ScanKind, engine: SweepEngine) -> Floats:
+    """Return the accuracy of Figure S5 in one data set: all training trials, float64 (k_max,)."""
+    rows = np.arange(len(data_set.training))
+    tests = {DEPLOYED.key: np.arange(len(data_set.tested))}
+    return _new_session(data_set, kind, rows, tests, DEPLOYED.k_max, engine)[DEPLOYED.key]
+
+
+def _fold_splits(labels: Integers, random: np.random.Generator) -> list[Split]:
+    folds = stratified_folds(labels, published.N_FOLDS, int(random.integers(2**63)))
+    return [Split(train, {SAME_SESSION.key: test}) for train, test in folds]
+
+
+def _draw(rows: NDArray[np.intp], random: np.random.Generator) -> NDArray[np.intp]:
+    """Return three quarters of the rows, whatever their texture, as the paper draws them."""
+    return np.sort(random.permutation(rows)[: round(len(rows) * published.TRAINED_SHARE)])
+
+
+def _new_session(
+    data_set: FingerDataSet,
+    kind: ScanKind,
+    train: NDArray[np.intp],
+    tests: dict[str, NDArray[np.intp]],
+    k_max: int,
+    engine: SweepEngine,
+) -> dict[str, Floats]:
+    """Train on training trials and test trials of the new session, centred by its calibration."""
+    n = len(data_set.training)
+    moved = {key: n + rows for key, rows in tests.items()}
+    split = [Split(train, moved)]
+    return _accuracies(data_set.training, data_set, kind, split, k_max, engine)
+
+
+def _accuracies(
+    training: ScanSet,
+    data_set: FingerDataSet,
+    kind: ScanKind,
+    splits: Sequence[Split],
+    k_max: int,
+    engine: SweepEngine,
+) -> dict[str, Floats]:
+    """Return the share of correct predictions over the splits, float64 (k_max,), by task key."""
+    features = training.features(kind)
+    labels = training.labels(data_set.textures)
+    if any(rows.max() >= len(training) for split in splits for rows in split.tests.values()):
+        # Replacing the training mean before the projection shifts the new session's features.
+        shift = features[splits[0].train].mean(axis=0)
+        shift -= data_set.calibration.features(kind).mean(axis=0)
+        features = np.concatenate([features, data_set.tested.features(kind) + shift])
+        labels = np.concatenate([labels, data_set.tested.labels(data_set.textures)])
+    k_max = _allowed(k_max, labels, splits)
+    found = predict_splits(
+        features, {key: labels for key in splits[0].tests}, splits, k_max, engine
+    )
+    return {
+        key: np.concatenate(
+            [
+                one.predictions[key] == labels[split.tests[key]]
+                for one, split in zip(found, splits, strict=True)
+            ],
+            axis=1,
+        ).mean(axis=1)
+        for key in splits[0].tests
+    }
+
+
+def _allowed(k_max: int, labels: Integers, splits: Sequence[Split]) -> int:
+    """Return the number of components that the smallest training set allows, at most ``k_max``."""
+    most = min(len(split.train) - len(np.unique(labels[split.train])) for split in splits)
+    if most < 1:
+        raise WrongUse(
+            "the training trials are too few for a classifier: train with two or more of each "
+            "texture"
+        )
+    return min(k_max, most)
