@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
+from rigctl.analysis.classification.posteriors import log_posteriors
 from rigctl.analysis.classification.prediction_remarks import prediction_remarks
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.condition_tasks import c_per_trial
@@ -123,26 +123,6 @@ def classify(
         errors,
         (*warnings, *trials.remarks, *remarks),
     )
-
-
-def log_posteriors(model: Model, features: Floats) -> Floats:
-    """Return the log posterior of each class: features float64 (n, p) → (n, classes)."""
-    factor, used = model.factor.copy(), np.ones(model.components)
-    # Components without within-class variance take no part.
-    factor[model.dropped, model.dropped] = 1.0
-    used[model.dropped] = 0.0
-    offset = model.mean @ model.axes
-    means = model.whitened_means
-    constant = model.log_priors - 0.5 * (means * means).sum(axis=0)
-    logs = np.empty((len(features), len(model.classes)))
-    # One row at a time: a matrix product may round a row differently beside other rows.
-    for row, trial in enumerate(np.ascontiguousarray(features, np.float64)):
-        scores = (trial @ model.axes - offset) * used
-        white = linalg.solve_triangular(factor, scores, lower=True, check_finite=False)
-        logs[row] = white @ means + constant
-    top = logs.max(axis=1, keepdims=True)
-    normal: Floats = logs - top - np.log(np.exp(logs - top).sum(axis=1, keepdims=True))
-    return normal
 
 
 def _check_sensor(model: Model, paths: Sequence[Path]) -> None:

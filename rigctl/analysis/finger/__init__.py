@@ -1,1 +1,1 @@
-"""The moving finger: scans, classifiers and models, how sure they are, and Figures 4B, 4C and S5."""
+"""The moving finger: scans, models, how sure they are, and Figures 4B, 4C and S5."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,12 +107,12 @@ class ScanSet:
 
     def select(self, rows: Rows | NDArray[np.bool_]) -> ScanSet:
         """Return some of the scans, by index or by mask."""
-        chosen = {
-            field.name: value[rows]
-            for field in fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray)
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        chosen: dict[str, Any] = {
+            name: value[rows] if isinstance(value, np.ndarray) else value
+            for name, value in values.items()
         }
-        return replace(self, **chosen)
+        return ScanSet(**chosen)
 
     def of_stage(self, stage: str) -> ScanSet:
         """Return the scans of a stage. Raises :class:`WrongUse` where there is none."""

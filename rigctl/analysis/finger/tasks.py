@@ -109,7 +109,7 @@ class FingerResult:
         values = self.accuracy[kind]
         if self.task is DEPLOYED:
             mean = values.mean(axis=0)
-            return np.sqrt(mean * (1.0 - mean) / (len(values) * self.n_tested))
+            return np.asarray(np.sqrt(mean * (1.0 - mean) / (len(values) * self.n_tested)))
         if len(values) < 2:
             return np.zeros(self.k_max)
         return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(len(values)))
@@ -120,8 +120,12 @@ class FingerResult:
         if self.task is not DEPLOYED:
             return [welch(one, other) for one, other in zip(scaled, original, strict=True)]
         n = scaled.shape[1] * self.n_tested
-        counts = (np.rint(one.sum(axis=1) * self.n_tested).astype(int) for one in (scaled, original))
-        return [two_proportions(int(one), int(other), n) for one, other in zip(*counts, strict=True)]
+        counts = (
+            np.rint(one.sum(axis=1) * self.n_tested).astype(int) for one in (scaled, original)
+        )
+        return [
+            two_proportions(int(one), int(other), n) for one, other in zip(*counts, strict=True)
+        ]
 
 
 class _DrawTask(NamedTuple):
@@ -270,9 +274,7 @@ def _accuracies(
         features = np.concatenate([features, data_set.tested.features(kind) + shift])
         labels = np.concatenate([labels, data_set.tested.labels(data_set.textures)])
     k_max = _allowed(k_max, labels, splits)
-    found = predict_splits(
-        features, {key: labels for key in splits[0].tests}, splits, k_max, engine
-    )
+    found = predict_splits(features, dict.fromkeys(splits[0].tests, labels), splits, k_max, engine)
     return {
         key: np.concatenate(
             [

@@ -16,6 +16,11 @@ from rigctl.session.format.annotated_arrays import read_attributes, read_text
 from rigctl.session.read.part_file import part_paths
 
 MODEL_LAYOUT, SPIKES_LAYOUT = "rigctl-model", "rigctl-spikes"
+FINGER_MODEL_LAYOUT = "rigctl-finger-model"
+_KINDS: dict[tuple[str, ...], str] = {
+    (MODEL_LAYOUT,): "model",
+    (FINGER_MODEL_LAYOUT,): "model of the finger",
+}
 LAYOUT_VERSION = 1
 
 
@@ -26,7 +31,7 @@ def open_analysis_file(path: Path, hint: str, *layouts: str) -> Iterator[Any]:
     Raises SessionError for a missing, damaged, newer or other file, and for one without what the
     ``with`` block reads. ``hint``: which file to give instead.
     """
-    kind = "model" if layouts == (MODEL_LAYOUT,) else "model or a spikes.h5"
+    kind = _KINDS.get(layouts, "model or a spikes.h5")
     try:
         with h5py.File(path, "r") as file:
             attributes = read_attributes(file)

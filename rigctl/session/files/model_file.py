@@ -153,7 +153,7 @@ def _write(file: Any, model: Model) -> None:
         write_array(file, path, getattr(model, _field(path)), unit, doc, axes)
     if model.c is not None:
         write_force(file.create_group("c"), model.c)
-    _write_training(file.create_group("training"), model.training)
+    write_training(file.create_group("training"), model.training)
 
 
 def _write_features(group: Any, features: FeatureLayout) -> None:
@@ -165,7 +165,8 @@ def _write_features(group: Any, features: FeatureLayout) -> None:
     write_text(group, "order", order, "elements of a feature vector")
 
 
-def _write_training(group: Any, training: TrainingInfo) -> None:
+def write_training(group: Any, training: TrainingInfo) -> None:
+    """Write the sources of a model."""
     write_text(group, "made_utc", training.made_utc, "wall clock, ISO 8601")
     write_text(group, "software_version", training.software_version, "of rigctl")
     write_text(group, "software_commit", training.software_commit, "of rigctl, where it is known")
@@ -190,7 +191,7 @@ def _read(file: Any) -> Model:
         **{_field(path): read_array(file, path) for path, *_ in _ARRAYS[:-1]},
         dropped=read_array(file, "lda/dropped", np.int64),
         c=read_force(file["c"]) if "c" in file else None,
-        training=_read_training(file["training"], bool(file.attrs["simulated"])),
+        training=read_training(file["training"], bool(file.attrs["simulated"])),
         sample_rate_hz=round(parameters.sample_rate_hz),
     )
     _check_shapes(model)
@@ -206,7 +207,8 @@ def _read_features(group: Any) -> FeatureLayout:
     )
 
 
-def _read_training(group: Any, simulated: bool) -> TrainingInfo:
+def read_training(group: Any, simulated: bool) -> TrainingInfo:
+    """Return the inverse of :func:`write_training`."""
     return TrainingInfo(
         made_utc=read_text(group, "made_utc"),
         software_version=read_text(group, "software_version"),

@@ -12,7 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.classify_sessions import classify, log_posteriors
+from rigctl.analysis.classification.classify_sessions import classify
+from rigctl.analysis.classification.posteriors import log_posteriors
 from rigctl.analysis.classification.splits import Design
 from rigctl.analysis.classification.training import ModelRequest, train_model
 from rigctl.analysis.data.trial_set import join_sessions

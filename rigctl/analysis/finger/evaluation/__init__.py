@@ -1,0 +1,1 @@
+"""Measurements beyond the paper: evidence, kept promises, force invariance, profiles."""
