@@ -1,0 +1,219 @@
+"""Figures 4B, 4C and S5 with the paper's quoted values, and the figures beyond the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.finger.evaluation.evidence import EvidenceCurve
+from rigctl.analysis.finger.evaluation.judgements import NoveltyResult, SetCoverage
+from rigctl.analysis.finger.published import (
+    DEPLOYED,
+    NEW_SESSION,
+    SAME_SESSION,
+    TRAINED,
+    UNTRAINED,
+    QuotedAccuracy,
+)
+from rigctl.analysis.finger.scans import ScanKind
+from rigctl.analysis.finger.tasks import KINDS, FingerResult
+from rigctl.analysis.report.figures import FAINT, MUTED, TEXT, new_figure, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+BLUE, GREEN = "#1f4fd1", "#1a8a34"
+COLOURS = {
+    SAME_SESSION.key: BLUE,
+    NEW_SESSION.key: GREEN,
+    TRAINED.key: BLUE,
+    UNTRAINED.key: GREEN,
+    DEPLOYED.key: BLUE,
+}
+"""The paper's colours of its lines."""
+KIND_COLOURS = {ScanKind.ORIGINAL: TEXT, ScanKind.SPEED_SCALED: BLUE}
+ROW_PERCENT = 8.0
+"""Height of a row of asterisks above 100 %."""
+QUOTED_WIDTH = 0.06
+"""Length of the line of a quoted saturation, as a share of the axis."""
+
+
+def draw_accuracies(results: Sequence[FingerResult], title: str, origin: str, stem: Path) -> Path:
+    """Draw accuracy over components with standard errors and asterisks; return the PNG's path.
+
+    Solid: Speed Scaled; dashed: Original. Diamonds and short lines: the paper's quoted values.
+    """
+    figure, axes = new_figure((11, 6.2), 1, 1)
+    for row, result in enumerate(results):
+        _plot_curves(axes, result)
+        _plot_stars(axes, result, 103.0 + ROW_PERCENT * (len(results) - 1 - row))
+    k_max = max(result.k_max for result in results)
+    chance = 100 * results[0].chance
+    axes.axhline(chance, color=MUTED, lw=1, ls=":")
+    axes.text(k_max + 0.4, chance + 1, f"chance {chance:.0f} %", ha="right", size=8, color=MUTED)
+    axes.set(xlim=(0, k_max + 1), ylim=(0, 103.0 + ROW_PERCENT * len(results)))
+    axes.set_yticks(range(0, 101, 20))
+    axes.set(xlabel="principal components", ylabel="accuracy (%)")
+    axes.grid(axis="y", color=FAINT, lw=0.6)
+    axes.set_title(_note(results[0]), size=8.5, color=MUTED, loc="left")
+    _mark_legend(axes, [value for result in results for value in result.task.quoted])
+    lines, names = axes.get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside lower right", ncols=3, frameon=False, fontsize=8.5)
+    return save_figure(figure, stem, title, origin)
+
+
+def draw_evidence(curves: Sequence[EvidenceCurve], chance: float, origin: str, stem: Path) -> Path:
+    """Draw accuracy against millimetres and seconds of evidence; return the PNG's path."""
+    figure, (way, time) = new_figure((11, 4.6), 1, 2, sharey=True)
+    for curve in curves:
+        style: dict[str, Any] = {"color": KIND_COLOURS[curve.kind], "label": curve.kind.value}
+        way.plot(curve.at_mm, 100 * curve.by_mm, marker="o", ms=3.5, lw=1.6, **style)
+        time.plot(curve.at_s, 100 * curve.by_s, marker="o", ms=3, lw=1.6, **style)
+    for axes in (way, time):
+        axes.axhline(100 * chance, color=MUTED, lw=1, ls=":")
+        axes.set(ylim=(0, 103), xlim=(0, None))
+        axes.grid(axis="y", color=FAINT, lw=0.6)
+    way.set(xlabel="way over the plate (mm)", ylabel="accuracy (%)")
+    time.set(xlabel="time since the first mark (s)")
+    way.legend(frameon=False, loc="lower right")
+    way.text(1, 100 * chance + 1.5, f"chance {chance:.0%}", size=8, color=MUTED)
+    title = "Accuracy against evidence, new sessions, 25 components"
+    return save_figure(figure, stem, title, origin)
+
+
+def draw_promises(
+    coverage: Sequence[SetCoverage], novelty: Sequence[NoveltyResult], origin: str, stem: Path
+) -> Path:
+    """Draw coverage and size of the sets, and calls of unknown plates; return the PNG's path."""
+    figure, (held, size, calls) = new_figure((13, 4.6), 1, 3)
+    for one in coverage:
+        style: dict[str, Any] = {"color": KIND_COLOURS[one.kind], "lw": 1.6}
+        windows = np.arange(1, len(one.size) + 1)
+        held.plot(windows, 100 * one.coverage, label=one.kind.value, **style)
+        size.plot(windows, one.size, label=one.kind.value, **style)
+        size.axhline(one.n_classes, color=MUTED, lw=1, ls=":")
+        size.set_ylim(0, one.n_classes + 0.6)
+    held.axhline(100 * coverage[0].promised, color=MUTED, lw=1, ls=":")
+    held.set(ylim=(0, 105), ylabel="sets that hold the texture (%)")
+    held.set_title(f"coverage; dotted: promised {coverage[0].promised:.0%}", size=9, loc="left")
+    size.set(ylabel="mean number of textures")
+    size.set_title("size of the sets; dotted: all, a failure", size=9, loc="left")
+    for result in novelty:
+        windows = np.arange(1, len(result.detected) + 1)
+        colour, name = KIND_COLOURS[result.kind], result.kind.value
+        calls.plot(windows, 100 * result.detected, color=colour, lw=1.6, label=f"{name}: untrained")
+        style = {"color": colour, "lw": 1.2, "ls": (0, (2, 2))}
+        calls.plot(windows, 100 * result.false_alarms, label=f"{name}: trained", **style)
+    calls.set(ylim=(0, 105), ylabel="scans called unknown (%)")
+    calls.set_title("plates, each texture left out in turn", size=9, loc="left")
+    for axes in (held, size, calls):
+        axes.set(xlabel="windows of evidence", xlim=(0.5, len(coverage[0].size) + 0.5))
+        axes.set_xticks([1, 5, 10, 15, 20])
+        axes.grid(axis="y", color=FAINT, lw=0.6)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(frameon=False, fontsize=8, loc="center right")
+    return save_figure(figure, stem, "How sure an answer is, on held-out trials", origin)
+
+
+def draw_latencies(latencies: Mapping[str, Floats], origin: str, stem: Path) -> Path:
+    """Draw histograms of the latencies, a panel for each kind; return the PNG's path."""
+    figure, panels = new_figure((11, 3.8), 1, len(latencies), squeeze=False)
+    for axes, (kind, ms) in zip(panels.flat, latencies.items(), strict=True):
+        p99, p999 = np.percentile(ms, [99.0, 99.9])
+        axes.hist(ms, bins=40, color=BLUE)
+        axes.set_yscale("log")
+        axes.set(xlabel="ms", ylabel="number", xlim=(0, None))
+        for value, dashes in ((p99, "--"), (p999, ":")):
+            axes.axvline(value, color=TEXT, lw=1, ls=dashes)
+        title = f"{kind}: p99 {p99:.2f} ms (dashed), p99.9 {p999:.2f} ms (dotted)"
+        axes.set_title(title, size=9, loc="left", color=TEXT)
+    return save_figure(figure, stem, "Latency from the arrival of a velocity", origin)
+
+
+def _plot_curves(axes: Axes, result: FingerResult) -> None:
+    k = np.arange(1, result.k_max + 1)
+    colour = COLOURS[result.task.key]
+    for kind, quoted in zip(KINDS, result.task.quoted, strict=True):
+        scaled = kind is ScanKind.SPEED_SCALED
+        axes.errorbar(
+            k,
+            100 * result.mean(kind),
+            100 * result.standard_error(kind),
+            color=colour,
+            ls="-" if scaled else (0, (4, 2)),
+            lw=1.5,
+            elinewidth=0.8,
+            label=f"{result.task.title}: {kind.value}",
+        )
+        _plot_quoted(axes, quoted, colour, filled=scaled, k_max=result.k_max)
+
+
+def _plot_quoted(
+    axes: Axes, quoted: QuotedAccuracy, colour: str, *, filled: bool, k_max: int
+) -> None:
+    """Mark a value of the paper: a diamond at its components, a line for a saturation."""
+    face = colour if filled else "white"
+    at = quoted.components or k_max
+    if quoted.components is not None:
+        style: dict[str, Any] = {"color": colour, "markerfacecolor": face, "zorder": 5}
+        axes.plot([at], [quoted.percent], "D", ms=7, **style)
+    else:
+        line = [quoted.percent, quoted.percent]
+        width: dict[str, Any] = {"lw": 4 if filled else 1.2, "alpha": 0.45, "zorder": 5}
+        axes.plot([k_max * (1.0 - QUOTED_WIDTH), k_max], line, color=colour, **width)
+    axes.annotate(
+        f"{quoted.percent:g}",
+        (at, quoted.percent),
+        xytext=(0, 6),
+        textcoords="offset points",
+        ha="center",
+        size=7.5,
+        color=colour,
+        zorder=6,
+    )
+
+
+def _mark_legend(axes: Axes, quoted: Sequence[QuotedAccuracy]) -> None:
+    """Add what the paper's marks mean, as far as the figure has them."""
+    marks: dict[str, Any] = {"color": MUTED, "ls": ""}
+    if any(one.components is not None for one in quoted[1::2]):
+        axes.plot([], [], marker="D", label="paper: Speed Scaled's peak", **marks)
+    axes.plot([], [], marker="D", markerfacecolor="white", label="paper: Original's peak", **marks)
+    if any(one.components is None for one in quoted):
+        label = "paper: saturation (thick Speed Scaled, thin Original)"
+        axes.plot([], [], color=MUTED, lw=3, alpha=0.6, label=label)
+
+
+def _note(result: FingerResult) -> str:
+    """Return what bars and asterisks mean."""
+    effect, least, most = ("h", 0.2, 0.5) if result.task is DEPLOYED else ("d", 0.5, 1)
+    n = len(result.accuracy[ScanKind.ORIGINAL])
+    n = n * result.n_tested if result.task is DEPLOYED else n
+    return (
+        f"n = {n}; bars: standard error; * p < 0.05 and {effect} > {least:g}, ** p < 0.01 and "
+        f"{effect} > {most:g}; grey: Original is better"
+    )
+
+
+def _plot_stars(axes: Axes, result: FingerResult, percent: float) -> None:
+    """Mark differences above the curves: one asterisk or two, grey where Original is better."""
+    colour = COLOURS[result.task.key]
+    for k, difference in enumerate(result.differences(), start=1):
+        if difference.stars:
+            better = (difference.effect or 0.0) > 0
+            axes.text(
+                k,
+                percent,
+                "\n".join(difference.stars),
+                ha="center",
+                va="bottom",
+                linespacing=0.45,
+                size=9,
+                color=colour if better else MUTED,
+            )

@@ -1,0 +1,107 @@
+"""The report folder of the real-time experiment: complete or absent."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from rigctl.analysis.data.atomic_directory import atomic_directory
+from rigctl.analysis.finger.figures import (
+    draw_accuracies,
+    draw_evidence,
+    draw_latencies,
+    draw_promises,
+)
+from rigctl.analysis.finger.published import COMPONENTS
+from rigctl.analysis.finger.result_values import as_dict
+from rigctl.analysis.finger.results import FingerAnalysis
+from rigctl.analysis.report.html_page import render_page
+
+CAPTIONS = {
+    "fig4b": "Figure 4B: same session and new session",
+    "fig4c": "Figure 4C: trained and untrained velocity profiles",
+    "figs5": "Figure S5: the real-time classifier",
+}
+_FIGURE_OF = {"Fig. 4B": "fig4b", "Fig. 4C": "fig4c", "Fig. S5": "figs5"}
+
+
+def write_finger_report(analysis: FingerAnalysis, out: Path, made_utc: str) -> Path:
+    """Write report.html, results.json and the figures to a new folder; return the page.
+
+    Raises WrongUse where ``out`` exists, DiskFault where it cannot be written.
+    """
+    with atomic_directory(out) as folder:
+        figures = _draw(analysis, folder)
+        values = as_dict(analysis, made_utc)
+        text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
+        (folder / "results.json").write_text(text + "\n", encoding="utf-8")
+        assumptions = {one for task in values["tasks"].values() for one in task["assumptions"]}
+        page = render_page(
+            "finger.html",
+            results=values,
+            figures=figures,
+            captions=CAPTIONS,
+            assumptions=sorted(assumptions),
+            promises=_promises(analysis),
+        )
+        (folder / "report.html").write_text(page, encoding="utf-8")
+    return out / "report.html"
+
+
+def summary_lines(analysis: FingerAnalysis) -> list[str]:
+    """Return the results in sentences, one a line."""
+    start = "Simulated: " if analysis.simulated else ""
+    lines = [f"note: {remark}" for remark in analysis.remarks]
+    for result in analysis.tasks:
+        shown = min(COMPONENTS, result.k_max)
+        accuracies = ", ".join(
+            f"{kind.value} {result.mean(kind)[shown - 1]:.1%} "
+            f"(peak {result.mean(kind).max():.1%} at {int(result.mean(kind).argmax()) + 1})"
+            for kind in result.accuracy
+        )
+        name = f"{result.task.figure} {result.task.title.lower()}"
+        lines.append(f"{start}{name}, {shown} components: {accuracies}")
+    lines += [start + sentence for sentence in _promises(analysis)]
+    for one in analysis.sequential:
+        if one.error_rate is not None:
+            lines.append(
+                f"{start}{one.kind.value}: at an error rate of {one.asked:.0%}, "
+                f"{one.answered:.0%} of trials are answered after {one.mean_mm:.0f} mm, "
+                f"{one.error_rate:.1%} of them wrongly"
+            )
+    for force in analysis.force:
+        if force.verdict:
+            lines.append(
+                f"{start}{force.kind.value}, {force.name}: {force.accuracy:.1%}, {force.verdict}"
+            )
+    return lines
+
+
+def _promises(analysis: FingerAnalysis) -> list[str]:
+    sets = [one.sentence for one in analysis.coverage]
+    return sets + [one.sentence for one in analysis.novelty]
+
+
+def _draw(analysis: FingerAnalysis, folder: Path) -> dict[str, Path]:
+    """Draw every figure; return the PNG of each by name."""
+    origin = _origin(analysis)
+    figures = {}
+    for figure, key in _FIGURE_OF.items():
+        results = [one for one in analysis.tasks if one.task.figure == figure]
+        figures[key] = draw_accuracies(results, CAPTIONS[key], origin, folder / key)
+    chance = analysis.tasks[0].chance
+    figures["evidence"] = draw_evidence(analysis.evidence, chance, origin, folder / "evidence")
+    figures["promises"] = draw_promises(
+        analysis.coverage, analysis.novelty, origin, folder / "promises"
+    )
+    if analysis.latencies:
+        figures["latencies"] = draw_latencies(analysis.latencies, origin, folder / "latencies")
+    return figures
+
+
+def _origin(analysis: FingerAnalysis) -> str:
+    source = "Simulated finger" if analysis.simulated else "Real finger"
+    trials = sum(len(one.training) + len(one.tested) for one in analysis.data_sets)
+    n = len(analysis.data_sets)
+    sets = f"{n} data set{'s' if n != 1 else ''}"
+    return f"{source} · {sets} · {trials:,} trials trained and tested"
