@@ -19,8 +19,8 @@ from rigctl.analysis.finger.published import (
     UNTRAINED,
     QuotedAccuracy,
 )
-from rigctl.analysis.finger.scans import ScanKind
-from rigctl.analysis.finger.tasks import KINDS, FingerResult
+from rigctl.analysis.finger.scans import KINDS, ScanKind
+from rigctl.analysis.finger.tasks import FingerResult
 from rigctl.analysis.report.figures import FAINT, MUTED, TEXT, new_figure, save_figure
 
 if TYPE_CHECKING:

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl import __version__
+from rigctl.analysis.finger.data_sets import FingerDataSet
 from rigctl.analysis.finger.evaluation.evidence import EvidenceCurve
 from rigctl.analysis.finger.evaluation.force_invariance import ForceComparison
 from rigctl.analysis.finger.evaluation.judgements import NoveltyResult, SetCoverage
 from rigctl.analysis.finger.evaluation.profile_differences import ProfileDifferences
 from rigctl.analysis.finger.results import FingerAnalysis
-from rigctl.analysis.finger.scans import ScanKind
-from rigctl.analysis.finger.tasks import KINDS, FingerDataSet, FingerResult
+from rigctl.analysis.finger.scans import KINDS, ScanKind
+from rigctl.analysis.finger.tasks import FingerResult
 
 Floats = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.finger.data_sets import FingerDataSet
 from rigctl.analysis.finger.evaluation.evidence import EvidenceCurve, evidence_curve
 from rigctl.analysis.finger.evaluation.force_invariance import (
     ForceComparison,
@@ -31,14 +32,8 @@ from rigctl.analysis.finger.evaluation.profile_differences import (
     ProfileDifferences,
     profile_differences,
 )
-from rigctl.analysis.finger.scans import ScanKind
-from rigctl.analysis.finger.tasks import (
-    KINDS,
-    FingerDataSet,
-    FingerResult,
-    FingerSettings,
-    run_finger_tasks,
-)
+from rigctl.analysis.finger.scans import KINDS, ScanKind
+from rigctl.analysis.finger.tasks import FingerResult, FingerSettings, run_finger_tasks
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]

@@ -23,6 +23,7 @@ from rigctl.encoding.scaled_time import (
     time_windows,
 )
 from rigctl.errors import WrongUse
+from rigctl.protocol.finger import Stage
 from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]
@@ -37,6 +38,9 @@ class ScanKind(StrEnum):
 
     ORIGINAL = "Original"
     SPEED_SCALED = "Speed Scaled"
+
+
+KINDS = (ScanKind.ORIGINAL, ScanKind.SPEED_SCALED)
 
 
 class ScanRecording(NamedTuple):
@@ -114,13 +118,13 @@ class ScanSet:
         }
         return ScanSet(**chosen)
 
-    def of_stage(self, stage: str) -> ScanSet:
+    def of_stage(self, stage: Stage) -> ScanSet:
         """Return the scans of a stage. Raises :class:`WrongUse` where there is none."""
         rows = self.stage == stage
         if not rows.any():
             raise WrongUse(
-                f"{self.session} has no complete trials of the stage {stage!r}: record that stage, "
-                "or name the session that has it"
+                f"{self.session} has no complete trials of the stage {stage.value}: record that "
+                "stage, or name the session that has it"
             )
         return self.select(rows)
 

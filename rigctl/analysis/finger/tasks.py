@@ -13,10 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.classification.component_sweep import Rows
 from rigctl.analysis.classification.splits import Split, stratified_folds
 from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.finger import published
+from rigctl.analysis.finger.data_sets import FingerDataSet
 from rigctl.analysis.finger.published import (
     DEPLOYED,
     FINGER_TASKS,
@@ -26,47 +28,16 @@ from rigctl.analysis.finger.published import (
     UNTRAINED,
     FingerTask,
 )
-from rigctl.analysis.finger.scans import ScanKind, ScanSet
+from rigctl.analysis.finger.scans import KINDS, ScanKind, ScanSet
 from rigctl.analysis.paper.statistics import Difference, two_proportions, welch
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-KINDS = (ScanKind.ORIGINAL, ScanKind.SPEED_SCALED)
 STAGE = "classifying draws"
 CHUNK = 5
 """Draws of one task."""
-
-
-@dataclass(frozen=True, slots=True)
-class FingerDataSet:
-    """The scans of one data set: a training session, and calibration and run of a later one."""
-
-    name: str
-    training: ScanSet
-    calibration: ScanSet
-    tested: ScanSet
-
-    @classmethod
-    def from_sessions(cls, name: str, first: ScanSet, new: ScanSet) -> FingerDataSet:
-        """Return the data set of two sessions, by their stages train, calibrate and run.
-
-        Raises :class:`WrongUse` for a missing stage, or other textures in a later stage.
-        """
-        parts = first.of_stage("train"), new.of_stage("calibrate"), new.of_stage("run")
-        for part in parts[1:]:
-            if part.textures != parts[0].textures:
-                raise WrongUse(
-                    f"{new.session} has the textures {', '.join(part.textures)}, {first.session} "
-                    f"{', '.join(parts[0].textures)}: pair sessions of one protocol"
-                )
-        return cls(name, *parts)
-
-    @property
-    def textures(self) -> tuple[str, ...]:
-        """Names of the textures, sorted."""
-        return self.training.textures
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,8 +179,7 @@ def draw_accuracies(
     """Return the accuracies of one draw of Figures 4B and 4C, float64 (k_max,), by task key."""
     random = np.random.default_rng(seed)
     training = data_set.training
-    folds = _fold_splits(training.labels(data_set.textures), random)
-    same = _accuracies(training, data_set, kind, folds, SAME_SESSION.k_max, engine)
+    same = _same_session(data_set, kind, random, engine)
     everything = np.arange(len(training))
     train = _draw(everything, random)
     tests = {NEW_SESSION.key: np.arange(len(data_set.tested))}
@@ -221,7 +191,7 @@ def draw_accuracies(
     trained = np.isin(data_set.tested.profile, published.TRAINED_PROFILES)
     tests = {TRAINED.key: np.flatnonzero(trained), UNTRAINED.key: np.flatnonzero(~trained)}
     other = _new_session(data_set, kind, train, tests, TRAINED.k_max, engine)
-    return [(SAME_SESSION.key, same[SAME_SESSION.key]), *new.items(), *other.items()]
+    return [(SAME_SESSION.key, same), *new.items(), *other.items()]
 
 
 def deployed_accuracy(data_set: FingerDataSet, kind: ScanKind, engine: SweepEngine) -> Floats:
@@ -231,12 +201,7 @@ def deployed_accuracy(data_set: FingerDataSet, kind: ScanKind, engine: SweepEngi
     return _new_session(data_set, kind, rows, tests, DEPLOYED.k_max, engine)[DEPLOYED.key]
 
 
-def _fold_splits(labels: Integers, random: np.random.Generator) -> list[Split]:
-    folds = stratified_folds(labels, published.N_FOLDS, int(random.integers(2**63)))
-    return [Split(train, {SAME_SESSION.key: test}) for train, test in folds]
-
-
-def _draw(rows: NDArray[np.intp], random: np.random.Generator) -> NDArray[np.intp]:
+def _draw(rows: Rows, random: np.random.Generator) -> Rows:
     """Return three quarters of the rows, whatever their texture, as the paper draws them."""
     return np.sort(random.permutation(rows)[: round(len(rows) * published.TRAINED_SHARE)])
 
@@ -244,47 +209,56 @@ def _draw(rows: NDArray[np.intp], random: np.random.Generator) -> NDArray[np.int
 def _new_session(
     data_set: FingerDataSet,
     kind: ScanKind,
-    train: NDArray[np.intp],
-    tests: dict[str, NDArray[np.intp]],
+    train: Rows,
+    tests: dict[str, Rows],
     k_max: int,
     engine: SweepEngine,
 ) -> dict[str, Floats]:
-    """Train on training trials and test trials of the new session, centred by its calibration."""
-    n = len(data_set.training)
-    moved = {key: n + rows for key, rows in tests.items()}
-    split = [Split(train, moved)]
-    return _accuracies(data_set.training, data_set, kind, split, k_max, engine)
+    found = predict_new_session(data_set, kind, train, tests, k_max, engine)
+    labels = data_set.tested.labels(data_set.textures)
+    return {key: (found[key] == labels[rows]).mean(axis=1) for key, rows in tests.items()}
 
 
-def _accuracies(
-    training: ScanSet,
+def predict_new_session(
     data_set: FingerDataSet,
     kind: ScanKind,
-    splits: Sequence[Split],
+    train: Rows,
+    tests: dict[str, Rows],
     k_max: int,
-    engine: SweepEngine,
-) -> dict[str, Floats]:
-    """Return the share of correct predictions over the splits, float64 (k_max,), by task key."""
-    features = training.features(kind)
-    labels = training.labels(data_set.textures)
-    if any(rows.max() >= len(training) for split in splits for rows in split.tests.values()):
-        # Replacing the training mean before the projection shifts the new session's features.
-        shift = features[splits[0].train].mean(axis=0)
-        shift -= data_set.calibration.features(kind).mean(axis=0)
-        features = np.concatenate([features, data_set.tested.features(kind) + shift])
-        labels = np.concatenate([labels, data_set.tested.labels(data_set.textures)])
-    k_max = _allowed(k_max, labels, splits)
-    found = predict_splits(features, dict.fromkeys(splits[0].tests, labels), splits, k_max, engine)
-    return {
-        key: np.concatenate(
-            [
-                one.predictions[key] == labels[split.tests[key]]
-                for one, split in zip(found, splits, strict=True)
-            ],
-            axis=1,
-        ).mean(axis=1)
-        for key in splits[0].tests
-    }
+    engine: SweepEngine = SweepEngine.OWN,
+) -> dict[str, Integers]:
+    """Train on rows of the training trials and predict rows of the new session's, by task key.
+
+    int64 (k_max, n_test) each, row k − 1 for k components.
+    """
+    features = data_set.training.features(kind)
+    # Replacing the training mean before the projection shifts the new session's features.
+    shift = features[train].mean(axis=0) - data_set.calibration.features(kind).mean(axis=0)
+    joined = np.concatenate([features, data_set.tested.features(kind) + shift])
+    labels = np.concatenate(
+        [part.labels(data_set.textures) for part in (data_set.training, data_set.tested)]
+    )
+    split = Split(train, {key: len(features) + rows for key, rows in tests.items()})
+    k_max = _allowed(k_max, labels, [split])
+    (found,) = predict_splits(joined, dict.fromkeys(tests, labels), [split], k_max, engine)
+    return found.predictions
+
+
+def _same_session(
+    data_set: FingerDataSet, kind: ScanKind, random: np.random.Generator, engine: SweepEngine
+) -> Floats:
+    """Return the accuracy over four folds of the training trials, float64 (k_max,)."""
+    labels = data_set.training.labels(data_set.textures)
+    folds = stratified_folds(labels, published.N_FOLDS, int(random.integers(2**63)))
+    key = SAME_SESSION.key
+    splits = [Split(train, {key: test}) for train, test in folds]
+    k_max = _allowed(SAME_SESSION.k_max, labels, splits)
+    features = data_set.training.features(kind)
+    found = predict_splits(features, {key: labels}, splits, k_max, engine)
+    right = [
+        one.predictions[key] == labels[test] for one, (_, test) in zip(found, folds, strict=True)
+    ]
+    return np.asarray(np.concatenate(right, axis=1).mean(axis=1))
 
 
 def _allowed(k_max: int, labels: Integers, splits: Sequence[Split]) -> int:

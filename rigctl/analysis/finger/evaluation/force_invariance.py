@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.classification.sweep_engines import SweepEngine
+from rigctl.analysis.finger.data_sets import FingerDataSet
 from rigctl.analysis.finger.published import COMPONENTS, DEPLOYED
-from rigctl.analysis.finger.scans import ScanKind, ScanRecording, ScanSet
-from rigctl.analysis.finger.tasks import KINDS, FingerDataSet, deployed_accuracy
+from rigctl.analysis.finger.scans import KINDS, ScanKind, ScanRecording, ScanSet
+from rigctl.analysis.finger.tasks import deployed_accuracy
 from rigctl.analysis.paper.statistics import Difference, two_proportions
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation

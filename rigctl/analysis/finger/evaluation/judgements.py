@@ -24,8 +24,8 @@ from rigctl.analysis.finger.confidence import (
     confidence_of,
     sequential_answers,
 )
+from rigctl.analysis.finger.data_sets import FingerDataSet
 from rigctl.analysis.finger.scans import ScanKind, ScanSet
-from rigctl.analysis.finger.tasks import FingerDataSet
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.files.finger_model_file import FingerModel
 from rigctl.session.files.model_file import TrainingInfo
