@@ -53,7 +53,8 @@ def draw_accuracies(results: Sequence[FingerResult], title: str, origin: str, st
     for row, result in enumerate(results):
         _plot_curves(axes, result)
         _plot_stars(axes, result, 103.0 + ROW_PERCENT * (len(results) - 1 - row))
-    k_max = max(result.k_max for result in results)
+    quoted = [value for result in results for value in result.task.quoted]
+    k_max = max(*(result.k_max for result in results), *(value.components or 0 for value in quoted))
     chance = 100 * results[0].chance
     axes.axhline(chance, color=MUTED, lw=1, ls=":")
     axes.text(k_max + 0.4, chance + 1, f"chance {chance:.0f} %", ha="right", size=8, color=MUTED)
@@ -62,7 +63,7 @@ def draw_accuracies(results: Sequence[FingerResult], title: str, origin: str, st
     axes.set(xlabel="principal components", ylabel="accuracy (%)")
     axes.grid(axis="y", color=FAINT, lw=0.6)
     axes.set_title(_note(results[0]), size=8.5, color=MUTED, loc="left")
-    _mark_legend(axes, [value for result in results for value in result.task.quoted])
+    _mark_legend(axes, quoted)
     lines, names = axes.get_legend_handles_labels()
     figure.legend(lines, names, loc="outside lower right", ncols=3, frameon=False, fontsize=8.5)
     return save_figure(figure, stem, title, origin)

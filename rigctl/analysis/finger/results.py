@@ -33,7 +33,7 @@ from rigctl.analysis.finger.evaluation.profile_differences import (
     profile_differences,
 )
 from rigctl.analysis.finger.scans import KINDS, ScanKind
-from rigctl.analysis.finger.tasks import FingerResult, FingerSettings, run_finger_tasks
+from rigctl.analysis.finger.tasks import DrawSettings, FingerResult, run_finger_tasks
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
@@ -50,7 +50,7 @@ class FingerAnalysis:
     """
 
     data_sets: tuple[FingerDataSet, ...]
-    settings: FingerSettings
+    settings: DrawSettings
     tasks: tuple[FingerResult, ...]
     evidence: tuple[EvidenceCurve, ...]
     coverage: tuple[SetCoverage, ...]
@@ -73,7 +73,7 @@ class FingerAnalysis:
 
 def analyse_finger(
     data_sets: Sequence[FingerDataSet],
-    settings: FingerSettings,
+    settings: DrawSettings,
     resources: Resources = SERIAL_RESOURCES,
     *,
     scaled_currents: Sequence[FingerDataSet] = (),

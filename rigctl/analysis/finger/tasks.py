@@ -41,7 +41,7 @@ CHUNK = 5
 
 
 @dataclass(frozen=True, slots=True)
-class FingerSettings:
+class DrawSettings:
     """``draws``: of each data set; ``seed``: of the draws."""
 
     draws: int = published.DRAWS
@@ -103,7 +103,7 @@ class _DrawTask(NamedTuple):
     data_set: FingerDataSet
     number: int
     draws: range
-    settings: FingerSettings
+    settings: DrawSettings
 
 
 DrawnAccuracies = dict[tuple[str, ScanKind], list[Floats]]
@@ -111,7 +111,7 @@ DrawnAccuracies = dict[tuple[str, ScanKind], list[Floats]]
 
 def run_finger_tasks(
     data_sets: Sequence[FingerDataSet],
-    settings: FingerSettings,
+    settings: DrawSettings,
     resources: Resources = SERIAL_RESOURCES,
 ) -> list[FingerResult]:
     """Return the results of every task. Raises :class:`WrongUse` where trials are too few."""

@@ -1,0 +1,25 @@
+"""A trained and calibrated model of made-up scans."""
+
+from __future__ import annotations
+
+from rigctl.analysis.finger.classifier import (
+    FingerEncoding,
+    calibrate_finger_model,
+    train_finger_model,
+)
+from rigctl.analysis.finger.data_sets import FingerDataSet
+from rigctl.analysis.finger.scans import ScanKind
+from rigctl.session.files.finger_model_file import FingerModel
+from rigctl.session.files.model_file import TrainingInfo
+from tests.analysis.finger.made_scans import RANGES
+
+ENCODING = FingerEncoding(RANGES, sensor="finger 1")
+INFO = TrainingInfo("2030-01-01T00:00:00Z", "1", "", 0, True, 50, (), (), ({"path": "a"},))
+
+
+def calibrated_model(
+    data_set: FingerDataSet, kind: ScanKind = ScanKind.SPEED_SCALED, components: int = 25
+) -> FingerModel:
+    """Return the model of a data set."""
+    model = train_finger_model(data_set.training, kind, ENCODING, INFO, components)
+    return calibrate_finger_model(model, data_set.calibration)

@@ -1,0 +1,102 @@
+"""The report of the real-time experiment: figures, values beside the paper's, and its words."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl.analysis.data.cache import Resources
+from rigctl.analysis.finger.report import summary_lines, write_finger_report
+from rigctl.analysis.finger.result_values import k_ranges
+from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger
+from rigctl.analysis.finger.tasks import DrawSettings
+from rigctl.errors import WrongUse
+from tests.analysis.finger.made_scans import made_data_set
+
+
+@pytest.fixture(scope="module")
+def analysis() -> FingerAnalysis:
+    shown: list[tuple[str, int, int]] = []
+    resources = Resources(progress=lambda *step: shown.append(step))
+    latencies = {"features": np.linspace(0.5, 4.0, 100), "prediction": np.linspace(1, 30, 100)}
+    found = analyse_finger(
+        [made_data_set(1, contrast=0.012)],
+        DrawSettings(3),
+        resources,
+        latencies=latencies,
+        remarks=["session 2: trial 4 was left out"],
+    )
+    stages = {stage for stage, _, _ in shown}
+    assert stages == {"classifying draws", "measuring answers", "leaving textures out"}
+    assert all(any(s == stage and d == n for s, d, n in shown) for stage in stages)
+    return found
+
+
+@pytest.fixture(scope="module")
+def folder(analysis: FingerAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("report") / "out"
+    assert write_finger_report(analysis, out, "2030-01-01T00:00:00Z") == out / "report.html"
+    return out
+
+
+def test_every_figure_is_there_and_says_that_it_is_simulated(folder: Path) -> None:
+    for name in ("fig4b", "fig4c", "figs5", "evidence", "promises", "latencies"):
+        assert (folder / f"{name}.png").stat().st_size > 10_000
+        assert "Simulated finger · 1 data set" in (folder / f"{name}.svg").read_text("utf-8")
+
+
+def test_the_figures_have_the_papers_values_and_both_representations(folder: Path) -> None:
+    text = (folder / "fig4b.svg").read_text("utf-8")
+    for words in ("Same session: Original", "New session: Speed Scaled", "50.45", "n = 3"):
+        assert words in text
+    assert "h &gt; 0.2" in (folder / "figs5.svg").read_text("utf-8")
+
+
+def test_results_hold_every_number_of_components(folder: Path) -> None:
+    values: dict[str, Any] = json.loads((folder / "results.json").read_text("utf-8"))
+    assert values["simulated"] is True and values["settings"]["draws"] == 3
+    assert set(values["tasks"]) == {
+        "same-session", "new-session", "trained-profiles", "untrained-profiles", "deployed",
+    }  # fmt: skip
+    for task in values["tasks"].values():
+        for curve in task["curves"].values():
+            assert len(curve["mean"]) == len(curve["standard_error"]) == task["k_max"]
+        assert len(task["differences"]) == task["k_max"]
+    deployed = values["tasks"]["deployed"]
+    assert deployed["paper"]["accuracy"]["Speed Scaled"] == {"percent": 61.67, "components": 25}
+    assert any("same trials" in text for text in deployed["assumptions"])
+    assert values["latencies"]["features"]["p99"] == pytest.approx(3.965, abs=0.001)
+
+
+def test_the_page_says_what_is_simulated_and_what_was_left_out(folder: Path) -> None:
+    page = (folder / "report.html").read_text("utf-8")
+    for words in ("<b>Simulated.</b>", "trial 4 was left out", "61.67 %", "mean size", "Latency"):
+        assert words in page
+
+
+def test_the_summary_has_a_line_for_each_task_and_promise(analysis: FingerAnalysis) -> None:
+    lines = summary_lines(analysis)
+    assert lines[0] == "note: session 2: trial 4 was left out"
+    assert sum("components: Original" in line for line in lines) == 5
+    assert sum("mean size" in line for line in lines) == 2
+    assert sum("never trained" in line for line in lines) == 2
+    assert all(line.startswith("Simulated: ") for line in lines[1:])
+
+
+def test_a_folder_is_never_overwritten(analysis: FingerAnalysis, folder: Path) -> None:
+    with pytest.raises(WrongUse, match="already exists"):
+        write_finger_report(analysis, folder, "2030-01-01T00:00:00Z")
+
+
+def test_data_sets_of_one_protocol_are_needed() -> None:
+    with pytest.raises(WrongUse, match="needs a data set"):
+        analyse_finger([], DrawSettings(1))
+
+
+def test_numbers_are_written_as_ranges() -> None:
+    assert k_ranges(np.array([], np.intp)) == "none"
+    assert k_ranges(np.array([1, 2, 3, 7, 9, 10])) == "1–3, 7, 9–10"
