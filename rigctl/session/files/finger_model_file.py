@@ -39,7 +39,7 @@ from rigctl.session.format.annotated_arrays import (
     write_text,
     write_texts,
 )
-from rigctl.session.format.layout import LIBVER
+from rigctl.session.format.data_sets import LIBVER
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
