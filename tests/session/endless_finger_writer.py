@@ -1,5 +1,7 @@
 """Record scans of the finger until the process is killed, and print the attempts on disk.
 
+The first sitting commits each trial of the plan once; all other attempts are rejected.
+
 ``python -m tests.session.endless_finger_writer FOLDER [resume]``
 """
 
@@ -9,16 +11,20 @@ import sys
 from itertools import count
 from pathlib import Path
 
+from rigctl.values import Verdict
 from tests.session.finger_building import SyntheticFinger, plan, recorder
 
 
 def main() -> None:
     trials = plan().trials
-    with recorder(Path(sys.argv[1]), resume="resume" in sys.argv) as rec:
+    resume = "resume" in sys.argv
+    with recorder(Path(sys.argv[1]), resume=resume) as rec:
         rec.begin_part("start")
         with SyntheticFinger(rec) as finger:
             for number in count():
-                finger.trial(trials[number % len(trials)], attempt=1 + number // len(trials))
+                first = number < len(trials) and not resume
+                verdict = Verdict.COMMITTED if first else Verdict.REJECTED
+                finger.trial(trials[number % len(trials)], verdict, 1 + number // len(trials))
                 rec.wait_written()
                 print(f"trials {number + 1}", flush=True)
 

@@ -30,6 +30,15 @@ class FingerSession(SessionReader):
 
     layout: ClassVar[SessionLayout] = finger_layout.FINGER_LAYOUT
 
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._tables: dict[tuple[int, str], StructuredArray] = {}
+
+    def refresh(self) -> None:
+        """Update to the last flush: new rows and new parts."""
+        super().refresh()
+        self._tables.clear()
+
     @property
     def latencies(self) -> StructuredArray:
         """All rows of /latencies, with the number of their ``part``."""
@@ -76,7 +85,7 @@ class FingerSession(SessionReader):
     def track(self, index: int) -> StructuredArray:
         """Return the rows of /track between an attempt's start and its end."""
         row = self.trials[index]
-        rows = self._part(int(row["part"])).rows(finger_layout.TRACK)
+        rows = self._rows(finger_layout.TRACK, int(row["part"]))
         inside: StructuredArray = rows[
             (rows["at_s"] >= row["started_s"]) & (rows["at_s"] <= row["ended_s"])
         ]
@@ -94,9 +103,16 @@ class FingerSession(SessionReader):
         """Return the answers during a trial's scan, in the order of time."""
         return tuple(map(parse_prediction, self._scan_rows(finger_layout.PREDICTIONS, index)))
 
+    def _rows(self, table: TableLayout, number: int) -> StructuredArray:
+        """Return a part's table, read once: trials take their rows out of it by scan or time."""
+        key = number, table.path
+        if key not in self._tables:
+            self._tables[key] = self._part(number).rows(table)
+        return self._tables[key]
+
     def _scan_rows(self, table: TableLayout, index: int) -> StructuredArray:
         row = self.trials[index]
-        rows = self._part(int(row["part"])).rows(table)
+        rows = self._rows(table, int(row["part"]))
         own: StructuredArray = rows[(rows["scan"] == row["scan"]) & (row["first_counter"] >= 0)]
         return own
 
