@@ -14,6 +14,7 @@ import pytest
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format import layout
 from rigctl.session.read.session import Session
+from rigctl.session.verify.session import verify
 from rigctl.session.write.part_writer import CounterMap
 from rigctl.session.write.recorder import Recorder
 from rigctl.session.write.writer import SessionWriter
@@ -153,9 +154,8 @@ def test_a_taxel_board_that_restarts_begins_a_new_part(tmp_path: Path) -> None:
         assert session.n_samples == 2 * BLOCK
 
 
-def test_a_full_queue_drops_counts_and_reports_samples(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def stall_disk(monkeypatch: pytest.MonkeyPatch) -> tuple[threading.Event, threading.Event]:
+    """Make every flush wait; return the events that one began, and that the disk is back."""
     flush_began, disk_is_back = threading.Event(), threading.Event()
     flush = SessionWriter.flush
 
@@ -165,6 +165,32 @@ def test_a_full_queue_drops_counts_and_reports_samples(
         flush(self)
 
     monkeypatch.setattr(SessionWriter, "flush", slow_flush)
+    return flush_began, disk_is_back
+
+
+def test_a_loss_before_dropped_samples_is_part_of_their_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flush_began, disk_is_back = stall_disk(monkeypatch)
+    with recorder(tmp_path / "s", queue_limit_samples=3 * BLOCK) as rec:
+        rec.begin_part("start", "A")
+        flush_began.wait()
+        first = 0
+        while rec.status.failure is None:
+            rec.add_block(block(first, gap=Gap(first - 5, 5, "crc")))
+            first += BLOCK + 5
+        disk_is_back.set()
+        rec.wait_written()
+        rec.add_block(block(first, gap=Gap(first - 5, 5, "crc")))
+    assert verify(tmp_path / "s").problems == []
+    with Session.open(tmp_path / "s") as session:
+        assert session.gaps["count"].tolist()[-2:] == [BLOCK + 5, 5]
+
+
+def test_a_full_queue_drops_counts_and_reports_samples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flush_began, disk_is_back = stall_disk(monkeypatch)
     with recorder(tmp_path / "s", queue_limit_samples=3 * BLOCK) as rec:
         rec.begin_part("start", "A")
         flush_began.wait()

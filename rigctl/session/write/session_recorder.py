@@ -167,7 +167,7 @@ class SessionRecorder:
         return [action for action, _ in taken]
 
     def _drop(self, block: SampleBlock) -> None:
-        first = int(block.counters[0])
+        first = min([int(block.counters[0]), *(gap.first_counter for gap in block.gaps)])
         if self._overflow is not None:
             first = self._overflow.first_counter
         end = int(block.counters[-1]) + 1
