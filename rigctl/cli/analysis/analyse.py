@@ -21,8 +21,18 @@ from rigctl.cli.options.encoder import (
 )
 from rigctl.errors import WrongUse
 
+DRUM_ITERATIONS, DRUM_K_MAX = 20, 50
+FINGER_ITERATIONS = 100
+DRUM_OPTIONS = (
+    "k_max", "task", "c", "sensitivity", "trial", "taxel", "save_model", "representation",
+    "components", "preset", "set", "ranges", "reference_force", "dask",
+)  # fmt: skip
+"""Options without a meaning for the moving finger."""
+
 if TYPE_CHECKING:
+    from rigctl.analysis.classification.sweep_engines import SweepEngine
     from rigctl.analysis.classification.training import ModelRequest
+    from rigctl.analysis.paper.tasks import SweepSettings
     from rigctl.analysis.report.report_folder import ReportResult
 
 
@@ -30,6 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
     parser.add_argument("--out", required=True, metavar="REPORT", help="new folder")
+    parser.add_argument(
+        "--experiment",
+        choices=("drum", "realtime"),
+        default="drum",
+        help="realtime: sessions of the moving finger, training sessions and new ones in pairs, "
+        "for Figures 4B, 4C and S5 (default: drum)",
+    )
     _add_sweep(parser)
     parser.add_argument(
         "--c",
@@ -50,9 +67,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--iterations", type=int, default=20, metavar="N", help="random draws (20)")
     parser.add_argument(
-        "--k-max", type=int, default=50, metavar="K", help="principal components, at most (50)"
+        "--iterations",
+        type=int,
+        metavar="N",
+        help=f"random draws ({DRUM_ITERATIONS}; realtime: {FINGER_ITERATIONS} of each data set)",
+    )
+    parser.add_argument(
+        "--k-max", type=int, metavar="K", help=f"principal components, at most ({DRUM_K_MAX})"
     )
     parser.add_argument(
         "--engine",
@@ -85,15 +107,16 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the report; the last lines on standard output name its files."""
+    if args.experiment == "realtime":
+        return _run_realtime(args)
     from rigctl.analysis.classification.sweep_engines import SweepEngine
-    from rigctl.analysis.paper.tasks import SweepSettings
     from rigctl.analysis.report.report_folder import ReportRequest, make_report
 
     engine = SweepEngine(args.engine)
     request = ReportRequest(
         tuple(Path(name) for name in args.sessions),
         Path(args.out),
-        SweepSettings(args.iterations, args.k_max, args.seed, engine, tuple(args.task)),
+        _sweep_of(args, engine),
         parameters_of(args),
         reference_g=args.reference_force,
         trial=args.trial,
@@ -103,11 +126,62 @@ def run(args: argparse.Namespace) -> int:
         sensitivity=args.sensitivity,
         ranges=ranges_of(args),
     )
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     with resources_of(args) as resources:
-        report = make_report(request, now, resources)
+        report = make_report(request, _now(), resources)
     print(_summary(report), flush=True)
     return 0
+
+
+def _run_realtime(args: argparse.Namespace) -> int:
+    """Analyse sessions of the moving finger. Raises WrongUse for an option of the drum's alone."""
+    from rigctl.analysis.classification.sweep_engines import SweepEngine
+    from rigctl.analysis.finger.recorded_scans import read_data_sets
+    from rigctl.analysis.finger.report import summary_lines, write_finger_report
+    from rigctl.analysis.finger.results import analyse_finger
+    from rigctl.analysis.finger.tasks import DrawSettings
+
+    _refuse_drum_options(args)
+    out = Path(args.out)
+    if out.exists():
+        raise WrongUse(f"{out} already exists: name another folder, or remove it")
+    iterations = FINGER_ITERATIONS if args.iterations is None else args.iterations
+    settings = DrawSettings(iterations, args.seed, SweepEngine(args.engine))
+    with resources_of(args) as resources:
+        recorded = read_data_sets([Path(name) for name in args.sessions], resources)
+        analysis = analyse_finger(
+            recorded.data_sets,
+            settings,
+            resources,
+            scaled_currents=recorded.scaled_currents,
+            latencies=recorded.latencies,
+            remarks=recorded.remarks,
+        )
+    report = write_finger_report(analysis, out, _now())
+    files = [f"report: {report}", f"results: {out / 'results.json'}"]
+    print("\n".join([*summary_lines(analysis), *files]), flush=True)
+    return 0
+
+
+def _refuse_drum_options(args: argparse.Namespace) -> None:
+    plain = argparse.ArgumentParser()
+    add_arguments(plain)
+    for name in DRUM_OPTIONS:
+        if getattr(args, name) != plain.get_default(name):
+            option = name.replace("_", "-")
+            raise WrongUse(f"--{option} belongs to the drum's analysis: leave it out")
+
+
+def _now() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _sweep_of(args: argparse.Namespace, engine: SweepEngine) -> SweepSettings:
+    """Return the sweep of the drum's analysis."""
+    from rigctl.analysis.paper.tasks import SweepSettings
+
+    iterations = DRUM_ITERATIONS if args.iterations is None else args.iterations
+    k_max = DRUM_K_MAX if args.k_max is None else args.k_max
+    return SweepSettings(iterations, k_max, args.seed, engine, tuple(args.task))
 
 
 def _model_of(args: argparse.Namespace) -> ModelRequest | None:
