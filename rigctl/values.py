@@ -155,7 +155,10 @@ class DrumState:
 
 @dataclass(frozen=True, slots=True)
 class BoardIdentity:
-    """The identity that a board reports; ``boot_count`` changes when it reboots."""
+    """The identity that a board reports.
+
+    ``boot_count`` changes when it reboots, and is 0 of a board that keeps no count.
+    """
 
     board: str
     firmware_version: str

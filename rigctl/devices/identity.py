@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from rigctl.errors import LinkLost, RigFault, WrongBoard
 from rigctl.values import N_TAXELS, BoardIdentity
 from rigctl.wire.drum.register_table import BOARD_DRUM, BOARD_TAXELS, MAGIC, MAP_VERSION
+from rigctl.wire.finger import messages as finger
 from rigctl.wire.taxels.frames import WIRE_VERSION, TaxelIdentity
 
 CONNECT_TIMEOUT_S = 4.0
@@ -77,6 +78,29 @@ def taxel_identity(name: str, reported: TaxelIdentity) -> BoardIdentity:
         boot_count=reported.boot_count,
         reset_cause=reported.reset_cause,
         details={n: getattr(reported, n) for n in ("rate_hz", "slots", "slot_cycles")},
+    )
+
+
+def finger_identity(name: str, reported: finger.FingerIdentity) -> BoardIdentity:
+    """Return the finger board's identity; raises WrongBoard for another board or wire version."""
+    version = _version(reported.firmware_version)
+    if reported.magic != MAGIC or reported.board_id != finger.BOARD_FINGER:
+        raise WrongBoard(f"{name}: the board there is not a finger board: {WHICH_PORT}")
+    if not reported.is_finger or reported.batch_samples != finger.BATCH_SAMPLES:
+        raise WrongBoard(
+            f"{name}: the finger board's firmware {version} speaks wire version "
+            f"{reported.wire_version} with {reported.n_taxels} taxels in batches of "
+            f"{reported.batch_samples}, this program version {finger.WIRE_VERSION} with "
+            f"{finger.N_TAXELS} in batches of {finger.BATCH_SAMPLES}: make firmware, then flash it"
+        )
+    return BoardIdentity(
+        board="finger",
+        firmware_version=version,
+        build_hash=f"{reported.build_hash:08x}",
+        wire_version=reported.wire_version,
+        boot_count=0,
+        reset_cause=0,
+        details={n: getattr(reported, n) for n in ("rate_hz", "batch_samples")},
     )
 
 

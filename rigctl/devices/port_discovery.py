@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from serial.tools import list_ports
 
 from rigctl.devices.drum import Drum
+from rigctl.devices.finger import Finger
 from rigctl.devices.links.byte_link import ByteLink
 from rigctl.devices.links.serial import SerialLink
 from rigctl.devices.links.tcp import SCHEME, TcpLink
@@ -19,7 +20,7 @@ from rigctl.wire.drum import register_table
 from rigctl.wire.taxels import frames
 from rigctl.wire.taxels.frames import CYCLES_PER_US
 
-DRUM, TAXELS = "drum", "taxels"
+DRUM, TAXELS, FINGER = "drum", "taxels", "finger"
 COUNTERS = (
     "late_ticks",
     "longest_isr_us",
@@ -31,6 +32,17 @@ COUNTERS = (
 """Registers of the drum with what it counted since its boot."""
 TAXELS_BATCH_S = 0.01
 """The taxel stream is read in batches of 10 ms: its thread wakes 100 times a second."""
+FINGER_BATCH_S = 0.002
+"""The finger's windows are awaited: its thread wakes 500 times a second."""
+FINGER_BAUD = 115_200
+"""Over USB the board sends as fast as it can, whatever the baud rate."""
+
+
+_DRIVERS: dict[str, type[Drum] | type[Taxels] | type[Finger]] = {
+    DRUM: Drum,
+    TAXELS: Taxels,
+    FINGER: Finger,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +71,8 @@ def create_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteL
         return TcpLink(port, loop)
     if board == DRUM:
         return SerialLink(port, register_table.BAUD, loop)
+    if board == FINGER:
+        return SerialLink(port, FINGER_BAUD, loop, FINGER_BATCH_S)
     return SerialLink(port, frames.BAUD, loop, TAXELS_BATCH_S)
 
 
@@ -75,11 +89,13 @@ async def identify_board(
 async def _report(report: PortReport, board: str, loop: asyncio.AbstractEventLoop) -> PortReport:
     """Connect ``board`` on the port of ``report`` and return the report with what it reports."""
     link = create_link(report.port, board, loop)
-    device = Drum(link, loop) if board == DRUM else Taxels(link, loop)
+    device = _DRIVERS[board](link, loop)
     try:
         report = replace(report, identity=await device.connect())
         if isinstance(device, Taxels):
             return _add_taxel_status(report, device)
+        if isinstance(device, Finger):
+            return report
         counts = await device.get(*COUNTERS)
         return replace(report, counters={name: round(counts[name]) for name in COUNTERS})
     finally:
@@ -102,20 +118,26 @@ def _add_taxel_status(report: PortReport, taxels: Taxels) -> PortReport:
 
 
 async def probe_port(port: str, description: str, loop: asyncio.AbstractEventLoop) -> PortReport:
-    """Return a report of one port, which is probed for both boards."""
-    error = ""
-    for board in (DRUM, TAXELS):
+    """Return a report of one port, which is probed for each board."""
+    errors = []
+    for board in _DRIVERS:
         try:
             return await _report(PortReport(port, description), board, loop)
         except LinkLost as lost:
-            error = str(lost)
-            if "answered" not in error:
+            errors.append(str(lost))
+            if "answered" not in errors[-1]:
                 break
         except RigFault as refusal:
-            error = str(refusal)
-    no_answer = "answered" in error
-    error = "no rigctl board answered" if no_answer else error.removeprefix(f"{port}: ")
+            errors.append(str(refusal))
+    # The driver whose board it is knows most; the others heard nothing or foreign bytes.
+    error = min(errors, key=_vagueness).removeprefix(f"{port}: ")
+    if "answered" in error:
+        error = "no rigctl board answered"
     return PortReport(port, description, error=error)
+
+
+def _vagueness(error: str) -> int:
+    return 2 * ("answered" in error) + ("no complete reply" in error)
 
 
 async def probe_ports(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigctl.config.rig_config import ADC_MAX, TaxelArray
+from rigctl.devices.consumers import Consumers
 from rigctl.devices.identity import (
     CONNECT_TIMEOUT_S,
     PortDiagnosis,
@@ -17,6 +18,7 @@ from rigctl.devices.identity import (
     taxel_identity,
 )
 from rigctl.devices.links.byte_link import ByteLink
+from rigctl.devices.silence_watch import SilenceWatch
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
 from rigctl.values import Block, BoardIdentity
 from rigctl.wire.taxels.frames import (
@@ -33,7 +35,6 @@ from rigctl.wire.taxels.self_test import SelfTest, findings
 IDENTIFY_INTERVAL_S = 0.1
 LINK_TIMEOUT_S = 0.2
 """A board that sends no byte for this time counts as lost."""
-WATCHDOG_INTERVAL_S = 0.05
 SELF_TEST_TIMEOUT_S = 1.0
 """A self-test takes 21 ms; its outcome may queue behind samples."""
 
@@ -83,9 +84,8 @@ class Taxels:
         self._decoder = FrameDecoder()
         self._boot_count: int | None = None
         self._identified: asyncio.Future[TaxelIdentity] | None = None
-        self._watchdog: asyncio.TimerHandle | None = None
-        self._last_byte_s = 0.0
-        self._on_block: list[OnBlock] = []
+        self._watch = SilenceWatch(loop, LINK_TIMEOUT_S, self._fall_silent)
+        self._blocks: Consumers[Block] = Consumers(self._report_consumer)
         self._on_fault: list[OnFault] = []
         self._on_self_test: list[OnSelfTest] = []
         self._order = np.array(self.array.order, np.intp)
@@ -93,14 +93,14 @@ class Taxels:
     @property
     def connected(self) -> bool:
         """True from a successful connect until the link is closed or lost."""
-        return self._watchdog is not None
+        return self._watch.running
 
     def on_block(self, callback: OnBlock) -> None:
         """Subscribe ``callback`` to every block, in order, in the loop's thread.
 
         A callback that raises is reported through :meth:`on_fault` and unsubscribed.
         """
-        self._on_block.append(callback)
+        self._blocks.add(callback)
 
     def on_fault(self, callback: OnFault) -> None:
         """Subscribe ``callback`` to lost links, reboots and failed callbacks."""
@@ -158,15 +158,12 @@ class Taxels:
         self.rebooted = self._boot_count not in (None, identity.boot_count)
         self._boot_count = identity.boot_count
         self.identity = identity
-        self._last_byte_s = self._loop.time()
-        self._schedule_watchdog(self._last_byte_s + WATCHDOG_INTERVAL_S)
+        self._watch.start()
         return identity
 
     def close(self) -> None:
         """Free the port; samples until the next connect are not counted as lost."""
-        if self._watchdog is not None:
-            self._watchdog.cancel()
-            self._watchdog = None
+        self._watch.stop()
         self._identified = None
         self.link.close()
 
@@ -177,7 +174,9 @@ class Taxels:
         deadline_s = self._loop.time() + CONNECT_TIMEOUT_S
         while not identified.done() or self._decoder.waiting:
             if self._loop.time() > deadline_s:
-                raise no_answer(self.link.name, "taxel", identified.done() or self._last_byte_s > 0)
+                raise no_answer(
+                    self.link.name, "taxel", identified.done() or self._watch.heard_s > 0
+                )
             if not identified.done():
                 self.link.write(encode_request(IDENTIFY))
             await asyncio.sleep(IDENTIFY_INTERVAL_S)
@@ -186,7 +185,7 @@ class Taxels:
         return identified.result()
 
     def _receive(self, data: bytes, at_s: float) -> None:
-        self._last_byte_s = at_s
+        self._watch.heard_s = at_s
         decoded = self._decoder.feed(data, at_s)
         self._count(decoded)
         if decoded.statuses:
@@ -197,13 +196,13 @@ class Taxels:
                 callback(test)
         if decoded.identities and self._identified is not None and not self._identified.done():
             self._identified.set_result(decoded.identities[-1])
-        if decoded.reboots and self._watchdog is not None:
+        if decoded.reboots and self.connected:
             name = self.link.name
             self._report(
                 BoardRebooted(f"{name}: the taxel board restarted: its counters began again")
             )
         for block in decoded.blocks:
-            self._publish(self._reorder(block))
+            self._blocks.publish(self._reorder(block))
 
     def _reorder(self, block: Block) -> Block:
         """Return the block in the sensor's order and polarity: pressure raises a sample."""
@@ -220,13 +219,8 @@ class Taxels:
         counters.rejected_bytes += decoded.rejected_bytes
         counters.reboots += decoded.reboots
 
-    def _publish(self, block: Block) -> None:
-        for callback in tuple(self._on_block):
-            try:
-                callback(block)
-            except Exception as error:  # noqa: BLE001 - becomes a visible fault, reading continues
-                self._on_block.remove(callback)
-                self._report(RigFault(f"{self.link.name}: a consumer of samples failed: {error!r}"))
+    def _report_consumer(self, error: Exception) -> None:
+        self._report(RigFault(f"{self.link.name}: a consumer of samples failed: {error!r}"))
 
     def _report(self, fault: RigFault) -> None:
         for callback in tuple(self._on_fault):
@@ -239,14 +233,6 @@ class Taxels:
         self.close()
         self._report(LinkLost(reason))
 
-    def _schedule_watchdog(self, at_s: float) -> None:
-        self._watchdog = self._loop.call_at(at_s, self._check_silence, at_s)
-
-    def _check_silence(self, due_s: float) -> None:
-        """Report silence, unless the loop itself is late and has bytes to read first."""
-        now_s = self._loop.time()
-        if now_s - self._last_byte_s > LINK_TIMEOUT_S and now_s - due_s < WATCHDOG_INTERVAL_S:
-            name = self.link.name
-            self._lose(f"{name}: no taxel sample for {LINK_TIMEOUT_S:g} s: check the cable")
-        elif self._watchdog is not None:
-            self._schedule_watchdog(now_s + WATCHDOG_INTERVAL_S)
+    def _fall_silent(self) -> None:
+        name = self.link.name
+        self._lose(f"{name}: no taxel sample for {LINK_TIMEOUT_S:g} s: check the cable")

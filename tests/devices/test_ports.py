@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import threading
 import tty
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +18,13 @@ import pytest
 from rigctl.cli import create_parser
 from rigctl.cli.rig import ports as ports_command
 from rigctl.devices import drum as drum_module
+from rigctl.devices import finger as finger_module
 from rigctl.devices import taxels as taxels_module
 from rigctl.devices.port_discovery import find_boards, probe_ports
 from rigctl.errors import ConfigError, LinkLost, WrongBoard, WrongUse
 from rigctl.rig import open_rig
 from rigctl.wire.taxels import frames
+from tests.devices.finger_board import FirmwareBoard
 from tests.devices.memory_link import RegisterBoard
 from tests.devices.test_taxels import StreamingBoard
 from tests.wire import taxel_encoder
@@ -36,6 +40,7 @@ class TerminalLink:
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.master, self.slave = os.openpty()
         tty.setraw(self.slave)
+        os.set_blocking(self.master, False)
         self.path = os.ttyname(self.slave)
         self.board = lambda data: None
         self._loop = loop
@@ -44,7 +49,11 @@ class TerminalLink:
         self._loop.add_reader(self.master, lambda: self.board(os.read(self.master, 1000)))
 
     def say(self, data: bytes, after_s: float = 0.0) -> None:
-        self._loop.call_later(after_s, os.write, self.master, data)
+        self._loop.call_later(after_s, self._write, data)
+
+    def _write(self, data: bytes) -> None:
+        with suppress(BlockingIOError):  # nobody reads: the bytes are lost, as on a cable
+            os.write(self.master, data)
 
     def close(self) -> None:
         os.close(self.master)
@@ -59,15 +68,17 @@ def warm_kernels() -> None:
 
 
 class Terminals:
-    """Three pseudo-terminals: a drum, a taxel board, and one without a board."""
+    """Four pseudo-terminals: a drum, a taxel board, a finger board, and one without a board."""
 
     def __init__(self) -> None:
         self.loop = asyncio.new_event_loop()
         warm_kernels()
-        self.drum, self.taxels, self.nobody = (TerminalLink(self.loop) for _ in range(3))
+        links = [TerminalLink(self.loop) for _ in range(4)]
+        self.drum, self.taxels, self.finger, self.nobody = links
         RegisterBoard(self.loop, self.drum)  # type: ignore[arg-type]
         self.loop.call_soon(StreamingBoard, self.loop, self.taxels)
-        for link in (self.drum, self.taxels):
+        self.loop.call_soon(FirmwareBoard, self.loop, self.finger)
+        for link in (self.drum, self.taxels, self.finger):
             self.loop.call_soon(link.start)
         self.thread = threading.Thread(target=self.loop.run_forever)
         self.thread.start()
@@ -76,13 +87,13 @@ class Terminals:
         self.loop.call_soon_threadsafe(self.loop.stop)
         self.thread.join()
         self.loop.close()
-        for link in (self.drum, self.taxels, self.nobody):
+        for link in (self.drum, self.taxels, self.finger, self.nobody):
             link.close()
 
 
 @pytest.fixture
 def terminals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminals]:
-    for module in (drum_module, taxels_module):
+    for module in (drum_module, taxels_module, finger_module):
         monkeypatch.setattr(module, "CONNECT_TIMEOUT_S", 0.4)
     there = Terminals()
     yield there
@@ -117,6 +128,27 @@ def test_every_port_is_identified(
         "  0 late ticks, longest interrupt 20 µs, 900 bytes of stack never used, idle 48 %\n"
         "  line D5 stays low: it is connected to ground; free it\n"
     )
+
+
+def test_a_finger_board_is_identified(
+    terminals: Terminals, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = terminals.finger.path
+    assert ports_cli(["ports", "--json", path]) == 0
+    (finger,) = json.loads(capsys.readouterr().out)
+    assert (finger["port"], finger["board"], finger["boot_count"]) == (path, "finger", 0)
+    assert (finger["reset"], finger["counters"]) == (None, {})
+    assert ports_cli(["ports", path]) == 0
+    line = rf"{path}: finger board, firmware \d+\.\d+, build [0-9a-f]{{8}}\n"
+    assert re.fullmatch(line, capsys.readouterr().out)
+
+
+def test_the_driver_whose_board_it_is_says_what_is_wrong(
+    terminals: Terminals, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rigctl.devices.identity.WIRE_VERSION", 99)
+    assert ports_cli(["ports", terminals.taxels.path]) == 0
+    assert "the taxel board's firmware 1.2 speaks wire version" in capsys.readouterr().out
 
 
 def test_swapped_ports_are_named(terminals: Terminals, tmp_path: Path) -> None:
@@ -165,11 +197,12 @@ def test_boards_without_a_named_port_are_searched(
         def __lt__(self, other: Info) -> bool:
             return self.device < other.device
 
-    there = [Info(terminals.taxels.path), Info(terminals.drum.path)]
+    there = [Info(link.path) for link in (terminals.taxels, terminals.finger, terminals.drum)]
     monkeypatch.setattr("rigctl.devices.port_discovery.list_ports.comports", lambda: there)
     assert asyncio.run(found()) == {
         "drum": terminals.drum.path,
         "taxels": terminals.taxels.path,
+        "finger": terminals.finger.path,
     }
 
 

@@ -11,6 +11,7 @@ import json
 from collections.abc import Mapping
 
 from rigctl.devices.port_discovery import PortReport, probe_ports
+from rigctl.values import BoardIdentity
 from rigctl.wire.drum.codes import SettingsFrom, reset_cause_text
 
 
@@ -38,11 +39,16 @@ def _as_line(report: PortReport) -> str:
     if board is None:
         return f"{report.port}: {report.error}"
     supply = "" if report.supply_v is None else f", supply {report.supply_v:.2f} V"
+    boot = f", boot {board.boot_count} by {_reset(board)}" if board.boot_count else ""
     return (
         f"{report.port}: {board.board} board, firmware {board.firmware_version}, "
-        f"build {board.build_hash}, boot {board.boot_count} "
-        f"by {reset_cause_text(board.reset_cause)}{supply}"
+        f"build {board.build_hash}{boot}{supply}"
     )
+
+
+def _reset(board: BoardIdentity) -> str | None:
+    """Return what reset the board, None for one that does not report it."""
+    return reset_cause_text(board.reset_cause) if board.boot_count else None
 
 
 def _findings(report: PortReport) -> tuple[str, ...]:
@@ -71,7 +77,7 @@ def _as_json(report: PortReport) -> dict[str, object]:
         "firmware": board and board.firmware_version,
         "build": board and board.build_hash,
         "boot_count": board and board.boot_count,
-        "reset": board and reset_cause_text(board.reset_cause),
+        "reset": board and _reset(board),
         "supply_v": report.supply_v,
         "self_test": report.self_test,
         "counters": dict(report.counters),

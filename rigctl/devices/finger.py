@@ -1,0 +1,263 @@
+"""The driver of the finger board: samples, spikes and windows as they arrive, and its settings."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from rigctl.devices.consumers import Consumers
+from rigctl.devices.finger_requests import SETTINGS_ATTEMPTS, FingerRequests, require_settings
+from rigctl.devices.identity import (
+    CONNECT_TIMEOUT_S,
+    PortDiagnosis,
+    finger_identity,
+    no_answer,
+    raise_diagnosis,
+)
+from rigctl.devices.links.byte_link import ByteLink
+from rigctl.devices.sample_counter import SampleCounter
+from rigctl.devices.silence_watch import SilenceWatch
+from rigctl.errors import BoardRebooted, LinkLost, RigFault, WrongUse
+from rigctl.values import BoardIdentity
+from rigctl.wire.finger import messages
+from rigctl.wire.finger.decoder import FingerBlock, FingerDecoder
+from rigctl.wire.finger.messages import (
+    FingerIdentity,
+    FingerSettings,
+    FingerStatus,
+    Message,
+    RequestType,
+)
+
+IDENTIFY_INTERVAL_S = 0.1
+LINK_TIMEOUT_S = 0.2
+"""A board that sends no byte for this time counts as lost."""
+MAX_U32 = 2**32 - 1
+
+OnFingerBlock = Callable[[FingerBlock, float], None]
+OnMessage = Callable[[Message, float], None]
+OnFault = Callable[[RigFault], None]
+
+
+@dataclass(slots=True)
+class FingerCounters:
+    """Samples received and lost, damaged frames and reboots since construction."""
+
+    samples: int = 0
+    lost: int = 0
+    damaged_frames: int = 0
+    reboots: int = 0
+
+
+class Finger:
+    """The finger board over one link.
+
+    ``identity`` is that of the last connect, ``rebooted`` whether the board rebooted between the
+    last two, ``settings`` what the board said last that it uses, ``status`` its last counters.
+    """
+
+    identity: BoardIdentity
+
+    def __init__(
+        self,
+        link: ByteLink,
+        loop: asyncio.AbstractEventLoop,
+        diagnose_port: PortDiagnosis | None = None,
+    ) -> None:
+        self.link = link
+        self.counters = FingerCounters()
+        self.status: FingerStatus | None = None
+        self.settings: FingerSettings | None = None
+        self.rebooted = False
+        self._loop = loop
+        self._diagnose_port = diagnose_port
+        self._decoder = FingerDecoder()
+        self._counter = SampleCounter()
+        self._watch = SilenceWatch(loop, LINK_TIMEOUT_S, self._fall_silent)
+        self._damaged = 0
+        self._reboots_before = 0
+        self._requests = FingerRequests(link, loop)
+        self._on_fault: list[OnFault] = []
+        self._blocks: Consumers[FingerBlock, float] = Consumers(self._report_consumer)
+        self._messages: Consumers[Message, float] = Consumers(self._report_consumer)
+
+    @property
+    def connected(self) -> bool:
+        """True from a successful connect until the link is closed or lost."""
+        return self._watch.running
+
+    def on_block(self, callback: OnFingerBlock) -> None:
+        """Call ``callback(block, arrived_s)`` for every block, in order, in the loop's thread.
+
+        A callback that raises is reported through :meth:`on_fault` and dropped.
+        """
+        self._blocks.add(callback)
+
+    def on_message(self, callback: OnMessage) -> None:
+        """Call ``callback(message, arrived_s)`` for every other frame; raising is as for blocks."""
+        self._messages.add(callback)
+
+    def on_fault(self, callback: OnFault) -> None:
+        """Call ``callback`` for lost links, reboots and failed callbacks."""
+        self._on_fault.append(callback)
+
+    async def connect(self) -> BoardIdentity:
+        """Open the link, wait for identity, settings and sample counter, return the identity.
+
+        Raises LinkLost where no board answers in time, WrongBoard where another board does.
+        """
+        self.close()
+        self._decoder, self._damaged = FingerDecoder(), 0
+        self._counter.join()
+        self._watch.heard_s = 0.0
+        before = self.settings
+        self.link.open(self._receive, self._lose)
+        try:
+            identity = finger_identity(self.link.name, await self._read_identity())
+            settings = await self._requests.read_settings()
+            await self._requests.wait(FingerStatus, lambda _: self._counter.placed)
+        except BaseException as failure:
+            self.close()
+            await raise_diagnosis(failure, self._diagnose_port if before is None else None)
+            raise
+        restarted = self.counters.reboots > self._reboots_before
+        self.rebooted = restarted or before not in (None, settings)
+        self._reboots_before = self.counters.reboots
+        self.identity = identity
+        self._watch.start()
+        return identity
+
+    def close(self) -> None:
+        """Free the port; samples until the next connect are missing in its first block."""
+        self._watch.stop()
+        self._requests.fail(LinkLost(f"{self.link.name}: the link was closed"))
+        self.link.close()
+
+    async def configure(
+        self, low: Sequence[int], high: Sequence[int], reference_um_per_s: int
+    ) -> FingerSettings:
+        """Set the range of each taxel and the reference speed, read them back and return them.
+
+        ``low`` and ``high``: 9 readings each. Raises WrongUse for values that no board takes,
+        CommandRefused during a scan, RigFault where the board uses something else afterwards.
+        """
+        wanted = require_settings(low, high, reference_um_per_s)
+        requests = self._requests
+        ranges = messages.set_ranges(wanted.low, wanted.high)
+        await requests.change(ranges, RequestType.SET_RANGES, SETTINGS_ATTEMPTS)
+        reference = messages.set_reference(reference_um_per_s)
+        await requests.change(reference, RequestType.SET_REFERENCE, SETTINGS_ATTEMPTS)
+        settings = await requests.read_settings()
+        if settings != wanted:
+            raise RigFault(
+                f"{self.link.name}: the finger board uses {settings} after it was set to {wanted}: "
+                "set it again, and check its firmware"
+            )
+        return settings
+
+    async def set_mean(self, window: int, mean_hz: Sequence[float]) -> None:
+        """Replace the mean features of a window, one for each taxel, of a classifier on the board.
+
+        Raises CommandRefused during a scan and where the image has no classifier.
+        """
+        request = messages.set_mean(window, mean_hz)
+        await self._requests.change(request, RequestType.SET_MEAN, SETTINGS_ATTEMPTS)
+
+    async def start(self, scan: int) -> None:
+        """Start a scan with the next sample. Raises LinkLost where the board does not confirm."""
+        request = messages.start(_u32("scan", scan))
+        await self._requests.change(request, RequestType.START, 1, scan)
+
+    async def stop(self, scan: int) -> None:
+        """Close the scan's last batch; its velocity ends the scan. Raises as :meth:`start`."""
+        request = messages.stop(_u32("scan", scan))
+        await self._requests.change(request, RequestType.STOP, 1, scan)
+
+    def set_velocity(self, scan: int, batch: int, um_per_s: int) -> None:
+        """Send the mean velocity of a batch and return at once.
+
+        The board's answer and report of the batch come through :meth:`on_message`. Raises
+        WrongUse for a value that the wire cannot hold, LinkLost where the link is closed.
+        """
+        values = (_u32("scan", scan), _u32("batch", batch), _u32("velocity", um_per_s))
+        self.link.write(messages.velocity(*values))
+
+    async def _read_identity(self) -> FingerIdentity:
+        attempts = max(1, round(CONNECT_TIMEOUT_S / IDENTIFY_INTERVAL_S))
+        try:
+            return await self._requests.ask(
+                messages.identify(), FingerIdentity, attempts=attempts, each_s=IDENTIFY_INTERVAL_S
+            )
+        except TimeoutError:
+            raise no_answer(self.link.name, "finger", self._watch.heard_s > 0) from None
+
+    def _receive(self, data: bytes, at_s: float) -> None:
+        self._watch.heard_s = at_s
+        block, received = self._decoder.feed(data)
+        self.counters.damaged_frames += self._decoder.damaged - self._damaged
+        self._damaged = self._decoder.damaged
+        if any(self._tells_reboot(message) for message in received):
+            self._restart()
+        else:
+            self._publish(block, at_s)
+        for message in received:
+            self._note(message)
+            self._requests.take(message)
+            self._messages.publish(message, at_s)
+
+    def _tells_reboot(self, message: Message) -> bool:
+        """Return whether the board says unasked who it is, or has counted fewer samples."""
+        if isinstance(message, FingerIdentity):
+            return self.connected
+        return isinstance(message, FingerStatus) and self._counter.is_behind(message.samples)
+
+    def _restart(self) -> None:
+        """Report a reboot; the samples that came with the news cannot be placed."""
+        self.counters.reboots += 1
+        self._counter.restart()
+        if self.connected:
+            fault = BoardRebooted(
+                f"{self.link.name}: the finger board restarted with its default settings: connect "
+                "it again and set it"
+            )
+            self._requests.fail(fault)
+            self._report(fault)
+
+    def _publish(self, block: FingerBlock, at_s: float) -> None:
+        placed = self._counter.place(block)
+        if placed is not None:
+            self.counters.samples += len(placed.counters)
+            self.counters.lost += placed.missing
+            self._blocks.publish(placed, at_s)
+
+    def _note(self, message: Message) -> None:
+        if isinstance(message, FingerSettings):
+            self.settings = message
+        elif isinstance(message, FingerStatus):
+            self.status = message
+            self._counter.tell(message.samples)
+
+    def _report(self, fault: RigFault) -> None:
+        for callback in tuple(self._on_fault):
+            callback(fault)
+
+    def _report_consumer(self, error: Exception) -> None:
+        self._report(RigFault(f"{self.link.name}: a consumer of samples failed: {error!r}"))
+
+    def _fall_silent(self) -> None:
+        name = self.link.name
+        self._lose(f"{name}: no finger sample for {LINK_TIMEOUT_S:g} s: check the cable")
+
+    def _lose(self, reason: str) -> None:
+        was_connected = self.connected
+        self._requests.fail(LinkLost(reason))
+        self.close()
+        if was_connected:
+            self._report(LinkLost(reason))
+
+
+def _u32(what: str, value: int) -> int:
+    if not 0 <= value <= MAX_U32:
+        raise WrongUse(f"{what} {value} is outside 0 to {MAX_U32}")
+    return value

@@ -1,0 +1,428 @@
+"""The finger board's driver with the board's own firmware, whole and in every kind of trouble."""
+
+from __future__ import annotations
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from rigctl.devices.finger import Finger
+from rigctl.errors import (
+    BoardRebooted,
+    CommandRefused,
+    LinkLost,
+    RigFault,
+    WrongBoard,
+    WrongUse,
+)
+from rigctl.wire.finger import messages
+from rigctl.wire.finger.decoder import FingerBlock
+from rigctl.wire.finger.messages import (
+    Answer,
+    BatchReport,
+    FingerSettings,
+    Message,
+    Result,
+    SampleFlag,
+    ScanEnded,
+    VelocitySource,
+    WindowReport,
+)
+from rigctl.wire.taxels.frames import frame
+from tests.devices.finger_board import FirmwareBoard
+from tests.devices.memory_link import JumpingLoop, MemoryLink, run
+
+LOW = tuple(range(90, 99))
+HIGH = tuple(range(600, 609))
+IDENTITY = b"\x30\x47\x52\x01\x03\x02\x01\xef\xbe\xad\xde\x09\xe8\x03\x64"
+
+
+class Listener:
+    """Collects what the driver hands on."""
+
+    def __init__(self, finger: Finger) -> None:
+        self.blocks: list[FingerBlock] = []
+        self.arrivals_s: list[float] = []
+        self.messages: list[Message] = []
+        self.faults: list[RigFault] = []
+        finger.on_block(self._take)
+        finger.on_message(lambda message, at_s: self.messages.append(message))
+        finger.on_fault(self.faults.append)
+
+    def _take(self, block: FingerBlock, at_s: float) -> None:
+        self.blocks.append(block)
+        self.arrivals_s.append(at_s)
+
+    @property
+    def counters(self) -> list[int]:
+        return [int(counter) for block in self.blocks for counter in block.counters]
+
+    @property
+    def missing(self) -> int:
+        return sum(block.missing for block in self.blocks)
+
+    def of(self, kind: type[Message]) -> list[Message]:
+        return [message for message in self.messages if isinstance(message, kind)]
+
+
+def unconnected(loop: JumpingLoop) -> tuple[Finger, FirmwareBoard, MemoryLink, Listener]:
+    link = MemoryLink(loop, "/dev/finger")
+    board = FirmwareBoard(loop, link)
+    finger = Finger(link, loop)
+    return finger, board, link, Listener(finger)
+
+
+def test_connecting_gives_identity_and_whole_counters() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, _, listener = unconnected(loop)
+        for _ in range(50):
+            board.run(4000)
+            board.firmware.take_sent()
+        identity = await finger.connect()
+        assert (identity.board, identity.wire_version) == ("finger", messages.WIRE_VERSION)
+        assert identity.details == {"rate_hz": 1000, "batch_samples": 100}
+        await asyncio.sleep(1.0)
+        first = listener.counters[0]
+        assert 200_000 <= first < 200_700
+        assert listener.counters == list(range(first, first + len(listener.counters)))
+        assert finger.counters.samples == len(listener.counters) > 900
+        assert (finger.counters.lost, finger.counters.damaged_frames) == (0, 0)
+        block = listener.blocks[-1]
+        expected = 100 + (block.counters[:, None] + np.arange(9)) % 500
+        assert np.array_equal(block.readings, expected)
+        assert listener.arrivals_s[-1] == pytest.approx(loop.time(), abs=0.003)
+        assert finger.status is not None and finger.status.samples > 200_000
+        assert not finger.rebooted and listener.faults == []
+        finger.close()
+
+    run(main)
+
+
+def test_settings_are_set_and_read_back() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, _, _, _ = unconnected(loop)
+        await finger.connect()
+        assert await finger.configure(LOW, HIGH, 120_000) == FingerSettings(LOW, HIGH, 120_000)
+        assert finger.settings == FingerSettings(LOW, HIGH, 120_000)
+        for low, high, reference, sentence in [
+            (LOW[:8], HIGH, 100_000, "give a range for each"),
+            (HIGH, LOW, 100_000, "taxel 1: the range 600 to 90 is empty or outside 0 to 1023"),
+            (LOW, (*HIGH[:8], 1024), 100_000, "taxel 9: the range 98 to 1024"),
+            (LOW, HIGH, 999, "the reference speed 999 µm/s is outside 1000 to 10000000"),
+        ]:
+            with pytest.raises(WrongUse, match=sentence):
+                await finger.configure(low, high, reference)
+        assert finger.settings == FingerSettings(LOW, HIGH, 120_000)
+        with pytest.raises(CommandRefused, match="set mean: its image has no classifier"):
+            await finger.set_mean(0, [0.0] * 9)
+        finger.close()
+
+    run(main)
+
+
+def test_a_board_that_uses_other_settings_is_reported() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, link, _ = unconnected(loop)
+        await finger.connect()
+        ranges = messages.set_ranges(LOW, HIGH)
+        other = messages.set_ranges(LOW, (*HIGH[:8], 700))
+        link.board = lambda data: board.receive(data.replace(ranges, other))
+        with pytest.raises(RigFault, match=r"uses FingerSettings.*700.* after it was set to"):
+            await finger.configure(LOW, HIGH, 100_000)
+        finger.close()
+
+    run(main)
+
+
+async def scan(finger: Finger, velocities: list[int | None], number: int = 7) -> None:
+    """One scan with a velocity for each batch; None: it is lost on its way."""
+    await finger.start(number)
+    for batch, velocity in enumerate(velocities):
+        await asyncio.sleep(0.1)
+        if velocity is not None:
+            finger.set_velocity(number, batch, velocity)
+    await finger.stop(number)
+    await asyncio.sleep(0.05)
+
+
+def test_a_scan_gives_spikes_batches_windows_and_its_end() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, _, _, listener = unconnected(loop)
+        await finger.connect()
+        await finger.configure(LOW, HIGH, 100_000)
+        await scan(finger, [100_000, 100_000, None, 50_000, 50_000])
+        batches = listener.of(BatchReport)
+        sources = [batch.source for batch in batches if isinstance(batch, BatchReport)]
+        assert sources[:4] == [
+            VelocitySource.RECEIVED,
+            VelocitySource.RECEIVED,
+            VelocitySource.HELD,
+            VelocitySource.RECEIVED,
+        ]
+        assert len(listener.of(WindowReport)) >= 3
+        assert ScanEnded(7) not in listener.messages
+        finger.set_velocity(7, 5, 50_000)
+        await asyncio.sleep(0.01)
+        assert ScanEnded(7) in listener.messages
+        with pytest.raises(CommandRefused, match="refused to set ranges: a scan is under way"):
+            await finger.start(8)
+            await finger.configure(LOW, HIGH, 100_000)
+        in_scan = [
+            row
+            for block in listener.blocks
+            for row, flag in zip(block.spikes, block.flags, strict=True)
+            if flag & SampleFlag.IN_SCAN
+        ]
+        assert len(in_scan) > 490 and np.sum(in_scan) > 0
+        assert listener.faults == []
+        finger.close()
+
+    run(main)
+
+
+def test_late_early_and_impossible_velocities_are_answered_not_raised() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, _, link, listener = unconnected(loop)
+        await finger.connect()
+        await finger.start(3)
+        finger.set_velocity(3, 0, 100_000)
+        await asyncio.sleep(0.35)
+        finger.set_velocity(3, 0, 100_000)
+        finger.set_velocity(3, 2, 4_000_000_000)
+        await asyncio.sleep(0.2)
+        results = [a.result for a in listener.of(Answer) if isinstance(a, Answer)]
+        assert results == [Result.OK, Result.NOT_WAITING, Result.NOT_WAITING, Result.WRONG_VALUE]
+        assert finger.status is not None
+        assert (finger.status.early_velocities, finger.status.late_velocities) == (1, 1)
+        for values in ((-1, 0, 0), (3, 0, -1), (3, 0, 2**32)):
+            with pytest.raises(WrongUse, match="is outside 0 to 4294967295"):
+                finger.set_velocity(*values)
+        finger.close()
+        with pytest.raises(LinkLost, match="the port is closed"):
+            finger.set_velocity(3, 1, 100_000)
+        assert not link.is_open
+
+    run(main)
+
+
+@pytest.mark.parametrize(
+    ("byte", "value", "sentence"),
+    [
+        (1, 0x48, "the board there is not a finger board"),
+        (4, 2, "the board there is not a finger board"),
+        (3, 9, r"firmware 1\.2 speaks wire version 9 .* this program version 1 .*make firmware"),
+        (11, 18, "with 18 taxels"),
+        (14, 50, "in batches of 50"),
+    ],
+)
+def test_a_board_of_another_kind_or_wire_is_refused(byte: int, value: int, sentence: str) -> None:
+    async def main(loop: JumpingLoop) -> None:
+        link = MemoryLink(loop, "/dev/finger")
+        body = bytearray(IDENTITY)
+        body[byte] = value
+        link.board = lambda data: link.say(frame(bytes(body)), 0.001)
+        with pytest.raises(WrongBoard, match=sentence):
+            await Finger(link, loop).connect()
+        assert not link.is_open
+
+    run(main)
+
+
+def test_nobody_and_foreign_bytes_are_said_in_time() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        link = MemoryLink(loop, "/dev/finger")
+        finger = Finger(link, loop)
+        with pytest.raises(LinkLost, match="no finger board answered within 4 s"):
+            await finger.connect()
+        link.board = lambda data: link.say(bytes(range(200)))
+        with pytest.raises(WrongBoard, match="no complete reply from a finger board"):
+            await finger.connect()
+        link.plugged = False
+        with pytest.raises(LinkLost, match="no such port"):
+            await finger.connect()
+        assert loop.time() < 9
+
+    run(main)
+
+
+def test_the_other_board_on_the_port_is_named() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        async def diagnose() -> str:
+            return "the taxels board answers there"
+
+        finger = Finger(MemoryLink(loop), loop, diagnose)
+        with pytest.raises(WrongBoard, match="the taxels board answers there"):
+            await finger.connect()
+
+    run(main)
+
+
+def test_a_damaged_stream_costs_its_frames_and_all_are_counted() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, _, listener = unconnected(loop)
+        await finger.connect()
+        random = np.random.default_rng(1)
+
+        def spoil(data: bytes) -> bytes:
+            spoiled = bytearray(data)
+            if random.random() < 0.2:
+                spoiled[random.integers(len(spoiled))] ^= 1 << int(random.integers(8))
+            return bytes(spoiled)
+
+        board.spoil = spoil
+        await asyncio.sleep(2.0)
+        board.spoil = lambda data: data
+        await asyncio.sleep(0.2)
+        first, last = listener.counters[0], listener.counters[-1]
+        assert finger.counters.damaged_frames > 100
+        assert 100 < listener.missing == finger.counters.lost
+        assert len(listener.counters) + listener.missing == last - first + 1
+        assert (np.diff(listener.counters) > 0).all()
+        assert listener.faults == []
+        finger.close()
+
+    run(main)
+
+
+def test_requests_that_are_lost_are_repeated_only_where_that_does_no_harm() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, link, _ = unconnected(loop)
+        await finger.connect()
+        lose = [messages.set_ranges(LOW, HIGH), messages.read_settings(), messages.start(5)]
+
+        def receive(data: bytes) -> None:
+            if data in lose:
+                lose.remove(data)
+            else:
+                board.receive(data)
+
+        link.board = receive
+        await finger.configure(LOW, HIGH, 100_000)
+        with pytest.raises(LinkLost, match=r"sent no Answer within 0\.5 s: check the cable"):
+            await finger.start(5)
+        assert link.written.count(messages.start(5)) == 1
+        assert lose == []
+        finger.close()
+
+    run(main)
+
+
+@pytest.mark.parametrize("after_s", [0.3, 1.0])
+def test_a_reboot_is_noticed_and_its_samples_are_not_mixed_in(after_s: float) -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, _, listener = unconnected(loop)
+        await finger.connect()
+        await finger.configure(LOW, HIGH, 100_000)
+        await asyncio.sleep(after_s)
+        loop.call_later(0.05, board.reboot)
+        await finger.start(1)
+        await asyncio.sleep(0.4)
+        assert [type(fault) for fault in listener.faults] == [BoardRebooted]
+        assert "restarted with its default settings" in str(listener.faults[0])
+        assert (finger.counters.reboots, finger.counters.lost, listener.missing) == (1, 0, 0)
+        assert listener.counters[-1] < 1000
+        await finger.connect()
+        assert finger.rebooted
+        await finger.connect()
+        assert not finger.rebooted
+        finger.close()
+
+    run(main)
+
+
+def test_a_reboot_whose_identity_is_lost_is_noticed_by_the_samples() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, _, listener = unconnected(loop)
+        await finger.connect()
+        await asyncio.sleep(0.5)
+        board.spoil = lambda data: data[1:]
+        board.reboot()
+        board.spoil = lambda data: data
+        await asyncio.sleep(0.3)
+        assert [type(fault) for fault in listener.faults] == [BoardRebooted]
+        finger.close()
+
+    run(main)
+
+
+def test_a_reboot_ends_the_wait_for_an_answer() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, link, _ = unconnected(loop)
+        await finger.connect()
+        link.board = lambda data: board.reboot()
+        with pytest.raises(BoardRebooted, match="restarted"):
+            await finger.start(1)
+        assert loop.time() < 1.0
+        finger.close()
+
+    run(main)
+
+
+def test_silence_is_reported_within_0_3_s() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, link, listener = unconnected(loop)
+        await finger.connect()
+        await asyncio.sleep(0.5)
+        board.silent, silent_s = True, loop.time()
+        while not listener.faults:
+            await asyncio.sleep(0.01)
+        assert loop.time() - silent_s < 0.3
+        assert [str(fault) for fault in listener.faults] == [
+            "/dev/finger: no finger sample for 0.2 s: check the cable"
+        ]
+        assert not link.is_open and not finger.connected
+        await asyncio.sleep(1.0)
+        assert len(listener.faults) == 1
+
+    run(main)
+
+
+def test_an_unplug_is_reported_and_the_gap_is_counted_after_the_replug() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, link, listener = unconnected(loop)
+        await finger.connect()
+        await asyncio.sleep(0.5)
+        pending = asyncio.create_task(finger.stop(1))
+        link.board = lambda data: link.unplug()
+        with pytest.raises(LinkLost, match="the port vanished"):
+            await pending
+        link.board = board.receive
+        assert [str(fault) for fault in listener.faults] == ["/dev/finger: the port vanished"]
+        last = listener.counters[-1]
+        await asyncio.sleep(200.0)
+        link.plugged = True
+        await finger.connect()
+        await asyncio.sleep(0.1)
+        assert not finger.rebooted
+        first = listener.counters[listener.counters.index(last) + 1]
+        assert listener.missing == first - last - 1 == finger.counters.lost > 199_000
+        link.unplug()
+        board.reboot()
+        link.plugged = True
+        await finger.connect()
+        assert finger.rebooted
+        assert finger.counters.lost == listener.missing
+        finger.close()
+
+    run(main)
+
+
+@pytest.mark.parametrize("of", ["samples", "messages"])
+def test_a_consumer_that_raises_is_reported_once_and_the_others_continue(of: str) -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, _, _, listener = unconnected(loop)
+
+        def fails(value: object, at_s: float) -> None:
+            raise KeyError("oops")
+
+        (finger.on_block if of == "samples" else finger.on_message)(fails)
+        await finger.connect()
+        await asyncio.sleep(0.5)
+        assert [str(fault) for fault in listener.faults] == [
+            "/dev/finger: a consumer of samples failed: KeyError('oops')"
+        ]
+        assert len(listener.counters) > 400
+        finger.close()
+
+    run(main)
