@@ -1,1 +1,1 @@
-"""The boards as a scientist names them: Drum and Taxels, and the ports they hang on."""
+"""The devices as a scientist names them: drum, taxels, finger, trackers, and their ports."""
