@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rigctl.devices.trackers.tracker import Position
 from rigctl.protocol.finger import MARKS_MM
+from rigctl.values import Position
 
 REST_S = 0.25
 """The sensor rests where it was quiet for twice this time: the older half gives the bias."""

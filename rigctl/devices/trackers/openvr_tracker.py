@@ -8,8 +8,8 @@ from contextlib import suppress
 from typing import Any
 
 from rigctl.devices.trackers.streaming_tracker import StreamingTracker
-from rigctl.devices.trackers.tracker import Position
 from rigctl.errors import LinkLost, RigFault
+from rigctl.values import Position
 
 POLL_S = 0.004
 """SteamVR extrapolates the pose to the moment of the call, so its latency counts as 0."""

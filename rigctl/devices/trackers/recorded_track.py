@@ -8,8 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from rigctl.devices.trackers.streaming_tracker import StreamingTracker
-from rigctl.devices.trackers.tracker import Position
 from rigctl.errors import WrongUse
+from rigctl.values import Position
 from rigctl.wire.tracker_lines import PositionLines
 
 

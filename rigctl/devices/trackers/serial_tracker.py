@@ -7,7 +7,7 @@ import asyncio
 from rigctl.devices.links.byte_link import ByteLink
 from rigctl.devices.trackers.source_clock import SourceClock
 from rigctl.devices.trackers.streaming_tracker import StreamingTracker
-from rigctl.devices.trackers.tracker import Position
+from rigctl.values import Position
 from rigctl.wire.tracker_lines import PositionLines
 
 

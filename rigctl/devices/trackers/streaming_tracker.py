@@ -6,8 +6,9 @@ import asyncio
 from abc import ABC, abstractmethod
 
 from rigctl.devices.silence_watch import SilenceWatch
-from rigctl.devices.trackers.tracker import OnPosition, OnTrackerLost, Position, TrackerCounters
+from rigctl.devices.trackers.tracker import OnPosition, OnTrackerLost, TrackerCounters
 from rigctl.errors import LinkLost
+from rigctl.values import Position
 
 SILENCE_S = 2.0
 """A tracker that sends nothing for this time is lost; shorter dropouts are the estimator's."""

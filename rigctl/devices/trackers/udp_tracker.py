@@ -7,8 +7,8 @@ import socket
 
 from rigctl.devices.trackers.source_clock import SourceClock
 from rigctl.devices.trackers.streaming_tracker import StreamingTracker
-from rigctl.devices.trackers.tracker import Position
 from rigctl.errors import LinkLost
+from rigctl.values import Position
 from rigctl.wire.tracker_lines import decode_datagram
 
 LOOPBACK = "127.0.0.1"

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from rigctl.devices.trackers.imu_integrator import ImuIntegrator
 from rigctl.devices.trackers.imu_tracker import ImuTracker
-from rigctl.devices.trackers.tracker import Position
+from rigctl.values import Position
 from tests.devices.memory_link import JumpingLoop, MemoryLink, run
 
 RATE_HZ = 200

@@ -10,8 +10,8 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from rigctl.devices.trackers.openvr_tracker import OpenVrTracker
-from rigctl.devices.trackers.tracker import Position
 from rigctl.errors import LinkLost, RigFault
+from rigctl.values import Position
 from tests.devices.trackers.steamvr import SteamVR
 
 

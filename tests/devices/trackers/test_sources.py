@@ -14,9 +14,9 @@ from rigctl.devices.trackers.open_tracker import open_tracker
 from rigctl.devices.trackers.recorded_track import RecordedTrack, read_track
 from rigctl.devices.trackers.serial_tracker import SerialTracker
 from rigctl.devices.trackers.source_clock import SourceClock
-from rigctl.devices.trackers.tracker import Position
 from rigctl.devices.trackers.udp_tracker import UdpTracker
 from rigctl.errors import LinkLost, WrongUse
+from rigctl.values import Position
 from tests.devices.memory_link import JumpingLoop, MemoryLink, run
 
 
