@@ -67,7 +67,7 @@ def summary_lines(analysis: FingerAnalysis) -> list[str]:
             lines.append(
                 f"{start}{one.kind.value}: at an error rate of {one.asked:.0%}, "
                 f"{one.answered:.0%} of trials are answered after {one.mean_mm:.0f} mm, "
-                f"{one.error_rate:.1%} of them wrongly"
+                f"{one.error_rate:.1%} of them wrongly" + ("" if one.kept else ", MORE than asked")
             )
     for force in analysis.force:
         if force.verdict:

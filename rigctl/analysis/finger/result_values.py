@@ -101,7 +101,10 @@ def as_dict(analysis: FingerAnalysis, made_utc: str) -> dict[str, Any]:
         "evidence": [_evidence_dict(one) for one in analysis.evidence],
         "coverage": [_coverage_dict(one) for one in analysis.coverage],
         "novelty": [_novelty_dict(one) for one in analysis.novelty],
-        "sequential": [{**one._asdict(), "kind": one.kind.value} for one in analysis.sequential],
+        "sequential": [
+            {**one._asdict(), "kind": one.kind.value, "kept": one.kept}
+            for one in analysis.sequential
+        ],
         "force_invariance": [_force_dict(one) for one in analysis.force],
         "profiles": [_profiles_dict(one) for one in analysis.profiles],
         "latencies": {kind: latency_dict(ms) for kind, ms in analysis.latencies.items()},

@@ -32,6 +32,8 @@ SCAN_NAME = "rates of a scan over their mean of all windows and taxels"
 CURRENT_NAME = "current of a scan scaled to equal mean readings"
 """Encoded anew, as the paper scales by C: see :func:`scale_to_population`."""
 
+SIGNIFICANT_P = 0.05
+
 
 class ForceComparison(NamedTuple):
     """Accuracy of Figure S5's task with a force scaling, for each kind with 25 components.
@@ -49,11 +51,12 @@ class ForceComparison(NamedTuple):
     @property
     def verdict(self) -> str:
         """Whether it helps."""
-        if self.difference is None or self.difference.p is None or self.difference.effect is None:
+        if self.difference is None:
             return ""
-        if self.difference.p >= 0.05:
+        p, effect = self.difference.p, self.difference.effect
+        if p is None or effect is None or p >= SIGNIFICANT_P:
             return "no difference"
-        return "helps" if self.difference.effect > 0 else "harms"
+        return "helps" if effect > 0 else "harms"
 
 
 def compare_force_scalings(

@@ -26,6 +26,7 @@ from rigctl.analysis.finger.confidence import (
 )
 from rigctl.analysis.finger.data_sets import FingerDataSet
 from rigctl.analysis.finger.scans import ScanKind, ScanSet
+from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.files.finger_model_file import FingerModel
 from rigctl.session.files.model_file import TrainingInfo
@@ -93,17 +94,24 @@ class NoveltyResult:
 class SequentialResult(NamedTuple):
     """Answers as soon as they are sure enough, over all held-out trials.
 
-    ``error_rate``: wrong answers among the answers, None without an answer; ``answered``: share of
-    trials; ``mean_mm``, ``mean_s``: evidence at the answer.
+    ``error_rate``: wrong answers among the answers, with its 95 % interval, None without an answer;
+    ``answered``: share of trials; ``mean_mm``, ``mean_s``: evidence at the answer;
+    ``sets_without``: data sets whose calibration supports no answer.
     """
 
     kind: ScanKind
     asked: float
     answered: float
     error_rate: float | None
+    interval: tuple[float, float] | None
     mean_mm: float | None
     mean_s: float | None
     sets_without: int
+
+    @property
+    def kept(self) -> bool | None:
+        """Whether the error rate is what was asked for, within its interval; None: no answer."""
+        return None if self.interval is None else self.interval[0] <= self.asked
 
 
 def train_classifier(data_set: FingerDataSet, kind: ScanKind) -> FingerClassifier:
@@ -216,9 +224,12 @@ def measure_sequential(
     kind = ScanKind(classifiers[0].model.representation)
     share = float(answered.mean())
     if not answered.any():
-        return SequentialResult(kind, asked, share, None, None, None, sets_without)
-    wrong, mm, seconds = (float(values[answered].mean()) for values in (1.0 - right, at_mm, at_s))
-    return SequentialResult(kind, asked, share, wrong, mm, seconds, sets_without)
+        return SequentialResult(kind, asked, share, None, None, None, None, sets_without)
+    n, wrong = int(answered.sum()), int((~right[answered]).sum())
+    low, high = wilson_interval(wrong, n)
+    mm, seconds = (float(values[answered].mean()) for values in (at_mm, at_s))
+    interval = float(low), float(high)
+    return SequentialResult(kind, asked, share, wrong / n, interval, mm, seconds, sets_without)
 
 
 def _evidence_at(scans: ScanSet, kind: ScanKind, windows: NDArray[np.int64]) -> list[Floats]:
