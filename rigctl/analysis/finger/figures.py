@@ -64,8 +64,8 @@ def draw_accuracies(results: Sequence[FingerResult], title: str, origin: str, st
     axes.grid(axis="y", color=FAINT, lw=0.6)
     axes.set_title(_note(results[0]), size=8.5, color=MUTED, loc="left")
     _mark_legend(axes, quoted)
-    lines, names = axes.get_legend_handles_labels()
-    figure.legend(lines, names, loc="outside lower right", ncols=3, frameon=False, fontsize=8.5)
+    # Below chance there is room in every figure.
+    axes.legend(loc="lower center", ncols=3, frameon=False, fontsize=8.5)
     return save_figure(figure, stem, title, origin)
 
 
@@ -160,24 +160,19 @@ def _plot_quoted(
 ) -> None:
     """Mark a value of the paper: a diamond at its components, a line for a saturation."""
     face = colour if filled else "white"
-    at = quoted.components or k_max
+    text: dict[str, Any] = {
+        "textcoords": "offset points", "size": 7.5, "color": colour, "zorder": 6
+    }  # fmt: skip
     if quoted.components is not None:
-        style: dict[str, Any] = {"color": colour, "markerfacecolor": face, "zorder": 5}
-        axes.plot([at], [quoted.percent], "D", ms=7, **style)
-    else:
-        line = [quoted.percent, quoted.percent]
-        width: dict[str, Any] = {"lw": 4 if filled else 1.2, "alpha": 0.45, "zorder": 5}
-        axes.plot([k_max * (1.0 - QUOTED_WIDTH), k_max], line, color=colour, **width)
-    axes.annotate(
-        f"{quoted.percent:g}",
-        (at, quoted.percent),
-        xytext=(0, 6),
-        textcoords="offset points",
-        ha="center",
-        size=7.5,
-        color=colour,
-        zorder=6,
-    )
+        place: tuple[float, float] = quoted.components, quoted.percent
+        axes.plot(*place, "D", ms=7, color=colour, markerfacecolor=face, zorder=5)
+        axes.annotate(f"{quoted.percent:g}", place, xytext=(0, 6), ha="center", **text)
+        return
+    begin = k_max * (1.0 - QUOTED_WIDTH)
+    line = [quoted.percent, quoted.percent]
+    axes.plot([begin, k_max], line, color=colour, lw=4 if filled else 1.2, alpha=0.45, zorder=5)
+    place = begin, quoted.percent
+    axes.annotate(f"{quoted.percent:g}", place, xytext=(-4, 0), ha="right", va="center", **text)
 
 
 def _mark_legend(axes: Axes, quoted: Sequence[QuotedAccuracy]) -> None:
