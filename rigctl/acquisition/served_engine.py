@@ -54,7 +54,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self.event_bus = EventBus(loop.time)
         self.run: _Run | None = None
         self.is_ready = False
-        self._loop = loop
+        self.loop = loop
         self._description = description
         self._now_s = loop.time
         self._tasks: set[asyncio.Task[None]] = set()
@@ -115,7 +115,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         """Start a task; its failure ends the engine safely."""
-        task = self._loop.create_task(self._supervise(work))
+        task = self.loop.create_task(self._supervise(work))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task

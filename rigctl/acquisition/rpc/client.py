@@ -14,6 +14,7 @@ from typing import IO, Any
 
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.engine_files import (
+    DRUM_EXPERIMENT,
     EngineFile,
     engine_file_path,
     new_engine_name,
@@ -29,6 +30,7 @@ COMPILE_TIMEOUT_S = 600.0
 """An engine's first start after an update compiles, on a busy machine for minutes; an engine that
 ends instead is noticed immediately."""
 _POLL_S = 0.02
+ENGINE_COMMAND, FINGER_ENGINE_COMMAND = "engine", "finger-engine"
 
 
 class EngineRefusal(RigctlError):
@@ -61,16 +63,23 @@ class EngineClient:
 
     @classmethod
     def start(
-        cls, rig: str, *, paced: bool = True, seed: int = 0, run: Sequence[str] = ()
+        cls,
+        rig: str,
+        *,
+        paced: bool = True,
+        seed: int = 0,
+        run: Sequence[str] = (),
+        command: str = ENGINE_COMMAND,
     ) -> EngineClient:
         """Start an engine on this rig and connect to it once its boards have answered.
 
         ``run``: further arguments of the engine, such as those that start a protocol.
+        ``command``: the hidden command that is the engine.
         Raises the reason why the rig did not open, with its exit code.
         """
         name = new_engine_name()
         folder = runtime_folder()
-        process, log = _spawn(folder, name, rig, paced, seed, run)
+        process, log = _spawn(folder, name, rig, paced, seed, run, command)
         try:
             client = cls(_wait_for_engine_file(folder, name, process, log), process)
         finally:
@@ -85,9 +94,10 @@ class EngineClient:
         return client
 
     @classmethod
-    def attach(cls) -> EngineClient:
-        """Connect to the newest running engine. Raises WrongUse where none runs."""
-        engines = running_engines(runtime_folder())
+    def attach(cls, experiment: str = DRUM_EXPERIMENT) -> EngineClient:
+        """Connect to the newest running engine of an experiment. Raises WrongUse without one."""
+        running = running_engines(runtime_folder())
+        engines = [engine for engine in running if engine.experiment == experiment]
         if not engines:
             raise WrongUse("no engine is running: start one with `rigctl run` or the window")
         return cls(engines[0])
@@ -239,14 +249,14 @@ def _connect(engine_file: EngineFile) -> socket.socket:
 
 
 def _spawn(
-    folder: Path, name: str, rig: str, paced: bool, seed: int, run: Sequence[str]
+    folder: Path, name: str, rig: str, paced: bool, seed: int, run: Sequence[str], command: str
 ) -> tuple[subprocess.Popen[bytes], IO[bytes]]:
     """Start an engine in its own process group, so that our Ctrl-C does not reach it."""
-    command = [sys.executable, "-m", "rigctl", "engine", "--rig", rig, "--name", name]
-    command += ["--seed", str(seed), *(["--paced"] if paced else []), *run]
+    words = [sys.executable, "-m", "rigctl", command, "--rig", rig, "--name", name]
+    words += ["--seed", str(seed), *(["--paced"] if paced else []), *run]
     log = (folder / f"{name}.log").open("w+b")
     process = subprocess.Popen(
-        command,
+        words,
         stdin=subprocess.DEVNULL,
         stdout=log,
         stderr=log,

@@ -19,6 +19,8 @@ from rigctl.errors import WrongUse
 
 FOLDER_VARIABLE = "RIGCTL_RUNTIME"
 _SUFFIX = ".engine.json"
+DRUM_EXPERIMENT, FINGER_EXPERIMENT = "drum", "finger"
+"""What an engine runs: clients of one experiment do not join the other's engine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,7 @@ class EngineFile:
     token: str
     rig: str
     live: str
+    experiment: str = DRUM_EXPERIMENT
 
 
 def runtime_folder() -> Path:

@@ -18,7 +18,7 @@ from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli.data.verify import contents
 from rigctl.cli.data.world import add_world
 from rigctl.cli.options.progress import ProgressLine
-from rigctl.cli.rig.run import EXIT_CODES, RunWatcher
+from rigctl.cli.rig.run import EXIT_CODES, watch_run
 from rigctl.errors import CheckFailed
 from rigctl.session.verify.session import verify
 
@@ -74,7 +74,7 @@ def _record(args: argparse.Namespace, line: ProgressLine) -> RunStatus:
     options = ["--protocol", PROTOCOL, "--yes", *(["--out", args.out] if args.out else [])]
     options += _world_options(args)
     client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=options)
-    return RunWatcher(client, line).watch()
+    return watch_run(client, line)
 
 
 def _world_options(args: argparse.Namespace) -> list[str]:

@@ -11,9 +11,10 @@ import argparse
 import json
 import sys
 import threading
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rpc.client import EngineClient
@@ -33,6 +34,8 @@ from rigctl.session.format.layout import RIG_FILE
 from rigctl.session.read.session import Session
 
 POLL_S = 0.1
+TOLD_EVENTS = ("fault", "link", "pause", "resume", "message", "stop")
+"""Events that the user reads while the run goes on."""
 EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
 KEYS = "p pause · r resume · a abort · c clear a fault · each with Enter"
 
@@ -64,26 +67,66 @@ def run(args: argparse.Namespace) -> int:
     client = EngineClient.start(
         rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
     )
-    ended = RunWatcher(client, ProgressLine(sys.stderr, quiet=args.json)).watch()
+    ended = watch_run(client, ProgressLine(sys.stderr, quiet=args.json))
     _report(ended, args.json)
     if ended.state == "done":
         return 0 if ended.trials_committed == ended.trials_planned else 1
     return EXIT_CODES[ended.state]
 
 
-class RunWatcher:
-    """Shows the progress of a run, and forwards typed commands and interrupts to the engine."""
+def watch_run(client: EngineClient, progress: ProgressLine) -> RunStatus:
+    """Show a run on a drum to its end, shut the engine down, and return the run's last status."""
+    return RunWatcher(client, progress, parse_status, _status_line).watch().run
 
-    def __init__(self, client: EngineClient, progress: ProgressLine) -> None:
+
+class WatchedRun(Protocol):
+    """A run as its watcher sees it."""
+
+    @property
+    def prompt(self) -> PromptStatus | None:
+        """The question to answer."""
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it is over."""
+
+
+class WatchedStatus(Protocol):
+    """A status message with a run."""
+
+    @property
+    def run(self) -> WatchedRun:
+        """The run."""
+
+
+_Status = TypeVar("_Status", bound=WatchedStatus)
+
+
+class RunWatcher(Generic[_Status]):
+    """Shows the progress of a run, and forwards typed commands and interrupts to the engine.
+
+    ``parse`` reads a status message; ``format_status`` returns its line, given the wall time since
+    the start.
+    """
+
+    def __init__(
+        self,
+        client: EngineClient,
+        progress: ProgressLine,
+        parse: Callable[[Mapping[str, Any]], _Status],
+        format_status: Callable[[_Status, float], str],
+    ) -> None:
         self._client = client
         self._progress = progress
+        self._parse = parse
+        self._format_status = format_status
         self._typed: SimpleQueue[str] = SimpleQueue()
         self._interrupts = Interrupts()
         self._prompt: PromptStatus | None = None
         self._no_more_answers = False
 
-    def watch(self) -> RunStatus:
-        """Watch until the run ends and shut the engine down; return the run's last status.
+    def watch(self) -> _Status:
+        """Watch until the run ends and shut the engine down; return the last status.
 
         A signal ends the run, not this process.
         """
@@ -94,7 +137,7 @@ class RunWatcher:
             finally:
                 self._client.shut_down()
 
-    def _watch(self) -> RunStatus:
+    def _watch(self) -> _Status:
         forwarded = 0
         while True:
             for message in self._client.wait(POLL_S):
@@ -105,13 +148,13 @@ class RunWatcher:
             forwarded = self._forward_interrupts(forwarded)
             self._forward_keys()
 
-    def _take(self, message: dict[str, Any]) -> RunStatus | None:
+    def _take(self, message: dict[str, Any]) -> _Status | None:
         if message.get("event") == "status":
-            status = parse_status(message["data"])
-            self._progress.show(_status_line(status, self._progress.elapsed_s))
+            status = self._parse(message["data"])
+            self._progress.show(self._format_status(status, self._progress.elapsed_s))
             self._note_prompt(status.run.prompt)
-            return status.run if status.run.has_ended else None
-        if message.get("event") in ("fault", "link", "pause", "resume", "message", "stop"):
+            return status if status.run.has_ended else None
+        if message.get("event") in TOLD_EVENTS:
             self._progress.say(message["text"])
         elif message.get("ok") is False:
             self._progress.say(str(message["error"]))
