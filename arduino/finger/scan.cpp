@@ -14,9 +14,9 @@ void Scan::start(uint32_t scan, uint32_t reference_um_per_s)
     window_ = {};
     window_.scan = scan;
     samples_left_ = MAX_SCAN_SAMPLES;
-    open_batch_ = 0;
+    open_batch_ = scaled_batches_ = 0;
     batches_[0].samples = batches_[0].lost_samples = 0;
-    waiting_ = has_velocity_ = false;
+    has_velocity_ = false;
     velocity_um_per_s_ = 0;
 }
 
@@ -24,9 +24,9 @@ void Scan::stop()
 {
     if (state_ == State::Sampling) {
         state_ = State::Stopped;
-        if (batches_[open_batch_ & 1].samples) close_batch();
-    } else if (waiting_) {
-        scale_without_velocity();
+        if (batches_[open_batch_ & 1].samples) open_batch_++;
+    } else {
+        while (waiting()) scale_without_velocity();
     }
     end_if_complete();
 }
@@ -45,11 +45,11 @@ void Scan::add_spikes(const uint8_t *spikes, bool lost)
     if (--samples_left_ == 0) stop();
 }
 
-// Its velocity may arrive until the next batch is complete: there is room for two.
+// Its velocity may arrive until the next batch is complete: there is room for two. The short last
+// batch does not end that time: a stop needs no room.
 void Scan::close_batch()
 {
-    if (waiting_) scale_without_velocity();
-    waiting_ = true;
+    if (waiting()) scale_without_velocity();
     open_batch_++;
     Batch &next = batches_[open_batch_ & 1];
     next.samples = next.lost_samples = 0;
@@ -57,8 +57,7 @@ void Scan::close_batch()
 
 bool Scan::set_velocity(uint32_t scan, uint32_t batch, uint32_t velocity_um_per_s)
 {
-    if (scan != scan_ || state_ == State::Idle || batch + 1 < open_batch_ ||
-        (batch + 1 == open_batch_ && !waiting_)) {
+    if (scan != scan_ || state_ == State::Idle || batch < scaled_batches_) {
         late_velocities_++;
         return false;
     }
@@ -66,6 +65,7 @@ bool Scan::set_velocity(uint32_t scan, uint32_t batch, uint32_t velocity_um_per_
         early_velocities_++;
         return false;
     }
+    if (batch > scaled_batches_) scale_without_velocity();
     has_velocity_ = true;
     velocity_um_per_s_ = velocity_um_per_s;
     scale_waiting(velocity_um_per_s, VelocitySource::Received);
@@ -81,11 +81,10 @@ void Scan::scale_without_velocity()
 
 void Scan::scale_waiting(uint32_t velocity_um_per_s, VelocitySource source)
 {
-    const uint32_t number = open_batch_ - 1;
+    const uint32_t number = scaled_batches_++;
     const Batch &batch = batches_[number & 1];
     const BatchReport report = {scan_, number, velocity_um_per_s, source, batch.samples,
                                 batch.lost_samples, time_.distance_nm()};
-    waiting_ = false;
     for (uint8_t row = 0; row < batch.samples; row++)
         add_to_window(time_.advance(velocity_um_per_s), batch.spikes[row]);
     output_.batch_scaled(report);
@@ -110,7 +109,7 @@ void Scan::close_window()
 
 void Scan::end_if_complete()
 {
-    if (state_ != State::Stopped || waiting_) return;
+    if (state_ != State::Stopped || waiting()) return;
     state_ = State::Idle;
     if (window_.real_ms) close_window();
     output_.scan_ended(scan_);

@@ -52,7 +52,7 @@ public:
     void start(uint32_t scan, uint32_t reference_um_per_s);
 
     // Closes the open batch. The scan ends when that batch has its velocity; a second call ends it
-    // with the velocity of the batch before.
+    // with the last velocity received.
     void stop();
 
     // True from start() to stop(): samples belong to the scan.
@@ -61,7 +61,8 @@ public:
     void add(const Sample &sample);
     void add_lost();
 
-    // Scales the batch that waits for this velocity. Returns false when no such batch waits; then
+    // Scales the batch that waits for this velocity; one before it that waits too uses the last
+    // velocity received. Returns false when no such batch waits; then
     // late_velocities() or early_velocities() counts it.
     bool set_velocity(uint32_t scan, uint32_t batch, uint32_t velocity_um_per_s);
 
@@ -76,6 +77,7 @@ private:
     };
 
     void add_spikes(const uint8_t *spikes, bool lost);
+    bool waiting() const { return scaled_batches_ < open_batch_; }
     void close_batch();
     void scale_waiting(uint32_t velocity_um_per_s, VelocitySource source);
     void scale_without_velocity();
@@ -90,8 +92,8 @@ private:
     Batch batches_[2] = {};
     uint32_t scan_ = 0;
     uint16_t samples_left_ = 0;
-    uint32_t open_batch_ = 0;       // its number; the one before it waits, or has been scaled
-    bool waiting_ = false;
+    uint32_t open_batch_ = 0;     // its number; after a stop, that of the batch that does not follow
+    uint32_t scaled_batches_ = 0;  // batches from here to open_batch_ wait: at most one, then two
     bool has_velocity_ = false;
     uint32_t velocity_um_per_s_ = 0;  // the last one received in this scan
     uint32_t late_velocities_ = 0, early_velocities_ = 0;

@@ -126,6 +126,39 @@ TEST(a_second_stop_ends_a_scan_whose_last_velocity_was_lost)
     CHECK(out.ended == 1);
 }
 
+TEST(a_stop_leaves_the_batch_before_the_last_its_time)
+{
+    Recorder out;
+    Scan scan(out);
+    scan.start(1, DEFAULT_REFERENCE_UM_PER_S);
+    add(scan, 103);
+    scan.stop();
+    CHECK(out.batches.empty());
+    CHECK(scan.set_velocity(1, 0, 100000));
+    CHECK(scan.set_velocity(1, 1, 50000));
+    CHECK(out.ended == 1);
+    CHECK(out.batches[0].source == VelocitySource::Received);
+    CHECK(out.batches[1].samples == 3);
+    CHECK(out.batches[1].velocity_um_per_s == 50000);
+}
+
+TEST(a_velocity_that_skips_a_waiting_batch_leaves_it_the_one_before)
+{
+    Recorder out;
+    Scan scan(out);
+    scan.start(1, DEFAULT_REFERENCE_UM_PER_S);
+    add(scan, 100);
+    CHECK(scan.set_velocity(1, 0, 80000));
+    add(scan, 105);
+    scan.stop();
+    CHECK(scan.set_velocity(1, 2, 50000));
+    CHECK(out.ended == 1);
+    CHECK(out.batches[1].source == VelocitySource::Held);
+    CHECK(out.batches[1].velocity_um_per_s == 80000);
+    CHECK(!scan.set_velocity(1, 1, 70000));
+    CHECK(scan.late_velocities() == 1);
+}
+
 TEST(lost_samples_take_their_time)
 {
     Recorder out;
