@@ -30,12 +30,14 @@ MODULES = {
     "accept": ".rig.accept",
     "calibrate": ".rig.calibrate",
     "ports": ".rig.ports",
+    "realtime": ".realtime.realtime",
     "gui": "gui.app",
     "engine": ".rig.engine",
+    "finger-engine": ".realtime.finger_engine",
 }
 """The module of each command, in the order of the help. Its docstring is the command's help:
 a summary, and after an empty line a description."""
-HIDDEN = ("engine",)
+HIDDEN = ("engine", "finger-engine")
 """Commands that the help does not list: other commands start them."""
 
 INTERRUPTED = 130

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rigctl.config.rig_config import About
 from rigctl.config.toml_reader import TomlText
-from rigctl.config.toml_section import number, read_section, text
+from rigctl.config.toml_section import read_section, text
 from rigctl.errors import ConfigError
 
 
@@ -23,7 +23,6 @@ class TrackerConfig:
     """The tracker that measures where the finger is."""
 
     source: str = text("", "serial:PORT, udp:PORT, imu:PORT, file:PATH or vive[:SERIAL]")
-    latency_ms: float = number(22.0, "ms", 0, 1000, "from a movement to its position at the host")
     frame: str = text("", "file with the place of the plate, from `rigctl realtime frame`")
 
 

@@ -174,6 +174,21 @@ class Finger:
         request = messages.stop(_u32("scan", scan))
         await self._requests.change(request, RequestType.STOP, 1, scan)
 
+    def send_start(self, scan: int) -> None:
+        """Start a scan with the next sample and return at once; the answer is a message.
+
+        Raises as :meth:`set_velocity`.
+        """
+        self.link.write(messages.start(_u32("scan", scan)))
+
+    def send_stop(self, scan: int) -> None:
+        """Close the scan's last batch and return at once; the answer is a message.
+
+        A second one ends a scan whose last velocities are not known. Raises as
+        :meth:`set_velocity`.
+        """
+        self.link.write(messages.stop(_u32("scan", scan)))
+
     def set_velocity(self, scan: int, batch: int, um_per_s: int) -> None:
         """Send the mean velocity of a batch and return at once.
 

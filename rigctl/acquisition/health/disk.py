@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rigctl.acquisition.health.rate_meter import RateMeter
 from rigctl.acquisition.rpc.messages import RecordingStatus
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.write.session_recorder import SessionRecorder
 
 ACTIVE_WINDOW_S = 1.0
 RATE_WINDOW_S = 30.0
@@ -17,7 +17,7 @@ HUNG_SAMPLES = 60_000
 class DiskMonitor:
     """Follows one recorder. Times are loop time; call :meth:`update` about ten times a second."""
 
-    def __init__(self, recorder: Recorder) -> None:
+    def __init__(self, recorder: SessionRecorder) -> None:
         self._recorder = recorder
         self._samples = RateMeter(ACTIVE_WINDOW_S)
         self._bytes = RateMeter(RATE_WINDOW_S)

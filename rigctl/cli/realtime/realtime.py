@@ -1,0 +1,80 @@
+"""Recognise textures with the moving finger: train, calibrate, run.
+
+The real-time experiment of the paper. A person (or the virtual finger) slides the sensor over flat
+plates; the finger board encodes and scales the spikes by the tracked velocity. `train` records the
+normalisation and training scans and trains a classifier, `calibrate` records the scans that centre
+it in a new session, `run` names the texture while the finger moves, and `demo` does all three with
+the virtual finger. `frame` finds the place of the plate from its touched corners. Exit code 0:
+every scan is committed; 1: some scans are missing; 2: wrong use; 3: board, tracker or disk failed;
+130: interrupted. The session is whole in every case.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rigctl.cli.data.world import add_world
+from rigctl.cli.realtime import plate_frame, stages
+
+REPRESENTATIONS = ("speed-scaled", "original")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
+    train = parts.add_parser("train", help="record normalisation and training scans, and train")
+    _add_recording(train)
+    train.add_argument(
+        "--components", type=int, default=25, metavar="K", help="principal components (25)"
+    )
+    calibrate = parts.add_parser("calibrate", help="record the scans that centre the classifier")
+    _add_recording(calibrate)
+    _add_model(calibrate, "session of `rigctl realtime train`, or a model file")
+    run_part = parts.add_parser("run", help="name the texture while the finger moves")
+    _add_recording(run_part)
+    _add_model(run_part, "session of `rigctl realtime calibrate`, or a model file")
+    run_part.add_argument(
+        "--representation",
+        choices=REPRESENTATIONS,
+        default=REPRESENTATIONS[0],
+        help="with or without speed scaling (speed-scaled)",
+    )
+    demo = parts.add_parser("demo", help="train, calibrate and run with the virtual finger")
+    demo.add_argument("--protocol", default="quick", help="built-in name or file (quick)")
+    demo.add_argument("--rig", default="virtual", help="virtual or firmware")
+    demo.add_argument("--seed", type=int, default=0, help="seed of the virtual finger (0)")
+    demo.add_argument("--out", type=Path, default=Path("realtime-demo"), metavar="DIR")
+    plate_frame.add_arguments(
+        parts.add_parser("frame", help="find the place of the plate from its touched corners")
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run one part."""
+    parts = {
+        "train": stages.train,
+        "calibrate": stages.calibrate,
+        "run": stages.classify,
+        "demo": stages.demo,
+        "frame": plate_frame.run,
+    }
+    return parts[args.part](args)
+
+
+def _add_recording(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--rig", default="virtual", help="virtual, firmware, or a finger.toml")
+    parser.add_argument("--protocol", default="paper", help="built-in name or file (paper)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the new session")
+    parser.add_argument("--resume", type=Path, metavar="DIR", help="continue a session")
+    parser.add_argument("--seed", type=int, default=None, help="seed of order and virtual finger")
+    parser.add_argument(
+        "--session", type=int, default=None, metavar="N", help="session of the virtual finger"
+    )
+    parser.add_argument("--yes", action="store_true", help="lay simulated plates without asking")
+    parser.add_argument("--paced", action="store_true", help="simulate at the speed of real time")
+    add_world(parser)
+
+
+def _add_model(parser: argparse.ArgumentParser, text: str) -> None:
+    parser.add_argument("--model", type=Path, required=True, metavar="PATH", help=text)

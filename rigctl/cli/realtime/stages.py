@@ -1,0 +1,148 @@
+"""Record the stages of the experiment, and train and calibrate its classifiers in between."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
+from rigctl.cli.options.progress import ProgressLine, clock
+from rigctl.cli.rig.engine_process import utc_now
+from rigctl.cli.rig.run import EXIT_CODES, RunWatcher
+from rigctl.errors import CheckFailed, WrongUse
+from rigctl.realtime.finger_models import calibrate_models, model_path, train_models
+from rigctl.realtime.messages import (
+    FingerEngineStatus,
+    FingerRunStatus,
+    parse_finger_status,
+)
+from rigctl.session.read.finger_session import FingerSession
+
+RUN_FIRST_SLIDE = 1 << 16
+"""First slide of `run` in a simulated session: calibration has made the slides from 0 on."""
+
+
+def train(args: argparse.Namespace) -> int:
+    """Record normalisation and training scans and train the classifiers."""
+    ended = _record(args, ("normalise", "train"), session=0)
+    folder = Path(str(ended.session))
+    for path in train_models(folder, args.components, utc_now()):
+        print(f"model: {path}")
+    return _exit_code(ended)
+
+
+def calibrate(args: argparse.Namespace) -> int:
+    """Record calibration scans and write the models with the mean of this session."""
+    ended = _record(args, ("calibrate",), session=1, model=_any_model(args.model))
+    for path in calibrate_models(args.model, Path(str(ended.session))):
+        print(f"model: {path}")
+    return _exit_code(ended)
+
+
+def classify(args: argparse.Namespace) -> int:
+    """Record scans that the classifier names while the finger moves."""
+    model = model_path(args.model, args.representation)
+    ended = _record(args, ("run",), session=1, model=model, first_slide=RUN_FIRST_SLIDE)
+    return _exit_code(ended)
+
+
+def demo(args: argparse.Namespace) -> int:
+    """Train, calibrate and run with the virtual finger."""
+    if args.out.exists():
+        raise WrongUse(f"{args.out} exists already: give another folder with --out")
+    common = ["--rig", args.rig, "--protocol", args.protocol, "--seed", str(args.seed), "--yes"]
+    steps: tuple[tuple[str, list[str]], ...] = (
+        ("train", []),
+        ("calibrate", ["--model", str(args.out / "train")]),
+        ("run", ["--model", str(args.out / "calibrate")]),
+    )
+    for part, options in steps:
+        words = [part, *common, "--out", str(args.out / part), *options]
+        code = _run_part(words)
+        if code:
+            return code
+    return 0
+
+
+def _run_part(words: Sequence[str]) -> int:
+    from rigctl.cli import main
+
+    print(f"==> rigctl realtime {words[0]}", flush=True)
+    return main(["realtime", *words])
+
+
+def _any_model(path: Path) -> Path:
+    """Return a model of either representation: calibration needs its ranges only."""
+    return model_path(path, "speed-scaled")
+
+
+def _record(
+    args: argparse.Namespace,
+    stages: Sequence[str],
+    *,
+    session: int,
+    model: Path | None = None,
+    first_slide: int = 0,
+) -> FingerRunStatus:
+    """Run the stages on an engine of their own and return the run's last status."""
+    options = [word for stage in stages for word in ("--stage", stage)]
+    seed = args.seed or 0
+    if args.resume is not None:
+        options, seed, session, made = _resumed(args.resume)
+        first_slide += made
+    options += ["--session", str(session if args.session is None else args.session)]
+    options += ["--first-slide", str(first_slide), "--protocol", args.protocol]
+    named = {"--model": model, "--out": args.out, "--world": args.world, "--order-seed": args.seed}
+    options += [
+        word for name, value in named.items() if value is not None for word in (name, str(value))
+    ]
+    options += ["--yes"] if args.yes else []
+    client = EngineClient.start(
+        args.rig, paced=args.paced, seed=seed, run=options, command=FINGER_ENGINE_COMMAND
+    )
+    progress = ProgressLine(sys.stderr)
+    ended = RunWatcher(client, progress, parse_finger_status, _status_line).watch().run
+    print(_summary(ended))
+    if ended.state in EXIT_CODES:
+        raise SystemExit(EXIT_CODES[ended.state])
+    return ended
+
+
+def _resumed(folder: Path) -> tuple[list[str], int, int, int]:
+    """Return the options of a session to resume, its seed and session, and the slides so far."""
+    with FingerSession.open(folder) as session:
+        simulation, made = session.header.simulation, len(session.trials)
+    seed, number = int(simulation.get("seed", 0)), int(simulation.get("session", 0))
+    return ["--resume", str(folder)], seed, number, made
+
+
+def _exit_code(run: FingerRunStatus) -> int:
+    return 0 if run.trials_committed == run.trials_planned else CheckFailed.exit_code
+
+
+def _status_line(status: FingerEngineStatus, elapsed_wall_s: float) -> str:
+    """Return the line for one status; the pace so far turns loop time into wall time."""
+    run = status.run
+    parts = [f"{run.trials_committed}/{run.trials_planned} scans", run.state]
+    if run.scan is not None:
+        parts.append(f"{run.scan.stage}: plate {run.scan.texture}, {run.scan.profile}")
+    if run.trials_rejected:
+        parts.append(f"{run.trials_rejected} rejected")
+    if run.classified:
+        parts.append(f"{run.correct} of {run.classified} named correctly")
+    if run.eta_s is not None and run.elapsed_s > 0:
+        parts.append(f"{clock(run.eta_s * elapsed_wall_s / run.elapsed_s)} left")
+    return " · ".join(parts)
+
+
+def _summary(run: FingerRunStatus) -> str:
+    lines = [
+        f"{run.trials_committed} of {run.trials_planned} scans committed, "
+        f"{run.trials_rejected} attempts rejected: {run.text}"
+    ]
+    if run.classified:
+        share = run.correct / run.classified
+        lines.append(f"named correctly: {run.correct} of {run.classified} ({share:.1%})")
+    return "\n".join([*lines, f"session: {run.session}"])

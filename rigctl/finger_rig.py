@@ -1,0 +1,119 @@
+"""Open any rig of the moving finger, real or simulated, behind one interface."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigctl.config.finger_config import FingerConfig, load_finger_config
+from rigctl.devices.finger import Finger
+from rigctl.devices.port_discovery import FINGER, create_link, find_boards
+from rigctl.devices.trackers.open_tracker import open_tracker
+from rigctl.devices.trackers.plate_frame import PlateFrame, fit_plate_frame
+from rigctl.errors import ConfigError, LinkLost, WrongUse
+from rigctl.realtime.finger_rig import FingerRig
+
+if TYPE_CHECKING:
+    from rigctl.simulation.bench.world_file import SimulatedWorld
+
+VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
+
+
+def open_finger_rig(
+    spec: str,
+    *,
+    seed: int = 0,
+    session: int = 0,
+    first_slide: int = 0,
+    paced: bool = True,
+    world: SimulatedWorld | None = None,
+) -> FingerRig:
+    """Open ``virtual``, ``firmware``, or the rig that a ``finger.toml`` describes.
+
+    ``seed``, ``session`` and ``world`` define a simulated person, sensor and plates, and
+    ``first_slide`` continues an earlier run; ``paced`` runs it in real time. Board and tracker are
+    not connected. Raises WrongUse for a rig that does not exist or cannot have a world,
+    ConfigError for an unusable description.
+    """
+    if spec in (VIRTUAL, FIRMWARE):
+        return _simulated(spec, seed, session, first_slide, paced, world)
+    path = Path(spec)
+    if not path.is_file():
+        raise WrongUse(f"there is no rig {spec}: give virtual, firmware, or a finger.toml")
+    if world is not None:
+        raise WrongUse(f"{path} describes a real rig, which has no world file: leave --world out")
+    return _real(path, load_finger_config(path))
+
+
+def _simulated(
+    kind: str,
+    seed: int,
+    session: int,
+    first_slide: int,
+    paced: bool,
+    world: SimulatedWorld | None,
+) -> FingerRig:
+    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
+    from rigctl.simulation.clock import SimulatedTimeLoop
+    from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
+    from rigctl.simulation.finger.qemu_finger import open_qemu_finger
+    from rigctl.simulation.finger.virtual_finger import open_virtual_finger
+
+    world = world or NOMINAL_WORLD
+    operator, tracker = OperatorParameters(), TrackerParameters()
+    open_finger = open_virtual_finger if kind == VIRTUAL else open_qemu_finger
+    simulation = open_finger(
+        world.parameters, operator, seed, session, tracker=tracker, first_slide=first_slide
+    )
+    loop = SimulatedTimeLoop(simulation, 1.0 if paced else None)
+    described: dict[str, Any] = {
+        **world.header_fields(),
+        "session": session,
+        "operator": asdict(operator),
+        "tracker": asdict(tracker),
+    }
+    return FingerRig(
+        kind,
+        f"simulated finger, {kind} board, seed {seed}, session {session}",
+        FingerConfig(),
+        loop,
+        Finger(simulation.finger, loop),
+        simulation.tracker,
+        fit_plate_frame(simulation.touch_corners()),
+        seed,
+        simulation,
+        described,
+    )
+
+
+def _real(path: Path, config: FingerConfig) -> FingerRig:
+    frame = _plate_frame(path, config)
+    loop = asyncio.SelectorEventLoop()
+    try:
+        port = config.finger.port or loop.run_until_complete(find_boards(loop)).get(FINGER, "")
+        if not port:
+            raise LinkLost(
+                "no port answered as the finger board: plug it in; rigctl ports lists what is there"
+            )
+        finger = Finger(create_link(port, FINGER, loop), loop)
+        tracker = open_tracker(config.tracker.source, loop)
+    except BaseException:
+        loop.close()
+        raise
+    return FingerRig(BENCH, config.about.name, config, loop, finger, tracker, frame)
+
+
+def _plate_frame(path: Path, config: FingerConfig) -> PlateFrame:
+    """Return the place of the plate. Raises ConfigError without one."""
+    if not config.tracker.frame:
+        raise ConfigError(
+            f"{path}: tracker.frame is missing: touch the plate's corners with "
+            "`rigctl realtime frame`, which writes it"
+        )
+    file = path.parent / config.tracker.frame
+    try:
+        return PlateFrame.from_toml(file.read_text(encoding="utf-8"), str(file))
+    except OSError as error:
+        raise ConfigError(f"cannot read {file}: {error.strerror}") from error

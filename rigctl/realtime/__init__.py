@@ -1,0 +1,1 @@
+"""The moving finger: a texture recognised while a person explores it."""

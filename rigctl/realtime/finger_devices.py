@@ -1,0 +1,190 @@
+"""The finger board and the tracker: connection, live data, and reconnection after a loss."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from rigctl.acquisition.event_bus import EventBus
+from rigctl.acquisition.health.rate_meter import RateMeter
+from rigctl.devices.trackers.plate_frame import PlatePosition
+from rigctl.devices.trackers.velocity import VelocityEstimator
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.errors import BoardRebooted, LinkLost, RigFault
+from rigctl.realtime.contact_meter import ContactMeter
+from rigctl.realtime.finger_rig import FingerRig
+from rigctl.realtime.live_file import FingerLiveWriter
+from rigctl.values import BoardIdentity, Position
+from rigctl.wire.finger.decoder import FingerBlock
+from rigctl.wire.finger.messages import N_TAXELS, FingerStatus, Message
+
+BOARD, TRACKER = "finger", "tracker"
+RECONNECT_PERIOD_S = 1.0
+RATE_WINDOW_S = 1.0
+Spawn = Callable[[Coroutine[Any, Any, None]], object]
+OnBlock = Callable[[FingerBlock, float], None]
+OnMessage = Callable[[Message, float], None]
+OnPosition = Callable[[Position, PlatePosition], None]
+
+
+class FingerDevices:
+    """Both devices of a rig, what they last said, and who wants to hear it.
+
+    ``on_link(device, connected)`` is called when one of them is lost or back.
+    """
+
+    def __init__(
+        self,
+        rig: FingerRig,
+        live_writer: FingerLiveWriter,
+        event_bus: EventBus,
+        spawn: Spawn,
+        on_link: Callable[[str, bool], None],
+        on_failure: Callable[[RigFault], None],
+    ) -> None:
+        self.estimator = VelocityEstimator(rig.frame)
+        self.contact = ContactMeter()
+        self.identity: BoardIdentity | None = None
+        self.board_status: FingerStatus | None = None
+        self.connected = {BOARD: False, TRACKER: False}
+        self.block_s: float | None = None
+        self.position_s: float | None = None
+        self.lost_samples = 0
+        self.restarts = 0
+        """How often the board was lost or restarted: a scan across that is broken."""
+        self.samples = RateMeter(RATE_WINDOW_S)
+        self.normalisation = Normalisation.full_scale(N_TAXELS)
+        self.reference_um_per_s = 0
+        self._sample_count = 0
+        self._rig = rig
+        self._live_writer = live_writer
+        self._event_bus = event_bus
+        self._spawn = spawn
+        self._on_link = on_link
+        self._on_failure = on_failure
+        self._block_callbacks: list[OnBlock] = []
+        self._message_callbacks: list[OnMessage] = []
+        self._position_callbacks: list[OnPosition] = []
+
+    async def connect(self) -> None:
+        """Connect board and tracker. Raises LinkLost, WrongBoard or RigFault."""
+        finger = self._rig.finger
+        finger.on_block(self._take_block)
+        finger.on_message(self._take_message)
+        finger.on_fault(self._finger_failed)
+        self.identity = await finger.connect()
+        self._set_connected(BOARD, True)
+        self._event_bus.publish("board", _board_text(self.identity, "connected"))
+        self._rig.tracker.open(self._take_position, self._tracker_lost)
+        self._set_connected(TRACKER, True)
+
+    async def configure(self, normalisation: Normalisation, reference_um_per_s: int) -> None:
+        """Set ranges and reference speed; the board's answer must be the same."""
+        self.normalisation, self.reference_um_per_s = normalisation, reference_um_per_s
+        low, high = (tuple(map(int, ends)) for ends in (normalisation.low, normalisation.high))
+        await self._rig.finger.configure(low, high, reference_um_per_s)
+        self._live_writer.set_range(normalisation.low, normalisation.high)
+
+    def subscribe(
+        self, on_block: OnBlock, on_message: OnMessage, on_position: OnPosition
+    ) -> Callable[[], None]:
+        """Call these with everything that arrives; return the function that unsubscribes them."""
+        pairs: tuple[tuple[list[Any], Any], ...] = (
+            (self._block_callbacks, on_block),
+            (self._message_callbacks, on_message),
+            (self._position_callbacks, on_position),
+        )
+        for callbacks, callback in pairs:
+            callbacks.append(callback)
+
+        def unsubscribe() -> None:
+            for callbacks, callback in pairs:
+                callbacks.remove(callback)
+
+        return unsubscribe
+
+    def _take_block(self, block: FingerBlock, arrived_s: float) -> None:
+        self.block_s = arrived_s
+        self.lost_samples += block.missing
+        self._sample_count += len(block.counters)
+        self.samples.update(arrived_s, self._sample_count)
+        self.contact.add(block.readings)
+        self._live_writer.add_block(block, arrived_s)
+        for callback in tuple(self._block_callbacks):
+            callback(block, arrived_s)
+
+    def _take_message(self, message: Message, arrived_s: float) -> None:
+        if isinstance(message, FingerStatus):
+            self.board_status = message
+        for callback in tuple(self._message_callbacks):
+            callback(message, arrived_s)
+
+    def _take_position(self, position: Position) -> None:
+        self.position_s = self._rig.loop.time()
+        self.estimator.add(position)
+        plate = self.estimator.latest
+        assert plate is not None
+        self._live_writer.add_position(plate)
+        for callback in tuple(self._position_callbacks):
+            callback(position, plate)
+
+    def _finger_failed(self, fault: RigFault) -> None:
+        self._event_bus.publish("link", str(fault), board=BOARD)
+        self.restarts += 1
+        if isinstance(fault, BoardRebooted):
+            self._spawn(self._configure_again())
+        elif not isinstance(fault, LinkLost):
+            self._on_failure(fault)
+        elif self.connected[BOARD]:
+            self._set_connected(BOARD, False)
+            self._spawn(self._reconnect_finger())
+
+    async def _reconnect_finger(self) -> None:
+        while not self.connected[BOARD]:
+            await asyncio.sleep(RECONNECT_PERIOD_S)
+            try:
+                self.identity = await self._rig.finger.connect()
+                await self._restore_settings()
+            except RigFault:
+                continue
+            self._event_bus.publish("board", _board_text(self.identity, "is back"))
+            self._set_connected(BOARD, True)
+
+    async def _configure_again(self) -> None:
+        """Give a rebooted board its settings; scans wait meanwhile."""
+        self._set_connected(BOARD, False)
+        try:
+            await self._restore_settings()
+        except RigFault as fault:
+            self._event_bus.publish("link", str(fault), board=BOARD)
+            self._spawn(self._reconnect_finger())
+            return
+        self._set_connected(BOARD, True)
+
+    async def _restore_settings(self) -> None:
+        if self.reference_um_per_s:
+            await self.configure(self.normalisation, self.reference_um_per_s)
+
+    def _tracker_lost(self, reason: str) -> None:
+        self._event_bus.publish("link", reason, board=TRACKER)
+        self._set_connected(TRACKER, False)
+        self._spawn(self._reconnect_tracker())
+
+    async def _reconnect_tracker(self) -> None:
+        while not self.connected[TRACKER]:
+            await asyncio.sleep(RECONNECT_PERIOD_S)
+            try:
+                self._rig.tracker.open(self._take_position, self._tracker_lost)
+            except RigFault:
+                continue
+            self._event_bus.publish("board", f"tracker {self._rig.tracker.name} is back")
+            self._set_connected(TRACKER, True)
+
+    def _set_connected(self, device: str, connected: bool) -> None:
+        self.connected[device] = connected
+        self._on_link(device, connected)
+
+
+def _board_text(board: BoardIdentity, what: str) -> str:
+    return f"{board.board} {what}: firmware {board.firmware_version}, build {board.build_hash}"

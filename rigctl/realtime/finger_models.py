@@ -1,0 +1,66 @@
+"""The classifiers of an experiment: trained after the training scans, centred by the calibration.
+
+Both representations of the paper get a model, so that they can be compared on the same scans.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rigctl.analysis.finger.classifier import calibrate_finger_model, train_finger_model
+from rigctl.analysis.finger.recorded_scans import read_scans, training_info
+from rigctl.analysis.finger.scans import ScanKind
+from rigctl.errors import WrongUse
+from rigctl.protocol.finger import Stage
+from rigctl.session.files.finger_model_file import (
+    FingerModel,
+    load_finger_model,
+    save_finger_model,
+)
+
+
+def model_name(kind: ScanKind) -> str:
+    """Return the file name of a representation's model in a session's folder."""
+    return f"model-{kind.value.lower().replace(' ', '-')}.h5"
+
+
+def model_path(path: Path, representation: str) -> Path:
+    """Return the model file that a file or a session's folder names. Raises WrongUse."""
+    file = path / f"model-{representation}.h5" if path.is_dir() else path
+    if not file.is_file():
+        raise WrongUse(
+            f"there is no model {file}: train one with `rigctl realtime train`, or name its file"
+        )
+    return file
+
+
+def train_models(folder: Path, components: int, made_utc: str) -> list[Path]:
+    """Train a model of each representation on a session; return the files.
+
+    Raises WrongUse where the session has too few training scans.
+    """
+    recorded = read_scans(folder)
+    scans, training = recorded.scans.of_stage(Stage.TRAIN), training_info(recorded, made_utc)
+    paths = []
+    for kind in ScanKind:
+        model = train_finger_model(scans, kind, recorded.encoding, training, components)
+        paths.append(_save_new(folder / model_name(kind), model))
+    return paths
+
+
+def calibrate_models(source: Path, folder: Path) -> list[Path]:
+    """Centre the models of ``source`` by a session's calibration scans; return the new files."""
+    scans = read_scans(folder).scans.of_stage(Stage.CALIBRATE)
+    files = [source / model_name(kind) for kind in ScanKind] if source.is_dir() else [source]
+    paths = []
+    for file in files:
+        model = calibrate_finger_model(load_finger_model(file), scans)
+        paths.append(_save_new(folder / model_name(ScanKind(model.representation)), model))
+    return paths
+
+
+def _save_new(path: Path, model: FingerModel) -> Path:
+    """Write a model; one of an earlier sitting is replaced."""
+    path.unlink(missing_ok=True)
+    save_finger_model(model, path)
+    return path

@@ -1,0 +1,199 @@
+"""A request to run stages of the finger's protocol, and the session that is opened for it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rigctl import __version__
+from rigctl.acquisition.protocol.run_request import check_disk_space
+from rigctl.analysis.finger.answers import FingerClassifier
+from rigctl.config.resources import find_finger_protocol, source_commit
+from rigctl.encoding.parameters import DEFAULT
+from rigctl.errors import SessionError, WrongUse
+from rigctl.protocol.finger import Stage
+from rigctl.protocol.finger_plan import FingerPlan, load_finger_protocol
+from rigctl.realtime.finger_rig import FingerRig
+from rigctl.session.files.finger_model_file import FingerModel, load_finger_model
+from rigctl.session.format import layout
+from rigctl.session.format.header import SessionHeader
+from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.write.finger_recorder import FingerRecorder
+from rigctl.session.write.session_folder import check_same_world
+from rigctl.values import BoardIdentity
+from rigctl.wire.finger.messages import N_TAXELS
+
+DEFAULT_PROTOCOL = "paper"
+
+
+@dataclass(frozen=True, slots=True)
+class FingerRunRequest:
+    """Stages of a protocol to record into a new folder, or a session to resume.
+
+    ``stages``: names. ``model``: a file, needed by the stages calibrate and run. ``out`` and
+    ``resume`` are folders; ``yes`` answers every question on a simulated rig.
+    """
+
+    stages: tuple[str, ...] = ()
+    protocol: str = DEFAULT_PROTOCOL
+    model: str | None = None
+    out: str | None = None
+    resume: str | None = None
+    seed: int | None = None
+    yes: bool = False
+
+    def __post_init__(self) -> None:
+        if bool(self.stages) == (self.resume is not None):
+            raise WrongUse("give stages to record or a session to resume, not both")
+        known = [stage.value for stage in Stage]
+        for stage in self.stages:
+            if stage not in known:
+                raise WrongUse(f"there is no stage {stage}: the stages are {', '.join(known)}")
+
+
+@dataclass(frozen=True, slots=True)
+class OpenedFingerRun:
+    """A plan, the recorder of its session, its classifier, and the results of earlier sittings.
+
+    ``header``: that of the first part; later parts have other ranges. ``done``: trials committed
+    before; ``attempts``: number of previous attempts at each trial; ``scans``: the highest number
+    of a scan so far.
+    """
+
+    plan: FingerPlan
+    recorder: FingerRecorder
+    header: SessionHeader
+    classifier: FingerClassifier | None
+    unattended: bool
+    resumed: bool = False
+    done: frozenset[int] = frozenset()
+    attempts: Mapping[int, int] = field(default_factory=dict)
+    scans: int = 0
+
+    @property
+    def reference_um_per_s(self) -> int:
+        """Reference speed of scaled time."""
+        return round(1000 * self.plan.protocol.reference_mm_s)
+
+
+def open_finger_run(
+    request: FingerRunRequest, rig: FingerRig, board: BoardIdentity, start_utc: str
+) -> OpenedFingerRun:
+    """Read protocol and model, check the disk and lock the folder.
+
+    Raises ProtocolError, SessionError, WrongUse or DiskFault before anything is recorded.
+    """
+    unattended = request.yes and rig.simulated
+    if request.resume is not None:
+        return _resume(Path(request.resume), request, rig, board, start_utc)
+    protocol = load_finger_protocol(find_finger_protocol(request.protocol))
+    plan = protocol.plan([Stage(name) for name in request.stages], request.seed)
+    classifier = _classifier(plan, request.model)
+    folder = Path(request.out) if request.out else _default_folder(request.stages, start_utc)
+    check_disk_space(folder, plan.bytes_estimate)
+    header = _header(plan, rig, board, start_utc, classifier)
+    recorder = FingerRecorder(folder, header, protocol.text, rig.config.text)
+    return OpenedFingerRun(plan, recorder, header, classifier, unattended)
+
+
+def _default_folder(stages: tuple[str, ...], start_utc: str) -> Path:
+    """Return a folder below ``sessions`` in the current folder."""
+    stamp = start_utc[:19].replace(":", "").replace("T", "-")
+    return Path("sessions") / f"{stamp}-finger-{stages[-1]}"
+
+
+def _resume(
+    folder: Path, request: FingerRunRequest, rig: FingerRig, board: BoardIdentity, start_utc: str
+) -> OpenedFingerRun:
+    with FingerSession.open(folder) as session:
+        header, attempts = session.header, Counter(session.trials["trial_id"].tolist())
+        done = frozenset(session.trials["trial_id"][session.committed()].tolist())
+        scans = int(session.trials["scan"].max(initial=0))
+    if header.rig != rig.kind:
+        raise SessionError(
+            f"{folder} was recorded on the {header.rig} rig and this is the {rig.kind} one: "
+            "connect the rig that began the session"
+        )
+    check_same_world(folder, header.simulation, rig.world)
+    protocol = load_finger_protocol(folder / layout.PROTOCOL_FILE)
+    plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
+    if len(done) == len(plan.trials):
+        raise SessionError(f"{folder} is complete: every planned scan is committed")
+    classifier = _classifier(plan, request.model)
+    new = _header(plan, rig, board, start_utc, classifier)
+    recorder = FingerRecorder(folder, new, protocol.text, rig.config.text, resume=True)
+    unattended = request.yes and rig.simulated
+    return OpenedFingerRun(plan, recorder, new, classifier, unattended, True, done, attempts, scans)
+
+
+def _classifier(plan: FingerPlan, path: str | None) -> FingerClassifier | None:
+    """Return the classifier that the plan's stages need. Raises WrongUse for an unfit model."""
+    stages = {trial.stage for trial in plan.trials}
+    if not stages & {Stage.CALIBRATE, Stage.RUN}:
+        if Stage.NORMALISE not in stages:
+            raise WrongUse("training needs the ranges of the taxels: plan the stage normalise too")
+        return None
+    if path is None:
+        raise WrongUse("these stages use a trained model: name its file with --model")
+    model = load_finger_model(Path(path))
+    _check_model(model, plan, path)
+    if Stage.RUN in stages and Stage.CALIBRATE not in stages and model.calibration is None:
+        raise WrongUse(
+            f"{path} is not calibrated for this session: run `rigctl realtime calibrate` first"
+        )
+    return FingerClassifier(model)
+
+
+def _check_model(model: FingerModel, plan: FingerPlan, path: str) -> None:
+    reference = round(1000 * plan.protocol.reference_mm_s)
+    if model.reference_um_per_s != reference:
+        raise WrongUse(
+            f"{path} was trained at a reference speed of {model.reference_um_per_s / 1000:g} mm/s, "
+            f"the protocol has {reference / 1000:g} mm/s: use its own protocol"
+        )
+    if model.parameters != DEFAULT:
+        raise WrongUse(f"{path} has other neurons than the finger board: train it on its spikes")
+    if model.n_taxels != N_TAXELS:
+        raise WrongUse(f"{path} is for {model.n_taxels} taxels, the finger has {N_TAXELS}")
+    missing = set(plan.protocol.textures) - set(model.textures)
+    if missing:
+        raise WrongUse(
+            f"{path} does not know the plate {min(missing)}: it was trained on "
+            f"{', '.join(model.textures)}"
+        )
+
+
+def _header(
+    plan: FingerPlan,
+    rig: FingerRig,
+    board: BoardIdentity,
+    start_utc: str,
+    classifier: FingerClassifier | None,
+) -> SessionHeader:
+    ranges = classifier.model.normalisation if classifier is not None else None
+    stages = dict.fromkeys(trial.stage.value for trial in plan.trials)
+    return SessionHeader(
+        plan_hash=plan.hash,
+        seed=plan.seed,
+        trials_planned=len(plan.trials),
+        rig=rig.kind,
+        simulated=rig.simulated,
+        start_utc=start_utc,
+        start_loop_s=rig.loop.time(),
+        protocol=plan.protocol.name,
+        boards=(board,),
+        operator=rig.config.about.operator,
+        sensor=rig.config.about.sensor,
+        software_version=__version__,
+        software_commit=source_commit(),
+        encoder_preset=DEFAULT.name,
+        n_taxels=N_TAXELS,
+        taxel_low=tuple(ranges.low.tolist()) if ranges else (),
+        taxel_high=tuple(ranges.high.tolist()) if ranges else (),
+        simulation={"seed": rig.seed, **rig.world} if rig.simulated else {},
+        reference_um_per_s=round(1000 * plan.protocol.reference_mm_s),
+        stages=tuple(stages),
+        tracker={"name": rig.tracker.name, "frame": rig.frame.to_toml()},
+    )

@@ -1,0 +1,134 @@
+"""Live data of the moving finger in memory that processes share: samples with spikes, the track."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.acquisition.live_file import LiveFile, LiveLayout, RingWindow
+from rigctl.devices.trackers.plate_frame import PlatePosition
+from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.wire.finger.decoder import FingerBlock
+from rigctl.wire.finger.messages import N_TAXELS
+
+MAGIC = 0x3152_474E_4947_4952  # "RIGINGR1", low byte first
+TAXEL_ROWS = 1 << 15
+TRACK_ROWS = 1 << 13
+
+_LAYOUT = LiveLayout(
+    MAGIC,
+    N_TAXELS,
+    taxel_columns={
+        "time_s": np.dtype(np.float64),
+        "counters": np.dtype(np.int64),
+        "samples": np.dtype((np.uint16, N_TAXELS)),
+        "flags": np.dtype(np.uint8),
+        "spikes": np.dtype((np.uint8, N_TAXELS)),
+    },
+    other_columns={
+        **dict.fromkeys(("time_s", "along_mm", "across_mm", "height_mm"), np.dtype(np.float64)),
+        "valid": np.dtype(np.bool_),
+    },
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FingerWindow(RingWindow):
+    """Newest samples of the finger.
+
+    ``counters``: int64 (n,), the board's sample numbers; a step other than 1 is a gap.
+    ``samples``: uint16 (n, 9). ``flags``: uint8 (n,), bits of the finger wire.
+    ``spikes``: uint8 (n, 9), spikes of each taxel in each sample.
+    """
+
+    counters: NDArray[np.int64]
+    samples: NDArray[np.uint16]
+    flags: NDArray[np.uint8]
+    spikes: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class TrackWindow(RingWindow):
+    """Newest positions of the finger on the plate, mm, float64 (n,); ``valid``: bool (n,)."""
+
+    along_mm: NDArray[np.float64]
+    across_mm: NDArray[np.float64]
+    height_mm: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+
+
+class FingerLiveWriter:
+    """The engine's side: creates the file and appends rows."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = LiveFile.create(path, _LAYOUT, TAXEL_ROWS, TRACK_ROWS)
+
+    def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
+        """Store the readings that the board's neurons map to 0 and 1."""
+        self._file.set_range(low, high)
+
+    def add_block(self, block: FingerBlock, arrived_s: float) -> None:
+        """Append samples; the last one was taken when the block arrived."""
+        counters = block.counters
+        if not len(counters):
+            return
+        self._file.taxels.append(
+            len(counters),
+            time_s=arrived_s - (counters[-1] - counters) / SAMPLE_RATE_HZ,
+            counters=counters,
+            samples=block.readings,
+            flags=block.flags,
+            spikes=block.spikes,
+        )
+
+    def add_position(self, position: PlatePosition) -> None:
+        """Append a position."""
+        at_s, along_mm, across_mm, height_mm, valid = position
+        self._file.other.append(
+            1,
+            time_s=at_s,
+            along_mm=along_mm,
+            across_mm=across_mm,
+            height_mm=height_mm,
+            valid=float(valid),
+        )
+
+    def close(self) -> None:
+        """Remove the file; readers that have it open keep their data."""
+        self._file.close()
+        self.path.unlink(missing_ok=True)
+
+
+class FingerLiveReader:
+    """A window's side: copies of the newest rows at any time."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = LiveFile.open(path, _LAYOUT)
+
+    @property
+    def taxel_head(self) -> int:
+        """Samples written since the engine started."""
+        return self._file.taxels.head
+
+    @property
+    def normalisation(self) -> NDArray[np.uint16]:
+        """Readings that the board's neurons map to 0 and 1, uint16 (2, 9)."""
+        return self._file.copy_range()
+
+    def taxels(self, n: int) -> FingerWindow:
+        """Return the newest ``n`` samples, or all if there are fewer."""
+        first, rows = self._file.taxels.newest(n)
+        return FingerWindow(first, **rows)
+
+    def track(self, n: int) -> TrackWindow:
+        """Return the newest ``n`` positions, or all if there are fewer."""
+        first, rows = self._file.other.newest(n)
+        return TrackWindow(first, **rows)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
