@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rigctl.acquisition.rpc.engine_commands import EngineCommands, validate_number
 from rigctl.realtime.finger_engine import FingerEngine
-from rigctl.realtime.finger_run_request import FingerRunRequest
+from rigctl.realtime.run.finger_run_request import FingerRunRequest
 
 
 class FingerCommands(EngineCommands[FingerEngine]):

@@ -12,9 +12,9 @@ from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.devices.trackers.velocity import VelocityEstimator
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
-from rigctl.realtime.contact_meter import ContactMeter
 from rigctl.realtime.finger_rig import FingerRig
 from rigctl.realtime.live_file import FingerLiveWriter
+from rigctl.realtime.scan.contact_meter import ContactMeter
 from rigctl.values import BoardIdentity, Position
 from rigctl.wire.finger.decoder import FingerBlock
 from rigctl.wire.finger.messages import N_TAXELS, FingerStatus, Message

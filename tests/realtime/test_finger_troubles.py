@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.errors import WrongUse
-from rigctl.realtime.finger_run_request import FingerRunRequest
+from rigctl.realtime.run.finger_run_request import FingerRunRequest
 from rigctl.session.verify.session import verify
 from rigctl.simulation.finger.faults import FingerFaults
 from tests.realtime.conftest import Trained
@@ -52,7 +52,7 @@ def _record_with(harness: FingerHarness, fault: Fault, at_mm: float = 120.0) -> 
         (lambda faults: faults.short_scan(), "the finger left the plate after"),
         (lambda faults: faults.reset(), "the finger board restarted"),
     ],
-    ids=["lost", "gone", "lifted", "away", "reversed", "still", "fast", "short", "reset"],
+    ids=["lost", "gone", "lifted", "away", "back", "still", "fast", "short", "reset"],
 )
 def test_a_spoilt_scan_is_refused_with_its_reason_and_repeated(
     harness: FingerHarness, fault: Fault, reason: str

@@ -11,8 +11,8 @@ from rigctl.cli.rig.engine_process import EngineProcess, utc_now
 from rigctl.finger_rig import open_finger_rig
 from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.realtime.finger_engine import FingerEngine
-from rigctl.realtime.finger_run_request import DEFAULT_PROTOCOL, FingerRunRequest
 from rigctl.realtime.live_file import FingerLiveWriter
+from rigctl.realtime.run.finger_run_request import DEFAULT_PROTOCOL, FingerRunRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

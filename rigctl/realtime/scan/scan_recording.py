@@ -7,8 +7,8 @@ from math import nan
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.finger_values import BatchRow, FingerTrialRow, TrackRow, WindowRow
 from rigctl.protocol.finger import FingerTrial
-from rigctl.realtime.scan_in_progress import ScanInProgress
-from rigctl.realtime.scan_quality import ScanMeasures
+from rigctl.realtime.scan.scan_in_progress import ScanInProgress
+from rigctl.realtime.scan.scan_quality import ScanMeasures
 from rigctl.values import Position, Verdict
 from rigctl.wire.finger.messages import BatchReport, WindowReport
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rigctl.protocol.finger_plan import SECONDS_PER_TRIAL, FingerPlan
-from rigctl.realtime.finger_control import FingerControl
 from rigctl.realtime.messages import CurrentScan, FingerRunStatus
+from rigctl.realtime.run.finger_control import FingerControl
 
 
 class FingerProgress:

@@ -6,13 +6,13 @@ from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.errors import RigFault
 from rigctl.protocol.finger import FingerTrial
 from rigctl.protocol.finger_plan import ScanQuality
-from rigctl.realtime.finger_control import FingerControl
 from rigctl.realtime.finger_devices import FingerDevices
 from rigctl.realtime.finger_rig import FingerRig
-from rigctl.realtime.scan_in_progress import ScanInProgress
-from rigctl.realtime.scan_output import ScanOutput
-from rigctl.realtime.scan_quality import ScanMeasures, judge_scan, measure_scan
-from rigctl.realtime.slide_detector import SlideDetector, SlideState
+from rigctl.realtime.run.finger_control import FingerControl
+from rigctl.realtime.scan.scan_in_progress import ScanInProgress
+from rigctl.realtime.scan.scan_output import ScanOutput
+from rigctl.realtime.scan.scan_quality import ScanMeasures, judge_scan, measure_scan
+from rigctl.realtime.scan.slide_detector import SlideDetector, SlideState
 from rigctl.values import Position
 from rigctl.wire.finger.decoder import FingerBlock
 from rigctl.wire.finger.messages import BatchReport, Message, SampleFlag, WindowReport

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.finger_values import LatencyRow, PredictionRow
 from rigctl.realtime.latency import FEATURES, PREDICTION, LatencyLog
-from rigctl.realtime.live_answers import LiveAnswers
-from rigctl.realtime.scan_in_progress import ScanInProgress
-from rigctl.realtime.scan_recording import batch_row, window_row
+from rigctl.realtime.scan.live_answers import LiveAnswers
+from rigctl.realtime.scan.scan_in_progress import ScanInProgress
+from rigctl.realtime.scan.scan_recording import batch_row, window_row
 from rigctl.session.write.finger_recorder import FingerRecorder
 from rigctl.wire.finger.messages import BatchReport, WindowReport
 

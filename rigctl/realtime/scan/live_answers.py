@@ -9,7 +9,7 @@ from rigctl.analysis.finger.answers import FingerAnswer, FingerClassifier
 from rigctl.analysis.finger.scans import ScanKind
 from rigctl.encoding.scaled_time import N_WINDOWS, last_windows, time_windows
 from rigctl.finger_values import PredictionRow
-from rigctl.realtime.scan_in_progress import ScanData, ScanInProgress
+from rigctl.realtime.scan.scan_in_progress import ScanData, ScanInProgress
 
 
 class LiveAnswers:

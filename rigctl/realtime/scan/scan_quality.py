@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigctl.devices.trackers.velocity import EstimateSource
 from rigctl.protocol.finger import MARKS_MM, FingerTrial, VelocityProfile
 from rigctl.protocol.finger_plan import ScanQuality
-from rigctl.realtime.scan_in_progress import ScanData
+from rigctl.realtime.scan.scan_in_progress import ScanData
 from rigctl.wire.finger.messages import VelocitySource
 
 Floats = NDArray[np.float64]

@@ -28,17 +28,17 @@ from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import RigFault
 from rigctl.protocol.finger import FingerTrial, Stage
-from rigctl.realtime.finger_control import FingerControl
 from rigctl.realtime.finger_devices import FingerDevices
 from rigctl.realtime.finger_rig import FingerRig
-from rigctl.realtime.finger_run_request import OpenedFingerRun
-from rigctl.realtime.finger_run_status import FingerProgress, run_status
 from rigctl.realtime.latency import LatencyLog
-from rigctl.realtime.live_answers import LiveAnswers
 from rigctl.realtime.messages import CurrentScan, FingerRunStatus
-from rigctl.realtime.scan_attempt import ScanAttempt
-from rigctl.realtime.scan_output import ScanOutput
-from rigctl.realtime.scan_recording import track_row, trial_row
+from rigctl.realtime.run.finger_control import FingerControl
+from rigctl.realtime.run.finger_run_request import OpenedFingerRun
+from rigctl.realtime.run.finger_run_status import FingerProgress, run_status
+from rigctl.realtime.scan.live_answers import LiveAnswers
+from rigctl.realtime.scan.scan_attempt import ScanAttempt
+from rigctl.realtime.scan.scan_output import ScanOutput
+from rigctl.realtime.scan.scan_recording import track_row, trial_row
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.values import Event, Position, Verdict
 from rigctl.wire.finger.decoder import FingerBlock

@@ -1,0 +1,1 @@
+"""A run of the protocol: its request, its scans in order, its status."""

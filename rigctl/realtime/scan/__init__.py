@@ -1,0 +1,1 @@
+"""One scan: between the marks on the board, judged, recorded and answered."""
