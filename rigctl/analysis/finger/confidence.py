@@ -23,7 +23,9 @@ Integers = NDArray[np.int64]
 COVERAGE = 0.95
 FALSE_ALARM = 0.05
 ERROR_RATE = 0.05
-_LOG_TEMPERATURES = (-2.0, 6.0)
+N_FOLDS = 5
+_LOG_TEMPERATURES = (0.0, 6.0)
+"""Bounds; posteriors are never made sharper, which a few trials without an error would ask for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,7 @@ def confidence_of(
             raise WrongUse(f"a {name} of {share:g} is impossible: give one between 0 and 1")
     labels = calibration.labels
     temperatures = np.array([_temperature(logs, labels) for logs in calibration.logs])
-    probabilities = np.asarray(softmax(calibration.logs / temperatures[:, None, None], axis=2))
+    probabilities = _left_out_probabilities(calibration)
     true = np.take_along_axis(probabilities, labels[None, :, None], axis=2)[..., 0]
     limits = np.array([conformal_limit(1.0 - row, coverage) for row in true])
     threshold = decision_threshold(probabilities, labels, error_rate)
@@ -137,6 +139,23 @@ def sequential_answers(
     first = np.where(answered, sure.argmax(axis=0), len(sure) - 1)
     answers = probabilities[first, np.arange(probabilities.shape[1])].argmax(axis=1)
     return answered, answers.astype(np.int64), first.astype(np.int64) + 1
+
+
+def _left_out_probabilities(calibration: FingerCalibration) -> Floats:
+    """Return the probabilities of calibration trials, float64 (windows, n, classes).
+
+    The temperatures of each fold are those of the other folds: with their own, trials would look
+    surer than trials to come.
+    """
+    logs, labels = calibration.logs, calibration.labels
+    fold = np.arange(len(labels)) % min(N_FOLDS, len(labels))
+    probabilities = np.empty_like(logs)
+    for number in np.unique(fold):
+        inside = fold == number
+        others = [_temperature(window[~inside], labels[~inside]) for window in logs]
+        scaled = logs[:, inside] / np.array(others)[:, None, None]
+        probabilities[:, inside] = softmax(scaled, axis=2)
+    return probabilities
 
 
 def _temperature(logs: Floats, labels: Integers) -> float:

