@@ -178,11 +178,11 @@ def _pair(
 ) -> tuple[list[tuple[RecordedScans, RecordedScans]], list[str]]:
     """Return pairs of a training and a new session of one encoding, and remarks."""
     first = [one for one in read if Stage.TRAIN in one.stages]
-    new = [one for one in read if one.stages & {Stage.CALIBRATE, Stage.RUN}]
+    new = _join_later([one for one in read if one.stages & {Stage.CALIBRATE, Stage.RUN}])
     if not first or len(first) != len(new):
         raise WrongUse(
             f"{len(first)} of the sessions have trials of the stage train and {len(new)} of "
-            "calibrate or run: name as many training sessions as new ones"
+            "calibrate and run: name as many training sessions as new ones"
         )
     remarks, pairs = [], []
     for one, other in zip(first, new, strict=True):
@@ -192,6 +192,33 @@ def _pair(
         remarks += text
         pairs.append((one, matched))
     return pairs, remarks
+
+
+def _join_later(later: Sequence[RecordedScans]) -> list[RecordedScans]:
+    """Return the later sessions, each session of calibration joined with the run after it."""
+    calibrations = [one for one in later if Stage.RUN not in one.stages]
+    runs = [one for one in later if Stage.CALIBRATE not in one.stages]
+    if len(calibrations) != len(runs):
+        raise WrongUse(
+            f"{len(calibrations)} of the sessions have scans of the stage calibrate only and "
+            f"{len(runs)} of run only: name the calibration of each run"
+        )
+    partner = {one.path: other for one, other in zip(runs, calibrations, strict=True)}
+    return [
+        _join(partner[one.path], one) if one.path in partner else one
+        for one in later
+        if Stage.RUN in one.stages
+    ]
+
+
+def _join(calibration: RecordedScans, run: RecordedScans) -> RecordedScans:
+    """Return a calibration and a run of one session, with the encoding of the run."""
+    matched, text = _match(run, calibration)
+    return replace(
+        run,
+        recordings=matched.recordings + run.recordings,
+        remarks=(*calibration.remarks, *run.remarks, *text),
+    )
 
 
 def _match(first: RecordedScans, new: RecordedScans) -> tuple[RecordedScans, list[str]]:

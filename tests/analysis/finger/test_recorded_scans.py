@@ -84,6 +84,21 @@ def test_sessions_are_paired_in_their_order(sessions: tuple[Path, Path], tmp_pat
     assert pairs == [(str(sessions[0]), str(others[1])), (str(others[0]), str(sessions[1]))]
 
 
+def test_a_calibration_of_its_own_belongs_to_the_run_after_it(
+    sessions: tuple[Path, Path], tmp_path: Path
+) -> None:
+    calibration, run = (
+        write_session(tmp_path / stage, [one for one in NEW if one.stage is stage])
+        for stage in (Stage.CALIBRATE, Stage.RUN)
+    )
+    (joined,) = read_data_sets([sessions[0], calibration, run]).data_sets
+    (whole,) = read_data_sets(sessions).data_sets
+    assert np.array_equal(joined.calibration.windows, whole.calibration.windows)
+    assert len(joined.tested) == len([one for one in NEW if one.stage is Stage.RUN])
+    with pytest.raises(WrongUse, match="name the calibration of each run"):
+        read_data_sets([sessions[0], run])
+
+
 def test_other_ranges_are_encoded_anew_with_those_of_training(
     sessions: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -120,7 +135,9 @@ def test_sessions_that_do_not_match_are_refused(
     with pytest.raises(WrongUse, match="is given twice"):
         read_data_sets([first, new, first])
     calibrated = [one for one in NEW if one.stage is Stage.CALIBRATE]
-    with pytest.raises(WrongUse, match="no complete trials of the stage run"):
+    with pytest.raises(
+        WrongUse, match="1 of the sessions have scans of the stage calibrate only and 0 of run"
+    ):
         read_data_sets([first, write_session(tmp_path / "calibrated", calibrated)])
     normalised = [one for one in FIRST if one.stage is Stage.NORMALISE]
     with pytest.raises(WrongUse, match="no complete scan to train"):
