@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
 
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
 from tests.firmware.building import built
@@ -14,6 +17,7 @@ from tests.firmware.finger.scans import (
     through_host_build,
     through_image,
 )
+from tests.realtime.harness import ONE_SCAN, open_finger_harness, open_finger_session
 
 RecordProperty = Callable[[str, object], None]
 SCANS, AT_ONCE = 500, 50
@@ -40,3 +44,19 @@ def test_image_host_build_and_encoder_agree_in_500_scans(
         f"and {windows} windows differ; the longest sample takes {longest} instructions",
     )
     assert trains == windows == 0
+
+
+def test_the_experiment_on_the_image_records_what_the_host_build_records(
+    tmp_path: Path, record_property: RecordProperty
+) -> None:
+    built("firmware/finger.elf")
+    spikes = {}
+    for kind in ("virtual", "firmware"):
+        with open_finger_harness(tmp_path / kind, kind=kind) as harness:
+            harness.record(harness.request(protocol=ONE_SCAN))
+            with open_finger_session(harness.session) as session:
+                spikes[kind] = [session.spikes(i) for i in session.committed()]
+    for host_build, image in zip(spikes["virtual"], spikes["firmware"], strict=True):
+        assert np.array_equal(host_build, image)
+    scans = len(spikes["firmware"])
+    record_property("shown", f"{scans} scans of the experiment on the image equal the host build's")
