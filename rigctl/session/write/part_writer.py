@@ -19,6 +19,10 @@ from rigctl.session.format.layout import ARRIVALS, GAPS
 from rigctl.session.format.table_rows import Row
 from rigctl.values import Gap
 
+CHUNK_CACHE_BYTES = 1 << 20
+"""For each data set: rows are appended and never read again, so the default of HDF5 2.0, 8 MiB,
+would only fill up for the first hour of a recording."""
+
 
 class SampleBlock(Protocol):
     """Samples that arrived together, with an attribute for each array of the layout."""
@@ -90,7 +94,9 @@ class PartWriter:
         self._blocks: list[SampleBlock] = []
         self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.tables}
         _write_new(path, build_empty_part(layout, attributes, n_taxels, texts))
-        self._file = h5py.File(_temporary_path(path), "r+", libver=LIBVER)
+        self._file = h5py.File(
+            _temporary_path(path), "r+", libver=LIBVER, rdcc_nbytes=CHUNK_CACHE_BYTES
+        )
         self._datasets = {a.path: self._file[a.path] for a in layout.arrays}
         self._tables = {t.path: self._file[t.path] for t in layout.tables}
         try:
