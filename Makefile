@@ -16,11 +16,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware bench orders identify scale shots soak fuzz scans attack docs lock clean
+.PHONY: help setup boards demo gui test check pytest firmware bench orders realtime identify scale shots soak fuzz scans attack docs lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, orders, identify, scale, shots, soak, fuzz, scans, attack, docs, lock, clean'
+	@echo 'also: make gui, check, firmware, bench, orders, realtime, identify, scale, shots, soak, fuzz, scans, attack, docs, lock, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, wheels only)"
@@ -101,6 +101,25 @@ orders: boards
 	done
 	@rm -rf $(ORDERS)/page
 	@$(BIN)/rigctl orders $(SEEDS:%=$(ORDERS)/$(REPEATS)-seed-%) --out $(ORDERS)/page
+
+# Data sets of the moving finger, a training session and a later one each.
+FINGER := build/finger
+
+realtime: boards
+	$(SAY) "the paper's real-time experiment with the virtual finger, seeds $(SEEDS), and its figures"
+	@mkdir -p $(FINGER)
+	@for seed in $(SEEDS); do \
+	  set=$(FINGER)/seed-$$seed; options="--rig virtual --seed $$seed --yes"; \
+	  test -d $$set/train || $(BIN)/rigctl realtime train $$options --out $$set/train || exit $$?; \
+	  test -d $$set/calibrate || $(BIN)/rigctl realtime calibrate $$options \
+	    --model $$set/train --out $$set/calibrate || exit $$?; \
+	  test -d $$set/run || $(BIN)/rigctl realtime run $$options \
+	    --model $$set/calibrate --out $$set/run || exit $$?; \
+	done
+	@rm -rf $(FINGER)/report
+	@$(BIN)/rigctl analyse --experiment realtime \
+	  $(foreach seed,$(SEEDS),$(FINGER)/seed-$(seed)/train $(FINGER)/seed-$(seed)/calibrate \
+	    $(FINGER)/seed-$(seed)/run) --out $(FINGER)/report
 
 identify: $(VENV)/.ready
 	$(SAY) "the bench's unknowns, searched for by the paper's Original column alone (half an hour)"

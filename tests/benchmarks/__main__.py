@@ -30,15 +30,21 @@ def _last(module: str) -> str:
     return module.rpartition(".")[2]
 
 
-def main(wanted: list[str]) -> None:
-    """Write the figures to :data:`OUTPUT` and print them."""
+def main(wanted: list[str]) -> int:
+    """Write the figures to :data:`OUTPUT`, print them, and return 1 where one is over its limit."""
     OUTPUT.parent.mkdir(exist_ok=True)
+    over = []
     with OUTPUT.open("w") as output:
         for row in rows(wanted):
             line = json.dumps(row)
             print(line, flush=True)
             output.write(line + "\n")
+            if row.get("limit") is not None and row["value"] > row["limit"]:
+                over.append(f"{row['name']} is {row['value']}, its limit {row['limit']}")
+    for sentence in over:
+        print(sentence, file=sys.stderr)
+    return 1 if over else 0
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main(sys.argv[1:]))
