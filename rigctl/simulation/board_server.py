@@ -1,6 +1,6 @@
-"""Serve the simulated boards to other programs over loopback TCP and pseudo-terminals.
+"""Serve simulated cables to other programs over loopback TCP and pseudo-terminals.
 
-Every client receives the board's bytes from its connection on and may send its own; bytes without
+Every client receives the cable's bytes from its connection on and may send its own; bytes without
 a reader are dropped, as on a cable.
 """
 
@@ -10,9 +10,9 @@ import asyncio
 import contextlib
 import os
 import select
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-
-from rigctl.simulation.simulated_rig import SimulatedLink, SimulatedRig
+from typing import Protocol
 
 LOOPBACK = "127.0.0.1"
 POLL_S = 0.05
@@ -22,9 +22,26 @@ _READ_SIZE = 4096
 _MAX_BUFFERED = 1 << 20
 
 
+class ServedLink(Protocol):
+    """A cable with a simulated thing at its other end. All calls come from the loop's thread."""
+
+    name: str
+
+    def open(
+        self, on_bytes: Callable[[bytes, float], None], on_lost: Callable[[str], None]
+    ) -> None:
+        """Start receiving: ``on_bytes(data, at_s)`` in simulated seconds."""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the other end."""
+
+    def close(self) -> None:
+        """Stop receiving."""
+
+
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """Addresses of one board; ``pty`` is empty on systems without pseudo-terminals."""
+    """Addresses of one cable; ``pty`` is empty on systems without pseudo-terminals."""
 
     tcp: str
     pty: str
@@ -33,7 +50,7 @@ class Addresses:
 class _PseudoTerminal:
     """A pseudo-terminal whose slave end is a serial port for other programs."""
 
-    def __init__(self, link: SimulatedLink) -> None:
+    def __init__(self, link: ServedLink) -> None:
         import tty
 
         self._link = link
@@ -60,7 +77,7 @@ class _PseudoTerminal:
         self._open = now_open
 
     def write(self, data: bytes) -> None:
-        """Write the board's bytes; they are dropped while no program reads."""
+        """Write the cable's bytes; they are dropped while no program reads."""
         if self._open and self._is_open():
             with contextlib.suppress(BlockingIOError):
                 os.write(self._master, data)
@@ -89,10 +106,10 @@ class _PseudoTerminal:
         os.close(slave)
 
 
-class _BoardServer:
-    """Serves one board to any number of programs."""
+class _LinkServer:
+    """Serves one cable to any number of programs."""
 
-    def __init__(self, link: SimulatedLink) -> None:
+    def __init__(self, link: ServedLink) -> None:
         self._link = link
         self._clients: set[asyncio.StreamWriter] = set()
         self._tasks: set[asyncio.Task[None]] = set()
@@ -100,7 +117,7 @@ class _BoardServer:
         self._terminal = _PseudoTerminal(link) if hasattr(os, "openpty") else None
 
     async def start(self) -> Addresses:
-        """Open the board's cable, the TCP port and the terminal."""
+        """Open the cable, the TCP port and the terminal."""
         self._server = await asyncio.start_server(self._serve, LOOPBACK, 0)
         port = self._server.sockets[0].getsockname()[1]
         self._link.open(self._publish, lambda reason: None)
@@ -148,10 +165,12 @@ class _BoardServer:
 
 
 async def serve(
-    simulation: SimulatedRig, stop: asyncio.Event, started: asyncio.Future[dict[str, Addresses]]
+    links: Iterable[ServedLink],
+    stop: asyncio.Event,
+    started: asyncio.Future[dict[str, Addresses]],
 ) -> None:
-    """Serve both boards until ``stop`` is set; resolve ``started`` to the addresses by board."""
-    servers = {link.name: _BoardServer(link) for link in (simulation.drum, simulation.taxels)}
+    """Serve cables until ``stop`` is set; resolve ``started`` to the addresses by their names."""
+    servers = {link.name: _LinkServer(link) for link in links}
     started.set_result({name: await server.start() for name, server in servers.items()})
     loop = asyncio.get_running_loop()
     while not stop.is_set():

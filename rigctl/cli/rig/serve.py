@@ -1,7 +1,8 @@
 """Offer the simulated boards to other programs.
 
 Offer the simulated boards over loopback TCP and as pseudo-terminals, in real time, until
-Ctrl-C.
+Ctrl-C: those of the drum, or with --finger the moving finger's board, its tracker, and a line to
+the virtual person who slides it. Names of the ports are printed at the start.
 """
 
 from __future__ import annotations
@@ -11,53 +12,99 @@ import asyncio
 import json
 import signal
 import sys
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rigctl.acquisition.rig import Rig
 from rigctl.cli.data.world import add_world, chosen_world
+from rigctl.errors import WrongUse
+from rigctl.finger_rig import open_finger_rig
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
+
+if TYPE_CHECKING:
+    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.simulation.board_server import Addresses, ServedLink
+
+PREPARING = "preparing the simulated bench; after an update this takes half a minute"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument("--rig", choices=(VIRTUAL, FIRMWARE), default=VIRTUAL)
     add_world(parser)
-    parser.add_argument("--plate", default="A", metavar="A–P", help="texture on the drum")
+    parser.add_argument("--plate", metavar="A–P", help="texture on the drum (A)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulated world")
     parser.add_argument("--json", action="store_true", help="print the addresses as one JSON line")
+    finger = parser.add_argument_group("the moving finger")
+    finger.add_argument(
+        "--finger", action="store_true", help="offer the moving finger instead of the drum"
+    )
+    finger.add_argument(
+        "--udp", type=int, metavar="PORT", help="send the tracker's positions to this port, too"
+    )
+    finger.add_argument("--session", type=int, metavar="N", help="session of the person (0)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
+    _require_fitting_options(args)
     world = chosen_world(args.world)
-    print(
-        "preparing the simulated bench; after an update this takes half a minute", file=sys.stderr
-    )
-    with closing(open_rig(args.rig, seed=args.seed, paced=True, world=world)) as rig:
-        rig.set_plate(args.plate)
-        rig.loop.run_until_complete(_serve(rig, args.json))
+    print(PREPARING, file=sys.stderr)
+    if args.finger:
+        _serve_finger(args, world)
+    else:
+        _serve_drum(args, world)
     return 0
 
 
-async def _serve(rig: Rig, as_json: bool) -> None:
-    from rigctl.simulation.board_server import Addresses, serve
+def _require_fitting_options(args: argparse.Namespace) -> None:
+    if args.finger and args.rig != VIRTUAL:
+        raise WrongUse("the finger's image under QEMU is slower than real time: use --rig virtual")
+    if args.finger and args.plate is not None:
+        raise WrongUse("the person chooses the finger's plate: leave --plate out")
+    if not args.finger and (args.udp is not None or args.session is not None):
+        raise WrongUse("--udp and --session belong to the moving finger: add --finger")
+    if args.udp is not None and not 0 < args.udp < 65536:
+        raise WrongUse(f"--udp {args.udp} is no port: give a number from 1 to 65535")
 
-    assert rig.simulation is not None
+
+def _serve_drum(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
+    with closing(open_rig(args.rig, seed=args.seed, paced=True, world=world)) as rig:
+        rig.set_plate(args.plate or "A")
+        assert rig.simulation is not None
+        links = (rig.simulation.drum, rig.simulation.taxels)
+        rig.loop.run_until_complete(_serve(links, args.json))
+
+
+def _serve_finger(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
+    from rigctl.simulation.finger.served_finger import PersonCable, TrackerCable
+    from rigctl.simulation.finger.virtual_finger import compile_finger_kernels
+
+    compile_finger_kernels()
+    opened = open_finger_rig(VIRTUAL, seed=args.seed, session=args.session or 0, world=world)
+    with closing(opened) as rig:
+        finger = rig.simulation
+        tracker, person = TrackerCable(finger.tracker, args.udp), PersonCable(finger, rig.loop)
+        rig.loop.run_until_complete(_serve((finger.finger, tracker, person), args.json))
+
+
+async def _serve(links: Sequence[ServedLink], as_json: bool) -> None:
+    from rigctl.simulation.board_server import serve
+
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     started: asyncio.Future[dict[str, Addresses]] = loop.create_future()
     started.add_done_callback(lambda done: _say(done.result(), as_json))
-    await serve(rig.simulation, stop, started)
+    await serve(links, stop, started)
 
 
-def _say(boards: dict[str, Any], as_json: bool) -> None:
+def _say(served: dict[str, Any], as_json: bool) -> None:
     if as_json:
-        lines = [json.dumps({name: asdict(addresses) for name, addresses in boards.items()})]
+        lines = [json.dumps({name: asdict(addresses) for name, addresses in served.items()})]
     else:
-        lines = [f"{name}: tcp {at.tcp}  port {at.pty}" for name, at in boards.items()]
+        lines = [f"{name}: tcp {at.tcp}  port {at.pty}" for name, at in served.items()]
         lines.append("press Ctrl-C to end")
     print("\n".join(lines), flush=True)

@@ -52,8 +52,14 @@ class SimulatedTracker:
         self._gap_until_us = self._lost_until_us = -math.inf
         self._shifts = False
         self.next_us = self._measure_us + self._latency_us
+        self._touched_mm: _Floats | None = None
         self._on_position: OnPosition | None = None
         self._on_lost: OnLost | None = None
+
+    @property
+    def measured_us(self) -> float:
+        """Time of the measurement that is being delivered, by the tracker's own clock."""
+        return self._measure_us
 
     @property
     def period_us(self) -> float:
@@ -95,6 +101,11 @@ class SimulatedTracker:
     def begin_slide(self, random: np.random.Generator) -> None:
         """Draw noise, jitter and gaps from a slide's own generator from now on."""
         self._random = random
+        self._touched_mm = None
+
+    def touch_corner(self, name: str, random: np.random.Generator) -> None:
+        """Report the wrist of a finger that rests on a corner, until the next slide begins."""
+        self._touched_mm = self._touch(name, random)
 
     def advance(self) -> None:
         """Deliver the measurement that arrives at ``next_us``, and time the next one."""
@@ -115,13 +126,18 @@ class SimulatedTracker:
     ) -> list[tuple[str, tuple[float, float, float]]]:
         """Return what the tracker reads while the finger touches each corner of the plate, mm."""
         touched = []
-        for name, (along_mm, across_mm) in PLATE_CORNERS_MM.items():
-            error_mm = random.normal(0.0, self._touch_mm, 3)
-            place = self._to_frame(np.array([along_mm, across_mm, 0.0]) + self._wrist_mm + error_mm)
+        for name in PLATE_CORNERS_MM:
+            place = self._to_frame(self._touch(name, random))
             measured = place + random.normal(0.0, self._p.noise_mm, 3)
             x, y, z = measured.tolist()
             touched.append((name, (x, y, z)))
         return touched
+
+    def _touch(self, name: str, random: np.random.Generator) -> _Floats:
+        """Return the wrist's place on the plate while the finger touches a corner, mm."""
+        error_mm = random.normal(0.0, self._touch_mm, 3)
+        wrist: _Floats = np.array([*PLATE_CORNERS_MM[name], 0.0]) + self._wrist_mm + error_mm
+        return wrist
 
     def _deliver(self, noise_mm: _Floats) -> None:
         valid = self._measure_us >= self._lost_until_us
@@ -132,11 +148,17 @@ class SimulatedTracker:
             )
         if self._on_position is None:
             return
-        row = self._row_at(self._measure_us * 1e-3)
-        tip_mm = row[[ALONG, ACROSS, HEIGHT]]
-        x, y, z = (self._to_frame(tip_mm + self._wrist_mm + row[WRIST_ALONG:]) + noise_mm).tolist()
+        x, y, z = (self._to_frame(self._wrist()) + noise_mm).tolist()
         at_s = (self.next_us - 1000.0 * self._p.latency_ms) * 1e-6
         self._on_position(Position(at_s, x, y, z, valid))
+
+    def _wrist(self) -> _Floats:
+        """Return the wrist's place on the plate at the time of the measurement, mm."""
+        if self._touched_mm is not None:
+            return self._touched_mm
+        row = self._row_at(self._measure_us * 1e-3)
+        wrist: _Floats = row[[ALONG, ACROSS, HEIGHT]] + self._wrist_mm + row[WRIST_ALONG:]
+        return wrist
 
     def _to_frame(self, plate_mm: _Floats) -> _Floats:
         frame: _Floats = self._turn @ plate_mm + self._origin_mm

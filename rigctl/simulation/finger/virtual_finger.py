@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 
 from rigctl.errors import WrongUse
-from rigctl.protocol.finger import VelocityProfile
+from rigctl.protocol.finger import PLATE_CORNERS_MM, VelocityProfile
 from rigctl.simulation.bench.parameter_fields import checked
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import CATALOGUE
@@ -50,6 +50,7 @@ WARM_UP_US = 1_500_000
 
 _HABITS, _SLIDE, _TRACKER, _TRACKED_SLIDE, _CORNERS = range(5)
 """Purposes of the random draws."""
+_SLIDING = "the operator is sliding: wait until the finger is lifted"
 
 
 def open_virtual_finger(
@@ -151,7 +152,7 @@ class VirtualFinger:
         Raises WrongUse during a slide and for an unknown plate.
         """
         if self.sliding:
-            raise WrongUse("the operator is sliding: wait until the finger is lifted")
+            raise WrongUse(_SLIDING)
         if texture not in CATALOGUE:
             raise WrongUse(f"no plate {texture!r}: the catalogue has A to P")
         plate, self._swapped = self._swapped or texture, None
@@ -165,6 +166,18 @@ class VirtualFinger:
     def touch_corners(self) -> list[tuple[str, tuple[float, float, float]]]:
         """Return the tracker's position while the finger touches each corner, mm in its frame."""
         return self.tracker.touch_corners(self._random(_CORNERS))
+
+    def touch_corner(self, name: str) -> None:
+        """Let the tracker report a finger that rests on a corner, until the next slide begins.
+
+        Raises WrongUse during a slide and for an unknown corner.
+        """
+        if self.sliding:
+            raise WrongUse(_SLIDING)
+        if name not in PLATE_CORNERS_MM:
+            raise WrongUse(f"there is no corner {name!r}: touch {', '.join(PLATE_CORNERS_MM)}")
+        number = list(PLATE_CORNERS_MM).index(name)
+        self.tracker.touch_corner(name, self._random(_CORNERS, number))
 
     def change_slide(self, change: Change) -> None:
         """Change the slide from now on, or in the middle of the next one if there is none."""
