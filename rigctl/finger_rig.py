@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.config.finger_config import FingerConfig, load_finger_config
 from rigctl.devices.finger import Finger
-from rigctl.devices.port_discovery import FINGER, create_link, find_boards
+from rigctl.devices.identity import WHICH_PORT
+from rigctl.devices.port_discovery import FINGER, TAXELS, create_link, find_boards, identify_board
 from rigctl.devices.trackers.open_tracker import open_tracker
 from rigctl.devices.trackers.plate_frame import PlateFrame, fit_plate_frame
+from rigctl.devices.trackers.tracker import Tracker
 from rigctl.errors import ConfigError, LinkLost, WrongUse
 from rigctl.realtime.finger_rig import FingerRig
 
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from rigctl.simulation.bench.world_file import SimulatedWorld
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
+SIMULATED = (VIRTUAL, FIRMWARE)
 
 
 def open_finger_rig(
@@ -37,7 +41,7 @@ def open_finger_rig(
     not connected. Raises WrongUse for a rig that does not exist or cannot have a world,
     ConfigError for an unusable description.
     """
-    if spec in (VIRTUAL, FIRMWARE):
+    if spec in SIMULATED:
         return _simulated(spec, seed, session, first_slide, paced, world)
     path = Path(spec)
     if not path.is_file():
@@ -97,12 +101,33 @@ def _real(path: Path, config: FingerConfig) -> FingerRig:
             raise LinkLost(
                 "no port answered as the finger board: plug it in; rigctl ports lists what is there"
             )
-        finger = Finger(create_link(port, FINGER, loop), loop)
-        tracker = open_tracker(config.tracker.source, loop)
+        diagnose_port = partial(_diagnose_port, path, port, loop)
+        finger = Finger(create_link(port, FINGER, loop), loop, diagnose_port)
+        tracker = configured_tracker(path, config, loop)
     except BaseException:
         loop.close()
         raise
     return FingerRig(BENCH, config.about.name, config, loop, finger, tracker, frame)
+
+
+def configured_tracker(
+    path: Path, config: FingerConfig, loop: asyncio.AbstractEventLoop
+) -> Tracker:
+    """Return the tracker, not yet open, that a ``finger.toml`` names. Raises ConfigError."""
+    try:
+        return open_tracker(config.tracker.source, loop)
+    except WrongUse as error:
+        raise ConfigError(f"{path}: tracker.source: {error}") from error
+
+
+async def _diagnose_port(path: Path, port: str, loop: asyncio.AbstractEventLoop) -> str:
+    """Return a sentence where the taxel board answers on ``port``, empty where it does not."""
+    if await identify_board(port, TAXELS, loop) is None:
+        return ""
+    return (
+        f"{port}: the taxel board answers there, not the finger board: correct [finger] port in "
+        f"{path}, or leave it out; {WHICH_PORT}"
+    )
 
 
 def _plate_frame(path: Path, config: FingerConfig) -> PlateFrame:

@@ -15,6 +15,7 @@ from rigctl.errors import BoardRebooted, LinkLost, RigFault
 from rigctl.realtime.finger_rig import FingerRig
 from rigctl.realtime.live_file import FingerLiveWriter
 from rigctl.realtime.scan.contact_meter import ContactMeter
+from rigctl.realtime.tracking_loss import TrackingLoss
 from rigctl.values import BoardIdentity, Position
 from rigctl.wire.finger.decoder import FingerBlock
 from rigctl.wire.finger.messages import N_TAXELS, FingerStatus, Message
@@ -45,6 +46,7 @@ class FingerDevices:
     ) -> None:
         self.estimator = VelocityEstimator(rig.frame)
         self.contact = ContactMeter()
+        self._tracking_loss = TrackingLoss()
         self.identity: BoardIdentity | None = None
         self.board_status: FingerStatus | None = None
         self.connected = {BOARD: False, TRACKER: False}
@@ -126,8 +128,19 @@ class FingerDevices:
         plate = self.estimator.latest
         assert plate is not None
         self._live_writer.add_position(plate)
+        self._note_loss(position)
         for callback in tuple(self._position_callbacks):
             callback(position, plate)
+
+    def _note_loss(self, position: Position) -> None:
+        """Tell the operator once, when the tracker is back, that its frame may have shifted."""
+        lost_s = self._tracking_loss.add(position)
+        if lost_s is not None:
+            text = (
+                f"the tracker was lost for {lost_s:.1f} s, and its frame may have shifted by "
+                "millimetres: touch the plate's corners again with `rigctl realtime frame`"
+            )
+            self._event_bus.publish("link", text, board=TRACKER)
 
     def _finger_failed(self, fault: RigFault) -> None:
         self._event_bus.publish("link", str(fault), board=BOARD)

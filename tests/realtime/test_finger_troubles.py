@@ -101,6 +101,18 @@ def test_a_tracker_that_is_off_pauses_the_run(harness: FingerHarness) -> None:
     assert harness.engine.run.text == "every scan is committed"
 
 
+@pytest.mark.parametrize(("lost_s", "times"), [(0.3, 0), (0.8, 1)])
+def test_after_a_loss_of_tracking_the_corners_are_asked_for_once(
+    harness: FingerHarness, lost_s: float, times: int
+) -> None:
+    _record_with(harness, lambda faults: faults.lose_tracker(lost_s))
+    asked = [text for text in harness.texts("link") if "touch the plate's corners again" in text]
+    assert len(asked) == times
+    with open_finger_session(harness.session) as session:
+        told = [event.text for event in session.events if event.kind == "link"]
+    assert told == asked
+
+
 def test_lost_bytes_reject_a_scan(harness: FingerHarness) -> None:
     async def corrupt(opened: FingerHarness) -> None:
         await opened.until_scanning(at_mm=80.0)

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import os
 from pathlib import Path
 from statistics import fmean
 
 from rigctl.cli.options.terminal import ask
 from rigctl.config.finger_config import load_finger_config
-from rigctl.devices.trackers.open_tracker import open_tracker
-from rigctl.devices.trackers.plate_frame import Vector, fit_plate_frame
+from rigctl.devices.trackers.plate_frame import PlateFrame, Vector, fit_plate_frame
 from rigctl.devices.trackers.tracker import Tracker
-from rigctl.errors import LinkLost, RigFault
+from rigctl.errors import LinkLost, RigFault, WrongUse
+from rigctl.finger_rig import configured_tracker
 from rigctl.protocol.finger import PLATE_CORNERS_MM
 from rigctl.values import Position
 
 NO_TERMINAL = "run it where you can press Enter at each corner"
+FRAME_FILE = "plate-frame.toml"
 TOUCH_S = 1.0
 """Time over which the positions at a corner are averaged."""
 
@@ -26,26 +28,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rig", type=Path, required=True, help="finger.toml that names the tracker"
     )
-    parser.add_argument("--out", type=Path, default=Path("plate-frame.toml"), metavar="FILE")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help=f"file to write ({FRAME_FILE} beside finger.toml)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Ask for each corner, fit the frame and write it."""
-    config = load_finger_config(args.rig)
-    loop = asyncio.SelectorEventLoop()
-    tracker = open_tracker(config.tracker.source, loop)
-    try:
-        touched = loop.run_until_complete(_touch_corners(tracker))
-    finally:
-        tracker.close()
-        loop.close()
-    frame = fit_plate_frame(touched)
-    args.out.write_text(frame.to_toml(), encoding="utf-8")
+    file = args.out or args.rig.parent / FRAME_FILE
+    frame = fit_plate_frame(_touched_corners(args.rig))
+    _write(file, frame)
+    # finger.toml names the file relative to its own folder.
+    name = Path(os.path.relpath(file, args.rig.parent)).as_posix()
     print(
-        f"{args.out}: the corners are within {frame.residual_mm:.2f} mm of their places; set "
-        f'frame = "{args.out.name}" under [tracker] in {args.rig}'
+        f"{file}: the corners are within {frame.residual_mm:.2f} mm of their places; set "
+        f'frame = "{name}" under [tracker] in {args.rig}'
     )
     return 0
+
+
+def _touched_corners(rig: Path) -> list[tuple[str, Vector]]:
+    config = load_finger_config(rig)
+    loop = asyncio.SelectorEventLoop()
+    try:
+        tracker = configured_tracker(rig, config, loop)
+        try:
+            return loop.run_until_complete(_touch_corners(tracker))
+        finally:
+            tracker.close()
+    finally:
+        loop.run_until_complete(loop.shutdown_default_executor())
+        loop.close()
 
 
 async def _touch_corners(tracker: Tracker) -> list[tuple[str, Vector]]:
@@ -72,3 +85,10 @@ def _mean(corner: str, positions: list[Position]) -> Vector:
         raise RigFault(f"the tracker had no position at the corner {corner}: bring it into view")
     x, y, z = (fmean(getattr(p, axis) for p in valid) for axis in ("x_mm", "y_mm", "z_mm"))
     return x, y, z
+
+
+def _write(file: Path, frame: PlateFrame) -> None:
+    try:
+        file.write_text(frame.to_toml(), encoding="utf-8")
+    except OSError as error:
+        raise WrongUse(f"cannot write {file}: {error.strerror}") from error

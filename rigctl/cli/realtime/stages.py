@@ -10,8 +10,9 @@ from pathlib import Path
 from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.rig.engine_process import utc_now
-from rigctl.cli.rig.run import EXIT_CODES, RunWatcher
+from rigctl.cli.rig.run import EXIT_CODES, TOLD_EVENTS, RunWatcher
 from rigctl.errors import CheckFailed, WrongUse
+from rigctl.finger_rig import SIMULATED
 from rigctl.realtime.finger_models import calibrate_models, model_path, train_models
 from rigctl.realtime.messages import (
     FingerEngineStatus,
@@ -22,6 +23,9 @@ from rigctl.session.read.finger_session import FingerSession
 
 RUN_FIRST_SLIDE = 1 << 16
 """First slide of `run` in a simulated session: calibration has made the slides from 0 on."""
+
+PERSON_EVENTS = ("stage", "instruction", "trial", "log", "board")
+"""Events that a person follows while sliding; a simulation is too fast to be followed."""
 
 
 def train(args: argparse.Namespace) -> int:
@@ -103,7 +107,10 @@ def _record(
         args.rig, paced=args.paced, seed=seed, run=options, command=FINGER_ENGINE_COMMAND
     )
     progress = ProgressLine(sys.stderr)
-    ended = RunWatcher(client, progress, parse_finger_status, _status_line).watch().run
+    told: tuple[str, ...] = TOLD_EVENTS
+    if args.paced or args.rig not in SIMULATED:
+        told += PERSON_EVENTS
+    ended = RunWatcher(client, progress, parse_finger_status, _status_line, told).watch().run
     print(_summary(ended))
     if ended.state in EXIT_CODES:
         raise SystemExit(EXIT_CODES[ended.state])

@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, Protocol, TypeVar
@@ -106,7 +106,7 @@ class RunWatcher(Generic[_Status]):
     """Shows the progress of a run, and forwards typed commands and interrupts to the engine.
 
     ``parse`` reads a status message; ``format_status`` returns its line, given the wall time since
-    the start.
+    the start. ``told``: kinds of events whose text is shown.
     """
 
     def __init__(
@@ -115,7 +115,9 @@ class RunWatcher(Generic[_Status]):
         progress: ProgressLine,
         parse: Callable[[Mapping[str, Any]], _Status],
         format_status: Callable[[_Status, float], str],
+        told: Collection[str] = TOLD_EVENTS,
     ) -> None:
+        self._told = told
         self._client = client
         self._progress = progress
         self._parse = parse
@@ -154,7 +156,7 @@ class RunWatcher(Generic[_Status]):
             self._progress.show(self._format_status(status, self._progress.elapsed_s))
             self._note_prompt(status.run.prompt)
             return status if status.run.has_ended else None
-        if message.get("event") in TOLD_EVENTS:
+        if message.get("event") in self._told:
             self._progress.say(message["text"])
         elif message.get("ok") is False:
             self._progress.say(str(message["error"]))
