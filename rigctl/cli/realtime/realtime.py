@@ -4,9 +4,10 @@ The real-time experiment of the paper. A person (or the virtual finger) slides t
 plates; the finger board encodes and scales the spikes by the tracked velocity. `train` records the
 normalisation and training scans and trains a classifier, `calibrate` records the scans that centre
 it in a new session, `run` names the texture while the finger moves, and `demo` does all three with
-the virtual finger. `frame` finds the place of the plate from its touched corners. Exit code 0:
-every scan is committed; 1: some scans are missing; 2: wrong use; 3: board, tracker or disk failed;
-130: interrupted. The session is whole in every case.
+the virtual finger. `frame` finds the place of the plate from its touched corners, `board` writes a
+model for the classifier on the board. Exit code 0: every scan is committed; 1: some scans are
+missing; 2: wrong use; 3: board, tracker or disk failed; 130: interrupted. The session is whole in
+every case.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import argparse
 from pathlib import Path
 
 from rigctl.cli.data.world import add_world
-from rigctl.cli.realtime import plate_frame, stages
+from rigctl.cli.realtime import board_model, plate_frame, stages
 
 REPRESENTATIONS = ("speed-scaled", "original")
 
@@ -48,6 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     plate_frame.add_arguments(
         parts.add_parser("frame", help="find the place of the plate from its touched corners")
     )
+    board_model.add_arguments(
+        parts.add_parser("board", help="write a model as the header of the board's classifier")
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -58,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
         "run": stages.classify,
         "demo": stages.demo,
         "frame": plate_frame.run,
+        "board": board_model.run,
     }
     return parts[args.part](args)
 
