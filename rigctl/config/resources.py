@@ -11,6 +11,7 @@ from pathlib import Path
 from rigctl.errors import ProtocolError, WrongUse
 
 _PACKAGE = Path(__file__).resolve().parents[1]
+_FINGER_FOLDERS = (Path("finger"), Path("protocols/finger"))
 
 
 def checkout() -> Path | None:
@@ -41,7 +42,16 @@ def find_protocol(name: str) -> Path:
 
 def find_finger_protocol(name: str) -> Path:
     """Return the file of a protocol of the moving finger, as :func:`find_protocol`."""
-    return _find(name, finger_protocols(), (Path(), Path("protocols/finger")))
+    return _find(name, finger_protocols(), (Path(), *_FINGER_FOLDERS))
+
+
+def find_any_protocol(name: str) -> Path:
+    """Return the file of a protocol of the drum or, as ``finger/quick``, of the moving finger.
+
+    As :func:`find_protocol`.
+    """
+    of_finger = Path(name).parent in _FINGER_FOLDERS
+    return find_finger_protocol(name) if of_finger else find_protocol(name)
 
 
 def _find(name: str, built_in: Path, parents: tuple[Path, ...]) -> Path:

@@ -18,6 +18,8 @@ PLATE_CORNERS_MM = {
 }
 """Along and across the plate. Left and right as seen from its start towards its end."""
 TEXTURES = ("A", "B", "D", "L", "N")
+PROTOCOL_KEYS = ("profiles", "stages", "reference_mm_s")
+"""Keys that only a protocol of the moving finger has."""
 
 
 class VelocityProfile(StrEnum):

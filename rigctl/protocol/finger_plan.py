@@ -13,7 +13,7 @@ from random import Random
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.config.toml_section import number, read_section
 from rigctl.errors import ProtocolError
-from rigctl.protocol.finger import FingerTrial, Stage, VelocityProfile
+from rigctl.protocol.finger import PROTOCOL_KEYS, FingerTrial, Stage, VelocityProfile
 from rigctl.protocol.loader import MAX_SEED, MAX_TRIALS, ORDERS, TEXTURE_BYTES
 from rigctl.protocol.plan import shuffled
 
@@ -27,10 +27,10 @@ SECONDS_PER_TRIAL = 5.0
 class StageRepeats:
     """Scans of each plate and velocity profile in each stage; 0 leaves the stage out."""
 
-    normalise: int = number(2, "", 0, 1000)
-    train: int = number(4, "", 0, 1000)
-    calibrate: int = number(2, "", 0, 1000)
-    run: int = number(4, "", 0, 1000)
+    normalise: int = number(2, "", 0, 1000, "to find the range of each taxel")
+    train: int = number(4, "", 0, 1000, "to train the classifiers")
+    calibrate: int = number(2, "", 0, 1000, "to centre the classifiers in a new session")
+    run: int = number(4, "", 0, 1000, "to be named while the finger moves")
 
     def of(self, stage: Stage) -> int:
         """Return the number of scans of a stage."""
@@ -39,23 +39,24 @@ class StageRepeats:
 
 @dataclass(frozen=True, slots=True)
 class ScanQuality:
-    """Limits that a scan must keep to be committed, and the number of attempts.
+    """Limits that a scan must keep to be committed, and the number of attempts."""
 
-    ``change_ratio``: mean speed of the faster half of the way over that of the slower one; above
-    it the speed counts as changing. Slow is below ``slow_max_mm_s``, fast above
-    ``fast_min_mm_s``, medium between them.
-    """
-
-    slowest_mm_s: float = number(15.0, "mm/s", 1, 1000)
-    slow_max_mm_s: float = number(82.0, "mm/s", 1, 1000)
-    fast_min_mm_s: float = number(124.0, "mm/s", 1, 1000)
-    fastest_mm_s: float = number(400.0, "mm/s", 1, 10_000)
-    change_ratio: float = number(1.45, "", 1, 10)
-    max_lost_samples: int = number(0, "", 0, 1000)
-    max_held_velocities: int = number(0, "", 0, 1000)
-    max_tracker_gap_ms: float = number(100.0, "ms", 10, 10_000)
-    min_contact_percent: float = number(98.0, "%", 0, 100)
-    attempts: int = number(5, "", 1, 100)
+    slowest_mm_s: float = number(15.0, "mm/s", 1, 1000, "lowest mean speed")
+    slow_max_mm_s: float = number(
+        82.0, "mm/s", 1, 1000, "a mean speed below it is slow, one above it medium or fast"
+    )
+    fast_min_mm_s: float = number(124.0, "mm/s", 1, 1000, "a mean speed above it is fast")
+    fastest_mm_s: float = number(400.0, "mm/s", 1, 10_000, "highest mean speed")
+    change_ratio: float = number(
+        1.45, "", 1, 10, "mean speed over one half of the way to the other: above it speed changes"
+    )
+    max_lost_samples: int = number(0, "", 0, 1000, "samples that may be lost")
+    max_held_velocities: int = number(
+        0, "", 0, 1000, "batches whose velocity may be late, or unknown to the tracker"
+    )
+    max_tracker_gap_ms: float = number(100.0, "ms", 10, 10_000, "longest time without a position")
+    min_contact_percent: float = number(98.0, "%", 0, 100, "part of the scan in contact")
+    attempts: int = number(5, "", 1, 100, "highest number of attempts at a scan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +123,12 @@ class FingerPlan:
 def load_finger_protocol(path: Path) -> FingerProtocol:
     """Load a protocol of the moving finger. Raises ProtocolError."""
     return _parse(TomlText.read(path, ProtocolError), path.stem)
+
+
+def is_finger_protocol(path: Path) -> bool:
+    """Return whether a protocol is of the moving finger, by its keys. Raises ProtocolError."""
+    root = TomlText.read(path, ProtocolError).root
+    return any(key in root for key in PROTOCOL_KEYS)
 
 
 def parse_finger_protocol(text: str, name: str) -> FingerProtocol:

@@ -10,6 +10,7 @@ from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.config.toml_section import read_section
 from rigctl.errors import ProtocolError
+from rigctl.protocol.finger import PROTOCOL_KEYS
 from rigctl.protocol.plan import FreeStep, Protocol, Quality, Settle, register_range
 from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
 
@@ -40,6 +41,7 @@ def parse_protocol(text: str, name: str, config: RigConfig | None = None) -> Pro
 
 def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     root = text.root
+    _refuse_finger_protocol(root)
     root.allow("textures")
     order, trial, plates = root.table("order"), root.table("trial"), root.table("plates")
     force_mode = trial.choice("force_mode", FORCE_MODES, "hold")
@@ -81,6 +83,14 @@ def _speed_range(config: RigConfig) -> dict[str, Any]:
 def _force_range(config: RigConfig) -> dict[str, Any]:
     limits = config.limits
     return {"unit": "g", "low": limits.force_min_g, "high": limits.force_max_g}
+
+
+def _refuse_finger_protocol(root: TomlTable) -> None:
+    for key in PROTOCOL_KEYS:
+        if key in root:
+            root.fail(
+                key, "belongs to a protocol of the moving finger: record it with `rigctl realtime`"
+            )
 
 
 def _refuse_other_presses(root: TomlTable, force_mode: str) -> None:

@@ -1,22 +1,40 @@
-"""The tables of docs/reference/rig-toml.md; ``python -m tests.config.reference`` prints them."""
+"""The tables of docs/reference/rig-toml.md, finger-toml.md and of the finger in protocols.md.
+
+``python -m tests.config.reference`` prints them.
+"""
 
 from __future__ import annotations
 
 from dataclasses import fields
 from typing import Any
 
+from rigctl.config.finger_config import FingerConfig
 from rigctl.config.rig_config import RigConfig
+from rigctl.protocol.finger_plan import ScanQuality, StageRepeats
 
 
 def section(name: str, kind: type[Any]) -> str:
-    lines = [f"## `[{name}]`", "", (kind.__doc__ or "").strip(), ""]
-    lines += ["| key | default | unit | range | meaning |", "|---|---|---|---|---|"]
+    return "\n".join([f"## `[{name}]`", "", (kind.__doc__ or "").strip(), "", rows(kind)])
+
+
+def rows(kind: type[Any]) -> str:
+    """Return the table of a section's keys."""
+    lines = ["| key | default | unit | range | meaning |", "|---|---|---|---|---|"]
     lines += [f"| `{item.name}` | {_default(item)} |{_bounds(item)}" for item in fields(kind)]
     return "\n".join(lines)
 
 
 def sections() -> list[str]:
     return [section(item.name, type(item.default)) for item in fields(RigConfig)]
+
+
+def finger_sections() -> list[str]:
+    config = FingerConfig()
+    return [
+        section(item.name, type(getattr(config, item.name)))
+        for item in fields(FingerConfig)
+        if item.name != "text"
+    ]
 
 
 def _default(item: Any) -> str:
@@ -34,4 +52,4 @@ def _bounds(item: Any) -> str:
 
 
 if __name__ == "__main__":
-    print("\n\n".join(sections()))
+    print("\n\n".join([*sections(), *finger_sections(), rows(StageRepeats), rows(ScanQuality)]))

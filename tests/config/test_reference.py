@@ -1,15 +1,20 @@
-"""The reference page lists every key of rig.toml."""
+"""The reference pages list every key of rig.toml and finger.toml."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tests.config.reference import sections
+import pytest
 
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "rig-toml.md"
+from tests.config.reference import finger_sections, sections
+
+REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 
 
-def test_each_table_is_on_the_page() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    for section in sections():
-        assert section in page, section
+@pytest.mark.parametrize(
+    ("page", "tables"), [("rig-toml.md", sections()), ("finger-toml.md", finger_sections())]
+)
+def test_each_table_is_on_its_page(page: str, tables: list[str]) -> None:
+    text = (REFERENCE / page).read_text(encoding="utf-8")
+    for table in tables:
+        assert table in text, table

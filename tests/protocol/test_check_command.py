@@ -10,7 +10,7 @@ import pytest
 
 from rigctl.cli import create_parser
 from rigctl.cli.rig import check
-from rigctl.errors import CheckFailed, ProtocolError
+from rigctl.errors import CheckFailed, ConfigError, ProtocolError
 
 
 def run(*words: str) -> int:
@@ -24,6 +24,38 @@ def test_it_prints_trials_plate_changes_time_and_disk(capsys: pytest.CaptureFixt
     assert "plate changes       16" in text
     assert "23 h 12 min of trials" in text
     assert "GB" in text
+
+
+def test_a_protocol_of_the_moving_finger_is_planned_stage_by_stage(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run("finger/paper") == 0
+    text = capsys.readouterr().out
+    assert "train           100 scans, 8 min 20 s and 87 changes of plates, 22 MB" in text
+    assert "all             300 scans, 25 min 00 s" in text
+    assert "rigctl realtime train, calibrate, run" in text
+    assert run("protocols/finger/quick.toml", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert {name: stage["trials"] for name, stage in answer["stages"].items()} == {
+        "normalise": 25, "train": 50, "calibrate": 25, "run": 25,
+    }  # fmt: skip
+    assert answer["seconds"] == 625
+
+
+def test_a_finger_toml_is_read_with_a_protocol_of_the_finger(tmp_path: Path) -> None:
+    rig = tmp_path / "finger.toml"
+    rig.write_text("[tracker]\nsource = 5\n")
+    with pytest.raises(ConfigError, match=r"line 2: tracker\.source"):
+        run("finger/quick", "--rig", str(rig))
+
+
+def test_a_disk_too_small_for_the_finger_fails_the_check(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(check.shutil, "disk_usage", lambda _: usage(2_000_000, 1, 1_000_000))
+    with pytest.raises(CheckFailed, match=r"1 MB free, but the protocol needs 28 MB"):
+        run("finger/quick", "--out", str(tmp_path))
 
 
 def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 
 from rigctl.config.resources import find_finger_protocol, finger_protocols
 from rigctl.errors import ProtocolError
 from rigctl.protocol.finger import Stage, VelocityProfile
-from rigctl.protocol.finger_plan import load_finger_protocol, parse_finger_protocol
+from rigctl.protocol.finger_plan import (
+    ScanQuality,
+    StageRepeats,
+    load_finger_protocol,
+    parse_finger_protocol,
+)
+from rigctl.protocol.loader import load_protocol
+from tests.config.reference import rows
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "protocols.md"
 
 SMALL = 'textures = ["A", "B"]\n'
 
@@ -61,3 +71,13 @@ def test_a_mistake_names_its_line_and_key(text: str, message: str) -> None:
 def test_an_unknown_name_lists_the_built_in_protocols() -> None:
     with pytest.raises(ProtocolError, match="a built-in name: paper, quick"):
         find_finger_protocol("nothing")
+
+
+def test_a_protocol_of_the_finger_is_not_one_of_the_drum() -> None:
+    with pytest.raises(ProtocolError, match=r"line 5: profiles: .* record it with `rigctl realti"):
+        load_protocol(finger_protocols() / "quick.toml")
+
+
+@pytest.mark.parametrize("section", [StageRepeats, ScanQuality])
+def test_the_reference_page_has_each_key(section: type[StageRepeats | ScanQuality]) -> None:
+    assert rows(section) in PAGE.read_text(encoding="utf-8")

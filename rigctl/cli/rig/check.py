@@ -1,16 +1,25 @@
-"""Show the trials, plate changes, time and disk space of a protocol."""
+"""Show the trials, plate changes, time and disk space of a protocol.
+
+Show the trials, plate changes, time and disk space of a protocol, of the drum or of the moving
+finger (finger/paper, finger/quick, or a file).
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rigctl.config.resources import find_protocol
+from rigctl.cli.rig.check_finger import describe_finger
+from rigctl.config.finger_config import load_finger_config
+from rigctl.config.resources import find_any_protocol
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.errors import CheckFailed
+from rigctl.protocol.finger import Stage
+from rigctl.protocol.finger_plan import is_finger_protocol, load_finger_protocol
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.protocol.steps import PLATE_CHANGE_S
@@ -26,7 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=int, help="seed of the trial order, instead of the protocol's"
     )
     parser.add_argument(
-        "--rig", default=SIMULATED[0], metavar="RIG", help="virtual, firmware, or a rig.toml"
+        "--rig",
+        default=SIMULATED[0],
+        metavar="RIG",
+        help="virtual, firmware, a rig.toml or a finger.toml",
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="exit with 1 if the disk of DIR is too small"
@@ -36,16 +48,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the summary. Raises ProtocolError for a protocol that cannot be run."""
-    config = RigConfig() if args.rig in SIMULATED else load_config(Path(args.rig))
-    plan = load_protocol(find_protocol(args.protocol), config).plan(args.seed)
-    summary = describe(plan)
-    if args.json:
-        print(json.dumps(summary, ensure_ascii=False))
+    path = find_any_protocol(args.protocol)
+    if is_finger_protocol(path):
+        summary, rows = _check_finger(path, args)
     else:
-        print(table(summary))
+        summary, rows = _check_drum(path, args)
+    print(json.dumps(summary, ensure_ascii=False) if args.json else rows)
     if args.out:
-        _check_disk_space(args.out, plan.bytes_estimate)
+        _check_disk_space(args.out, summary["bytes"])
     return 0
+
+
+def _check_drum(path: Path, args: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    config = RigConfig() if args.rig in SIMULATED else load_config(Path(args.rig))
+    summary = describe(load_protocol(path, config).plan(args.seed))
+    return summary, table(summary)
+
+
+def _check_finger(path: Path, args: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    if args.rig not in SIMULATED:
+        load_finger_config(Path(args.rig))
+    summary = describe_finger(load_finger_protocol(path).plan(list(Stage), args.seed))
+    return summary, finger_table(summary)
 
 
 def describe(plan: Plan) -> dict[str, Any]:
@@ -73,14 +97,12 @@ def describe(plan: Plan) -> dict[str, Any]:
 def table(summary: dict[str, Any]) -> str:
     """Return the summary as a table of two columns."""
     presses, unit = ("forces", "g") if summary["forces_g"] else ("depths", "mm")
-    is_shuffled = summary["order"] == "shuffled"
-    order = f"shuffled by seed {summary['seed']}" if is_shuffled else "blocked"
     rows = (
-        ("protocol", f"{summary['protocol']} – {summary['description']}".rstrip(" –")),
+        ("protocol", _title(summary)),
         ("textures", " ".join(summary["textures"]) or "none"),
         ("speeds", _numbers(summary["speeds_mm_s"], "mm/s")),
         (presses, _numbers(summary[f"{presses}_{unit}"], unit)),
-        ("order", order),
+        ("order", _order(summary)),
         ("trials", f"{summary['trials']:,} of {summary['travel_mm']:g} mm"),
         ("steps", f"{summary['steps']:,}"),
         ("plate changes", str(summary["plate_changes"])),
@@ -90,6 +112,43 @@ def table(summary: dict[str, Any]) -> str:
         ("disk", _size(summary["bytes"])),
         ("plan", summary["hash"]),
     )
+    return _columns(rows)
+
+
+def finger_table(summary: dict[str, Any]) -> str:
+    """Return the summary of a protocol of the moving finger as a table of two columns."""
+    stages: list[tuple[str, str]] = [
+        (name, f"{stage['trials']} scans, {_needs(stage)}")
+        for name, stage in summary["stages"].items()
+    ]
+    rows: list[tuple[str, str]] = [
+        ("protocol", _title(summary)),
+        ("plates", " ".join(summary["textures"])),
+        ("profiles", " ".join(summary["profiles"])),
+        ("reference", f"{summary['reference_mm_s']:g} mm/s"),
+        ("order", _order(summary)),
+        *stages,
+        ("all", f"{summary['trials']} scans, {_needs(summary)}"),
+        ("plan", summary["hash"]),
+        ("record it with", "rigctl realtime train, calibrate, run"),
+    ]
+    return _columns(rows)
+
+
+def _needs(part: dict[str, Any]) -> str:
+    changes = f"{part['plate_changes']} changes of plates"
+    return f"{_time(part['seconds'])} and {changes}, {_size(part['bytes'])}"
+
+
+def _title(summary: dict[str, Any]) -> str:
+    return f"{summary['protocol']} – {summary['description']}".rstrip(" –")
+
+
+def _order(summary: dict[str, Any]) -> str:
+    return f"shuffled by seed {summary['seed']}" if summary["order"] == "shuffled" else "blocked"
+
+
+def _columns(rows: Sequence[tuple[str, str]]) -> str:
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
