@@ -63,8 +63,13 @@ def _simulated(
     from rigctl.simulation.clock import SimulatedTimeLoop
     from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
     from rigctl.simulation.finger.qemu_finger import open_qemu_finger
-    from rigctl.simulation.finger.virtual_finger import open_virtual_finger
+    from rigctl.simulation.finger.virtual_finger import (
+        compile_finger_kernels,
+        open_virtual_finger,
+    )
 
+    if paced:
+        compile_finger_kernels()
     world = world or NOMINAL_WORLD
     operator, tracker = OperatorParameters(), TrackerParameters()
     open_finger = open_virtual_finger if kind == VIRTUAL else open_qemu_finger

@@ -75,6 +75,7 @@ def touch(served: ServedFinger, answers: dict[str, str]) -> Callable[[str], str]
 def test_touched_corners_and_an_experiment_through_real_ports(
     served: ServedFinger, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(plate_frame, "TOUCH_S", 0.2)
     rig = served.write_rig(place, f"serial:{served.terminal}?latency_ms=22")
     monkeypatch.setattr("builtins.input", touch(served, {}))
     assert main(["realtime", "frame", "--rig", str(rig)]) == 0

@@ -79,9 +79,7 @@ def _serve_drum(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
 
 def _serve_finger(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
     from rigctl.simulation.finger.served_finger import PersonCable, TrackerCable
-    from rigctl.simulation.finger.virtual_finger import compile_finger_kernels
 
-    compile_finger_kernels()
     opened = open_finger_rig(VIRTUAL, seed=args.seed, session=args.session or 0, world=world)
     with closing(opened) as rig:
         finger = rig.simulation
