@@ -125,10 +125,20 @@ identify: $(VENV)/.ready
 	$(SAY) "the bench's unknowns, searched for by the paper's Original column alone (half an hour)"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rigctl.identification $(IDENTIFY_ARGS)
 
+# A scan whose velocity and answer change.
+SHOWN_SCAN ?= 17
+
 shots: boards
 	@sh .ci/debian-packages $(DEBIAN_RUN)
 	$(SAY) "the window's pictures from a live virtual rig"
 	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m gui.screenshots docs/images
+	$(SAY) "a scan of the moving finger, from a quick experiment with the virtual finger"
+	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
+	  $(BIN)/python -m rigctl realtime demo --out "$$folder/demo" && \
+	  for kind in png gif; do \
+	    $(BIN)/python -m rigctl realtime movie "$$folder/demo/run" --trial $(SHOWN_SCAN) \
+	      --out "$$folder/finger-scan.$$kind" && mv "$$folder/finger-scan.$$kind" docs/images/ || exit 1; \
+	  done
 
 soak: firmware
 	$(SAY) "an hour of world time on virtual boards, ten minutes on the chips"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding.normalisation import Normalisation
+from rigctl.errors import SessionError
 from rigctl.finger_values import FingerTrialRow, PredictionRow
 from rigctl.session.format import finger_layout
 from rigctl.session.format.annotated_arrays import read_attributes
@@ -16,10 +17,11 @@ from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.finger_rows import parse_finger_trial, parse_prediction
 from rigctl.session.format.header import SessionHeader
-from rigctl.session.format.layout import COUNTER
+from rigctl.session.format.layout import ARRIVALS, COUNTER
 from rigctl.session.read.part import StructuredArray
 from rigctl.session.read.part_file import open_part, part_paths
 from rigctl.session.read.session_reader import SessionReader
+from rigctl.values import SAMPLE_RATE_HZ
 
 
 class FingerSession(SessionReader):
@@ -61,6 +63,24 @@ class FingerSession(SessionReader):
         """Return the board's counters of the samples, int64 (n,); they jump at lost samples."""
         part, start, stop = self._rows_of(index)
         return part.read(COUNTER, start, stop)
+
+    def scan_start_s(self, index: int) -> float:
+        """Return the loop time of a trial's first sample, by the earliest arrival in its scan.
+
+        Nothing arrives before its last sample; most blocks arrive a little later. Raises
+        SessionError for a trial without samples.
+        """
+        part, start, stop = self._rows_of(index)
+        arrivals = self._rows(ARRIVALS, part.number)
+        first_row = arrivals["first_row"]
+        last_row = np.append(first_row[1:], part.n_samples) - 1
+        inside = (last_row >= start) & (first_row < stop)
+        if stop <= start or not inside.any():
+            trial_id = int(self.trials[index]["trial_id"])
+            raise SessionError(f"trial {trial_id} of {self.path} has no samples: name another one")
+        newest = np.minimum(last_row[inside], stop - 1) - start
+        since = part.read(COUNTER, start, stop)[newest] - int(self.trials[index]["first_counter"])
+        return float(np.min(arrivals["arrived_s"][inside] - since / SAMPLE_RATE_HZ))
 
     def scan_spikes(self, index: int) -> NDArray[np.uint8]:
         """Return the spikes of every millisecond of a scan, uint8 (n, 9), 0 for lost samples.

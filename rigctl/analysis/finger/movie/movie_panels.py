@@ -1,0 +1,234 @@
+"""The panels of the movie: each draws its axes once and then updates for a frame."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.finger.movie.movie_frame import LEAD_S, MovieFrame
+from rigctl.analysis.finger.movie.plate_relief import PlateRelief
+from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline
+from rigctl.analysis.report.figures import FAINT, MUTED, TEXT
+from rigctl.encoding.scaled_time import N_WINDOWS
+from rigctl.finger_values import N_FINGER_TAXELS
+from rigctl.protocol.finger import MARKS_MM, PLATE_MM, PLATE_WIDTH_MM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+
+ROW_COLOURS = ("#00629e", "#c24e00", "#5b3fa8")
+"""Of the sensor's rows, along the travel; taxels count row by row."""
+COLOURS = tuple(ROW_COLOURS[taxel // 3] for taxel in range(N_FINGER_TAXELS))
+BLUE = "#1f4fd1"
+TAXEL_PITCH_MM = 5.0
+"""Distance of taxel centres (Materials and Methods, Tactile Sensor Array)."""
+SMALL = 8
+PLAIN_SHADE = 0.88
+TRACE_SHARE = 0.94
+"""Height of a trace, as a share of its row."""
+SPEED_OVER_S = 0.05
+"""The thin line of the velocity is the slope of the track over this time, both ways."""
+
+
+class MoviePanel(Protocol):
+    """A part of the picture."""
+
+    def update(self, frame: MovieFrame) -> None:
+        """Show a frame."""
+
+
+class PlatePanel:
+    """The plate from above with its marks, and the finger's nine taxels and path on it."""
+
+    def __init__(self, axes: Axes, timeline: ScanTimeline) -> None:
+        self._timeline = timeline
+        half = PLATE_WIDTH_MM / 2
+        _draw_plate(axes, timeline.relief, half)
+        for mark, name in zip(MARKS_MM, ("first mark", "second mark"), strict=True):
+            axes.axvline(mark, color=TEXT, lw=1.2, ls=(0, (4, 2)))
+            axes.text(mark, half + 2, f"{name} {mark:g} mm", ha="center", va="bottom", size=SMALL)
+        (self._path,) = axes.plot([], [], color=BLUE, lw=1.4)
+        self._taxels = axes.scatter([], [], marker="s", s=44, linewidths=0.8, zorder=4)
+        self._taxels.set_edgecolor("white")
+        self._taxels.set_facecolor(list(COLOURS))
+        axes.set(xlim=(0, PLATE_MM), ylim=(-half, half), aspect="equal")
+        axes.set_yticks([-half, 0, half])
+        axes.tick_params(labelsize=SMALL)
+        axes.spines[:].set_visible(True)
+        axes.grid(visible=False)
+        axes.set_xlabel("along the plate (mm)", size=SMALL, labelpad=1)
+        axes.set_ylabel("across (mm)", size=SMALL)
+
+    def update(self, frame: MovieFrame) -> None:
+        """Move the finger."""
+        shown, timeline = slice(0, frame.n_positions), self._timeline
+        near = timeline.track_s[shown] >= -LEAD_S
+        self._path.set_data(timeline.along_mm[shown][near], timeline.across_mm[shown][near])
+        if frame.finger_mm is None:
+            return
+        taxel = np.arange(N_FINGER_TAXELS)
+        places = np.stack([taxel // 3 - 1, taxel % 3 - 1], axis=1) * TAXEL_PITCH_MM
+        self._taxels.set_offsets(places + np.array(frame.finger_mm))
+
+
+class VelocityPanel:
+    """The tracker's speed, and the mean of each batch once the board had used it."""
+
+    def __init__(self, axes: Axes, timeline: ScanTimeline) -> None:
+        self._timeline = timeline
+        self._speed_mm_s = _speed_mm_s(timeline)
+        (self._speed,) = axes.plot([], [], color=MUTED, lw=0.9, label="tracker")
+        (self._means,) = axes.plot([], [], color=BLUE, lw=2.4, label="board, each 100 ms")
+        self._now = time_axis(axes, timeline)
+        inside = (timeline.track_s >= 0) & (timeline.track_s <= timeline.duration_s)
+        seen = np.concatenate([timeline.batch_mm_s, self._speed_mm_s[inside], [1.0]])
+        axes.set_ylim(0, 1.35 * float(seen.max()))
+        axes.set_xlabel("time since the scan began (s)", size=SMALL, labelpad=1)
+        axes.set_ylabel("velocity (mm/s)", size=SMALL)
+        axes.legend(loc="upper left", ncols=2, frameon=False, fontsize=SMALL, borderpad=0.1)
+
+    def update(self, frame: MovieFrame) -> None:
+        """Show the velocities so far."""
+        timeline, shown = self._timeline, slice(0, frame.n_positions)
+        self._speed.set_data(timeline.track_s[shown], self._speed_mm_s[shown])
+        ends = [timeline.batch_start_s, timeline.batch_end_s, timeline.batch_end_s]
+        heights = [
+            timeline.batch_mm_s,
+            timeline.batch_mm_s,
+            np.full_like(timeline.batch_mm_s, np.nan),
+        ]
+        self._means.set_data(*(_first_rows(rows, frame.n_batches) for rows in (ends, heights)))
+        self._now.set_xdata([frame.at_s, frame.at_s])
+
+
+class ReadingsPanel:
+    """The readings of the nine taxels, each from the lowest to the highest of its range."""
+
+    def __init__(self, axes: Axes, timeline: ScanTimeline) -> None:
+        self._timeline = timeline
+        self._lines: list[Line2D] = [axes.plot([], [], color=c, lw=0.9)[0] for c in COLOURS]
+        self._now = time_axis(axes, timeline)
+        taxel_axis(axes)
+        axes.tick_params(labelbottom=False)
+        axes.set_title("readings, each from 0 to 1 of its taxel's range", **TITLE)
+
+    def update(self, frame: MovieFrame) -> None:
+        """Show the readings so far."""
+        shown = slice(0, frame.n_readings)
+        for taxel, line in enumerate(self._lines):
+            # The axis of taxels points down.
+            heights = taxel + 1 + TRACE_SHARE * (0.5 - self._timeline.readings[shown, taxel])
+            line.set_data(self._timeline.reading_s[shown], heights)
+        self._now.set_xdata([frame.at_s, frame.at_s])
+
+
+class SpikesPanel:
+    """The spikes of the nine taxels in scaled time, which is distance."""
+
+    def __init__(self, axes: Axes, timeline: ScanTimeline) -> None:
+        self._timeline = timeline
+        self._lines: list[Line2D] = [axes.plot([], [], color=c, lw=0.4)[0] for c in COLOURS]
+        distance_axis(axes, timeline)
+        taxel_axis(axes)
+        axes.tick_params(labelbottom=False)
+        axes.set_title(f"spikes in scaled time, windows of {timeline.window_mm:g} mm", **TITLE)
+
+    def update(self, frame: MovieFrame) -> None:
+        """Show the spikes of the batches that the board has scaled."""
+        for taxel, line in enumerate(self._lines):
+            at = self._timeline.spike_mm[frame.spikes & (self._timeline.spike_taxel == taxel)]
+            y = np.tile([taxel + 1 - 0.4, taxel + 1 + 0.4, np.nan], len(at))
+            line.set_data(np.repeat(at, 3), y)
+
+
+class FeaturesPanel:
+    """The features of Speed Scaled as an image: a column for each window, a row for each taxel."""
+
+    def __init__(self, axes: Axes, timeline: ScanTimeline) -> None:
+        rates = timeline.rates_hz[:N_WINDOWS]
+        self._rates_hz = np.full((N_FINGER_TAXELS, N_WINDOWS), np.nan)
+        self._rates_hz[:, : len(rates)] = rates.T
+        extent = (0, N_WINDOWS * timeline.window_mm, N_FINGER_TAXELS + 0.5, 0.5)
+        self._image: Any = axes.imshow(
+            np.full_like(self._rates_hz, np.nan),
+            extent=extent,
+            aspect="auto",
+            cmap="viridis",
+            vmin=0.0,
+            vmax=max([float(rates.max(initial=0.0)), 1.0]),
+            interpolation="nearest",
+        )
+        bar = axes.figure.colorbar(self._image, cax=axes.inset_axes((1.025, 0.0, 0.025, 1.0)))
+        bar.ax.set_title("Hz", size=SMALL, pad=3)
+        bar.ax.tick_params(labelsize=SMALL - 1, length=2)
+        distance_axis(axes, timeline)
+        taxel_axis(axes)
+        axes.set_xlabel("distance in scaled time (mm)", size=SMALL, labelpad=1)
+        axes.set_title(f"features: {N_FINGER_TAXELS} spike rates in {N_WINDOWS} windows", **TITLE)
+
+    def update(self, frame: MovieFrame) -> None:
+        """Show the windows so far."""
+        shown = self._rates_hz.copy()
+        shown[:, frame.n_windows :] = np.nan
+        self._image.set_data(shown)
+
+
+TITLE: Any = {"size": 8.5, "loc": "left", "color": TEXT, "pad": 4}
+
+
+def time_axis(axes: Axes, timeline: ScanTimeline) -> Line2D:
+    """Give axes the time of the scan; return the line that marks the moment."""
+    axes.set_xlim(0, timeline.duration_s)
+    axes.tick_params(labelsize=SMALL)
+    return axes.axvline(0.0, color=MUTED, lw=0.8)
+
+
+def distance_axis(axes: Axes, timeline: ScanTimeline) -> None:
+    """Give axes the distance of the scan with a line at each window's edge."""
+    edges = np.arange(N_WINDOWS + 1) * timeline.window_mm
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_xticks(edges[::5])
+    axes.set_xticks(edges, minor=True)
+    axes.grid(axis="x", which="both", color=FAINT, lw=0.6)
+    axes.tick_params(labelsize=SMALL)
+
+
+def taxel_axis(axes: Axes) -> None:
+    """Give axes a row for each taxel, the first on top, in the colours of the sensor's rows."""
+    axes.set_ylim(N_FINGER_TAXELS + 0.5, 0.5)
+    axes.set_yticks(range(1, N_FINGER_TAXELS + 1))
+    axes.tick_params(axis="y", labelsize=SMALL - 1, length=0)
+    for label, colour in zip(axes.get_yticklabels(), COLOURS, strict=True):
+        label.set_color(colour)
+    axes.set_ylabel("taxel", size=SMALL)
+
+
+def _draw_plate(axes: Axes, relief: PlateRelief | None, half: float) -> None:
+    """Draw the plate, its ridges light; one tone where it is smooth or not known."""
+    heights = np.zeros(1) if relief is None else relief.heights_mm
+    highest = float(heights.max())
+    shade = 0.72 + 0.28 * heights / highest if highest else np.full(1, PLAIN_SHADE)
+    extent = (0, PLATE_MM, -half, half)
+    axes.imshow(
+        shade[None], extent=extent, cmap="gray", vmin=0.0, vmax=1.02, interpolation="nearest"
+    )
+
+
+def _speed_mm_s(timeline: ScanTimeline) -> NDArray[np.float64]:
+    """Return the slope of the track at each position, by the positions 50 ms before and after."""
+    at_s = timeline.track_s
+    if len(at_s) < 2:
+        return np.zeros(len(at_s))
+    early, late = at_s - SPEED_OVER_S, at_s + SPEED_OVER_S
+    early, late = np.maximum(early, at_s[0]), np.minimum(late, at_s[-1])
+    way = np.interp(late, at_s, timeline.along_mm) - np.interp(early, at_s, timeline.along_mm)
+    speed: NDArray[np.float64] = way / (late - early)
+    return speed
+
+
+def _first_rows(columns: list[NDArray[np.float64]], n: int) -> NDArray[np.float64]:
+    """Return the first n rows of three columns, one after the other: a broken line."""
+    return np.stack(columns, axis=1)[:n].reshape(-1)

@@ -1,0 +1,43 @@
+"""The relief of a simulated plate as the world of its session describes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.protocol.finger import PLATE_MM
+from rigctl.session.format.header import SessionHeader
+from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
+from rigctl.simulation.bench.world_file import world_from_header
+
+CELL_MM = 0.25
+
+
+class PlateRelief(NamedTuple):
+    """Printed heights along a plate, float64 (cells,) in mm, a cell of 0.25 mm after the other.
+
+    ``words``: the texture in a few words, such as "waves, 16 mm apart".
+    """
+
+    heights_mm: NDArray[np.float64]
+    words: str
+
+
+def plate_relief(header: SessionHeader, texture: str, path: Path) -> PlateRelief | None:
+    """Return the relief of a plate; None where the session does not know it, as on a real rig.
+
+    Raises SessionError for a world of another version.
+    """
+    world = world_from_header(header.simulation, path) if header.simulated else None
+    if world is None or texture not in CATALOGUE:
+        return None
+    plate = find_texture(texture, world.parameters)
+    along_mm = np.arange(0.0, PLATE_MM, CELL_MM) + CELL_MM / 2
+    heights = printed_heights(plate, along_mm, world.parameters)
+    if plate.height == 0.0:
+        return PlateRelief(np.zeros_like(along_mm), plate.group)
+    space_mm = world.parameters.base_space_mm * plate.space
+    return PlateRelief(heights, f"{plate.group}, {space_mm:g} mm apart")

@@ -1,0 +1,39 @@
+"""Make a movie of a recorded scan: plate, velocity, readings, spikes, features and the answer."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rigctl.analysis.finger.movie.movie_file import check_movie_file, write_movie
+from rigctl.analysis.finger.movie.scan_timeline import read_timeline
+from rigctl.cli.options.progress import ProgressLine
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the part."""
+    parser.add_argument("session", type=Path, metavar="SESSION", help="session folder")
+    parser.add_argument(
+        "--trial", type=int, metavar="N", help="number of the trial (the last committed one)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="new .gif or .mp4 that plays in real time, or .png of its last frame",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read the scan and write its movie."""
+    check_movie_file(args.out)
+    timeline = read_timeline(args.session, args.trial)
+    progress = ProgressLine(sys.stderr)
+    try:
+        write_movie(timeline, args.out, progress.show_stage)
+    finally:
+        progress.end()
+    print(f"{args.out}: {args.out.stat().st_size / 1e6:.2f} MB")
+    return 0
