@@ -6,6 +6,7 @@ import argparse
 from contextlib import closing
 
 from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
+from rigctl.analysis.finger.confidence import COVERAGE, ERROR_RATE
 from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.rig.engine_process import EngineProcess, utc_now
 from rigctl.finger_rig import open_finger_rig
@@ -29,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", default=None)
     parser.add_argument("--resume", default=None)
     parser.add_argument("--order-seed", type=int, default=None)
+    parser.add_argument("--error-rate", type=float, default=ERROR_RATE)
+    parser.add_argument("--coverage", type=float, default=COVERAGE)
     parser.add_argument("--yes", action="store_true")
     add_world(parser)
 
@@ -61,4 +64,6 @@ def _request(args: argparse.Namespace) -> FingerRunRequest | None:
         args.resume,
         args.order_seed,
         args.yes,
+        args.error_rate,
+        args.coverage,
     )

@@ -41,6 +41,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=REPRESENTATIONS[0],
         help="with or without speed scaling (speed-scaled)",
     )
+    run_part.add_argument(
+        "--error-rate",
+        type=float,
+        metavar="SHARE",
+        help="share of wrong answers among those given before the end (0.05)",
+    )
+    run_part.add_argument(
+        "--coverage",
+        type=float,
+        metavar="SHARE",
+        help="share of the texture sets that hold the true texture (0.95)",
+    )
     demo = parts.add_parser("demo", help="train, calibrate and run with the virtual finger")
     demo.add_argument("--protocol", default="quick", help="built-in name or file (quick)")
     demo.add_argument("--rig", default="virtual", help="virtual or firmware")

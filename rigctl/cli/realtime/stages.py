@@ -13,6 +13,7 @@ from rigctl.cli.rig.engine_process import utc_now
 from rigctl.cli.rig.run import EXIT_CODES, TOLD_EVENTS, RunWatcher
 from rigctl.errors import CheckFailed, WrongUse
 from rigctl.finger_rig import SIMULATED
+from rigctl.realtime.answer_summary import answer_lines
 from rigctl.realtime.finger_models import calibrate_models, model_path, train_models
 from rigctl.realtime.messages import (
     FingerEngineStatus,
@@ -30,26 +31,29 @@ PERSON_EVENTS = ("stage", "instruction", "trial", "log", "board")
 
 def train(args: argparse.Namespace) -> int:
     """Record normalisation and training scans and train the classifiers."""
-    ended = _record(args, ("normalise", "train"), session=0)
-    folder = Path(str(ended.session))
+    folder, code = _recorded(args, ("normalise", "train"), session=0)
     for path in train_models(folder, args.components, utc_now()):
         print(f"model: {path}")
-    return _exit_code(ended)
+    return code
 
 
 def calibrate(args: argparse.Namespace) -> int:
     """Record calibration scans and write the models with the mean of this session."""
-    ended = _record(args, ("calibrate",), session=1, model=_any_model(args.model))
-    for path in calibrate_models(args.model, Path(str(ended.session))):
+    model = _any_model(args.model)
+    folder, code = _recorded(args, ("calibrate",), session=1, model=model)
+    for path in calibrate_models(args.model, folder):
         print(f"model: {path}")
-    return _exit_code(ended)
+    return code
 
 
 def classify(args: argparse.Namespace) -> int:
     """Record scans that the classifier names while the finger moves."""
     model = model_path(args.model, args.representation)
-    ended = _record(args, ("run",), session=1, model=model, first_slide=RUN_FIRST_SLIDE)
-    return _exit_code(ended)
+    first_slide = RUN_FIRST_SLIDE
+    folder, code = _recorded(args, ("run",), session=1, model=model, first_slide=first_slide)
+    for line in answer_lines(folder):
+        print(line)
+    return code
 
 
 def demo(args: argparse.Namespace) -> int:
@@ -82,6 +86,27 @@ def _any_model(path: Path) -> Path:
     return model_path(path, "speed-scaled")
 
 
+def _recorded(
+    args: argparse.Namespace,
+    stages: Sequence[str],
+    *,
+    session: int,
+    model: Path | None = None,
+    first_slide: int = 0,
+) -> tuple[Path, int]:
+    """Record the stages, unless the session to resume is complete; return folder and exit code."""
+    if args.resume is not None and _is_complete(args.resume):
+        return args.resume, 0
+    ended = _record(args, stages, session=session, model=model, first_slide=first_slide)
+    return Path(str(ended.session)), _exit_code(ended)
+
+
+def _is_complete(folder: Path) -> bool:
+    """Return whether every planned scan is committed: its model may still have to be made."""
+    with FingerSession.open(folder) as session:
+        return len(session.committed()) == session.header.trials_planned
+
+
 def _record(
     args: argparse.Namespace,
     stages: Sequence[str],
@@ -98,7 +123,14 @@ def _record(
         first_slide += made
     options += ["--session", str(session if args.session is None else args.session)]
     options += ["--first-slide", str(first_slide), "--protocol", args.protocol]
-    named = {"--model": model, "--out": args.out, "--world": args.world, "--order-seed": args.seed}
+    named = {
+        "--model": model,
+        "--out": args.out,
+        "--world": args.world,
+        "--order-seed": args.seed,
+        "--error-rate": getattr(args, "error_rate", None),
+        "--coverage": getattr(args, "coverage", None),
+    }
     options += [
         word for name, value in named.items() if value is not None for word in (name, str(value))
     ]

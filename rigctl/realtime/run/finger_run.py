@@ -27,6 +27,7 @@ from rigctl.acquisition.protocol.run_reasons import RunPaused, RunStopped
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import RigFault
+from rigctl.finger_values import PredictionRow
 from rigctl.protocol.finger import FingerTrial, Stage
 from rigctl.realtime.finger_devices import FingerDevices
 from rigctl.realtime.finger_rig import FingerRig
@@ -272,7 +273,7 @@ class FingerRun:
         if predicted and verdict is Verdict.COMMITTED:
             self._progress.classify(trial.texture, predicted)
         why = f": {'; '.join(reasons)}" if reasons else ""
-        named = f", named {predicted}" if predicted else ""
+        named = _named(answer) if predicted and answer is not None else ""
         self._event_bus.publish(
             "trial",
             f"scan {trial.trial_id} ({trial.texture}, {trial.profile.value}) {verdict}{named}{why}",
@@ -298,3 +299,9 @@ class FingerRun:
 
     def _pass(self, message: Message, arrived_s: float) -> None:
         """Take no message: the attempt records what belongs to a scan."""
+
+
+def _named(answer: PredictionRow) -> str:
+    """Return what the classifier said of a scan."""
+    unknown = "" if answer.known else ", though it is unlike every trained plate"
+    return f", named {answer.texture}{unknown}"

@@ -10,6 +10,7 @@ from pathlib import Path
 from rigctl import __version__
 from rigctl.acquisition.protocol.run_request import check_disk_space
 from rigctl.analysis.finger.answers import FingerClassifier
+from rigctl.analysis.finger.confidence import COVERAGE, ERROR_RATE
 from rigctl.config.resources import find_finger_protocol, source_commit
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError, WrongUse
@@ -33,7 +34,9 @@ class FingerRunRequest:
     """Stages of a protocol to record into a new folder, or a session to resume.
 
     ``stages``: names. ``model``: a file, needed by the stages calibrate and run. ``out`` and
-    ``resume`` are folders; ``yes`` answers every question on a simulated rig.
+    ``resume`` are folders; ``yes`` answers every question on a simulated rig. ``error_rate``: share
+    of wrong ones among the early answers, ``coverage``: share of texture sets that hold the true
+    one; both as the session's calibration supports them.
     """
 
     stages: tuple[str, ...] = ()
@@ -43,6 +46,8 @@ class FingerRunRequest:
     resume: str | None = None
     seed: int | None = None
     yes: bool = False
+    error_rate: float = ERROR_RATE
+    coverage: float = COVERAGE
 
     def __post_init__(self) -> None:
         if bool(self.stages) == (self.resume is not None):
@@ -90,7 +95,7 @@ def open_finger_run(
         return _resume(Path(request.resume), request, rig, board, start_utc)
     protocol = load_finger_protocol(find_finger_protocol(request.protocol))
     plan = protocol.plan([Stage(name) for name in request.stages], request.seed)
-    classifier = _classifier(plan, request.model)
+    classifier = _classifier(plan, request)
     folder = Path(request.out) if request.out else _default_folder(request.stages, start_utc)
     check_disk_space(folder, plan.bytes_estimate)
     header = _header(plan, rig, board, start_utc, classifier)
@@ -121,20 +126,21 @@ def _resume(
     plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned scan is committed")
-    classifier = _classifier(plan, request.model)
+    classifier = _classifier(plan, request)
     new = _header(plan, rig, board, start_utc, classifier)
     recorder = FingerRecorder(folder, new, protocol.text, rig.config.text, resume=True)
     unattended = request.yes and rig.simulated
     return OpenedFingerRun(plan, recorder, new, classifier, unattended, True, done, attempts, scans)
 
 
-def _classifier(plan: FingerPlan, path: str | None) -> FingerClassifier | None:
+def _classifier(plan: FingerPlan, request: FingerRunRequest) -> FingerClassifier | None:
     """Return the classifier that the plan's stages need. Raises WrongUse for an unfit model."""
     stages = {trial.stage for trial in plan.trials}
     if not stages & {Stage.CALIBRATE, Stage.RUN}:
         if Stage.NORMALISE not in stages:
             raise WrongUse("training needs the ranges of the taxels: plan the stage normalise too")
         return None
+    path = request.model
     if path is None:
         raise WrongUse("these stages use a trained model: name its file with --model")
     model = load_finger_model(Path(path))
@@ -143,7 +149,7 @@ def _classifier(plan: FingerPlan, path: str | None) -> FingerClassifier | None:
         raise WrongUse(
             f"{path} is not calibrated for this session: run `rigctl realtime calibrate` first"
         )
-    return FingerClassifier(model)
+    return FingerClassifier(model, coverage=request.coverage, error_rate=request.error_rate)
 
 
 def _check_model(model: FingerModel, plan: FingerPlan, path: str) -> None:
