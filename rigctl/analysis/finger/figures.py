@@ -38,10 +38,12 @@ COLOURS = {
 }
 """The paper's colours of its lines."""
 KIND_COLOURS = {ScanKind.ORIGINAL: TEXT, ScanKind.SPEED_SCALED: BLUE}
+LATENCY_ROOM = 1.3
+"""The axis of a latency ends this far beyond the largest one."""
 ROW_PERCENT = 8.0
 """Height of a row of asterisks above 100 %."""
-QUOTED_WIDTH = 0.06
-"""Length of the line of a quoted saturation, as a share of the axis."""
+SATURATION_ROOM = 0.11
+"""Room for the paper's saturations right of the curves, as a share of the components."""
 
 
 def draw_accuracies(results: Sequence[FingerResult], title: str, origin: str, stem: Path) -> Path:
@@ -57,8 +59,9 @@ def draw_accuracies(results: Sequence[FingerResult], title: str, origin: str, st
     k_max = max(*(result.k_max for result in results), *(value.components or 0 for value in quoted))
     chance = 100 * results[0].chance
     axes.axhline(chance, color=MUTED, lw=1, ls=":")
-    axes.text(k_max + 0.4, chance + 1, f"chance {chance:.0f} %", ha="right", size=8, color=MUTED)
-    axes.set(xlim=(0, k_max + 1), ylim=(0, 103.0 + ROW_PERCENT * len(results)))
+    axes.text(0.3, chance - 1, f"chance {chance:.0f} %", va="top", size=8, color=MUTED)
+    room = SATURATION_ROOM if any(value.components is None for value in quoted) else 0.0
+    axes.set(xlim=(0, k_max * (1.0 + room) + 1), ylim=(0, 103.0 + ROW_PERCENT * len(results)))
     axes.set_yticks(range(0, 101, 20))
     axes.set(xlabel="principal components", ylabel="accuracy (%)")
     axes.grid(axis="y", color=FAINT, lw=0.6)
@@ -118,7 +121,8 @@ def draw_promises(
         axes.set_xticks([1, 5, 10, 15, 20])
         axes.grid(axis="y", color=FAINT, lw=0.6)
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(frameon=False, fontsize=8, loc="center right")
+            place = "upper right" if axes is calls else "lower right"
+            axes.legend(frameon=False, fontsize=8, loc=place)
     return save_figure(figure, stem, "How sure an answer is, on held-out trials", origin)
 
 
@@ -127,12 +131,13 @@ def draw_latencies(latencies: Mapping[str, Floats], origin: str, stem: Path) -> 
     figure, panels = new_figure((11, 3.8), 1, len(latencies), squeeze=False)
     for axes, (kind, ms) in zip(panels.flat, latencies.items(), strict=True):
         p99, p999 = np.percentile(ms, [99.0, 99.9])
-        axes.hist(ms, bins=40, color=BLUE)
+        edges = np.linspace(0.0, LATENCY_ROOM * max(float(ms.max()), 0.1), 51)
+        axes.hist(ms, bins=edges.tolist(), color=BLUE)
         axes.set_yscale("log")
-        axes.set(xlabel="ms", ylabel="number", xlim=(0, None))
+        axes.set(xlabel="latency (ms)", ylabel="number", xlim=(0, edges[-1]), ylim=(0.5, None))
         for value, dashes in ((p99, "--"), (p999, ":")):
             axes.axvline(value, color=TEXT, lw=1, ls=dashes)
-        title = f"{kind}: p99 {p99:.2f} ms (dashed), p99.9 {p999:.2f} ms (dotted)"
+        title = f"{kind}, n = {len(ms):,}: p99 {p99:.2f} ms (dashed), p99.9 {p999:.2f} ms (dotted)"
         axes.set_title(title, size=9, loc="left", color=TEXT)
     return save_figure(figure, stem, "Latency from the arrival of a velocity", origin)
 
@@ -161,18 +166,23 @@ def _plot_quoted(
     """Mark a value of the paper: a diamond at its components, a line for a saturation."""
     face = colour if filled else "white"
     text: dict[str, Any] = {
-        "textcoords": "offset points", "size": 7.5, "color": colour, "zorder": 6
+        "textcoords": "offset points", "size": 8, "color": colour, "zorder": 6,
+        "bbox": {"fc": "white", "ec": "none", "pad": 0.6, "alpha": 0.85},
     }  # fmt: skip
     if quoted.components is not None:
         place: tuple[float, float] = quoted.components, quoted.percent
         axes.plot(*place, "D", ms=7, color=colour, markerfacecolor=face, zorder=5)
-        axes.annotate(f"{quoted.percent:g}", place, xytext=(0, 6), ha="center", **text)
+        # Above Original's peak there is often Speed Scaled's curve.
+        side = 1 if filled else -1
+        text["va"] = "bottom" if filled else "top"
+        axes.annotate(f"{quoted.percent:g}", place, xytext=(0, 8 * side), ha="center", **text)
         return
-    begin = k_max * (1.0 - QUOTED_WIDTH)
+    # Right of the curves, so that they do not cover it.
+    ends = k_max * (1.0 + 0.2 * SATURATION_ROOM), k_max * (1.0 + 0.65 * SATURATION_ROOM)
     line = [quoted.percent, quoted.percent]
-    axes.plot([begin, k_max], line, color=colour, lw=4 if filled else 1.2, alpha=0.45, zorder=5)
-    place = begin, quoted.percent
-    axes.annotate(f"{quoted.percent:g}", place, xytext=(-4, 0), ha="right", va="center", **text)
+    axes.plot(ends, line, color=colour, lw=4 if filled else 1.2, alpha=0.6, zorder=5)
+    place = ends[1], quoted.percent
+    axes.annotate(f"{quoted.percent:g}", place, xytext=(4, 0), ha="left", va="center", **text)
 
 
 def _mark_legend(axes: Axes, quoted: Sequence[QuotedAccuracy]) -> None:

@@ -12,6 +12,7 @@ from rigctl.analysis.finger.figures import (
     draw_latencies,
     draw_promises,
 )
+from rigctl.analysis.finger.findings import findings, held_above, held_double
 from rigctl.analysis.finger.published import COMPONENTS
 from rigctl.analysis.finger.result_values import as_dict
 from rigctl.analysis.finger.results import FingerAnalysis
@@ -43,6 +44,8 @@ def write_finger_report(analysis: FingerAnalysis, out: Path, made_utc: str) -> P
             captions=CAPTIONS,
             assumptions=sorted(assumptions),
             promises=_promises(analysis),
+            findings=findings(analysis),
+            held={one.task.key: (held_double(one), held_above(one)) for one in analysis.tasks},
         )
         (folder / "report.html").write_text(page, encoding="utf-8")
     return out / "report.html"
@@ -101,7 +104,8 @@ def _draw(analysis: FingerAnalysis, folder: Path) -> dict[str, Path]:
 
 def _origin(analysis: FingerAnalysis) -> str:
     source = "Simulated finger" if analysis.simulated else "Real finger"
-    trials = sum(len(one.training) + len(one.tested) for one in analysis.data_sets)
+    trained = sum(len(one.training) for one in analysis.data_sets)
+    tested = sum(len(one.tested) for one in analysis.data_sets)
     n = len(analysis.data_sets)
     sets = f"{n} data set{'s' if n != 1 else ''}"
-    return f"{source} · {sets} · {trials:,} trials trained and tested"
+    return f"{source} · {sets} · {trained:,} training scans, {tested:,} scans of new sessions"

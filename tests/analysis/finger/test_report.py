@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from rigctl.analysis.data.cache import Resources
+from rigctl.analysis.finger.figures import draw_latencies
+from rigctl.analysis.finger.findings import findings, held_above, held_double
+from rigctl.analysis.finger.published import NEW_SESSION, SAME_SESSION
 from rigctl.analysis.finger.report import summary_lines, write_finger_report
 from rigctl.analysis.finger.result_values import k_ranges
 from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger
+from rigctl.analysis.finger.scans import ScanKind
 from rigctl.analysis.finger.tasks import DrawSettings
 from rigctl.errors import WrongUse
 from tests.analysis.finger.made_scans import made_data_set
@@ -76,6 +82,37 @@ def test_the_page_says_what_is_simulated_and_what_was_left_out(folder: Path) -> 
     page = (folder / "report.html").read_text("utf-8")
     for words in ("<b>Simulated.</b>", "trial 4 was left out", "61.67 %", "mean size", "Latency"):
         assert words in page
+
+
+def test_the_page_begins_with_what_was_found(analysis: FingerAnalysis, folder: Path) -> None:
+    page = (folder / "report.html").read_text("utf-8")
+    found = findings(analysis)
+    assert page.index("is more accurate than Original in") < page.index("Ours beside the paper")
+    assert "same session" in found[0] and "better by two asterisks" in found[1]
+    assert found[2].startswith(("Not reproduced", "Every peak"))
+    assert any("sets hold the texture (95% promised)" in sentence for sentence in found)
+
+
+def test_a_claim_is_counted_at_the_papers_numbers_of_components(analysis: FingerAnalysis) -> None:
+    accuracy = {ScanKind.ORIGINAL: np.zeros((3, 70)), ScanKind.SPEED_SCALED: np.zeros((3, 70))}
+    accuracy[ScanKind.SPEED_SCALED][:, 4:15] = 0.5
+    accuracy[ScanKind.ORIGINAL][:, 20] = 0.25
+    new = next(one for one in analysis.tasks if one.task is NEW_SESSION)
+    above = held_above(replace(new, accuracy=accuracy))
+    assert above == ("10 to 26", 6, 17)
+    same = next(one for one in analysis.tasks if one.task is SAME_SESSION)
+    assert held_above(same) is None
+    double = held_double(same)
+    assert (double.words, double.tested) == ("1 to 70", same.k_max)
+    assert double.held == sum(d.stars == "**" and (d.effect or 0) > 0 for d in same.differences())
+
+
+def test_equal_latencies_are_visible(tmp_path: Path) -> None:
+    """A simulation without a pace has the same latency throughout."""
+    png = draw_latencies({"features": np.ones(50)}, "Simulated finger", tmp_path / "latencies")
+    with Image.open(png) as image:
+        pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
+    assert np.all(pixels == (0x1F, 0x4F, 0xD1), axis=1).sum() > 1000
 
 
 def test_the_summary_has_a_line_for_each_task_and_promise(analysis: FingerAnalysis) -> None:
