@@ -164,6 +164,8 @@ def test_a_simulated_plate_has_the_relief_of_its_world() -> None:
     assert np.allclose(relief.heights_mm[:64], relief.heights_mm[64:128])
     smooth = plate_relief(known, "A", Path("s"))
     assert smooth is not None and smooth.words == "smooth" and not smooth.heights_mm.any()
+    old = replace(header, simulation={"world": {"another": 1.0}})
+    assert plate_relief(old, "D", Path("s")) is None
     assert plate_relief(known, "cork", Path("s")) is None
     assert plate_relief(replace(known, simulated=False), "D", Path("s")) is None
 

@@ -85,7 +85,7 @@ def foot_of(timeline: ScanTimeline) -> str:
     source = "Simulated finger" if timeline.simulated else "Recorded finger"
     return (
         f"{source} · session {timeline.session.name} · plays in real time, {1 / FRAME_S:g} frames "
-        "a second; every value appears when the computer had it"
+        "a second; spikes, features and answers appear when the computer had them"
     )
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.errors import SessionError
 from rigctl.protocol.finger import PLATE_MM
 from rigctl.session.format.header import SessionHeader
 from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
@@ -27,12 +28,17 @@ class PlateRelief(NamedTuple):
 
 
 def plate_relief(header: SessionHeader, texture: str, path: Path) -> PlateRelief | None:
-    """Return the relief of a plate; None where the session does not know it, as on a real rig.
+    """Return the relief of a plate, or None where it is not known.
 
-    Raises SessionError for a world of another version.
+    It is not on a real rig, and not in the world of another version of rigctl.
     """
-    world = world_from_header(header.simulation, path) if header.simulated else None
-    if world is None or texture not in CATALOGUE:
+    if not header.simulated or texture not in CATALOGUE:
+        return None
+    try:
+        world = world_from_header(header.simulation, path)
+    except SessionError:
+        return None
+    if world is None:
         return None
     plate = find_texture(texture, world.parameters)
     along_mm = np.arange(0.0, PLATE_MM, CELL_MM) + CELL_MM / 2

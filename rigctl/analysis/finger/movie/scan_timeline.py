@@ -24,7 +24,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanTimeline:
-    """A scan. Every time is in seconds since its first sample, and is when the host had the value.
+    """A scan. Every time is in seconds since its first sample.
+
+    Readings and positions have the time at which they were taken; batches, spikes, windows and
+    answers that at which the computer had them.
 
     ``reading_s`` float64 (n,), ``readings`` float64 (n, 9): shares of each taxel's range.
     ``track_s``, ``along_mm``, ``across_mm`` float64 (m,): valid positions, on the plate.
