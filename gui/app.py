@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     check_display()
     import pyqtgraph as pg
 
-    from gui.engine_link import JOIN
+    from gui.engine_clients import JOIN
     from gui.main_window import MainWindow
     from gui.widgets.theme import ThemeChoice
     from rigctl.simulation.bench.world_file import load_world

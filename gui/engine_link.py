@@ -1,28 +1,27 @@
-"""The window's connection to the engine: opened in a thread, polled by the window's timer.
+"""The window's connection to an engine: opened in a thread, polled by the window's timer.
 
-Nothing here blocks. Requests are sent immediately, their replies arrive through
-:meth:`EngineLink.poll`, and a timeout reports an engine that does not answer.
+Nothing here blocks. Requests are sent immediately, messages are processed as they arrive and on
+each :meth:`EngineLink.poll`, and a timeout reports an engine that does not answer.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
-from PySide6.QtCore import QElapsedTimer, QObject, Signal
+from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import RigctlError
 
-JOIN = "join"
-SIMULATED = ("virtual", "firmware")
 SILENCE_TIMEOUT_S = 1.5
 STOP_TIMEOUT_S = 0.5
 CLOSE_TIMEOUT_S = 35.0
@@ -30,28 +29,49 @@ NOT_CONNECTED = "not connected"
 NO_ENGINE = "STOP: no engine is running; press the rig's emergency stop if the drum moves"
 STOP_TIMED_OUT = "STOP was sent, but the engine does not answer: press the emergency stop"
 
-ClientFactory = Callable[[str, str], EngineClient]
-"""Opens an engine for a rig and a world file (empty for none); raises if it cannot."""
+ClientFactory = Callable[..., EngineClient]
+"""Opens the engine that the arguments of :meth:`EngineLink.open` name; raises if it cannot."""
 
 
-def open_client(rig: str, world: str = "") -> EngineClient:
-    """Start or join an engine and return its client. Raises what prevents that.
+class LinkedRun(Protocol):
+    """A run as the link sees it."""
 
-    ``JOIN`` joins the newest running engine. A bench has one engine: if it already runs, this
-    joins it. Simulated rigs can run several engines, each with the ``world`` of a file.
-    """
-    if rig == JOIN:
-        return EngineClient.attach()
-    if world:
-        return EngineClient.start(rig, run=["--world", world])
-    if rig not in SIMULATED:
-        for engine in running_engines(runtime_folder()):
-            if engine.rig == rig:
-                return EngineClient(engine)
-    return EngineClient.start(rig)
+    @property
+    def is_active(self) -> bool:
+        """Whether it goes on."""
 
 
-class EngineLink(QObject):
+class LinkedStatus(Protocol):
+    """A status message with a run."""
+
+    @property
+    def run(self) -> LinkedRun:
+        """The run."""
+
+
+class LinkedLive(Protocol):
+    """A reader of live data."""
+
+    def close(self) -> None:
+        """Close the file."""
+
+
+_Status = TypeVar("_Status", bound=LinkedStatus)
+_Live = TypeVar("_Live", bound=LinkedLive)
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect(Generic[_Status, _Live]):
+    """How the messages and the live data of one experiment's engine are read."""
+
+    parse: Callable[[Mapping[str, Any]], _Status]
+    open_live: Callable[[Path], _Live]
+
+
+DRUM: Dialect[EngineStatus, LiveReader] = Dialect(parse_status, LiveReader)
+
+
+class EngineLink(QObject, Generic[_Status, _Live]):
     """A connection to one engine. All signals arrive in the window's thread."""
 
     opened = Signal()
@@ -63,16 +83,18 @@ class EngineLink(QObject):
     """The command and the engine's error message."""
     event_received = Signal(dict)
     status_changed = Signal(object)
-    """The new :class:`EngineStatus`."""
+    """The new status."""
     silent = Signal(float)
     """Seconds since the last message, on each poll while they exceed the timeout."""
     stop_reported = Signal(str, str)
     """Kind and text for the event log: the result of STOP for an engine."""
 
-    def __init__(self, factory: ClientFactory = open_client) -> None:
+    def __init__(self, factory: ClientFactory, dialect: Dialect[_Status, _Live]) -> None:
         super().__init__()
         self._factory = factory
+        self._dialect = dialect
         self._client: EngineClient | None = None
+        self._notifier: QSocketNotifier | None = None
         self._opened: SimpleQueue[EngineClient | Exception] = SimpleQueue()
         self._threads: list[threading.Thread] = []
         self._pending: dict[int, tuple[str, int]] = {}
@@ -81,19 +103,24 @@ class EngineLink(QObject):
         self._clock.start()
         self._last_message_ms = 0
         self._is_opening = False
-        self.status = EngineStatus()
+        self.live: _Live | None = None
+        """The live data, None without a connection."""
+        self.status: _Status = dialect.parse({})
 
     @property
-    def live(self) -> LiveReader | None:
-        """Return the live samples, None without a connection."""
-        return self._client.live if self._client is not None else None
+    def is_connected(self) -> bool:
+        """Whether there is an engine."""
+        return self._client is not None
 
-    def open(self, rig: str, world: str = "") -> None:
-        """Start to connect; :attr:`opened` or :attr:`closed` follows."""
+    def open(self, *engine: Any) -> None:
+        """Start to connect; ``engine``: the factory's arguments.
+
+        :attr:`opened` or :attr:`closed` follows.
+        """
         if self._is_opening or self._client is not None:
             return
         self._is_opening = True
-        self._run_in_thread(lambda: self._opened.put(self._try_open(rig, world)))
+        self._run_in_thread(lambda: self._opened.put(self._try_open(*engine)))
 
     def request(self, command: str, **args: Any) -> None:
         """Send a request; :attr:`replied` or :attr:`refused` follows."""
@@ -109,10 +136,14 @@ class EngineLink(QObject):
 
     def stop(self) -> None:
         """Stop the connected engine, then all others in a thread; :attr:`stop_reported` follows."""
-        if self._client is not None:
-            self.request("stop")
+        self.stop_own()
         stopped = (self._client.engine_file.name,) if self._client is not None else ()
         self._run_in_thread(lambda: self._stop_others(stopped))
+
+    def stop_own(self) -> None:
+        """Stop the connected engine, if there is one."""
+        if self._client is not None:
+            self.request("stop")
 
     def poll(self) -> None:
         """Process all messages that have arrived; the window's timer calls this."""
@@ -135,6 +166,7 @@ class EngineLink(QObject):
         if self._client is not None:
             is_active = self.status.run.is_active
             leave = self._client.close if is_active else self._client.shut_down
+            self._drop_notifier()
             self._run_in_thread(lambda: _leave(leave))
             self._drop(NOT_CONNECTED)
 
@@ -152,9 +184,9 @@ class EngineLink(QObject):
         self._threads.append(thread)
         thread.start()
 
-    def _try_open(self, rig: str, world: str) -> EngineClient | Exception:
+    def _try_open(self, *engine: Any) -> EngineClient | Exception:
         try:
-            return self._factory(rig, world)
+            return self._factory(*engine)
         except Exception as error:  # noqa: BLE001  # top of a thread: shown in the window
             return error
 
@@ -182,7 +214,15 @@ class EngineLink(QObject):
         if isinstance(result, Exception):
             self.closed.emit(str(result))
             return
+        try:
+            self.live = self._dialect.open_live(Path(result.engine_file.live))
+        except RigctlError as error:
+            result.close()
+            self.closed.emit(str(error))
+            return
         self._client = result
+        self._notifier = QSocketNotifier(result.fileno(), QSocketNotifier.Type.Read, self)
+        self._notifier.activated.connect(self.poll)
         self._reset()
         self.opened.emit()
 
@@ -190,7 +230,7 @@ class EngineLink(QObject):
         if "reply" in message:
             self._dispatch_reply(message)
         elif message.get("event") == "status":
-            self.status = parse_status(message.get("data") or {})
+            self.status = self._dialect.parse(message.get("data") or {})
             self.status_changed.emit(self.status)
         else:
             self.event_received.emit(message)
@@ -216,18 +256,30 @@ class EngineLink(QObject):
             self.stop_reported.emit("stop", STOP_TIMED_OUT)
 
     def _lose(self, reason: str) -> None:
-        if self._client is not None:
-            self._client.close()
+        client = self._client
+        self._drop_notifier()
+        if client is not None:
+            client.close()
         self._drop(reason)
+
+    def _drop_notifier(self) -> None:
+        """Stop to watch the socket, which must be open then."""
+        if self._notifier is not None:
+            self._notifier.setEnabled(False)
+            self._notifier.deleteLater()
+            self._notifier = None
 
     def _drop(self, reason: str) -> None:
         self._client = None
+        if self.live is not None:
+            self.live.close()
+            self.live = None
         self._reset()
         self.closed.emit(reason)
 
     def _reset(self) -> None:
         self._pending.clear()
-        self.status = EngineStatus()
+        self.status = self._dialect.parse({})
         self._last_message_ms = self._clock.elapsed()
 
 

@@ -18,7 +18,8 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.analysis_tab import AnalysisTab
-from gui.engine_link import NOT_CONNECTED, ClientFactory, EngineLink, open_client
+from gui.engine_clients import open_client
+from gui.engine_link import DRUM, NOT_CONNECTED, ClientFactory, EngineLink
 from gui.live.health import HealthStrip
 from gui.live.live_plots import LivePlots
 from gui.operate.event_log import EventLog, StatusLine
@@ -48,7 +49,7 @@ class MainWindow(QMainWindow):
         self.setWindowTitle("rigctl")
         self._theme_choice = choice
         theme = apply_theme(choice)
-        self.engine_link = EngineLink(factory)
+        self.engine_link = EngineLink(factory, DRUM)
         self.toolbar, self.health_strip, self.prompt_panel = Toolbar(), HealthStrip(), PromptPanel()
         self.operate_panel, self.protocol_panel = OperatePanel(), ProtocolPanel()
         self.analysis_tab, self.live_plots = AnalysisTab(theme), LivePlots(theme)

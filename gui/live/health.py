@@ -3,42 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 from PySide6.QtCore import QElapsedTimer
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QWidget
 
-from gui.widgets.formatting import age, duration, size
-from gui.widgets.labels import elastic, label, set_property
-from gui.widgets.status_lamp import Level, StatusLamp
-from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus, RecordingStatus
+from gui.live.health_cell import (
+    CellSpec,
+    HealthCell,
+    Reading,
+    age_reading,
+    count_reading,
+    disk_reading,
+    judge,
+)
+from gui.widgets.formatting import duration
+from gui.widgets.status_lamp import Level
+from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus
 from rigctl.values import SAMPLE_RATE_HZ
 
 RATE_TOLERANCE = 0.02
 BLOCK_AGE_LIMIT_S = 0.3
 POLL_AGE_LIMIT_S = 0.3
 CLOCK_LIMIT_PPM = 5000.0
-DISK_HOURS_LIMIT = 1.0
-DISK_FREE_LIMIT_BYTES = 2_000_000_000
 TRIAL_AGE_LIMIT_S = 180.0
 SUPPLY_LIMITS_V = (4.6, 5.4)
 MIN_FREE_STACK_PERCENT = 25
 """Of a chip's RAM that its stack has never used; with less, the stack may overwrite data."""
-
-
-class Reading(NamedTuple):
-    """Text and verdict of one cell."""
-
-    text: str
-    level: Level
-
-
-class CellSpec(NamedTuple):
-    """Name, stretch (the width in pixels in the smallest window) and tooltip of a cell."""
-
-    name: str
-    stretch: int
-    tooltip: str
 
 
 CELLS = {
@@ -87,7 +77,7 @@ class HealthStrip(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(8, 0, 8, 0)
         row.setSpacing(4)
-        self.cells = {key: _Cell(spec) for key, spec in CELLS.items()}
+        self.cells = {key: HealthCell(spec) for key, spec in CELLS.items()}
         for key, cell in self.cells.items():
             row.addWidget(cell, CELLS[key].stretch)
         self._since_trial = QElapsedTimer()
@@ -121,12 +111,12 @@ def readings(status: EngineStatus, trial_age_s: float | None) -> dict[str, Readi
     """Return the reading of each cell; ``trial_age_s`` is None before the first trial."""
     return {
         "rate": _frame_rate(status),
-        "gaps": _count(status.gaps, status.taxels_connected),
-        "lost": _count(status.lost_samples, status.taxels_connected),
-        "block": _age(status.last_block_age_s, BLOCK_AGE_LIMIT_S, status.taxels_connected),
+        "gaps": count_reading(status.gaps, status.taxels_connected),
+        "lost": count_reading(status.lost_samples, status.taxels_connected),
+        "block": age_reading(status.last_block_age_s, BLOCK_AGE_LIMIT_S, status.taxels_connected),
         "poll": _poll(status),
-        "loadcell": _count(status.loadcell_lost, status.drum_connected),
-        "disk": _disk(status.recording),
+        "loadcell": count_reading(status.loadcell_lost, status.drum_connected),
+        "disk": disk_reading(status.recording),
         "clock": _clock(status.clock_ppm),
         "boards": _boards(status.boards),
         "ticks": _ticks(status.boards),
@@ -134,40 +124,16 @@ def readings(status: EngineStatus, trial_age_s: float | None) -> dict[str, Readi
     }
 
 
-def _judge(is_good: bool) -> Level:
-    return Level.OK if is_good else Level.BAD
-
-
 def _frame_rate(status: EngineStatus) -> Reading:
     error = abs(status.frame_rate_hz - SAMPLE_RATE_HZ) / SAMPLE_RATE_HZ
-    level = _judge(status.taxels_connected and error <= RATE_TOLERANCE)
+    level = judge(status.taxels_connected and error <= RATE_TOLERANCE)
     return Reading(f"{status.frame_rate_hz:.0f} Hz", level)
-
-
-def _count(count: int, connected: bool) -> Reading:
-    return Reading(f"{count}", _judge(count == 0) if connected else Level.OFF)
-
-
-def _age(age_s: float | None, limit_s: float, connected: bool) -> Reading:
-    if age_s is None:
-        return Reading("–", Level.OFF if connected else Level.BAD)
-    return Reading(age(age_s), _judge(connected and age_s <= limit_s))
 
 
 def _poll(status: EngineStatus) -> Reading:
     """Return the age and the retries; only the age is judged, as a retry loses no data."""
-    text, level = _age(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected)
+    text, level = age_reading(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected)
     return Reading(f"{text}, {status.poll_retries}×" if status.poll_retries else text, level)
-
-
-def _disk(recording: RecordingStatus) -> Reading:
-    if not recording.disk_free_bytes:
-        return Reading("–", Level.OFF)
-    free, hours = size(recording.disk_free_bytes), recording.hours_left
-    if recording.active and hours is not None:
-        left = f"{hours / 24:.0f} d" if hours >= 48 else f"{hours:.0f} h"
-        return Reading(f"{free}, {left}", _judge(hours > DISK_HOURS_LIMIT))
-    return Reading(free, _judge(recording.disk_free_bytes > DISK_FREE_LIMIT_BYTES))
 
 
 def _clock(ppm: Mapping[str, float | None]) -> Reading:
@@ -175,7 +141,7 @@ def _clock(ppm: Mapping[str, float | None]) -> Reading:
     if not errors:
         return Reading("–", Level.OFF)
     text = ", ".join(f"{error:+.0f}" for error in errors).replace("-", "−")
-    return Reading(text, _judge(max(map(abs, errors)) <= CLOCK_LIMIT_PPM))
+    return Reading(text, judge(max(map(abs, errors)) <= CLOCK_LIMIT_PPM))
 
 
 def _boards(boards: Mapping[str, BoardStatus]) -> Reading:
@@ -235,34 +201,5 @@ def tick_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
 def _trial(age_s: float | None, running: bool) -> Reading:
     if age_s is None:
         return Reading("–", Level.OFF)
-    level = _judge(age_s <= TRIAL_AGE_LIMIT_S) if running else Level.OFF
+    level = judge(age_s <= TRIAL_AGE_LIMIT_S) if running else Level.OFF
     return Reading(f"{duration(age_s)} ago", level)
-
-
-class _Cell(QFrame):
-    def __init__(self, spec: CellSpec) -> None:
-        super().__init__()
-        self.setProperty("role", "card")
-        self.setToolTip(spec.tooltip)
-        self.lamp = StatusLamp(13)
-        self.verdict = label("", "muted")
-        self.value = elastic(label("–", "value"))
-        grid = QGridLayout(self)
-        grid.setContentsMargins(6, 3, 5, 3)
-        grid.setVerticalSpacing(0)
-        grid.setHorizontalSpacing(3)
-        grid.addWidget(elastic(label(spec.name, "muted")), 0, 0)
-        grid.addWidget(self.verdict, 0, 1)
-        grid.addWidget(self.lamp, 0, 2)
-        grid.addWidget(self.value, 1, 0, 1, 3)
-        grid.setColumnStretch(0, 1)
-
-    def show_reading(self, reading: Reading) -> None:
-        """Show a value and its verdict."""
-        self.value.setText(reading.text)
-        self.lamp.set_level(reading.level)
-        self.verdict.setText("" if reading.level is Level.OFF else reading.level.value.upper())
-        is_alert = reading.level in (Level.WARN, Level.BAD)
-        set_property(self.verdict, "role", reading.level.value if is_alert else "muted")
-        set_property(self.value, "level", reading.level.value)
-        set_property(self, "level", reading.level.value)

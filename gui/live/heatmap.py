@@ -1,4 +1,4 @@
-"""The present readings of both sensor layers as two 3 × 3 maps, in counts."""
+"""The present readings of each sensor layer as a 3 × 3 map, in counts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from PySide6.QtGui import QColor, QFont, QPainter
 from PySide6.QtWidgets import QGraphicsWidget
 
 from gui.widgets.theme import Theme
-from rigctl.values import N_TAXELS
 
 TITLES = ("Top layer (type I), counts", "Bottom layer (type II), counts")
 SIDE = 3
@@ -21,15 +20,16 @@ _MEAN_SAMPLES = 32
 class HeatMap(QGraphicsWidget):
     """Each cell shows a taxel's reading in counts, and by colour its place in the taxel's range."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: Theme, titles: tuple[str, ...] = TITLES) -> None:
         super().__init__()
         self.theme = theme
-        self._counts = np.zeros(N_TAXELS)
-        self._share = np.zeros(N_TAXELS)
+        self._titles = titles
+        self._counts = np.zeros(len(titles) * SIDE * SIDE)
+        self._share = np.zeros(len(titles) * SIDE * SIDE)
         self._has_samples = False
         table = pg.colormap.get("viridis").getLookupTable(nPts=256)
         self._colours = [QColor(*map(int, entry)) for entry in table]
-        self.setMinimumSize(120, 200)
+        self.setMinimumSize(120, 100 * len(titles))
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to titles and frames."""
@@ -39,7 +39,7 @@ class HeatMap(QGraphicsWidget):
     def refresh(
         self, samples: NDArray[np.uint16], low: NDArray[np.float64], high: NDArray[np.float64]
     ) -> None:
-        """Show the mean of the newest of (n, 18) samples in each taxel's range, (18,)."""
+        """Show the mean of the newest of (n, taxels) samples in each taxel's range, (taxels,)."""
         self._has_samples = len(samples) > 0
         if self._has_samples:
             self._counts = samples[-_MEAN_SAMPLES:].mean(axis=0)
@@ -48,12 +48,12 @@ class HeatMap(QGraphicsWidget):
         self.update()
 
     def paint(self, painter: QPainter, *_: object) -> None:
-        """Draw the top layer above the bottom layer, as large as possible."""
-        area = self.rect()
-        cell = min(area.width() / SIDE, (area.height() / 2 - _TITLE_PX - 4) / SIDE)
+        """Draw the layers below each other, the top layer first, as large as possible."""
+        area, n_layers = self.rect(), len(self._titles)
+        cell = min(area.width() / SIDE, (area.height() / n_layers - _TITLE_PX - 4) / SIDE)
         left = area.left() + (area.width() - SIDE * cell) / 2
-        for layer, title in enumerate(TITLES):
-            top = area.top() + layer * area.height() / 2
+        for layer, title in enumerate(self._titles):
+            top = area.top() + layer * area.height() / n_layers
             painter.setFont(self._font(8.5, QFont.Weight.Normal))
             painter.setPen(QColor(self.theme.muted))
             place = QRectF(area.left(), top, area.width(), _TITLE_PX)

@@ -2,15 +2,60 @@
 
 from __future__ import annotations
 
+from typing import Protocol, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.live_buffer import LiveReader, TaxelWindow
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 N_ROWS = 2 * N_TAXELS
 SPAN_S = 10
 _MARGIN = 256  # rows that may arrive between reading the head and copying
+
+
+class SampleWindow(Protocol):
+    """Newest samples of a live buffer; ``first`` is the number of the oldest."""
+
+    @property
+    def first(self) -> int:
+        """Samples written before these."""
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """Loop times, (n,)."""
+
+    @property
+    def counters(self) -> NDArray[np.int64]:
+        """The board's counters, (n,)."""
+
+    @property
+    def samples(self) -> NDArray[np.uint16]:
+        """Readings, (n, taxels)."""
+
+    @property
+    def flags(self) -> NDArray[np.uint8]:
+        """Bits of the wire, (n,)."""
+
+    @property
+    def spikes(self) -> NDArray[np.uint8]:
+        """Spikes, (n, neurons)."""
+
+    def __len__(self) -> int: ...
+
+
+_Window_co = TypeVar("_Window_co", bound=SampleWindow, covariant=True)
+
+
+class SampleReader(Protocol[_Window_co]):
+    """A live buffer of samples, of the drum's sensor or of the finger's."""
+
+    @property
+    def taxel_head(self) -> int:
+        """Samples written since the engine started."""
+
+    def taxels(self, n: int) -> _Window_co:
+        """Return the newest ``n`` samples."""
 
 
 class History:
@@ -21,11 +66,17 @@ class History:
     ``generation`` changes whenever the buffer is cleared.
     """
 
-    def __init__(self, capacity: int = SPAN_S * SAMPLE_RATE_HZ) -> None:
+    def __init__(
+        self,
+        capacity: int = SPAN_S * SAMPLE_RATE_HZ,
+        n_taxels: int = N_TAXELS,
+        n_rows: int = N_ROWS,
+    ) -> None:
         self.capacity = capacity
         self._counters = np.zeros(2 * capacity, np.int64)
-        self._samples = np.zeros((2 * capacity, N_TAXELS), np.uint16)
-        self._spikes = np.zeros((2 * capacity, N_ROWS), np.uint8)
+        self._samples = np.zeros((2 * capacity, n_taxels), np.uint16)
+        self._flags = np.zeros(2 * capacity, np.uint8)
+        self._spikes = np.zeros((2 * capacity, n_rows), np.uint8)
         self.generation = 0
         self.clear()
 
@@ -46,15 +97,23 @@ class History:
 
     @property
     def samples(self) -> NDArray[np.uint16]:
-        """Return the readings in counts, uint16 (n, 18)."""
+        """Return the readings in counts, uint16 (n, n_taxels)."""
         return self._samples[self._end - len(self) : self._end]
 
     @property
+    def flags(self) -> NDArray[np.uint8]:
+        """Return the bits of the board's wire, uint8 (n,)."""
+        return self._flags[self._end - len(self) : self._end]
+
+    @property
     def spikes(self) -> NDArray[np.uint8]:
-        """Return the spikes of each sample, uint8 (n, 36), columns SA 1–18 then RA 1–18."""
+        """Return the spikes of each sample, uint8 (n, n_rows).
+
+        The drum's columns are SA 1–18, then RA 1–18; the finger's are SA 1–9.
+        """
         return self._spikes[self._end - len(self) : self._end]
 
-    def pull(self, live: LiveReader) -> None:
+    def pull(self, live: SampleReader[SampleWindow]) -> None:
         """Append what the engine wrote since the last pull."""
         n_new = live.taxel_head - self._head
         if n_new <= 0:
@@ -64,7 +123,7 @@ class History:
         self._head = window.first + len(window)
         self._append(window, self._skip_reboot(window, first))
 
-    def _skip_reboot(self, window: TaxelWindow, first: int) -> int:
+    def _skip_reboot(self, window: SampleWindow, first: int) -> int:
         """Return the first row after a reboot, at which the counter jumps back; clear the past."""
         jumps = np.flatnonzero(np.diff(window.counters[first:]) <= 0)
         if len(jumps):
@@ -79,7 +138,7 @@ class History:
             self.generation += 1
         return first
 
-    def _append(self, window: TaxelWindow, first: int) -> None:
+    def _append(self, window: SampleWindow, first: int) -> None:
         n = len(window) - first
         if n <= 0:
             return
@@ -88,12 +147,13 @@ class History:
         rows = slice(self._end, self._end + n)
         self._counters[rows] = window.counters[first:]
         self._samples[rows] = window.samples[first:]
+        self._flags[rows] = window.flags[first:]
         self._spikes[rows] = window.spikes[first:]
         self._end += n
         self.newest_s = float(window.time_s[-1])
 
     def _move_to_front(self) -> None:
         n = len(self)
-        for array in (self._counters, self._samples, self._spikes):
+        for array in (self._counters, self._samples, self._flags, self._spikes):
             array[:n] = array[self._end - n : self._end]
         self._end = n

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QComboBox, QFrame, QPushButton
+from PySide6.QtWidgets import QFrame, QPushButton, QStackedWidget, QWidget
 
-from gui.engine_link import JOIN, NOT_CONNECTED
+from gui.engine_clients import JOIN
+from gui.engine_link import NOT_CONNECTED
+from gui.operate.recording_display import RecordingDisplay
 from gui.widgets.file_browser import PathKind
+from gui.widgets.file_combo_box import FileComboBox
 from gui.widgets.labels import elastic, label, set_property, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox
-from gui.widgets.status_lamp import Level, StatusLamp
-from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus
+from gui.widgets.status_lamp import Level
+from rigctl.acquisition.rpc.messages import EngineStatus
 
 RIGS = {
     "Virtual rig": "virtual",
@@ -18,37 +21,6 @@ RIGS = {
     "Join the running engine": JOIN,
 }
 WORLDS = {"Nominal world": ""}
-UNRECORDED_LIMIT = 12  # statuses, ten a second: longer than the second that the engine judges
-
-
-class FileComboBox(QComboBox):
-    """A list of named items that also takes files; its last item opens the file browser."""
-
-    path_requested = Signal(object, object)
-
-    def __init__(self, items: dict[str, str], kind: PathKind, browse: str, width_px: int) -> None:
-        super().__init__()
-        for text, data in items.items():
-            self.addItem(text, data)
-        self.addItem(browse, None)
-        self._kind = kind
-        # A long file name is cut off; it must not push STOP out of the window.
-        self.setSizeAdjustPolicy(self.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.setMinimumWidth(width_px)
-        self.activated.connect(self._browse)
-
-    def choose(self, data: str) -> None:
-        """Choose the item with this data; add a file that is not in the list yet."""
-        if (index := self.findData(data)) < 0:
-            index = self.count() - 1
-            self.insertItem(index, data.rsplit("/", 1)[-1], data)
-            self.setItemData(index, data, Qt.ItemDataRole.ToolTipRole)
-        self.setCurrentIndex(index)
-
-    def _browse(self, index: int) -> None:
-        if self.itemData(index) is None:
-            self.setCurrentIndex(0)
-            self.path_requested.emit(self._kind, self.choose)
 
 
 class Toolbar(QFrame):
@@ -70,16 +42,19 @@ class Toolbar(QFrame):
         self.connect_button = push_button("Connect", self._toggle_connection)
         self.connect_button.setMinimumWidth(104)
         self.state, self.state_words = label("–", "state"), elastic(label(NOT_CONNECTED, "muted"))
-        self.recording_lamp = StatusLamp(18)
-        self.recording, self.samples = label("Not recording", "heading"), label("", "muted")
+        self.recording_display = RecordingDisplay()
+        self.recording_lamp = self.recording_display.lamp
+        self.recording = self.recording_display.title
         self.stop_button = QPushButton("STOP")
         self.stop_button.setObjectName("stop")
         self.stop_button.setMinimumSize(150, 46)
         self.stop_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.stop_button.setToolTip("Stop and lift the drum, from any state (Esc)")
+        self.stop_button.setToolTip(
+            "Stop and lift the drum, and end every run (Esc)"
+        )
         self.stop_button.pressed.connect(self.stop_requested)
+        self.pages = QStackedWidget()
         self._is_connected = False
-        self._unrecorded = 0
         self._lay_out()
 
     @property
@@ -103,14 +78,14 @@ class Toolbar(QFrame):
         self.state.setText("–")
         set_property(self.state, "level", "ok")
         show_text(self.state_words, reason)
-        self._show_recording(Level.OFF, "Not recording", "")
+        self.recording_display.show_recording(Level.OFF, "Not recording", "")
 
     def show_silent(self, seconds: float) -> None:
         """Show that the last status is out of date: the engine does not answer."""
         self.state.setText("?")
         set_property(self.state, "level", "bad")
         show_text(self.state_words, f"the engine has not answered for {seconds:.0f} s")
-        self._show_recording(Level.BAD, "Recording: unknown", "the engine does not answer")
+        self.recording_display.show_silent()
 
     def show_status(self, status: EngineStatus) -> None:
         """Show the drum's state and the recording lamp."""
@@ -118,9 +93,7 @@ class Toolbar(QFrame):
         self.state.setText(name)
         set_property(self.state, "level", "bad" if status.fault else "ok")
         show_text(self.state_words, _state_words(status))
-        is_missing = status.run.state == "running" and not status.recording.active
-        self._unrecorded = self._unrecorded + 1 if is_missing else 0
-        self._show_recording(*judge_recording(status.recording, self._unrecorded))
+        self.recording_display.show_status(status.run.state, status.recording)
 
     def _show_connection(self, button: str, *, connected: bool, locked: bool) -> None:
         self._is_connected = connected
@@ -136,36 +109,17 @@ class Toolbar(QFrame):
             world = "" if self._joins else self.world.currentData()
             self.connect_requested.emit(self.rig.currentData(), world)
 
-    def _show_recording(self, level: Level, title: str, detail: str) -> None:
-        self.recording_lamp.set_level(level)
-        show_text(self.recording, title)
-        show_text(self.samples, detail)
-        set_property(self.recording, "role", "bad" if level is Level.BAD else "heading")
+    def add_page(self, page: QWidget) -> None:
+        """Add what another experiment shows in the place of rig, state and recording."""
+        self.pages.addWidget(page)
 
     def _lay_out(self) -> None:
         state = vbox(self.state, self.state_words)
-        recording = container(vbox(self.recording, self.samples))
-        recording.setFixedWidth(230)
         left = (self.rig, self.world, self.connect_button)
-        right = (self.recording_lamp, recording, self.stop_button)
-        row = hbox(*left, state, *right, wide=3, spacing=8, margins=(8, 5, 8, 5))
+        row = hbox(*left, state, self.recording_display, wide=3, spacing=8)
         row.insertSpacing(3, 10)
-        self.setLayout(row)
-
-
-def judge_recording(recording: RecordingStatus, unrecorded: int) -> tuple[Level, str, str]:
-    """Return the lamp's level, title and detail; only samples on the disk make it green.
-
-    ``unrecorded`` counts the successive statuses of a running protocol without a recording.
-    """
-    if recording.failure:
-        return Level.BAD, "NOT RECORDING", recording.failure
-    if recording.active:
-        total = f"{recording.samples_on_disk:,} samples".replace(",", "\u202f")
-        return Level.OK, "Recording", f"{total}, {recording.samples_last_s}/s to disk"
-    if unrecorded > UNRECORDED_LIMIT:
-        return Level.BAD, "NOT RECORDING", "a protocol is running, but no samples reach the disk"
-    return Level.OFF, "Not recording", "no trials are running"
+        self.pages.addWidget(container(row))
+        self.setLayout(hbox(self.pages, self.stop_button, wide=0, spacing=8, margins=(8, 5, 8, 5)))
 
 
 def _state_words(status: EngineStatus) -> str:

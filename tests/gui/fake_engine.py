@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -97,7 +98,7 @@ class FakeEngine:
     """A replacement for EngineClient."""
 
     def __init__(self, folder: Path, seed: int = 0) -> None:
-        self.engine_file = EngineFile("fake", 1, 9, "", "virtual", "")
+        self.engine_file = EngineFile("fake", 1, 9, "", "virtual", str(folder / "live"))
         self.requests: list[tuple[str, dict[str, Any]]] = []
         self.status = deepcopy(STATUS)
         self.refusals: dict[str, str] = {}
@@ -110,11 +111,17 @@ class FakeEngine:
         self._writer = LiveWriter(folder / "live")
         self._writer.set_range(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
         self.live = LiveReader(folder / "live")
+        self._ends: tuple[int, int] = (-1, -1)
 
     @property
     def commands(self) -> list[str]:
         """Return the commands of all requests."""
         return [command for command, _ in self.requests]
+
+    def fileno(self) -> int:
+        """Return a descriptor that is never readable: the test decides when messages arrive."""
+        self._ends = os.pipe()
+        return self._ends[0]
 
     def send(self, command: str, **args: Any) -> int:
         """Record a request, and reply to it unless ``replies`` is False."""
@@ -136,6 +143,9 @@ class FakeEngine:
         if not self.is_closed:
             self.is_closed = True
             self.live.close()
+            for end in self._ends:
+                if end >= 0:
+                    os.close(end)
             self._writer.close()
 
     def shut_down(self, timeout_s: float = 30.0) -> int | None:

@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.engine_link import JOIN
+from gui.engine_clients import JOIN
 from gui.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost, WrongUse

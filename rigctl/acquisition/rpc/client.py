@@ -109,6 +109,10 @@ class EngineClient:
             self._live = LiveReader(Path(self.engine_file.live))
         return self._live
 
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when messages have arrived."""
+        return self._socket.fileno()
+
     def send(self, command: str, **args: Any) -> int:
         """Send a request and return its id; :meth:`drain` returns its reply."""
         self._last_id += 1

@@ -1,0 +1,89 @@
+"""A cell of a health strip: a figure with its verdict, and the readings that strips share."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from PySide6.QtWidgets import QFrame, QGridLayout
+
+from gui.widgets.formatting import age, size
+from gui.widgets.labels import elastic, label, set_property
+from gui.widgets.status_lamp import Level, StatusLamp
+from rigctl.acquisition.rpc.messages import RecordingStatus
+
+DISK_HOURS_LIMIT = 1.0
+DISK_FREE_LIMIT_BYTES = 2_000_000_000
+
+
+class Reading(NamedTuple):
+    """Text and verdict of one cell."""
+
+    text: str
+    level: Level
+
+
+class CellSpec(NamedTuple):
+    """Name, stretch (the width in pixels in the smallest window) and tooltip of a cell."""
+
+    name: str
+    stretch: int
+    tooltip: str
+
+
+class HealthCell(QFrame):
+    """Name, value with unit, verdict in words, and a lamp."""
+
+    def __init__(self, spec: CellSpec) -> None:
+        super().__init__()
+        self.setProperty("role", "card")
+        self.setToolTip(spec.tooltip)
+        self.lamp = StatusLamp(13)
+        self.verdict = label("", "muted")
+        self.value = elastic(label("–", "value"))
+        grid = QGridLayout(self)
+        grid.setContentsMargins(6, 3, 5, 3)
+        grid.setVerticalSpacing(0)
+        grid.setHorizontalSpacing(3)
+        grid.addWidget(elastic(label(spec.name, "muted")), 0, 0)
+        grid.addWidget(self.verdict, 0, 1)
+        grid.addWidget(self.lamp, 0, 2)
+        grid.addWidget(self.value, 1, 0, 1, 3)
+        grid.setColumnStretch(0, 1)
+
+    def show_reading(self, reading: Reading) -> None:
+        """Show a value and its verdict."""
+        self.value.setText(reading.text)
+        self.lamp.set_level(reading.level)
+        self.verdict.setText("" if reading.level is Level.OFF else reading.level.value.upper())
+        is_alert = reading.level in (Level.WARN, Level.BAD)
+        set_property(self.verdict, "role", reading.level.value if is_alert else "muted")
+        set_property(self.value, "level", reading.level.value)
+        set_property(self, "level", reading.level.value)
+
+
+def judge(is_good: bool) -> Level:
+    """Return OK or BAD."""
+    return Level.OK if is_good else Level.BAD
+
+
+def count_reading(count: int, connected: bool) -> Reading:
+    """Return a number that must be 0."""
+    return Reading(f"{count}", judge(count == 0) if connected else Level.OFF)
+
+
+def age_reading(age_s: float | None, limit_s: float, connected: bool) -> Reading:
+    """Return an age that must be at most the limit; None before any data."""
+    if age_s is None:
+        return Reading("–", Level.OFF if connected else Level.BAD)
+    return Reading(age(age_s), judge(connected and age_s <= limit_s))
+
+
+def disk_reading(recording: RecordingStatus) -> Reading:
+    """Return the free disk space and, while recording, how long it lasts."""
+    if not recording.disk_free_bytes:
+        return Reading("–", Level.OFF)
+    free, hours = size(recording.disk_free_bytes), recording.hours_left
+    if recording.active and hours is not None:
+        left = f"{hours / 24:.0f} d" if hours >= 48 else f"{hours:.0f} h"
+        return Reading(f"{free}, {left}", judge(hours > DISK_HOURS_LIMIT))
+    return Reading(free, judge(recording.disk_free_bytes > DISK_FREE_LIMIT_BYTES))
