@@ -18,8 +18,9 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.analysis_tab import AnalysisTab
-from gui.engine_clients import open_client
+from gui.engine_clients import open_client, open_finger_client
 from gui.engine_link import DRUM, NOT_CONNECTED, ClientFactory, EngineLink
+from gui.finger.finger_tab import FingerTab
 from gui.live.health import HealthStrip
 from gui.live.live_plots import LivePlots
 from gui.operate.event_log import EventLog, StatusLine
@@ -40,10 +41,16 @@ ENGINE_SILENT = "the engine does not answer: press the emergency stop if the dru
 
 
 class MainWindow(QMainWindow):
-    """A window on one rig. ``factory`` starts or joins the engine of a rig."""
+    """A window on the drum rig and the moving finger.
+
+    ``factory`` and ``finger_factory`` start or join the engines of their rigs.
+    """
 
     def __init__(
-        self, factory: ClientFactory = open_client, choice: ThemeChoice = ThemeChoice.SYSTEM
+        self,
+        factory: ClientFactory = open_client,
+        choice: ThemeChoice = ThemeChoice.SYSTEM,
+        finger_factory: ClientFactory = open_finger_client,
     ) -> None:
         super().__init__()
         self.setWindowTitle("rigctl")
@@ -53,6 +60,7 @@ class MainWindow(QMainWindow):
         self.toolbar, self.health_strip, self.prompt_panel = Toolbar(), HealthStrip(), PromptPanel()
         self.operate_panel, self.protocol_panel = OperatePanel(), ProtocolPanel()
         self.analysis_tab, self.live_plots = AnalysisTab(theme), LivePlots(theme)
+        self.finger_tab = FingerTab(theme, finger_factory)
         self.file_browser, self.event_log = FileBrowser(), EventLog()
         self.status_line = StatusLine("Choose a rig and press Connect.")
         self._is_silent = False
@@ -76,6 +84,7 @@ class MainWindow(QMainWindow):
         live = self.engine_link.live
         if live is not None and self.stack.currentWidget() is self.live_plots:
             self.live_plots.refresh(live)
+        self.finger_tab.poll(is_visible=self.stack.currentWidget() is self.finger_tab.view)
 
     def connect_rig(self, rig: str, world: str = "") -> None:
         """Start or join the engine of a rig; a world file is for a simulated rig."""
@@ -88,9 +97,10 @@ class MainWindow(QMainWindow):
         self.engine_link.open(rig, world)
 
     def stop(self) -> None:
-        """Stop this window's engine, then all others; never asks and never waits."""
+        """Stop this window's engines, then all others; never asks and never waits."""
         self.report("stop", "STOP")
         self.engine_link.stop()
+        self.finger_tab.link.stop_own()
 
     def report(self, kind: str, text: str) -> None:
         """Show an event in the log and the status line."""
@@ -103,6 +113,7 @@ class MainWindow(QMainWindow):
         theme = apply_theme(choice)
         self.live_plots.set_theme(theme)
         self.analysis_tab.trial_view.set_theme(theme)
+        self.finger_tab.view.set_theme(theme)
         self.event_log.reset_colours()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
@@ -116,11 +127,12 @@ class MainWindow(QMainWindow):
         return QApplication.activePopupWidget() is None
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Leave the engine, which continues a run, and end the worker processes."""
+        """Leave the engines, which continue a run, and end the worker processes."""
         self.timer.stop()
         self.analysis_tab.worker.cancel()
         self.protocol_panel.worker.cancel()
         self.engine_link.close()
+        self.finger_tab.close()
         self.engine_link.wait_closed()
         super().closeEvent(event)
 
@@ -130,8 +142,13 @@ class MainWindow(QMainWindow):
         self.tabs.addTab(scroll_area(self.operate_panel), "Operate")
         self.tabs.addTab(scroll_area(self.protocol_panel), "Protocol")
         self._analysis_index = self.tabs.addTab(scroll_area(self.analysis_tab.panel), "Analysis")
-        self.stack = QStackedWidget()
-        pages: tuple[QWidget, ...] = (self.live_plots, *self.analysis_tab.views, self.file_browser)
+        self._finger_index = self.tabs.addTab(scroll_area(self.finger_tab.panel), "Finger")
+        self.stack, self.health = QStackedWidget(), QStackedWidget()
+        self.toolbar.add_page(self.finger_tab.bar)
+        for strip in (self.health_strip, self.finger_tab.health):
+            self.health.addWidget(strip)
+        views: tuple[QWidget, ...] = (self.finger_tab.view, *self.analysis_tab.views)
+        pages: tuple[QWidget, ...] = (self.live_plots, *views, self.file_browser)
         for page in pages:
             self.stack.addWidget(page)
         splitter = QSplitter(Qt.Orientation.Vertical)
@@ -140,12 +157,13 @@ class MainWindow(QMainWindow):
         splitter.setStretchFactor(0, 1)
         splitter.setSizes([1000, 84])
         splitter.setCollapsible(0, False)
+        prompts = (self.prompt_panel, self.finger_tab.prompt_panel)
         indented = (
             container(vbox(widget, margins=(8, 0, 8, 0)))
-            for widget in (self.prompt_panel, splitter, self.status_line)
+            for widget in (*prompts, splitter, self.status_line)
         )
-        column = vbox(self.toolbar, self.health_strip, *indented, spacing=5, margins=(0, 0, 0, 4))
-        column.setStretch(3, 1)
+        column = vbox(self.toolbar, self.health, *indented, spacing=5, margins=(0, 0, 0, 4))
+        column.setStretch(2 + len(prompts), 1)
         self.setCentralWidget(container(column))
         self.resize(1280, 800)
 
@@ -184,8 +202,10 @@ class MainWindow(QMainWindow):
         for panel in (self.operate_panel, self.protocol_panel, self.prompt_panel):
             panel.command_requested.connect(self._request)
         boxes = (self.toolbar.rig, self.toolbar.world)
-        for widget in (*boxes, self.protocol_panel, self.analysis_tab.panel):
+        panels = (self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
+        for widget in (*boxes, *panels):
             widget.path_requested.connect(self._browse)
+        self.finger_tab.reported.connect(self.report)
         self.analysis_tab.reported.connect(self.report)
         self.analysis_tab.view_changed.connect(self._show_view)
         self.tabs.currentChanged.connect(lambda _: self._show_view())
@@ -199,8 +219,15 @@ class MainWindow(QMainWindow):
         self.stack.setCurrentWidget(self.file_browser)
 
     def _show_view(self) -> None:
-        is_analysis = self.tabs.currentIndex() == self._analysis_index
-        self.stack.setCurrentWidget(self.analysis_tab.view if is_analysis else self.live_plots)
+        index = self.tabs.currentIndex()
+        is_finger = index == self._finger_index
+        views = {
+            self._analysis_index: self.analysis_tab.view,
+            self._finger_index: self.finger_tab.view,
+        }
+        self.stack.setCurrentWidget(views.get(index, self.live_plots))
+        for pages in (self.toolbar.pages, self.health):
+            pages.setCurrentIndex(int(is_finger))
 
     def _on_opened(self) -> None:
         self._is_silent = False

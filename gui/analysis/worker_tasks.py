@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gui.analysis.results import AnalysisResults, prediction_results, report_results
 from gui.widgets.formatting import duration, size
-from rigctl.errors import RigctlError
+from rigctl.errors import RigctlError, WrongUse
 
 if TYPE_CHECKING:
     from rigctl.analysis.execution.executor import Progress
@@ -58,6 +58,16 @@ class QuickCheckResult(NamedTuple):
 
     sentence: str
     figure: str
+
+
+class FingerSessionInfo(NamedTuple):
+    """A session of the moving finger: its stages, its simulated person, and the slides so far."""
+
+    path: str
+    stages: tuple[str, ...]
+    seed: int
+    session: int
+    slides: int
 
 
 class AnalysisRequest(NamedTuple):
@@ -200,6 +210,33 @@ class WorkerTasks:
         loaded = load_model(Path(model).expanduser())
         resources = Resources(progress=self._progress)
         return prediction_results(classify(loaded, tuple(map(Path, sessions)), resources))
+
+    def read_finger_session(self, path: str) -> FingerSessionInfo:
+        """Read whose scans a session of the moving finger has. Raises SessionError."""
+        from rigctl.session.read.finger_session import FingerSession
+
+        with FingerSession.open(Path(path).expanduser()) as session:
+            header, slides = session.header, len(session.trials)
+        person = header.simulation
+        return FingerSessionInfo(
+            path, header.stages, int(person.get("seed", 0)), int(person.get("session", 0)), slides
+        )
+
+    def make_finger_models(self, session: str, source: str, components: int) -> tuple[str, ...]:
+        """Train the models of a session, or centre those of ``source`` by its calibration.
+
+        Return their paths. Raises WrongUse where the session has neither stage.
+        """
+        from rigctl.protocol.finger import Stage
+        from rigctl.realtime.finger_models import calibrate_models, train_models
+
+        folder, stages = Path(session), self.read_finger_session(session).stages
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        if Stage.TRAIN in stages:
+            return tuple(map(str, train_models(folder, components, now)))
+        if Stage.CALIBRATE in stages:
+            return tuple(map(str, calibrate_models(Path(source).expanduser(), folder)))
+        raise WrongUse(f"{folder} has no training or calibration scans: choose another session")
 
     def discard(self, folder: str) -> None:
         """Remove the partial report of a cancelled analysis, whose process could not do so."""

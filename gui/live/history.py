@@ -47,7 +47,7 @@ class SampleWindow(Protocol):
 _Window_co = TypeVar("_Window_co", bound=SampleWindow, covariant=True)
 
 
-class SampleReader(Protocol[_Window_co]):
+class LiveSamples(Protocol[_Window_co]):
     """A live buffer of samples, of the drum's sensor or of the finger's."""
 
     @property
@@ -113,7 +113,7 @@ class History:
         """
         return self._spikes[self._end - len(self) : self._end]
 
-    def pull(self, live: SampleReader[SampleWindow]) -> None:
+    def pull(self, live: LiveSamples[SampleWindow]) -> None:
         """Append what the engine wrote since the last pull."""
         n_new = live.taxel_head - self._head
         if n_new <= 0:

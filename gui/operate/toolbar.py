@@ -49,9 +49,7 @@ class Toolbar(QFrame):
         self.stop_button.setObjectName("stop")
         self.stop_button.setMinimumSize(150, 46)
         self.stop_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.stop_button.setToolTip(
-            "Stop and lift the drum, and end every run (Esc)"
-        )
+        self.stop_button.setToolTip("Stop and lift the drum, and end every run (Esc)")
         self.stop_button.pressed.connect(self.stop_requested)
         self.pages = QStackedWidget()
         self._is_connected = False

@@ -22,11 +22,17 @@ class PathKind(Enum):
     """
 
     RIG_FILE = ("Rig description (rig.toml)", _TOML, "")
+    FINGER_FILE = ("Rig of the moving finger (finger.toml)", _TOML, "")
     WORLD_FILE = ("World of a simulated rig (*.toml)", _TOML, "")
     PROTOCOL = ("Protocol (*.toml)", _TOML, "Open a protocol file")
     OUTPUT = ("Folder for new sessions", "", "Choose a folder")
     SESSION = ("Session folder", "", "Choose a session folder")
     MODEL = ("Model file (*.h5)", _MODEL, "Choose a model file")
+    FINGER_MODEL = (
+        "Session folder of the training or calibration",
+        "",
+        "Choose the session that holds the model",
+    )
     INTERRUPTED = (
         "Folder of the session to continue",
         "",

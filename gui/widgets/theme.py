@@ -38,6 +38,9 @@ class Theme:
     warn: str
     bad: str
     bad_back: str
+    right_back: str
+    wrong_back: str
+    unsure_back: str
     plot: str
     gap: str
     set_point: str
@@ -58,6 +61,9 @@ _COLOURS: dict[str, tuple[Any, Any]] = {
     "warn": ("#8f5f00", "#e3b341"),
     "bad": ("#b42318", "#ff8178"),
     "bad_back": ("#fde7e4", "#4a1f1c"),
+    "right_back": ("#a6dfb5", "#1d5a30"),
+    "wrong_back": ("#f5b3ab", "#7d231c"),
+    "unsure_back": ("#f3dda0", "#5d4909"),
     "plot": ("#ffffff", "#111418"),
     "gap": ("#f6d5d1", "#4a211e"),
     "set_point": ("#9aa3ad", "#707a85"),
@@ -141,6 +147,23 @@ def _style_sheet(theme: Theme) -> str:
         background: {theme.bad_back}; border-color: {theme.bad};
     }}
     QFrame[role="card"][level="warn"] {{ border-color: {theme.warn}; }}
+    QFrame[role="answer"] {{
+        background: {theme.panel}; border: 2px solid {theme.line}; border-radius: 6px;
+    }}
+    QFrame[role="answer"][verdict="right"] {{
+        background: {theme.right_back}; border-color: {theme.ok};
+    }}
+    QFrame[role="answer"][verdict="wrong"] {{
+        background: {theme.wrong_back}; border-color: {theme.bad};
+    }}
+    QFrame[role="answer"][verdict="unknown"] {{
+        background: {theme.unsure_back}; border-color: {theme.warn};
+    }}
+    QFrame[role="answer"] QLabel {{ border: none; background: transparent; color: {theme.text}; }}
+    QLabel[role="letter"] {{ font-size: 50pt; font-weight: 800; }}
+    QLabel[role="mark"] {{ font-size: 34pt; font-weight: 700; }}
+    QLabel[role="verdict"] {{ font-size: 13pt; font-weight: 600; }}
+    QLabel[role="task"] {{ font-size: 15pt; font-weight: 700; }}
     QFrame[role="prompt"] {{
         background: {theme.panel}; border: 2px solid {theme.accent}; border-radius: 5px;
     }}

@@ -74,6 +74,7 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
             late_velocities=board.late_velocities if board else 0,
             dropouts=devices.estimator.counters.dropouts,
             outliers=devices.estimator.path_counters.outliers,
+            latency_p99_ms=self.latencies.percentiles(99.0),
             board=self._board_status(),
             recording=recording,
             run=run,

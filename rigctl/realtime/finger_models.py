@@ -10,7 +10,6 @@ from pathlib import Path
 from rigctl.analysis.finger.classifier import calibrate_finger_model, train_finger_model
 from rigctl.analysis.finger.recorded_scans import read_scans, training_info
 from rigctl.analysis.finger.scans import ScanKind
-from rigctl.errors import WrongUse
 from rigctl.protocol.finger import Stage
 from rigctl.session.files.finger_model_file import (
     FingerModel,
@@ -22,16 +21,6 @@ from rigctl.session.files.finger_model_file import (
 def model_name(kind: ScanKind) -> str:
     """Return the file name of a representation's model in a session's folder."""
     return f"model-{kind.value.lower().replace(' ', '-')}.h5"
-
-
-def model_path(path: Path, representation: str) -> Path:
-    """Return the model file that a file or a session's folder names. Raises WrongUse."""
-    file = path / f"model-{representation}.h5" if path.is_dir() else path
-    if not file.is_file():
-        raise WrongUse(
-            f"there is no model {file}: train one with `rigctl realtime train`, or name its file"
-        )
-    return file
 
 
 def train_models(folder: Path, components: int, made_utc: str) -> list[Path]:

@@ -12,6 +12,9 @@ from rigctl.devices.trackers.plate_frame import PlateFrame
 from rigctl.devices.trackers.tracker import Tracker
 from rigctl.protocol.finger import FingerTrial
 
+RUN_FIRST_SLIDE = 1 << 16
+"""First slide of `run` in a simulated session: calibration has made the slides from 0 on."""
+
 
 @dataclass(eq=False, slots=True)
 class FingerRig:

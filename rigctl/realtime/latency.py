@@ -31,3 +31,8 @@ class LatencyLog:
     def percentile(self, kind: str, percent: float) -> float | None:
         """Return a percentile in ms, None without a latency of this kind."""
         return float(np.percentile(self._ms[kind], percent)) if self._ms[kind] else None
+
+    def percentiles(self, percent: float) -> dict[str, float]:
+        """Return a percentile in ms of each kind that was measured."""
+        found = {kind: self.percentile(kind, percent) for kind in KINDS}
+        return {kind: ms for kind, ms in found.items() if ms is not None}

@@ -1,7 +1,7 @@
 """The status that the engine of the moving finger sends to its clients, ten times a second.
 
-The messages are those of :mod:`rigctl.acquisition.rpc.messages`; the events ``prediction``,
-``velocity`` and ``scan`` follow a scan as it happens.
+The messages are those of :mod:`rigctl.acquisition.rpc.messages`; the events ``batch``
+and ``prediction`` follow a scan as it happens.
 """
 
 from __future__ import annotations
@@ -74,7 +74,8 @@ class FingerEngineStatus:
     """State of board, tracker, recording and run.
 
     Ages are loop time since the newest data, None before any. Positions are plate coordinates.
-    ``late_velocities``: velocities that reached the board after their batch.
+    ``late_velocities``: velocities that reached the board after their batch. ``latency_p99_ms``:
+    99th percentile of each kind of :mod:`rigctl.realtime.latency` that was measured.
     """
 
     at_s: float = 0.0
@@ -97,6 +98,7 @@ class FingerEngineStatus:
     late_velocities: int = 0
     dropouts: int = 0
     outliers: int = 0
+    latency_p99_ms: Mapping[str, float] = field(default_factory=dict)
     board: BoardStatus = field(default_factory=BoardStatus)
     recording: RecordingStatus = field(default_factory=RecordingStatus)
     run: FingerRunStatus = field(default_factory=FingerRunStatus)

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the header and print how to build it in."""
     from rigctl.analysis.finger.classifier import board_coefficients, centred_stages
-    from rigctl.realtime.finger_models import model_path
+    from rigctl.realtime.model_files import model_path
     from rigctl.session.files.finger_model_file import load_finger_model
     from rigctl.wire.finger.model_header import model_header
 

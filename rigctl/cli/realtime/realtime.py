@@ -17,8 +17,7 @@ from pathlib import Path
 
 from rigctl.cli.data.world import add_world
 from rigctl.cli.realtime import board_model, movie, plate_frame, stages
-
-REPRESENTATIONS = ("speed-scaled", "original")
+from rigctl.realtime.model_files import REPRESENTATIONS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,16 +14,15 @@ from rigctl.cli.rig.run import EXIT_CODES, TOLD_EVENTS, RunWatcher
 from rigctl.errors import CheckFailed, WrongUse
 from rigctl.finger_rig import SIMULATED
 from rigctl.realtime.answer_summary import answer_lines
-from rigctl.realtime.finger_models import calibrate_models, model_path, train_models
+from rigctl.realtime.finger_models import calibrate_models, train_models
+from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
 from rigctl.realtime.messages import (
     FingerEngineStatus,
     FingerRunStatus,
     parse_finger_status,
 )
+from rigctl.realtime.model_files import SPEED_SCALED, model_path
 from rigctl.session.read.finger_session import FingerSession
-
-RUN_FIRST_SLIDE = 1 << 16
-"""First slide of `run` in a simulated session: calibration has made the slides from 0 on."""
 
 PERSON_EVENTS = ("stage", "instruction", "trial", "log", "board")
 """Events that a person follows while sliding; a simulation is too fast to be followed."""
@@ -83,7 +82,7 @@ def _run_part(words: Sequence[str]) -> int:
 
 def _any_model(path: Path) -> Path:
     """Return a model of either representation: calibration needs its ranges only."""
-    return model_path(path, "speed-scaled")
+    return model_path(path, SPEED_SCALED)
 
 
 def _recorded(

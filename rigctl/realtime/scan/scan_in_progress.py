@@ -117,6 +117,11 @@ class ScanInProgress:
         reports = (report for report, _ in self.data.batches)
         return sum(report.velocity_um_per_s * report.samples for report in reports) / 1e6
 
+    @property
+    def scaled_s(self) -> float:
+        """Length of the batches that the board has scaled."""
+        return sum(report.samples for report, _ in self.data.batches) / SAMPLE_RATE_HZ
+
     def stop(self) -> None:
         """End the scan with the present sample; :attr:`ended` follows."""
         if not self._stopped and not self.ended:

@@ -59,6 +59,7 @@ class ScanOutput:
             velocity_mm_s=velocity_mm_s,
             distance_mm=scan.distance_mm,
             seconds=scan.duration_s,
+            scaled_s=scan.scaled_s,
         )
         if self.answers is not None and (closed or scan.ended):
             self._predict(scan, self.answers)

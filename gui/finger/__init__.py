@@ -1,0 +1,1 @@
+"""The Finger tab: the texture recognised while a finger explores a plate."""

@@ -1,0 +1,97 @@
+"""The running accuracy, and which plate was named how often as which."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QRectF, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QWidget
+
+from gui.live.scrolling_image import blend
+from gui.widgets.labels import elastic, label, show_text
+from gui.widgets.layouts import vbox
+from gui.widgets.theme import applied_theme
+from rigctl.realtime.messages import FingerRunStatus
+
+_AXIS_PX = 22
+
+
+class ConfusionMatrix(QWidget):
+    """Rows are the plates, columns the answers; right ones are on the framed diagonal."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._run = FingerRunStatus()
+        self.setMinimumSize(150, 130)
+
+    def show_run(self, run: FingerRunStatus) -> None:
+        """Show the counts of a run."""
+        if (run.textures, run.confusion) != (self._run.textures, self._run.confusion):
+            self._run = run
+            self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw names and cells."""
+        painter, theme = QPainter(self), applied_theme()
+        names = self._run.textures
+        if not names:
+            return
+        side = min(
+            (self.width() - 2 * _AXIS_PX) / len(names),
+            (self.height() - 2 * _AXIS_PX) / len(names),
+        )
+        self._paint_axes(painter, names, side)
+        most = max(max(row.values(), default=0) for row in self._run.confusion.values())
+        for i, true in enumerate(names):
+            for j, named in enumerate(names):
+                count = self._run.confusion.get(true, {}).get(named, 0)
+                place = QRectF(2 * _AXIS_PX + j * side, 2 * _AXIS_PX + i * side, side, side)
+                cell = place.adjusted(1, 1, -1, -1)
+                colour = theme.ok if i == j else theme.bad
+                share = 0.55 * count / most if most else 0.0
+                painter.fillRect(cell, QColor(blend(colour, theme.plot, share)))
+                painter.setPen(QPen(QColor(theme.text if i == j else theme.line), 1))
+                painter.drawRect(cell)
+                painter.setPen(QColor(theme.text if count else theme.muted))
+                painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, f"{count}")
+
+    def _paint_axes(self, painter: QPainter, names: tuple[str, ...], side: float) -> None:
+        theme, centre = applied_theme(), Qt.AlignmentFlag.AlignCenter
+        length = len(names) * side
+        painter.setPen(QColor(theme.muted))
+        painter.drawText(QRectF(2 * _AXIS_PX, 0, length, _AXIS_PX), centre, "named")
+        painter.save()
+        painter.translate(0, 2 * _AXIS_PX + length)
+        painter.rotate(-90)
+        painter.drawText(QRectF(0, 0, length, _AXIS_PX), centre, "plate")
+        painter.restore()
+        painter.setPen(QColor(theme.text))
+        for place, name in enumerate(names):
+            start = 2 * _AXIS_PX + place * side
+            painter.drawText(QRectF(start, _AXIS_PX, side, _AXIS_PX), centre, name)
+            painter.drawText(QRectF(_AXIS_PX, start, _AXIS_PX, side), centre, name)
+
+
+class ConfusionView(QWidget):
+    """The accuracy in words above the matrix."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.accuracy, self.matrix = elastic(label("", "heading")), ConfusionMatrix()
+        column = vbox(self.accuracy, spacing=2)
+        column.addWidget(self.matrix, 1)
+        self.setLayout(column)
+        self.show_run(FingerRunStatus())
+
+    def show_run(self, run: FingerRunStatus) -> None:
+        """Show the answers of a run so far."""
+        show_text(self.accuracy, accuracy_words(run))
+        self.matrix.show_run(run)
+
+
+def accuracy_words(run: FingerRunStatus) -> str:
+    """Return the running accuracy beside that of guessing."""
+    if not run.classified:
+        return "Right: no scan is named yet"
+    share = f"{run.correct / run.classified:.0%}"
+    chance = f", guessing {1 / len(run.textures):.0%}" if run.textures else ""
+    return f"Right: {run.correct} of {run.classified} ({share}{chance})".replace("%", "\u202f%")

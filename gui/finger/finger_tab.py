@@ -1,0 +1,285 @@
+"""The Finger tab: its controls and views, its engine, and the worker that makes its models."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, Qt, Signal
+
+from gui.analysis.worker import Worker
+from gui.analysis.worker_tasks import FingerSessionInfo
+from gui.engine_clients import JOIN, SIMULATED, FingerEngineSpec, open_finger_client
+from gui.engine_link import NOT_CONNECTED, ClientFactory, Dialect, EngineLink
+from gui.finger.finger_bar import FingerBar
+from gui.finger.finger_health import FingerHealthStrip
+from gui.finger.finger_view import FingerView
+from gui.finger.run_box import FingerRunBox
+from gui.finger.setup_form import CALIBRATE, RUN, TRAIN, FingerSetupForm, StartRequest
+from gui.operate.prompt import PromptPanel
+from gui.widgets.layouts import container, vbox
+from gui.widgets.theme import Theme
+from rigctl.errors import RigctlError
+from rigctl.protocol.finger_plan import load_finger_protocol
+from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
+from rigctl.realtime.live_file import FingerLiveReader
+from rigctl.realtime.messages import FingerEngineStatus, parse_finger_status
+from rigctl.session.format.layout import PROTOCOL_FILE
+
+FINGER: Dialect[FingerEngineStatus, FingerLiveReader] = Dialect(
+    parse_finger_status, FingerLiveReader
+)
+ENGINE_SILENT = "the finger's engine does not answer"
+_NEXT = {TRAIN: CALIBRATE, CALIBRATE: RUN}
+_UNTOLD = ("batch", "prediction")
+"""Events of every 100 ms, which would flood the log."""
+
+
+class FingerTab(QObject):
+    """Connects the parts. ``factory`` opens the engine of a :class:`FingerEngineSpec`."""
+
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
+    path_requested = Signal(object, object)
+
+    def __init__(self, theme: Theme, factory: ClientFactory = open_finger_client) -> None:
+        super().__init__()
+        self.link: EngineLink[FingerEngineStatus, FingerLiveReader] = EngineLink(factory, FINGER)
+        self.bar, self.health, self.prompt_panel = FingerBar(), FingerHealthStrip(), PromptPanel()
+        self.setup, self.run_box, self.view = FingerSetupForm(), FingerRunBox(), FingerView(theme)
+        column = vbox(self.setup, self.run_box, spacing=4, margins=(6, 4, 6, 6))
+        column.addStretch(1)
+        self.panel = container(column)
+        self.worker = Worker()
+        self._engine: FingerEngineSpec | None = None
+        self._waiting: dict[str, Any] | None = None
+        self._stage = ""
+        self._is_silent = False
+        self._session = ""
+        self._connect_engine()
+        self._connect_controls()
+        self._show_state()
+
+    def poll(self, *, is_visible: bool) -> None:
+        """Process messages; pull and draw the live data while the view is visible."""
+        self.link.poll()
+        self.worker.poll()
+        if self.link.live is not None and is_visible:
+            self.view.refresh(self.link.live)
+
+    def connect_rig(self, rig: str) -> None:
+        """Start or join the engine of a rig."""
+        self._open(self.setup.engine(rig))
+
+    def close(self) -> None:
+        """Leave the engine, which continues a run, and end the worker."""
+        self.worker.cancel()
+        self.link.close()
+        self.link.wait_closed()
+
+    def _connect_engine(self) -> None:
+        link = self.link
+        link.opened.connect(self._on_opened)
+        link.closed.connect(self._on_closed)
+        link.refused.connect(self._on_refused)
+        link.event_received.connect(self._on_event)
+        link.status_changed.connect(self._on_status)
+        link.silent.connect(self._on_silent)
+        link.stop_reported.connect(self.reported)
+        # Queued: when it arrives, Qt has put the painted answer on the screen.
+        queued = Qt.ConnectionType.QueuedConnection
+        self.view.answer.painted.connect(self._report_shown, queued)
+
+    def _connect_controls(self) -> None:
+        bar, setup, run_box = self.bar, self.setup, self.run_box
+        bar.connect_requested.connect(self.connect_rig)
+        bar.disconnect_requested.connect(self.link.close)
+        bar.rig_changed.connect(lambda: setup.show_rig(simulated=bar.is_simulated))
+        for source in (bar.rig, setup, run_box):
+            source.path_requested.connect(self.path_requested)
+        setup.changed.connect(self._show_state)
+        for panel in (run_box, self.prompt_panel):
+            panel.command_requested.connect(self._request)
+        run_box.start_requested.connect(self._start)
+        run_box.models_requested.connect(self._make_models)
+        run_box.continue_requested.connect(self._read_session)
+        self.worker.finished.connect(self._on_worker)
+        self.worker.failed.connect(self._on_worker_failed)
+
+    def _request(self, command: str, args: dict[str, Any]) -> None:
+        self.link.request(command, **args)
+
+    def _start(self) -> None:
+        try:
+            request = self.setup.request(self.bar.rig.currentData())
+        except RigctlError as error:
+            self.reported.emit("refused", f"start: {error}")
+            self.run_box.show_models(str(error), "bad")
+            return
+        self._stage = self.setup.stage.currentData()
+        self.run_box.show_models("")
+        self._start_on(request)
+
+    def _start_on(self, request: StartRequest) -> None:
+        """Start on the connected engine if it has the right person, else on a new one."""
+        if self.link.is_connected and self._is_same_person(request.engine):
+            self.link.request("start", **request.args)
+            return
+        self._waiting = request.args
+        if self.link.is_connected:
+            waiting, self._waiting = self._waiting, None  # closing forgets what waits
+            self.link.close()
+            self._waiting = waiting
+        self._open(request.engine)
+
+    def _is_same_person(self, wanted: FingerEngineSpec) -> bool:
+        has = self._engine
+        if has is None or has.rig not in SIMULATED:
+            return True
+        return has[:3] == wanted[:3]
+
+    def _open(self, engine: FingerEngineSpec) -> None:
+        self._engine = None if engine.rig == JOIN else engine
+        self.bar.show_connecting()
+        self.reported.emit("rig", f"finger: connecting to {engine.rig} …")
+        self.link.open(engine)
+        self._show_state()
+
+    def _on_opened(self) -> None:
+        self._is_silent = False
+        self._session = ""
+        self.view.clear()
+        self.bar.show_connected()
+        self.reported.emit("rig", "finger: connected")
+        if self._waiting is not None:
+            args, self._waiting = self._waiting, None
+            self.link.request("start", **args)
+
+    def _on_closed(self, reason: str) -> None:
+        self._waiting = None
+        self.bar.show_disconnected(reason)
+        self.health.show_nothing()
+        self.prompt_panel.show_prompt(None)
+        self.view.show_status(FingerEngineStatus())
+        self._show_state()
+        self.reported.emit("rig" if reason == NOT_CONNECTED else "lost", f"finger: {reason}")
+
+    def _on_refused(self, command: str, sentence: str) -> None:
+        self.reported.emit("refused", f"{command}: {sentence}")
+
+    def _on_silent(self, seconds: float) -> None:
+        self.bar.show_silent(seconds)
+        if not self._is_silent:
+            self._is_silent = True
+            self.health.show_nothing()
+            self.reported.emit("lost", ENGINE_SILENT)
+
+    def _on_event(self, message: dict[str, Any]) -> None:
+        kind, data = str(message.get("event")), message.get("data") or {}
+        record = self.view.record
+        if kind == "batch":
+            record.add_batch(data)
+            self.view.show_record()
+        elif kind == "prediction":
+            record.add_prediction(data)
+            self.view.show_record(data.get("sent_s"))
+        elif kind == "trial":
+            record.add_trial(data)
+            self.view.show_record()
+        elif kind == "instruction":
+            record.announce(str(data["texture"]), str(data["profile"]))
+            self.view.begin_slide(float(message["at_s"]))
+        text = str(message.get("text") or "")
+        if text and kind not in _UNTOLD:
+            self.reported.emit(kind, text)
+
+    def _on_status(self, status: FingerEngineStatus) -> None:
+        self._is_silent = False
+        self.bar.show_status(status)
+        self.health.show_status(status)
+        self.prompt_panel.show_prompt(status.run.prompt)
+        if (scan := status.run.scan) is not None and self.view.record.scan < 0:
+            self.view.record.announce(scan.texture, scan.profile)
+        self.view.show_status(status)
+        self._read_protocol(status.run.session)
+        self._show_state()
+        if status.run.state == "done" and self._stage in _NEXT:
+            self._make_models()
+
+    def _read_protocol(self, session: str | None) -> None:
+        """Show the limits of the run's own protocol."""
+        if session is None or session == self._session:
+            return
+        self._session = session
+        try:
+            protocol = load_finger_protocol(Path(session) / PROTOCOL_FILE)
+        except RigctlError as error:
+            self.reported.emit("log", str(error))
+        else:
+            self.view.plots.set_quality(protocol.quality)
+
+    def _show_state(self) -> None:
+        status = self.link.status
+        is_busy = self.worker.is_busy or self._waiting is not None
+        self.setup.setEnabled(not status.run.is_active)
+        self.run_box.show_status(status, self.setup.can_start, is_busy)
+
+    def _report_shown(self, scan: int, sent_s: float) -> None:
+        if self.link.is_connected:
+            self.link.request("shown", scan=scan, sent_s=sent_s)
+
+    def _make_models(self) -> None:
+        """Make the models of the run that has ended; the next stage needs them."""
+        self._stage = ""
+        session = self.link.status.run.session
+        if session is None or self.worker.is_busy:
+            return
+        self.run_box.show_models("Making the models …")
+        self.worker.submit(
+            "make_finger_models",
+            session=session,
+            source=self.setup.model.text(),
+            components=self.setup.components.value(),
+        )
+        self._show_state()
+
+    def _on_worker(self, task: str, result: Any) -> None:
+        if task == "make_finger_models":
+            self._take_models(tuple(map(Path, result)))
+        elif isinstance(result, FingerSessionInfo):
+            self._continue(result)
+        self._show_state()
+
+    def _on_worker_failed(self, task: str, sentence: str) -> None:
+        self.run_box.show_models(sentence, "bad")
+        self.reported.emit("refused", sentence)
+        self._show_state()
+
+    def _take_models(self, models: tuple[Path, ...]) -> None:
+        """Choose the new models, and the stage that uses them."""
+        folder = models[0].parent
+        self.setup.model.setText(str(folder))
+        stage = self.setup.stage.currentData()
+        self.setup.choose_stage(_NEXT.get(stage, RUN))
+        names = ", ".join(path.name for path in models)
+        self.run_box.show_models(f"Models: {names}. Next: {self.setup.stage.currentText()}")
+        self.reported.emit("model", f"{folder}: {names}")
+
+    def _read_session(self, path: str) -> None:
+        self.worker.submit("read_finger_session", path=path)
+        self._show_state()
+
+    def _continue(self, info: FingerSessionInfo) -> None:
+        """Continue an interrupted session with its own simulated person."""
+        first_slide = info.slides + (RUN_FIRST_SLIDE if RUN in info.stages else 0)
+        engine = FingerEngineSpec(self.bar.rig.currentData(), info.seed, info.session, first_slide)
+        args: dict[str, Any] = {"resume": info.path, "yes": self.setup.unasked.isChecked()}
+        self._stage = next((stage for stage in _NEXT if stage in info.stages), RUN)
+        self.setup.choose_stage(self._stage)
+        if self._stage != TRAIN:
+            try:
+                args["model"] = self.setup.model_file()
+            except RigctlError as error:
+                self._on_worker_failed("", str(error))
+                return
+        self._start_on(StartRequest(engine, args))

@@ -1,0 +1,168 @@
+"""The newest scan: velocity over time, spikes in scaled time, and the present readings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+
+from gui.finger.scaled_raster import SPAN_MM, WINDOW_MM, ScaledRaster
+from gui.finger.scan_record import ScanRecord
+from gui.live.heatmap import HeatMap
+from gui.live.history import History
+from gui.widgets.plot_axes import LEFT_PX, colour_axes, fixed_plot
+from gui.widgets.theme import Theme
+from rigctl.finger_values import N_FINGER_TAXELS
+from rigctl.protocol.finger import VelocityProfile
+from rigctl.protocol.finger_plan import ScanQuality
+from rigctl.realtime.live_file import FingerLiveReader
+from rigctl.values import SAMPLE_RATE_HZ
+
+HISTORY_S = 20
+"""Longer than the slowest scan that counts."""
+_RIGHT_PX = 150
+_BOTTOM_PX = 34
+_SLOW_REFRESH_FRAMES = 3
+_LEAST_SPAN_S = 2.0
+_LEAST_TOP_MM_S = 250.0
+_ROW_STRETCH = (3, 4)
+
+
+class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+    """Plots of one scan; :meth:`refresh` pulls the samples that they show."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.history = History(HISTORY_S * SAMPLE_RATE_HZ, N_FINGER_TAXELS, N_FINGER_TAXELS)
+        self._frame = -1
+        self._version = -1
+        self._quality = ScanQuality()
+        self._build_velocity_plot()
+        self._build_raster_plot(theme)
+        self.heat_map = HeatMap(theme, ("Readings now, counts",))
+        self.ci.addItem(self.heat_map, row=0, col=1, rowspan=2)
+        self.ci.layout.setColumnFixedWidth(1, _RIGHT_PX)
+        self.ci.layout.setHorizontalSpacing(10)
+        for row, stretch in enumerate(_ROW_STRETCH):
+            self.ci.layout.setRowStretchFactor(row, stretch)
+        self.set_theme(theme)
+        self._refresh_velocity(ScanRecord())
+
+    def refresh(self, live: FingerLiveReader, record: ScanRecord) -> None:
+        """Draw the new samples and batches."""
+        self.history.pull(live)
+        self._refresh_raster(record)
+        if record.version != self._version:
+            self._version = record.version
+            self._refresh_velocity(record)
+        self._frame += 1
+        if self._frame % _SLOW_REFRESH_FRAMES == 0:
+            low, high = (np.asarray(side, float) for side in live.normalisation)
+            self.heat_map.refresh(self.history.samples, low, high)
+
+    def clear_history(self) -> None:
+        """Remove all samples, as when another engine is connected."""
+        self.history.clear()
+        self._frame = self._version = -1
+
+    def set_quality(self, quality: ScanQuality) -> None:
+        """Show the limits between slow, medium and fast of another protocol."""
+        self._quality = quality
+        self._place_limits()
+        self._version = -1
+
+    @property
+    def quality(self) -> ScanQuality:
+        """The limits that are shown."""
+        return self._quality
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme to all plots."""
+        self.setBackground(theme.panel)
+        self.raster.set_theme(theme)
+        self.heat_map.set_theme(theme)
+        for plot in (self._velocity_plot, self._raster_plot):
+            colour_axes(plot, theme)
+        self._velocity.setPen(pg.mkPen(theme.speed, width=2.4))
+        for line in self._limits:
+            line.setPen(pg.mkPen(theme.set_point, width=1.2, style=Qt.PenStyle.DashLine))
+        for text in self._zones:
+            text.setColor(theme.muted)
+        self._version = -1
+
+    @property
+    def shown_velocities_mm_s(self) -> list[float]:
+        """The heights of the steps that are drawn."""
+        _, heights = self._velocity.getData()
+        return list(map(float, heights)) if self._velocity.isVisible() else []
+
+    @property
+    def _limit_speeds(self) -> tuple[float, float]:
+        return self._quality.slow_max_mm_s, self._quality.fast_min_mm_s
+
+    def _build_velocity_plot(self) -> None:
+        plot = self._velocity_plot = fixed_plot(self.ci, 0, 0)
+        plot.setLabel("left", "Velocity (mm/s)")
+        plot.setLabel("bottom", "Time in the scan (s)")
+        plot.getAxis("left").setWidth(LEFT_PX)
+        plot.getAxis("bottom").setHeight(_BOTTOM_PX)
+        self._velocity = pg.PlotCurveItem()
+        self._limits = [pg.InfiniteLine(angle=0, movable=False) for _ in range(2)]
+        self._zones = [pg.TextItem(name, anchor=(1.0, 0.5)) for name in ("slow", "medium", "fast")]
+        for item in (*self._limits, *self._zones, self._velocity):
+            plot.addItem(item)
+        self._place_limits()
+
+    def _place_limits(self) -> None:
+        for line, mm_s in zip(self._limits, self._limit_speeds, strict=True):
+            line.setValue(mm_s)
+
+    def _build_raster_plot(self, theme: Theme) -> None:
+        plot = self._raster_plot = fixed_plot(self.ci, 1, 0)
+        self.raster = ScaledRaster(theme)
+        plot.setLabel("left", "Spikes")
+        plot.setLabel("bottom", f"Scaled time, as distance (mm); windows of {WINDOW_MM:.0f} mm")
+        plot.getAxis("left").setWidth(LEFT_PX)
+        plot.getAxis("bottom").setHeight(_BOTTOM_PX)
+        plot.invertY(True)
+        plot.setXRange(0, SPAN_MM, padding=0)
+        plot.setYRange(0, N_FINGER_TAXELS, padding=0)
+        names = [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(N_FINGER_TAXELS)]
+        plot.getAxis("left").setTicks([names, []])
+        ways = [(float(mm), f"{mm}") for mm in range(0, round(SPAN_MM), 20)]
+        plot.getAxis("bottom").setTicks([ways, []])
+        plot.addItem(self.raster)
+
+    def _refresh_raster(self, record: ScanRecord) -> None:
+        area = self._raster_plot.getViewBox().sceneBoundingRect()
+        width = round(area.right()) - round(area.left())
+        height = round(area.bottom()) - round(area.top())
+        self.raster.refresh(self.history, record, width, height, self.devicePixelRatioF())
+
+    def _refresh_velocity(self, record: ScanRecord) -> None:
+        speeds = record.velocities_mm_s
+        self._velocity.setVisible(len(speeds) > 0)
+        if len(speeds):
+            self._velocity.setData(record.edges_s, speeds, stepMode="center")
+        span_s = max(_LEAST_SPAN_S, float(np.ceil(record.edges_s[-1])))
+        top_mm_s = max(_LEAST_TOP_MM_S, 1.1 * float(speeds.max(initial=0.0)))
+        self._velocity_plot.setXRange(0, span_s, padding=0)
+        self._velocity_plot.setYRange(0, top_mm_s, padding=0)
+        slow, fast = self._limit_speeds
+        middles = (slow / 2, (slow + fast) / 2, (fast + top_mm_s) / 2)
+        for text, mm_s in zip(self._zones, middles, strict=True):
+            text.setPos(span_s, mm_s)
+
+
+def planned_words(profile: str, quality: ScanQuality) -> str:
+    """Return a planned velocity profile, and what it asks for."""
+    ratio = f"at least {quality.change_ratio:g} × as fast as the"
+    demands = {
+        VelocityProfile.SLOW: f"below {quality.slow_max_mm_s:g} mm/s",
+        VelocityProfile.MEDIUM: f"{quality.slow_max_mm_s:g} to {quality.fast_min_mm_s:g} mm/s",
+        VelocityProfile.FAST: f"above {quality.fast_min_mm_s:g} mm/s",
+        VelocityProfile.SLOW_TO_FAST: f"second half {ratio} first",
+        VelocityProfile.FAST_TO_SLOW: f"first half {ratio} second",
+    }
+    known = next((p for p in VelocityProfile if p.value == profile), None)
+    return f"Velocity, planned: {known.value} ({demands[known]})" if known else "Velocity"

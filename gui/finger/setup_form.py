@@ -1,0 +1,177 @@
+"""What is to be recorded: stage, protocol, model, folder, and the simulated person."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from PySide6.QtCore import QDateTime, Signal
+from PySide6.QtWidgets import QCheckBox, QGroupBox, QLineEdit, QSpinBox
+
+from gui.engine_clients import FingerEngineSpec
+from gui.widgets.file_browser import PathKind, browse_button
+from gui.widgets.formatting import duration
+from gui.widgets.labels import label
+from gui.widgets.layouts import combo_box, form_layout, hbox, vbox
+from rigctl.config import resources
+from rigctl.errors import RigctlError
+from rigctl.protocol.finger import Stage
+from rigctl.protocol.finger_plan import load_finger_protocol
+from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
+from rigctl.realtime.model_files import ORIGINAL, SPEED_SCALED, model_path
+
+MAX_SEED = 2**31 - 1
+DEFAULT_COMPONENTS = 25
+TRAIN, CALIBRATE, RUN = Stage.TRAIN.value, Stage.CALIBRATE.value, Stage.RUN.value
+STAGES: dict[str, tuple[Stage, ...]] = {
+    TRAIN: (Stage.NORMALISE, Stage.TRAIN),
+    CALIBRATE: (Stage.CALIBRATE,),
+    RUN: (Stage.RUN,),
+}
+_STAGE_TEXTS = {
+    "1 Train": TRAIN,
+    "2 Calibrate": CALIBRATE,
+    "3 Run in real time": RUN,
+}
+_REPRESENTATIONS = {"Speed Scaled": SPEED_SCALED, "Original": ORIGINAL}
+
+
+class StartRequest(NamedTuple):
+    """An engine, and the arguments of its command ``start``."""
+
+    engine: FingerEngineSpec
+    args: dict[str, Any]
+
+
+class FingerSetupForm(QGroupBox):
+    """The choices before a start."""
+
+    path_requested = Signal(object, object)
+    changed = Signal()
+
+    def __init__(self) -> None:
+        super().__init__("Experiment")
+        self.stage = combo_box(_STAGE_TEXTS)
+        self.protocol = combo_box({})
+        self.model = QLineEdit(placeholderText="Session folder or model file")
+        self.representation = combo_box(_REPRESENTATIONS)
+        self.representation.setToolTip("With or without speed scaling")
+        self.components = QSpinBox(minimum=1, maximum=180, value=DEFAULT_COMPONENTS)
+        self.components.setToolTip("Principal components of the models")
+        self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
+        self.out.setToolTip("Every session gets a new folder in here")
+        self.seed, self.session = QSpinBox(maximum=MAX_SEED), QSpinBox(maximum=9999)
+        self.seed.setToolTip("Seed of the virtual finger; the order of scans is the protocol's")
+        self.session.setToolTip(
+            "Session of the virtual finger: the sensor drifts from one to the next"
+        )
+        self.unasked = QCheckBox("Lay simulated plates unasked")
+        self.plan, self.problem = label("", "muted", wraps=True), label("", "bad", wraps=True)
+        for number in (self.seed, self.session):
+            number.setMinimumWidth(54)
+        self._is_simulated = True
+        self._lay_out()
+        self._list_protocols()
+        self.stage.currentIndexChanged.connect(lambda _: self._show_stage())
+        self.protocol.currentIndexChanged.connect(lambda _: self._show_plan())
+        self._show_stage()
+
+    @property
+    def can_start(self) -> bool:
+        """Whether there is a plan."""
+        return not self.problem.text()
+
+    def add_protocol(self, path: str) -> None:
+        """Add a file to the list and choose it."""
+        if self.protocol.findData(path) < 0:
+            self.protocol.addItem(Path(path).name, path)
+        self.protocol.setCurrentIndex(self.protocol.findData(path))
+
+    def show_rig(self, *, simulated: bool) -> None:
+        """Offer seed and session for a simulated rig only."""
+        self._is_simulated = simulated
+        for widget in (self.seed, self.session, self.unasked):
+            widget.setEnabled(simulated)
+
+    def choose_stage(self, stage: str) -> None:
+        """Choose a stage; a simulated calibration or run is another session than the training."""
+        self.stage.setCurrentIndex(self.stage.findData(stage))
+
+    def engine(self, rig: str) -> FingerEngineSpec:
+        """Return the engine of a rig with the chosen person."""
+        first_slide = RUN_FIRST_SLIDE if self.stage.currentData() == RUN else 0
+        return FingerEngineSpec(rig, self.seed.value(), self.session.value(), first_slide)
+
+    def request(self, rig: str) -> StartRequest:
+        """Return what to start. Raises WrongUse without the model that the stage needs."""
+        stage = self.stage.currentData()
+        time = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
+        args: dict[str, Any] = {
+            "stages": [part.value for part in STAGES[stage]],
+            "protocol": self.protocol.currentData(),
+            "out": str(Path(self.out.text()).expanduser() / f"finger-{stage}-{time}"),
+            "yes": self._is_simulated and self.unasked.isChecked(),
+        }
+        if stage != TRAIN:
+            args["model"] = self.model_file()
+        return StartRequest(self.engine(rig), args)
+
+    def model_file(self) -> str:
+        """Return the chosen model's file. Raises WrongUse where there is none."""
+        is_run = self.stage.currentData() == RUN
+        kind = self.representation.currentData() if is_run else SPEED_SCALED
+        return str(model_path(Path(self.model.text()).expanduser(), kind))
+
+    def _show_stage(self) -> None:
+        stage = self.stage.currentData()
+        for row, stages in (
+            (self._model_row, (CALIBRATE, RUN)),
+            (self.representation, (RUN,)),
+            (self.components, (TRAIN,)),
+        ):
+            self._form.setRowVisible(row, stage in stages)
+        self.session.setValue(0 if stage == TRAIN else 1)
+        self._show_plan()
+
+    def _show_plan(self) -> None:
+        """Show the size of the plan, or why there is none."""
+        self.plan.clear()
+        self.problem.clear()
+        if self.protocol.currentData() is None:
+            return
+        stages = STAGES[self.stage.currentData()]
+        try:
+            plan = load_finger_protocol(Path(self.protocol.currentData())).plan(stages)
+        except RigctlError as error:
+            self.problem.setText(str(error))
+        else:
+            plates = ", ".join(plan.protocol.textures)
+            time = duration(plan.duration_s)
+            self.plan.setText(f"{len(plan.trials)} scans of plates {plates}, about {time}")
+        self.problem.setVisible(bool(self.problem.text()))
+        self.changed.emit()
+
+    def _list_protocols(self) -> None:
+        paths = resources.finger_protocols().glob("*.toml")
+        for path in sorted(paths, key=lambda path: (path.stem != "quick", path.stem)):
+            self.protocol.addItem(path.stem, str(path))
+
+    def _lay_out(self) -> None:
+        requested = self.path_requested
+        open_button = browse_button(requested, PathKind.PROTOCOL, self.add_protocol)
+        model_button = browse_button(requested, PathKind.FINGER_MODEL, self.model.setText)
+        out_button = browse_button(requested, PathKind.OUTPUT, self.out.setText)
+        form = self._form = form_layout(4)
+        self._model_row = hbox(self.model, model_button)
+        form.addRow("Stage", self.stage)
+        form.addRow("Protocol", hbox(self.protocol, open_button))
+        form.addRow("Model", self._model_row)
+        form.addRow("Answers", self.representation)
+        form.addRow("Components", self.components)
+        form.addRow("Save in", hbox(self.out, out_button))
+        form.addRow("Seed", hbox(self.seed, label("Session", "muted"), self.session))
+        column = vbox(spacing=4, margins=(8, 6, 8, 8))
+        column.addLayout(form)
+        for widget in (self.unasked, self.plan, self.problem):
+            column.addWidget(widget)
+        self.setLayout(column)
