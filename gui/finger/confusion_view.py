@@ -40,7 +40,9 @@ class ConfusionMatrix(QWidget):
             (self.height() - 2 * _AXIS_PX) / len(names),
         )
         self._paint_axes(painter, names, side)
-        most = max(max(row.values(), default=0) for row in self._run.confusion.values())
+        most = max(
+            (max(row.values(), default=0) for row in self._run.confusion.values()), default=0
+        )
         for i, true in enumerate(names):
             for j, named in enumerate(names):
                 count = self._run.confusion.get(true, {}).get(named, 0)

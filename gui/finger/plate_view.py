@@ -29,7 +29,7 @@ class PlateView(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._path_mm = np.zeros((0, 2))
+        self.path_mm = np.zeros((0, 2))
         self._texture = ""
         self._status = FingerEngineStatus()
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
@@ -45,7 +45,7 @@ class PlateView(QWidget):
         """Show the valid positions of the slide so far, mm, (n,)."""
         step = max(1, -(-len(along_mm) // _MAX_POINTS))
         path = np.column_stack([along_mm, across_mm])
-        self._path_mm = np.concatenate([path[::step], path[-1:]])
+        self.path_mm = np.concatenate([path[::step], path[-1:]])
         self.update()
 
     @property
@@ -125,11 +125,11 @@ class PlateView(QWidget):
             painter.drawText(area, Qt.AlignmentFlag.AlignCenter, _tick_text(tick))
 
     def _paint_path(self, painter: QPainter, theme: Theme) -> None:
-        if len(self._path_mm) < 2:
+        if len(self.path_mm) < 2:
             return
         painter.setPen(QPen(QColor(theme.groups[1]), 1.6))
         painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.drawPolyline(QPolygonF([self._at(x, y) for x, y in self._path_mm.tolist()]))
+        painter.drawPolyline(QPolygonF([self._at(x, y) for x, y in self.path_mm.tolist()]))
 
     def _paint_finger(self, painter: QPainter, theme: Theme) -> None:
         status, r = self._status, _FINGER_PX

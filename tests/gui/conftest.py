@@ -15,7 +15,10 @@ from shiboken6 import delete
 
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Harness, SharedWindow, wait_until
+from tests.gui.fake_finger import FakeFinger
+from tests.gui.steps import FingerWindow, Harness, SharedWindow, wait_until
+
+FINGER_TAB = 3
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -70,3 +73,23 @@ def harness(disconnected: SharedWindow, engine: FakeEngine) -> Iterator[Harness]
     window.engine_link.close()
     window.engine_link.wait_closed()
     assert engine.is_closed
+
+
+@pytest.fixture
+def finger(shared: SharedWindow, tmp_path: Path) -> Iterator[FingerWindow]:
+    """Yield the shared window on its tab Finger, connected to an engine of the moving finger."""
+    shared.finger, shared.error, shared.finger_specs = FakeFinger(tmp_path), None, []
+    window, tab = shared.window, shared.window.finger_tab
+    window.tabs.setCurrentIndex(FINGER_TAB)
+    window.event_log.clear()
+    tab.setup.choose_stage("train")
+    tab.setup.model.clear()
+    tab.setup.out.setText(str(tmp_path))
+    tab.connect_rig("virtual")
+    wait_until(lambda: tab.link.live is not None)
+    yield FingerWindow(window, shared.finger)
+    tab.worker.cancel()
+    tab.link.close()
+    tab.link.wait_closed()
+    tab.link.poll()
+    window.tabs.setCurrentIndex(0)

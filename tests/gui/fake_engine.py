@@ -1,11 +1,11 @@
-"""An engine without a rig that records requests, sends scripted messages and writes live data."""
+"""Engines without a rig: they record requests, send scripted messages and write live data."""
 
 from __future__ import annotations
 
 import os
 from copy import deepcopy
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -94,24 +94,27 @@ STATUS: dict[str, Any] = {
 }
 
 
-class FakeEngine:
-    """A replacement for EngineClient."""
+class LiveFile(Protocol):
+    """A writer or a reader of live data."""
 
-    def __init__(self, folder: Path, seed: int = 0) -> None:
-        self.engine_file = EngineFile("fake", 1, 9, "", "virtual", str(folder / "live"))
+    def close(self) -> None:
+        """Close the file."""
+
+
+class FakeClient:
+    """A replacement for EngineClient. A subclass adds live data."""
+
+    def __init__(self, live_path: Path, status: dict[str, Any], *live: LiveFile) -> None:
+        self.engine_file = EngineFile("fake", 1, 9, "", "virtual", str(live_path))
         self.requests: list[tuple[str, dict[str, Any]]] = []
-        self.status = deepcopy(STATUS)
+        self.status = deepcopy(status)
         self.refusals: dict[str, str] = {}
         self.replies = True
         self.failure: RigctlError | None = None
         self.is_closed = False
         self._messages: list[dict[str, Any]] = []
-        self._random = np.random.default_rng(seed)
-        self._counter = 0
-        self._writer = LiveWriter(folder / "live")
-        self._writer.set_range(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
-        self.live = LiveReader(folder / "live")
-        self._ends: tuple[int, int] = (-1, -1)
+        self._live_files = live
+        self._ends: tuple[int, ...] = ()
 
     @property
     def commands(self) -> list[str]:
@@ -142,11 +145,10 @@ class FakeEngine:
         """Close the live buffer."""
         if not self.is_closed:
             self.is_closed = True
-            self.live.close()
+            for file in self._live_files:
+                file.close()
             for end in self._ends:
-                if end >= 0:
-                    os.close(end)
-            self._writer.close()
+                os.close(end)
 
     def shut_down(self, timeout_s: float = 30.0) -> int | None:
         """Close, as the engine would end."""
@@ -163,9 +165,27 @@ class FakeEngine:
         data = deepcopy(self.status)
         self._messages.append({"event": "status", "at_s": 1.0, "text": "", "data": data})
 
-    def send_event(self, kind: str, text: str) -> None:
+    def send_event(self, kind: str, text: str, event_s: float = 1.0, **data: Any) -> None:
         """Send an event."""
-        self._messages.append({"event": kind, "at_s": 1.0, "text": text, "data": {}})
+        self._messages.append({"event": kind, "at_s": event_s, "text": text, "data": data})
+
+    def _reply(self, number: int, command: str) -> dict[str, Any]:
+        if command in self.refusals:
+            sentence = self.refusals[command]
+            return {"reply": number, "ok": False, "error": sentence, "exit_code": 3}
+        return {"reply": number, "ok": True, "result": {}}
+
+
+class FakeEngine(FakeClient):
+    """An engine of the drum rig."""
+
+    def __init__(self, folder: Path, seed: int = 0) -> None:
+        self._random = np.random.default_rng(seed)
+        self._counter = 0
+        self._writer = LiveWriter(folder / "live")
+        self._writer.set_range(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
+        self.live = LiveReader(folder / "live")
+        super().__init__(folder / "live", STATUS, self.live, self._writer)
 
     def write_samples(self, n: int, dense: float = 0.05, skip: int = 0) -> None:
         """Write ``n`` taxel samples and those of the load cell; ``skip`` lost samples precede."""
@@ -195,9 +215,3 @@ class FakeEngine:
             state=int(State.RUN),
         )
         self._counter += n
-
-    def _reply(self, number: int, command: str) -> dict[str, Any]:
-        if command in self.refusals:
-            sentence = self.refusals[command]
-            return {"reply": number, "ok": False, "error": sentence, "exit_code": 3}
-        return {"reply": number, "ok": True, "result": {}}

@@ -9,23 +9,31 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton, QWidget
 
+from gui.engine_clients import FingerEngineSpec
+from gui.finger.finger_tab import FingerTab
 from gui.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.errors import RigctlError
 from tests.gui.fake_engine import FakeEngine
+from tests.gui.fake_finger import FakeFinger
 
 TIMEOUT_MS = 20_000
 _POLL_MS = 5
 
 
 class SharedWindow:
-    """A window that connects to ``engine`` or fails with ``error``, which each test sets."""
+    """A window that connects to ``engine`` or fails with ``error``, which each test sets.
+
+    ``finger`` and ``finger_specs`` are those of the moving finger.
+    """
 
     def __init__(self) -> None:
         self.engine: FakeEngine | None = None
         self.error: RigctlError | None = None
         self.opened: list[tuple[str, str]] = []
-        self.window = MainWindow(self._open, ThemeChoice.LIGHT)
+        self.finger: FakeFinger | None = None
+        self.finger_specs: list[FingerEngineSpec] = []
+        self.window = MainWindow(self._open, ThemeChoice.LIGHT, self._open_finger)
 
     def _open(self, rig: str, world: str) -> FakeEngine:
         self.opened.append((rig, world))
@@ -33,6 +41,13 @@ class SharedWindow:
             raise self.error
         assert self.engine is not None
         return self.engine
+
+    def _open_finger(self, spec: FingerEngineSpec) -> FakeFinger:
+        self.finger_specs.append(spec)
+        if self.error is not None:
+            raise self.error
+        assert self.finger is not None
+        return self.finger
 
 
 class Harness(NamedTuple):
@@ -43,6 +58,23 @@ class Harness(NamedTuple):
 
     def update(self, **changes: Any) -> None:
         """Send a status with some changes to the window."""
+        self.engine.send_status(**changes)
+        self.window.poll()
+
+
+class FingerWindow(NamedTuple):
+    """A window and its engine of the moving finger."""
+
+    window: MainWindow
+    engine: FakeFinger
+
+    @property
+    def tab(self) -> FingerTab:
+        """The tab."""
+        return self.window.finger_tab
+
+    def update(self, **changes: Any) -> None:
+        """Send a status with some changes to the window, and whatever was sent before."""
         self.engine.send_status(**changes)
         self.window.poll()
 
