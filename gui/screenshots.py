@@ -8,11 +8,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pyqtgraph as pg
 from PySide6.QtTest import QTest
 
+from gui.finger.scan_record import AnswerState
 from gui.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
@@ -31,7 +33,9 @@ TIMEOUT_S = 300.0
 MIN_TRIALS = 3
 CALIBRATION_S = 2.0
 SETTLING_MS = 1500  # until layouts and traces have the new width
-OPERATE, PROTOCOL, ANALYSIS = range(3)
+OPERATE, PROTOCOL, ANALYSIS, FINGER = range(4)
+FINGER_SEED = "1"
+MIN_NAMED, MIN_WINDOWS = 4, 9
 
 
 def main(argv: list[str]) -> int:
@@ -45,14 +49,26 @@ def main(argv: list[str]) -> int:
     with tempfile.TemporaryDirectory() as work:
         os.environ[FOLDER_VARIABLE] = work
         session = Path(work) / "quick"
-        record = ["run", "quick", "--yes", "--seed", "1", "--out", str(session)]
-        subprocess.run([sys.executable, "-m", "rigctl", *record], check=True)
-        render_all(folder, Path(work), session)
+        _rigctl("run", "quick", "--yes", "--seed", "1", "--out", str(session))
+        render_all(folder, Path(work), session, _calibrated(Path(work)))
     return 0
 
 
-def render_all(folder: Path, work: Path, session: Path) -> None:
-    """Run a protocol in a window and render the images."""
+def _rigctl(*words: str) -> None:
+    subprocess.run([sys.executable, "-m", "rigctl", *words], check=True)
+
+
+def _calibrated(work: Path) -> Path:
+    """Train and calibrate the finger's models; return the calibration's folder."""
+    training, calibration = work / "finger-train", work / "finger-calibrate"
+    common = ("--protocol", "quick", "--yes", "--seed", FINGER_SEED, "--out")
+    _rigctl("realtime", "train", *common, str(training))
+    _rigctl("realtime", "calibrate", *common, str(calibration), "--model", str(training))
+    return calibration
+
+
+def render_all(folder: Path, work: Path, session: Path, model: Path) -> None:
+    """Run protocols in a window and render the images; ``model``: folder of the finger's."""
     pg.mkQApp()
     window = MainWindow(choice=ThemeChoice.LIGHT)
     try:
@@ -60,8 +76,12 @@ def render_all(folder: Path, work: Path, session: Path) -> None:
         _start_run(window, work)
         _render_live(window, folder)
         _render_analysis(window, folder, session)
-    finally:
         window.engine_link.request("abort")
+        _render_finger(window, folder, work, model)
+    finally:
+        for link in (window.engine_link, window.finger_tab.link):
+            if link.is_connected:
+                link.request("abort")
         window.close()
 
 
@@ -123,6 +143,49 @@ def _render_analysis(window: MainWindow, folder: Path, session: Path) -> None:
     panel.table.selectRow(panel.model.rowCount() // 2 + 1)
     wait_idle()
     _save(window, folder / "analysis.png")
+
+
+def _render_finger(window: MainWindow, folder: Path, work: Path, model: Path) -> None:
+    """Render a right and a growing answer in both themes and sizes.
+
+    Every image has a run of its own: a change of the theme delays its answers.
+    """
+    setup = window.finger_tab.setup
+    window.tabs.setCurrentIndex(FINGER)
+    setup.choose_stage("run")
+    setup.model.setText(str(model))
+    setup.out.setText(str(work))
+    setup.seed.setValue(int(FINGER_SEED))
+    setup.unasked.setChecked(True)
+    for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
+        window.set_theme(choice)
+        for (width, height), ready in zip(SIZES, (_is_right, _grows), strict=True):
+            window.resize(width, height)
+            _run_finger(window)
+            name = f"finger-{choice.name.lower()}-{width}x{height}.png"
+            _save(window, folder / name, partial(ready, window))
+
+
+def _run_finger(window: MainWindow) -> None:
+    """Run the real-time stage on a new engine until some scans are named."""
+    tab = window.finger_tab
+    if tab.link.is_connected:
+        tab.link.request("abort")
+        _wait(window, lambda: tab.link.status.run.has_ended)
+        tab.link.close()
+    _wait(window, tab.run_box.buttons["Start"].isEnabled)
+    tab.run_box.buttons["Start"].click()
+    _wait(window, lambda: tab.link.status.run.classified >= MIN_NAMED)
+
+
+def _is_right(window: MainWindow) -> bool:
+    return window.finger_tab.view.record.state is AnswerState.RIGHT
+
+
+def _grows(window: MainWindow) -> bool:
+    record = window.finger_tab.view.record
+    row = record.prediction
+    return record.state is AnswerState.GROWING and row is not None and row.windows >= MIN_WINDOWS
 
 
 def _save(window: MainWindow, path: Path, ready: Callable[[], bool] = lambda: True) -> None:

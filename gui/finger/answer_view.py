@@ -16,7 +16,7 @@ _MARKS = {
     AnswerState.GROWING: "…",
     AnswerState.RIGHT: "✓",
     AnswerState.WRONG: "✗",
-    AnswerState.UNKNOWN: "?",
+    AnswerState.UNKNOWN: "⚠",
 }
 
 

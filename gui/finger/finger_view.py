@@ -28,8 +28,8 @@ class FingerView(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.record = ScanRecord()
-        self.task, self.progress = elastic(label("", "task")), label("", "heading")
-        self.notice = elastic(label("", "warn"))
+        self.task, self.progress = label("", "task", wraps=True), label("", "heading")
+        self.notice = label("", "warn", wraps=True)
         self.plate, self.plots = PlateView(), ScanPlots(theme)
         self.answer, self.bars = AnswerView(), ProbabilityBars()
         self.confusion, self.planned = ConfusionView(), elastic(label("", "muted"))

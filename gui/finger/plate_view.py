@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from gui.live.scrolling_image import blend
@@ -16,6 +16,8 @@ from rigctl.realtime.messages import FingerEngineStatus
 _TITLE_PX, _AXIS_PX = 20, 20
 _ALONG_MM, _ACROSS_MM = 18.0, 6.0
 """Shown before and after the plate, and beside it: the finger begins and ends there."""
+_SHOWN_MM = (PLATE_MM + 2 * _ALONG_MM, PLATE_WIDTH_MM + 2 * _ACROSS_MM)
+_MAX_PLATE_PX = 170
 _MAX_POINTS = 400
 _FINGER_PX = 7.0
 _TICK_MM = 50
@@ -60,15 +62,11 @@ class PlateView(QWidget):
         contact = "in contact" if status.in_contact else "not in contact"
         return f"{contact}, {place}".replace("-", "−")
 
-    def sizeHint(self) -> QSize:
-        """Return the height at which the plate fills the width."""
-        width_mm, height_mm = PLATE_MM + 2 * _ALONG_MM, PLATE_WIDTH_MM + 2 * _ACROSS_MM
-        height_px = self.width() * height_mm / width_mm
-        return QSize(600, round(min(height_px, 190)) + _TITLE_PX + _AXIS_PX)
-
-    def heightForWidth(self, width: int) -> int:
-        """Return the height at which the plate fills the width."""
-        return self.sizeHint().height()
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Take the height at which the plate fills the width."""
+        super().resizeEvent(event)
+        plate_px = min(self.width() * _SHOWN_MM[1] / _SHOWN_MM[0], _MAX_PLATE_PX)
+        self.setFixedHeight(round(plate_px) + _TITLE_PX + _AXIS_PX)
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw everything in the colours of the applied theme."""
@@ -83,7 +81,7 @@ class PlateView(QWidget):
             self._paint_finger(painter, theme)
 
     def _set_scale(self) -> None:
-        width_mm, height_mm = PLATE_MM + 2 * _ALONG_MM, PLATE_WIDTH_MM + 2 * _ACROSS_MM
+        width_mm, height_mm = _SHOWN_MM
         room_px = self.height() - _TITLE_PX - _AXIS_PX
         self._px_per_mm = min(self.width() / width_mm, room_px / height_mm)
         self._left_px = (self.width() - PLATE_MM * self._px_per_mm) / 2

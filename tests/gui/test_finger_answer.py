@@ -65,7 +65,7 @@ def test_unknown_plate_gets_no_name(finger: FingerWindow) -> None:
     finger.engine.send_prediction("B", 0.7, is_final=True, known=False)
     finger.window.poll()
     answer = finger.tab.view.answer
-    assert (answer.letter.text(), answer.mark.text(), answer.state) == ("?", "?", "unknown")
+    assert (answer.letter.text(), answer.mark.text(), answer.state) == ("?", "⚠", "unknown")
     assert "not one of these; nearest is B" in answer.verdict.text()
     assert _background(finger) == LIGHT.unsure_back
 

@@ -60,6 +60,10 @@ def test_a_run_names_textures_while_the_finger_moves(
     assert_whole(new_session.session)
     kinds = {event.kind for event in new_session.events}
     assert {"batch", "prediction", "instruction", "trial"} <= kinds
+    batches = [event.data for event in new_session.events if event.kind == "batch"]
+    assert all(0 < batch["scaled_s"] <= batch["seconds"] for batch in batches)
+    p99_ms = new_session.engine.status().latency_p99_ms
+    assert set(p99_ms) == {"features", "prediction"} and p99_ms["features"] <= 5.0
 
 
 def test_features_return_within_five_milliseconds(trained: Trained) -> None:
