@@ -23,7 +23,7 @@ from rigctl.errors import RigctlError
 from rigctl.protocol.finger_plan import load_finger_protocol
 from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
 from rigctl.realtime.live_file import FingerLiveReader
-from rigctl.realtime.messages import FingerEngineStatus, parse_finger_status
+from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus, parse_finger_status
 from rigctl.session.format.layout import PROTOCOL_FILE
 
 FINGER: Dialect[FingerEngineStatus, FingerLiveReader] = Dialect(
@@ -53,7 +53,8 @@ class FingerTab(QObject):
         self.worker = Worker()
         self._engine: FingerEngineSpec | None = None
         self._waiting: dict[str, Any] | None = None
-        self._stage = ""
+        self._stage = self._folder = ""
+        """Stage and session of the run that this window started, until its models are made."""
         self._is_silent = False
         self._session = ""
         self._connect_engine()
@@ -122,6 +123,7 @@ class FingerTab(QObject):
 
     def _start_on(self, request: StartRequest) -> None:
         """Start on the connected engine if it has the right person, else on a new one."""
+        self._folder = str(request.args.get("out") or request.args["resume"])
         if self.link.is_connected and self._is_same_person(request.engine):
             self.link.request("start", **request.args)
             return
@@ -203,8 +205,14 @@ class FingerTab(QObject):
         self.view.show_status(status)
         self._read_protocol(status.run.session)
         self._show_state()
-        if status.run.state == "done" and self._stage in _NEXT:
+        if status.run.state == "done" and self._stage in _NEXT and self._is_own(status.run):
             self._make_models()
+
+    def _is_own(self, run: FingerRunStatus) -> bool:
+        """Return whether this window started the run, and it is not the one before."""
+        return (
+            run.session is not None and Path(run.session).resolve() == Path(self._folder).resolve()
+        )
 
     def _read_protocol(self, session: str | None) -> None:
         """Show the limits of the run's own protocol."""

@@ -132,7 +132,8 @@ class PlateView(QWidget):
     def _paint_finger(self, painter: QPainter, theme: Theme) -> None:
         status, r = self._status, _FINGER_PX
         area = QRectF(self.rect()).adjusted(r, _TITLE_PX, -r, -_AXIS_PX)
-        place = self._at(status.along_mm, status.across_mm)
+        newest = self.path_mm[-1].tolist() if len(self.path_mm) and status.position_valid else None
+        place = self._at(*(newest or (status.along_mm, status.across_mm)))
         x = min(max(place.x(), area.left()), area.right())
         y = min(max(place.y(), area.top()), area.bottom())
         painter.setPen(QPen(QColor(theme.text if status.position_valid else theme.bad), 2.0))

@@ -104,11 +104,14 @@ def test_models_are_made_after_training_and_lead_to_the_calibration(
     monkeypatch.setattr(worker, "submit", lambda task, **args: submitted.append((task, args)))
     finger.update()
     click(finger.tab.run_box.buttons["Start"])
-    finger.update(run={**RUNNING, "session": str(tmp_path)})
+    before = {"state": "done", "session": str(tmp_path / "an earlier run")}
+    for run in (before, {**RUNNING, "session": str(tmp_path)}):
+        finger.update(run=run)
     assert submitted == []
+    session = _start_args(finger)[0]["out"]
     for _ in range(3):
-        finger.update(run={"state": "done", "text": "every scan is committed"})
-    args = {"session": str(tmp_path), "source": "", "components": 25}
+        finger.update(run={"state": "done", "session": session})
+    args = {"session": session, "source": "", "components": 25}
     assert submitted == [("make_finger_models", args)]
     worker.finished.emit("make_finger_models", (str(tmp_path / "model-speed-scaled.h5"),))
     setup = finger.tab.setup
