@@ -10,6 +10,7 @@ from gui.finger.scan_record import AnswerState, ScanRecord
 from gui.widgets.labels import elastic, label, set_property, show_text
 from gui.widgets.layouts import hbox, vbox
 from rigctl.finger_values import PredictionRow
+from rigctl.realtime.messages import FingerRunStatus
 
 _MARKS = {
     AnswerState.NONE: "",
@@ -43,6 +44,8 @@ class AnswerView(QFrame):
         column.addWidget(self.decision)
         column.addWidget(self.texture_set)
         self.setLayout(column)
+        self.coverage = FingerRunStatus().coverage
+        """Share of the sets that hold the true texture."""
         self._unpainted: tuple[int, float] | None = None
         self.show_record(ScanRecord())
 
@@ -60,7 +63,7 @@ class AnswerView(QFrame):
         show_text(self.caption, _caption(record))
         show_text(self.verdict, _verdict_words(record))
         show_text(self.decision, _decision_words(record))
-        show_text(self.texture_set, "" if row is None else _set_words(row))
+        show_text(self.texture_set, "" if row is None else _set_words(row, self.coverage))
         if row is not None and sent_s is not None:
             self._unpainted = (row.scan, sent_s)
         self.update()
@@ -113,7 +116,8 @@ def _decision_words(record: ScanRecord) -> str:
     return f"Sure of {sure.texture} after {sure.seconds:.2f} s, {sure.distance_mm:.0f} mm"
 
 
-def _set_words(row: PredictionRow) -> str:
+def _set_words(row: PredictionRow, coverage: float) -> str:
     """Return the set of textures; one with all of them says nothing."""
     names, total = ", ".join(row.texture_set) or "none", len(row.probabilities)
-    return f"95\u202f% set: {names} ({len(row.texture_set)} of {total})"
+    share = f"{coverage:.0%}".replace("%", "\u202f%")
+    return f"{share} set: {names} ({len(row.texture_set)} of {total})"

@@ -67,6 +67,7 @@ class FingerView(QWidget):
         set_property(self.task, "level", "bad" if run.state == "failed" else "ok")
         show_text(self.progress, _progress_words(status))
         self.bars.show_textures(run.textures)
+        self.answer.coverage = run.coverage
         self.confusion.show_run(run)
 
     def show_record(self, sent_s: float | None = None) -> None:

@@ -16,7 +16,7 @@ _NAME_PX, _VALUE_PX = 26, 96
 
 
 class ProbabilityBars(QWidget):
-    """One row a texture, in a fixed order. A frame and a word mark the 95 % set."""
+    """One row a texture, in a fixed order. A frame and a word mark the set."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -46,7 +46,7 @@ class ProbabilityBars(QWidget):
         painter = QPainter(self)
         painter.setPen(QColor(theme.muted))
         title = QRectF(0, 0, self.width(), _TITLE_PX)
-        painter.drawText(title, Qt.AlignmentFlag.AlignVCenter, "Probability, and the 95\u202f% set")
+        painter.drawText(title, Qt.AlignmentFlag.AlignVCenter, "Probability, and the set")
         names = sorted(self.probabilities) or self._textures
         room_px = (self.height() - _TITLE_PX) / max(len(names), 1)
         height = min(room_px, 1.4 * ROW_PX)

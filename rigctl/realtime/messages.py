@@ -39,7 +39,7 @@ class FingerRunStatus:
 
     ``reasons``: what the run waits for. ``text``: one sentence on how it ended, empty before.
     ``correct`` of ``classified`` scans were named correctly. ``confusion``: the number of scans by
-    true and predicted texture.
+    true and predicted texture. ``coverage``: share of the sets that hold the true texture.
     """
 
     state: str = "idle"
@@ -57,6 +57,7 @@ class FingerRunStatus:
     classified: int = 0
     correct: int = 0
     confusion: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    coverage: float = 0.95
 
     @property
     def is_active(self) -> bool:

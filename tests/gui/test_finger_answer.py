@@ -97,6 +97,14 @@ def test_probabilities_and_set_follow_every_batch(finger: FingerWindow) -> None:
         assert view.answer.texture_set.text() == named
 
 
+def test_set_has_the_coverage_of_the_run(finger: FingerWindow) -> None:
+    _begin(finger)
+    finger.update(run={"coverage": 0.8})
+    finger.engine.send_prediction("B", 0.7, texture_set=["B", "D"])
+    finger.window.poll()
+    assert finger.tab.view.answer.texture_set.text() == "80\u202f% set: B, D (2 of 5)"
+
+
 def test_time_to_decision_is_that_of_the_first_sure_answer(finger: FingerWindow) -> None:
     _begin(finger)
     for windows, decided in ((4, False), (5, True), (9, True)):

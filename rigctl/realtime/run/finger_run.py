@@ -133,7 +133,10 @@ class FingerRun:
         state = self.outcome or self._state()
         folder = str(self._recorder.folder)
         control = None if self.ended else self.control
-        return run_status(self._progress, state, self.text, current, control, folder, self._now_s())
+        status = run_status(
+            self._progress, state, self.text, current, control, folder, self._now_s()
+        )
+        return replace(status, coverage=self._opened.coverage)
 
     def _state(self) -> str:
         if self.control.prompt is not None:

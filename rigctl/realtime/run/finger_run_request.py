@@ -64,7 +64,7 @@ class OpenedFingerRun:
 
     ``header``: that of the first part; later parts have other ranges. ``done``: trials committed
     before; ``attempts``: number of previous attempts at each trial; ``scans``: the highest number
-    of a scan so far.
+    of a scan so far. ``coverage``: that of the request.
     """
 
     plan: FingerPlan
@@ -76,6 +76,7 @@ class OpenedFingerRun:
     done: frozenset[int] = frozenset()
     attempts: Mapping[int, int] = field(default_factory=dict)
     scans: int = 0
+    coverage: float = COVERAGE
 
     @property
     def reference_um_per_s(self) -> int:
@@ -100,7 +101,9 @@ def open_finger_run(
     check_disk_space(folder, plan.bytes_estimate)
     header = _header(plan, rig, board, start_utc, classifier)
     recorder = FingerRecorder(folder, header, protocol.text, rig.config.text)
-    return OpenedFingerRun(plan, recorder, header, classifier, unattended)
+    return OpenedFingerRun(
+        plan, recorder, header, classifier, unattended, coverage=request.coverage
+    )
 
 
 def _default_folder(stages: tuple[str, ...], start_utc: str) -> Path:
@@ -130,7 +133,18 @@ def _resume(
     new = _header(plan, rig, board, start_utc, classifier)
     recorder = FingerRecorder(folder, new, protocol.text, rig.config.text, resume=True)
     unattended = request.yes and rig.simulated
-    return OpenedFingerRun(plan, recorder, new, classifier, unattended, True, done, attempts, scans)
+    return OpenedFingerRun(
+        plan,
+        recorder,
+        new,
+        classifier,
+        unattended,
+        resumed=True,
+        done=done,
+        attempts=attempts,
+        scans=scans,
+        coverage=request.coverage,
+    )
 
 
 def _classifier(plan: FingerPlan, request: FingerRunRequest) -> FingerClassifier | None:
