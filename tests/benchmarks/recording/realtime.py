@@ -44,7 +44,7 @@ run = 1
 """
 BATCHES = 2000
 BATCH_SAMPLES = 100
-TEN_MINUTES_S = 600.0
+MADE_UTC = "2026-01-02T03:04:05+00:00"
 LINK = "virtual finger: 0.5 ms on the cable each way, answers at once, samples every 10 ms"
 
 
@@ -59,15 +59,21 @@ def measure() -> Iterator[dict[str, Any]]:
 
 def _experiment(folder: Path) -> tuple[RecordedScans, Path]:
     """Record and train a small experiment; return its training scans and a calibrated model."""
+    model = calibrated_model(folder)
+    return read_scans(folder / "train" / "session"), model
+
+
+def calibrated_model(folder: Path) -> Path:
+    """Record and train a small experiment; return its calibrated model."""
     with open_finger_harness(folder / "train") as harness:
         harness.record(harness.request("normalise", "train", protocol=PROTOCOL))
         training = harness.session
-    train_models(training, 25, "2026-01-02T03:04:05+00:00")
+    train_models(training, 25, MADE_UTC)
     with open_finger_harness(folder / "calibrate", session=1) as harness:
         model = training / "model-speed-scaled.h5"
         harness.record(harness.request("calibrate", protocol=PROTOCOL, model=model))
         calibrate_models(training, harness.session)
-        return read_scans(training), harness.session / model.name
+        return harness.session / model.name
 
 
 def _batch_costs(recorded: RecordedScans, classifier: FingerClassifier) -> Iterator[dict[str, Any]]:
@@ -87,7 +93,7 @@ def _batch_costs(recorded: RecordedScans, classifier: FingerClassifier) -> Itera
 
     peer = _library_batch(recorded)
     costs, peers = _timed(ours), _timed(peer)
-    yield _row(
+    yield figure(
         "realtime.batch_ms_p99",
         float(np.percentile(costs, 99)),
         "ms",
@@ -160,9 +166,9 @@ def _latencies(folder: Path, model: Path) -> Iterator[dict[str, Any]]:
     note = (
         f"loop time from a velocity's sending to its windows at the host, {len(features)} batches"
     )
-    yield _row("realtime.features_ms_max", float(features.max()), "ms", 5.0, f"{note}; {LINK}")
+    yield figure("realtime.features_ms_max", float(features.max()), "ms", 5.0, f"{note}; {LINK}")
     note = "engine, virtual finger, firmware, recorder and classifier in one process, one core"
-    yield _row("realtime.world_factor", world_s / wall_s, "× real time", None, note)
+    yield figure("realtime.world_factor", world_s / wall_s, "× real time", None, note)
 
 
 def _ten_minutes(folder: Path) -> Iterator[dict[str, Any]]:
@@ -186,14 +192,14 @@ def _ten_minutes(folder: Path) -> Iterator[dict[str, Any]]:
     with open_finger_harness(folder) as harness:
         harness.run(watch, harness.request("normalise", protocol=protocol))
     growth = sizes[-1] - sizes[1]
-    yield _row(
+    yield figure(
         "realtime.memory_growth_mb",
         growth,
         "MB",
         8.0,
         f"resident memory after minute 10 less that after minute 2, {sizes[-1]:.0f} MB in all",
     )
-    yield _row(
+    yield figure(
         "realtime.last_minute_cost",
         costs[-1] / costs[1],
         "ratio",
@@ -209,7 +215,7 @@ def _resident_mb() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def _row(
+def figure(
     name: str,
     value: float,
     unit: str,
