@@ -9,11 +9,11 @@ from PySide6.QtWidgets import QWidget
 
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_view import FigureView, ResultsView
-from gui.analysis.run_box import MODEL, PAPER
+from gui.analysis.run_box import MODEL, PAPER, REALTIME
 from gui.analysis.session_panel import SessionPanel
+from gui.analysis.task_values import QuickCheckResult, ScanPicture
 from gui.analysis.trial_view import TrialView
 from gui.analysis.worker import Worker
-from gui.analysis.worker_tasks import QuickCheckResult
 from gui.widgets.theme import Theme
 
 
@@ -55,6 +55,10 @@ class AnalysisTab(QObject):
             request = run_box.form.request()
             self._report_folder = request.folder
             self.worker.submit("analyse", request=request)
+        elif method == REALTIME:
+            request = run_box.form.request()
+            self._report_folder = request.folder
+            self.worker.submit("analyse_finger", request=request)
         elif method == MODEL:
             sessions = run_box.form.sessions
             self.worker.submit("classify", model=run_box.model.text(), sessions=sessions)
@@ -72,6 +76,9 @@ class AnalysisTab(QObject):
     def _finish(self, task: str, result: Any) -> None:
         if task == "open_session":
             self.panel.show_session(result)
+        elif isinstance(result, ScanPicture):
+            self.figure_view.show_file(result.figure)
+            self._show(self.figure_view)
         elif task == "load_trial":
             self.trial_view.show_trial(result)
             self._show(self.trial_view)

@@ -8,7 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
 
-from gui.analysis.worker_tasks import AnalysisRequest, model_path
+from gui.analysis.task_values import DRUM, FINGER, AnalysisRequest, model_path
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import elastic, label, show_text
 from gui.widgets.layouts import combo_box, form_layout, hbox, push_button
@@ -32,6 +32,8 @@ REPRESENTATIONS = {
     "Speed and Force Scaled, texture-blind": "speed_force_blind",
 }
 MAX_SEED = 2**31 - 1
+DRAWS = {DRUM: 20, FINGER: 100}
+"""The paper's number of draws in each experiment."""
 
 
 class AnalysisOptionsForm(QWidget):
@@ -47,7 +49,7 @@ class AnalysisOptionsForm(QWidget):
         self.add_button.setToolTip("Add another session")
         self.remove_button = push_button("−", self._remove_added, "Remove the added sessions")
         self.task, self.engine = combo_box(TASKS), combo_box(ENGINES)
-        self.draws = QSpinBox(minimum=1, maximum=10_000, value=20)
+        self.draws = QSpinBox(minimum=1, maximum=10_000, value=DRAWS[DRUM])
         self.components = QSpinBox(minimum=1, maximum=1000, value=50)
         self.draws.setToolTip("Number of random splits into training and test trials")
         self.components.setToolTip("Largest number of principal components")
@@ -62,9 +64,19 @@ class AnalysisOptionsForm(QWidget):
         self.c = QLineEdit(placeholderText="found by a search")
         self.c.setToolTip("Model file that C is taken from; the analysis measures its rate error")
         self.c_button = browse_button(requested, PathKind.MODEL, self.c.setText)
+        self._experiment = DRUM
         self._open_session = ""
         self._added: list[str] = []
         self._lay_out()
+
+    def show_experiment(self, experiment: str) -> None:
+        """Show the options of an experiment's analysis, with its usual number of draws."""
+        if experiment == self._experiment:
+            return
+        self._experiment = experiment
+        self.draws.setValue(DRAWS[experiment])
+        for field in self._drum_fields:
+            self._form.setRowVisible(field, experiment == DRUM)
 
     def show_session(self, path: str) -> None:
         """Make another session the open one."""
@@ -111,7 +123,7 @@ class AnalysisOptionsForm(QWidget):
         self._show_sessions()
 
     def _lay_out(self) -> None:
-        form = form_layout(4)
+        self._form = form = form_layout(4)
         self.setLayout(form)
         form.addRow("Sessions", hbox(self.session_names, self.add_button, self.remove_button))
         form.addRow("Tasks", self.task)
@@ -121,9 +133,14 @@ class AnalysisOptionsForm(QWidget):
         form.addRow("Reference force", self.reference)
         form.addRow("Seed", self.seed)
         form.addRow("Engine", self.engine)
-        form.addRow("C from", hbox(self.c, self.c_button))
+        c_row = hbox(self.c, self.c_button)
+        form.addRow("C from", c_row)
         form.addRow("Save model", self.model)
         form.addRow(self.sensitivity)
+        self._drum_fields = (
+            self.task, self.components, self.preset, self.reference, c_row, self.model,
+            self.sensitivity,
+        )  # fmt: skip
         self._show_sessions()
 
 

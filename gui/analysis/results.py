@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from rigctl.analysis.classification.classify_sessions import Classification
+    from rigctl.analysis.finger.report import FingerReport
     from rigctl.analysis.report.report_folder import ReportResult
 
 FIGURES = (("fig3", "Accuracy"), ("confusion", "Confusion"), ("fig2c", "One taxel"))
+FINGER_FIGURES = (
+    ("fig4b", "Figure 4B"),
+    ("fig4c", "Figure 4C"),
+    ("figs5", "Figure S5"),
+    ("evidence", "Evidence"),
+    ("promises", "Promises"),
+    ("latencies", "Latencies"),
+)
 
 
 class ResultsPage(NamedTuple):
@@ -37,6 +46,15 @@ def report_results(report: ReportResult) -> AnalysisResults:
         pages.append(ResultsPage("Presets", _csv_table(out / "sensitivity.csv")))
     pages.append(ResultsPage("Remarks", _bullets(report.remarks)))
     return AnalysisResults(_report_sentence(report), tuple(pages))
+
+
+def finger_results(report: FingerReport) -> AnalysisResults:
+    """Return the results of a report on the moving finger: its sentences and figures."""
+    out = report.page.parent
+    figures = [(title, out / f"{stem}.png") for stem, title in FINGER_FIGURES]
+    pages = [ResultsPage(title, figure=str(path)) for title, path in figures if path.exists()]
+    pages.append(ResultsPage("In words", _bullets(report.lines)))
+    return AnalysisResults(f"The report is {report.page}", tuple(pages))
 
 
 def prediction_results(classification: Classification) -> AnalysisResults:

@@ -8,6 +8,7 @@ from PySide6.QtCore import QElapsedTimer, Signal
 from PySide6.QtWidgets import QGroupBox, QHBoxLayout, QLineEdit, QProgressBar
 
 from gui.analysis.options_form import AnalysisOptionsForm
+from gui.analysis.task_values import DRUM, FINGER
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label
@@ -20,7 +21,7 @@ class _Method(NamedTuple):
     button: str
 
 
-QUICK, PAPER, MODEL = "quick", "paper", "model"
+QUICK, PAPER, MODEL, REALTIME = "quick", "paper", "model", "realtime"
 METHODS = {
     QUICK: _Method(
         "Quick check",
@@ -37,7 +38,15 @@ METHODS = {
         "Classifies each trial with a saved model. The predictions appear on the right.",
         "Classify",
     ),
+    REALTIME: _Method(
+        "The moving finger's analysis",
+        "Figures 4B, 4C and S5. Add the calibration and the run of a later session to a training "
+        "session. Writes a report beside it.",
+        "Analyse",
+    ),
 }
+METHODS_OF = {DRUM: (QUICK, PAPER, MODEL), FINGER: (REALTIME,)}
+"""Methods for the sessions of each experiment."""
 
 
 class AnalysisRunBox(QGroupBox):
@@ -51,7 +60,7 @@ class AnalysisRunBox(QGroupBox):
 
     def __init__(self) -> None:
         super().__init__("Classify textures")
-        self.method = combo_box({method.name: key for key, method in METHODS.items()})
+        self.method = combo_box(_names(DRUM))
         self.description = label("", "muted", wraps=True)
         self.form = AnalysisOptionsForm()
         self.model = QLineEdit(placeholderText="Model file")
@@ -71,6 +80,15 @@ class AnalysisRunBox(QGroupBox):
         self.method.currentIndexChanged.connect(lambda _: self._show_method())
         self.form.path_requested.connect(self.path_requested)
         self._show_method()
+
+    def show_experiment(self, experiment: str) -> None:
+        """Offer the methods for sessions of an experiment."""
+        names = _names(experiment)
+        if [self.method.itemData(i) for i in range(self.method.count())] != list(names.values()):
+            self.method.clear()
+            for name, key in names.items():
+                self.method.addItem(name, key)
+        self.form.show_experiment(experiment)
 
     def show_progress(self, stage: str, share: float) -> None:
         """Show the progress, 0 to 1, and the remaining time of a stage."""
@@ -101,8 +119,10 @@ class AnalysisRunBox(QGroupBox):
 
     def _show_method(self) -> None:
         key = self.method.currentData()
+        if key is None:  # between two experiments
+            return
         self.description.setText(METHODS[key].description)
-        self.form.setVisible(key == PAPER)
+        self.form.setVisible(key in (PAPER, REALTIME))
         self.model_row.setVisible(key == MODEL)
         self.run_button.setText(METHODS[key].button)
 
@@ -117,3 +137,8 @@ class AnalysisRunBox(QGroupBox):
         # The form is long and comes last: Cancel and the bar stay visible.
         rows = (*method, buttons, self.stage, self.bar, self.result, self.form)
         self.setLayout(vbox(*rows, spacing=5, margins=(8, 6, 8, 8)))
+
+
+def _names(experiment: str) -> dict[str, str]:
+    """Return the key of each method of an experiment, by its name."""
+    return {METHODS[key].name: key for key in METHODS_OF[experiment]}

@@ -13,7 +13,7 @@ from PySide6.QtCore import (
 from PySide6.QtWidgets import QHeaderView, QLineEdit, QTableView, QWidget
 
 from gui.analysis.run_box import AnalysisRunBox
-from gui.analysis.worker_tasks import SessionTable
+from gui.analysis.task_values import SessionTable
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property
 from gui.widgets.layouts import hbox, push_button, vbox
@@ -97,6 +97,7 @@ class SessionPanel(QWidget):
         self.table.setColumnWidth(len(table.columns) - 1, 84)
         self.about.setText(table.about)
         set_property(self.about, "role", "muted")
+        self.run_box.show_experiment(table.experiment)
         self.run_box.form.show_session(table.path)
         self.run_box.result.clear()
         self.run_box.results_button.setEnabled(False)

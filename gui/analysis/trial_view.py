@@ -8,7 +8,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 
-from gui.analysis.worker_tasks import TrialData
+from gui.analysis.task_values import TrialData
 from gui.live.history import N_ROWS
 from gui.live.raster import GROUPS, PER_GROUP, ROW_ORDER
 from gui.widgets.plot_axes import colour_axes, taxel_ticks, time_plot

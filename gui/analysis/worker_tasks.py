@@ -6,18 +6,34 @@ This module does not import Qt, and each task imports its own slow modules.
 from __future__ import annotations
 
 import shutil
+import tempfile
 from collections.abc import Callable
 from datetime import UTC, datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gui.analysis.results import AnalysisResults, prediction_results, report_results
+from gui.analysis import finger_tasks
+from gui.analysis.results import (
+    AnalysisResults,
+    finger_results,
+    prediction_results,
+    report_results,
+)
+from gui.analysis.task_values import (
+    AnalysisRequest,
+    FingerSessionInfo,
+    PlanSummary,
+    QuickCheckResult,
+    ScanPicture,
+    SessionTable,
+    TrialData,
+    model_path,
+)
 from gui.widgets.formatting import duration, size
-from rigctl.errors import RigctlError, WrongUse
+from rigctl.errors import RigctlError
 
 if TYPE_CHECKING:
     from rigctl.analysis.execution.executor import Progress
@@ -26,85 +42,8 @@ if TYPE_CHECKING:
     from rigctl.session.read.session import Session
 
 FIGURES = "figures"
-PLAN_ROWS = ("Trials", "Plate changes", "Duration", "Disk space")
 COLUMNS = ("Trial", "Plate", "mm/s", "g", "Verdict")
 _RANGE_TRIALS = 100
-
-
-class SessionTable(NamedTuple):
-    """A session's trials as text, and a sentence about the session."""
-
-    path: str = ""
-    about: str = ""
-    columns: tuple[str, ...] = ()
-    rows: tuple[tuple[str, ...], ...] = ()
-
-
-class TrialData(NamedTuple):
-    """Readings and spikes of one trial.
-
-    ``samples``: uint16 (n, 18). ``spike_row`` and ``spike_sample``: int64 (k,), one entry per
-    spike; rows are SA taxel 1 … 18, then RA 1 … 18.
-    """
-
-    title: str
-    samples: NDArray[np.uint16]
-    spike_row: NDArray[np.int64]
-    spike_sample: NDArray[np.int64]
-
-
-class QuickCheckResult(NamedTuple):
-    """The accuracy in a sentence, and the path of its figure."""
-
-    sentence: str
-    figure: str
-
-
-class FingerSessionInfo(NamedTuple):
-    """A session of the moving finger: its stages, its simulated person, and the slides so far."""
-
-    path: str
-    stages: tuple[str, ...]
-    seed: int
-    session: int
-    slides: int
-
-
-class AnalysisRequest(NamedTuple):
-    """The options of ``rigctl analyse``.
-
-    ``task``: empty for all. ``representation``: that of a model to save beside the report, empty
-    for none. ``c``: a model file that C is taken from, empty for a search.
-    """
-
-    sessions: tuple[str, ...]
-    folder: str
-    task: str
-    draws: int
-    components: int
-    engine: str
-    preset: str
-    reference_g: float
-    seed: int
-    sensitivity: bool
-    representation: str
-    c: str
-
-
-def model_path(report: Path) -> Path:
-    """Return the path of a report's model: beside its folder."""
-    return report.with_name(f"{report.name}-model.h5")
-
-
-class PlanSummary(NamedTuple):
-    """The plan of a protocol: a text for each of ``PLAN_ROWS``, and the seed of its order.
-
-    ``problem`` says why the protocol cannot run; it is empty if it can.
-    """
-
-    texts: tuple[str, ...] = ("–",) * len(PLAN_ROWS)
-    seed: int = 0
-    problem: str = ""
 
 
 def serve(pipe: Connection) -> None:
@@ -137,6 +76,8 @@ class WorkerTasks:
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
         self._path = Path()
+        self._is_finger = False
+        self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._range: Normalisation | None = None
 
     def plan_protocol(self, path: str, seed: int | None) -> PlanSummary:
@@ -153,9 +94,13 @@ class WorkerTasks:
 
     def open_session(self, path: str) -> SessionTable:
         """Read a session's trial table. Raises SessionError."""
+        from rigctl.session.read.finger_session import is_finger_session
         from rigctl.session.read.session import Session
 
         self._path, self._range = Path(path).expanduser(), None
+        self._is_finger = is_finger_session(self._path)
+        if self._is_finger:
+            return finger_tasks.session_table(self._path)
         with Session.open(self._path) as session:
             header, n_committed = session.header, len(session.committed())
             rows = tuple(map(_trial_texts, session.trials))
@@ -165,8 +110,13 @@ class WorkerTasks:
         )
         return SessionTable(str(self._path), about, COLUMNS, rows)
 
-    def load_trial(self, row: int) -> TrialData:
-        """Read the samples of one attempt and encode them as the live encoder does."""
+    def load_trial(self, row: int) -> TrialData | ScanPicture:
+        """Read the samples of one attempt and encode them as the live encoder does.
+
+        A scan of the moving finger becomes a picture.
+        """
+        if self._is_finger:
+            return finger_tasks.scan_picture(self._path, row, Path(self._pictures.name))
         from rigctl.encoding.encoder import Encoder
         from rigctl.session.read.session import Session
 
@@ -201,6 +151,13 @@ class WorkerTasks:
         cache.trim()
         return report_results(report)
 
+    def analyse_finger(self, request: AnalysisRequest) -> AnalysisResults:
+        """Write a report on the moving finger as ``rigctl analyse --experiment realtime`` does."""
+        from rigctl.analysis.data.cache import Resources
+
+        resources = Resources(progress=self._progress)
+        return finger_results(finger_tasks.make_report(request, resources))
+
     def classify(self, model: str, sessions: tuple[str, ...]) -> AnalysisResults:
         """Classify sessions with a trained model as ``rigctl classify`` does."""
         from rigctl.analysis.classification.classify_sessions import classify
@@ -213,30 +170,11 @@ class WorkerTasks:
 
     def read_finger_session(self, path: str) -> FingerSessionInfo:
         """Read whose scans a session of the moving finger has. Raises SessionError."""
-        from rigctl.session.read.finger_session import FingerSession
-
-        with FingerSession.open(Path(path).expanduser()) as session:
-            header, slides = session.header, len(session.trials)
-        person = header.simulation
-        return FingerSessionInfo(
-            path, header.stages, int(person.get("seed", 0)), int(person.get("session", 0)), slides
-        )
+        return finger_tasks.session_info(path)
 
     def make_finger_models(self, session: str, source: str, components: int) -> tuple[str, ...]:
-        """Train the models of a session, or centre those of ``source`` by its calibration.
-
-        Return their paths. Raises WrongUse where the session has neither stage.
-        """
-        from rigctl.protocol.finger import Stage
-        from rigctl.realtime.finger_models import calibrate_models, train_models
-
-        folder, stages = Path(session), self.read_finger_session(session).stages
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        if Stage.TRAIN in stages:
-            return tuple(map(str, train_models(folder, components, now)))
-        if Stage.CALIBRATE in stages:
-            return tuple(map(str, calibrate_models(Path(source).expanduser(), folder)))
-        raise WrongUse(f"{folder} has no training or calibration scans: choose another session")
+        """Train the models of a session, or centre those of ``source`` by its calibration."""
+        return finger_tasks.make_models(session, source, components)
 
     def discard(self, folder: str) -> None:
         """Remove the partial report of a cancelled analysis, whose process could not do so."""

@@ -7,8 +7,8 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
+from gui.analysis.task_values import FingerSessionInfo
 from gui.analysis.worker import Worker
-from gui.analysis.worker_tasks import FingerSessionInfo
 from gui.engine_clients import JOIN, SIMULATED, FingerEngineSpec, open_finger_client
 from gui.engine_link import NOT_CONNECTED, ClientFactory, Dialect, EngineLink
 from gui.finger.finger_bar import FingerBar

@@ -18,8 +18,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.analysis.task_values import PLAN_ROWS, PlanSummary
 from gui.analysis.worker import Worker
-from gui.analysis.worker_tasks import PLAN_ROWS, PlanSummary
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import elastic, label, set_property, show_text

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from rigctl.analysis.data.atomic_directory import atomic_directory
+from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.finger.figures import (
     draw_accuracies,
     draw_evidence,
@@ -14,9 +17,12 @@ from rigctl.analysis.finger.figures import (
 )
 from rigctl.analysis.finger.findings import findings, held_above, held_double
 from rigctl.analysis.finger.published import COMPONENTS
+from rigctl.analysis.finger.recorded_scans import read_data_sets
 from rigctl.analysis.finger.result_values import as_dict
-from rigctl.analysis.finger.results import FingerAnalysis
+from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger
+from rigctl.analysis.finger.tasks import DrawSettings
 from rigctl.analysis.report.html_page import render_page
+from rigctl.errors import WrongUse
 
 CAPTIONS = {
     "fig4b": "Figure 4B: same session and new session",
@@ -24,6 +30,40 @@ CAPTIONS = {
     "figs5": "Figure S5: the real-time classifier",
 }
 _FIGURE_OF = {"Fig. 4B": "fig4b", "Fig. 4C": "fig4c", "Fig. S5": "figs5"}
+
+
+class FingerReport(NamedTuple):
+    """A written report: its page, and its results in sentences."""
+
+    page: Path
+    lines: tuple[str, ...]
+
+
+def make_finger_report(
+    sessions: Sequence[Path],
+    out: Path,
+    settings: DrawSettings,
+    made_utc: str,
+    resources: Resources = SERIAL_RESOURCES,
+) -> FingerReport:
+    """Read sessions, analyse them, and write the report to a new folder.
+
+    Raises WrongUse where ``out`` exists or the sessions do not fit together, SessionError for
+    another kind of folder, DiskFault where the report cannot be written.
+    """
+    if out.exists():
+        raise WrongUse(f"{out} already exists: name another folder, or remove it")
+    recorded = read_data_sets(sessions, resources)
+    analysis = analyse_finger(
+        recorded.data_sets,
+        settings,
+        resources,
+        scaled_currents=recorded.scaled_currents,
+        latencies=recorded.latencies,
+        remarks=recorded.remarks,
+    )
+    page = write_finger_report(analysis, out, made_utc)
+    return FingerReport(page, tuple(summary_lines(analysis)))
 
 
 def write_finger_report(analysis: FingerAnalysis, out: Path, made_utc: str) -> Path:

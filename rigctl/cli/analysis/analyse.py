@@ -135,30 +135,18 @@ def run(args: argparse.Namespace) -> int:
 def _run_realtime(args: argparse.Namespace) -> int:
     """Analyse sessions of the moving finger. Raises WrongUse for an option of the drum's alone."""
     from rigctl.analysis.classification.sweep_engines import SweepEngine
-    from rigctl.analysis.finger.recorded_scans import read_data_sets
-    from rigctl.analysis.finger.report import summary_lines, write_finger_report
-    from rigctl.analysis.finger.results import analyse_finger
+    from rigctl.analysis.finger.report import make_finger_report
     from rigctl.analysis.finger.tasks import DrawSettings
 
     _refuse_drum_options(args)
     out = Path(args.out)
-    if out.exists():
-        raise WrongUse(f"{out} already exists: name another folder, or remove it")
     iterations = FINGER_ITERATIONS if args.iterations is None else args.iterations
     settings = DrawSettings(iterations, args.seed, SweepEngine(args.engine))
+    sessions = [Path(name) for name in args.sessions]
     with resources_of(args) as resources:
-        recorded = read_data_sets([Path(name) for name in args.sessions], resources)
-        analysis = analyse_finger(
-            recorded.data_sets,
-            settings,
-            resources,
-            scaled_currents=recorded.scaled_currents,
-            latencies=recorded.latencies,
-            remarks=recorded.remarks,
-        )
-    report = write_finger_report(analysis, out, _now())
-    files = [f"report: {report}", f"results: {out / 'results.json'}"]
-    print("\n".join([*summary_lines(analysis), *files]), flush=True)
+        report = make_finger_report(sessions, out, settings, _now(), resources)
+    files = [f"report: {report.page}", f"results: {out / 'results.json'}"]
+    print("\n".join([*report.lines, *files]), flush=True)
     return 0
 
 

@@ -39,9 +39,9 @@ def measure() -> Iterator[dict[str, Any]]:
 def screen_latencies_ms(folder: Path) -> NDArray[np.float64]:
     """Run for two minutes before a window; return the latencies that the session has, ms."""
     import pyqtgraph as pg
-    from gui.engine_clients import JOIN
     from PySide6.QtTest import QTest
 
+    from gui.engine_clients import JOIN
     from gui.main_window import MainWindow
     from gui.widgets.theme import ThemeChoice
 

@@ -1,0 +1,110 @@
+"""Tasks of the window's worker processes for the moving finger.
+
+This module does not import Qt, and each task imports its own slow modules.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gui.analysis.task_values import (
+    FINGER,
+    AnalysisRequest,
+    FingerSessionInfo,
+    ScanPicture,
+    SessionTable,
+)
+from rigctl.errors import WrongUse
+
+if TYPE_CHECKING:
+    from rigctl.analysis.data.cache import Resources
+    from rigctl.analysis.finger.report import FingerReport
+
+COLUMNS = ("Scan", "Plate", "Profile", "Named", "Verdict")
+
+
+def session_table(path: Path) -> SessionTable:
+    """Read the trial table of a session of the moving finger. Raises SessionError."""
+    from rigctl.session.read.finger_session import FingerSession
+
+    with FingerSession.open(path) as session:
+        header, n_committed = session.header, len(session.committed())
+        rows = tuple(map(_trial_texts, session.trials))
+    about = (
+        f"{path.name}: moving finger, {', '.join(header.stages)}; {n_committed} of "
+        f"{header.trials_planned} scans committed, "
+        f"{'simulated' if header.simulated else 'real'} finger, started {header.start_utc}"
+    )
+    return SessionTable(str(path), about, COLUMNS, rows, FINGER)
+
+
+def scan_picture(path: Path, row: int, folder: Path) -> ScanPicture:
+    """Draw the scan of an attempt into a folder: the last frame of its movie.
+
+    Raises WrongUse for an attempt without a scan.
+    """
+    from rigctl.analysis.finger.movie.movie_file import write_movie
+    from rigctl.analysis.finger.movie.scan_timeline import read_timeline
+    from rigctl.session.read.finger_session import FingerSession
+
+    with FingerSession.open(path) as session:
+        trial_id = int(session.trials[row]["trial_id"])
+    figure = folder / f"{path.name}-{trial_id}.png"
+    if not figure.exists():
+        write_movie(read_timeline(path, trial_id), figure, lambda *_: None)
+    return ScanPicture(str(figure))
+
+
+def session_info(path: str) -> FingerSessionInfo:
+    """Read whose scans a session of the moving finger has. Raises SessionError."""
+    from rigctl.session.read.finger_session import FingerSession
+
+    with FingerSession.open(Path(path).expanduser()) as session:
+        header, slides = session.header, len(session.trials)
+    person = header.simulation
+    return FingerSessionInfo(
+        path, header.stages, int(person.get("seed", 0)), int(person.get("session", 0)), slides
+    )
+
+
+def make_models(session: str, source: str, components: int) -> tuple[str, ...]:
+    """Train the models of a session, or centre those of ``source`` by its calibration.
+
+    Return their paths. Raises WrongUse where the session has neither stage.
+    """
+    from rigctl.protocol.finger import Stage
+    from rigctl.realtime.finger_models import calibrate_models, train_models
+
+    folder, stages = Path(session), session_info(session).stages
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    if Stage.TRAIN in stages:
+        return tuple(map(str, train_models(folder, components, now)))
+    if Stage.CALIBRATE in stages:
+        return tuple(map(str, calibrate_models(Path(source).expanduser(), folder)))
+    raise WrongUse(f"{folder} has no training or calibration scans: choose another session")
+
+
+def make_report(request: AnalysisRequest, resources: Resources) -> FingerReport:
+    """Write the report of the real-time experiment."""
+    from rigctl.analysis.classification.sweep_engines import SweepEngine
+    from rigctl.analysis.finger.report import make_finger_report
+    from rigctl.analysis.finger.tasks import DrawSettings
+
+    settings = DrawSettings(request.draws, request.seed, SweepEngine(request.engine))
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    paths = tuple(map(Path, request.sessions))
+    return make_finger_report(paths, Path(request.folder), settings, now, resources)
+
+
+def _trial_texts(row: Any) -> tuple[str, ...]:
+    marks = {1: " ✓", 0: " ✗"}
+    named = f"{row['predicted']}{marks.get(int(row['correct']), '')}" or "–"
+    return (
+        f"{row['trial_id']}",
+        f"{row['texture']}",
+        f"{row['profile']}",
+        named,
+        f"{row['verdict']}",
+    )
