@@ -12,7 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.live_file import LiveFile, LiveLayout, RingWindow
+from rigctl.acquisition.live_file import (
+    LiveFileReader,
+    LiveFileWriter,
+    LiveLayout,
+    RingWindow,
+)
 from rigctl.values import N_TAXELS
 
 MAGIC = 0x3145_5649_4C47_4952  # "RIGLIVE1", low byte first
@@ -69,18 +74,13 @@ class DrumWindow(RingWindow):
     state: NDArray[np.uint8]
 
 
-class LiveWriter:
+class LiveWriter(LiveFileWriter):
     """The engine's side: creates the file and appends rows."""
 
     def __init__(
         self, path: Path, taxel_rows: int = TAXEL_ROWS, drum_rows: int = DRUM_ROWS
     ) -> None:
-        self.path = path
-        self._file = LiveFile.create(path, _LAYOUT, taxel_rows, drum_rows)
-
-    def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
-        """Store the readings that the encoder maps to 0 and 1."""
-        self._file.set_range(low, high)
+        super().__init__(path, _LAYOUT, taxel_rows, drum_rows)
 
     def add_taxels(self, **columns: NDArray[np.generic]) -> None:
         """Append samples, oldest first, with the columns of :class:`TaxelWindow`."""
@@ -90,27 +90,12 @@ class LiveWriter:
         """Append the load-cell samples of one poll, with the columns of :class:`DrumWindow`."""
         self._file.other.append(len(time_s), time_s=time_s, **columns)
 
-    def close(self) -> None:
-        """Remove the file; readers that have it open keep their data."""
-        self._file.close()
-        self.path.unlink(missing_ok=True)
 
-
-class LiveReader:
+class LiveReader(LiveFileReader):
     """A window's side: copies of the newest rows at any time."""
 
     def __init__(self, path: Path) -> None:
-        self._file = LiveFile.open(path, _LAYOUT)
-
-    @property
-    def taxel_head(self) -> int:
-        """Taxel samples written since the engine started."""
-        return self._file.taxels.head
-
-    @property
-    def normalisation(self) -> NDArray[np.uint16]:
-        """Readings that the live encoder maps to 0 and 1, uint16 (2, n_taxels)."""
-        return self._file.copy_range()
+        super().__init__(path, _LAYOUT)
 
     def taxels(self, n: int) -> TaxelWindow:
         """Return the newest ``n`` samples, or all if there are fewer."""
@@ -121,7 +106,3 @@ class LiveReader:
         """Return the newest ``n`` load-cell samples, or all if there are fewer."""
         first, rows = self._file.other.newest(n)
         return DrumWindow(first, **rows)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()

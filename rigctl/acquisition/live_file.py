@@ -182,6 +182,44 @@ class LiveFile:
         self._memory.close()
 
 
+class LiveFileWriter:
+    """The engine's side: creates the file; a subclass appends rows."""
+
+    def __init__(self, path: Path, layout: LiveLayout, taxel_rows: int, other_rows: int) -> None:
+        self.path = path
+        self._file = LiveFile.create(path, layout, taxel_rows, other_rows)
+
+    def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
+        """Store the readings that the neurons map to 0 and 1."""
+        self._file.set_range(low, high)
+
+    def close(self) -> None:
+        """Remove the file; readers that have it open keep their data."""
+        self._file.close()
+        self.path.unlink(missing_ok=True)
+
+
+class LiveFileReader:
+    """A window's side; a subclass copies the newest rows at any time."""
+
+    def __init__(self, path: Path, layout: LiveLayout) -> None:
+        self._file = LiveFile.open(path, layout)
+
+    @property
+    def taxel_head(self) -> int:
+        """Taxel samples written since the engine started."""
+        return self._file.taxels.head
+
+    @property
+    def normalisation(self) -> NDArray[np.uint16]:
+        """Readings that the neurons map to 0 and 1, uint16 (2, n_taxels)."""
+        return self._file.copy_range()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
 def _read_rows(path: Path, layout: LiveLayout) -> tuple[int, int]:
     """Return the rows of both rings. Raises RigFault where it is no live-data file."""
     try:

@@ -8,7 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.live_file import LiveFile, LiveLayout, RingWindow
+from rigctl.acquisition.live_file import (
+    LiveFileReader,
+    LiveFileWriter,
+    LiveLayout,
+    RingWindow,
+)
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.values import SAMPLE_RATE_HZ
 from rigctl.wire.finger.decoder import FingerBlock
@@ -60,16 +65,11 @@ class TrackWindow(RingWindow):
     valid: NDArray[np.bool_]
 
 
-class FingerLiveWriter:
+class FingerLiveWriter(LiveFileWriter):
     """The engine's side: creates the file and appends rows."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._file = LiveFile.create(path, _LAYOUT, TAXEL_ROWS, TRACK_ROWS)
-
-    def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
-        """Store the readings that the board's neurons map to 0 and 1."""
-        self._file.set_range(low, high)
+        super().__init__(path, _LAYOUT, TAXEL_ROWS, TRACK_ROWS)
 
     def add_block(self, block: FingerBlock, arrived_s: float) -> None:
         """Append samples; the last one was taken when the block arrived."""
@@ -97,27 +97,12 @@ class FingerLiveWriter:
             valid=float(valid),
         )
 
-    def close(self) -> None:
-        """Remove the file; readers that have it open keep their data."""
-        self._file.close()
-        self.path.unlink(missing_ok=True)
 
-
-class FingerLiveReader:
+class FingerLiveReader(LiveFileReader):
     """A window's side: copies of the newest rows at any time."""
 
     def __init__(self, path: Path) -> None:
-        self._file = LiveFile.open(path, _LAYOUT)
-
-    @property
-    def taxel_head(self) -> int:
-        """Samples written since the engine started."""
-        return self._file.taxels.head
-
-    @property
-    def normalisation(self) -> NDArray[np.uint16]:
-        """Readings that the board's neurons map to 0 and 1, uint16 (2, 9)."""
-        return self._file.copy_range()
+        super().__init__(path, _LAYOUT)
 
     def taxels(self, n: int) -> FingerWindow:
         """Return the newest ``n`` samples, or all if there are fewer."""
@@ -128,7 +113,3 @@ class FingerLiveReader:
         """Return the newest ``n`` positions, or all if there are fewer."""
         first, rows = self._file.other.newest(n)
         return TrackWindow(first, **rows)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
