@@ -19,6 +19,11 @@ class Consumers(Generic[Values]):
         """Call ``callback`` with every value from now on."""
         self._callbacks.append(callback)
 
+    def remove(self, callback: Callable[Values, None]) -> None:
+        """Call it no more; it may have been dropped already."""
+        if callback in self._callbacks:
+            self._callbacks.remove(callback)
+
     def publish(self, *args: Values.args, **kwargs: Values.kwargs) -> None:
         """Pass a value to all consumers."""
         for callback in tuple(self._callbacks):

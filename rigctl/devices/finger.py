@@ -34,6 +34,8 @@ IDENTIFY_INTERVAL_S = 0.1
 LINK_TIMEOUT_S = 0.2
 """A board that sends no byte for this time counts as lost."""
 MAX_U32 = 2**32 - 1
+NO_SCAN = 0
+"""Scans count from 1."""
 
 OnFingerBlock = Callable[[FingerBlock, float], None]
 OnMessage = Callable[[Message, float], None]
@@ -173,6 +175,16 @@ class Finger:
         """Close the scan's last batch; its velocity ends the scan. Raises as :meth:`start`."""
         request = messages.stop(_u32("scan", scan))
         await self._requests.change(request, RequestType.STOP, 1, scan)
+
+    async def end_scan(self) -> None:
+        """End the scan that is under way, if any; its last batches may lack their velocities.
+
+        Raises LinkLost where the board does not confirm.
+        """
+        # The board stops any scan, and one that has stopped at a second request.
+        for _ in range(2):
+            request = messages.stop(NO_SCAN)
+            await self._requests.change(request, RequestType.STOP, SETTINGS_ATTEMPTS, NO_SCAN)
 
     def send_start(self, scan: int) -> None:
         """Start a scan with the next sample and return at once; the answer is a message.

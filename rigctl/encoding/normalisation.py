@@ -49,6 +49,10 @@ class Normalisation:
         """Taxels (counted from 1) without a signal in this range."""
         return [int(i) + 1 for i in np.flatnonzero(self.low == self.high)]
 
+    def has_ranges_of(self, other: Normalisation) -> bool:
+        """Return whether the ranges of all taxels are equal, wherever they are from."""
+        return np.array_equal(self.low, other.low) and np.array_equal(self.high, other.high)
+
     def count_clipped(self, samples: NDArray[np.uint16]) -> NDArray[np.int64]:
         """Return the number of readings of each taxel outside its range, int64 (n_taxels,)."""
         outside = (samples < self.low) | (samples > self.high)

@@ -20,7 +20,7 @@ class FingerCommands(EngineCommands[FingerEngine]):
 
     async def on_shown(self, scan: int, sent_s: float) -> None:
         """Record that a client has painted the answer that a velocity led to."""
+        number, sent_s = int(validate_number("scan", scan)), validate_number("sent_s", sent_s)
         run = self._engine.run
-        if run is not None and not run.ended:
-            at_s = self._engine.rig.loop.time()
-            run.output.add_screen(scan, at_s, validate_number("sent_s", sent_s))
+        if run is not None and run.has_scanned(number):
+            run.output.add_screen(number, self._engine.rig.loop.time(), sent_s)

@@ -8,6 +8,7 @@ from typing import Any
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.rate_meter import RateMeter
+from rigctl.devices.consumers import Consumers
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.devices.trackers.velocity import VelocityEstimator
 from rigctl.encoding.normalisation import Normalisation
@@ -65,9 +66,9 @@ class FingerDevices:
         self._spawn = spawn
         self._on_link = on_link
         self._on_failure = on_failure
-        self._block_callbacks: list[OnBlock] = []
-        self._message_callbacks: list[OnMessage] = []
-        self._position_callbacks: list[OnPosition] = []
+        self._blocks: Consumers[FingerBlock, float] = Consumers(self._consumer_failed)
+        self._messages: Consumers[Message, float] = Consumers(self._consumer_failed)
+        self._positions: Consumers[Position, PlatePosition] = Consumers(self._consumer_failed)
 
     async def connect(self) -> None:
         """Connect board and tracker. Raises LinkLost, WrongBoard or RigFault."""
@@ -82,27 +83,31 @@ class FingerDevices:
         self._set_connected(TRACKER, True)
 
     async def configure(self, normalisation: Normalisation, reference_um_per_s: int) -> None:
-        """Set ranges and reference speed; the board's answer must be the same."""
+        """Set ranges and reference speed; the board's answer must be the same.
+
+        A scan that nobody follows any more ends first: the board would refuse its settings.
+        """
         self.normalisation, self.reference_um_per_s = normalisation, reference_um_per_s
         low, high = (tuple(map(int, ends)) for ends in (normalisation.low, normalisation.high))
+        await self._rig.finger.end_scan()
         await self._rig.finger.configure(low, high, reference_um_per_s)
         self._live_writer.set_range(normalisation.low, normalisation.high)
 
     def subscribe(
         self, on_block: OnBlock, on_message: OnMessage, on_position: OnPosition
     ) -> Callable[[], None]:
-        """Call these with everything that arrives; return the function that unsubscribes them."""
-        pairs: tuple[tuple[list[Any], Any], ...] = (
-            (self._block_callbacks, on_block),
-            (self._message_callbacks, on_message),
-            (self._position_callbacks, on_position),
-        )
-        for callbacks, callback in pairs:
-            callbacks.append(callback)
+        """Call these with everything that arrives; return the function that unsubscribes them.
+
+        One that raises is dropped, and its run fails.
+        """
+        self._blocks.add(on_block)
+        self._messages.add(on_message)
+        self._positions.add(on_position)
 
         def unsubscribe() -> None:
-            for callbacks, callback in pairs:
-                callbacks.remove(callback)
+            self._blocks.remove(on_block)
+            self._messages.remove(on_message)
+            self._positions.remove(on_position)
 
         return unsubscribe
 
@@ -113,14 +118,12 @@ class FingerDevices:
         self.samples.update(arrived_s, self._sample_count)
         self.contact.add(block.readings)
         self._live_writer.add_block(block, arrived_s)
-        for callback in tuple(self._block_callbacks):
-            callback(block, arrived_s)
+        self._blocks.publish(block, arrived_s)
 
     def _take_message(self, message: Message, arrived_s: float) -> None:
         if isinstance(message, FingerStatus):
             self.board_status = message
-        for callback in tuple(self._message_callbacks):
-            callback(message, arrived_s)
+        self._messages.publish(message, arrived_s)
 
     def _take_position(self, position: Position) -> None:
         self.position_s = self._rig.loop.time()
@@ -129,8 +132,7 @@ class FingerDevices:
         assert plate is not None
         self._live_writer.add_position(plate)
         self._note_loss(position)
-        for callback in tuple(self._position_callbacks):
-            callback(position, plate)
+        self._positions.publish(position, plate)
 
     def _note_loss(self, position: Position) -> None:
         """Tell the operator once, when the tracker is back, that its frame may have shifted."""
@@ -142,38 +144,37 @@ class FingerDevices:
             )
             self._event_bus.publish("link", text, board=TRACKER)
 
+    def _consumer_failed(self, error: Exception) -> None:
+        self._on_failure(RigFault(f"a consumer of the finger's data failed: {error!r}"))
+
     def _finger_failed(self, fault: RigFault) -> None:
         self._event_bus.publish("link", str(fault), board=BOARD)
-        self.restarts += 1
-        if isinstance(fault, BoardRebooted):
-            self._spawn(self._configure_again())
-        elif not isinstance(fault, LinkLost):
+        if not isinstance(fault, LinkLost):
             self._on_failure(fault)
-        elif self.connected[BOARD]:
+            return
+        self.restarts += 1
+        if self.connected[BOARD]:
             self._set_connected(BOARD, False)
-            self._spawn(self._reconnect_finger())
+            self._spawn(self._restore_finger(isinstance(fault, BoardRebooted)))
 
-    async def _reconnect_finger(self) -> None:
+    async def _restore_finger(self, answers: bool) -> None:
+        """Connect the board again, unless it has only rebooted, and give it its settings."""
+        told = ""
         while not self.connected[BOARD]:
-            await asyncio.sleep(RECONNECT_PERIOD_S)
             try:
-                self.identity = await self._rig.finger.connect()
+                if not answers:
+                    await asyncio.sleep(RECONNECT_PERIOD_S)
+                    self.identity = await self._rig.finger.connect()
                 await self._restore_settings()
-            except RigFault:
+            except RigFault as fault:
+                answers = False
+                if not isinstance(fault, LinkLost) and str(fault) != told:
+                    told = str(fault)
+                    self._event_bus.publish("link", told, board=BOARD)
                 continue
+            assert self.identity is not None
             self._event_bus.publish("board", _board_text(self.identity, "is back"))
             self._set_connected(BOARD, True)
-
-    async def _configure_again(self) -> None:
-        """Give a rebooted board its settings; scans wait meanwhile."""
-        self._set_connected(BOARD, False)
-        try:
-            await self._restore_settings()
-        except RigFault as fault:
-            self._event_bus.publish("link", str(fault), board=BOARD)
-            self._spawn(self._reconnect_finger())
-            return
-        self._set_connected(BOARD, True)
 
     async def _restore_settings(self) -> None:
         if self.reference_um_per_s:
@@ -182,9 +183,9 @@ class FingerDevices:
     def _tracker_lost(self, reason: str) -> None:
         self._event_bus.publish("link", reason, board=TRACKER)
         self._set_connected(TRACKER, False)
-        self._spawn(self._reconnect_tracker())
+        self._spawn(self._restore_tracker())
 
-    async def _reconnect_tracker(self) -> None:
+    async def _restore_tracker(self) -> None:
         while not self.connected[TRACKER]:
             await asyncio.sleep(RECONNECT_PERIOD_S)
             try:

@@ -7,7 +7,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rigctl.analysis.finger.classifier import calibrate_finger_model, train_finger_model
+from rigctl.analysis.finger.classifier import (
+    calibrate_finger_model,
+    check_finger_model,
+    train_finger_model,
+)
 from rigctl.analysis.finger.recorded_scans import read_scans, training_info
 from rigctl.analysis.finger.scans import ScanKind
 from rigctl.protocol.finger import Stage
@@ -38,12 +42,18 @@ def train_models(folder: Path, components: int, made_utc: str) -> list[Path]:
 
 
 def calibrate_models(source: Path, folder: Path) -> list[Path]:
-    """Centre the models of ``source`` by a session's calibration scans; return the new files."""
-    scans = read_scans(folder).scans.of_stage(Stage.CALIBRATE)
+    """Centre the models of ``source`` by a session's calibration scans; return the new files.
+
+    Raises WrongUse where the scans are of another sensor, other ranges or other textures.
+    """
+    recorded = read_scans(folder)
+    scans = recorded.scans.of_stage(Stage.CALIBRATE)
     files = [source / model_name(kind) for kind in ScanKind] if source.is_dir() else [source]
     paths = []
     for file in files:
-        model = calibrate_finger_model(load_finger_model(file), scans)
+        trained = load_finger_model(file)
+        check_finger_model(trained, recorded.encoding)
+        model = calibrate_finger_model(trained, scans)
         paths.append(_save_new(folder / model_name(ScanKind(model.representation)), model))
     return paths
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,6 +46,12 @@ class FingerRig:
     def faults(self) -> Any:
         """The fault injection of a simulated rig; None at a real one."""
         return self.simulation.faults if self.simulated else None
+
+    def check_plates(self, textures: Collection[str]) -> None:
+        """Raise WrongUse for a plate that a simulated operator does not have."""
+        if self.simulated:
+            for texture in textures:
+                self.simulation.check_plate(texture)
 
     def slide(self, trial: FingerTrial) -> bool:
         """Let a simulated operator make the slide; False where a person has to make it."""

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rigctl.errors import WrongUse
+from rigctl.realtime.finger_models import calibrate_models
 from rigctl.realtime.run.finger_run_request import FingerRunRequest
+from rigctl.session.files.finger_model_file import (
+    FingerModel,
+    load_finger_model,
+    save_finger_model,
+)
 from rigctl.session.verify.session import verify
 from rigctl.simulation.finger.faults import FingerFaults
 from tests.realtime.conftest import Trained
@@ -16,6 +24,7 @@ from tests.realtime.harness import (
     ONE_SCAN,
     SMALL,
     FingerHarness,
+    open_finger_harness,
     open_finger_session,
     until_ended,
 )
@@ -162,6 +171,62 @@ def test_a_model_that_does_not_fit_the_protocol_is_refused(
 ) -> None:
     with pytest.raises(WrongUse, match=message):
         _open(new_session, new_session.request("run", protocol=protocol, model=trained.model))
+
+
+def test_a_model_of_another_sensor_is_refused(trained: Trained, new_session: FingerHarness) -> None:
+    give_sensor(new_session, "finger 2")
+    with pytest.raises(WrongUse, match="was trained with the sensor '', this rig has 'finger 2'"):
+        _open(new_session, new_session.request("run", model=trained.model))
+
+
+def test_calibrate_and_run_need_a_session_each(
+    trained: Trained, new_session: FingerHarness
+) -> None:
+    with pytest.raises(WrongUse, match="calibrate and run need a session each"):
+        _open(new_session, new_session.request("calibrate", "run", model=trained.model))
+
+
+@pytest.mark.parametrize("other", ["sensor", "model"])
+def test_a_session_is_resumed_with_its_own_sensor_and_model(
+    trained: Trained, tmp_path: Path, other: str
+) -> None:
+    async def abort_after_one(opened: FingerHarness) -> None:
+        await opened.until(lambda: opened.engine.status().run.trials_committed == 1)
+        assert opened.engine.run is not None
+        opened.engine.run.control.abort("stopped by the test")
+        await until_ended(opened)
+
+    with open_finger_harness(tmp_path, session=1) as first:
+        first.run(abort_after_one, first.request("run", model=trained.model))
+        begun = first.session
+    model = trained.model
+    if other == "model":
+        model = tmp_path / "other.h5"
+        save_finger_model(with_other_ranges(load_finger_model(trained.model)), model)
+    message = {"sensor": "recorded with the sensor ''", "model": "begun with another model"}[other]
+    with open_finger_harness(tmp_path / "again", session=1) as again:
+        if other == "sensor":
+            give_sensor(again, "finger 2")
+        request = FingerRunRequest(resume=str(begun), model=str(model), yes=True)
+        with pytest.raises(WrongUse, match=message):
+            _open(again, request)
+
+
+def test_a_calibration_of_other_ranges_is_refused(trained: Trained, tmp_path: Path) -> None:
+    model = tmp_path / "other.h5"
+    save_finger_model(with_other_ranges(load_finger_model(trained.model)), model)
+    with pytest.raises(WrongUse, match="was trained with other taxel ranges"):
+        calibrate_models(model, trained.calibration)
+
+
+def give_sensor(harness: FingerHarness, name: str) -> None:
+    config = harness.rig.config
+    harness.rig.config = replace(config, about=replace(config.about, sensor=name))
+
+
+def with_other_ranges(model: FingerModel) -> FingerModel:
+    ranges = model.normalisation
+    return replace(model, normalisation=replace(ranges, high=ranges.high + np.uint16(1)))
 
 
 def test_run_without_a_model_is_refused(new_session: FingerHarness) -> None:

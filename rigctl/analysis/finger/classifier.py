@@ -155,10 +155,7 @@ def board_coefficients(model: FingerModel) -> tuple[Floats, Floats]:
 
 def check_finger_model(model: FingerModel, encoding: FingerEncoding) -> None:
     """Raise :class:`WrongUse` for a model of another sensor, ranges, encoder or reference speed."""
-    ranges = model.normalisation
-    same_ranges = np.array_equal(ranges.low, encoding.normalisation.low) and np.array_equal(
-        ranges.high, encoding.normalisation.high
-    )
+    same_ranges = model.normalisation.has_ranges_of(encoding.normalisation)
     for equal, what in (
         (model.sensor == encoding.sensor, f"the sensor {model.sensor!r}, not {encoding.sensor!r}"),
         (same_ranges, "other taxel ranges"),

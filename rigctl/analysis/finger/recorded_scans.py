@@ -19,7 +19,6 @@ from rigctl.analysis.finger.evaluation.force_invariance import (
 )
 from rigctl.analysis.finger.scans import ScanRecording, ScanSet, encode_readings, scan_set
 from rigctl.config.resources import source_commit
-from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import preset
 from rigctl.encoding.scaled_time import BATCH_SAMPLES
 from rigctl.errors import WrongUse
@@ -234,7 +233,7 @@ def _match(first: RecordedScans, new: RecordedScans) -> tuple[RecordedScans, lis
             f"{new.path} has a reference speed of {theirs.reference_um_per_s / 1000:g} mm/s, "
             f"{first.path} of {ours.reference_um_per_s / 1000:g}: pair sessions of one protocol"
         )
-    if _same_ranges(ours.normalisation, theirs.normalisation):
+    if ours.normalisation.has_ranges_of(theirs.normalisation):
         return new, []
     again = new.encoded_anew(
         lambda one: encode_readings(one.readings, ours.normalisation, ours.parameters)
@@ -269,7 +268,7 @@ def _usable(session: FingerSession) -> tuple[list[int], list[str]]:
 def _encoding(session: FingerSession, indices: Sequence[int]) -> FingerEncoding:
     ranges = session.normalisation(indices[0])
     for index in indices[1:]:
-        if not _same_ranges(session.normalisation(index), ranges):
+        if not session.normalisation(index).has_ranges_of(ranges):
             trial = int(session.trials[index]["trial_id"])
             raise WrongUse(
                 f"{session.path}: the taxel ranges change at trial {trial}: its scans cannot be "
@@ -295,7 +294,3 @@ def _recording(session: FingerSession, index: int) -> ScanRecording:
         str(row["stage"]),
         int(row["trial_id"]),
     )
-
-
-def _same_ranges(one: Normalisation, other: Normalisation) -> bool:
-    return np.array_equal(one.low, other.low) and np.array_equal(one.high, other.high)

@@ -23,10 +23,10 @@ import numpy as np
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.disk import DiskMonitor
-from rigctl.acquisition.protocol.run_reasons import RunPaused, RunStopped
+from rigctl.acquisition.protocol.run_reasons import LINK, RunPaused, RunStopped
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.errors import RigFault
+from rigctl.errors import LinkLost, RigFault
 from rigctl.finger_values import PredictionRow
 from rigctl.protocol.finger import FingerTrial, Stage
 from rigctl.realtime.finger_devices import FingerDevices
@@ -95,6 +95,10 @@ class FingerRun:
         """Whether samples go to the session."""
         return self._recording
 
+    def has_scanned(self, scan: int) -> bool:
+        """Return whether a scan of this number is or was under way in this sitting."""
+        return self._recording and self._opened.scans < scan <= self._scans
+
     async def execute(self) -> None:
         """Run the plan's scans; faults end the run and are published, not raised."""
         unsubscribe = (
@@ -158,19 +162,13 @@ class FingerRun:
             return "failed", str(fault)
         missing = self._progress.planned - self._progress.committed
         if missing:
-            return "done", f"{missing} scans could not be committed: see their reasons"
+            return "done", f"scans that could not be committed: {missing}; see their reasons"
         return "done", "every scan is committed"
 
     async def _begin_stage(self, stage: Stage) -> None:
         """Set the ranges that the stage uses, and begin the part that holds them."""
         ranges = self._ranges(stage)
-        while True:
-            try:
-                self.control.check()
-                await self._devices.configure(ranges, self._opened.reference_um_per_s)
-                break
-            except RunPaused:
-                await self.control.wait_resumed()
+        await self._configure(ranges)
         header = replace(
             self._opened.header,
             taxel_low=tuple(ranges.low.tolist()),
@@ -184,6 +182,19 @@ class FingerRun:
         self.output.answers = LiveAnswers(classifier) if answers and classifier else None
         self._event_bus.publish("stage", f"stage {stage.value} begins", stage=stage.value)
 
+    async def _configure(self, ranges: Normalisation) -> None:
+        """Set the board's ranges; a board that is lost meanwhile is waited for."""
+        while True:
+            try:
+                self.control.check()
+                await self._devices.configure(ranges, self._opened.reference_um_per_s)
+                return
+            except RunPaused:
+                await self._wait_resumed()
+            except LinkLost:
+                if LINK not in self.control.reasons:
+                    raise
+
     def _ranges(self, stage: Stage) -> Normalisation:
         """Return the range of each taxel: all before normalisation, its own or the model's after.
 
@@ -193,7 +204,7 @@ class FingerRun:
             return Normalisation.full_scale(N_TAXELS)
         if self._opened.classifier is not None:
             return self._opened.classifier.model.normalisation
-        return self._recorded_ranges()
+        return self._opened.ranges or self._recorded_ranges()
 
     def _recorded_ranges(self) -> Normalisation:
         """Return the lowest and highest reading of each taxel in the normalisation scans."""
@@ -221,15 +232,14 @@ class FingerRun:
             try:
                 await self._ask_for_plate(trial)
                 self.control.check()
-                tries += 1
                 if await self._attempt_scan(trial):
                     self._progress.commit()
                     return
+                tries += 1
                 self._progress.rejected += 1
             except RunPaused:
-                tries = max(0, tries - 1)
                 await self._wait_resumed()
-        self._event_bus.publish("log", f"scan {trial.trial_id} is given up after {tries} attempts")
+        self._event_bus.publish("log", f"scan {trial.trial_id} is given up, attempts: {tries}")
         self._progress.finish()
 
     async def _wait_resumed(self) -> None:
@@ -253,7 +263,7 @@ class FingerRun:
         self._scans += 1
         attempt = ScanAttempt(trial, self._scans, self._rig, self._devices, self.output)
         self._attempt = attempt
-        self.output.prediction = None
+        self.output.begin_scan()
         text = f"plate {trial.texture}, {trial.profile.value}: slide over the plate"
         self._event_bus.publish("instruction", text, texture=trial.texture, profile=trial.profile)
         try:

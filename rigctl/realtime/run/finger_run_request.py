@@ -12,6 +12,7 @@ from rigctl.acquisition.protocol.run_request import check_disk_space
 from rigctl.analysis.finger.answers import FingerClassifier
 from rigctl.analysis.finger.confidence import COVERAGE, ERROR_RATE
 from rigctl.config.resources import find_finger_protocol, source_commit
+from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError, WrongUse
 from rigctl.protocol.finger import Stage
@@ -64,7 +65,8 @@ class OpenedFingerRun:
 
     ``header``: that of the first part; later parts have other ranges. ``done``: trials committed
     before; ``attempts``: number of previous attempts at each trial; ``scans``: the highest number
-    of a scan so far. ``coverage``: that of the request.
+    of a scan so far. ``ranges``: those of the training scans committed before, which the others
+    must have, too; None without one. ``coverage``: that of the request.
     """
 
     plan: FingerPlan
@@ -76,6 +78,7 @@ class OpenedFingerRun:
     done: frozenset[int] = frozenset()
     attempts: Mapping[int, int] = field(default_factory=dict)
     scans: int = 0
+    ranges: Normalisation | None = None
     coverage: float = COVERAGE
 
     @property
@@ -95,8 +98,9 @@ def open_finger_run(
     if request.resume is not None:
         return _resume(Path(request.resume), request, rig, board, start_utc)
     protocol = load_finger_protocol(find_finger_protocol(request.protocol))
+    rig.check_plates(protocol.textures)
     plan = protocol.plan([Stage(name) for name in request.stages], request.seed)
-    classifier = _classifier(plan, request)
+    classifier = _classifier(plan, request, rig.config.about.sensor)
     folder = Path(request.out) if request.out else _default_folder(request.stages, start_utc)
     check_disk_space(folder, plan.bytes_estimate)
     header = _header(plan, rig, board, start_utc, classifier)
@@ -119,17 +123,19 @@ def _resume(
         header, attempts = session.header, Counter(session.trials["trial_id"].tolist())
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
         scans = int(session.trials["scan"].max(initial=0))
-    if header.rig != rig.kind:
-        raise SessionError(
-            f"{folder} was recorded on the {header.rig} rig and this is the {rig.kind} one: "
-            "connect the rig that began the session"
-        )
-    check_same_world(folder, header.simulation, rig.world)
+        ranges = _ranges_of_scans(session)
+    _check_rig(folder, header, rig)
     protocol = load_finger_protocol(folder / layout.PROTOCOL_FILE)
     plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned scan is committed")
-    classifier = _classifier(plan, request)
+    classifier = _classifier(plan, request, rig.config.about.sensor)
+    if classifier and ranges and not ranges.has_ranges_of(classifier.model.normalisation):
+        raise WrongUse(
+            f"{folder} was begun with another model than {request.model}: its taxel ranges differ"
+        )
+    remaining = 1 - len(done) / len(plan.trials)
+    check_disk_space(folder, round(remaining * plan.bytes_estimate))
     new = _header(plan, rig, board, start_utc, classifier)
     recorder = FingerRecorder(folder, new, protocol.text, rig.config.text, resume=True)
     unattended = request.yes and rig.simulated
@@ -143,11 +149,36 @@ def _resume(
         done=done,
         attempts=attempts,
         scans=scans,
+        ranges=ranges,
         coverage=request.coverage,
     )
 
 
-def _classifier(plan: FingerPlan, request: FingerRunRequest) -> FingerClassifier | None:
+def _check_rig(folder: Path, header: SessionHeader, rig: FingerRig) -> None:
+    """Raise SessionError where another rig, sensor or simulated world began the session."""
+    if header.rig != rig.kind:
+        raise SessionError(
+            f"{folder} was recorded on the {header.rig} rig and this is the {rig.kind} one: "
+            "connect the rig that began the session"
+        )
+    if header.sensor != rig.config.about.sensor:
+        raise SessionError(
+            f"{folder} was recorded with the sensor {header.sensor!r}, this rig has "
+            f"{rig.config.about.sensor!r}: resume it with its own, or start a new session"
+        )
+    check_same_world(folder, header.simulation, rig.world)
+
+
+def _ranges_of_scans(session: FingerSession) -> Normalisation | None:
+    """Return the ranges of the scans committed after normalisation, None without one."""
+    stages = session.trials["stage"]
+    rows = [i for i in session.committed() if stages[i] != Stage.NORMALISE.value]
+    return session.normalisation(rows[0]) if rows else None
+
+
+def _classifier(
+    plan: FingerPlan, request: FingerRunRequest, sensor: str
+) -> FingerClassifier | None:
     """Return the classifier that the plan's stages need. Raises WrongUse for an unfit model."""
     stages = {trial.stage for trial in plan.trials}
     if not stages & {Stage.CALIBRATE, Stage.RUN}:
@@ -158,15 +189,25 @@ def _classifier(plan: FingerPlan, request: FingerRunRequest) -> FingerClassifier
     if path is None:
         raise WrongUse("these stages use a trained model: name its file with --model")
     model = load_finger_model(Path(path))
-    _check_model(model, plan, path)
-    if Stage.RUN in stages and Stage.CALIBRATE not in stages and model.calibration is None:
+    _check_model(model, plan, path, sensor)
+    if stages >= {Stage.CALIBRATE, Stage.RUN}:
+        raise WrongUse(
+            "calibrate and run need a session each: the run uses the model that its session's "
+            "`rigctl realtime calibrate` has made"
+        )
+    if Stage.RUN in stages and model.calibration is None:
         raise WrongUse(
             f"{path} is not calibrated for this session: run `rigctl realtime calibrate` first"
         )
     return FingerClassifier(model, coverage=request.coverage, error_rate=request.error_rate)
 
 
-def _check_model(model: FingerModel, plan: FingerPlan, path: str) -> None:
+def _check_model(model: FingerModel, plan: FingerPlan, path: str, sensor: str) -> None:
+    if model.sensor != sensor:
+        raise WrongUse(
+            f"{path} was trained with the sensor {model.sensor!r}, this rig has {sensor!r}: train "
+            "a model for it, or correct about.sensor"
+        )
     reference = round(1000 * plan.protocol.reference_mm_s)
     if model.reference_um_per_s != reference:
         raise WrongUse(

@@ -42,8 +42,9 @@ class LiveAnswers:
         if self._kind is ScanKind.ORIGINAL:
             windows = time_windows(data.all_spikes)
             return last_windows(windows)[: min(len(windows.counts), N_WINDOWS)]
-        # The newest window may be a short last one: it counts at the scan's end only.
-        rates = [window.rates_hz for window in data.windows[:N_WINDOWS]]
+        reports = enumerate(data.windows[:N_WINDOWS])
+        # A lost report would move all later windows; the scan is refused at its end.
+        rates = [report.rates_hz for number, report in reports if report.window == number]
         return np.array(rates, np.float64).reshape(len(rates), -1)
 
     def _row(self, scan: ScanInProgress, found: FingerAnswer, at_s: float) -> PredictionRow:

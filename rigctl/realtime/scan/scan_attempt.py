@@ -15,7 +15,7 @@ from rigctl.realtime.scan.scan_quality import ScanMeasures, judge_scan, measure_
 from rigctl.realtime.scan.slide_detector import SlideDetector, SlideState
 from rigctl.values import Position
 from rigctl.wire.finger.decoder import FingerBlock
-from rigctl.wire.finger.messages import BatchReport, Message, SampleFlag, WindowReport
+from rigctl.wire.finger.messages import BatchReport, Message, WindowReport
 
 END_TIMEOUT_S = 1.0
 """Longest wait for the board's last windows after the scan."""
@@ -76,7 +76,7 @@ class ScanAttempt:
         await control.wait_until(lambda: self.scan is not None or self._gave_up(limit_s))
         if self.scan is None:
             return
-        await control.wait_until(lambda: not self.scanning or self._is_silent())
+        await control.wait_until(self._is_over)
         limit_s = self._rig.loop.time() + END_TIMEOUT_S
         await control.wait_until(lambda: self._has_ended() or self._rig.loop.time() > limit_s)
         await control.wait_until(lambda: not self._rig.sliding)
@@ -88,16 +88,14 @@ class ScanAttempt:
         over = not self._rig.sliding and self._rig.loop.time() > limit_s
         return self._rig.simulated and over
 
-    def _is_silent(self) -> bool:
-        """Return whether the tracker fell silent in the scan, which then ends."""
-        if self._detector.check_silence(self._rig.loop.time()) is SlideState.INSIDE:
-            return False
-        self._stop()
-        return True
+    def _is_over(self) -> bool:
+        """Return whether the finger or the board ended the scan; a silent tracker ends it, too."""
+        self._follow(self._detector.check_silence(self._rig.loop.time()))
+        return not self.scanning or self._has_ended()
 
     def _has_ended(self) -> bool:
-        if self.scan is not None:
-            self._guarded_send()
+        """Return whether nothing more comes from the board."""
+        self._guarded_send()
         return self.scan is None or self.scan.ended or self._board_restarted
 
     @property
@@ -106,40 +104,57 @@ class ScanAttempt:
 
     def _judge(self, quality: ScanQuality) -> tuple[str, ...]:
         scan = self.scan
-        if scan is None or not scan.data.count:
+        if scan is None:
             return (self._failure or "the finger did not pass the first mark",)
-        self.measures = measure_scan(scan.data, self._positions_s, self._touched / scan.data.count)
-        restarted = "the finger board restarted" if self._board_restarted else ""
-        broken = self._failure or restarted or self._detector.broken or scan.failure
-        if broken:
-            return (broken,)
+        if scan.data.count:
+            share = self._touched / scan.data.count
+            self.measures = measure_scan(scan.data, self._positions_s, share)
+        broken = self._broken(scan)
+        return (broken,) if broken else judge_scan(self.trial, scan.data, self.measures, quality)
+
+    def _broken(self, scan: ScanInProgress) -> str:
+        """Return why the scan did not reach its end, empty where it did."""
+        if self._failure:
+            return self._failure
+        if self._board_restarted:
+            return "the finger board restarted"
+        if self._detector.broken or scan.failure:
+            return self._detector.broken or scan.failure
+        if not scan.data.count:
+            return "the finger board did not start the scan"
         if not scan.ended:
-            return ("the finger board did not report the end of the scan",)
-        return judge_scan(self.trial, scan.data, self.measures, quality)
+            return "the finger board did not report the end of the scan"
+        return f"the scan took longer than {scan.duration_s:.0f} s" if self.scanning else ""
 
     def _take_position(self, position: Position, plate: PlatePosition) -> None:
-        before, now_s = self._detector.state, self._rig.loop.time()
-        if plate.valid:
-            after = self._detector.add(
-                now_s, plate.at_s, plate.along_mm, plate.across_mm, plate.height_mm
-            )
-        else:
-            after = self._detector.check_silence(now_s)
-        if self.scan is not None:
-            if plate.valid and self.scanning:
-                self._positions_s.append(plate.at_s)
-            self._guarded_send()
-        if after is SlideState.INSIDE and self.scan is None:
+        if self.scan is None or self.scanning:
+            self._detect(plate)
+        self._guarded_send()
+
+    def _detect(self, plate: PlatePosition) -> None:
+        """Start and end the scan by the place of the finger; it does not begin a second time."""
+        now_s = self._rig.loop.time()
+        if not plate.valid:
+            self._follow(self._detector.check_silence(now_s))
+            return
+        state = self._detector.add(
+            now_s, plate.at_s, plate.along_mm, plate.across_mm, plate.height_mm
+        )
+        if state is SlideState.INSIDE and self.scan is None:
             self._start()
-        elif before is SlideState.INSIDE and after is SlideState.AWAY:
+        if self.scan is not None:
+            self._positions_s.append(plate.at_s)
+        self._follow(state)
+
+    def _follow(self, state: SlideState) -> None:
+        """Stop the scan where the finger has left the stretch between the marks."""
+        if self.scan is not None and state is not SlideState.INSIDE:
             self._stop()
 
     def _take_block(self, block: FingerBlock, arrived_s: float) -> None:
-        if self.scan is None:
-            return
-        inside = block.readings[(block.flags & SampleFlag.IN_SCAN) != 0]
-        self._touched += int(self._devices.contact.touched(inside).sum())
-        self.scan.add_block(block, arrived_s)
+        if self.scan is not None:
+            readings = self.scan.add_block(block, arrived_s)
+            self._touched += int(self._devices.contact.touched(readings).sum())
 
     def _take_message(self, message: Message, arrived_s: float) -> None:
         scan = self.scan

@@ -38,7 +38,8 @@ from rigctl.wire.finger.messages import (
 
 BATCH_S = BATCH_SAMPLES / SAMPLE_RATE_HZ
 LAST_VELOCITY_TIMEOUT_S = 0.3
-"""How long the last batch waits for the tracker before it uses the velocity before it."""
+"""How long the last batch waits for the tracker before it uses the velocity before it, and how long
+the request to stop waits for its answer before it is repeated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,19 +127,34 @@ class ScanInProgress:
         """End the scan with the present sample; :attr:`ended` follows."""
         if not self._stopped and not self.ended:
             self._stopped = True
+            self._stop_again_later()
             self._finger.send_stop(self.number)
 
-    def add_block(self, block: FingerBlock, arrived_s: float) -> None:
-        """Add the scan's samples of a block, and send the velocities that are known by now."""
+    def add_block(self, block: FingerBlock, arrived_s: float) -> NDArray[np.uint16]:
+        """Add the scan's samples of a block, and send the velocities that are known by now.
+
+        Returns their readings, uint16 (n, 9).
+        """
+        rows = self._rows_of_scan(block)
+        if len(rows):
+            self._add_rows(block, rows, arrived_s)
+            self.send_velocities()
+        return block.readings[rows]
+
+    def _rows_of_scan(self, block: FingerBlock) -> NDArray[np.intp]:
+        """Return the rows from the scan's first sample on: an earlier scan may precede it."""
         rows = np.flatnonzero(block.flags & SampleFlag.IN_SCAN)
-        if self.ended or not len(rows):
-            return
+        if self.ended:
+            return rows[:0]
         if self.data.first_counter < 0:
             firsts = np.flatnonzero(block.flags & SampleFlag.FIRST)
             if not len(firsts):
-                return
+                return rows[:0]
             rows = rows[rows >= firsts[-1]]
             self.data.first_counter = int(block.counters[firsts[-1]])
+        return rows
+
+    def _add_rows(self, block: FingerBlock, rows: NDArray[np.intp], arrived_s: float) -> None:
         last = int(block.counters[rows[-1]]) + 1 - self.data.first_counter
         self.data.lost_samples += last - self.data.count - len(rows)
         self.data.count = last
@@ -146,7 +162,6 @@ class ScanInProgress:
         taken_s = arrived_s - last / SAMPLE_RATE_HZ
         known_s = self._first_sample_s
         self._first_sample_s = taken_s if known_s is None else min(known_s, taken_s)
-        self.send_velocities()
 
     def add_message(self, message: Message, arrived_s: float) -> None:
         """Add what the board reports about this scan."""
@@ -199,13 +214,19 @@ class ScanInProgress:
             self.break_off(f"the finger board refused to start: {answer.result.name.lower()}")
         elif answer.request is RequestType.STOP and not self._closed:
             self._closed = True
-            self._timeout = self._loop.call_later(LAST_VELOCITY_TIMEOUT_S, self._close_last_batch)
+            self._stop_again_later()
             self.send_velocities()
 
-    def _close_last_batch(self) -> None:
-        """End a scan whose last velocity is not known: the board uses the one before."""
-        if self.ended:
-            return
+    def _stop_again_later(self) -> None:
+        if self._timeout is not None:
+            self._timeout.cancel()
+        self._timeout = self._loop.call_later(LAST_VELOCITY_TIMEOUT_S, self._stop_again)
+
+    def _stop_again(self) -> None:
+        """Repeat a request that was lost, or end a scan whose last velocity is not known.
+
+        For the last batch the board then uses the velocity before it.
+        """
         try:
             self._finger.send_stop(self.number)
         except RigFault as fault:

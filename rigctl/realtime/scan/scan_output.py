@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.finger_values import LatencyRow, PredictionRow
-from rigctl.realtime.latency import FEATURES, PREDICTION, LatencyLog
+from rigctl.realtime.latency import FEATURES, PREDICTION, SCREEN, LatencyLog
 from rigctl.realtime.scan.live_answers import LiveAnswers
 from rigctl.realtime.scan.scan_in_progress import ScanInProgress
 from rigctl.realtime.scan.scan_recording import batch_row, window_row
@@ -34,6 +34,10 @@ class ScanOutput:
         self._latencies = latencies
         self._now_s = now_s
         self._closed_windows = 0
+
+    def begin_scan(self) -> None:
+        """Forget what is left of the scan before."""
+        self.prediction, self._closed_windows = None, 0
 
     def add_window(self, report: WindowReport, arrived_s: float) -> None:
         """Record a window; the report of its batch follows it."""
@@ -77,7 +81,7 @@ class ScanOutput:
 
     def add_screen(self, scan: int, at_s: float, sent_s: float) -> None:
         """Record that a window has painted an answer; its report has arrived at ``at_s``."""
-        self._add_latency(scan, "screen", at_s, sent_s)
+        self._add_latency(scan, SCREEN, at_s, sent_s)
 
     def _add_latency(self, scan: int, kind: str, at_s: float, since_s: float) -> None:
         ms = 1000.0 * (at_s - since_s)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.devices.trackers.velocity import EstimateSource
+from rigctl.devices.trackers.velocity import MISSED_S, EstimateSource
 from rigctl.protocol.finger import MARKS_MM, FingerTrial, VelocityProfile
 from rigctl.protocol.finger_plan import ScanQuality
 from rigctl.realtime.scan.scan_in_progress import ScanData
@@ -56,7 +56,7 @@ def measure_scan(
         distance_mm / seconds if seconds else 0.0,
         first,
         second,
-        float(gaps_s[gaps_s > 0.03].sum()) if len(gaps_s) else 0.0,
+        float(gaps_s[gaps_s > MISSED_S].sum()) if len(gaps_s) else 0.0,
         float(gaps_s.max() * 1000.0) if len(gaps_s) else 0.0,
         contact_share,
     )
@@ -87,17 +87,30 @@ def _data_reasons(data: ScanData, measures: ScanMeasures, quality: ScanQuality) 
     held = sum(report.source is not VelocitySource.RECEIVED for report, _ in data.batches)
     guessed = sum(sent.estimate.source is EstimateSource.HELD for sent in data.sent.values())
     if data.lost_samples > quality.max_lost_samples:
-        yield f"{data.lost_samples} samples are lost"
+        yield f"lost samples: {data.lost_samples}"
+    if not _reports_are_whole(data):
+        yield "reports of the board were lost on its line"
     if held > quality.max_held_velocities:
-        yield f"{held} velocities reached the board too late"
+        yield f"velocities that did not reach the board in time: {held}"
     if measures.tracker_gap_ms > quality.max_tracker_gap_ms:
         yield f"the tracker was lost for {measures.tracker_gap_ms:.0f} ms"
     elif guessed > quality.max_held_velocities:
-        yield f"the tracker gave no velocity for {guessed} batches"
+        yield f"batches without a velocity of the tracker: {guessed}"
     if 100.0 * measures.contact_share < quality.min_contact_percent:
         yield f"the finger touched the plate in {100 * measures.contact_share:.0f} % of the scan"
     if abs(measures.distance_mm - SCAN_MM) > MAX_DISTANCE_ERROR_MM:
         yield f"the scan covers {measures.distance_mm:.0f} mm instead of {SCAN_MM:.0f} mm"
+
+
+def _reports_are_whole(data: ScanData) -> bool:
+    """Return whether the reports of all batches and windows have come, in their order."""
+    batches = [report for report, _ in data.batches]
+    samples = sum(report.samples for report in batches)
+    return (
+        [report.batch for report in batches] == list(range(len(batches)))
+        and [report.window for report in data.windows] == list(range(len(data.windows)))
+        and data.count <= samples == sum(report.real_ms for report in data.windows)
+    )
 
 
 def _speed_reasons(

@@ -153,8 +153,7 @@ class VirtualFinger:
         """
         if self.sliding:
             raise WrongUse(_SLIDING)
-        if texture not in CATALOGUE:
-            raise WrongUse(f"no plate {texture!r}: the catalogue has A to P")
+        self.check_plate(texture)
         plate, self._swapped = self._swapped or texture, None
         change, self._change = self._change, None
         number = self.next_slide
@@ -162,6 +161,11 @@ class VirtualFinger:
         slide = draw_slide(self._operator, self._habits, profile, self._random(_SLIDE, number))
         begin_ms = self._hand.plan(slide, self.time_us // 1000, change)
         self._planned.append((begin_ms, number, plate, slide))
+
+    def check_plate(self, texture: str) -> None:
+        """Raise WrongUse for an unknown plate."""
+        if texture not in CATALOGUE:
+            raise WrongUse(f"no plate {texture!r}: the catalogue has A to P")
 
     def touch_corners(self) -> list[tuple[str, tuple[float, float, float]]]:
         """Return the tracker's position while the finger touches each corner, mm in its frame."""
