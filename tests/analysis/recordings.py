@@ -37,7 +37,7 @@ def readings(trial: PlannedTrial, n: int, seed: int) -> NDArray[np.uint16]:
     wave = np.sin(2 * np.pi * (travel + place) / wavelength) if wavelength else np.zeros((n, 18))
     layer = np.where(np.arange(18) < 9, 1.0, 0.5)
     level = np.random.default_rng(5).uniform(0.3, 0.5, 18) * (trial.force_g / 500) ** 0.4
-    x = level + 0.12 * layer * wave + rng.normal(0, 0.012, (n, 18))
+    x: NDArray[np.float64] = level + 0.12 * layer * wave + rng.normal(0, 0.012, (n, 18))
     return np.round(1023 * np.clip(x, 0, 1)).astype(np.uint16)
 
 
