@@ -61,6 +61,7 @@ def test_the_experiment_from_the_command_line(
     [
         (("train", "--protocol", "nothing"), "there is no protocol nothing"),
         (("train", "--rig", "nothing"), "there is no rig nothing"),
+        (("train", "--components", "0"), "a model needs one component or more"),
         (("run", "--model", "nothing"), "there is no model nothing"),
         (("demo", "--out", "."), "exists already"),
     ],

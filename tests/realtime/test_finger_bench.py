@@ -139,7 +139,7 @@ def test_a_lost_tracker_names_the_corner_that_it_did_not_see(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     def hide(question: str) -> str:
-        served.tell("lose 0.3")
+        served.tell("lose 5")
         return ""
 
     monkeypatch.setattr(plate_frame, "TOUCH_S", 0.1)

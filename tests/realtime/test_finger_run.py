@@ -13,11 +13,14 @@ from rigctl.session.verify.session import verify
 from tests.realtime.conftest import Trained
 from tests.realtime.harness import (
     ONE_SCAN,
+    SMALL,
     FingerHarness,
     open_finger_harness,
     open_finger_session,
     until_ended,
 )
+
+FEW_SCANS = SMALL.replace('"medium", "fast"', '"medium"')
 
 
 def assert_whole(folder: Path) -> None:
@@ -105,14 +108,14 @@ def test_an_aborted_run_is_resumed_where_it_stopped(tmp_path: Path) -> None:
         await until_ended(harness)
 
     with open_finger_harness(tmp_path) as harness:
-        harness.run(abort_after_two, harness.request("normalise", "train"))
+        harness.run(abort_after_two, harness.request("normalise", "train", protocol=FEW_SCANS))
         folder = harness.session
     with open_finger_harness(tmp_path / "again") as again:
         run = again.record(FingerRunRequest(resume=str(folder), yes=True))
         assert run.text == "every scan is committed"
     with open_finger_session(folder) as session:
         ids = session.trials["trial_id"][session.committed()]
-        assert ids.tolist() == list(range(1, 25))
+        assert ids.tolist() == list(range(1, 13))
     assert_whole(folder)
 
 

@@ -186,16 +186,31 @@ def test_calibrate_and_run_need_a_session_each(
         _open(new_session, new_session.request("calibrate", "run", model=trained.model))
 
 
+async def abort_after_one(harness: FingerHarness) -> None:
+    await harness.until(lambda: harness.engine.status().run.trials_committed == 1)
+    assert harness.engine.run is not None
+    harness.engine.run.control.abort("stopped by the test")
+    await until_ended(harness)
+
+
+def test_a_resumed_run_counts_the_answers_of_the_whole_session(
+    trained: Trained, tmp_path: Path
+) -> None:
+    with open_finger_harness(tmp_path, session=1) as first:
+        first.run(abort_after_one, first.request("run", model=trained.model))
+    with open_finger_harness(tmp_path / "again", session=1) as again:
+        model = str(trained.model)
+        run = again.record(FingerRunRequest(resume=str(first.session), model=model, yes=True))
+    assert run.text == "every scan is committed"
+    with open_finger_session(first.session) as session:
+        correct = int(np.sum(session.trials["correct"][session.committed()] == 1))
+    assert (run.status().classified, run.status().correct) == (6, correct)
+
+
 @pytest.mark.parametrize("other", ["sensor", "model"])
 def test_a_session_is_resumed_with_its_own_sensor_and_model(
     trained: Trained, tmp_path: Path, other: str
 ) -> None:
-    async def abort_after_one(opened: FingerHarness) -> None:
-        await opened.until(lambda: opened.engine.status().run.trials_committed == 1)
-        assert opened.engine.run is not None
-        opened.engine.run.control.abort("stopped by the test")
-        await until_ended(opened)
-
     with open_finger_harness(tmp_path, session=1) as first:
         first.run(abort_after_one, first.request("run", model=trained.model))
         begun = first.session

@@ -21,6 +21,7 @@ NO_TERMINAL = "run it where you can press Enter at each corner"
 FRAME_FILE = "plate-frame.toml"
 TOUCH_S = 1.0
 """Time over which the positions at a corner are averaged."""
+CHECK_PERIOD_S = 0.01
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,11 +71,15 @@ async def _touch_corners(tracker: Tracker) -> list[tuple[str, Vector]]:
         await asyncio.to_thread(
             ask, f"Touch the corner {name} of the plate and hold still.", NO_TERMINAL
         )
-        positions.clear()
-        await asyncio.sleep(TOUCH_S)
+        begin_s = asyncio.get_running_loop().time()
+        end_s = begin_s + TOUCH_S
+        # Positions come late: what was measured before the touch may still be on its way.
+        while not lost and not (positions and positions[-1].at_s > end_s):
+            await asyncio.sleep(CHECK_PERIOD_S)
         if lost:
             raise LinkLost(lost[0])
-        touched.append((name, _mean(name, positions)))
+        touched.append((name, _mean(name, [p for p in positions if begin_s <= p.at_s <= end_s])))
+        positions.clear()
     return touched
 
 

@@ -75,6 +75,8 @@ class FingerRun:
         self._attempts: Counter[int] = Counter(opened.attempts)
         self._scans = opened.scans
         self._progress = FingerProgress(opened.plan, opened.done, now_s())
+        for true, answer in opened.named:
+            self._progress.classify(true, answer)
         self._attempt: ScanAttempt | None = None
         self._texture: str | None = None
         self._stage: Stage | None = None

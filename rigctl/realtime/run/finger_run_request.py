@@ -66,7 +66,8 @@ class OpenedFingerRun:
     ``header``: that of the first part; later parts have other ranges. ``done``: trials committed
     before; ``attempts``: number of previous attempts at each trial; ``scans``: the highest number
     of a scan so far. ``ranges``: those of the training scans committed before, which the others
-    must have, too; None without one. ``coverage``: that of the request.
+    must have, too; None without one. ``named``: texture and answer of each scan classified
+    before. ``coverage``: that of the request.
     """
 
     plan: FingerPlan
@@ -79,6 +80,7 @@ class OpenedFingerRun:
     attempts: Mapping[int, int] = field(default_factory=dict)
     scans: int = 0
     ranges: Normalisation | None = None
+    named: tuple[tuple[str, str], ...] = ()
     coverage: float = COVERAGE
 
     @property
@@ -124,6 +126,7 @@ def _resume(
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
         scans = int(session.trials["scan"].max(initial=0))
         ranges = _ranges_of_scans(session)
+        named = _named_scans(session)
     _check_rig(folder, header, rig)
     protocol = load_finger_protocol(folder / layout.PROTOCOL_FILE)
     plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
@@ -150,6 +153,7 @@ def _resume(
         attempts=attempts,
         scans=scans,
         ranges=ranges,
+        named=named,
         coverage=request.coverage,
     )
 
@@ -174,6 +178,13 @@ def _ranges_of_scans(session: FingerSession) -> Normalisation | None:
     stages = session.trials["stage"]
     rows = [i for i in session.committed() if stages[i] != Stage.NORMALISE.value]
     return session.normalisation(rows[0]) if rows else None
+
+
+def _named_scans(session: FingerSession) -> tuple[tuple[str, str], ...]:
+    """Return texture and answer of the committed scans that have one."""
+    rows = session.trials[session.committed()]
+    pairs = zip(rows["texture"].tolist(), rows["predicted"].tolist(), strict=True)
+    return tuple((str(texture), str(answer)) for texture, answer in pairs if answer)
 
 
 def _classifier(

@@ -21,7 +21,7 @@ from rigctl.values import Position
 
 LOOPBACK = "127.0.0.1"
 READY_S = 0.02
-"""Period at which the person checks whether the hand is free for the next slide."""
+"""Period at which the person checks whether the hand is free for the next move."""
 LONGEST_LINE = 200
 LONGEST_LOSS_S = 60.0
 COMMANDS = "slide PLATE PROFILE, touch CORNER, or lose SECONDS"
@@ -80,9 +80,9 @@ class TrackerCable:
 class PersonCable:
     """The line to the person who moves the finger.
 
-    ``slide PLATE PROFILE`` makes one slide as soon as the hand is free, ``touch CORNER`` rests the
-    finger on a corner of the plate until the next slide, ``lose SECONDS`` hides the tracker from
-    its base stations. The answer begins with ``error:`` where that is not possible.
+    ``slide PLATE PROFILE`` makes one slide, ``touch CORNER`` rests the finger on a corner of the
+    plate until the next slide, both as soon as the hand is free; ``lose SECONDS`` hides the tracker
+    from its base stations. The answer begins with ``error:`` where that is not possible.
     """
 
     name = "person"
@@ -91,7 +91,7 @@ class PersonCable:
         self._finger = finger
         self._loop = loop
         self._received = b""
-        self._slides: deque[tuple[str, VelocityProfile]] = deque()
+        self._moves: deque[Callable[[], None]] = deque()
         self._timer: asyncio.TimerHandle | None = None
         self._on_bytes: OnBytes | None = None
 
@@ -109,9 +109,9 @@ class PersonCable:
                 self._guarded(partial(self._act, words))
 
     def close(self) -> None:
-        """Forget the slides that have not begun, and stop to answer."""
+        """Forget the moves that have not begun, and stop to answer."""
         self._on_bytes = None
-        self._slides.clear()
+        self._moves.clear()
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -119,12 +119,9 @@ class PersonCable:
     def _act(self, words: list[str]) -> None:
         match words:
             case ["slide", plate, profile]:
-                self._slides.append((plate, _profile(profile)))
-                if self._timer is None:
-                    self._begin_slides()
+                self._plan(partial(self._slide, plate, _profile(profile)))
             case ["touch", *corner]:
-                self._finger.touch_corner(" ".join(corner))
-                self._say(f"touching {' '.join(corner)}")
+                self._plan(partial(self._touch, " ".join(corner)))
             case ["lose", seconds]:
                 duration_s = _seconds(seconds)
                 self._finger.faults.lose_tracker(duration_s)
@@ -132,14 +129,22 @@ class PersonCable:
             case _:
                 raise WrongUse(f"{' '.join(words)!r} is no command: write {COMMANDS}")
 
-    def _begin_slides(self) -> None:
-        """Begin the next slide if the hand is free, and look again soon if there are more."""
+    def _plan(self, move: Callable[[], None]) -> None:
+        self._moves.append(move)
+        if self._timer is None:
+            self._begin_moves()
+
+    def _begin_moves(self) -> None:
+        """Begin the next move if the hand is free, and look again soon if there are more."""
         self._timer = None
-        if self._slides and not self._finger.sliding:
-            plate, profile = self._slides.popleft()
-            self._guarded(partial(self._slide, plate, profile))
-        if self._slides:
-            self._timer = self._loop.call_later(READY_S, self._begin_slides)
+        if self._moves and not self._finger.sliding:
+            self._guarded(self._moves.popleft())
+        if self._moves:
+            self._timer = self._loop.call_later(READY_S, self._begin_moves)
+
+    def _touch(self, corner: str) -> None:
+        self._finger.touch_corner(corner)
+        self._say(f"touching {corner}")
 
     def _slide(self, plate: str, profile: VelocityProfile) -> None:
         self._finger.slide(plate, profile)
