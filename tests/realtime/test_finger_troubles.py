@@ -234,6 +234,19 @@ def test_a_calibration_of_other_ranges_is_refused(trained: Trained, tmp_path: Pa
         calibrate_models(model, trained.calibration)
 
 
+def test_a_model_with_an_empty_range_ends_the_run_with_a_sentence(
+    trained: Trained, new_session: FingerHarness
+) -> None:
+    model = load_finger_model(trained.model)
+    ranges, high = model.normalisation, model.normalisation.high.copy()
+    high[2] = ranges.low[2]
+    path = new_session.folder / "empty.h5"
+    save_finger_model(replace(model, normalisation=replace(ranges, high=high)), path)
+    run = new_session.record(new_session.request("run", model=path))
+    assert run.outcome == "failed"
+    assert run.text.startswith("taxel 3: the range")
+
+
 def give_sensor(harness: FingerHarness, name: str) -> None:
     config = harness.rig.config
     harness.rig.config = replace(config, about=replace(config.about, sensor=name))

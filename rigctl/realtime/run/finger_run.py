@@ -26,7 +26,7 @@ from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.acquisition.protocol.run_reasons import LINK, RunPaused, RunStopped
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.errors import LinkLost, RigFault
+from rigctl.errors import LinkLost, RigctlError, RigFault
 from rigctl.finger_values import PredictionRow
 from rigctl.protocol.finger import FingerTrial, Stage
 from rigctl.realtime.finger_devices import FingerDevices
@@ -159,9 +159,9 @@ class FingerRun:
                 await self._run_trial(trial)
         except RunStopped as stop:
             return "aborted", str(stop)
-        except RigFault as fault:
-            self._event_bus.publish("fault", str(fault))
-            return "failed", str(fault)
+        except RigctlError as error:
+            self._event_bus.publish("fault", str(error))
+            return "failed", str(error)
         missing = self._progress.planned - self._progress.committed
         if missing:
             return "done", f"scans that could not be committed: {missing}; see their reasons"
