@@ -207,7 +207,7 @@ def test_a_resumed_run_counts_the_answers_of_the_whole_session(
     assert (run.status().classified, run.status().correct) == (6, correct)
 
 
-@pytest.mark.parametrize("other", ["sensor", "model"])
+@pytest.mark.parametrize("other", ["sensor", "model", "representation"])
 def test_a_session_is_resumed_with_its_own_sensor_and_model(
     trained: Trained, tmp_path: Path, other: str
 ) -> None:
@@ -218,7 +218,13 @@ def test_a_session_is_resumed_with_its_own_sensor_and_model(
     if other == "model":
         model = tmp_path / "other.h5"
         save_finger_model(with_other_ranges(load_finger_model(trained.model)), model)
-    message = {"sensor": "recorded with the sensor ''", "model": "begun with another model"}[other]
+    if other == "representation":
+        model = trained.calibration / "model-original.h5"
+    message = {
+        "sensor": "recorded with the sensor ''",
+        "model": "its taxel ranges differ",
+        "representation": "resume it with the Speed Scaled model",
+    }[other]
     with open_finger_harness(tmp_path / "again", session=1) as again:
         if other == "sensor":
             give_sensor(again, "finger 2")

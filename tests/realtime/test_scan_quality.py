@@ -127,6 +127,18 @@ def test_a_speed_outside_the_limits_is_refused(um_s: int) -> None:
     assert reason == f"the mean speed is {um_s // 1000} mm/s, outside 15 to 400 mm/s"
 
 
+def test_a_bad_reading_and_a_drift_do_not_become_rest_for_good() -> None:
+    meter = ContactMeter()
+    rest = np.full((1000, 9), 100, np.uint16)
+    meter.add(np.zeros((10, 9), np.uint16))
+    for _ in range(40):
+        meter.add(rest)
+    assert not meter.touches, "the reading of a moment without a sensor is left out"
+    for _ in range(200):
+        meter.add(rest + np.uint16(60))
+    assert not meter.touches, "rest has risen"
+
+
 def test_contact_is_a_rise_over_rest() -> None:
     meter = ContactMeter()
     rest = np.full((50, 9), 100, np.uint16)

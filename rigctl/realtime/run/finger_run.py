@@ -34,7 +34,7 @@ from rigctl.realtime.finger_rig import FingerRig
 from rigctl.realtime.latency import LatencyLog
 from rigctl.realtime.messages import CurrentScan, FingerRunStatus
 from rigctl.realtime.run.finger_control import FingerControl
-from rigctl.realtime.run.finger_run_request import OpenedFingerRun
+from rigctl.realtime.run.finger_run_request import MODEL_KIND, OpenedFingerRun
 from rigctl.realtime.run.finger_run_status import FingerProgress, run_status
 from rigctl.realtime.scan.live_answers import LiveAnswers
 from rigctl.realtime.scan.scan_attempt import ScanAttempt
@@ -179,10 +179,18 @@ class FingerRun:
         reason = f"stage {stage.value}" + (", continued" if self._opened.resumed else "")
         self._recorder.begin_part(reason, header=header)
         self._recording, self._stage = True, stage
-        classifier = self._opened.classifier
-        answers = stage is Stage.RUN and classifier is not None
-        self.output.answers = LiveAnswers(classifier) if answers and classifier else None
         self._event_bus.publish("stage", f"stage {stage.value} begins", stage=stage.value)
+        self.output.answers = self._answers() if stage is Stage.RUN else None
+
+    def _answers(self) -> LiveAnswers | None:
+        """Return what names the scans; the session says which model it is."""
+        classifier = self._opened.classifier
+        if classifier is None:
+            return None
+        name, digest = classifier.model.representation, self._opened.model_digest
+        text = f"a model of {name} names the scans, SHA-256 {digest[:16]}…"
+        self._event_bus.publish(MODEL_KIND, text, representation=name, digest=digest)
+        return LiveAnswers(classifier)
 
     async def _configure(self, ranges: Normalisation) -> None:
         """Set the board's ranges; a board that is lost meanwhile is waited for."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,6 +29,8 @@ from rigctl.values import BoardIdentity
 from rigctl.wire.finger.messages import N_TAXELS
 
 DEFAULT_PROTOCOL = "paper"
+MODEL_KIND = "model"
+"""Kind of the event that says which model names the scans of a session."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +85,7 @@ class OpenedFingerRun:
     ranges: Normalisation | None = None
     named: tuple[tuple[str, str], ...] = ()
     coverage: float = COVERAGE
+    model_digest: str = ""
 
     @property
     def reference_um_per_s(self) -> int:
@@ -108,7 +112,13 @@ def open_finger_run(
     header = _header(plan, rig, board, start_utc, classifier)
     recorder = FingerRecorder(folder, header, protocol.text, rig.config.text)
     return OpenedFingerRun(
-        plan, recorder, header, classifier, unattended, coverage=request.coverage
+        plan,
+        recorder,
+        header,
+        classifier,
+        unattended,
+        coverage=request.coverage,
+        model_digest=model_digest(request.model),
     )
 
 
@@ -127,6 +137,7 @@ def _resume(
         scans = int(session.trials["scan"].max(initial=0))
         ranges = _ranges_of_scans(session)
         named = _named_scans(session)
+        models = session.events_of(MODEL_KIND)
     _check_rig(folder, header, rig)
     protocol = load_finger_protocol(folder / layout.PROTOCOL_FILE)
     plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
@@ -136,6 +147,12 @@ def _resume(
     if classifier and ranges and not ranges.has_ranges_of(classifier.model.normalisation):
         raise WrongUse(
             f"{folder} was begun with another model than {request.model}: its taxel ranges differ"
+        )
+    digest = model_digest(request.model)
+    if models and models[-1].data["digest"] != digest:
+        raise WrongUse(
+            f"{folder} was begun with another model than {request.model}: resume it with the "
+            f"{models[-1].data['representation']} model that named its scans"
         )
     remaining = 1 - len(done) / len(plan.trials)
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
@@ -155,7 +172,13 @@ def _resume(
         ranges=ranges,
         named=named,
         coverage=request.coverage,
+        model_digest=digest,
     )
+
+
+def model_digest(path: str | None) -> str:
+    """Return the SHA-256 of a model's file, hexadecimal; empty without a model."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest() if path else ""
 
 
 def _check_rig(folder: Path, header: SessionHeader, rig: FingerRig) -> None:
