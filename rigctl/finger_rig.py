@@ -146,4 +146,7 @@ def _plate_frame(path: Path, config: FingerConfig) -> PlateFrame:
     try:
         return PlateFrame.from_toml(file.read_text(encoding="utf-8"), str(file))
     except OSError as error:
-        raise ConfigError(f"cannot read {file}: {error.strerror}") from error
+        raise ConfigError(
+            f"cannot read the plate's frame {file} ({error.strerror}): touch the corners with "
+            "`rigctl realtime frame`, which writes it"
+        ) from error

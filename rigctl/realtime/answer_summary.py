@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.finger_values import PredictionRow
-from rigctl.realtime.latency import KINDS
+from rigctl.realtime.latency import KINDS, LIMITS_MS
 from rigctl.session.read.finger_session import FingerSession
 
 
@@ -27,9 +27,14 @@ def answer_lines(folder: Path) -> Iterator[str]:
         ms = latencies["ms"][latencies["kind"] == kind]
         if len(ms):
             middle, high, longest = np.percentile(ms, [50, 99, 100])
+            over = [
+                f"; TOO SLOW: {percent:g} % must be within {limit:g} ms"
+                for percent, limit in LIMITS_MS.get(kind, ())
+                if np.percentile(ms, percent) > limit
+            ]
             yield (
                 f"from a velocity to {kind}: {middle:.1f} ms, 99 % within {high:.1f} ms, "
-                f"longest {longest:.1f} ms, n = {len(ms)}"
+                f"longest {longest:.1f} ms, n = {len(ms)}" + "".join(over)
             )
 
 
@@ -37,9 +42,12 @@ def _sets_line(pairs: list[tuple[str, PredictionRow]]) -> str:
     held = sum(texture in answer.texture_set for texture, answer in pairs)
     sizes = [len(answer.texture_set) for _, answer in pairs]
     unknown = sum(not answer.known for _, answer in pairs)
+    known = max(len(answer.probabilities) for _, answer in pairs)
+    empty = sum(size == known for size in sizes)
+    failed = f"; FAILURE: {empty} hold all textures and say nothing" if empty else ""
     return (
         f"sets of textures: {held} of {len(pairs)} hold the true one, mean size "
-        f"{np.mean(sizes):.1f}; unlike every trained plate: {unknown}"
+        f"{np.mean(sizes):.1f} of {known}{failed}; unlike every trained plate: {unknown}"
     )
 
 

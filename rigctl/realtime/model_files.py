@@ -12,8 +12,9 @@ SPEED_SCALED, ORIGINAL = REPRESENTATIONS = ("speed-scaled", "original")
 def model_path(path: Path, representation: str) -> Path:
     """Return the model file that a file or a session's folder names. Raises WrongUse."""
     file = path / f"model-{representation}.h5" if path.is_dir() else path
-    if not file.is_file():
-        raise WrongUse(
-            f"there is no model {file}: train one with `rigctl realtime train`, or name its file"
-        )
-    return file
+    if file.is_file():
+        return file
+    raise WrongUse(
+        f"there is no model {file}: train one with `rigctl realtime train`, or name its file; an "
+        "unfinished training or calibration makes its model at the end of --resume"
+    )

@@ -54,6 +54,17 @@ def test_the_experiment_from_the_command_line(
     assert _realtime("run", *words, "--protocol", protocol, "--out", original) == 0
     with open_finger_session(original) as session:
         assert all(session.trials["predicted"][i] for i in session.committed())
+        (model,) = session.events_of("model")
+    assert model.data["representation"] == "Original"
+    capsys.readouterr()
+    file = str(out / "calibrate" / "model-speed-scaled.h5")
+    for words, message in (
+        (["run", "--model", file, "--representation", "original"], "is a model of Speed Scaled"),
+        (["train", "--resume", out / "calibrate"], "has the stages calibrate"),
+        (["train", "--resume", out / "train", "--out", "other"], "--out is that of the session"),
+    ):
+        assert _realtime(*words) == 2
+        assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

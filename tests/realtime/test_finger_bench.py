@@ -168,7 +168,10 @@ def test_corners_cannot_be_touched_without_a_terminal(
     ("text", "sentence"),
     [
         ('[tracker]\nsource = "udp:5040"', "tracker.frame is missing: touch the plate's corners"),
-        ('[tracker]\nsource = "udp:5040"\nframe = "other.toml"', "cannot read other.toml: No such"),
+        (
+            '[tracker]\nsource = "udp:5040"\nframe = "other.toml"',
+            "cannot read the plate's frame other.toml",
+        ),
         (
             '[finger]\nport = "tcp://127.0.0.1:9"\n[tracker]\nsource = "sonar:1"\nframe = "f.toml"',
             "finger.toml: tracker.source: 'sonar:1' names no tracker: write serial:PORT",

@@ -84,7 +84,7 @@ def confidence_of(
         ("error rate", error_rate),
     ):
         if not 0.0 < share < 1.0:
-            raise WrongUse(f"a {name} of {share:g} is impossible: give one between 0 and 1")
+            raise WrongUse(f"{name} {share:g} is impossible: give one between 0 and 1")
     labels = calibration.labels
     temperatures = np.array([_temperature(logs, labels) for logs in calibration.logs])
     probabilities = _left_out_probabilities(calibration)

@@ -139,7 +139,7 @@ def draw_latencies(latencies: Mapping[str, Floats], origin: str, stem: Path) -> 
             axes.axvline(value, color=TEXT, lw=1, ls=dashes)
         title = f"{kind}, n = {len(ms):,}: p99 {p99:.2f} ms (dashed), p99.9 {p999:.2f} ms (dotted)"
         axes.set_title(title, size=9, loc="left", color=TEXT)
-    return save_figure(figure, stem, "Latency from the arrival of a velocity", origin)
+    return save_figure(figure, stem, "Latency from the sending of a velocity", origin)
 
 
 def _plot_curves(axes: Axes, result: FingerResult) -> None:

@@ -115,6 +115,8 @@ def run_finger_tasks(
     resources: Resources = SERIAL_RESOURCES,
 ) -> list[FingerResult]:
     """Return the results of every task. Raises :class:`WrongUse` where trials are too few."""
+    for data_set in data_sets:
+        _require_scans(data_set)
     tasks = [
         _DrawTask(data_set, number, range(at, min(at + CHUNK, settings.draws)), settings)
         for number, data_set in enumerate(data_sets)
@@ -125,6 +127,22 @@ def run_finger_tasks(
         for key, rows in drawn.items():
             found.setdefault(key, []).extend(rows)
     return [_join(task, data_sets, found) for task in FINGER_TASKS]
+
+
+def _require_scans(data_set: FingerDataSet) -> None:
+    """Raise :class:`WrongUse` where a task has nothing to train with or to test."""
+    trained, training = ", ".join(published.TRAINED_PROFILES), data_set.training
+    if not len(training.of_profiles(published.TRAINED_PROFILES)):
+        raise WrongUse(
+            f"Figure 4C trains with the velocity profiles {trained}, and {training.session} has no "
+            "such scans: record the paper's profiles"
+        )
+    for task, profiles in ((TRAINED, trained), (UNTRAINED, f"others than {trained}")):
+        if not len(_tested(task, data_set)):
+            raise WrongUse(
+                f"Figure 4C tests the velocity profiles {profiles}, and {data_set.tested.session} "
+                "has no such scans: record the paper's profiles"
+            )
 
 
 def _join(

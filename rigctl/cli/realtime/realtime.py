@@ -37,8 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run_part.add_argument(
         "--representation",
         choices=REPRESENTATIONS,
-        default=REPRESENTATIONS[0],
-        help="with or without speed scaling (speed-scaled)",
+        help="with or without speed scaling (speed-scaled, or that of the model file)",
     )
     run_part.add_argument(
         "--error-rate",
@@ -82,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _add_recording(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", default="virtual", help="virtual, firmware, or a finger.toml")
-    parser.add_argument("--protocol", default="paper", help="built-in name or file (paper)")
+    parser.add_argument("--protocol", help="built-in name or file (paper)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the new session")
     parser.add_argument("--resume", type=Path, metavar="DIR", help="continue a session")
     parser.add_argument("--seed", type=int, default=None, help="seed of order and virtual finger")

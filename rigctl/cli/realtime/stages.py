@@ -22,6 +22,7 @@ from rigctl.realtime.messages import (
     parse_finger_status,
 )
 from rigctl.realtime.model_files import SPEED_SCALED, model_path
+from rigctl.session.files.finger_model_file import load_finger_model
 from rigctl.session.read.finger_session import FingerSession
 
 PERSON_EVENTS = ("stage", "instruction", "trial", "log", "board")
@@ -49,12 +50,24 @@ def calibrate(args: argparse.Namespace) -> int:
 
 def classify(args: argparse.Namespace) -> int:
     """Record scans that the classifier names while the finger moves."""
-    model = model_path(args.model, args.representation)
+    model = model_path(args.model, args.representation or SPEED_SCALED)
+    _check_representation(model, args.representation)
     first_slide = RUN_FIRST_SLIDE
     folder, code = _recorded(args, ("run",), session=1, model=model, first_slide=first_slide)
     for line in answer_lines(folder):
         print(line)
     return code
+
+
+def _check_representation(model: Path, wanted: str | None) -> None:
+    """Say which representation names the scans. Raises WrongUse where another was asked for."""
+    name = load_finger_model(model).representation
+    if wanted is not None and name.lower().replace(" ", "-") != wanted:
+        raise WrongUse(
+            f"{model} is a model of {name}, not of {wanted}: name the other file, or the folder of "
+            "the calibration"
+        )
+    print(f"the scans are named by {model} ({name})", flush=True)
 
 
 def demo(args: argparse.Namespace) -> int:
@@ -96,10 +109,26 @@ def _recorded(
     first_slide: int = 0,
 ) -> tuple[Path, int]:
     """Record the stages, unless the session to resume is complete; return folder and exit code."""
-    if args.resume is not None and _is_complete(args.resume):
-        return args.resume, 0
+    if args.resume is not None:
+        _check_resumed(args, stages)
+        if _is_complete(args.resume):
+            return args.resume, 0
     ended = _record(args, stages, session=session, model=model, first_slide=first_slide)
     return Path(str(ended.session)), _exit_code(ended)
+
+
+def _check_resumed(args: argparse.Namespace, stages: Sequence[str]) -> None:
+    """Raise WrongUse for options that a resumed session has itself, or for another command's."""
+    for name in ("out", "protocol"):
+        if getattr(args, name) is not None:
+            raise WrongUse(f"--{name} is that of the session to resume: leave it out")
+    with FingerSession.open(args.resume) as session:
+        recorded = session.header.stages
+    if tuple(recorded) != tuple(stages):
+        raise WrongUse(
+            f"{args.resume} has the stages {', '.join(recorded)}: resume it with the command that "
+            f"records them, this one records {', '.join(stages)}"
+        )
 
 
 def _is_complete(folder: Path) -> bool:
@@ -123,9 +152,10 @@ def _record(
         options, seed, session, made = _resumed(args.resume)
         first_slide += made
     options += ["--session", str(session if args.session is None else args.session)]
-    options += ["--first-slide", str(first_slide), "--protocol", args.protocol]
+    options += ["--first-slide", str(first_slide)]
     named = {
         "--model": model,
+        "--protocol": args.protocol,
         "--out": args.out,
         "--world": args.world,
         "--order-seed": args.seed,

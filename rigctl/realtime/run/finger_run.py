@@ -74,7 +74,7 @@ class FingerRun:
         self._now_s = now_s
         self._attempts: Counter[int] = Counter(opened.attempts)
         self._scans = opened.scans
-        self._progress = FingerProgress(opened.plan, opened.done, now_s())
+        self._progress = FingerProgress(opened.plan, opened.done, now_s(), opened.rejected)
         for true, answer in opened.named:
             self._progress.classify(true, answer)
         self._attempt: ScanAttempt | None = None

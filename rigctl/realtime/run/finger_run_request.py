@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from rigctl import __version__
 from rigctl.acquisition.protocol.run_request import check_disk_space
 from rigctl.analysis.finger.answers import FingerClassifier
@@ -25,7 +27,7 @@ from rigctl.session.format.header import SessionHeader
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.write.finger_recorder import FingerRecorder
 from rigctl.session.write.session_folder import check_same_world
-from rigctl.values import BoardIdentity
+from rigctl.values import BoardIdentity, Verdict
 from rigctl.wire.finger.messages import N_TAXELS
 
 DEFAULT_PROTOCOL = "paper"
@@ -86,6 +88,7 @@ class OpenedFingerRun:
     named: tuple[tuple[str, str], ...] = ()
     coverage: float = COVERAGE
     model_digest: str = ""
+    rejected: int = 0
 
     @property
     def reference_um_per_s(self) -> int:
@@ -138,6 +141,7 @@ def _resume(
         ranges = _ranges_of_scans(session)
         named = _named_scans(session)
         models = session.events_of(MODEL_KIND)
+        rejected = int(np.sum(session.trials["verdict"] == Verdict.REJECTED.value))
     _check_rig(folder, header, rig)
     protocol = load_finger_protocol(folder / layout.PROTOCOL_FILE)
     plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
@@ -173,6 +177,7 @@ def _resume(
         named=named,
         coverage=request.coverage,
         model_digest=digest,
+        rejected=rejected,
     )
 
 

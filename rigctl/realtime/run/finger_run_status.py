@@ -13,10 +13,12 @@ class FingerProgress:
     ``idle_s``: pauses and questions, which the pace excludes.
     """
 
-    def __init__(self, plan: FingerPlan, done: frozenset[int], now_s: float) -> None:
+    def __init__(
+        self, plan: FingerPlan, done: frozenset[int], now_s: float, rejected: int = 0
+    ) -> None:
         self.planned = len(plan.trials)
         self.committed = len(done)
-        self.rejected = 0
+        self.rejected = rejected
         self.idle_s = 0.0
         self.textures = plan.protocol.textures
         self.confusion = {true: dict.fromkeys(self.textures, 0) for true in self.textures}

@@ -99,6 +99,18 @@ def test_a_calibration_of_its_own_belongs_to_the_run_after_it(
         read_data_sets([sessions[0], run])
 
 
+def test_a_set_without_untrained_profiles_is_refused_with_its_reason(
+    sessions: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trained = [one for one in NEW if one.profile in ("slow", "medium")]
+    new = write_session(tmp_path / "two-profiles", trained)
+    words = ["analyse", "--experiment", "realtime", str(sessions[0]), str(new)]
+    assert main([*words, "--out", str(tmp_path / "none"), "--iterations", "2"]) == 2
+    assert "Figure 4C tests the velocity profiles others than slow, medium" in (
+        capsys.readouterr().err
+    )
+
+
 def test_other_ranges_are_encoded_anew_with_those_of_training(
     sessions: tuple[Path, Path], tmp_path: Path
 ) -> None:

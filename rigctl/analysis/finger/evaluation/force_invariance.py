@@ -55,7 +55,7 @@ class ForceComparison(NamedTuple):
             return ""
         p, effect = self.difference.p, self.difference.effect
         if p is None or effect is None or p >= SIGNIFICANT_P:
-            return "no difference"
+            return "no significant difference"
         return "helps" if effect > 0 else "harms"
 
 
