@@ -73,13 +73,15 @@ class SteamVR(types.ModuleType):
         assert what == self.Prop_SerialNumber_String
         return self.serials[index]
 
-    def getDeviceToAbsoluteTrackingPose(self, universe: int, ahead_s: float, poses: object) -> None:
+    def getDeviceToAbsoluteTrackingPose(
+        self, universe: int, ahead_s: float, poses: ctypes.Array[TrackedDevicePose]
+    ) -> None:
         assert (universe, ahead_s) == (self.TrackingUniverseRawAndUncalibrated, 0.0)
         if not self.running:
             raise OpenVRError("IPC_ConnectFailed")
         self._polls += 1
         for index in self.serials:
-            pose = poses[index]  # type: ignore[index]
+            pose = poses[index]
             row = pose.mDeviceToAbsoluteTracking.m
             row[0][3], row[1][3], row[2][3] = 0.001 * self._polls, 0.5, float(index)
             pose.eTrackingResult = self.tracking
