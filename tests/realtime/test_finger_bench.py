@@ -22,8 +22,6 @@ from rigctl.session.verify.session import verify
 from tests.realtime.firmware_server import serve_finger_identity, serve_taxel_board
 from tests.realtime.served import DEADLINE_S, ServedFinger, serve_finger
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are of POSIX")
-
 # The limits let a busy machine be late; the run's own tests have the protocol's limits.
 PROTOCOL = """
 name = "two-plates"
@@ -47,6 +45,8 @@ FRAME = PlateFrame().to_toml()
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[ServedFinger]:
+    if os.name != "posix":
+        pytest.skip("the server offers pseudo-terminals, which are of POSIX")
     with serve_finger() as opened:
         yield opened
 
