@@ -28,7 +28,8 @@ from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves, dr
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
-from rigctl.session.files.model_file import Model, check_output_path, save_model
+from rigctl.session.files.analysis_file import check_output_path
+from rigctl.session.files.model_file import Model, save_model
 from rigctl.session.format.header import IMPORTED
 from rigctl.session.read.session import Session
 

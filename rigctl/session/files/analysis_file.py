@@ -11,8 +11,9 @@ from typing import Any
 
 import h5py
 
-from rigctl.errors import SessionError, WrongUse
+from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.session.format.annotated_arrays import read_attributes, read_text
+from rigctl.session.format.data_sets import LIBVER
 from rigctl.session.read.part_file import part_paths
 
 MODEL_LAYOUT, SPIKES_LAYOUT = "rigctl-model", "rigctl-spikes"
@@ -50,6 +51,29 @@ def open_analysis_file(path: Path, hint: str, *layouts: str) -> Iterator[Any]:
         raise SessionError(f"there is no file {path}: {hint}") from None
     except (OSError, KeyError, ValueError, IndexError, WrongUse) as error:
         raise SessionError(f"{path} is not a {kind}, or is damaged: {error}") from error
+
+
+def check_output_path(path: Path) -> None:
+    """Raise WrongUse if the file exists or its folder does not."""
+    if path.exists():
+        raise WrongUse(f"{path} already exists: name another file, or remove it")
+    if not path.parent.is_dir():
+        raise WrongUse(f"{path.parent} is not a folder: create it, or name another file")
+
+
+@contextmanager
+def new_analysis_file(path: Path) -> Iterator[Any]:
+    """Open a new file that appears complete or not at all. Raises WrongUse or DiskFault."""
+    check_output_path(path)
+    partial = path.with_name(f"{path.name}.partial")
+    try:
+        with h5py.File(partial, "w", libver=LIBVER) as file:
+            yield file
+        partial.rename(path)
+    except OSError as error:
+        raise DiskFault(f"{path} cannot be written ({error}): choose another place") from error
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def content_digest(folder: Path) -> str:

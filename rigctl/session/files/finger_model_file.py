@@ -10,22 +10,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
-from rigctl.errors import DiskFault
 from rigctl.session.files.analysis_file import (
     FINGER_MODEL_LAYOUT,
     LAYOUT_VERSION,
+    new_analysis_file,
     open_analysis_file,
 )
 from rigctl.session.files.encoder_group import read_parameters, read_ranges, write_encoder
 from rigctl.session.files.model_file import (
     TrainingInfo,
-    check_output_path,
     read_training,
     write_training,
 )
@@ -39,7 +37,6 @@ from rigctl.session.format.annotated_arrays import (
     write_text,
     write_texts,
 )
-from rigctl.session.format.data_sets import LIBVER
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -135,16 +132,8 @@ class FingerModel:
 
 def save_finger_model(model: FingerModel, path: Path) -> None:
     """Write a new file, complete or not at all. Raises WrongUse or DiskFault."""
-    check_output_path(path)
-    partial = path.with_name(f"{path.name}.partial")
-    try:
-        with h5py.File(partial, "w", libver=LIBVER) as file:
-            _write(file, model)
-        partial.rename(path)
-    except OSError as error:
-        raise DiskFault(f"{path} cannot be written ({error}): choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with new_analysis_file(path) as file:
+        _write(file, model)
 
 
 def load_finger_model(path: Path) -> FingerModel:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,8 +17,12 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
-from rigctl.errors import DiskFault, WrongUse
-from rigctl.session.files.analysis_file import LAYOUT_VERSION, MODEL_LAYOUT, open_analysis_file
+from rigctl.session.files.analysis_file import (
+    LAYOUT_VERSION,
+    MODEL_LAYOUT,
+    new_analysis_file,
+    open_analysis_file,
+)
 from rigctl.session.files.encoder_group import read_parameters, read_ranges, write_encoder
 from rigctl.session.files.force_matrix_file import read_force, write_force
 from rigctl.session.format.annotated_arrays import (
@@ -32,7 +35,6 @@ from rigctl.session.format.annotated_arrays import (
     write_text,
     write_texts,
 )
-from rigctl.session.format.data_sets import LIBVER
 from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]
@@ -112,26 +114,10 @@ class Model:
         return int(self.axes.shape[1])
 
 
-def check_output_path(path: Path) -> None:
-    """Raise WrongUse if the file exists or its folder does not."""
-    if path.exists():
-        raise WrongUse(f"{path} already exists: name another file, or remove it")
-    if not path.parent.is_dir():
-        raise WrongUse(f"{path.parent} is not a folder: create it, or name another file")
-
-
 def save_model(model: Model, path: Path) -> None:
     """Write a new file, complete or not at all. Raises WrongUse or DiskFault."""
-    check_output_path(path)
-    partial = path.with_name(f"{path.name}.partial")
-    try:
-        with h5py.File(partial, "w", libver=LIBVER) as file:
-            _write(file, model)
-        partial.rename(path)
-    except OSError as error:
-        raise DiskFault(f"{path} cannot be written ({error}): choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with new_analysis_file(path) as file:
+        _write(file, model)
 
 
 def load_model(path: Path) -> Model:
