@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QHBoxLayout, QWidget
-
 from gui.live.health_cell import (
     CellSpec,
-    HealthCell,
+    HealthRow,
     Reading,
     age_reading,
     count_reading,
@@ -47,28 +45,15 @@ CELLS = {
 }
 
 
-class FingerHealthStrip(QWidget):
+class FingerHealthStrip(HealthRow):
     """One cell per figure."""
 
     def __init__(self) -> None:
-        super().__init__()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(8, 0, 8, 0)
-        row.setSpacing(4)
-        self.cells = {key: HealthCell(spec) for key, spec in CELLS.items()}
-        for key, cell in self.cells.items():
-            row.addWidget(cell, CELLS[key].stretch)
-        self.show_nothing()
-
-    def show_nothing(self) -> None:
-        """Show that no figure is known."""
-        for cell in self.cells.values():
-            cell.show_reading(Reading("–", Level.OFF))
+        super().__init__(CELLS)
 
     def show_status(self, status: FingerEngineStatus) -> None:
         """Show and judge the figures of a status."""
-        for key, reading in finger_readings(status).items():
-            self.cells[key].show_reading(reading)
+        self.show_readings(finger_readings(status))
 
 
 def finger_readings(status: FingerEngineStatus) -> dict[str, Reading]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from PySide6.QtCore import QElapsedTimer
-from PySide6.QtWidgets import QHBoxLayout, QWidget
 
 from gui.live.health_cell import (
     CellSpec,
-    HealthCell,
+    HealthRow,
     Reading,
     age_reading,
     count_reading,
@@ -69,30 +68,18 @@ CELLS = {
 }
 
 
-class HealthStrip(QWidget):
+class HealthStrip(HealthRow):
     """One cell per figure: name, value with unit, verdict, and a lamp."""
 
     def __init__(self) -> None:
-        super().__init__()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(8, 0, 8, 0)
-        row.setSpacing(4)
-        self.cells = {key: HealthCell(spec) for key, spec in CELLS.items()}
-        for key, cell in self.cells.items():
-            row.addWidget(cell, CELLS[key].stretch)
+        super().__init__(CELLS)
         self._since_trial = QElapsedTimer()
         self._trials_committed = 0
-        self.show_nothing()
 
     def reset(self) -> None:
         """Forget the last trial, as when another rig is connected."""
         self._trials_committed = 0
         self._since_trial.invalidate()
-
-    def show_nothing(self) -> None:
-        """Show that no figure is known."""
-        for cell in self.cells.values():
-            cell.show_reading(Reading("–", Level.OFF))
 
     def show_status(self, status: EngineStatus) -> None:
         """Show and judge the figures of a status."""
@@ -100,8 +87,7 @@ class HealthStrip(QWidget):
             self._since_trial.start()
         self._trials_committed = status.run.trials_committed
         trial_age_s = self._since_trial.elapsed() / 1000 if self._since_trial.isValid() else None
-        for key, reading in readings(status, trial_age_s).items():
-            self.cells[key].show_reading(reading)
+        self.show_readings(readings(status, trial_age_s))
         for key, list_lines in (("boards", board_lines), ("ticks", tick_lines)):
             lines = [CELLS[key].tooltip, *list_lines(status.boards)]
             self.cells[key].setToolTip("\n".join(lines))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
-from PySide6.QtWidgets import QFrame, QGridLayout
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QWidget
 
 from gui.widgets.formatting import age, size
 from gui.widgets.labels import elastic, label, set_property
@@ -59,6 +60,30 @@ class HealthCell(QFrame):
         set_property(self.verdict, "role", reading.level.value if is_alert else "muted")
         set_property(self.value, "level", reading.level.value)
         set_property(self, "level", reading.level.value)
+
+
+class HealthRow(QWidget):
+    """A row with a cell for each figure."""
+
+    def __init__(self, specs: Mapping[str, CellSpec]) -> None:
+        super().__init__()
+        row = QHBoxLayout(self)
+        row.setContentsMargins(8, 0, 8, 0)
+        row.setSpacing(4)
+        self.cells = {key: HealthCell(spec) for key, spec in specs.items()}
+        for key, cell in self.cells.items():
+            row.addWidget(cell, specs[key].stretch)
+        self.show_nothing()
+
+    def show_nothing(self) -> None:
+        """Show that no figure is known."""
+        for cell in self.cells.values():
+            cell.show_reading(Reading("–", Level.OFF))
+
+    def show_readings(self, readings: Mapping[str, Reading]) -> None:
+        """Show readings with their verdicts."""
+        for key, reading in readings.items():
+            self.cells[key].show_reading(reading)
 
 
 def judge(is_good: bool) -> Level:
