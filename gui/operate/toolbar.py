@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QPushButton, QStackedWidget, QWidget
+from PySide6.QtWidgets import QPushButton, QStackedWidget, QWidget
 
 from gui.engine_clients import JOIN
-from gui.engine_link import NOT_CONNECTED
-from gui.operate.recording_display import RecordingDisplay
+from gui.operate.connection_bar import ConnectionBar
 from gui.widgets.file_browser import PathKind
 from gui.widgets.file_combo_box import FileComboBox
-from gui.widgets.labels import elastic, label, set_property, show_text
-from gui.widgets.layouts import container, hbox, push_button, vbox
-from gui.widgets.status_lamp import Level
+from gui.widgets.layouts import container, hbox, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
 
 RIGS = {
@@ -23,26 +20,20 @@ RIGS = {
 WORLDS = {"Nominal world": ""}
 
 
-class Toolbar(QFrame):
-    """A bar whose buttons only emit signals; it does not know the engine."""
+class Toolbar(ConnectionBar):
+    """The connection of a drum rig, its world, and STOP."""
 
     connect_requested = Signal(str, str)
     """The rig, and the world file of a simulated one."""
-    disconnect_requested = Signal()
     stop_requested = Signal()
 
     def __init__(self) -> None:
-        super().__init__()
-        self.rig = FileComboBox(RIGS, PathKind.RIG_FILE, "Open a rig.toml …", 205)
+        super().__init__(FileComboBox(RIGS, PathKind.RIG_FILE, "Open a rig.toml …", 205))
         self.rig.setToolTip("Rig to connect to")
         self.world = FileComboBox(WORLDS, PathKind.WORLD_FILE, "Open a world file …", 145)
         self.world.setToolTip("World of a simulated rig: its plates, sensor and mechanics")
         # A running engine that the window joins already has its world.
         self.rig.currentIndexChanged.connect(lambda _: self.world.setHidden(self._joins))
-        self.connect_button = push_button("Connect", self._toggle_connection)
-        self.connect_button.setMinimumWidth(104)
-        self.state, self.state_words = label("–", "state"), elastic(label(NOT_CONNECTED, "muted"))
-        self.recording_display = RecordingDisplay()
         self.recording_lamp = self.recording_display.lamp
         self.recording = self.recording_display.title
         self.stop_button = QPushButton("STOP")
@@ -52,60 +43,22 @@ class Toolbar(QFrame):
         self.stop_button.setToolTip("Stop and lift the drum, and end every run (Esc)")
         self.stop_button.pressed.connect(self.stop_requested)
         self.pages = QStackedWidget()
-        self._is_connected = False
+        self.connect_clicked.connect(self._request_connection)
         self._lay_out()
-
-    @property
-    def _joins(self) -> bool:
-        return bool(self.rig.currentData() == JOIN)
-
-    def show_connecting(self) -> None:
-        """Show that the chosen rig's engine is starting."""
-        self._show_connection("Connecting …", connected=False, locked=True)
-        self.connect_button.setEnabled(False)
-        starting = f"starting the engine for {self.rig.currentText()} …"
-        show_text(self.state_words, "joining the running engine …" if self._joins else starting)
-
-    def show_connected(self) -> None:
-        """Show that the engine answers."""
-        self._show_connection("Disconnect", connected=True, locked=True)
-
-    def show_disconnected(self, reason: str) -> None:
-        """Show that there is no engine, and why."""
-        self._show_connection("Connect", connected=False, locked=False)
-        self.state.setText("–")
-        set_property(self.state, "level", "ok")
-        show_text(self.state_words, reason)
-        self.recording_display.show_recording(Level.OFF, "Not recording", "")
-
-    def show_silent(self, seconds: float) -> None:
-        """Show that the last status is out of date: the engine does not answer."""
-        self.state.setText("?")
-        set_property(self.state, "level", "bad")
-        show_text(self.state_words, f"the engine has not answered for {seconds:.0f} s")
-        self.recording_display.show_silent()
 
     def show_status(self, status: EngineStatus) -> None:
         """Show the drum's state and the recording lamp."""
         name = status.state.name.replace("_", " ") if status.state is not None else "–"
-        self.state.setText(name)
-        set_property(self.state, "level", "bad" if status.fault else "ok")
-        show_text(self.state_words, _state_words(status))
+        self._show_state(name, _state_words(status), is_good=not status.fault)
         self.recording_display.show_status(status.run.state, status.recording)
 
     def _show_connection(self, button: str, *, connected: bool, locked: bool) -> None:
-        self._is_connected = connected
-        self.connect_button.setText(button)
-        self.connect_button.setEnabled(True)
-        self.rig.setEnabled(not locked)
+        super()._show_connection(button, connected=connected, locked=locked)
         self.world.setEnabled(not locked)
 
-    def _toggle_connection(self) -> None:
-        if self._is_connected:
-            self.disconnect_requested.emit()
-        else:
-            world = "" if self._joins else self.world.currentData()
-            self.connect_requested.emit(self.rig.currentData(), world)
+    def _request_connection(self) -> None:
+        world = "" if self._joins else self.world.currentData()
+        self.connect_requested.emit(self.rig.currentData(), world)
 
     def add_page(self, page: QWidget) -> None:
         """Add what another experiment shows in the place of rig, state and recording."""

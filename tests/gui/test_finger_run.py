@@ -172,7 +172,8 @@ def test_silent_engine_turns_the_recording_lamp_bad(finger: FingerWindow) -> Non
 @pytest.mark.parametrize("device", ["finger", "tracker"])
 def test_missing_device_is_named(finger: FingerWindow, device: str) -> None:
     finger.update(**{f"{device}_connected": False})
-    assert device in finger.tab.bar.words.text() and "not connected" in finger.tab.bar.words.text()
+    words = finger.tab.bar.state_words.text()
+    assert device in words and "not connected" in words
 
 
 def test_refusal_is_a_sentence(finger: FingerWindow) -> None:

@@ -1,0 +1,78 @@
+"""Choice of a rig, its connection, a state in words, and the recording lamp."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QFrame
+
+from gui.engine_clients import JOIN
+from gui.engine_link import NOT_CONNECTED
+from gui.operate.recording_display import RecordingDisplay
+from gui.widgets.file_combo_box import FileComboBox
+from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.layouts import push_button
+from gui.widgets.status_lamp import Level
+
+
+class ConnectionBar(QFrame):
+    """Emits signals only; it does not know the engine. A subclass lays the widgets out."""
+
+    connect_clicked = Signal()
+    """A subclass turns it into the request for the chosen rig."""
+    disconnect_requested = Signal()
+
+    def __init__(self, rig: FileComboBox) -> None:
+        super().__init__()
+        self.rig = rig
+        self.connect_button = push_button("Connect", self._toggle_connection)
+        self.connect_button.setMinimumWidth(104)
+        self.state, self.state_words = label("–", "state"), elastic(label(NOT_CONNECTED, "muted"))
+        self.recording_display = RecordingDisplay()
+        self._is_connected = False
+
+    def show_connecting(self) -> None:
+        """Show that the chosen rig's engine is starting."""
+        self._show_connection("Connecting …", connected=False, locked=True)
+        self.connect_button.setEnabled(False)
+        starting = f"starting the engine for {self.rig.currentText()} …"
+        show_text(self.state_words, "joining the running engine …" if self._joins else starting)
+
+    def show_connected(self) -> None:
+        """Show that the engine answers."""
+        self._show_connection("Disconnect", connected=True, locked=True)
+
+    def show_disconnected(self, reason: str) -> None:
+        """Show that there is no engine, and why."""
+        self._show_connection("Connect", connected=False, locked=False)
+        self.state.setText("–")
+        set_property(self.state, "level", "ok")
+        show_text(self.state_words, reason)
+        self.recording_display.show_recording(Level.OFF, "Not recording", "")
+
+    def show_silent(self, seconds: float) -> None:
+        """Show that the last status is out of date: the engine does not answer."""
+        self.state.setText("?")
+        set_property(self.state, "level", "bad")
+        show_text(self.state_words, f"the engine has not answered for {seconds:.0f} s")
+        self.recording_display.show_silent()
+
+    @property
+    def _joins(self) -> bool:
+        return bool(self.rig.currentData() == JOIN)
+
+    def _show_state(self, name: str, words: str, *, is_good: bool) -> None:
+        self.state.setText(name)
+        set_property(self.state, "level", "ok" if is_good else "bad")
+        show_text(self.state_words, words)
+
+    def _show_connection(self, button: str, *, connected: bool, locked: bool) -> None:
+        self._is_connected = connected
+        self.connect_button.setText(button)
+        self.connect_button.setEnabled(True)
+        self.rig.setEnabled(not locked)
+
+    def _toggle_connection(self) -> None:
+        if self._is_connected:
+            self.disconnect_requested.emit()
+        else:
+            self.connect_clicked.emit()
