@@ -9,10 +9,12 @@ from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.session.format.data_sets import ArrayLayout, Column, SessionLayout, TableLayout
 from rigctl.session.format.layout import (
     ARRIVALS,
+    ATTEMPT,
     COUNTER_ARRAY,
     EVENTS,
     FLAGS,
     GAPS,
+    OUTCOME,
     SAMPLE_UNIT,
     SAMPLES,
 )
@@ -142,9 +144,7 @@ FINGER_TRIALS = TableLayout(
     "one row for each attempt at a trial, written at its end",
     32,
     (
-        Column("trial_id", "i4", "", "number in planned order, from 1"),
-        Column("attempt", "i2", "", "1 for the first attempt"),
-        Column("part", "i2", "", "part that holds the row and its samples"),
+        *ATTEMPT,
         Column("stage", "S16", "", "normalise, train, calibrate or run"),
         Column("texture", "S16", "", "name of the plate"),
         Column("profile", "S16", "", "planned velocity profile"),
@@ -153,10 +153,7 @@ FINGER_TRIALS = TableLayout(
         Column("first_counter", "i8", "samples", "counter of the first sample; -1: no scan"),
         Column("first_sample", "i8", "rows", "its row in /taxels/samples; -1: no scan"),
         Column("count", "i8", "samples", "length of the scan, counted from first_counter"),
-        Column("verdict", "S12", "", "committed, rejected or aborted"),
-        Column("reasons", "S192", "", "reasons of the verdict, joined by '; '"),
-        Column("started_s", "f8", "s", "loop time at which the attempt began"),
-        Column("ended_s", "f8", "s", "loop time at which it ended"),
+        *OUTCOME,
         Column("distance_mm", "f8", "mm", "distance of the scan by the velocities used"),
         Column("mean_mm_s", "f8", "mm/s", "mean velocity of the scan"),
         Column("first_half_mm_s", "f8", "mm/s", "mean velocity of the first half of the distance"),

@@ -95,14 +95,25 @@ LOADCELL = TableLayout(
     ),
 )
 
+ATTEMPT = (
+    Column("trial_id", "i4", "", "number in planned order, from 1"),
+    Column("attempt", "i2", "", "1 for the first attempt"),
+    Column("part", "i2", "", "part that holds the row and its samples"),
+)
+OUTCOME = (
+    Column("verdict", "S12", "", "committed, rejected or aborted"),
+    Column("reasons", "S192", "", "reasons of the verdict, joined by '; '"),
+    Column("started_s", "f8", "s", "loop time at which the attempt began"),
+    Column("ended_s", "f8", "s", "loop time at which it ended"),
+)
+"""First columns and outcome of a trial's row in every experiment."""
+
 TRIALS = TableLayout(
     "/trials",
     "one row for each attempt at a trial, written at its end",
     32,
     (
-        Column("trial_id", "i4", "", "number in planned order, from 1"),
-        Column("attempt", "i2", "", "1 for the first attempt"),
-        Column("part", "i2", "", "part that holds the row and its samples"),
+        *ATTEMPT,
         Column("texture", "S16", "", "name of the plate"),
         Column("speed_mm_s", "f8", "mm/s", "planned speed"),
         Column("force_g", "f8", "g", "planned force; 0 in force mode position"),
@@ -114,10 +125,7 @@ TRIALS = TableLayout(
         Column("first_counter", "i8", "samples", "counter of the first sample; -1: no window"),
         Column("first_sample", "i8", "rows", "its row in /taxels/samples; -1: no window"),
         Column("count", "i8", "samples", "length of the window, counted from first_counter"),
-        Column("verdict", "S12", "", "committed, rejected or aborted"),
-        Column("reasons", "S192", "", "reasons of the verdict, joined by '; '"),
-        Column("started_s", "f8", "s", "loop time at which the attempt began"),
-        Column("ended_s", "f8", "s", "loop time at which it ended"),
+        *OUTCOME,
         Column("mean_speed_mm_s", "f8", "mm/s", "over the window, from the polls"),
         Column("mean_force_g", "f8", "g", "over the window, from the load cell"),
     ),
