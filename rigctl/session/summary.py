@@ -14,6 +14,7 @@ from rigctl.session.format.data_sets import TableLayout
 from rigctl.session.format.finger_layout import BATCHES, PREDICTIONS, TRACK, WINDOWS
 from rigctl.session.format.finger_rows import NOT_CLASSIFIED
 from rigctl.session.format.writer_lock import is_being_written, lock_owner_pid
+from rigctl.session.read.closing_digest import read_closing_digest
 from rigctl.session.read.finger_session import FingerSession, is_finger_session
 from rigctl.session.read.session import Session
 from rigctl.session.read.session_reader import SessionReader
@@ -124,6 +125,7 @@ def _identity(session: SessionReader) -> dict[str, Any]:
         "software": " ".join(filter(None, (header.software_version, header.software_commit))),
         "parts": len(session.parts),
         "finished": session.finished,
+        "closing_digest": read_closing_digest(session.path),
         "written_by": lock_owner_pid(session.path) if writing else None,
         "bytes": sum(part.path.stat().st_size for part in session.parts),
     }

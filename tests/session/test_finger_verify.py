@@ -120,7 +120,7 @@ def set_attribute(name: str, value: object) -> Spoil:
         (set_row("/trials", 1, trial_id=5), "trial 5 is committed 2 times"),
         (set_row("/trials", 0, ended_s=-1), "it ended before it began"),
         (set_attribute("seed", 4), "has another seed than the first part"),
-        (drop_row("/events", 0), "part-0002.h5: was not closed properly"),
+        (drop_row("/events", -1), "part-0002.h5: was not closed properly"),
     ],
 )
 def test_each_damage_is_named(session: Path, spoil: Spoil, words: str) -> None:

@@ -96,10 +96,12 @@ def test_drum_load_cell_and_events_are_kept(tmp_path: Path) -> None:
         rec.add_event(Event(0.4, "log", "x" * 500, {"long": "y" * 500}))
         rec.commit_trial(trial_row(plan().trials[0], 60, Verdict.REJECTED, 2))
     with Session.open(tmp_path / "s") as session:
-        fault, long, end = session.events
+        fault, long, session_end, end = session.events
         assert fault == Event(0.3, "fault", "Über die Kraft.", {"force_g": 1500, "wort": "Öl"})
         assert long.text.endswith("…")
         assert long.data["truncated"]
+        assert session_end.kind == layout.SESSION_END_KIND
+        assert session_end.data == {"outcome": "stopped", "committed": 0, "planned": 8}
         assert end.kind == layout.PART_END_KIND
         row = session.trial_row(0)
         assert row.reasons == ("2 samples lost", "force off")

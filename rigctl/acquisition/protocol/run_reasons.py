@@ -11,8 +11,15 @@ from collections.abc import Callable
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.rpc.messages import PromptStatus
 from rigctl.errors import DiskFault, RigFault
+from rigctl.session.format.layout import SessionOutcome
 
 OPERATOR, PROMPT, LINK, DISK, FAULT = "operator", "prompt", "link", "disk", "fault"
+SESSION_OUTCOMES = {
+    "done": SessionOutcome.FINISHED,
+    "aborted": SessionOutcome.STOPPED,
+    "failed": SessionOutcome.FAILED,
+}
+"""How a session ends, by the outcome of its run."""
 
 
 class RunPaused(Exception):

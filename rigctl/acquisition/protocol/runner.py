@@ -25,7 +25,7 @@ from rigctl.acquisition.health.boards import END
 from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.acquisition.protocol.progress import RunProgress
 from rigctl.acquisition.protocol.run_control import RunControl
-from rigctl.acquisition.protocol.run_reasons import RunPaused, RunStopped
+from rigctl.acquisition.protocol.run_reasons import SESSION_OUTCOMES, RunPaused, RunStopped
 from rigctl.acquisition.protocol.run_request import OpenedRun
 from rigctl.acquisition.protocol.step_runner import StepRunner, remaining_steps
 from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
@@ -89,6 +89,7 @@ class Run:
         unsubscribe_events = self._event_bus.subscribe(self._record_event)
         unsubscribe_states = self._poller.subscribe(self._record_drum)
         self._motion.check = self.control.check
+        outcome = "failed"
         try:
             outcome, text = await self._run_steps()
             await self._make_safe()
@@ -100,7 +101,7 @@ class Run:
             if self._recorder.status.part == 0:
                 self._recorder.begin_part("nothing was recorded", "")
             self._step_runner.record_health(END)
-            self._recorder.close()
+            self._recorder.close(SESSION_OUTCOMES[outcome])
         self._end(outcome, text)
 
     def status(self) -> RunStatus:
@@ -198,7 +199,10 @@ class Run:
         if failure is not None and outcome == "done":
             outcome, text = "failed", failure
         self.outcome, self.text = outcome, text
-        self._event_bus.publish("run", text, state=outcome, session=str(self.folder))
+        self._event_bus.publish("run", text, state=outcome, **self._session_data())
+
+    def _session_data(self) -> dict[str, str]:
+        return {"session": str(self.folder), "digest": self._recorder.closing_digest}
 
     def _record_event(self, event: Event) -> None:
         if self._pipeline.is_recording:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.messages import RunStatus
+from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.verify import contents
 from rigctl.cli.data.world import add_world
 from rigctl.cli.options.progress import ProgressLine
@@ -57,7 +58,8 @@ def run(args: argparse.Namespace) -> int:
     for remark in result.remarks:
         print(f"note: {remark}")
     print(f"{result.sentence}; all data come from the simulated bench")
-    print(f"session: {session}\nraster: {result.raster}\naccuracy: {result.accuracy}", flush=True)
+    print_session(session)
+    print(f"raster: {result.raster}\naccuracy: {result.accuracy}", flush=True)
     if not args.no_window and has_display():
         _open_window(args, line)
     return 0

@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rigctl.cli import INTERRUPTED
+from rigctl.cli.data.closing import print_session
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.options.terminal import Interrupts
 
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         print("rigctl: interrupted; the session holds the files written so far", file=sys.stderr)
         return INTERRUPTED
     print(f"{len(surveyed.files)} trials of {len(surveyed.scaling.names)} taxels")
-    print(f"session: {args.out}")
+    print_session(args.out)
     return 0
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rigctl.cli import INTERRUPTED
+from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.options.progress import ProgressLine, remaining
 from rigctl.cli.options.terminal import Interrupts
@@ -75,7 +76,8 @@ def run(args: argparse.Namespace) -> int:
             split = split_request(path, args.repeats, order, args.sessions)
             whole = generate_sessions(split, *rest)
     progress.finish()
-    print(f"{'session' if args.sessions is None else 'sessions in'}: {args.out}")
+    for path in [args.out] if args.sessions is None else sorted(args.out.glob("*/")):
+        print_session(path)
     if not whole:
         note = "interrupted; the trials so far are kept, add --resume to continue"
         print(f"rigctl: {note}", file=sys.stderr)

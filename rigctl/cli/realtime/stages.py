@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
+from rigctl.cli.data.closing import print_session
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.rig.engine_process import utc_now
 from rigctl.cli.rig.run import EXIT_CODES, TOLD_EVENTS, RunWatcher
@@ -175,6 +176,7 @@ def _record(
         told += PERSON_EVENTS
     ended = RunWatcher(client, progress, parse_finger_status, _status_line, told).watch().run
     print(_summary(ended))
+    print_session(Path(str(ended.session)))
     if ended.state in EXIT_CODES:
         raise SystemExit(EXIT_CODES[ended.state])
     return ended
@@ -215,4 +217,4 @@ def _summary(run: FingerRunStatus) -> str:
     if run.classified:
         share = run.correct / run.classified
         lines.append(f"named correctly: {run.correct} of {run.classified} ({share:.1%})")
-    return "\n".join([*lines, f"session: {run.session}"])
+    return "\n".join(lines)

@@ -26,11 +26,13 @@ from rigctl.acquisition.rpc.messages import (
     parse_status,
 )
 from rigctl.cli import INTERRUPTED
+from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.world import add_world
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.options.terminal import Interrupts
 from rigctl.errors import WrongUse
 from rigctl.session.format.layout import RIG_FILE
+from rigctl.session.read.closing_digest import read_closing_digest
 from rigctl.session.read.session import Session
 
 POLL_S = 0.1
@@ -253,10 +255,12 @@ def _engine_arguments(args: argparse.Namespace) -> list[str]:
 
 def _report(run: RunStatus, as_json: bool) -> None:
     if as_json:
-        print(json.dumps({"session": run.session, **as_dict(run)}, default=as_dict))
+        digest = read_closing_digest(Path(str(run.session)))
+        summary = {"session": run.session, "digest": digest, **as_dict(run)}
+        print(json.dumps(summary, default=as_dict))
         return
     print(
         f"{run.trials_committed} of {run.trials_planned} trials committed, "
         f"{run.trials_rejected} attempts rejected: {run.text}"
     )
-    print(f"session: {run.session}")
+    print_session(Path(str(run.session)))

@@ -23,7 +23,12 @@ import numpy as np
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.disk import DiskMonitor
-from rigctl.acquisition.protocol.run_reasons import LINK, RunPaused, RunStopped
+from rigctl.acquisition.protocol.run_reasons import (
+    LINK,
+    SESSION_OUTCOMES,
+    RunPaused,
+    RunStopped,
+)
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import LinkLost, RigctlError, RigFault
@@ -107,6 +112,7 @@ class FingerRun:
             self._event_bus.subscribe(self._record_event),
             self._devices.subscribe(self._record_block, self._pass, self._record_position),
         )
+        outcome = "failed"
         try:
             outcome, text = await self._run_trials()
         finally:
@@ -115,12 +121,12 @@ class FingerRun:
             self._recording = False
             if self._recorder.status.part == 0:
                 self._recorder.begin_part("nothing was recorded")
-            self._recorder.close()
+            self._recorder.close(SESSION_OUTCOMES[outcome])
         if self._recorder.failure is not None and outcome == "done":
             outcome, text = "failed", self._recorder.failure
         self.outcome, self.text = outcome, text
-        folder = str(self._recorder.folder)
-        self._event_bus.publish("run", text, state=outcome, session=folder)
+        data = {"session": str(self.folder), "digest": self._recorder.closing_digest}
+        self._event_bus.publish("run", text, state=outcome, **data)
 
     def status(self) -> FingerRunStatus:
         """Return the run's part of the status message."""

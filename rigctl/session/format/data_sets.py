@@ -60,6 +60,20 @@ class TableLayout:
         return np.dtype([(c.name, c.stored_dtype) for c in self.columns])
 
 
+DIGESTS = TableLayout(
+    "/digests",
+    "one row for each block of rows that was written at once; each digest covers those before it",
+    128,
+    (
+        Column("table", "S24", "", "data set of the rows; / for the part's description"),
+        Column("first_row", "i8", "rows", "first row that the digest covers"),
+        Column("n_rows", "i8", "rows", "number of rows that the digest covers"),
+        Column("digest", "S64", "", "SHA-256 of the digest before, the place and the rows"),
+    ),
+)
+"""In every part, whatever its layout; parts from before 2026-11-23 lack it."""
+
+
 @dataclass(frozen=True, slots=True)
 class ArrayLayout:
     """A growing data set of plain numbers, one row for each taxel sample.
@@ -100,7 +114,7 @@ def build_empty_part(
         write_attributes(file, attributes)
         for array in layout.arrays:
             _create_array(file, array, n_taxels, str(attributes.get("sample_unit", "")))
-        for table in layout.tables:
+        for table in (*layout.tables, DIGESTS):
             _create_table(file, table)
         for (path, doc), text in zip(TEXTS, texts, strict=True):
             write_attributes(file.create_dataset(path, data=text_scalar(text)), {"doc": doc})

@@ -6,6 +6,7 @@ events and gaps are those of every session.
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 
 from rigctl.session.format.data_sets import ArrayLayout, Column, SessionLayout, TableLayout
@@ -17,9 +18,13 @@ DRUM_EXPERIMENT = "drum"
 PROTOCOL_FILE = "protocol.toml"
 RIG_FILE = "rig.toml"
 LOCK_FILE = "writer.lock"
+DIGEST_LINES_FILE = "digests.txt"
 PART_PATTERN = "part-*.h5"
 PART_END_KIND = "part_end"
 """Kind of the event in the last row of a finished part."""
+SESSION_END_KIND = "session_end"
+"""Kind of the event before it in the last part of a sitting; its data are ``outcome``, of
+:class:`SessionOutcome`, and the numbers of ``committed`` and ``planned`` trials."""
 
 SAMPLE_UNIT = "attribute `sample_unit`"
 """The unit of a reading depends on the source, so an attribute of the part holds it."""
@@ -157,6 +162,14 @@ GAPS = TableLayout(
 
 TABLES = (ARRIVALS, DRUM, LOADCELL, TRIALS, EVENTS, GAPS)
 DRUM_LAYOUT = SessionLayout(DRUM_EXPERIMENT, "taxel board", TAXEL_ARRAYS, TABLES, TRIALS)
+
+
+class SessionOutcome(StrEnum):
+    """How a sitting of a session ended; after a crash or a kill there is no such event."""
+
+    FINISHED = "finished"
+    STOPPED = "stopped"
+    FAILED = "failed"
 
 
 def part_name(number: int) -> str:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import read_attributes, read_text
-from rigctl.session.format.data_sets import TableLayout
+from rigctl.session.format.data_sets import DIGESTS, TableLayout
 from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.read.part_file import open_part
@@ -61,6 +61,8 @@ class PartReader:
             self.header = SessionHeader.from_attributes(self.attributes)
             self._tables = {t.path: self._file[t.path] for t in self.layout.tables}
             self._arrays = {a.path: self._file[a.path] for a in self.layout.arrays}
+            if DIGESTS.path in self._file:
+                self._tables[DIGESTS.path] = self._file[DIGESTS.path]
         except KeyError as error:
             self._file.close()
             raise SessionError(f"{self.path} is damaged, it lacks {error}") from error
@@ -69,6 +71,11 @@ class PartReader:
         with self.translate_errors():
             end = layout.PART_END_KIND.encode()
             self.finished = bool(events.shape[0]) and events[-1]["kind"] == end
+
+    @property
+    def has_digests(self) -> bool:
+        """Whether the part has digests of its rows; parts from before 2026-11-23 lack them."""
+        return DIGESTS.path in self._tables
 
     @property
     def is_growing(self) -> bool:

@@ -13,8 +13,16 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.errors import DiskFault
 from rigctl.session.format.annotated_arrays import Attributes
-from rigctl.session.format.data_sets import LIBVER, SessionLayout, TableLayout, build_empty_part
+from rigctl.session.format.data_sets import (
+    DIGESTS,
+    LIBVER,
+    SessionLayout,
+    TableLayout,
+    build_empty_part,
+)
+from rigctl.session.format.digests import FIRST_DIGEST, PREVIOUS_DIGEST, DigestChain, describe_part
 from rigctl.session.format.layout import ARRIVALS, GAPS
 from rigctl.session.format.table_rows import Row
 from rigctl.values import Gap
@@ -22,6 +30,8 @@ from rigctl.values import Gap
 CHUNK_CACHE_BYTES = 1 << 20
 """For each data set: rows are appended and never read again, so the default of HDF5 2.0, 8 MiB,
 would only fill up for the first hour of a recording."""
+
+COPY_BYTES = 1 << 24
 
 
 class SampleBlock(Protocol):
@@ -76,7 +86,8 @@ class CounterMap:
 class PartWriter:
     """Writer of an open part. Call all methods in the writer's thread; they may raise OSError.
 
-    ``add_*`` buffer rows and :meth:`write` appends them to the file.
+    ``add_*`` buffer rows and :meth:`write` appends them to the file, with their digests.
+    ``previous_digest`` is the last digest of the session's part before this one.
     """
 
     def __init__(
@@ -86,9 +97,11 @@ class PartWriter:
         attributes: Attributes,
         n_taxels: int,
         texts: tuple[str, str],
+        previous_digest: str = FIRST_DIGEST,
     ) -> None:
         self.path = path
         self._layout = layout
+        attributes = {**attributes, PREVIOUS_DIGEST: previous_digest}
         self.counters = CounterMap()
         self.samples_written = 0
         self._blocks: list[SampleBlock] = []
@@ -97,9 +110,12 @@ class PartWriter:
         self._file = h5py.File(
             _temporary_path(path), "r+", libver=LIBVER, rdcc_nbytes=CHUNK_CACHE_BYTES
         )
-        self._datasets = {a.path: self._file[a.path] for a in layout.arrays}
-        self._tables = {t.path: self._file[t.path] for t in layout.tables}
+        paths = [each.path for each in layout.arrays]
+        paths += [each.path for each in (*layout.tables, DIGESTS)]
+        self._datasets = {path: self._file[path] for path in paths}
+        self._row_types = {path: dataset.dtype for path, dataset in self._datasets.items()}
         try:
+            self._digests = DigestChain(previous_digest, describe_part(self._file))
             self._start()
         except BaseException:
             self.abandon()
@@ -108,7 +124,7 @@ class PartWriter:
     def _start(self) -> None:
         """Switch to SWMR mode: readers may open the file from now on, so it gets its name."""
         self._file.swmr_mode = True
-        self.sync()
+        os.fsync(self._file.id.get_vfd_handle())
         if _temporary_path(self.path) != self.path:
             _temporary_path(self.path).rename(self.path)
         _sync_folder(self.path.parent)
@@ -133,22 +149,40 @@ class PartWriter:
         """Buffer rows of one table."""
         self._rows[table.path].extend(rows)
 
+    @property
+    def last_digest(self) -> str:
+        """The digest of everything that :meth:`write` wrote."""
+        return self._digests.last
+
     def write(self) -> None:
-        """Append all buffered rows and flush them, samples first and trials last."""
+        """Append all buffered rows and flush them: samples, then tables, trials, digests."""
         touched = self._write_samples()
         order = sorted(self._rows, key=lambda path: path == self._layout.trials.path)
         for path in order:
             rows, self._rows[path] = self._rows[path], []
             if rows:
-                _append(self._tables[path], np.array(rows, dtype=self._tables[path].dtype))
-                touched.append(self._tables[path])
+                touched.append(self._append_rows(path, np.array(rows, self._row_types[path])))
+        digests = self._digests.take_rows()
+        if digests:
+            touched.append(_append(self._datasets[DIGESTS.path], np.array(digests, DIGESTS.dtype)))
         for dataset in touched:
             dataset.flush()
         self.samples_written = self.counters.next_row
 
     def sync(self) -> None:
-        """Sync the written data to the medium (fsync)."""
-        os.fsync(self._file.id.get_vfd_handle())
+        """Sync the written data to the medium (fsync).
+
+        Raises DiskFault if the file's path does not lead to the file any more: a file without a
+        name is gone when it is closed.
+        """
+        descriptor = self._file.id.get_vfd_handle()
+        os.fsync(descriptor)
+        if not _leads_to(self.path, descriptor):
+            raise DiskFault(
+                f"{self.path} was removed, renamed or replaced while it was recorded; "
+                f"{_save_again(self.path, descriptor)}: find out who touches that folder, then "
+                "resume the session"
+            )
 
     def size_bytes(self) -> int:
         """Return the file's present size."""
@@ -176,8 +210,13 @@ class PartWriter:
             return []
         for array in self._layout.arrays:
             rows = np.concatenate([getattr(block, array.field) for block in blocks])
-            _append(self._datasets[array.path], rows)
-        return list(self._datasets.values())
+            self._append_rows(array.path, rows.astype(self._row_types[array.path], copy=False))
+        return [self._datasets[array.path] for array in self._layout.arrays]
+
+    def _append_rows(self, path: str, rows: NDArray[Any]) -> Any:
+        """Append rows of the data set's own type and add their digest; return the data set."""
+        self._digests.add(path, rows)
+        return _append(self._datasets[path], rows)
 
 
 def _temporary_path(path: Path) -> Path:
@@ -199,10 +238,33 @@ def _write_new(path: Path, image: bytes) -> None:
         raise
 
 
-def _append(dataset: Any, rows: Any) -> None:
+def _append(dataset: Any, rows: Any) -> Any:
     start = dataset.shape[0]
     dataset.resize(start + rows.shape[0], axis=0)
     dataset[start:] = rows
+    return dataset
+
+
+def _leads_to(path: Path, descriptor: int) -> bool:
+    """Return whether a path is the name of an open file, on the same device."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except OSError:
+        return False
+
+
+def _save_again(path: Path, descriptor: int) -> str:
+    """Write the contents of an open file that lost its name to a new file; say where they are."""
+    target = path if not path.exists() else path.with_suffix(".saved")
+    try:
+        os.lseek(descriptor, 0, os.SEEK_SET)
+        with target.open("xb") as copy:
+            while block := os.read(descriptor, COPY_BYTES):
+                copy.write(block)
+            os.fsync(copy.fileno())
+    except OSError as error:
+        return f"what it held could not be saved ({error.strerror})"
+    return f"what it held is in {target}"
 
 
 def _sync_folder(folder: Path) -> None:

@@ -24,11 +24,12 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 from rigctl.errors import DiskFault
-from rigctl.session.format import layout
 from rigctl.session.format.data_sets import SessionLayout
 from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.layout import SessionOutcome
 from rigctl.session.write.part_writer import SampleBlock
 from rigctl.session.write.session_folder import prepare_folder
+from rigctl.session.write.session_history import read_history
 from rigctl.session.write.writer import (
     Attempt,
     EncodeTrial,
@@ -71,8 +72,7 @@ class SessionRecorder:
         texts = (protocol_text, rig_text)
         header = replace(header, experiment=self.layout.experiment)
         self._lock = prepare_folder(folder, header, texts, resume)
-        last = max(map(layout.part_number, folder.glob(layout.PART_PATTERN)), default=0)
-        self._writer = SessionWriter(folder, self.layout, header, texts, last)
+        self._writer = SessionWriter(folder, self.layout, header, texts, read_history(folder))
         self._actions: deque[tuple[Callable[[], None], int]] = deque()
         self._limit_samples = queue_limit_samples
         self._put_samples = self._taken_samples = 0  # each is changed by one thread only
@@ -80,6 +80,7 @@ class SessionRecorder:
         self._overflow: Gap | None = None
         self._failure: str | None = None
         self._closing = False
+        self._outcome: SessionOutcome | None = None
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
@@ -114,9 +115,19 @@ class SessionRecorder:
         if self._failure is not None:
             raise DiskFault(self._failure)
 
-    def close(self) -> None:
-        """Close the part, end the thread and unlock the session; further calls do nothing."""
+    @property
+    def closing_digest(self) -> str:
+        """The digest of the whole session, 64 hexadecimal digits; empty before it is closed."""
+        return self._writer.closing_digest
+
+    def close(self, outcome: SessionOutcome | None = None) -> None:
+        """Close the session, end the thread and unlock the folder; further calls do nothing.
+
+        Without an ``outcome``, the session is finished if every planned trial is committed, and
+        stopped if not.
+        """
         self._put_overflow()
+        self._outcome = outcome
         self._closing = True
         self._wake.set()
         self._thread.join()
@@ -125,8 +136,9 @@ class SessionRecorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        failed = kind is not None and issubclass(kind, Exception)
+        self.close(SessionOutcome.FAILED if failed else None)
 
     @property
     def _queue_samples(self) -> int:
@@ -186,7 +198,7 @@ class SessionRecorder:
                 self._wake.clear()
                 self._write_batch()
             self._write_batch()
-            self._writer.close_part()
+            self._writer.end_session(self._outcome)
         except Exception as error:  # noqa: BLE001 - top of a thread: `failure` reports it
             self._failure = failure_message(error, self.folder)
             self._writer.abandon()

@@ -22,9 +22,15 @@ from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.layout import SessionOutcome
 from rigctl.session.format.table_rows import Row, event_row
+from rigctl.session.write.digest_lines import append_line, utc_at
 from rigctl.session.write.part_writer import PartWriter, SampleBlock
-from rigctl.values import Event, Gap
+from rigctl.session.write.session_history import SessionHistory
+from rigctl.values import Event, Gap, Verdict
+
+CONTINUES = "continues"
+"""The word in ``digests.txt`` for a closed part that another follows in the same sitting."""
 
 _ERRNO = re.compile(r"errno = (\d+)")
 _REMEDIES = {
@@ -70,7 +76,10 @@ EncodeTrial = Callable[[int, int], Row]
 
 
 class SessionWriter:
-    """Writer of a session's parts. Each flush replaces ``status`` as a whole."""
+    """Writer of a session's parts. Each flush replaces ``status`` as a whole.
+
+    ``closing_digest`` is the last digest of the session, empty until :meth:`end_session`.
+    """
 
     def __init__(
         self,
@@ -78,18 +87,23 @@ class SessionWriter:
         session_layout: SessionLayout,
         header: SessionHeader,
         texts: tuple[str, str],
-        last_part: int,
+        history: SessionHistory,
     ) -> None:
         self._folder = folder
         self._layout = session_layout
         self._header = header
         self._texts = texts
-        self._number = last_part
+        self._number = history.last_part
+        self._last_digest = history.last_digest
+        self._committed = set(history.committed)
+        columns = [column.name for column in session_layout.trials.columns]
+        self._id_column, self._verdict_column = map(columns.index, ("trial_id", "verdict"))
         self._part: PartWriter | None = None
         self._texture = ""
         self._last_at_s = header.start_loop_s
         self._closed_samples = self._closed_bytes = 0
         self._sync_due = False
+        self.closing_digest = ""
         self.status = self._read_status()
 
     def begin_part(self, reason: str, texture: str, header: SessionHeader | None = None) -> None:
@@ -107,7 +121,15 @@ class SessionWriter:
             **self._header.to_attributes(),
         }
         path = self._folder / layout.part_name(self._number)
-        self._part = PartWriter(path, self._layout, attributes, self._header.n_taxels, self._texts)
+        self._part = PartWriter(
+            path,
+            self._layout,
+            attributes,
+            self._header.n_taxels,
+            self._texts,
+            self._last_digest,
+        )
+        self._append_line("opened", path.name, self._last_digest)
         self.flush()
 
     def add_block(self, block: SampleBlock) -> None:
@@ -135,7 +157,10 @@ class SessionWriter:
         """Add an attempt's row, as ``encode`` returns it; an fsync follows the next flush."""
         part = self._open_part(row.ended_s)
         first_sample = part.counters.row_of(row.first_counter)
-        part.add_rows(self._layout.trials, [encode(self._number, first_sample)])
+        stored = encode(self._number, first_sample)
+        part.add_rows(self._layout.trials, [stored])
+        if stored[self._verdict_column] == Verdict.COMMITTED.value.encode():
+            self._committed.add(stored[self._id_column])
         self._sync_due = True
 
     def sync(self) -> None:
@@ -152,8 +177,28 @@ class SessionWriter:
         self._sync_due = False
         self.status = self._read_status()
 
-    def close_part(self) -> None:
-        """Close the open part with an event as its last row; nothing writes to it again."""
+    def end_session(self, outcome: SessionOutcome | None) -> None:
+        """Close the open part as the last one of this sitting.
+
+        Without an ``outcome``, the session is finished if every planned trial is committed.
+        """
+        if self._part is None:
+            return
+        if outcome is None:
+            complete = len(self._committed) >= self._header.trials_planned
+            outcome = SessionOutcome.FINISHED if complete else SessionOutcome.STOPPED
+        counts = {"committed": len(self._committed), "planned": self._header.trials_planned}
+        data = {"outcome": outcome.value, **counts}
+        text = f"The session is {outcome}." if outcome != "failed" else "The session failed."
+        self.add_event(Event(self._last_at_s, layout.SESSION_END_KIND, text, data))
+        self.close_part(outcome)
+        self.closing_digest = self._last_digest
+
+    def close_part(self, word: str = CONTINUES) -> None:
+        """Close the open part with an event as its last row; nothing writes to it again.
+
+        ``word`` says in ``digests.txt`` why: another part follows, or how the session ended.
+        """
         if self._part is None:
             return
         self.add_event(
@@ -161,9 +206,12 @@ class SessionWriter:
         )
         self.sync()
         part, self._part = self._part, None
+        self._last_digest = part.last_digest
         part.close()
         self._closed_samples += part.samples_written
         self._closed_bytes += part.path.stat().st_size
+        counts = f"{len(self._committed)}/{self._header.trials_planned}"
+        self._append_line("closed", part.path.name, word, counts, self._last_digest)
         self.status = self._read_status()
 
     def abandon(self) -> None:
@@ -181,6 +229,9 @@ class SessionWriter:
         self._last_at_s = max(self._last_at_s, at_s)
         return self._part
 
+    def _append_line(self, *words: str) -> None:
+        append_line(self._folder, utc_at(self._header, self._last_at_s), *words)
+
     def _read_status(self) -> RecorderStatus:
         part = self._part
         return RecorderStatus(
@@ -193,6 +244,8 @@ class SessionWriter:
 
 def failure_message(error: BaseException, folder: Path) -> str:
     """Return a sentence with the remedy for the error that stopped the writer."""
+    if isinstance(error, DiskFault):
+        return f"Recording into {folder} stopped: {error}."
     code = error.errno if isinstance(error, OSError) else None
     if match := _ERRNO.search(str(error)):
         code = int(match.group(1))

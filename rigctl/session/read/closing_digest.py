@@ -1,0 +1,33 @@
+"""Read the closing digest of a session: the one line that a lab keeps elsewhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rigctl.errors import SessionError
+from rigctl.session.format import layout
+from rigctl.session.format.data_sets import DIGESTS
+from rigctl.session.read.part import PartReader
+from rigctl.session.read.part_file import part_paths
+
+
+def read_closing_digest(folder: Path) -> str:
+    """Return the last digest of a session; empty if its last part is not closed or not readable.
+
+    Raises SessionError for another kind of folder.
+    """
+    path = max(part_paths(folder), key=layout.part_number)
+    try:
+        part = PartReader(path)
+    except SessionError:
+        return ""
+    try:
+        return last_digest(part) if part.finished else ""
+    finally:
+        part.close()
+
+
+def last_digest(part: PartReader) -> str:
+    """Return the last digest of a part, empty for a part from before there were digests."""
+    n_rows = part.n_rows(DIGESTS) if part.has_digests else 0
+    return str(part.rows(DIGESTS, n_rows - 1)["digest"][0]) if n_rows else ""
