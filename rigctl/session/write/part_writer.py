@@ -164,7 +164,8 @@ class PartWriter:
                 touched.append(self._append_rows(path, np.array(rows, self._row_types[path])))
         digests = self._digests.take_rows()
         if digests:
-            touched.append(_append(self._datasets[DIGESTS.path], np.array(digests, DIGESTS.dtype)))
+            blocks = np.array(digests, self._row_types[DIGESTS.path])
+            touched.append(_append(self._datasets[DIGESTS.path], blocks))
         for dataset in touched:
             dataset.flush()
         self.samples_written = self.counters.next_row

@@ -240,6 +240,28 @@ def test_a_full_disk_ends_the_run_and_keeps_committed_trials(
     assert verdicts(harness) == [(1, "committed")]
 
 
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_part_that_vanishes_ends_the_run_within_one_trial(
+    harness: EngineHarness, replaced: bool
+) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        await until_turning(harness)
+        part = harness.session / "part-0001.h5"
+        part.unlink()
+        if replaced:
+            part.write_bytes(b"something else")
+        await until_ended(harness)
+        assert drum_state(harness) is State.IDLE
+
+    harness.run(scenario, harness.request(PAIR.replace("repeats = 2", "repeats = 8")))
+    run = harness.engine.run
+    assert run is not None and run.outcome == "failed"
+    assert "part-0001.h5 was removed, renamed or replaced" in run.text
+    assert run.status().trials_committed <= 1
+    if not replaced:
+        assert verdicts(harness) == [(1, "committed")]
+
+
 def test_stop_takes_effect_within_one_exchange(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
