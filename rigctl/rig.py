@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rigctl.acquisition.rig import Rig
+from rigctl.config.names import shorten
 from rigctl.config.resources import firmware_image
 from rigctl.config.rig_config import RigConfig, load_config
+from rigctl.config.text_file import is_plain_file
 from rigctl.devices.drum import Drum
 from rigctl.devices.port_discovery import DRUM, TAXELS, create_link, find_boards, identify_board
 from rigctl.devices.taxels import Taxels
@@ -46,8 +48,8 @@ def open_rig(
     if spec in (VIRTUAL, FIRMWARE):
         return _simulated_rig(spec, seed, paced, config, world)
     path = Path(spec)
-    if not path.is_file():
-        raise WrongUse(f"there is no rig {spec}: give virtual, firmware, or a rig.toml")
+    if not is_plain_file(path):
+        raise WrongUse(f"there is no rig {shorten(spec)}: give virtual, firmware, or a rig.toml")
     config = _validate_taxel_count(config or load_config(path))
     if config.ports.simulate:
         return _simulated_rig(config.ports.simulate, seed, paced, config, world)

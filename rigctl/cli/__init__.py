@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import Any
 
 from rigctl import __version__
+from rigctl.cli.options.output import visible_output
 from rigctl.errors import RigctlError
 
 MODULES = {
@@ -65,23 +65,27 @@ def create_parser(commands: Iterable[str] = MODULES) -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code: 0 done, 1 answer is no, 2 wrong use, 3 rig fault."""
     words = list(sys.argv[1:] if argv is None else argv)
-    named = words[:1] if words and words[0] in MODULES else MODULES
-    args = create_parser(named).parse_args(words)
-    command = _module(args.command)
+    with visible_output():
+        try:
+            return _run(words)
+        except RigctlError as error:
+            print(f"rigctl: {error}", file=sys.stderr)
+            return error.exit_code
+        except KeyboardInterrupt:
+            print("rigctl: interrupted", file=sys.stderr)
+            return INTERRUPTED
+        except BrokenPipeError:  # the reader has gone: rigctl info … | head
+            return OUTPUT_CLOSED
+
+
+def _run(words: list[str]) -> int:
+    """Run the command that ``words`` name, and write what it printed."""
     try:
-        exit_code = int(command.run(args))
+        named = words[:1] if words and words[0] in MODULES else MODULES
+        args = create_parser(named).parse_args(words)
+        return int(_module(args.command).run(args))
+    finally:
         sys.stdout.flush()
-        return exit_code
-    except RigctlError as error:
-        print(f"rigctl: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("rigctl: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:
-        # The reader has gone (rigctl info … | head): Python's flush at exit must not fail again.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return OUTPUT_CLOSED
 
 
 def _module(command: str) -> Any:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rigctl.config.names import shorten
+from rigctl.config.text_file import is_plain_file, kind_of
 from rigctl.errors import ProtocolError, WrongUse
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -56,13 +58,17 @@ def find_any_protocol(name: str) -> Path:
 
 def _find(name: str, built_in: Path, parents: tuple[Path, ...]) -> Path:
     path = Path(name)
-    if path.is_file():
+    if is_plain_file(path):
         return path
     shipped = built_in / (path.name if path.suffix == ".toml" else f"{path.name}.toml")
-    if path.parent in parents and shipped.is_file():
+    if path.parent in parents and is_plain_file(shipped):
         return shipped
+    if kind := kind_of(path):
+        raise ProtocolError(f"{name} is {kind}, not the file of a protocol")
     known = ", ".join(sorted(p.stem for p in built_in.glob("*.toml"))) or "none"
-    raise ProtocolError(f"there is no protocol {name}: give a file or a built-in name: {known}")
+    raise ProtocolError(
+        f"there is no protocol {shorten(name)}: give a file or a built-in name: {known}"
+    )
 
 
 def firmware_image(board: str) -> Path:

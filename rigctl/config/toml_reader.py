@@ -7,26 +7,25 @@ A :class:`TomlTable` returns values by key after a check of type and range, and
 from __future__ import annotations
 
 import difflib
-import re
-import tomllib
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
+from rigctl.config.names import MAX_NAME_BYTES, name_problem, shorten
+from rigctl.config.text_file import read_text
+from rigctl.config.toml_bounds import MAX_BYTES, KeyPath, OutOfBounds, find_excess, parse_bounded
+from rigctl.config.toml_lines import lines_of_paths
 from rigctl.errors import WrongUse
 
-_HEADER = re.compile(r"^\s*\[\[?(?P<name>[^\[\]]+)\]\]?\s*(#.*)?$")
-_KEY = re.compile(r"^\s*(?P<name>[^#=\[\]]+?)\s*=")
-
-KeyPath = tuple[str | int, ...]
-"""The path of a key: the names of tables, the indices of repeated tables, the key."""
+MAX_LETTERS = 1000
+"""Letters of a text, unless its reader allows more."""
 
 
 class TomlText:
     """One TOML text: its name for messages, its source, its error type and its root table.
 
-    Raises ``error`` with the line for text that is not valid TOML.
+    Raises ``error`` with the line for text that is not valid TOML, or beyond the limits of
+    :mod:`rigctl.config.toml_bounds`.
     """
 
     def __init__(self, name: str, text: str, error: type[WrongUse]) -> None:
@@ -34,20 +33,19 @@ class TomlText:
         self.source = text
         self.error = error
         try:
-            data = tomllib.loads(text)
-        except (ValueError, RecursionError) as problem:  # TOMLDecodeError is a ValueError
-            raise error(f"{name}: this is not TOML: {problem}") from problem
+            data = parse_bounded(text)
+        except OutOfBounds as problem:
+            raise error(f"{name} {problem}") from problem
+        except ValueError as problem:
+            raise error(f"{name}: this is not TOML: {shorten(str(problem), 200)}") from problem
+        if excess := find_excess(data):
+            self.fail(*excess)
         self.root = TomlTable(self, (), data)
 
     @classmethod
     def read(cls, path: Path, error: type[WrongUse]) -> TomlText:
         """Read a file."""
-        try:
-            return cls(str(path), path.read_text(encoding="utf-8"), error)
-        except OSError as problem:
-            raise error(f"cannot read {path}: {problem.strerror}") from problem
-        except UnicodeDecodeError as problem:
-            raise error(f"{path} is not UTF-8 text") from problem
+        return cls(str(path), read_text(path, MAX_BYTES, error), error)
 
     def fail(self, path: KeyPath, message: str) -> NoReturn:
         """Raise the text's error for the key at ``path``."""
@@ -58,35 +56,9 @@ class TomlText:
 
     def _line_of(self, path: KeyPath) -> int | None:
         """Return the line of the key, or of the longest part of its path that has one."""
-        lines = _lines_of_paths(self.source)
+        lines = lines_of_paths(self.source)
         parts = (path[:length] for length in range(len(path), 0, -1))
         return next((lines[part] for part in parts if part in lines), None)
-
-
-def _lines_of_paths(source: str) -> dict[KeyPath, int]:
-    """Return the first line of each key and table; it may miss unusually formatted ones."""
-    found: dict[KeyPath, int] = {}
-    table: KeyPath = ()
-    path: KeyPath
-    n_tables: Counter[KeyPath] = Counter()
-    for number, line in enumerate(source.splitlines(), start=1):
-        if header := _HEADER.match(line):
-            table = _split(header["name"])
-            if line.lstrip().startswith("[["):
-                n_tables[table] += 1
-                table = (*table, n_tables[table] - 1)
-            path = table
-        elif key := _KEY.match(line):
-            path = table + _split(key["name"])
-        else:
-            continue
-        for length in range(1, len(path) + 1):
-            found.setdefault(path[:length], number)
-    return found
-
-
-def _split(name: str) -> KeyPath:
-    return tuple(part.strip().strip("\"'") for part in name.split("."))
 
 
 class TomlTable:
@@ -158,12 +130,29 @@ class TomlTable:
             self.fail(key, f"must be a list of whole numbers, not {_format(values)}")
         return tuple(int(self._number(key, value, "", low, high)) for value in values)
 
-    def text(self, key: str, default: str | None = None) -> str:
-        """Return a text."""
+    def text(self, key: str, default: str | None = None, *, most: int = MAX_LETTERS) -> str:
+        """Return a text of at most ``most`` letters."""
         value = self._take(key, default)
         if not isinstance(value, str):
             self.fail(key, f"must be a text in quotes, not {_format(value)}")
+        if len(value) > most:
+            self.fail(key, f"has {len(value):,} letters; {most:,} are the most")
         return value
+
+    def name(self, key: str, default: str) -> str:
+        """Return a name that may become part of a path; see :mod:`rigctl.config.names`."""
+        value = self.text(key, default)
+        self._refuse_unsafe(key, value, MAX_NAME_BYTES)
+        return value
+
+    def names(self, key: str, *, most: int, longest_bytes: int) -> tuple[str, ...]:
+        """Return a list of 1 to ``most`` different names of at most ``longest_bytes`` bytes."""
+        values = self.texts(key)
+        if len(values) > most:
+            self.fail(key, f"has {len(values):,} names; {most:,} are the most")
+        for value in values:
+            self._refuse_unsafe(key, value, longest_bytes)
+        return values
 
     def texts(self, key: str) -> tuple[str, ...]:
         """Return a list of at least one text; all are different and none is empty."""
@@ -234,10 +223,16 @@ class TomlTable:
             self.fail(key, f"{shown} is outside {low:g} to {high:g}{in_unit}")
         return float(value)
 
+    def _refuse_unsafe(self, key: str, name: str, longest_bytes: int) -> None:
+        if problem := name_problem(name, longest_bytes):
+            self.fail(key, problem)
+
     def _refuse_duplicates(self, key: str, values: tuple[Any, ...]) -> None:
-        for index, value in enumerate(values):
-            if value in values[:index]:
+        seen: set[Any] = set()
+        for value in values:
+            if value in seen:
                 self.fail(key, f"contains {_format(value)} twice")
+            seen.add(value)
 
 
 def _dotted(path: KeyPath) -> str:
@@ -251,7 +246,7 @@ def _format(value: Any) -> str:
         return "a table"
     if isinstance(value, bool):
         return str(value).lower()
-    return repr(value)
+    return shorten(repr(value))
 
 
 def _suggestion(word: str, words: Iterable[str]) -> str:

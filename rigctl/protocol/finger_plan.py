@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,8 +13,10 @@ from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.config.toml_section import number, read_section
 from rigctl.errors import ProtocolError
 from rigctl.protocol.finger import PROTOCOL_KEYS, FingerTrial, Stage, VelocityProfile
-from rigctl.protocol.loader import MAX_SEED, MAX_TRIALS, ORDERS, TEXTURE_BYTES
-from rigctl.protocol.plan import shuffled
+from rigctl.protocol.loader import MAX_DESCRIPTION_LETTERS, ORDERS, read_textures
+from rigctl.protocol.plan import MAX_SEED, checked_seed, digest_of, shuffled
+
+MAX_SCANS = 20_000
 
 BYTES_PER_SECOND = 45_000
 """Samples, spikes, flags and track of a second, with the time between scans recorded too."""
@@ -78,8 +79,11 @@ class FingerProtocol:
     order_seed: int = 0
 
     def plan(self, stages: Collection[Stage], seed: int | None = None) -> FingerPlan:
-        """Return the plan of some stages, in their order; ``seed`` overrides that of the file."""
-        used = self.order_seed if seed is None else seed
+        """Return the plan of some stages, in their order; ``seed`` overrides that of the file.
+
+        Raises WrongUse for a wrong seed.
+        """
+        used = self.order_seed if seed is None else checked_seed(seed)
         random = Random(used)
         trials = [trial for stage in Stage for trial in self._trials(stage, random)]
         chosen = [trial for trial in trials if trial.stage in stages]
@@ -116,8 +120,7 @@ class FingerPlan:
     @cached_property
     def hash(self) -> str:
         """Digest of scans, limits and reference speed, 32 hexadecimal digits."""
-        parts = [self.protocol.quality, self.protocol.reference_mm_s, *self.trials]
-        return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:32]
+        return digest_of([self.protocol.quality, self.protocol.reference_mm_s, *self.trials])
 
 
 def load_finger_protocol(path: Path) -> FingerProtocol:
@@ -140,10 +143,10 @@ def _parse(text: TomlText, stem: str) -> FingerProtocol:
     root = text.root
     order = root.table("order")
     protocol = FingerProtocol(
-        name=root.text("name", stem),
+        name=root.name("name", stem),
         text=text.source,
-        description=root.text("description", ""),
-        textures=root.texts("textures"),
+        description=root.text("description", "", most=MAX_DESCRIPTION_LETTERS),
+        textures=read_textures(root),
         profiles=_profiles(root),
         reference_mm_s=root.number("reference_mm_s", 100, unit="mm/s", low=1, high=10_000),
         stages=read_section(root.table("stages"), StageRepeats),
@@ -177,14 +180,11 @@ def _quality(table: TomlTable) -> ScanQuality:
 
 
 def _validate(protocol: FingerProtocol, root: TomlTable, order: TomlTable) -> None:
-    for texture in protocol.textures:
-        if len(texture.encode()) > TEXTURE_BYTES:
-            root.fail("textures", f"{texture!r} is longer than {TEXTURE_BYTES} bytes")
     if len(protocol.textures) < 2:
         root.fail("textures", "a classifier needs at least two plates")
     if protocol.order == "shuffled" and "seed" not in order:
         order.fail("seed", "is missing: a shuffled order needs a written seed, such as seed = 1")
     repeats = sum(protocol.stages.of(stage) for stage in Stage)
     trials = repeats * len(protocol.textures) * len(protocol.profiles)
-    if not 1 <= trials <= MAX_TRIALS:
-        root.fail("stages", f"make {trials:,} scans; a protocol has 1 to {MAX_TRIALS:,}")
+    if not 1 <= trials <= MAX_SCANS:
+        root.fail("stages", f"make {trials:,} scans; a protocol has 1 to {MAX_SCANS:,}")

@@ -11,15 +11,27 @@ from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.config.toml_section import read_section
 from rigctl.errors import ProtocolError
 from rigctl.protocol.finger import PROTOCOL_KEYS
-from rigctl.protocol.plan import FreeStep, Protocol, Quality, Settle, register_range
+from rigctl.protocol.plan import (
+    MAX_SEED,
+    FreeStep,
+    Protocol,
+    Quality,
+    Settle,
+    register_range,
+)
 from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
 
 PLACES = ("start", "plate_start", "between_plates", "plate_end", "end", "every")
 DIRECTIONS = ("forward", "backward", "alternate")
 FORCE_MODES = ("hold", "lock", "position")
 ORDERS = ("blocked", "shuffled")
-MAX_TRIALS = 1_000_000
-MAX_SEED = 2**63 - 1
+MAX_TRIALS = 100_000
+MAX_STEPS = 200_000
+"""Steps of a plan, trials and changes of plates included."""
+MAX_FREE_STEPS = 100
+MAX_TEXTURES = 1000
+MAX_PROMPT_LETTERS = 300
+MAX_DESCRIPTION_LETTERS = 10_000
 MAX_SECONDS = 86_400.0
 MAX_TURNS = 100
 TEXTURE_BYTES = 16
@@ -47,11 +59,11 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     force_mode = trial.choice("force_mode", FORCE_MODES, "hold")
     _refuse_other_presses(root, force_mode)
     protocol = Protocol(
-        name=root.text("name", stem),
+        name=root.name("name", stem),
         text=text.source,
         config=config,
-        description=root.text("description", ""),
-        textures=root.texts("textures") if "textures" in root else (),
+        description=root.text("description", "", most=MAX_DESCRIPTION_LETTERS),
+        textures=read_textures(root) if "textures" in root else (),
         speeds_mm_s=root.numbers("speeds_mm_s", **_speed_range(config)),
         forces_g=root.numbers("forces_g", **_force_range(config)),
         depths_mm=root.numbers("depths_mm", unit="mm", **register_range("depth_set_um", 1e-3)),
@@ -62,17 +74,25 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
         travel_mm=trial.number("travel_mm", 240, unit="mm", **register_range("travel_set")),
         force_mode=force_mode,
         direction=trial.choice("direction", DIRECTIONS, "forward"),
-        plate_prompt=plates.text("prompt", "Mount plate {texture}, then confirm."),
+        plate_prompt=plates.text(
+            "prompt", "Mount plate {texture}, then confirm.", most=MAX_PROMPT_LETTERS
+        ),
         settle=_settle(root.table("settle")),
         quality=read_section(root.table("quality"), Quality),
-        steps=tuple(_free_step(table, config) for table in root.tables("steps")),
+        steps=_free_steps(root, config),
     )
     for table in (order, trial, plates, root):
         table.finish()
     _validate_order(protocol, order)
     _validate_trials(protocol, root)
+    _validate_steps(protocol, root)
     _validate_travel(protocol, root, trial)
     return protocol
+
+
+def read_textures(root: TomlTable) -> tuple[str, ...]:
+    """Return the names of the plates, which fit into a session's trial row."""
+    return root.names("textures", most=MAX_TEXTURES, longest_bytes=TEXTURE_BYTES)
 
 
 def _speed_range(config: RigConfig) -> dict[str, Any]:
@@ -106,6 +126,13 @@ def _settle(table: TomlTable) -> Settle:
     if settle.timeout_s <= settle.time_s:
         table.fail("timeout_s", f"must be longer than time_s, which is {settle.time_s:g} s")
     return settle
+
+
+def _free_steps(root: TomlTable, config: RigConfig) -> tuple[FreeStep, ...]:
+    tables = root.tables("steps")
+    if len(tables) > MAX_FREE_STEPS:
+        root.fail("steps", f"has {len(tables):,} entries; {MAX_FREE_STEPS} are the most")
+    return tuple(_free_step(table, config) for table in tables)
 
 
 def _free_step(table: TomlTable, config: RigConfig) -> FreeStep:
@@ -149,9 +176,6 @@ def _validate_order(protocol: Protocol, order: TomlTable) -> None:
 
 def _validate_trials(protocol: Protocol, root: TomlTable) -> None:
     """Raise unless the keys of trials are all there or all missing, and fit into a session."""
-    for texture in protocol.textures:
-        if len(texture.encode()) > TEXTURE_BYTES:
-            root.fail("textures", f"{texture!r} is longer than {TEXTURE_BYTES} bytes")
     presses = "depths_mm" if protocol.force_mode == "position" else "forces_g"
     needed = {"textures", "speeds_mm_s", presses}
     given = {key for key in (*needed, "repeats") if key in root}
@@ -160,10 +184,25 @@ def _validate_trials(protocol: Protocol, root: TomlTable) -> None:
         root.fail(missing, f"is missing: trials need {', '.join(sorted(needed))}")
     if not given and not protocol.steps:
         root.fail("", "there is nothing to do: give textures, speeds_mm_s and forces_g, or steps")
-    conditions = len(protocol.textures) * len(protocol.speeds_mm_s)
-    trials = conditions * len(protocol.forces_g or protocol.depths_mm) * protocol.repeats
-    if trials > MAX_TRIALS:
+    if (trials := protocol.n_trials) > MAX_TRIALS:
         root.fail("repeats", f"make {trials:,} trials; a session holds up to {MAX_TRIALS:,}")
+
+
+def _validate_steps(protocol: Protocol, root: TomlTable) -> None:
+    """Raise for a plan of too many steps, counted before it is made."""
+    trials = protocol.n_trials
+    blocks = trials if protocol.across_plates else len(protocol.textures)
+    of_place = {"start": 1, "end": 1}
+    steps = (
+        trials
+        + blocks
+        + sum(
+            trials // free.every_trials if free.every_trials else of_place.get(free.at, blocks)
+            for free in protocol.steps
+        )
+    )
+    if steps > MAX_STEPS:
+        root.fail("steps", f"make up to {steps:,} steps; a plan has {MAX_STEPS:,} at most")
 
 
 def _validate_travel(protocol: Protocol, root: TomlTable, trial: TomlTable) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, product
@@ -13,11 +14,14 @@ from typing import Any, TypeVar
 
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_section import number
+from rigctl.errors import WrongUse
 from rigctl.protocol.steps import ChangePlate, RunTrial, Step, rig_seconds
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
 from rigctl.wire.drum.register_table import BY_NAME
 
 _Trial = TypeVar("_Trial")
+
+MAX_SEED = 2**63 - 1
 
 BYTES_PER_TRIAL = 700
 BYTES_PER_POLL = 102
@@ -26,6 +30,13 @@ BYTES_PER_BLOCK = 16
 POLL_RATE_HZ = 50
 LOADCELL_RATE_HZ = 80
 BLOCK_RATE_HZ = 100
+
+
+def checked_seed(seed: int) -> int:
+    """Return the seed of an order. Raises WrongUse for one that a session cannot store."""
+    if not 0 <= seed <= MAX_SEED:
+        raise WrongUse(f"a seed is a whole number from 0 to {MAX_SEED}: choose another")
+    return seed
 
 
 def register_range(register: str, unit: float = 1.0) -> dict[str, Any]:
@@ -91,9 +102,15 @@ class Protocol:
     quality: Quality = Quality()
     steps: tuple[FreeStep, ...] = ()
 
+    @property
+    def n_trials(self) -> int:
+        """Number of trials of the plan."""
+        presses = len(self.forces_g or self.depths_mm)
+        return len(self.textures) * len(self.speeds_mm_s) * presses * self.repeats
+
     def plan(self, seed: int | None = None) -> Plan:
-        """Return the plan; ``seed`` overrides that of the file."""
-        used = self.order_seed if seed is None else seed
+        """Return the plan; ``seed`` overrides that of the file. Raises WrongUse for a wrong one."""
+        used = self.order_seed if seed is None else checked_seed(seed)
         return Plan(self, used, tuple(_steps(self, used)))
 
 
@@ -132,34 +149,43 @@ class Plan:
     @cached_property
     def hash(self) -> str:
         """Digest of the steps and the limits for settling and quality, 32 hexadecimal digits."""
-        parts = [self.protocol.settle, self.protocol.quality, *self.steps]
-        text = "\n".join(map(repr, parts))  # a frozen value's repr shows each field by name
-        return hashlib.sha256(text.encode()).hexdigest()[:32]
+        parts: list[Any] = [self.protocol.settle, self.protocol.quality, *self.steps]
+        return digest_of(parts)
+
+
+def digest_of(parts: Iterable[Any]) -> str:
+    """Return the digest of frozen values, 32 hexadecimal digits; their order counts."""
+    digest = hashlib.sha256()
+    for index, part in enumerate(parts):
+        # A frozen value's repr shows each field by name.
+        digest.update(f"\n{part!r}".encode() if index else repr(part).encode())
+    return digest.hexdigest()[:32]
 
 
 def _steps(protocol: Protocol, seed: int) -> Iterator[Step]:
-    def at(place: str) -> Iterator[Step]:
-        return (free.step for free in protocol.steps if free.at == place)
-
-    yield from at("start")
+    steps_at: dict[str, list[Step]] = defaultdict(list)
+    for free in protocol.steps:
+        steps_at[free.at].append(free.step)
+    periodic = [free for free in protocol.steps if free.every_trials]
+    yield from steps_at["start"]
     done = 0
     for block, (texture, trials) in enumerate(_plate_blocks(protocol, seed)):
         if block:
-            yield from at("between_plates")
+            yield from steps_at["between_plates"]
         yield ChangePlate(texture, protocol.plate_prompt.replace("{texture}", texture))
-        yield from at("plate_start")
+        yield from steps_at["plate_start"]
         for trial in trials:
-            yield from _periodic_steps(protocol, done)
+            yield from _periodic_steps(periodic, done)
             done += 1
             yield RunTrial(replace(trial, trial_id=done))
-        yield from at("plate_end")
-    yield from at("end")
+        yield from steps_at["plate_end"]
+    yield from steps_at["end"]
 
 
-def _periodic_steps(protocol: Protocol, done: int) -> Iterator[Step]:
+def _periodic_steps(periodic: Sequence[FreeStep], done: int) -> Iterator[Step]:
     """Yield the steps after every n-th trial, when another trial follows."""
-    for free in protocol.steps:
-        if free.every_trials and done and done % free.every_trials == 0:
+    for free in periodic:
+        if done and done % free.every_trials == 0:
             yield free.step
 
 

@@ -72,7 +72,7 @@ def test_the_experiment_from_the_command_line(
     [
         (("train", "--protocol", "nothing"), "there is no protocol nothing"),
         (("train", "--rig", "nothing"), "there is no rig nothing"),
-        (("train", "--components", "0"), "a model needs one component or more"),
+        (("train", "--components", "0"), "--components 0: give a whole number from 1"),
         (("run", "--model", "nothing"), "there is no model nothing"),
         (("demo", "--out", "."), "exists already"),
     ],

@@ -129,7 +129,7 @@ def test_position_mode_presses_to_depths() -> None:
         (GOOD.replace("[250]", "250"), ["line 3", "must be a list of numbers"]),
         (GOOD.replace("= 2", "= 0"), ["line 4", "repeats", "0 is outside 1"]),
         (GOOD.replace("= 2", "= 2.5"), ["line 4", "whole number"]),
-        (GOOD.replace("= 2", "= 900000"), ["line 4", "trials"]),
+        (GOOD.replace("= 2", "= 90000"), ["line 4", "trials"]),
         (GOOD.replace('["A", "B"]', "[1]"), ["line 1", "must contain texts in quotes"]),
         (GOOD.replace('["A", "B"]', "[]"), ["line 1", "list of texts"]),
         (GOOD.replace('["A", "B"]', '["A", "A"]'), ["line 1", "contains 'A' twice"]),

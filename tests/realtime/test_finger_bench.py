@@ -284,7 +284,7 @@ def test_without_any_port_the_board_is_asked_for(
         (["--udp", "5040"], "belong to the moving finger: add --finger"),
         (["--finger", "--rig", "firmware"], "slower than real time: use --rig virtual"),
         (["--finger", "--plate", "A"], "leave --plate out"),
-        (["--finger", "--udp", "0"], "--udp 0 is no port"),
+        (["--finger", "--udp", "0"], "--udp 0: give a whole number from 1 to 65,535"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(

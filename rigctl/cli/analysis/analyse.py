@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rigctl.cli.options.arguments import MAX_DRAWS, add_seed, path, whole_number
 from rigctl.cli.options.encoder import (
     add_encoder,
     add_resources,
@@ -38,8 +39,12 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
-    parser.add_argument("--out", required=True, metavar="REPORT", help="new folder")
+    parser.add_argument(
+        "sessions", nargs="+", type=path("SESSION"), metavar="SESSION", help="session folders"
+    )
+    parser.add_argument(
+        "--out", type=path("--out"), required=True, metavar="REPORT", help="new folder"
+    )
     parser.add_argument(
         "--experiment",
         choices=("drum", "realtime"),
@@ -50,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_sweep(parser)
     parser.add_argument(
         "--c",
-        type=Path,
+        type=path("--c"),
         metavar="FILE",
         help="take C from a model or spikes.h5 instead of a search, and measure its rate error",
     )
@@ -59,8 +64,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="add a table of all encoder presets, with 10 components and the same draws",
     )
-    parser.add_argument("--trial", type=int, metavar="ID", help="trial in the figure of one taxel")
-    parser.add_argument("--taxel", type=int, metavar="N", help="taxel in that figure, from 1")
+    parser.add_argument(
+        "--trial",
+        type=whole_number("--trial", 0),
+        metavar="ID",
+        help="trial in the figure of one taxel",
+    )
+    parser.add_argument(
+        "--taxel", type=whole_number("--taxel", 1), metavar="N", help="taxel in that figure, from 1"
+    )
     add_encoder(parser)
     add_resources(parser)
     _add_model(parser)
@@ -69,12 +81,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--iterations",
-        type=int,
+        type=whole_number("--iterations", 1, MAX_DRAWS),
         metavar="N",
         help=f"random draws ({DRUM_ITERATIONS}; realtime: {FINGER_ITERATIONS} of each data set)",
     )
     parser.add_argument(
-        "--k-max", type=int, metavar="K", help=f"principal components, at most ({DRUM_K_MAX})"
+        "--k-max",
+        type=whole_number("--k-max", 1),
+        metavar="K",
+        help=f"principal components, at most ({DRUM_K_MAX})",
     )
     parser.add_argument(
         "--engine",
@@ -91,18 +106,26 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
         help="textures, groups, extrapolation, leave-speed-out or leave-force-out; may be "
         "repeated (default: all that fit the sessions)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the draws (0)")
+    add_seed(parser, "seed of the draws (0)", default=0)
 
 
 def _add_model(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("a model for rigctl classify")
     group.add_argument(
-        "--save-model", type=Path, metavar="FILE", help="save a model trained on all trials"
+        "--save-model",
+        type=path("--save-model"),
+        metavar="FILE",
+        help="save a model trained on all trials",
     )
     group.add_argument(
         "--representation", metavar="NAME", help='such as "Original" (default: "Speed Scaled")'
     )
-    group.add_argument("--components", type=int, metavar="K", help="principal components (50)")
+    group.add_argument(
+        "--components",
+        type=whole_number("--components", 1),
+        metavar="K",
+        help="principal components (50)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -8,21 +8,29 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
+from rigctl.cli.options.arguments import add_more_workers, path, worker_type
 from rigctl.cli.options.encoder import resources_of
 from rigctl.config.toml_edit import replace_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("model", type=Path, metavar="MODEL", help="a model file")
-    parser.add_argument("sessions", nargs="+", type=Path, metavar="SESSION", help="folders")
+    parser.add_argument("model", type=path("MODEL"), metavar="MODEL", help="a model file")
+    parser.add_argument(
+        "sessions", nargs="+", type=path("SESSION"), metavar="SESSION", help="folders"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument(
-        "--out", type=Path, metavar="FILE", help="write the predictions: JSON to .json, else CSV"
+        "--out",
+        type=path("--out"),
+        metavar="FILE",
+        help="write the predictions: JSON to .json, else CSV",
     )
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processors to use (1)")
+    parser.add_argument(
+        "--workers", type=worker_type(), default=1, metavar="N", help="processors to use (1)"
+    )
+    add_more_workers(parser, default=1)
     parser.set_defaults(dask=None, no_cache=True)  # options that resources_of reads
 
 

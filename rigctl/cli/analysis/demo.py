@@ -18,6 +18,7 @@ from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.verify import contents
 from rigctl.cli.data.world import add_world
+from rigctl.cli.options.arguments import add_seed, path
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.rig.run import EXIT_CODES, watch_run
 from rigctl.errors import CheckFailed
@@ -29,8 +30,10 @@ FIGURES = "figures"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("--out", metavar="DIR", help="folder of the new session")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the simulated rig (1)")
+    parser.add_argument(
+        "--out", type=path("--out"), metavar="DIR", help="folder of the new session"
+    )
+    add_seed(parser, "seed of the simulated rig (1)", default=1)
     parser.add_argument("--rig", choices=("virtual", "firmware"), default="virtual")
     add_world(parser)
     parser.add_argument("--no-window", action="store_true", help="do not open the window")
@@ -73,7 +76,7 @@ def has_display() -> bool:
 
 def _record(args: argparse.Namespace, line: ProgressLine) -> RunStatus:
     """Run the protocol on a new engine and return the run's last status."""
-    options = ["--protocol", PROTOCOL, "--yes", *(["--out", args.out] if args.out else [])]
+    options = ["--protocol", PROTOCOL, "--yes", *(["--out", str(args.out)] if args.out else [])]
     options += _world_options(args)
     client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=options)
     return watch_run(client, line)

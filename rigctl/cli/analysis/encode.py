@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rigctl.cli.options.arguments import path, whole_number
 from rigctl.cli.options.encoder import (
     add_encoder,
     add_resources,
@@ -27,8 +28,12 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("sessions", nargs="+", metavar="SESSION", help="session folders")
-    parser.add_argument("--out", required=True, metavar="DIR", help="new folder")
+    parser.add_argument(
+        "sessions", nargs="+", type=path("SESSION"), metavar="SESSION", help="session folders"
+    )
+    parser.add_argument(
+        "--out", type=path("--out"), required=True, metavar="DIR", help="new folder"
+    )
     parser.add_argument(
         "--scaled-by",
         choices=("none", "texture", "blind"),
@@ -39,9 +44,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_encoder(parser)
     add_resources(parser)
     parser.add_argument(
-        "--trial", type=int, metavar="ID", help="also draw one taxel of this trial: DIR/taxel.*"
+        "--trial",
+        type=whole_number("--trial", 0),
+        metavar="ID",
+        help="also draw one taxel of this trial: DIR/taxel.*",
     )
-    parser.add_argument("--taxel", type=int, metavar="N", help="taxel to draw, from 1")
+    parser.add_argument(
+        "--taxel", type=whole_number("--taxel", 1), metavar="N", help="taxel to draw, from 1"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

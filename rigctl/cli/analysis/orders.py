@@ -8,13 +8,22 @@ from __future__ import annotations
 
 import argparse
 from datetime import UTC, datetime
-from pathlib import Path
+
+from rigctl.cli.options.arguments import path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("reports", nargs="+", metavar="REPORT", help="report folders of analyse")
-    parser.add_argument("--out", required=True, metavar="DIR", help="new folder")
+    parser.add_argument(
+        "reports",
+        nargs="+",
+        type=path("REPORT"),
+        metavar="REPORT",
+        help="report folders of analyse",
+    )
+    parser.add_argument(
+        "--out", type=path("--out"), required=True, metavar="DIR", help="new folder"
+    )
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -26,9 +35,8 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.analysis.report.several_reports import summary_sentences, write_comparisons
 
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    out = Path(args.out)
-    folders = [Path(name) for name in args.reports]
-    comparisons = write_comparisons(folders, out, f"rigctl {__version__}, {now}")
+    out = args.out
+    comparisons = write_comparisons(args.reports, out, f"rigctl {__version__}, {now}")
     if args.json:
         print(json.dumps(comparisons, allow_nan=False))
     else:

@@ -10,10 +10,10 @@ import argparse
 import json
 import sys
 from datetime import UTC, datetime
-from pathlib import Path
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
+from rigctl.cli.options.arguments import path
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.options.terminal import Interrupts
 
@@ -22,9 +22,13 @@ LINES_SHOWN = 30
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
-    parser.add_argument("--map", required=True, type=Path, metavar="MAP", help="a TOML file")
-    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="the new session")
+    parser.add_argument("files", nargs="+", type=path("FILE"), metavar="FILE")
+    parser.add_argument(
+        "--map", required=True, type=path("--map"), metavar="MAP", help="a TOML file"
+    )
+    parser.add_argument(
+        "--out", required=True, type=path("--out"), metavar="DIR", help="the new session"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -9,46 +9,66 @@ from __future__ import annotations
 import argparse
 import sys
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.world import add_world, chosen_world
+from rigctl.cli.options.arguments import (
+    MAX_REPEATS,
+    add_more_workers,
+    add_seed,
+    path,
+    path_or_name,
+    whole_number,
+    worker_type,
+    workers_of,
+)
 from rigctl.cli.options.progress import ProgressLine, remaining
 from rigctl.cli.options.terminal import Interrupts
 from rigctl.config.resources import find_protocol
-from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
     from rigctl.synth.dataset import DatasetProgress
+
+
+MAX_SESSIONS = 1000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument(
         "--plan",
+        type=path_or_name("--plan"),
         required=True,
         metavar="PROTOCOL",
         help="a file, or the name of a built-in protocol",
     )
     parser.add_argument(
-        "--repeats", type=int, metavar="N", help="number of repeats, instead of the protocol's"
+        "--repeats",
+        type=whole_number("--repeats", 1, MAX_REPEATS),
+        metavar="N",
+        help="number of repeats, instead of the protocol's",
     )
-    parser.add_argument(
-        "--seed", type=int, required=True, help="seed of the simulated bench and of the trial order"
-    )
+    add_seed(parser, "seed of the simulated bench and of the trial order", required=True)
     add_world(parser)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new session")
+    parser.add_argument(
+        "--out", type=path("--out"), required=True, metavar="DIR", help="the new session"
+    )
     parser.add_argument(
         "--sessions",
-        type=int,
+        type=whole_number("--sessions", 1, MAX_SESSIONS),
         metavar="N",
         help="spread the repeats over N sessions below DIR, each with its own gains",
     )
     parser.add_argument(
-        "--workers", type=int, default=2, metavar="N", help="processors to use (default 2)"
+        "--workers",
+        type=worker_type(),
+        default=2,
+        metavar="N",
+        help="processors to use (default 2)",
     )
+    add_more_workers(parser, default=2)
     parser.add_argument(
         "--resume", action="store_true", help="continue the data set in DIR, if there is one"
     )
@@ -60,20 +80,19 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.synth.dataset import DatasetRequest, generate, load_plan
     from rigctl.synth.sessions import generate_sessions, split_request
 
-    if args.workers < 1:
-        raise WrongUse(f"--workers {args.workers}: at least one is needed")
-    path = find_protocol(args.plan)
+    workers = workers_of(args)
+    protocol = find_protocol(args.plan)
     world = chosen_world(args.world) or NOMINAL_WORLD
-    plan = load_plan(path, args.repeats, args.seed, world)
+    plan = load_plan(protocol, args.repeats, args.seed, world)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     order = DatasetRequest(plan, args.seed, args.out, now, args.resume, world)
     progress = SynthProgress(len(plan.trials), sum(trial.duration_s for trial in plan.trials))
     with Interrupts(limit=1) as interrupts:
-        rest = (progress.show, interrupts.requested, args.workers)
+        rest = (progress.show, interrupts.requested, workers)
         if args.sessions is None:
             whole = generate(order, *rest)
         else:
-            split = split_request(path, args.repeats, order, args.sessions)
+            split = split_request(protocol, args.repeats, order, args.sessions)
             whole = generate_sessions(split, *rest)
     progress.finish()
     for path in [args.out] if args.sessions is None else sorted(args.out.glob("*/")):

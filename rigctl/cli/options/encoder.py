@@ -9,8 +9,15 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rigctl.cli.options.arguments import (
+    add_more_workers,
+    number,
+    path,
+    path_or_name,
+    worker_type,
+    workers_of,
+)
 from rigctl.cli.options.progress import ProgressLine
-from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
     from rigctl.analysis.data.cache import Resources
@@ -33,6 +40,7 @@ def add_encoder(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--ranges",
+        type=path_or_name("--ranges"),
         default="all",
         metavar="all|training|FILE",
         help="measure the taxel ranges in all trials (default) or only in those at the paper's "
@@ -40,7 +48,7 @@ def add_encoder(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--reference-force",
-        type=float,
+        type=number("--reference-force", 1, 100_000),
         default=500.0,
         metavar="G",
         help="force to which the SA rates of the other forces are scaled (500)",
@@ -51,7 +59,11 @@ def add_resources(parser: argparse.ArgumentParser) -> None:
     """Add the options of the workers and the cache."""
     workers = parser.add_mutually_exclusive_group()
     workers.add_argument(
-        "--workers", type=int, default=1, metavar="N", help="processors to use on this computer (1)"
+        "--workers",
+        type=worker_type(),
+        default=1,
+        metavar="N",
+        help="processors to use on this computer (1)",
     )
     workers.add_argument(
         "--dask",
@@ -59,10 +71,11 @@ def add_resources(parser: argparse.ArgumentParser) -> None:
         help="use the workers of a Dask scheduler, such as tcp://host:8786; they must see the "
         "sessions' folders",
     )
+    add_more_workers(parser, default=1)
     cache = parser.add_mutually_exclusive_group()
     cache.add_argument(
         "--cache",
-        type=Path,
+        type=path("--cache"),
         metavar="DIR",
         help="folder that keeps encoded conditions for later runs (at most 4 GiB; the least "
         "recently used are removed first; remove the folder to clear it). Default: rigctl in the "
@@ -111,12 +124,11 @@ def resources_of(args: argparse.Namespace) -> Iterator[Resources]:
 
 
 def _executor(args: argparse.Namespace) -> AbstractContextManager[Executor]:
-    if args.workers < 1:
-        raise WrongUse("--workers must be at least 1")
+    workers = workers_of(args)
     if args.dask is not None:
         from rigctl.analysis.execution.dask_executor import dask_executor
 
         return dask_executor(args.dask)
     from rigctl.analysis.execution.executor import local_executor
 
-    return local_executor(args.workers)
+    return local_executor(workers)

@@ -6,6 +6,7 @@ import signal
 from types import FrameType
 from typing import Any
 
+from rigctl.config.visible_text import visible
 from rigctl.errors import WrongUse
 
 
@@ -42,7 +43,7 @@ def ask(text: str, remedy: str) -> None:
     Raises KeyboardInterrupt for the answer a, and WrongUse with ``remedy`` without a terminal.
     """
     try:
-        answer = input(f"{text} [Enter, or a to abort] ")
+        answer = input(visible(f"{text} [Enter, or a to abort] "))
     except EOFError:
         raise WrongUse(f"there is no terminal to answer at: {remedy}") from None
     if answer.strip().lower().startswith("a"):

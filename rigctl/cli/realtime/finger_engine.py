@@ -8,8 +8,10 @@ from contextlib import closing
 from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
 from rigctl.analysis.finger.confidence import COVERAGE, ERROR_RATE
 from rigctl.cli.data.world import add_world, chosen_world
+from rigctl.cli.options.arguments import number, path_or_name, whole_number
 from rigctl.cli.rig.engine_process import EngineProcess, utc_now
 from rigctl.finger_rig import open_finger_rig
+from rigctl.protocol.plan import MAX_SEED
 from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.realtime.finger_engine import FingerEngine
 from rigctl.realtime.live_file import FingerLiveWriter
@@ -18,20 +20,22 @@ from rigctl.realtime.run.finger_run_request import DEFAULT_PROTOCOL, FingerRunRe
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("--rig", required=True)
+    parser.add_argument("--rig", type=path_or_name("--rig"), required=True)
     parser.add_argument("--name", default=None)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--session", type=int, default=0)
-    parser.add_argument("--first-slide", type=int, default=0)
+    parser.add_argument("--seed", type=whole_number("--seed", 0, MAX_SEED), default=0)
+    parser.add_argument("--session", type=whole_number("--session", 0), default=0)
+    parser.add_argument("--first-slide", type=whole_number("--first-slide", 0), default=0)
     parser.add_argument("--paced", action="store_true")
     parser.add_argument("--stage", action="append", default=[])
-    parser.add_argument("--protocol", default=DEFAULT_PROTOCOL)
-    parser.add_argument("--model", default=None)
-    parser.add_argument("--out", default=None)
-    parser.add_argument("--resume", default=None)
-    parser.add_argument("--order-seed", type=int, default=None)
-    parser.add_argument("--error-rate", type=float, default=ERROR_RATE)
-    parser.add_argument("--coverage", type=float, default=COVERAGE)
+    parser.add_argument("--protocol", type=path_or_name("--protocol"), default=DEFAULT_PROTOCOL)
+    parser.add_argument("--model", type=path_or_name("--model"), default=None)
+    parser.add_argument("--out", type=path_or_name("--out"), default=None)
+    parser.add_argument("--resume", type=path_or_name("--resume"), default=None)
+    parser.add_argument(
+        "--order-seed", type=whole_number("--order-seed", 0, MAX_SEED), default=None
+    )
+    parser.add_argument("--error-rate", type=number("--error-rate", 0, 1), default=ERROR_RATE)
+    parser.add_argument("--coverage", type=number("--coverage", 0, 1), default=COVERAGE)
     parser.add_argument("--yes", action="store_true")
     add_world(parser)
 

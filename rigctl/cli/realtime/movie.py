@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from rigctl.analysis.finger.movie.movie_file import check_movie_file, write_movie
 from rigctl.analysis.finger.movie.scan_timeline import read_timeline
+from rigctl.cli.options.arguments import path, whole_number
 from rigctl.cli.options.progress import ProgressLine
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the part."""
-    parser.add_argument("session", type=Path, metavar="SESSION", help="session folder")
+    parser.add_argument("session", type=path("SESSION"), metavar="SESSION", help="session folder")
     parser.add_argument(
-        "--trial", type=int, metavar="N", help="number of the trial (the last committed one)"
+        "--trial",
+        type=whole_number("--trial", 0),
+        metavar="N",
+        help="number of the trial (the last committed one)",
     )
     parser.add_argument(
         "--out",
-        type=Path,
+        type=path("--out"),
         required=True,
         metavar="FILE",
         help="new .gif or .mp4 that plays in real time, or .png of its last frame",

@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from statistics import fmean
 
+from rigctl.cli.options.arguments import path
 from rigctl.cli.options.terminal import ask
 from rigctl.config.finger_config import load_finger_config
 from rigctl.devices.trackers.plate_frame import PlateFrame, Vector, fit_plate_frame
@@ -27,10 +28,16 @@ CHECK_PERIOD_S = 0.01
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the part."""
     parser.add_argument(
-        "--rig", type=Path, required=True, help="finger.toml that names the tracker"
+        "--rig",
+        type=path("--rig"),
+        required=True,
+        help="finger.toml that names the tracker",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="FILE", help=f"file to write ({FRAME_FILE} beside finger.toml)"
+        "--out",
+        type=path("--out"),
+        metavar="FILE",
+        help=f"file to write ({FRAME_FILE} beside finger.toml)",
     )
 
 

@@ -16,6 +16,7 @@ import argparse
 from pathlib import Path
 
 from rigctl.cli.data.world import add_world
+from rigctl.cli.options.arguments import add_seed, number, path, path_or_name, whole_number
 from rigctl.cli.realtime import board_model, movie, plate_frame, stages
 from rigctl.realtime.model_files import REPRESENTATIONS
 
@@ -26,7 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     train = parts.add_parser("train", help="record normalisation and training scans, and train")
     _add_recording(train)
     train.add_argument(
-        "--components", type=int, default=25, metavar="K", help="principal components (25)"
+        "--components",
+        type=whole_number("--components", 1),
+        default=25,
+        metavar="K",
+        help="principal components (25)",
     )
     calibrate = parts.add_parser("calibrate", help="record the scans that centre the classifier")
     _add_recording(calibrate)
@@ -41,21 +46,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     run_part.add_argument(
         "--error-rate",
-        type=float,
+        type=number("--error-rate", 0, 1),
         metavar="SHARE",
         help="share of wrong answers among those given before the end (0.05)",
     )
     run_part.add_argument(
         "--coverage",
-        type=float,
+        type=number("--coverage", 0, 1),
         metavar="SHARE",
         help="share of the texture sets that hold the true texture (0.95)",
     )
     demo = parts.add_parser("demo", help="train, calibrate and run with the virtual finger")
-    demo.add_argument("--protocol", default="quick", help="built-in name or file (quick)")
-    demo.add_argument("--rig", default="virtual", help="virtual or firmware")
-    demo.add_argument("--seed", type=int, default=0, help="seed of the virtual finger (0)")
-    demo.add_argument("--out", type=Path, default=Path("realtime-demo"), metavar="DIR")
+    demo.add_argument(
+        "--protocol",
+        type=path_or_name("--protocol"),
+        default="quick",
+        help="built-in name or file (quick)",
+    )
+    demo.add_argument(
+        "--rig", type=path_or_name("--rig"), default="virtual", help="virtual or firmware"
+    )
+    add_seed(demo, "seed of the virtual finger (0)", default=0)
+    demo.add_argument("--out", type=path("--out"), default=Path("realtime-demo"), metavar="DIR")
     plate_frame.add_arguments(
         parts.add_parser("frame", help="find the place of the plate from its touched corners")
     )
@@ -80,13 +92,25 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _add_recording(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--rig", default="virtual", help="virtual, firmware, or a finger.toml")
-    parser.add_argument("--protocol", help="built-in name or file (paper)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the new session")
-    parser.add_argument("--resume", type=Path, metavar="DIR", help="continue a session")
-    parser.add_argument("--seed", type=int, default=None, help="seed of order and virtual finger")
     parser.add_argument(
-        "--session", type=int, default=None, metavar="N", help="session of the virtual finger"
+        "--rig",
+        type=path_or_name("--rig"),
+        default="virtual",
+        help="virtual, firmware, or a finger.toml",
+    )
+    parser.add_argument(
+        "--protocol", type=path_or_name("--protocol"), help="built-in name or file (paper)"
+    )
+    parser.add_argument(
+        "--out", type=path("--out"), metavar="DIR", help="folder of the new session"
+    )
+    parser.add_argument("--resume", type=path("--resume"), metavar="DIR", help="continue a session")
+    add_seed(parser, "seed of order and virtual finger")
+    parser.add_argument(
+        "--session",
+        type=whole_number("--session", 0),
+        metavar="N",
+        help="session of the virtual finger",
     )
     parser.add_argument("--yes", action="store_true", help="lay simulated plates without asking")
     parser.add_argument("--paced", action="store_true", help="simulate at the speed of real time")
@@ -94,4 +118,4 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_model(parser: argparse.ArgumentParser, text: str) -> None:
-    parser.add_argument("--model", type=Path, required=True, metavar="PATH", help=text)
+    parser.add_argument("--model", type=path("--model"), required=True, metavar="PATH", help=text)

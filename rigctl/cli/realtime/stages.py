@@ -32,8 +32,6 @@ PERSON_EVENTS = ("stage", "instruction", "trial", "log", "board")
 
 def train(args: argparse.Namespace) -> int:
     """Record normalisation and training scans and train the classifiers."""
-    if args.components < 1:
-        raise WrongUse(f"--components {args.components}: a model needs one component or more")
     folder, code = _recorded(args, ("normalise", "train"), session=0)
     for path in train_models(folder, args.components, utc_now()):
         print(f"model: {path}")

@@ -8,16 +8,20 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
+
+from rigctl.cli.options.arguments import path
 
 ACCEPTED, NOT_ACCEPTED = 0, 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=Path, help="a session's folder")
+    parser.add_argument("session", type=path("SESSION"), help="a session's folder")
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="also write a report to this new folder"
+        "--out",
+        type=path("--out"),
+        metavar="DIR",
+        help="also write a report to this new folder",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

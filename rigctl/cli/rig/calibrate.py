@@ -18,19 +18,29 @@ from rigctl.acquisition.drum.calibration import Calibrator, MassReading, fit_sca
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rig import Rig
 from rigctl.cli.data.world import add_world, chosen_world
+from rigctl.cli.options.arguments import add_seed, number, path_or_name
 from rigctl.cli.options.terminal import ask
 from rigctl.cli.rig import calibrate_wiring
 from rigctl.config.rig_config import parse_config
+from rigctl.config.text_file import read_text
+from rigctl.config.toml_bounds import MAX_BYTES
 from rigctl.config.toml_edit import Value, replace_file, set_keys
 from rigctl.errors import WrongUse
 from rigctl.rig import BENCH, open_rig
 
+MAX_LOAD_G = 1e6
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("--rig", required=True, help="virtual, firmware, or a rig.toml")
+    parser.add_argument(
+        "--rig",
+        type=path_or_name("--rig"),
+        required=True,
+        help="virtual, firmware, or a rig.toml",
+    )
     add_world(parser)
-    parser.add_argument("--seed", type=int, default=0, help="seed of a simulated rig")
+    add_seed(parser, "seed of a simulated rig", default=0)
     parser.add_argument("--yes", action="store_true", help="do not ask for confirmation")
     parser.add_argument(
         "--dry", action="store_true", help="save nothing, neither on the board nor in files"
@@ -38,11 +48,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
     parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
     cell = parts.add_parser("loadcell", help="find the scale of the load cell from known masses")
-    cell.add_argument("--mass", type=float, action="append", required=True, metavar="G")
+    cell.add_argument(
+        "--mass",
+        type=number("--mass", -MAX_LOAD_G, MAX_LOAD_G),
+        action="append",
+        required=True,
+        metavar="G",
+    )
     force = parts.add_parser(
         "force", help="find the gains of the force loop from a step at a held force"
     )
-    force.add_argument("--force", type=float, default=500.0, metavar="G")
+    force.add_argument("--force", type=number("--force", 0, MAX_LOAD_G), default=500.0, metavar="G")
     parts.add_parser("imbalance", help="measure the load-cell error over the drum's angle")
     tare = parts.add_parser("tare", help="set the reading of the lifted drum to 0 g")
     tare.add_argument(
@@ -170,7 +186,7 @@ class _CalibrationSession:
 
 def _edited(path: Path, table: str, values: dict[str, Value]) -> str:
     """Return the text of rig.toml with new values. Raises ConfigError if it is invalid."""
-    source = path.read_text(encoding="utf-8")
+    source = read_text(path, MAX_BYTES)
     parse_config(source, str(path))
     text = set_keys(source, table, values)
     parse_config(text, str(path))

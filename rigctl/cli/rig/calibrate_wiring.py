@@ -21,6 +21,8 @@ from rigctl.acquisition.taxels.wiring_identification import (
 )
 from rigctl.cli.options.terminal import ask
 from rigctl.config.rig_config import RigConfig, TaxelArray, load_config, parse_config
+from rigctl.config.text_file import read_text
+from rigctl.config.toml_bounds import MAX_BYTES
 from rigctl.config.toml_edit import Value, replace_file, set_keys
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import RigFault, WrongUse
@@ -146,7 +148,7 @@ def _save(path: Path, before: TaxelArray, wiring: tuple[int, ...]) -> list[str]:
         lines.append(
             "low and high belong to an unknown order and were removed: calibrate them again"
         )
-    text = set_keys(path.read_text(encoding="utf-8"), "taxels", values)
+    text = set_keys(read_text(path, MAX_BYTES), "taxels", values)
     parse_config(text, str(path))
     replace_file(path, text)
     return lines

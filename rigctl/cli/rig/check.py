@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rigctl.cli.options.arguments import add_seed, path, path_or_name
 from rigctl.cli.rig.check_finger import describe_finger
 from rigctl.config.finger_config import load_finger_config
 from rigctl.config.resources import find_any_protocol
@@ -30,29 +31,35 @@ SIMULATED = ("virtual", "firmware")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("protocol", help="a file, or the name of a built-in protocol")
     parser.add_argument(
-        "--seed", type=int, help="seed of the trial order, instead of the protocol's"
+        "protocol",
+        type=path_or_name("PROTOCOL"),
+        help="a file, or the name of a built-in protocol",
     )
+    add_seed(parser, "seed of the trial order, instead of the protocol's")
     parser.add_argument(
         "--rig",
+        type=path_or_name("--rig"),
         default=SIMULATED[0],
         metavar="RIG",
         help="virtual, firmware, a rig.toml or a finger.toml",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="exit with 1 if the disk of DIR is too small"
+        "--out",
+        type=path("--out"),
+        metavar="DIR",
+        help="exit with 1 if the disk of DIR is too small",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the summary. Raises ProtocolError for a protocol that cannot be run."""
-    path = find_any_protocol(args.protocol)
-    if is_finger_protocol(path):
-        summary, rows = _check_finger(path, args)
+    protocol = find_any_protocol(args.protocol)
+    if is_finger_protocol(protocol):
+        summary, rows = _check_finger(protocol, args)
     else:
-        summary, rows = _check_drum(path, args)
+        summary, rows = _check_drum(protocol, args)
     print(json.dumps(summary, ensure_ascii=False) if args.json else rows)
     if args.out:
         _check_disk_space(args.out, summary["bytes"])

@@ -12,7 +12,9 @@ from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.cli.data.world import add_world, chosen_world, session_world
+from rigctl.cli.options.arguments import path_or_name, whole_number
 from rigctl.cli.rig.engine_process import EngineProcess, utc_now
+from rigctl.protocol.plan import MAX_SEED
 from rigctl.rig import open_rig
 
 if TYPE_CHECKING:
@@ -21,14 +23,16 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("--rig", required=True)
+    parser.add_argument("--rig", type=path_or_name("--rig"), required=True)
     parser.add_argument("--name", default=None)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=whole_number("--seed", 0, MAX_SEED), default=0)
     parser.add_argument("--paced", action="store_true")
-    parser.add_argument("--protocol", default=None)
-    parser.add_argument("--out", default=None)
-    parser.add_argument("--resume", default=None)
-    parser.add_argument("--order-seed", type=int, default=None)
+    parser.add_argument("--protocol", type=path_or_name("--protocol"), default=None)
+    parser.add_argument("--out", type=path_or_name("--out"), default=None)
+    parser.add_argument("--resume", type=path_or_name("--resume"), default=None)
+    parser.add_argument(
+        "--order-seed", type=whole_number("--order-seed", 0, MAX_SEED), default=None
+    )
     parser.add_argument("--yes", action="store_true")
     add_world(parser)
 

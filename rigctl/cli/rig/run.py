@@ -28,6 +28,7 @@ from rigctl.acquisition.rpc.messages import (
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.world import add_world
+from rigctl.cli.options.arguments import add_seed, path, path_or_name
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.options.terminal import Interrupts
 from rigctl.errors import WrongUse
@@ -45,13 +46,24 @@ KEYS = "p pause · r resume · a abort · c clear a fault · each with Enter"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument(
-        "protocol", nargs="?", metavar="PROTOCOL", help="a file, or the name of a built-in protocol"
+        "protocol",
+        nargs="?",
+        type=path_or_name("PROTOCOL"),
+        metavar="PROTOCOL",
+        help="a file, or the name of a built-in protocol",
     )
-    parser.add_argument("--rig", metavar="RIG", help="virtual, firmware, or a rig.toml")
+    parser.add_argument(
+        "--rig",
+        type=path_or_name("--rig"),
+        metavar="RIG",
+        help="virtual, firmware, or a rig.toml",
+    )
     add_world(parser)
-    parser.add_argument("--out", metavar="DIR", help="folder of the new session")
-    parser.add_argument("--resume", metavar="DIR", help="continue a session")
-    parser.add_argument("--seed", type=int, help="seed of the trial order and of a simulated rig")
+    parser.add_argument(
+        "--out", type=path("--out"), metavar="DIR", help="folder of the new session"
+    )
+    parser.add_argument("--resume", type=path("--resume"), metavar="DIR", help="continue a session")
+    add_seed(parser, "seed of the trial order and of a simulated rig")
     parser.add_argument("--yes", action="store_true", help="change simulated plates without asking")
     parser.add_argument(
         "--paced", action="store_true", help="run simulated time at the speed of real time"

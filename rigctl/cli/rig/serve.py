@@ -18,6 +18,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from rigctl.cli.data.world import add_world, chosen_world
+from rigctl.cli.options.arguments import add_seed, whole_number
 from rigctl.errors import WrongUse
 from rigctl.finger_rig import open_finger_rig
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
@@ -34,16 +35,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", choices=(VIRTUAL, FIRMWARE), default=VIRTUAL)
     add_world(parser)
     parser.add_argument("--plate", metavar="A–P", help="texture on the drum (A)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the simulated world")
+    add_seed(parser, "seed of the simulated world", default=0)
     parser.add_argument("--json", action="store_true", help="print the addresses as one JSON line")
     finger = parser.add_argument_group("the moving finger")
     finger.add_argument(
         "--finger", action="store_true", help="offer the moving finger instead of the drum"
     )
     finger.add_argument(
-        "--udp", type=int, metavar="PORT", help="send the tracker's positions to this port, too"
+        "--udp",
+        type=whole_number("--udp", 1, 65_535),
+        metavar="PORT",
+        help="send the tracker's positions to this port, too",
     )
-    finger.add_argument("--session", type=int, metavar="N", help="session of the person (0)")
+    finger.add_argument(
+        "--session",
+        type=whole_number("--session", 0),
+        metavar="N",
+        help="session of the person (0)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -65,8 +74,6 @@ def _require_fitting_options(args: argparse.Namespace) -> None:
         raise WrongUse("the person chooses the finger's plate: leave --plate out")
     if not args.finger and (args.udp is not None or args.session is not None):
         raise WrongUse("--udp and --session belong to the moving finger: add --finger")
-    if args.udp is not None and not 0 < args.udp < 65536:
-        raise WrongUse(f"--udp {args.udp} is no port: give a number from 1 to 65535")
 
 
 def _serve_drum(args: argparse.Namespace, world: SimulatedWorld | None) -> None:

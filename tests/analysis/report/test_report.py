@@ -151,7 +151,7 @@ def test_impossible_requests_are_refused_and_write_nothing(
         ([str(tmp_path / "r"), "--task", "colours"], "no task 'colours'"),
         ([str(tmp_path / "r"), "--taxel", "19"], "no taxel 19"),
         ([str(tmp_path / "r"), "--trial", "999"], "no session has a committed trial 999"),
-        ([str(tmp_path / "r"), "--iterations", "0"], "at least 1"),
+        ([str(tmp_path / "r"), "--iterations", "0"], "give a whole number from 1"),
     ):
         assert main([*start, *words]) == 2
         assert message in capsys.readouterr().err

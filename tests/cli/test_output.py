@@ -1,0 +1,101 @@
+"""Any terminal, pipe and disk can take a command's output, and no text acts on the terminal."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rigctl.cli import OUTPUT_CLOSED, main
+from rigctl.cli.options.output import VisibleOutput
+
+RIGCTL = f"{sys.executable} -m rigctl"
+
+
+def shell(line: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a command in a shell; ``$R`` is rigctl."""
+    return subprocess.run(
+        ["bash", "-c", line],
+        env={**os.environ, "R": RIGCTL, **environment},
+        capture_output=True,
+        encoding="utf-8",
+        errors="surrogateescape",
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("\x1b[2Jx\x07", "\\x1b[2Jx\\x07"),
+        ("a\rb\x00", "a\\x0db\\x00"),
+        ("\x9b31m\x7f", "\\u009b31m\\u007f"),
+        ("\u202egnp.exe\u2066", "\\u202egnp.exe\\u2066"),
+        ("\udcff", "\\udcff"),
+        ("tab\tand µ – 絹\n", "tab\tand µ – 絹\n"),
+    ],
+)
+def test_what_acts_on_a_terminal_becomes_visible(text: str, shown: str) -> None:
+    target = io.StringIO()
+    print(text, end="", file=VisibleOutput(target))
+    assert target.getvalue() == shown
+
+
+def test_the_name_of_a_protocol_does_not_act_on_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "evil.toml"
+    file.write_text(
+        'description = "\\u001b]0;owned\\u0007\\u202e"\n[[steps]]\nat="end"\nkind="tare"\n'
+    )
+    assert main(["check", str(file)]) == 0
+    out = capsys.readouterr().out
+    assert "\\x1b]0;owned\\x07\\u202e" in out
+    assert main(["check", str(file), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["description"] == "\x1b]0;owned\x07\u202e"
+    assert main(["check", "a\x1b[2Jb"]) == 2
+    assert "there is no protocol a\\x1b[2Jb" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_without_unicode_shows_escapes(encoding: str) -> None:
+    done = shell("$R check paper && $R check paper --json", PYTHONIOENCODING=encoding)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "paper \\u2013 The paper's data set" in done.stdout
+    assert json.loads(done.stdout.splitlines()[-1])["trials"] == 24_000
+
+
+def test_the_c_locale_is_enough() -> None:
+    done = shell("$R check no–such", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
+    assert done.returncode == 2
+    assert "there is no protocol no" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("words", ["check paper", "--help", "world --help", "--version"])
+def test_a_full_disk_is_named(words: str) -> None:
+    done = shell(f"$R {words} > /dev/full")
+    assert done.returncode == 3
+    assert done.stderr == "rigctl: the output cannot be written (No space left on device)\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("$R check paper >&- 2>&- <&-", 0),
+        ("$R check nosuch 2>/dev/full", 2),
+        ("$R nosuch 2>/dev/full", 2),
+        ("$R check nosuch >&-", 2),
+        ("set -o pipefail; $R check paper | (exec <&-; sleep 0)", OUTPUT_CLOSED),
+    ],
+)
+def test_without_a_reader_the_command_still_answers(line: str, code: int) -> None:
+    done = shell(line)
+    assert done.returncode == code
+    assert "Traceback" not in done.stderr
