@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.cli.options.arguments import MAX_DRAWS, add_seed, path, whole_number
+from rigctl.cli.options.arguments import MAX_DRAWS, a_path, add_seed, whole_number
 from rigctl.cli.options.encoder import (
     add_encoder,
     add_resources,
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument(
-        "sessions", nargs="+", type=path("SESSION"), metavar="SESSION", help="session folders"
+        "sessions", nargs="+", type=a_path("SESSION"), metavar="SESSION", help="session folders"
     )
     parser.add_argument(
-        "--out", type=path("--out"), required=True, metavar="REPORT", help="new folder"
+        "--out", type=a_path("--out"), required=True, metavar="REPORT", help="new folder"
     )
     parser.add_argument(
         "--experiment",
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_sweep(parser)
     parser.add_argument(
         "--c",
-        type=path("--c"),
+        type=a_path("--c"),
         metavar="FILE",
         help="take C from a model or spikes.h5 instead of a search, and measure its rate error",
     )
@@ -113,7 +113,7 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("a model for rigctl classify")
     group.add_argument(
         "--save-model",
-        type=path("--save-model"),
+        type=a_path("--save-model"),
         metavar="FILE",
         help="save a model trained on all trials",
     )

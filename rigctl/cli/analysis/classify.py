@@ -9,21 +9,21 @@ from __future__ import annotations
 import argparse
 import json
 
-from rigctl.cli.options.arguments import add_more_workers, path, worker_type
+from rigctl.cli.options.arguments import a_path, add_more_workers, worker_type
 from rigctl.cli.options.encoder import resources_of
 from rigctl.config.toml_edit import replace_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("model", type=path("MODEL"), metavar="MODEL", help="a model file")
+    parser.add_argument("model", type=a_path("MODEL"), metavar="MODEL", help="a model file")
     parser.add_argument(
-        "sessions", nargs="+", type=path("SESSION"), metavar="SESSION", help="folders"
+        "sessions", nargs="+", type=a_path("SESSION"), metavar="SESSION", help="folders"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument(
         "--out",
-        type=path("--out"),
+        type=a_path("--out"),
         metavar="FILE",
         help="write the predictions: JSON to .json, else CSV",
     )

@@ -18,7 +18,7 @@ from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.verify import contents
 from rigctl.cli.data.world import add_world
-from rigctl.cli.options.arguments import add_seed, path
+from rigctl.cli.options.arguments import a_path, add_seed
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.rig.run import EXIT_CODES, watch_run
 from rigctl.errors import CheckFailed
@@ -31,7 +31,7 @@ FIGURES = "figures"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument(
-        "--out", type=path("--out"), metavar="DIR", help="folder of the new session"
+        "--out", type=a_path("--out"), metavar="DIR", help="folder of the new session"
     )
     add_seed(parser, "seed of the simulated rig (1)", default=1)
     parser.add_argument("--rig", choices=("virtual", "firmware"), default="virtual")

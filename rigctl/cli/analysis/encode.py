@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.cli.options.arguments import path, whole_number
+from rigctl.cli.options.arguments import a_path, whole_number
 from rigctl.cli.options.encoder import (
     add_encoder,
     add_resources,
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument(
-        "sessions", nargs="+", type=path("SESSION"), metavar="SESSION", help="session folders"
+        "sessions", nargs="+", type=a_path("SESSION"), metavar="SESSION", help="session folders"
     )
     parser.add_argument(
-        "--out", type=path("--out"), required=True, metavar="DIR", help="new folder"
+        "--out", type=a_path("--out"), required=True, metavar="DIR", help="new folder"
     )
     parser.add_argument(
         "--scaled-by",

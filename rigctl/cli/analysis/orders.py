@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from datetime import UTC, datetime
 
-from rigctl.cli.options.arguments import path
+from rigctl.cli.options.arguments import a_path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,12 +17,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "reports",
         nargs="+",
-        type=path("REPORT"),
+        type=a_path("REPORT"),
         metavar="REPORT",
         help="report folders of analyse",
     )
     parser.add_argument(
-        "--out", type=path("--out"), required=True, metavar="DIR", help="new folder"
+        "--out", type=a_path("--out"), required=True, metavar="DIR", help="new folder"
     )
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
-from rigctl.cli.options.arguments import path
+from rigctl.cli.options.arguments import a_path
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.options.terminal import Interrupts
 
@@ -22,12 +22,12 @@ LINES_SHOWN = 30
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("files", nargs="+", type=path("FILE"), metavar="FILE")
+    parser.add_argument("files", nargs="+", type=a_path("FILE"), metavar="FILE")
     parser.add_argument(
-        "--map", required=True, type=path("--map"), metavar="MAP", help="a TOML file"
+        "--map", required=True, type=a_path("--map"), metavar="MAP", help="a TOML file"
     )
     parser.add_argument(
-        "--out", required=True, type=path("--out"), metavar="DIR", help="the new session"
+        "--out", required=True, type=a_path("--out"), metavar="DIR", help="the new session"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

@@ -6,13 +6,13 @@ import argparse
 import json
 from typing import Any
 
-from rigctl.cli.options.arguments import path
+from rigctl.cli.options.arguments import a_path
 from rigctl.session.summary import summarise_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=path("SESSION"), help="a session's folder")
+    parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -16,9 +16,9 @@ from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.options.arguments import (
     MAX_REPEATS,
+    a_path,
     add_more_workers,
     add_seed,
-    path,
     path_or_name,
     whole_number,
     worker_type,
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_seed(parser, "seed of the simulated bench and of the trial order", required=True)
     add_world(parser)
     parser.add_argument(
-        "--out", type=path("--out"), required=True, metavar="DIR", help="the new session"
+        "--out", type=a_path("--out"), required=True, metavar="DIR", help="the new session"
     )
     parser.add_argument(
         "--sessions",

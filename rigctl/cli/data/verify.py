@@ -8,7 +8,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from rigctl.cli.options.arguments import path
+from rigctl.cli.options.arguments import a_path
 from rigctl.cli.options.progress import ProgressLine, remaining
 from rigctl.session.verify.report import VerifyReport
 from rigctl.session.verify.session import verify
@@ -20,7 +20,7 @@ QUIET_S = 2.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=path("SESSION"), help="a session's folder")
+    parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

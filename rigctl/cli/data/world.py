@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.cli.options.arguments import path
+from rigctl.cli.options.arguments import a_path
 from rigctl.errors import SessionError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ def add_world(parser: argparse.ArgumentParser) -> None:
     """Add ``--world FILE`` to a command that opens a simulated rig."""
     parser.add_argument(
         "--world",
-        type=path("--world"),
+        type=a_path("--world"),
         metavar="FILE",
         help="a simulated rig's plates, sensor and mechanics; `rigctl world` prints them",
     )
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument(
         "source",
-        type=path("FILE"),
+        type=a_path("FILE"),
         nargs="?",
         metavar="FILE|SESSION",
         help="a world file to complete, or a session; default: the nominal bench",

@@ -51,7 +51,7 @@ def number(option: str, low: float, high: float) -> Callable[[str], float]:
     return parse
 
 
-def path(option: str) -> Callable[[str], Path]:
+def a_path(option: str) -> Callable[[str], Path]:
     """Return a type of paths to a file or folder; it raises WrongUse for a pipe or a device."""
 
     def parse(text: str) -> Path:
@@ -61,7 +61,7 @@ def path(option: str) -> Callable[[str], Path]:
 
 
 def path_or_name(option: str) -> Callable[[str], str]:
-    """Return a type as :func:`path` for what may be a name, too, such as ``virtual``."""
+    """Return a type as :func:`a_path` for what may be a name, too, such as ``virtual``."""
 
     def parse(text: str) -> str:
         return _checked_path(option, text)

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rigctl.cli.options.arguments import (
+    a_path,
     add_more_workers,
     number,
-    path,
     path_or_name,
     worker_type,
     workers_of,
@@ -75,7 +75,7 @@ def add_resources(parser: argparse.ArgumentParser) -> None:
     cache = parser.add_mutually_exclusive_group()
     cache.add_argument(
         "--cache",
-        type=path("--cache"),
+        type=a_path("--cache"),
         metavar="DIR",
         help="folder that keeps encoded conditions for later runs (at most 4 GiB; the least "
         "recently used are removed first; remove the folder to clear it). Default: rigctl in the "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rigctl.cli.options.arguments import path
+from rigctl.cli.options.arguments import a_path
 from rigctl.errors import WrongUse
 
 REPRESENTATION = "Speed Scaled"
@@ -16,11 +16,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the part."""
     parser.add_argument(
         "model",
-        type=path("MODEL"),
+        type=a_path("MODEL"),
         metavar="MODEL",
         help="session with a trained model, or a model file",
     )
-    parser.add_argument("--out", type=path("--out"), required=True, metavar="FILE.h")
+    parser.add_argument("--out", type=a_path("--out"), required=True, metavar="FILE.h")
 
 
 def run(args: argparse.Namespace) -> int:

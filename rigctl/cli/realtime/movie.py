@@ -7,13 +7,13 @@ import sys
 
 from rigctl.analysis.finger.movie.movie_file import check_movie_file, write_movie
 from rigctl.analysis.finger.movie.scan_timeline import read_timeline
-from rigctl.cli.options.arguments import path, whole_number
+from rigctl.cli.options.arguments import a_path, whole_number
 from rigctl.cli.options.progress import ProgressLine
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the part."""
-    parser.add_argument("session", type=path("SESSION"), metavar="SESSION", help="session folder")
+    parser.add_argument("session", type=a_path("SESSION"), metavar="SESSION", help="session folder")
     parser.add_argument(
         "--trial",
         type=whole_number("--trial", 0),
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--out",
-        type=path("--out"),
+        type=a_path("--out"),
         required=True,
         metavar="FILE",
         help="new .gif or .mp4 that plays in real time, or .png of its last frame",

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from statistics import fmean
 
-from rigctl.cli.options.arguments import path
+from rigctl.cli.options.arguments import a_path
 from rigctl.cli.options.terminal import ask
 from rigctl.config.finger_config import load_finger_config
 from rigctl.devices.trackers.plate_frame import PlateFrame, Vector, fit_plate_frame
@@ -29,13 +29,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the part."""
     parser.add_argument(
         "--rig",
-        type=path("--rig"),
+        type=a_path("--rig"),
         required=True,
         help="finger.toml that names the tracker",
     )
     parser.add_argument(
         "--out",
-        type=path("--out"),
+        type=a_path("--out"),
         metavar="FILE",
         help=f"file to write ({FRAME_FILE} beside finger.toml)",
     )

@@ -16,7 +16,7 @@ import argparse
 from pathlib import Path
 
 from rigctl.cli.data.world import add_world
-from rigctl.cli.options.arguments import add_seed, number, path, path_or_name, whole_number
+from rigctl.cli.options.arguments import a_path, add_seed, number, path_or_name, whole_number
 from rigctl.cli.realtime import board_model, movie, plate_frame, stages
 from rigctl.realtime.model_files import REPRESENTATIONS
 
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rig", type=path_or_name("--rig"), default="virtual", help="virtual or firmware"
     )
     add_seed(demo, "seed of the virtual finger (0)", default=0)
-    demo.add_argument("--out", type=path("--out"), default=Path("realtime-demo"), metavar="DIR")
+    demo.add_argument("--out", type=a_path("--out"), default=Path("realtime-demo"), metavar="DIR")
     plate_frame.add_arguments(
         parts.add_parser("frame", help="find the place of the plate from its touched corners")
     )
@@ -102,9 +102,11 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
         "--protocol", type=path_or_name("--protocol"), help="built-in name or file (paper)"
     )
     parser.add_argument(
-        "--out", type=path("--out"), metavar="DIR", help="folder of the new session"
+        "--out", type=a_path("--out"), metavar="DIR", help="folder of the new session"
     )
-    parser.add_argument("--resume", type=path("--resume"), metavar="DIR", help="continue a session")
+    parser.add_argument(
+        "--resume", type=a_path("--resume"), metavar="DIR", help="continue a session"
+    )
     add_seed(parser, "seed of order and virtual finger")
     parser.add_argument(
         "--session",
@@ -118,4 +120,4 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_model(parser: argparse.ArgumentParser, text: str) -> None:
-    parser.add_argument("--model", type=path("--model"), required=True, metavar="PATH", help=text)
+    parser.add_argument("--model", type=a_path("--model"), required=True, metavar="PATH", help=text)

@@ -9,17 +9,17 @@ from __future__ import annotations
 import argparse
 import json
 
-from rigctl.cli.options.arguments import path
+from rigctl.cli.options.arguments import a_path
 
 ACCEPTED, NOT_ACCEPTED = 0, 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=path("SESSION"), help="a session's folder")
+    parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
     parser.add_argument(
         "--out",
-        type=path("--out"),
+        type=a_path("--out"),
         metavar="DIR",
         help="also write a report to this new folder",
     )

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rigctl.cli.options.arguments import add_seed, path, path_or_name
+from rigctl.cli.options.arguments import a_path, add_seed, path_or_name
 from rigctl.cli.rig.check_finger import describe_finger
 from rigctl.config.finger_config import load_finger_config
 from rigctl.config.resources import find_any_protocol
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--out",
-        type=path("--out"),
+        type=a_path("--out"),
         metavar="DIR",
         help="exit with 1 if the disk of DIR is too small",
     )

@@ -28,7 +28,7 @@ from rigctl.acquisition.rpc.messages import (
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.world import add_world
-from rigctl.cli.options.arguments import add_seed, path, path_or_name
+from rigctl.cli.options.arguments import a_path, add_seed, path_or_name
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.options.terminal import Interrupts
 from rigctl.errors import WrongUse
@@ -60,9 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_world(parser)
     parser.add_argument(
-        "--out", type=path("--out"), metavar="DIR", help="folder of the new session"
+        "--out", type=a_path("--out"), metavar="DIR", help="folder of the new session"
     )
-    parser.add_argument("--resume", type=path("--resume"), metavar="DIR", help="continue a session")
+    parser.add_argument(
+        "--resume", type=a_path("--resume"), metavar="DIR", help="continue a session"
+    )
     add_seed(parser, "seed of the trial order and of a simulated rig")
     parser.add_argument("--yes", action="store_true", help="change simulated plates without asking")
     parser.add_argument(
