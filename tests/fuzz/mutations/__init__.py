@@ -1,0 +1,1 @@
+"""Damage of every kind, each made from a random generator."""
