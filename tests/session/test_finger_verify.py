@@ -13,6 +13,7 @@ import pytest
 
 from rigctl.cli import create_parser
 from rigctl.cli.data import verify as command
+from rigctl.session.format.annotated_arrays import write_attributes
 from rigctl.session.verify.session import verify
 from rigctl.session.write.finger_recorder import FingerRecorder
 from rigctl.values import Verdict
@@ -83,9 +84,9 @@ def drop_row(path: str, row: int) -> Spoil:
     return spoil
 
 
-def set_attribute(name: str, value: object) -> Spoil:
+def set_attribute(name: str, value: str | int) -> Spoil:
     def spoil(file: h5py.File) -> None:
-        file.attrs[name] = value
+        write_attributes(file, {name: value})
 
     return spoil
 

@@ -221,7 +221,7 @@ def _sittings(folder: Path) -> dict[int, int]:
     sitting, last_start = 0, None
     for path in sorted(folder.glob(layout.PART_PATTERN)):
         with open_part(path) as file:
-            attributes = read_attributes(file)
+            attributes = file.attributes()
         start = (attributes["start_utc"], attributes["start_loop_s"])
         sitting += start != last_start
         sittings[int(attributes["part"])] = sitting

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import h5py
@@ -46,7 +47,14 @@ def describe_part(file: Any) -> bytes:
     objects: dict[str, Any] = {}
     file.visititems(lambda name, node: objects.update({f"/{name}": _describe(node)}))
     texts = {path: read_text(file, path) for path, _ in TEXTS}
-    described = {"attributes": read_attributes(file), "objects": objects, "texts": texts}
+    return encode_description(read_attributes(file), objects, texts)
+
+
+def encode_description(
+    attributes: Mapping[str, Any], objects: Mapping[str, Any], texts: Mapping[str, str]
+) -> bytes:
+    """Return canonical JSON of a part's description; ``objects`` by :func:`describe_object`."""
+    described = {"attributes": attributes, "objects": objects, "texts": texts}
     return json.dumps(described, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
 
 
@@ -75,12 +83,19 @@ class DigestChain:
         self._new.append((table.encode(), first_row, n_rows, self.last.encode()))
 
 
-def _describe(node: Any) -> dict[str, Any]:
+def describe_object(
+    attributes: Mapping[str, Any], dtype: np.dtype[Any] | None = None, row: tuple[int, ...] = ()
+) -> dict[str, Any]:
     """Return the attributes of a group or data set; with a data set its type and row shape."""
-    described: dict[str, Any] = {"attributes": read_attributes(node)}
-    if isinstance(node, h5py.Dataset):
-        described |= {"type": _type_name(node.dtype), "row": list(node.shape[1:])}
-    return described
+    if dtype is None:
+        return {"attributes": attributes}
+    return {"attributes": attributes, "type": _type_name(dtype), "row": list(row)}
+
+
+def _describe(node: Any) -> dict[str, Any]:
+    if not isinstance(node, h5py.Dataset):
+        return describe_object(read_attributes(node))
+    return describe_object(read_attributes(node), node.dtype, node.shape[1:])
 
 
 def _type_name(dtype: np.dtype[Any]) -> Any:

@@ -26,7 +26,7 @@ def layout_of(attributes: Mapping[str, Any], path: Path) -> SessionLayout:
     Raises SessionError for an experiment that this program does not know.
     """
     experiment = attributes.get("experiment", DRUM_EXPERIMENT)
-    if experiment not in _LAYOUTS:
+    if not isinstance(experiment, str) or experiment not in _LAYOUTS:
         raise SessionError(
             f"{path} is of experiment {experiment}, which this program does not know: use the "
             "rigctl that recorded it"

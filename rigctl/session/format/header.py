@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 from rigctl.encoding.normalisation import FULL_SCALE
 from rigctl.session.format.annotated_arrays import Attributes
+from rigctl.session.format.header_values import parse_header_values
 from rigctl.session.format.layout import DRUM_EXPERIMENT
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
 
@@ -16,8 +19,6 @@ IMPORTED = "import"
 CUT_BY_WIRE, CUT_BY_CLOCK = "sync line", "drum clock"
 """``cut_by``: the signal that marks the first sample of a trial."""
 ADC_COUNTS = f"ADC counts, 0–{FULL_SCALE}"
-_SEQUENCES = ("taxel_low", "taxel_high", "wiring", "stages")
-_MAPPINGS = ("simulation", "tracker")
 _FINGER_ONLY = ("experiment", "reference_um_per_s", "stages", "tracker")
 
 
@@ -76,13 +77,10 @@ class SessionHeader:
         return {**values, "simulated": int(self.simulated)}
 
     @classmethod
-    def from_attributes(cls, attributes: dict[str, Any]) -> SessionHeader:
-        """Return the inverse of :meth:`to_attributes`; ignore unknown attributes."""
-        fields = {name: attributes[name] for name in cls.__slots__ if name in attributes}
-        fields["simulated"] = bool(fields["simulated"])
-        fields["boards"] = tuple(BoardIdentity(**board) for board in json.loads(fields["boards"]))
-        for name in fields.keys() & _MAPPINGS:
-            fields[name] = json.loads(fields[name])
-        for name in fields.keys() & _SEQUENCES:
-            fields[name] = tuple(json.loads(fields[name]))
-        return cls(**fields)
+    def from_attributes(cls, attributes: Mapping[str, Any], path: Path) -> SessionHeader:
+        """Return the inverse of :meth:`to_attributes`; ignore unknown attributes.
+
+        ``path``: the part. Raises SessionError for missing and for wrong ones.
+        """
+        values = parse_header_values(attributes, path)
+        return cls(**{**values, "simulated": bool(values["simulated"])})

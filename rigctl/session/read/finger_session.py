@@ -12,7 +12,6 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import SessionError
 from rigctl.finger_values import FingerTrialRow, PredictionRow
 from rigctl.session.format import finger_layout
-from rigctl.session.format.annotated_arrays import read_attributes
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.finger_rows import parse_finger_trial, parse_prediction
@@ -152,4 +151,4 @@ def is_finger_session(path: Path) -> bool:
     """
     first = part_paths(path)[0]
     with open_part(first) as file:
-        return layout_of(read_attributes(file), first) is finger_layout.FINGER_LAYOUT
+        return layout_of(file.attributes(), first) is finger_layout.FINGER_LAYOUT

@@ -8,22 +8,21 @@ part and of one with compressed chunks.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
-from rigctl.session.format.annotated_arrays import read_attributes, read_text
-from rigctl.session.format.data_sets import DIGESTS, TableLayout
+from rigctl.session.format.data_sets import DIGESTS, TEXTS, TableLayout
+from rigctl.session.format.digests import describe_object, encode_description
 from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.header import SessionHeader
+from rigctl.session.hdf5.hdf5_file import Hdf5File
 from rigctl.session.read.part_file import open_part
+from rigctl.session.read.part_schema import part_schema
 
 LIVE_SLICE_ROWS = 5_000
 """Larger reads of a growing file would delay a writer in the same process for long."""
@@ -53,102 +52,116 @@ class PartReader:
             self._open()
 
     def _open(self) -> None:
-        """Open the file, trials before samples: the writer flushes samples before their trial."""
         self._file = open_part(self.path)
-        self.attributes = read_attributes(self._file)
         try:
-            self.layout = layout_of(self.attributes, self.path)
-            self.header = SessionHeader.from_attributes(self.attributes)
-            self._tables = {t.path: self._file[t.path] for t in self.layout.tables}
-            self._arrays = {a.path: self._file[a.path] for a in self.layout.arrays}
-            if DIGESTS.path in self._file:
-                self._tables[DIGESTS.path] = self._file[DIGESTS.path]
-        except KeyError as error:
+            self._check()
+        except SessionError:
             self._file.close()
-            raise SessionError(f"{self.path} is damaged, it lacks {error}") from error
+            raise
+
+    def _check(self) -> None:
+        """Check the description and every data set before any data is read."""
+        self.attributes = self._file.attributes()
+        self.layout = layout_of(self.attributes, self.path)
+        self.header = SessionHeader.from_attributes(self.attributes, self.path)
+        self._file.check(part_schema(self.layout, self.header.n_taxels))
         self.n_samples = min(self.lengths().values())
-        events = self._tables[layout.EVENTS.path]
-        with self.translate_errors():
-            end = layout.PART_END_KIND.encode()
-            self.finished = bool(events.shape[0]) and events[-1]["kind"] == end
+        self.finished = self._ends_with(layout.PART_END_KIND)
+
+    def _ends_with(self, kind: str) -> bool:
+        """Return whether the last event is of this kind."""
+        events = layout.EVENTS
+        return bool(
+            self.n_rows(events) and self._file.row(events.path, -1)["kind"] == kind.encode()
+        )
 
     @property
     def has_digests(self) -> bool:
         """Whether the part has digests of its rows; parts from before 2026-11-23 lack them."""
-        return DIGESTS.path in self._tables
+        return self._file.is_checked(DIGESTS.path)
 
     @property
     def is_growing(self) -> bool:
         """Whether a living writer may append to it."""
-        return bool(self._file.id.get_intent() & h5py.h5f.ACC_SWMR_READ)
+        return self._file.is_growing
 
-    def dataset(self, path: str) -> Any:
-        """Return the h5py data set of a per-sample array."""
-        return self._arrays[path]
+    @property
+    def file(self) -> Hdf5File:
+        """The open file, its data sets checked; rows are as stored."""
+        return self._file
 
     def n_rows(self, table: TableLayout) -> int:
         """Return the number of rows of a table."""
-        return int(self._tables[table.path].shape[0])
+        return self._file.shape(table.path)[0] if self._file.is_checked(table.path) else 0
 
     def lengths(self) -> dict[str, int]:
         """Return the rows of each per-sample data set; after a kill they differ by one flush."""
-        return {path: int(dataset.shape[0]) for path, dataset in self._arrays.items()}
+        return {array.path: self._file.shape(array.path)[0] for array in self.layout.arrays}
+
+    def stored_lengths(self) -> dict[str, int]:
+        """Return the rows of each data set that grows, by its path."""
+        tables = (*self.layout.tables, DIGESTS)
+        return {**self.lengths(), **{t.path: self.n_rows(t) for t in tables}}
+
+    def stored_rows(self, path: str, start: int, stop: int) -> NDArray[Any]:
+        """Return rows [start, stop) of an array or table as stored, text as bytes."""
+        return self._file.rows(path, start, stop)
+
+    def describe(self) -> bytes:
+        """Return what the part holds besides its rows, as its first digest covers it."""
+        objects = {
+            path: describe_object(attributes, self._file.dtype(path), self._file.shape(path)[1:])
+            if self._file.is_checked(path)
+            else describe_object(attributes)
+            for path, attributes in self._file.walk()
+        }
+        texts = {path: self.text(path) for path, _ in TEXTS}
+        return encode_description(self.attributes, objects, texts)
 
     def rows(self, table: TableLayout, start: int = 0, stop: int | None = None) -> StructuredArray:
-        """Return rows of a table; text as Unicode."""
-        with self.translate_errors():
-            raw = self._tables[table.path][start:stop]
-        return self._decode_rows(table, raw)
+        """Return rows of a table; text as Unicode. A table that older parts lack is empty."""
+        if not self._file.is_checked(table.path):
+            return self._decode_rows(table, np.empty(0, table.dtype))
+        return self._decode_rows(table, self._file.rows(table.path, start, stop))
 
     def rows_where(self, table: TableLayout, column: str, text: str) -> StructuredArray:
         """Return the rows with ``text`` in a column; only these are decoded."""
-        with self.translate_errors():
-            raw = self._tables[table.path][:]
+        raw = self._file.rows(table.path)
         return self._decode_rows(table, raw[raw[column] == text.encode()])
 
     def read(self, path: str, start: int, stop: int) -> NDArray[Any]:
         """Return rows [start, stop) of a per-sample data set, read in slices while it grows."""
-        dataset = self._arrays[path]
         stop = min(stop, self.n_samples)
-        with self.translate_errors():
-            if not self.is_growing:
-                rows: NDArray[Any] = dataset[start:stop]
-                return rows
-            out = np.empty((max(0, stop - start), *dataset.shape[1:]), dataset.dtype)
-            for first in range(start, stop, LIVE_SLICE_ROWS):
-                last = min(stop, first + LIVE_SLICE_ROWS)
-                out[first - start : last - start] = dataset[first:last]
-            return out
+        if not self.is_growing:
+            return self._file.rows(path, start, stop)
+        tail = self._file.shape(path)[1:]
+        out = np.empty((max(0, stop - start), *tail), self._file.dtype(path))
+        for first in range(start, stop, LIVE_SLICE_ROWS):
+            last = min(stop, first + LIVE_SLICE_ROWS)
+            out[first - start : last - start] = self._file.rows(path, first, last)
+        return out
 
     def rows_between(
         self, table: TableLayout, column: str, first: float, last: float
     ) -> StructuredArray:
         """Return the rows with ``first`` ≤ ``column`` ≤ ``last``, an ascending column."""
-        dataset, rows = self._tables[table.path], range(self.n_rows(table))
-        with self.translate_errors():
-            start = bisect_left(rows, first, key=lambda row: dataset[row][column])
-            stop = bisect_right(rows, last, key=lambda row: dataset[row][column])
+        path, rows = table.path, range(self.n_rows(table))
+        start = bisect_left(rows, first, key=lambda row: self._file.row(path, row)[column])
+        stop = bisect_right(rows, last, key=lambda row: self._file.row(path, row)[column])
         return self.rows(table, start, stop)
 
     def text(self, path: str) -> str:
         """Return the protocol or the rig's description."""
-        return read_text(self._file, path)
+        return self._file.text(path)
 
     def dataset_attributes(self) -> dict[str, dict[str, Any]]:
         """Return the attributes of each data set by its path."""
-        return {path: read_attributes(d) for path, d in {**self._arrays, **self._tables}.items()}
+        paths = [a.path for a in self.layout.arrays] + [t.path for t in self.layout.tables]
+        return {p: self._file.attributes(p) for p in paths if self._file.is_checked(p)}
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    @contextmanager
-    def translate_errors(self) -> Iterator[None]:
-        """Raise SessionError that names this file for what HDF5 cannot read."""
-        try:
-            yield
-        except OSError as error:
-            raise SessionError(f"{self.path} is damaged: {error}") from error
 
     def _decode_rows(self, table: TableLayout, raw: StructuredArray) -> StructuredArray:
         dtype = [(c.name, c.type_code.replace("S", "U")) for c in table.columns]

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
-
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
-from rigctl.session.format.annotated_arrays import read_attributes
 from rigctl.session.format.data_sets import LIBVER
 from rigctl.session.format.writer_lock import is_being_written
+from rigctl.session.hdf5.hdf5_file import Hdf5File, UnclosedFile
 from rigctl.session.read.unclosed_part import map_as_closed
 
 CACHE_BYTES = 256 << 10
@@ -28,38 +26,44 @@ def part_paths(folder: Path) -> list[Path]:
     return parts
 
 
-def open_part(path: Path) -> h5py.File:
+def open_part(path: Path) -> Hdf5File:
     """Open a part for reading, also while it grows or after its writer was killed.
 
     Raises SessionError for a damaged part, another layout version or another kind of file.
     """
+    file = _open(path)
     try:
-        file = _open(path)
-    except OSError as error:
-        raise SessionError(f"{path} is damaged, HDF5 cannot open it: {error}") from error
-    attributes = read_attributes(file)
+        _check_layout(file)
+    except SessionError:
+        file.close()
+        raise
+    return file
+
+
+def _check_layout(file: Hdf5File) -> None:
+    attributes = file.attributes()
     name, version = attributes.get("layout"), attributes.get("layout_version")
-    if name == layout.LAYOUT and version == layout.LAYOUT_VERSION:
-        return file
-    file.close()
     if name != layout.LAYOUT:
-        raise SessionError(f"{path} is an HDF5 file, but not a part of a rigctl session")
-    raise SessionError(
-        f"{path} has layout version {version}, this program reads {layout.LAYOUT_VERSION}: "
-        "use the rigctl that recorded it"
-    )
+        raise SessionError(f"{file.path} is an HDF5 file, but not a part of a rigctl session")
+    if version != layout.LAYOUT_VERSION:
+        raise SessionError(
+            f"{file.path} has layout version {version}, this program reads "
+            f"{layout.LAYOUT_VERSION}: use the rigctl that recorded it"
+        )
 
 
-def _open(path: Path) -> h5py.File:
+def _open(path: Path) -> Hdf5File:
     """Open a closed part directly, a growing one in SWMR mode and an unclosed one through a map."""
     try:
-        return h5py.File(path, "r", libver=LIBVER, rdcc_nbytes=CACHE_BYTES)
+        return Hdf5File(path, libver=LIBVER, rdcc_nbytes=CACHE_BYTES)
+    except UnclosedFile:
+        if _is_growing(path):
+            return Hdf5File(path, swmr=True, libver=LIBVER, rdcc_nbytes=CACHE_BYTES)
+    try:
+        image = map_as_closed(path)
     except OSError as error:
-        if "already open" not in str(error):
-            raise
-    if _is_growing(path):
-        return h5py.File(path, "r", libver=LIBVER, swmr=True, rdcc_nbytes=CACHE_BYTES)
-    return h5py.File(map_as_closed(path), "r", rdcc_nbytes=CACHE_BYTES)
+        raise SessionError(f"{path} is damaged, HDF5 cannot open it: {error}") from error
+    return Hdf5File(path, image=image, rdcc_nbytes=CACHE_BYTES)
 
 
 def _is_growing(path: Path) -> bool:

@@ -55,10 +55,10 @@ class SampleRange(NamedTuple):
 
 def locate_samples(part: PartReader) -> SampleFile:
     """Return the chunks of a part's samples."""
-    dataset = part.dataset(SAMPLES)
-    chunk_rows = dataset.chunks[0] if dataset.chunks else 0
+    chunks = part.file.chunk_shape(SAMPLES)
+    n_taxels = part.file.shape(SAMPLES)[1]
     offsets = _chunk_offsets(part, SAMPLES)
-    return SampleFile(part.path.absolute(), int(dataset.shape[1]), chunk_rows, offsets)
+    return SampleFile(part.path.absolute(), n_taxels, chunks[0] if chunks else 0, offsets)
 
 
 def locate_windows(part: PartReader, rows: StructuredArray, file: int) -> list[SampleRange]:
@@ -133,18 +133,17 @@ class SampleReader:
 
 def _chunk_offsets(part: PartReader, path: str) -> NDArray[np.int64] | None:
     """Return the byte offset of each chunk, int64; None if only HDF5 can read the chunks."""
-    dataset = part.dataset(path)
-    native = dataset.dtype in (np.dtype(np.uint16), np.dtype(np.int64))
-    if part.is_growing or not dataset.chunks or dataset.id.get_create_plist().get_nfilters():
+    n_rows, *tail = part.file.shape(path)
+    chunk = part.file.chunk_shape(path)
+    native = part.file.dtype(path) in (np.dtype(np.uint16), np.dtype(np.int64))
+    if part.is_growing or not native or not chunk or chunk[1:] != tuple(tail):
         return None
-    if not native or (dataset.ndim == 2 and dataset.chunks[1] != dataset.shape[1]):
+    addresses = part.file.chunk_addresses(path)
+    if addresses is None:
         return None
-    chunks: list[Any] = []
-    dataset.id.chunk_iter(chunks.append)
-    chunk_rows, n_rows = dataset.chunks[0], int(dataset.shape[0])
+    rows, starts = addresses
+    chunk_rows = chunk[0]
     offsets = np.full(-(-n_rows // chunk_rows), -1, np.int64)
-    rows = np.array([chunk.chunk_offset[0] for chunk in chunks], np.int64)
-    starts = np.array([chunk.byte_offset for chunk in chunks], np.int64)
     inside = rows < n_rows
     offsets[rows[inside] // chunk_rows] = starts[inside]
     return offsets if (offsets >= 0).all() else None
@@ -164,13 +163,15 @@ def _counters_at(part: PartReader, rows: NDArray[np.int64]) -> NDArray[np.int64]
     offsets = _chunk_offsets(part, COUNTER) if len(rows) >= MIN_ROWS_TO_INDEX else None
     if offsets is None:
         return np.array([part.read(COUNTER, row, row + 1)[0] for row in rows.tolist()], np.int64)
-    chunk_rows, size = part.dataset(COUNTER).chunks[0], np.dtype(np.int64).itemsize
+    chunk_rows, size = part.file.chunk_shape(COUNTER)[0], np.dtype(np.int64).itemsize
     at = offsets[rows // chunk_rows] + rows % chunk_rows * size
     if int(at.max()) + size > part.path.stat().st_size:
         raise SessionError(f"{part.path} is damaged: it ends before its samples do")
-    with part.translate_errors():
+    try:
         file_bytes = np.memmap(part.path, np.uint8, "r")  # twice as fast as a read for each row
-        values: NDArray[np.uint8] = np.asarray(file_bytes[at[:, None] + np.arange(size)])
+    except OSError as error:
+        raise SessionError(f"{part.path} cannot be read: {error.strerror or error}") from error
+    values: NDArray[np.uint8] = np.asarray(file_bytes[at[:, None] + np.arange(size)])
     return values.view(np.int64)[:, 0]
 
 

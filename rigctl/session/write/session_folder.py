@@ -9,11 +9,11 @@ from typing import Any
 
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format import layout
-from rigctl.session.format.annotated_arrays import read_attributes, read_text
 from rigctl.session.format.experiments import check_experiment, layout_of
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.wiring import describe_mismatch, session_wiring, wirings_match
 from rigctl.session.format.writer_lock import WriterLock
+from rigctl.session.hdf5.schema import text
 from rigctl.session.read.part_file import open_part, part_paths
 
 
@@ -93,11 +93,12 @@ def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
 
 def _check_plan(path: Path, header: SessionHeader) -> None:
     with open_part(path) as file:
-        attributes = read_attributes(file)
+        attributes = file.attributes()
         found, wanted = layout_of(attributes, path), layout_of(header.to_attributes(), path)
         check_experiment(path.parent, found, wanted)
-        recorded = SessionHeader.from_attributes(attributes)
-        wiring = session_wiring(recorded, read_text(file, "/rig_toml"))
+        recorded = SessionHeader.from_attributes(attributes, path)
+        file.check([text("/rig_toml")])
+        wiring = session_wiring(recorded, file.text("/rig_toml"))
     if (recorded.plan_hash, recorded.n_taxels) != (header.plan_hash, header.n_taxels):
         raise SessionError(
             f"{path.parent} was recorded with another protocol or seed: resume it with its own "

@@ -11,6 +11,7 @@ import h5py
 import pytest
 
 from rigctl.cli import main
+from rigctl.session.format.annotated_arrays import write_attributes
 from rigctl.values import DRAWN_WIRING
 from tests.analysis.recordings import record
 
@@ -22,7 +23,7 @@ def rewired(session: Path, folder: Path, wiring: list[int]) -> Path:
     shutil.copytree(session, folder)
     for part in folder.glob("part-*.h5"):
         with h5py.File(part, "r+") as file:
-            file.attrs["wiring"] = json.dumps(wiring)
+            write_attributes(file, {"wiring": json.dumps(wiring)})
     return folder
 
 
