@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from rigctl.errors import WrongUse
 
@@ -39,7 +39,7 @@ def is_plain_file(path: Path) -> bool:
         return False
 
 
-def open_file(path: Path, error: type[WrongUse] = WrongUse) -> BinaryIO:
+def open_file(path: Path, error: type[WrongUse] = WrongUse) -> BufferedReader:
     """Open a plain file for reading. Raises ``error`` for anything else; never waits."""
     if kind := kind_of(path):
         raise error(f"cannot read {path}: it is {kind}, not a file")

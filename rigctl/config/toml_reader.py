@@ -162,6 +162,8 @@ class TomlTable:
         for value in values:
             if not isinstance(value, str) or not value:
                 self.fail(key, f"must contain texts in quotes, not {_format(value)}")
+            if len(value) > MAX_LETTERS:
+                self.fail(key, f"contains a text of more than {MAX_LETTERS:,} letters")
         self._refuse_duplicates(key, tuple(values))
         return tuple(values)
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import re2
+
+from rigctl.config.names import name_problem
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError, WrongUse
 from rigctl.protocol.loader import TEXTURE_BYTES
@@ -21,6 +24,7 @@ MAX_RATE_HZ = 1e7
 MAX_VALUE = 1e300
 LOW_PASS_HZ, LOW_PASS_MAX_HZ = 400.0, 499.0
 MAX_REPEAT = 2**31 - 1
+MAX_SPEED_MM_S, MAX_FORCE_G = 1e5, 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +32,8 @@ class ImportMap:
     """A validated map. Columns are names, numbers from 1, or ranges ``first..last`` of these.
 
     ``time_column`` is empty where ``rate_hz`` is given. Factors convert the values of the file
-    to s, mm/s and g. ``texture``, ``speed_mm_s``, ``force_g`` apply where the pattern has no
-    such group. ``max_gap_s``: 0 for three times the median interval of rows.
+    to s, mm/s and g. ``texture``, ``speed_mm_s``, ``force_g`` apply where the pattern, compiled by
+    RE2, has no such group. ``max_gap_s``: 0 for three times the median interval of rows.
     ``taxel_low``, ``taxel_high``: values that are stored as 0 and 65535; equal for each taxel's
     own lowest and highest. ``low_pass_hz``: cutoff of the filter before rows faster than 1 kHz
     are decimated, 0 for none.
@@ -38,7 +42,7 @@ class ImportMap:
     name: str
     text: str
     sensor: str
-    pattern: re.Pattern[str]
+    pattern: Any
     variable: str
     delimiter: str
     transpose: bool
@@ -103,7 +107,7 @@ def load_map(path: Path) -> ImportMap:
         sensor=sensor,
         pattern=_read_pattern(files),
         variable=files.text("variable", ""),
-        delimiter=files.text("delimiter", ""),
+        delimiter=_read_delimiter(files),
         transpose=files.flag("transpose", False),
         taxels=taxels.texts("columns"),
         unit=taxels.text("unit", ""),
@@ -113,9 +117,9 @@ def load_map(path: Path) -> ImportMap:
         time_s=SECONDS[time.choice("unit", SECONDS, "s")],
         rate_hz=time.number("rate_hz", 0.0, unit="Hz", low=0, high=MAX_RATE_HZ),
         texture=labels.text("texture", ""),
-        speed_mm_s=labels.number("speed_mm_s", 0.0, unit="mm/s", low=0, high=1e5),
+        speed_mm_s=labels.number("speed_mm_s", 0.0, unit="mm/s", low=0, high=MAX_SPEED_MM_S),
         speed_factor=MM_PER_S[labels.choice("speed_unit", MM_PER_S, "mm/s")],
-        force_g=labels.number("force_g", 0.0, unit="g", low=0, high=1e6),
+        force_g=labels.number("force_g", 0.0, unit="g", low=0, high=MAX_FORCE_G),
         force_factor=GRAMS[labels.choice("force_unit", GRAMS, "g")],
         force_unit=labels.text("force_unit", "g"),
         loadcell=loadcell.text("column", ""),
@@ -148,18 +152,16 @@ def parse_label(path: Path, mapping: ImportMap) -> FileLabel:
         )
     groups = {name: text for name, text in match.groupdict().items() if text is not None}
     texture = groups.get("texture", mapping.texture)
-    if not texture or len(texture.encode()) > TEXTURE_BYTES:
-        raise WrongUse(
-            f"{path}: its texture is {texture!r}: a texture has 1 to {TEXTURE_BYTES} "
-            "letters, so choose another group in the pattern"
-        )
+    if problem := name_problem(texture, TEXTURE_BYTES):
+        raise WrongUse(f"{path}: its texture {problem}; choose another group in the pattern")
     speed = _parse_number(path, "speed", groups, mapping.speed_factor, mapping.speed_mm_s)
     force_g = _parse_number(path, "force", groups, mapping.force_factor, mapping.force_g)
     repeat = _parse_number(path, "repeat", groups, 1.0, 0.0)
-    if speed == 0 or force_g < 0 or not 0 <= repeat <= MAX_REPEAT or repeat % 1:
+    possible = abs(speed) <= MAX_SPEED_MM_S and force_g <= MAX_FORCE_G
+    if not possible or speed == 0 or force_g < 0 or not 0 <= repeat <= MAX_REPEAT or repeat % 1:
         raise WrongUse(
             f"{path}: speed {speed:g} mm/s, force {force_g:g} g, repeat {repeat:g}: the speed must "
-            "not be 0, the force not negative, and the repeat a whole number"
+            "not be 0, the force not negative, the repeat a whole number, and none huge"
         )
     direction = "backward" if speed < 0 else "forward"
     return FileLabel(texture, abs(speed), direction, force_g, int(repeat))
@@ -175,12 +177,23 @@ def number_repeats(labels: Iterable[FileLabel]) -> list[FileLabel]:
     return numbered
 
 
-def _read_pattern(table: TomlTable) -> re.Pattern[str]:
+def _read_delimiter(table: TomlTable) -> str:
+    delimiter = table.text("delimiter", "")
+    if len(delimiter) > 1 or delimiter in ("\n", "\r", '"'):
+        table.fail("delimiter", "must be one letter between two cells, such as ';'")
+    return delimiter
+
+
+def _read_pattern(table: TomlTable) -> Any:
+    """Return the compiled pattern; RE2 matches any in linear time, a stranger's too."""
     source = table.text("pattern", "")
+    options = re2.Options()
+    options.log_errors = False
     try:
-        pattern = re.compile(source)
-    except re.error as error:
-        table.fail("pattern", f"is not a regular expression: {error}")
+        pattern = re2.compile(source, options)
+    except re2.error as error:
+        reason = error.args[0].decode("utf-8", "replace")
+        table.fail("pattern", f"is not a regular expression: {reason}")
     for group in pattern.groupindex:
         if group not in LABELS:
             table.fail("pattern", f"has a group {group!r}: groups are {', '.join(LABELS)}")

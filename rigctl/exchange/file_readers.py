@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.matlab_reader import read_mat
+from rigctl.exchange.text_table import MAX_COLUMNS, read_text_table
 
 Floats = NDArray[np.float64]
 _DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
@@ -38,7 +38,12 @@ class FileColumns:
 
     def indices(self, items: Iterable[str]) -> list[int]:
         """Return the indices of names, numbers or ranges. Raises WrongUse for a missing column."""
-        return [index for item in items for index in self._range(item)]
+        found: list[int] = []
+        for item in items:
+            found += self._range(item)
+            if len(found) > MAX_COLUMNS:
+                raise WrongUse(f"{self.path}: more than {MAX_COLUMNS:,} columns are mapped")
+        return found
 
     def _range(self, item: str) -> range:
         first, dots, last = item.partition(RANGE)
@@ -53,7 +58,7 @@ class FileColumns:
     def _index(self, name: str) -> int:
         if name in self.names:
             return self.names.index(name)
-        if name.isdigit() and 1 <= int(name) <= len(self.names):
+        if name.isdecimal() and 1 <= int(name) <= len(self.names):
             return int(name) - 1
         close = difflib.get_close_matches(name, self.names, 1)
         hint = f"did you mean {close[0]!r}?" if close else f"it has {_format_names(self.names)}"
@@ -65,7 +70,8 @@ def read_columns(path: Path, mapping: ImportMap) -> FileColumns:
     suffix = path.suffix.lower()
     try:
         if suffix in _DELIMITERS:
-            return _read_text(path, mapping.delimiter or _DELIMITERS[suffix])
+            table = read_text_table(path, mapping.delimiter or _DELIMITERS[suffix])
+            return FileColumns(path, *table)
         if suffix == ".mat":
             return _from_variables(path, read_mat(path), mapping)
         if suffix in (".npy", ".npz"):
@@ -74,45 +80,6 @@ def read_columns(path: Path, mapping: ImportMap) -> FileColumns:
         raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
     suffixes = ", ".join([*_DELIMITERS, ".mat", ".npy", ".npz"])
     raise WrongUse(f"{path}: files that can be imported end in {suffixes}")
-
-
-def _read_text(path: Path, delimiter: str) -> FileColumns:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(enumerate(csv.reader(file, delimiter=delimiter), 1))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise WrongUse(f"{path} is not a text table in UTF-8: {error}") from error
-    rows = [(number, [cell.strip() for cell in row]) for number, row in rows if any(row)]
-    if not rows:
-        raise WrongUse(f"{path} is empty")
-    header = rows[0][1]
-    named = not all(_is_number(cell) for cell in header)
-    names = tuple(header) if named else tuple(str(k) for k in range(1, len(header) + 1))
-    body = rows[1:] if named else rows
-    truncated = bool(body) and len(body[-1][1]) < len(names)
-    body = body[:-1] if truncated else body
-    if not body:
-        raise WrongUse(f"{path} has no rows of values")
-    values = np.array([_parse_row(path, number, row, names) for number, row in body])
-    return FileColumns(path, names, values, body[0][0], truncated)
-
-
-def _parse_row(path: Path, number: int, row: list[str], names: tuple[str, ...]) -> list[float]:
-    if len(row) != len(names):
-        raise WrongUse(f"{path}, row {number}: has {len(row)} cells, the first has {len(names)}")
-    try:
-        return [float(cell) if cell else np.nan for cell in row]
-    except ValueError:
-        name, cell = next(pair for pair in zip(names, row, strict=True) if not _is_number(pair[1]))
-        raise WrongUse(f"{path}, row {number}, column {name}: {cell!r} is not a number") from None
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell or "nan")
-    except ValueError:
-        return False
-    return True
 
 
 def _read_numpy(path: Path) -> dict[str, Any]:

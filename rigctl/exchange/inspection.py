@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import FileLabel, ImportMap, number_repeats, parse_label
 from rigctl.exchange.file_readers import FileColumns, read_columns
@@ -147,7 +148,8 @@ class _Inspector:
         remarks += [f"gap from {start:.3f} to {end:.3f} s" for start, end in gaps]
         self.remarks += [f"{path.name}: {remark}" for remark in remarks]
         self._extend_range(series, resampled)
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        with open_file(path) as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
         n_rows = len(series.time_s)
         self.files.append(
             InspectedFile(path, label, n_rows, series.rate_hz, resampled.count, digest)

@@ -76,14 +76,14 @@ def has_display() -> bool:
 
 def _record(args: argparse.Namespace, line: ProgressLine) -> RunStatus:
     """Run the protocol on a new engine and return the run's last status."""
-    options = ["--protocol", PROTOCOL, "--yes", *(["--out", str(args.out)] if args.out else [])]
+    options = ["--protocol", PROTOCOL, "--yes", *([f"--out={args.out}"] if args.out else [])]
     options += _world_options(args)
     client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=options)
     return watch_run(client, line)
 
 
 def _world_options(args: argparse.Namespace) -> list[str]:
-    return [] if args.world is None else ["--world", str(args.world)]
+    return [] if args.world is None else [f"--world={args.world}"]
 
 
 def _open_window(args: argparse.Namespace, line: ProgressLine) -> None:

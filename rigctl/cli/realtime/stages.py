@@ -73,14 +73,14 @@ def demo(args: argparse.Namespace) -> int:
     """Train, calibrate and run with the virtual finger."""
     if args.out.exists():
         raise WrongUse(f"{args.out} exists already: give another folder with --out")
-    common = ["--rig", args.rig, "--protocol", args.protocol, "--seed", str(args.seed), "--yes"]
+    common = [f"--rig={args.rig}", f"--protocol={args.protocol}", f"--seed={args.seed}", "--yes"]
     steps: tuple[tuple[str, list[str]], ...] = (
         ("train", []),
-        ("calibrate", ["--model", str(args.out / "train")]),
-        ("run", ["--model", str(args.out / "calibrate")]),
+        ("calibrate", [f"--model={args.out / 'train'}"]),
+        ("run", [f"--model={args.out / 'calibrate'}"]),
     )
     for part, options in steps:
-        words = [part, *common, "--out", str(args.out / part), *options]
+        words = [part, *common, f"--out={args.out / part}", *options]
         code = _run_part(words)
         if code:
             return code
@@ -161,9 +161,7 @@ def _record(
         "--error-rate": getattr(args, "error_rate", None),
         "--coverage": getattr(args, "coverage", None),
     }
-    options += [
-        word for name, value in named.items() if value is not None for word in (name, str(value))
-    ]
+    options += [f"{name}={value}" for name, value in named.items() if value is not None]
     options += ["--yes"] if args.yes else []
     client = EngineClient.start(
         args.rig, paced=args.paced, seed=seed, run=options, command=FINGER_ENGINE_COMMAND
@@ -185,7 +183,7 @@ def _resumed(folder: Path) -> tuple[list[str], int, int, int]:
     with FingerSession.open(folder) as session:
         simulation, made = session.header.simulation, len(session.trials)
     seed, number = int(simulation.get("seed", 0)), int(simulation.get("session", 0))
-    return ["--resume", str(folder)], seed, number, made
+    return [f"--resume={folder}"], seed, number, made
 
 
 def _exit_code(run: FingerRunStatus) -> int:

@@ -261,9 +261,8 @@ def _engine_arguments(args: argparse.Namespace) -> list[str]:
         "--resume": args.resume,
         "--order-seed": args.seed,
     }
-    given = [
-        text for name, value in named.items() if value is not None for text in (name, str(value))
-    ]
+    # In one word, or a name that begins with a dash would be an option.
+    given = [f"{name}={value}" for name, value in named.items() if value is not None]
     return [*given, *(["--yes"] if args.yes else [])]
 
 

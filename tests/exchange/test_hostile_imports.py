@@ -1,0 +1,132 @@
+"""Tables and maps of strangers are refused in a sentence; no pattern and no line takes long."""
+
+from __future__ import annotations
+
+import os
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from rigctl.errors import ConfigError, WrongUse
+from rigctl.exchange.column_map import load_map, parse_label
+from rigctl.exchange.text_table import MAX_FILE_BYTES, read_text_table
+
+MAP = """\
+[files]
+pattern = '{pattern}'
+{more}[labels]
+speed_mm_s = 40
+[taxels]
+columns = [{columns}]
+[time]
+rate_hz = 1000
+"""
+
+
+def write_map(
+    folder: Path, pattern: str = "(?P<texture>.+)_", more: str = "", columns: str = "'a'"
+) -> Path:
+    path = folder / "map.toml"
+    path.write_text(MAP.format(pattern=pattern, more=more, columns=columns), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "pattern", ["(?P<texture>(a|aa)+)$", "(?P<texture>(a+)+)=", ".*" * 200 + "(?P<texture>=)"]
+)
+def test_a_pattern_takes_no_exponential_time(tmp_path: Path, pattern: str) -> None:
+    mapping = load_map(write_map(tmp_path, pattern))
+    with pytest.raises(WrongUse, match="does not match the pattern"):
+        parse_label(Path("a" * 200 + "b.csv"), mapping)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"pattern": "(?:a{1000}){1000}"}, "line 2: files.pattern: is not a regular expression"),
+        ({"pattern": "(?P<texture>(?&texture))"}, "is not a regular expression: invalid perl"),
+        ({"pattern": "(" * 900}, "is not a regular expression"),
+        ({"pattern": "x" * 1001}, "has 1,001 letters"),
+        ({"more": "delimiter = ';;'\n"}, "line 3: files.delimiter: must be one letter"),
+        ({"more": 'delimiter = "\\n"\n'}, "must be one letter"),
+        ({"columns": f"'{'x' * 2000}'"}, "a text of more than 1,000 letters"),
+    ],
+)
+def test_a_map_beyond_the_limits_is_refused(
+    tmp_path: Path, changed: dict[str, str], words: str
+) -> None:
+    with pytest.raises(ConfigError) as refused:
+        load_map(write_map(tmp_path, **changed))
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("a\x1b[2J_1.csv", "contains '\\x1b'"),
+        ("..__1.csv", "begins or ends with a dot"),
+        ("CON_.csv", "is reserved by Windows"),
+        ("絹絹絹絹絹絹_.csv", "is longer than 16 bytes"),
+    ],
+)
+def test_a_texture_from_a_file_name_is_a_safe_name(tmp_path: Path, name: str, words: str) -> None:
+    mapping = load_map(write_map(tmp_path, "^(?P<texture>[^_]+)"))
+    with pytest.raises(WrongUse) as refused:
+        parse_label(Path(name), mapping)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize("speed", ["nan", "inf", "-inf", "1e300"])
+def test_a_speed_from_a_file_name_is_a_possible_number(tmp_path: Path, speed: str) -> None:
+    mapping = load_map(write_map(tmp_path, "(?P<texture>[A-Z])_(?P<speed>[^_]+)_"))
+    with pytest.raises(WrongUse, match="and none huge"):
+        parse_label(Path(f"A_{speed}_1.csv"), mapping)
+
+
+def refusal(path: Path) -> str:
+    tracemalloc.start()
+    try:
+        with pytest.raises(WrongUse) as refused:
+            read_text_table(path, ",")
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 64e6
+    return str(refused.value)
+
+
+def test_a_line_without_an_end_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    table = tmp_path / "a.csv"
+    with table.open("wb") as file:
+        file.write(b"1,2\n1")
+        file.truncate(2**30)
+    assert "a.csv, row 2: has more than 1,000,000 letters" in refusal(table)
+    with table.open("r+b") as file:
+        file.truncate(2 * MAX_FILE_BYTES)
+    assert "more than 4,294,967,296 bytes" in refusal(table)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"1," * 20_000 + b"1\n", "row 1: has 20,001 cells; 10,000 at most"),
+        (b'1,"' + b"x" * 200_000, "field larger than field limit"),
+        (b"1,2\n3," + b"x" * 1000 + b"\n", "row 2, column 2: 'xxx"),
+        (b"1,2\n\xff\n", "not a text table in UTF-8"),
+        (b"1,2\n1\n1,2\n", "row 2: has 1 cells, the first has 2"),
+        (b"\n" * 100_000, "is empty"),
+        (b"a,b\n1\n", "has no rows of values"),
+    ],
+)
+def test_a_broken_table_names_its_row(tmp_path: Path, content: bytes, words: str) -> None:
+    table = tmp_path / "a.csv"
+    table.write_bytes(content)
+    message = refusal(table)
+    assert words in message
+    assert len(message) < 400
+
+
+def test_a_pipe_is_no_table(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.csv")
+    assert "it is a pipe, not a file" in refusal(tmp_path / "a.csv")
