@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +11,9 @@ from typing import Any
 import h5py
 
 from rigctl.errors import DiskFault, SessionError, WrongUse
-from rigctl.session.format.annotated_arrays import read_attributes, read_text
+from rigctl.session.files.source_sessions import read_source_sessions
 from rigctl.session.format.data_sets import LIBVER
+from rigctl.session.hdf5.hdf5_file import Hdf5File
 from rigctl.session.read.part_file import part_paths
 
 MODEL_LAYOUT, SPIKES_LAYOUT = "rigctl-model", "rigctl-spikes"
@@ -26,31 +26,37 @@ LAYOUT_VERSION = 1
 
 
 @contextmanager
-def open_analysis_file(path: Path, hint: str, *layouts: str) -> Iterator[Any]:
+def open_analysis_file(path: Path, hint: str, *layouts: str) -> Iterator[Hdf5File]:
     """Open a file of one of ``layouts``, by default a model or a file of spikes.
 
-    Raises SessionError for a missing, damaged, newer or other file, and for one without what the
-    ``with`` block reads. ``hint``: which file to give instead.
+    Raises SessionError for a missing, damaged, newer or other file, and for one with values that
+    the ``with`` block finds impossible. ``hint``: which file to give instead.
     """
     kind = _KINDS.get(layouts, "model or a spikes.h5")
     try:
-        with h5py.File(path, "r") as file:
-            attributes = read_attributes(file)
-            if attributes.get("layout") not in (layouts or (MODEL_LAYOUT, SPIKES_LAYOUT)):
-                raise SessionError(f"{path} is an HDF5 file, but not a {kind}: {hint}")
-            version = attributes.get("layout_version")
-            if version != LAYOUT_VERSION:
-                raise SessionError(
-                    f"{path} has layout version {version}, this program reads {LAYOUT_VERSION}: "
-                    "use the rigctl that made it, or make it again"
-                )
+        file = Hdf5File(path)
+    except SessionError as error:
+        raise SessionError(f"{error}: {hint}") from error
+    with file:
+        _check_layout(file, kind, hint, layouts or (MODEL_LAYOUT, SPIKES_LAYOUT))
+        try:
             yield file
-    except SessionError:
-        raise
-    except FileNotFoundError:
-        raise SessionError(f"there is no file {path}: {hint}") from None
-    except (OSError, KeyError, ValueError, IndexError, WrongUse) as error:
-        raise SessionError(f"{path} is not a {kind}, or is damaged: {error}") from error
+        except SessionError:
+            raise
+        except WrongUse as error:
+            raise SessionError(f"{path} is not a {kind}, or is damaged: {error}") from error
+
+
+def _check_layout(file: Hdf5File, kind: str, hint: str, layouts: tuple[str, ...]) -> None:
+    attributes = file.attributes()
+    if attributes.get("layout") not in layouts:
+        raise SessionError(f"{file.path} is an HDF5 file, but not a {kind}: {hint}")
+    version = attributes.get("layout_version")
+    if version != LAYOUT_VERSION:
+        raise SessionError(
+            f"{file.path} has layout version {version}, this program reads {LAYOUT_VERSION}: "
+            "use the rigctl that made it, or make it again"
+        )
 
 
 def check_output_path(path: Path) -> None:
@@ -99,7 +105,6 @@ def load_inputs(path: Path) -> tuple[dict[str, Any], ...]:
         return read_inputs(file)
 
 
-def read_inputs(file: Any) -> tuple[dict[str, Any], ...]:
-    """Return the source sessions in an open file. Raises KeyError or ValueError without any."""
-    dataset = "training/inputs" if "training" in file else "inputs"
-    return tuple(json.loads(read_text(file, dataset)))
+def read_inputs(file: Hdf5File) -> tuple[dict[str, Any], ...]:
+    """Return the source sessions in an open file. Raises SessionError for missing or wrong ones."""
+    return read_source_sessions(file, "training/inputs" if file.has("training") else "inputs")

@@ -7,11 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
+from rigctl.errors import WrongUse
 from rigctl.session.files.analysis_file import open_analysis_file
-from rigctl.session.format.annotated_arrays import read_array, read_text, write_array, write_text
+from rigctl.session.format.annotated_arrays import write_array, write_text
+from rigctl.session.hdf5.hdf5_file import Hdf5File
+from rigctl.session.hdf5.schema import numbers, text
 
+HIGHEST_RATE_HZ = 1e6
 ENCODER_UNITS = {
     "a": "1/ms", "b": "1/ms", "c_mv": "mV", "d": "mV/ms", "quadratic": "1/(mV ms)",
     "linear": "1/ms", "constant": "mV/ms", "threshold_mv": "mV", "start_v_mv": "mV",
@@ -34,25 +39,43 @@ def write_encoder(group: Any, parameters: EncoderParameters, ranges: Normalisati
     write_text(group, "taxel_range_source", ranges.source, "what the ranges are from")
 
 
-def read_parameters(group: Any) -> EncoderParameters:
-    """Return the parameters. Raises KeyError or WrongUse for missing or invalid ones."""
-    names = EncoderParameters().as_dict()
-    return EncoderParameters.from_dict({name: _value(group[name]) for name in names})
+def read_parameters(file: Hdf5File, group: str) -> EncoderParameters:
+    """Return the parameters in a group. Raises SessionError or WrongUse for invalid ones."""
+    defaults = EncoderParameters().as_dict()
+    paths = {name: f"{group}/{name}" for name in defaults}
+    file.check(
+        text(paths[name]) if isinstance(default, str) else numbers(paths[name])
+        for name, default in defaults.items()
+    )
+    values = {name: _value(file, paths[name], default) for name, default in defaults.items()}
+    parameters = EncoderParameters.from_dict(values)
+    if parameters.sample_rate_hz > HIGHEST_RATE_HZ:
+        raise WrongUse(f"encoder parameter sample_rate_hz is {parameters.sample_rate_hz:g}")
+    return parameters
 
 
-def read_ranges(group: Any) -> Normalisation:
-    """Return the ranges. Raises KeyError or WrongUse for missing or invalid ones."""
-    low, high = (read_array(group, f"taxel_{end}", np.uint16) for end in ("low", "high"))
-    return Normalisation(low, high, read_text(group, "taxel_range_source"))
+def read_ranges(file: Hdf5File, group: str) -> Normalisation:
+    """Return the taxel ranges in a group. Raises SessionError or WrongUse for invalid ones."""
+    low, high, source = (
+        f"{group}/{name}" for name in ("taxel_low", "taxel_high", "taxel_range_source")
+    )
+    file.check([numbers(low, 1), numbers(high, 1), text(source)])
+    if not 1 <= file.shape(low)[0] <= MAX_TAXELS:
+        raise WrongUse(f"{low} has {file.shape(low)[0]} taxels")
+    return Normalisation(file.array(low, np.uint16), file.array(high, np.uint16), file.text(source))
 
 
 def load_ranges(path: Path) -> Normalisation:
     """Return the taxel ranges of a spikes or model file. Raises SessionError for another file."""
     with open_analysis_file(path, "--ranges takes all, training or one") as file:
-        ranges = read_ranges(file["encoder"])
+        ranges = read_ranges(file, "encoder")
     return Normalisation(ranges.low, ranges.high, f"those of {path}: {ranges.source}")
 
 
-def _value(dataset: Any) -> Any:
-    value = dataset[()]
-    return value.decode() if isinstance(value, bytes) else value.item()
+def _value(file: Hdf5File, path: str, default: Any) -> str | float | int | bool:
+    """Return a parameter of the type of its default."""
+    if isinstance(default, str):
+        return file.text(path)
+    if isinstance(default, bool):
+        return bool(file.integer(path))
+    return file.integer(path) if isinstance(default, int) else file.number(path)

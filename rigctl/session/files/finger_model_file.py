@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
+from rigctl.errors import WrongUse
 from rigctl.session.files.analysis_file import (
     FINGER_MODEL_LAYOUT,
     LAYOUT_VERSION,
@@ -24,22 +25,23 @@ from rigctl.session.files.analysis_file import (
 from rigctl.session.files.encoder_group import read_parameters, read_ranges, write_encoder
 from rigctl.session.files.model_file import (
     TrainingInfo,
+    check_indices,
     read_training,
     write_training,
 )
 from rigctl.session.format.annotated_arrays import (
     Attributes,
-    read_array,
-    read_text,
-    read_texts,
     write_array,
     write_attributes,
     write_text,
     write_texts,
 )
+from rigctl.session.hdf5.hdf5_file import Hdf5File
+from rigctl.session.hdf5.schema import numbers, text, texts
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+HIGHEST_REFERENCE_UM_PER_S = 10_000_000
 
 _WINDOW_ARRAYS = (
     ("mean", "Hz", "training mean of the features, taxel after taxel", "feature"),
@@ -165,42 +167,55 @@ def _write_arrays(group: Any, values: object, arrays: tuple[tuple[str, ...], ...
         write_array(group, name, getattr(values, name), unit, doc, axes)
 
 
-def _read(file: Any) -> FingerModel:
+def _read(file: Hdf5File) -> FingerModel:
+    file.check([text("representation"), texts("textures"), text("sensor")])
+    file.check([numbers("reference_um_per_s")])
     model = FingerModel(
-        representation=read_text(file, "representation"),
-        textures=read_texts(file, "textures"),
-        parameters=read_parameters(file["encoder"]),
-        normalisation=read_ranges(file["encoder"]),
-        reference_um_per_s=int(file["reference_um_per_s"][()]),
-        sensor=read_text(file, "sensor"),
-        stages=tuple(_read_stage(file[_stage(n + 1)]) for n in range(len(file["windows"]))),
-        training=read_training(file["training"], bool(file.attrs["simulated"])),
-        calibration=_read_calibration(file["calibration"]) if "calibration" in file else None,
+        representation=file.text("representation"),
+        textures=file.texts("textures"),
+        parameters=read_parameters(file, "encoder"),
+        normalisation=read_ranges(file, "encoder"),
+        reference_um_per_s=file.integer("reference_um_per_s"),
+        sensor=file.text("sensor"),
+        stages=_read_stages(file),
+        training=read_training(file),
+        calibration=_read_calibration(file) if file.has("calibration") else None,
     )
     _check_shapes(model)
     return model
 
 
-def _read_stage(group: Any) -> WindowClassifier:
-    return WindowClassifier(
-        **{name: read_array(group, name) for name, *_ in _WINDOW_ARRAYS[:-1]},
-        dropped=read_array(group, "dropped", np.int64),
-    )
+def _read_stages(file: Hdf5File) -> tuple[WindowClassifier, ...]:
+    count = len(file.members("windows"))
+    return tuple(_read_stage(file, _stage(number)) for number in range(1, count + 1))
 
 
-def _read_calibration(group: Any) -> FingerCalibration:
-    return FingerCalibration(
-        mean=read_array(group, "mean"),
-        labels=read_array(group, "labels", np.int64),
-        logs=read_array(group, "logs"),
-        distances=read_array(group, "distances"),
-    )
+def _read_stage(file: Hdf5File, group: str) -> WindowClassifier:
+    arrays = _read_arrays(file, group, _WINDOW_ARRAYS, "dropped")
+    return WindowClassifier(**arrays)
+
+
+def _read_calibration(file: Hdf5File) -> FingerCalibration:
+    return FingerCalibration(**_read_arrays(file, "calibration", _CALIBRATION_ARRAYS, "labels"))
+
+
+def _read_arrays(
+    file: Hdf5File, group: str, arrays: tuple[tuple[str, ...], ...], integers: str
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a group by name: ``integers`` is int64, all others are float64."""
+    file.check(numbers(f"{group}/{name}", axes.count(",") + 1) for name, *_, axes in arrays)
+    return {
+        name: file.array(f"{group}/{name}", np.int64 if name == integers else np.float64)
+        for name, *_ in arrays
+    }
 
 
 def _check_shapes(model: FingerModel) -> None:
-    """Raise ValueError if shapes do not agree or a value is not finite."""
+    """Raise WrongUse if shapes do not agree or a value is not finite."""
     if not model.stages:
-        raise ValueError("it has no classifiers")
+        raise WrongUse("it has no classifiers")
+    if not 1 <= model.reference_um_per_s <= HIGHEST_REFERENCE_UM_PER_S:
+        raise WrongUse(f"reference_um_per_s is {model.reference_um_per_s}")
     for number, stage in enumerate(model.stages, start=1):
         sizes = {
             "feature": number * model.n_taxels,
@@ -226,7 +241,10 @@ def _check_arrays(
         array = getattr(values, name)
         shape = tuple(sizes[axis] for axis in axes.split(", "))
         if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(f"{name} should be {shape} finite numbers and is {array.shape}")
+            raise WrongUse(f"{name} should be {shape} finite numbers and is {array.shape}")
+    for name, axis in (("dropped", "component"), ("labels", "class")):
+        if axis in sizes and hasattr(values, name):
+            check_indices(name, getattr(values, name), sizes[axis])
 
 
 def _stage(number: int) -> str:

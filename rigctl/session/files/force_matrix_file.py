@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 
 from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.errors import SessionError
+from rigctl.errors import SessionError, WrongUse
 from rigctl.session.files.analysis_file import open_analysis_file, read_inputs
-from rigctl.session.format.annotated_arrays import read_array, read_texts, write_array, write_texts
+from rigctl.session.format.annotated_arrays import write_array, write_texts
+from rigctl.session.hdf5.hdf5_file import Hdf5File
+from rigctl.session.hdf5.schema import numbers, texts
 
 AXES = "texture, taxel, speed, force"
+_ARRAYS = ("c", "status", "residual_hz", "evaluations")
 EVALUATIONS_DOC = "encodings in the search; one of some trials counts as their share of samples"
 STATUS_DOC = "0 reference force, 1 converged, 2 capped, 3 at a jump of the rate"
 
@@ -31,23 +34,35 @@ def write_force(group: Any, force: ForceMatrix) -> None:
     write_array(group, "evaluations", force.evaluations, "none", EVALUATIONS_DOC, AXES)
 
 
-def read_force(group: Any) -> ForceMatrix:
-    """Return C. Raises KeyError or ValueError if the group has none or an invalid one."""
+def read_force(file: Hdf5File, group: str) -> ForceMatrix:
+    """Return C in a group. Raises SessionError or WrongUse if there is none or an invalid one."""
+    names = ("textures", "speeds_mm_s", "forces_g", "reference_g", *_ARRAYS)
+    textures, speeds, forces, reference, *arrays = (f"{group}/{name}" for name in names)
+    file.check([texts(textures), numbers(speeds, 1), numbers(forces, 1), numbers(reference)])
+    file.check(numbers(path, 4) for path in arrays)
+    c, status, residual_hz, evaluations = arrays
     force = ForceMatrix(
-        read_texts(group, "textures"),
-        tuple(read_array(group, "speeds_mm_s").tolist()),
-        tuple(read_array(group, "forces_g").tolist()),
-        float(group["reference_g"][()]),
-        read_array(group, "c"),
-        read_array(group, "status", np.int8),
-        read_array(group, "residual_hz"),
-        read_array(group, "evaluations"),
+        file.texts(textures),
+        tuple(file.array(speeds).tolist()),
+        tuple(file.array(forces).tolist()),
+        file.number(reference),
+        file.array(c),
+        file.array(status, np.int8),
+        file.array(residual_hz),
+        file.array(evaluations),
     )
-    textures, speeds, forces = len(force.textures), len(force.speeds_mm_s), len(force.forces_g)
-    shape = (textures, force.c.shape[1] if force.c.ndim == 4 else -1, speeds, forces)
-    if force.c.shape != shape or not np.isfinite(force.c).all():
-        raise ValueError("C lacks a finite value for some texture, taxel, speed or force")
+    _check(force)
     return force
+
+
+def _check(force: ForceMatrix) -> None:
+    conditions = len(force.textures), len(force.speeds_mm_s), len(force.forces_g)
+    shape = (conditions[0], force.c.shape[1], *conditions[1:])
+    arrays = (force.c, force.status, force.residual_hz, force.evaluations)
+    if {array.shape for array in arrays} != {shape} or not np.isfinite(force.c).all():
+        raise WrongUse("C lacks a finite value for some texture, taxel, speed or force")
+    if not np.isfinite([*force.speeds_mm_s, *force.forces_g]).all():
+        raise WrongUse("C has a speed or a force that is not finite")
 
 
 def load_force(path: Path) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
@@ -56,9 +71,9 @@ def load_force(path: Path) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
     Raises SessionError for a newer, damaged or other file and for one without C.
     """
     with open_analysis_file(path, "--c takes a model or a spikes.h5") as file:
-        if "c" not in file:
+        if not file.has("c"):
             raise SessionError(
                 f"{path} contains no C: name a model of a Force Scaled representation, or a "
                 "spikes.h5 of sessions with several forces"
             )
-        return read_force(file["c"]), read_inputs(file)
+        return read_force(file, "c"), read_inputs(file)

@@ -17,27 +17,29 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
+from rigctl.errors import WrongUse
 from rigctl.session.files.analysis_file import (
     LAYOUT_VERSION,
     MODEL_LAYOUT,
     new_analysis_file,
     open_analysis_file,
+    read_inputs,
 )
 from rigctl.session.files.encoder_group import read_parameters, read_ranges, write_encoder
 from rigctl.session.files.force_matrix_file import read_force, write_force
 from rigctl.session.format.annotated_arrays import (
     Attributes,
-    read_array,
-    read_text,
-    read_texts,
     write_array,
     write_attributes,
     write_text,
     write_texts,
 )
+from rigctl.session.hdf5.hdf5_file import Hdf5File
+from rigctl.session.hdf5.schema import numbers, text, texts
 from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]
+LONGEST_WINDOW_MS = 1_000_000
 
 _FACTOR = "lower Cholesky factor of the pooled covariance, divisor n - classes"
 _MEANS = "factor · whitened = class mean of the scores"
@@ -164,52 +166,63 @@ def write_training(group: Any, training: TrainingInfo) -> None:
     write_text(group, "inputs", inputs, "JSON: a mapping for each session, content is its digest")
 
 
-def _read(file: Any) -> Model:
-    parameters = read_parameters(file["encoder"])
+def _read(file: Hdf5File) -> Model:
+    file.check([text("representation"), text("key"), text("force"), texts("classes")])
+    file.check(numbers(path, axes.count(",") + 1) for path, *_, axes in _ARRAYS)
+    parameters = read_parameters(file, "encoder")
     model = Model(
-        representation=read_text(file, "representation"),
-        key=read_text(file, "key"),
-        force=read_text(file, "force"),
-        classes=read_texts(file, "classes"),
+        representation=file.text("representation"),
+        key=file.text("key"),
+        force=file.text("force"),
+        classes=file.texts("classes"),
         parameters=parameters,
-        normalisation=read_ranges(file["encoder"]),
-        features=_read_features(file["features"]),
-        **{_field(path): read_array(file, path) for path, *_ in _ARRAYS[:-1]},
-        dropped=read_array(file, "lda/dropped", np.int64),
-        c=read_force(file["c"]) if "c" in file else None,
-        training=read_training(file["training"], bool(file.attrs["simulated"])),
+        normalisation=read_ranges(file, "encoder"),
+        features=_read_features(file),
+        **{_field(path): file.array(path) for path, *_ in _ARRAYS[:-1]},
+        dropped=file.array("lda/dropped", np.int64),
+        c=read_force(file, "c") if file.has("c") else None,
+        training=read_training(file),
         sample_rate_hz=round(parameters.sample_rate_hz),
     )
     _check_shapes(model)
     return model
 
 
-def _read_features(group: Any) -> FeatureLayout:
-    return FeatureLayout(
-        int(group["n_windows"][()]),
-        scaled=bool(group["speed_scaled"][()]),
-        window_ms=int(group["window_ms"][()]),
-        reference_mm_s=float(group["reference_mm_s"][()]),
-    )
+def _read_features(file: Hdf5File) -> FeatureLayout:
+    names = ("n_windows", "speed_scaled", "window_ms", "reference_mm_s")
+    paths = [f"features/{name}" for name in names]
+    file.check(map(numbers, paths))
+    n_windows, scaled, window_ms = (file.integer(path) for path in paths[:3])
+    reference_mm_s = file.number(paths[3])
+    if not (n_windows >= 1 and 1 <= window_ms <= LONGEST_WINDOW_MS and reference_mm_s > 0):
+        raise WrongUse("features: the number, length and speed of windows must be above 0")
+    return FeatureLayout(n_windows, bool(scaled), window_ms, reference_mm_s)
 
 
-def read_training(group: Any, simulated: bool) -> TrainingInfo:
-    """Return the inverse of :func:`write_training`."""
+def read_training(file: Hdf5File) -> TrainingInfo:
+    """Return what :func:`write_training` wrote into the group ``training``."""
+    words = ("made_utc", "software_version", "software_commit")
+    file.check(text(f"training/{name}") for name in words)
+    file.check([numbers("training/seed"), numbers("training/trials")])
+    file.check([numbers("training/speeds_mm_s", 1), numbers("training/forces_g", 1)])
+    simulated = file.attributes().get("simulated")
+    if simulated not in (0, 1):
+        raise WrongUse(f"attribute simulated is {simulated}, not 0 or 1")
     return TrainingInfo(
-        made_utc=read_text(group, "made_utc"),
-        software_version=read_text(group, "software_version"),
-        software_commit=read_text(group, "software_commit"),
-        seed=int(group["seed"][()]),
-        simulated=simulated,
-        trials=int(group["trials"][()]),
-        speeds_mm_s=tuple(read_array(group, "speeds_mm_s").tolist()),
-        forces_g=tuple(read_array(group, "forces_g").tolist()),
-        inputs=tuple(json.loads(read_text(group, "inputs"))),
+        made_utc=file.text("training/made_utc"),
+        software_version=file.text("training/software_version"),
+        software_commit=file.text("training/software_commit"),
+        seed=file.integer("training/seed"),
+        simulated=bool(simulated),
+        trials=file.integer("training/trials"),
+        speeds_mm_s=tuple(file.array("training/speeds_mm_s").tolist()),
+        forces_g=tuple(file.array("training/forces_g").tolist()),
+        inputs=read_inputs(file),
     )
 
 
 def _check_shapes(model: Model) -> None:
-    """Raise ValueError if shapes do not agree or a value is not finite."""
+    """Raise WrongUse if shapes do not agree or a value is not finite."""
     sizes = {
         "feature": model.features.n_features(model.n_taxels),
         "component": model.components,
@@ -220,11 +233,16 @@ def _check_shapes(model: Model) -> None:
         array = getattr(model, _field(path))
         shape = tuple(sizes[axis] for axis in axes.split(", "))
         if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(
-                f"{_field(path)} should be {shape} finite numbers and is {array.shape}"
-            )
+            raise WrongUse(f"{_field(path)} should be {shape} finite numbers and is {array.shape}")
+    check_indices("dropped", model.dropped, model.components)
     if model.force and model.c is None:
-        raise ValueError("its representation is scaled to force, but there is no C")
+        raise WrongUse("its representation is scaled to force, but there is no C")
+
+
+def check_indices(name: str, indices: NDArray[np.int64], length: int) -> None:
+    """Raise WrongUse unless all are indices into an axis of this length."""
+    if not ((indices >= 0) & (indices < length)).all():
+        raise WrongUse(f"{name} should be from 0 to {length - 1}")
 
 
 def _field(path: str) -> str:

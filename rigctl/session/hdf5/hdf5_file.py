@@ -154,11 +154,15 @@ class Hdf5File:
             return self._datasets[path].dataset[index]
 
     def array(self, path: str, dtype: Any = np.float64) -> NDArray[Any]:
-        """Return all values in C order as ``dtype``."""
+        """Return all values in C order as ``dtype``; an integer one must hold them exactly."""
         shape = self._datasets[path].shape
         self._check_memory(path, prod(shape) * np.dtype(dtype).itemsize)
-        with hdf5_errors(self.path, path):
-            return np.ascontiguousarray(self._value(path), dtype=dtype).reshape(shape)
+        stored = self._value(path)
+        with np.errstate(invalid="ignore", over="ignore"):
+            values = np.ascontiguousarray(stored, dtype=dtype).reshape(shape)
+        if np.dtype(dtype).kind in "iu" and not np.array_equal(values, stored):
+            raise damage(self.path, path, f"has values that are no {np.dtype(dtype).name}")
+        return values
 
     def number(self, path: str) -> float:
         """Return a single finite number."""
@@ -173,13 +177,6 @@ class Hdf5File:
         if value != int(value):
             raise damage(self.path, path, f"is {value}, not a whole number")
         return int(self._value(path))
-
-    def value(self, path: str) -> str | float | int | bool:
-        """Return a single text or number."""
-        if self.dtype(path).kind == "S":
-            return self.text(path)
-        value: float | int | bool = self._value(path).item()
-        return value
 
     def text(self, path: str) -> str:
         """Return one text."""

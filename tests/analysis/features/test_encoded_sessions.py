@@ -21,7 +21,7 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters, override, preset
 from rigctl.errors import WrongUse
 from rigctl.session.files.encoder_group import load_ranges
-from rigctl.session.files.force_matrix_file import read_force
+from rigctl.session.files.force_matrix_file import load_force
 from rigctl.session.files.spike_file import train_names
 from tests.analysis.recordings import record
 
@@ -55,7 +55,7 @@ def test_spikes_windows_and_c_are_those_of_the_trials(
         samples = [reader.read(trial) for trial in trials.trials]
     ranges = Normalisation.from_samples(samples, "")
     with encode(days, tmp_path / "out", scaled_by=scaled_by) as file:
-        force = read_force(file["c"])
+        force, _ = load_force(Path(file.filename))
         scale = None
         if scaled_by is not ScaledBy.NONE:
             scale = c_per_trial(trials.trials, force, blind=scaled_by is ScaledBy.BLIND)

@@ -32,6 +32,7 @@ from rigctl.session.files.finger_model_file import (
     load_finger_model,
     save_finger_model,
 )
+from rigctl.session.format.annotated_arrays import write_attributes
 from tests.analysis.finger.made_scans import made_data_set
 from tests.analysis.finger.models import ENCODING, INFO, calibrated_model
 
@@ -134,10 +135,10 @@ def test_a_drums_model_or_a_damaged_one_is_refused(tmp_path: Path) -> None:
         save_finger_model(MODEL, path)
     with h5py.File(path, "r+") as file:
         del file["windows/07/factor"]
-    with pytest.raises(SessionError, match="is not a model of the finger, or is damaged"):
+    with pytest.raises(SessionError, match=r"is damaged: windows/07/factor is missing"):
         load_finger_model(path)
     with h5py.File(path, "r+") as file:
-        file.attrs["layout"] = "rigctl-model"
+        write_attributes(file, {"layout": "rigctl-model"})
     with pytest.raises(SessionError, match="not a model of the finger: give a file that rigctl"):
         load_finger_model(path)
 
