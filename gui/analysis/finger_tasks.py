@@ -31,12 +31,14 @@ def session_table(path: Path) -> SessionTable:
 
     with FingerSession.open(path) as session:
         header, n_committed = session.header, len(session.committed())
+        missing = session.describe_missing()
         rows = tuple(map(_trial_texts, session.trials))
     about = (
         f"{path.name}: moving finger, {', '.join(header.stages)}; {n_committed} of "
         f"{header.trials_planned} scans committed, "
         f"{'simulated' if header.simulated else 'real'} finger, started {header.start_utc}"
     )
+    about = ". ".join((about, *missing))
     return SessionTable(str(path), about, COLUMNS, rows, FINGER)
 
 
@@ -62,7 +64,7 @@ def session_info(path: str) -> FingerSessionInfo:
     from rigctl.session.read.finger_session import FingerSession
 
     with FingerSession.open(Path(path).expanduser()) as session:
-        header, slides = session.header, len(session.trials)
+        header, slides = session.header, session.slides
     person = header.simulation
     return FingerSessionInfo(
         path, header.stages, int(person.get("seed", 0)), int(person.get("session", 0)), slides

@@ -103,11 +103,13 @@ class WorkerTasks:
             return finger_tasks.session_table(self._path)
         with Session.open(self._path) as session:
             header, n_committed = session.header, len(session.committed())
+            missing = session.describe_missing()
             rows = tuple(map(_trial_texts, session.trials))
         about = (
             f"{self._path.name}: {n_committed} of {header.trials_planned} trials committed, "
             f"{'simulated' if header.simulated else 'real'} rig, started {header.start_utc}"
         )
+        about = ". ".join((about, *missing))
         return SessionTable(str(self._path), about, COLUMNS, rows)
 
     def load_trial(self, row: int) -> TrialData | ScanPicture:

@@ -16,6 +16,7 @@ from rigctl.session.format.finger_rows import NOT_CLASSIFIED
 from rigctl.session.format.writer_lock import is_being_written, lock_owner_pid
 from rigctl.session.read.closing_digest import read_closing_digest
 from rigctl.session.read.finger_session import FingerSession, is_finger_session
+from rigctl.session.read.part_file import stray_files
 from rigctl.session.read.session import Session
 from rigctl.session.read.session_reader import SessionReader
 from rigctl.values import Verdict
@@ -124,6 +125,8 @@ def _identity(session: SessionReader) -> dict[str, Any]:
         "start_utc": header.start_utc,
         "software": " ".join(filter(None, (header.software_version, header.software_commit))),
         "parts": len(session.parts),
+        "missing": session.describe_missing(),
+        "ignored": stray_files(session.path),
         "finished": session.finished,
         "closing_digest": read_closing_digest(session.path),
         "written_by": lock_owner_pid(session.path) if writing else None,

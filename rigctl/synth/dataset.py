@@ -92,7 +92,7 @@ def generate(
     if found.complete:
         on_progress(DatasetProgress(len(plan.trials), found.committed, trial_s))
         return True
-    left = 1 - found.attempts / max(1, len(plan.trials))
+    left = 1 - len(found.attempts) / max(1, len(plan.trials))
     check_disk_space(folder, round(1.1 * max(0.0, left) * trial_s * BYTES_PER_SECOND))
     exists = bool(found.start_utc)
     header = replace(header, start_utc=found.start_utc) if exists else header

@@ -56,7 +56,8 @@ class OpenedRun:
     """A plan, the recorder of its session, and the results of earlier sittings.
 
     ``unattended``: plates change without an operator and questions are skipped. ``done``: trials
-    committed before; ``attempts``: number of previous attempts at each trial.
+    committed before; ``attempts``: number of previous attempts at each trial. ``missing``: a
+    sentence for each part that cannot be read and for trials that are left out.
     """
 
     plan: Plan
@@ -65,6 +66,7 @@ class OpenedRun:
     resumed: bool = False
     done: frozenset[int] = frozenset()
     attempts: Mapping[int, int] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
 
 
 def open_run(request: RunRequest, context: RunContext) -> OpenedRun:
@@ -104,6 +106,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
     with Session.open(folder) as session:
         header, attempts = session.header, Counter(session.trials["trial_id"].tolist())
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
+        missing = tuple(session.describe_missing())
     if header.rig != rig.kind:
         raise SessionError(
             f"{folder} was recorded on the {header.rig} rig and this is the {rig.kind} one: "
@@ -116,7 +119,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
     remaining = 1 - len(done) / max(1, len(plan.trials))
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
     recorder = _open_recorder(folder, plan, context, resume=True)
-    return OpenedRun(plan, recorder, unattended, True, done, attempts)
+    return OpenedRun(plan, recorder, unattended, True, done, attempts, missing)
 
 
 def _open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:

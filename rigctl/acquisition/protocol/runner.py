@@ -132,6 +132,8 @@ class Run:
     async def _run_steps(self) -> tuple[str, str]:
         """Return the outcome and a sentence on it."""
         try:
+            for line in self._opened.missing:
+                self._event_bus.publish("log", line)
             await self._clear_old_fault()
             await self._motion.configure()
             await self._motion.write_settings(**settle_settings(self._opened.plan.protocol.settle))

@@ -95,18 +95,21 @@ class RigMeasurements:
     loadcell_lost: int
     not_committed: int
     faults: tuple[str, ...]
+    missing: tuple[str, ...] = ()
 
 
 def measure(path: Path) -> RigMeasurements:
     """Measure a session. Raises SessionError for a session without a press."""
     with Session.open(path) as session:
         trials = session.trials
-        rows = [i for i in range(len(trials)) if trials["first_counter"][i] >= 0]
+        seen = (i for i in range(len(trials)) if i not in session.left_out)
+        rows = [i for i in seen if trials["first_counter"][i] >= 0]
         presses = [_measure_press(session, i) for i in rows if trials["force_mode"][i] == "hold"]
         if not presses:
             raise SessionError(f"{path}: no press to evaluate: run protocols/acceptance.toml")
         events = session.events
         committed = np.count_nonzero(trials["verdict"] == Verdict.COMMITTED.value)
+        missing = tuple(session.describe_missing())
         header = session.header
         return RigMeasurements(
             path,
@@ -120,6 +123,7 @@ def measure(path: Path) -> RigMeasurements:
             session.loadcell_lost(),
             len(trials) - int(committed),
             tuple(e.text for e in events if e.kind == "fault"),
+            missing,
         )
 
 

@@ -51,7 +51,13 @@ def check_limits(measured: RigMeasurements) -> tuple[AcceptanceCheck, ...]:
         _check_zero("lost load-cell samples", measured.loadcell_lost),
         _check_zero("presses that were rejected or aborted", measured.not_committed),
         _check_zero("faults", len(measured.faults)),
+        *(_check_missing(line) for line in measured.missing),
     )
+
+
+def _check_missing(line: str) -> AcceptanceCheck:
+    """Return the failed check of a part or trials that are left out."""
+    return AcceptanceCheck("record", line, "nothing is missing", "", False)
 
 
 def is_accepted(checks: Sequence[AcceptanceCheck]) -> bool:

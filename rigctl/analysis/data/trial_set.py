@@ -233,6 +233,7 @@ def _moving_trials(
 ) -> list[TrialRef]:
     """Return the committed trials with motion; append remarks on the others."""
     table = session.trials
+    remarks += [f"{session.path}: {line}" for line in session.describe_missing()]
     verdicts = Counter(table["verdict"].tolist())
     del verdicts[Verdict.COMMITTED.value]
     if verdicts:
@@ -284,6 +285,7 @@ def _provenance(session: Session) -> dict[str, Any]:
         "trials_committed": len(session.committed()),
         "parts": len(session.parts),
         "closed": session.finished,
+        "missing": session.describe_missing(),
     }
 
 

@@ -99,7 +99,8 @@ def read_scans(path: Path) -> RecordedScans:
     the ranges change between scans.
     """
     with FingerSession.open(path) as session:
-        indices, left_out = _usable(session)
+        indices, torn = _usable(session)
+        left_out = [*session.describe_missing(), *torn]
         if not indices:
             raise WrongUse(
                 f"{path} has no complete scan to train, calibrate or run with"

@@ -43,7 +43,7 @@ def write_comparisons(folders: Sequence[Path], out: Path, made: str) -> dict[str
         sets=sets,
         set_names=names,
         tasks=tasks,
-        sentences=summary_sentences(tasks),
+        sentences=[*summary_sentences(tasks), *missing_sentences(sets)],
         unconfirmed=unconfirmed(sets, names),
         ablation_sets=ablation_sets(sets),
     )
@@ -180,6 +180,12 @@ def summary_sentences(tasks: Results) -> list[str]:
         listed = ", ".join(f"{counts[name]} {name}" for name in OUTCOMES if counts[name])
         sentences.append(f"{task['title']}: of {n} comparisons {listed}")
     return sentences
+
+
+def missing_sentences(sets: Sets) -> list[str]:
+    """Return a sentence for each part and group of trials that the sessions of the sets lack."""
+    sources = [source for one in sets for source in one["inputs"]]
+    return [f"{source['path']}: {line}" for source in sources for line in source.get("missing", ())]
 
 
 def _outcome(agreements: Sequence[str]) -> str:

@@ -32,7 +32,12 @@ def run(args: argparse.Namespace) -> int:
     import json
 
     from rigctl import __version__
-    from rigctl.analysis.report.several_reports import summary_sentences, write_comparisons
+    from rigctl.analysis.report.several_reports import (
+        load_reports,
+        missing_sentences,
+        summary_sentences,
+        write_comparisons,
+    )
 
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     out = args.out
@@ -40,5 +45,6 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(comparisons, allow_nan=False))
     else:
-        print("\n".join([*summary_sentences(comparisons), f"page: {out / 'orders.html'}"]))
+        notes = [f"note: {line}" for line in missing_sentences(load_reports(args.reports))]
+        print("\n".join([*notes, *summary_sentences(comparisons), f"page: {out / 'orders.html'}"]))
     return 0

@@ -34,7 +34,8 @@ def _format(value: Any) -> str:
             f"{name.replace('_', ' ')} {_format(item)}" for name, item in value.items()
         )
     if isinstance(value, list):
-        return " ".join(map(_format, value)) or "none"
+        texts = list(map(_format, value))
+        return ("; " if any(" " in text for text in texts) else " ").join(texts) or "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

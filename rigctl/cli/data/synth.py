@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
+from rigctl.cli.data.missing import print_missing
 from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.options.arguments import (
     MAX_REPEATS,
@@ -27,6 +28,7 @@ from rigctl.cli.options.arguments import (
 from rigctl.cli.options.progress import ProgressLine, remaining
 from rigctl.cli.options.terminal import Interrupts
 from rigctl.config.resources import find_protocol
+from rigctl.session.read.part_file import existing_parts
 
 if TYPE_CHECKING:
     from rigctl.synth.dataset import DatasetProgress
@@ -84,6 +86,9 @@ def run(args: argparse.Namespace) -> int:
     protocol = find_protocol(args.plan)
     world = chosen_world(args.world) or NOMINAL_WORLD
     plan = load_plan(protocol, args.repeats, args.seed, world)
+    for folder in (args.out, *sorted(args.out.glob("*/"))) if args.resume else ():
+        if existing_parts(folder):
+            print_missing(folder)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     order = DatasetRequest(plan, args.seed, args.out, now, args.resume, world)
     progress = SynthProgress(len(plan.trials), sum(trial.duration_s for trial in plan.trials))

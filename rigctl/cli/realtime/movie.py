@@ -7,6 +7,7 @@ import sys
 
 from rigctl.analysis.finger.movie.movie_file import check_movie_file, write_movie
 from rigctl.analysis.finger.movie.scan_timeline import read_timeline
+from rigctl.cli.data.missing import print_missing
 from rigctl.cli.options.arguments import a_path, whole_number
 from rigctl.cli.options.progress import ProgressLine
 
@@ -32,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read the scan and write its movie."""
     check_movie_file(args.out)
+    print_missing(args.session)
     timeline = read_timeline(args.session, args.trial)
     progress = ProgressLine(sys.stderr)
     try:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.cli.data.closing import print_session
+from rigctl.cli.data.missing import print_missing
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.rig.engine_process import utc_now
 from rigctl.cli.rig.run import EXIT_CODES, TOLD_EVENTS, RunWatcher
@@ -109,6 +110,7 @@ def _recorded(
 ) -> tuple[Path, int]:
     """Record the stages, unless the session to resume is complete; return folder and exit code."""
     if args.resume is not None:
+        print_missing(args.resume)
         _check_resumed(args, stages)
         if _is_complete(args.resume):
             return args.resume, 0
@@ -181,7 +183,7 @@ def _record(
 def _resumed(folder: Path) -> tuple[list[str], int, int, int]:
     """Return the options of a session to resume, its seed and session, and the slides so far."""
     with FingerSession.open(folder) as session:
-        simulation, made = session.header.simulation, len(session.trials)
+        simulation, made = session.header.simulation, session.slides
     seed, number = int(simulation.get("seed", 0)), int(simulation.get("session", 0))
     return [f"--resume={folder}"], seed, number, made
 

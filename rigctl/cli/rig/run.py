@@ -27,6 +27,7 @@ from rigctl.acquisition.rpc.messages import (
 )
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
+from rigctl.cli.data.missing import print_missing
 from rigctl.cli.data.world import add_world
 from rigctl.cli.options.arguments import a_path, add_seed, path_or_name
 from rigctl.cli.options.progress import ProgressLine, clock
@@ -77,6 +78,8 @@ def run(args: argparse.Namespace) -> int:
     """Start an engine, let it run the protocol, and watch the run to its end."""
     if (args.protocol is None) == (args.resume is None):
         raise WrongUse("give either a protocol, or --resume with a session")
+    if args.resume is not None:
+        print_missing(Path(args.resume))
     rig = _rig(args)
     if notice := wiring_notice(rig):
         print(f"rigctl: {notice}", file=sys.stderr, flush=True)

@@ -158,6 +158,8 @@ class FingerRun:
     async def _run_trials(self) -> tuple[str, str]:
         """Return the outcome and a sentence on it."""
         trials = [t for t in self._opened.plan.trials if t.trial_id not in self._opened.done]
+        for line in self._opened.missing:
+            self._event_bus.publish("log", line)
         try:
             for trial in trials:
                 if trial.stage is not self._stage:

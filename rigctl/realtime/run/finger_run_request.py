@@ -72,7 +72,8 @@ class OpenedFingerRun:
     before; ``attempts``: number of previous attempts at each trial; ``scans``: the highest number
     of a scan so far. ``ranges``: those of the training scans committed before, which the others
     must have, too; None without one. ``named``: texture and answer of each scan classified
-    before. ``coverage``: that of the request.
+    before. ``coverage``: that of the request. ``missing``: a sentence for each part that cannot be
+    read and for scans that are left out: they are made again.
     """
 
     plan: FingerPlan
@@ -89,6 +90,7 @@ class OpenedFingerRun:
     coverage: float = COVERAGE
     model_digest: str = ""
     rejected: int = 0
+    missing: tuple[str, ...] = ()
 
     @property
     def reference_um_per_s(self) -> int:
@@ -137,6 +139,7 @@ def _resume(
     with FingerSession.open(folder) as session:
         header, attempts = session.header, Counter(session.trials["trial_id"].tolist())
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
+        missing = tuple(session.describe_missing())
         scans = int(session.trials["scan"].max(initial=0))
         ranges = _ranges_of_scans(session)
         named = _named_scans(session)
@@ -178,6 +181,7 @@ def _resume(
         coverage=request.coverage,
         model_digest=digest,
         rejected=rejected,
+        missing=missing,
     )
 
 

@@ -86,7 +86,8 @@ def content_digest(folder: Path) -> str:
     """Return the SHA-256 of the hexadecimal SHA-256 of each part's bytes, in order.
 
     The writer never changes a closed part, so equal recordings have equal digests wherever they
-    are stored. Raises SessionError for another kind of folder or one that it cannot read.
+    are stored; one that is damaged or lacks a part has another. Raises SessionError for another
+    kind of folder or one that it cannot read.
     """
     total = hashlib.sha256()
     for path in part_paths(folder):

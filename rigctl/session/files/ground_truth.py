@@ -6,8 +6,9 @@ of everything that the rig measured.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,14 +20,15 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
-from rigctl.session.format.annotated_arrays import read_attributes, write_attributes
+from rigctl.session.format.annotated_arrays import Attributes, read_attributes, write_attributes
 from rigctl.session.format.data_sets import LIBVER
 from rigctl.session.format.header import CUT_BY_CLOCK
 from rigctl.session.read.buffered_array import BufferedArray, read_blocks
-from rigctl.session.read.part_file import open_part
+from rigctl.session.read.part_file import existing_parts, open_part
 from rigctl.session.read.session import Session
 
 TRUTH_PATTERN = "world*.h5"
+_LOG_NAME = re.compile(r"world(?:-([0-9]{4,6}))?\.h5")
 LAYOUT = "rigctl-world"
 CHUNK_ROWS = 65_536
 SLACK_MS = 1_000
@@ -40,6 +42,8 @@ COLUMNS = (
 
 TruthLog = tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
 """First millisecond, then speed in mm/s, force in g and sync, one value for each millisecond."""
+Start = tuple[str, float]
+"""Wall clock and loop time at the start of a sitting, as its parts have them."""
 OnTrial = Callable[[int, int], None]
 """Progress: number of trials done, and of all trials."""
 
@@ -70,6 +74,7 @@ class TruthReader:
         attributes = read_attributes(file)
         self.first_ms = int(attributes["first_ms"])
         self.sitting = int(attributes["sitting"])
+        self.start = _start_of(attributes) if "start_utc" in attributes else None
         columns = {name: file[name] for name, *_ in COLUMNS}
         self.n_rows = min(int(column.shape[0]) for column in columns.values())
         self._buffers = {
@@ -106,10 +111,12 @@ def write_truth(folder: Path, log: TruthLog) -> Path:
     """
     first_ms, speed, force, sync = log
     columns: tuple[NDArray[Any], ...] = (speed, force, sync)
-    sitting = max(_sittings(folder).values(), default=1)
-    path = folder / ("world.h5" if sitting == 1 else f"world-{sitting:04d}.h5")
-    if not path.exists():
-        _create(path, first_ms, sitting)
+    starts = _part_starts(folder)
+    start = starts[max(starts)] if starts else ("", 0.0)
+    path = _log_of(folder, start)
+    if path is None:
+        path, sitting = _new_log_path(folder)
+        _create(path, first_ms, sitting, start)
     with h5py.File(path, "r+", libver=LIBVER) as file:
         length = int(file["sync"].shape[0])
         n_stored = int(file.attrs["first_ms"]) + length - first_ms
@@ -140,13 +147,12 @@ def trial_truths(
     """
     committed = session.committed()
     rows = session.trials[committed]
-    sitting_of_part = _sittings(session.path)
-    row_sittings = np.array([sitting_of_part.get(n, 0) for n in rows["part"].tolist()], np.int64)
+    starts = _part_starts(session.path)
     truths: dict[int, TrialTruth] = {}
     for path in _log_paths(session.path):
         with open_truth(path) as log:
             rises = log.rises_ms()
-            own = np.flatnonzero(row_sittings == log.sitting)
+            own = np.flatnonzero(np.isin(rows["part"], _parts_of(log, starts)))
             for i in own[np.argsort(rows["started_s"][own], kind="stable")].tolist():
                 on_trial(len(truths), len(rows))
                 row = rows[i]
@@ -180,7 +186,13 @@ def summarise_truth(
 
 
 def _log_paths(folder: Path) -> list[Path]:
-    return sorted(folder.glob(TRUTH_PATTERN))
+    return sorted(filter(_log_number, folder.glob(TRUTH_PATTERN)), key=_log_number)
+
+
+def _log_number(path: Path) -> int:
+    """Return the number of a log's sitting by its name, from 1; 0 for another file."""
+    found = _LOG_NAME.fullmatch(path.name)
+    return int(found[1] or 1) if found else 0
 
 
 def _trial_truth(log: TruthReader, rise_ms: int, row: Any) -> TrialTruth:
@@ -215,25 +227,73 @@ def _drum_rise_ms(session: Session, index: int) -> int | None:
     return round((float(polls["at_s"][-1]) - since_s) * 1000)
 
 
-def _sittings(folder: Path) -> dict[int, int]:
-    """Return the sitting of each part, from 1: every start of the program begins one."""
+def _part_starts(folder: Path) -> dict[int, Start]:
+    """Return the start of the sitting of each part that can be read, by the part's number."""
+    starts: dict[int, Start] = {}
+    for path in existing_parts(folder):
+        try:
+            with open_part(path) as file:
+                attributes = file.attributes()
+        except SessionError:
+            continue
+        starts[layout.part_number(path)] = _start_of(attributes)
+    return starts
+
+
+def _start_of(attributes: Mapping[str, Any]) -> Start:
+    return str(attributes.get("start_utc", "")), float(attributes.get("start_loop_s", 0.0))
+
+
+def _sittings(starts: Mapping[int, Start]) -> dict[int, int]:
+    """Return the sitting of each part, from 1: every start of the program begins one.
+
+    A missing part between two sittings may have had one of its own, so later ones are not known.
+    """
     sittings: dict[int, int] = {}
-    sitting, last_start = 0, None
-    for path in sorted(folder.glob(layout.PART_PATTERN)):
-        with open_part(path) as file:
-            attributes = file.attributes()
-        start = (attributes["start_utc"], attributes["start_loop_s"])
-        sitting += start != last_start
-        sittings[int(attributes["part"])] = sitting
-        last_start = start
+    last_start, last_number = None, 0
+    for number, start in sorted(starts.items()):
+        if start != last_start and number > last_number + 1:
+            break
+        sittings[number] = sittings.get(last_number, 0) + (start != last_start)
+        last_start, last_number = start, number
     return sittings
 
 
-def _create(path: Path, first_ms: int, sitting: int) -> None:
+def _parts_of(log: TruthReader, starts: Mapping[int, Start]) -> list[int]:
+    """Return the numbers of the parts of a log's sitting; older logs have its number only."""
+    if log.start is not None:
+        return [number for number, start in starts.items() if start == log.start]
+    return [number for number, sitting in _sittings(starts).items() if sitting == log.sitting]
+
+
+def _log_of(folder: Path, start: Start) -> Path | None:
+    """Return the log of the sitting with this start."""
+    starts = _part_starts(folder)
+    for path in _log_paths(folder):
+        with suppress(SessionError), open_truth(path) as log:  # verify names a damaged one
+            if start in [starts[number] for number in _parts_of(log, starts)]:
+                return path
+    return None
+
+
+def _new_log_path(folder: Path) -> tuple[Path, int]:
+    """Return the path of the next sitting's log, and its number: no log has had it."""
+    sittings = _sittings(_part_starts(folder)).values()
+    number = max([1, *sittings, *(_log_number(path) + 1 for path in _log_paths(folder))])
+    return folder / ("world.h5" if number == 1 else f"world-{number:04d}.h5"), number
+
+
+def _create(path: Path, first_ms: int, sitting: int, start: Start) -> None:
+    attributes: Attributes = {
+        "layout": LAYOUT,
+        "layout_version": 1,
+        "first_ms": first_ms,
+        "sitting": sitting,
+        "start_utc": start[0],
+        "start_loop_s": start[1],
+    }
     with h5py.File(path, "x", libver=LIBVER) as file:
-        write_attributes(
-            file, {"layout": LAYOUT, "layout_version": 1, "first_ms": first_ms, "sitting": sitting}
-        )
+        write_attributes(file, attributes)
         for name, dtype, unit, doc in COLUMNS:
             dataset = file.create_dataset(
                 name, (0,), dtype, maxshape=(None,), chunks=(CHUNK_ROWS,), compression=1

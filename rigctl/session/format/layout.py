@@ -6,6 +6,7 @@ events and gaps are those of every session.
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from pathlib import Path
 
@@ -20,6 +21,10 @@ RIG_FILE = "rig.toml"
 LOCK_FILE = "writer.lock"
 DIGEST_LINES_FILE = "digests.txt"
 PART_PATTERN = "part-*.h5"
+"""Matches every part, and copies such as ``part-0002 (copy).h5``, which are none."""
+MAX_PARTS = 32_767
+"""``part`` in /trials is a 16-bit number."""
+_PART_NAME = re.compile(r"part-([0-9]{4,5})\.h5")
 PART_END_KIND = "part_end"
 """Kind of the event in the last row of a finished part."""
 SESSION_END_KIND = "session_end"
@@ -179,5 +184,6 @@ def part_name(number: int) -> str:
 
 def part_number(path: Path) -> int:
     """Return the number in a part's file name; 0 for any other file."""
-    digits = path.stem.removeprefix("part-")
-    return int(digits) if digits.isdigit() else 0
+    found = _PART_NAME.fullmatch(path.name)
+    number = int(found[1]) if found else 0
+    return number if number <= MAX_PARTS and path.name == part_name(number) else 0

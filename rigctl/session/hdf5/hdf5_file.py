@@ -76,6 +76,11 @@ class Hdf5File:
         """Whether it was opened to follow a living writer."""
         return bool(self._file.id.get_intent() & h5py.h5f.ACC_SWMR_READ)
 
+    @property
+    def is_cut(self) -> bool:
+        """Whether its end may be missing: its writer did not close it."""
+        return self._is_cut
+
     def check(self, schemas: Iterable[DataSetSchema]) -> None:
         """Check data sets against what is declared; from now on they can be read."""
         file_bytes = self.path.stat().st_size

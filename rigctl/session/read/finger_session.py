@@ -45,6 +45,11 @@ class FingerSession(SessionReader):
         """All rows of /latencies, with the number of their ``part``."""
         return self._join(finger_layout.LATENCIES)
 
+    @property
+    def slides(self) -> int:
+        """Slides of the finger so far; those of a missing part count by the scans after it."""
+        return max(len(self.trials), int(self.trials["scan"].max(initial=0)))
+
     def trial_row(self, index: int) -> FingerTrialRow:
         """Return one attempt."""
         return parse_finger_trial(self.trials[index])
@@ -147,8 +152,14 @@ def board_ranges(header: SessionHeader) -> Normalisation:
 def is_finger_session(path: Path) -> bool:
     """Return whether a session is of the moving finger.
 
-    Raises SessionError for a damaged session or another kind of folder.
+    The first part that can be read decides. Raises SessionError if none can, and for another kind
+    of folder.
     """
-    first = part_paths(path)[0]
-    with open_part(first) as file:
-        return layout_of(file.attributes(), first) is finger_layout.FINGER_LAYOUT
+    errors = []
+    for part in part_paths(path):
+        try:
+            with open_part(part) as file:
+                return layout_of(file.attributes(), part) is finger_layout.FINGER_LAYOUT
+        except SessionError as error:
+            errors.append(error)
+    raise errors[0]

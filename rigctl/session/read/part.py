@@ -21,7 +21,7 @@ from rigctl.session.format.digests import describe_object, encode_description
 from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.read.part_file import open_part
+from rigctl.session.read.part_file import open_part, readable_rows
 from rigctl.session.read.part_schema import part_schema
 
 LIVE_SLICE_ROWS = 5_000
@@ -32,6 +32,9 @@ StructuredArray = NDArray[np.void]
 
 class PartReader:
     """Rows of one part as of the last :meth:`refresh`.
+
+    ``cut_rows``: how many rows of each data set are beyond the end of a killed part that was also
+    cut short; they do not count.
 
     Raises SessionError for a damaged file or another layout version.
     """
@@ -65,15 +68,32 @@ class PartReader:
         self.layout = layout_of(self.attributes, self.path)
         self.header = SessionHeader.from_attributes(self.attributes, self.path)
         self._file.check(part_schema(self.layout, self.header.n_taxels))
+        self._n_rows, self.cut_rows = self._count_rows()
         self.n_samples = min(self.lengths().values())
         self.finished = self._ends_with(layout.PART_END_KIND)
 
+    def _count_rows(self) -> tuple[dict[str, int], dict[str, int]]:
+        """Return the rows of each data set that the file holds, and how many it lacks."""
+        names = [array.path for array in self.layout.arrays]
+        names += [table.path for table in (*self.layout.tables, DIGESTS)]
+        paths = [path for path in names if self._file.is_checked(path)]
+        lengths = {path: self._file.shape(path)[0] for path in paths}
+        if not self._file.is_cut:
+            return lengths, {}
+        held = {path: readable_rows(self._file, path) for path in paths}
+        return held, {path: lengths[path] - n for path, n in held.items() if n < lengths[path]}
+
+    def describe_cut(self) -> list[str]:
+        """Return a sentence for each data set that was cut short."""
+        return [
+            f"{self.path.name} was cut short, the file ends before the last {n} rows of {path}"
+            for path, n in self.cut_rows.items()
+        ]
+
     def _ends_with(self, kind: str) -> bool:
         """Return whether the last event is of this kind."""
-        events = layout.EVENTS
-        return bool(
-            self.n_rows(events) and self._file.row(events.path, -1)["kind"] == kind.encode()
-        )
+        path, n_rows = layout.EVENTS.path, self.n_rows(layout.EVENTS)
+        return bool(n_rows and self._file.row(path, n_rows - 1)["kind"] == kind.encode())
 
     @property
     def has_digests(self) -> bool:
@@ -92,11 +112,11 @@ class PartReader:
 
     def n_rows(self, table: TableLayout) -> int:
         """Return the number of rows of a table."""
-        return self._file.shape(table.path)[0] if self._file.is_checked(table.path) else 0
+        return self._n_rows.get(table.path, 0)
 
     def lengths(self) -> dict[str, int]:
         """Return the rows of each per-sample data set; after a kill they differ by one flush."""
-        return {array.path: self._file.shape(array.path)[0] for array in self.layout.arrays}
+        return {array.path: self._n_rows[array.path] for array in self.layout.arrays}
 
     def stored_lengths(self) -> dict[str, int]:
         """Return the rows of each data set that grows, by its path."""
@@ -122,11 +142,13 @@ class PartReader:
         """Return rows of a table; text as Unicode. A table that older parts lack is empty."""
         if not self._file.is_checked(table.path):
             return self._decode_rows(table, np.empty(0, table.dtype))
+        n_rows = self.n_rows(table)
+        stop = n_rows if stop is None else min(stop, n_rows)
         return self._decode_rows(table, self._file.rows(table.path, start, stop))
 
     def rows_where(self, table: TableLayout, column: str, text: str) -> StructuredArray:
         """Return the rows with ``text`` in a column; only these are decoded."""
-        raw = self._file.rows(table.path)
+        raw = self._file.rows(table.path, 0, self.n_rows(table))
         return self._decode_rows(table, raw[raw[column] == text.encode()])
 
     def read(self, path: str, start: int, stop: int) -> NDArray[Any]:

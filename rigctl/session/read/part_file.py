@@ -17,13 +17,25 @@ CACHE_BYTES = 256 << 10
 
 def part_paths(folder: Path) -> list[Path]:
     """Return the files of the session's parts, in order. Raises SessionError if there are none."""
-    parts = sorted(folder.glob(layout.PART_PATTERN))
+    parts = existing_parts(folder)
     if not parts:
         raise SessionError(
             f"{folder} is not a session: it contains no part-0001.h5; give the folder that "
             "rigctl run or rigctl demo made"
         )
     return parts
+
+
+def existing_parts(folder: Path) -> list[Path]:
+    """Return the files that have the name of a part, in order."""
+    paths = [path for path in folder.glob(layout.PART_PATTERN) if layout.part_number(path)]
+    return sorted(paths, key=layout.part_number)
+
+
+def stray_files(folder: Path) -> list[str]:
+    """Return the names of files that look like parts and are none, such as copies."""
+    names = (path.name for path in folder.glob(layout.PART_PATTERN) if not layout.part_number(path))
+    return sorted(names)
 
 
 def open_part(path: Path) -> Hdf5File:
@@ -68,5 +80,20 @@ def _open(path: Path) -> Hdf5File:
 
 def _is_growing(path: Path) -> bool:
     """Return whether a living writer appends to this part, which is then the session's last."""
-    last = max(path.parent.glob(layout.PART_PATTERN))
+    last = part_paths(path.parent)[-1]
     return path.name == last.name and is_being_written(path.parent)
+
+
+def readable_rows(file: Hdf5File, path: str) -> int:
+    """Return how many rows of a data set the file of an unclosed part holds, from the first on.
+
+    A closed part that was cut short does not open at all; in one whose writer was killed, the last
+    chunks may be beyond the end. Raises SessionError for chunks that HDF5 cannot find.
+    """
+    n_rows, chunk = file.shape(path)[0], file.chunk_shape(path)
+    addresses = file.chunk_addresses(path)
+    if not chunk or addresses is None:
+        return n_rows
+    present = set((addresses[0] // chunk[0]).tolist())
+    absent = next(n for n in range(len(present) + 1) if n not in present)
+    return min(n_rows, absent * chunk[0])

@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.experiments import check_experiment
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.table_rows import parse_event
+from rigctl.session.read.missing_parts import find_missing, open_parts
 from rigctl.session.read.part import PartReader, StructuredArray
 from rigctl.session.read.part_file import part_paths
+from rigctl.session.read.recovery_file import RecoveryRecord, read_recoveries
 from rigctl.session.read.sample_index import SAMPLES, locate_windows
 from rigctl.values import Event, Verdict
+
+CUT_SHORT = "the file ends before their samples do"
+MAX_LISTED = 20
 
 
 class SessionReader:
     """Reader of a session's folder. Close it, or use it in a ``with`` block.
+
+    ``missing_parts``: parts that a session had and that cannot be read. ``left_out``: the reason
+    for each attempt that does not count, by its index in ``trials``, because its samples cannot be
+    read or were altered; :meth:`describe_missing` names both.
 
     ``trials`` is one structured array over all parts, text as Unicode: one row for each attempt in
     the order in which they ended. ``docs/reference/session.md`` lists the columns; every method
@@ -33,14 +43,15 @@ class SessionReader:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.parts: list[PartReader] = []
+        self._damaged: dict[int, str] = {}
         self._open_parts(part_paths(path))
-        self.trials = self._join(self.layout.trials)
+        self._load()
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """Open a session.
+        """Open a session; :attr:`missing_parts` are left out.
 
-        Raises SessionError for a damaged one, one of another experiment or another kind of folder.
+        Raises SessionError if no part can be read, and for another experiment or kind of folder.
         """
         return cls(path)
 
@@ -62,11 +73,34 @@ class SessionReader:
         last = self.parts[-1].number
         paths = part_paths(self.path)
         self._open_parts([path for path in paths if layout.part_number(path) > last])
-        self.trials = self._join(self.layout.trials)
+        self._load()
+
+    def describe_missing(self) -> list[str]:
+        """Return a sentence for each missing part and for trials that are left out of others."""
+        lines = [part.sentence for part in self.missing_parts[:MAX_LISTED]]
+        if len(self.missing_parts) > MAX_LISTED:
+            lines.append(f"{len(self.missing_parts) - MAX_LISTED} more parts are missing")
+        lines += [line for part in self.parts for line in part.describe_cut()]
+        by_reason: dict[tuple[int, str], list[int]] = {}
+        for index, reason in self.left_out.items():
+            row = self.trials[index]
+            by_reason.setdefault((int(row["part"]), reason), []).append(int(row["trial_id"]))
+        lines += [
+            f"{layout.part_name(part)}: trial {_list_ids(ids)} is left out: {reason}"
+            if len(ids) == 1
+            else f"{layout.part_name(part)}: {len(ids)} trials are left out ({_list_ids(ids)}): "
+            f"{reason}"
+            for (part, reason), ids in sorted(by_reason.items())
+        ]
+        return lines
+
+    def leave_out(self, reasons: Mapping[int, str]) -> None:
+        """Leave out further trials, by their index, with the reason that a sentence ends with."""
+        self.left_out |= dict(reasons)
 
     @property
     def header(self) -> SessionHeader:
-        """Metadata of the first part; each of ``parts`` has its own."""
+        """Metadata of the first part that can be read; each of ``parts`` has its own."""
         return self.parts[0].header
 
     @property
@@ -81,8 +115,9 @@ class SessionReader:
 
     @property
     def finished(self) -> bool:
-        """Whether the writer closed the last part."""
-        return self.parts[-1].finished
+        """Whether the writer closed the last part, and that part is there."""
+        missing = [layout.part_number(Path(part.name)) for part in self.missing_parts]
+        return self.parts[-1].finished and max(missing, default=0) < self.parts[-1].number
 
     @property
     def n_samples(self) -> int:
@@ -105,8 +140,13 @@ class SessionReader:
         return tuple(map(parse_event, _joined(parts)))
 
     def committed(self) -> NDArray[np.int64]:
-        """Return the indices of the committed trials, int64, in the order of trial ids."""
-        indices = np.flatnonzero(self.trials["verdict"] == Verdict.COMMITTED.value)
+        """Return the indices of the committed trials, int64, in the order of trial ids.
+
+        Trials that are :attr:`left_out` are not among them.
+        """
+        committed = self.trials["verdict"] == Verdict.COMMITTED.value
+        committed[list(self.left_out)] = False
+        indices = np.flatnonzero(committed)
         order = np.argsort(self.trials["trial_id"][indices], kind="stable")
         return indices[order].astype(np.int64)
 
@@ -126,18 +166,64 @@ class SessionReader:
         return part, window.start, window.stop
 
     def _open_parts(self, paths: Sequence[Path]) -> None:
-        for path in paths:
-            part = PartReader(path)
-            self.parts.append(part)
-            if part.layout is not self.layout:
-                self.close()
-                check_experiment(self.path, part.layout, self.layout)
+        parts, damaged = open_parts(paths)
+        self.parts += parts
+        self._damaged |= damaged
+        for part in parts:
+            self._damaged.pop(part.number, None)
+        if not self.parts:
+            name, reason = min((layout.part_name(n), reason) for n, reason in damaged.items())
+            raise SessionError(f"{self.path / name} {reason}")
+        if self.parts[0].layout is not self.layout:
+            self.close()
+            check_experiment(self.path, self.parts[0].layout, self.layout)
+
+    def _load(self) -> None:
+        """Read the trials, and find what is missing."""
+        recoveries = read_recoveries(self.path)
+        self.missing_parts = find_missing(self.path, self.parts, self._damaged, recoveries)
+        found = []
+        self.left_out: dict[int, str] = {}
+        n_rows = 0
+        for part in self.parts:
+            rows, left_out = _trials_of(part, self.layout.trials, recoveries)
+            found.append((part.number, rows))
+            self.left_out |= {n_rows + row: reason for row, reason in left_out.items()}
+            n_rows += len(rows)
+        self.trials = _joined(found)
 
     def _join(self, table: TableLayout) -> StructuredArray:
-        parts = [(part.number, part.rows(table)) for part in self.parts]
-        if table is self.layout.trials:  # without rows that a crash left empty
-            parts = [(n, rows[np.isin(rows["verdict"], list(Verdict))]) for n, rows in parts]
-        return _joined(parts)
+        return _joined([(part.number, part.rows(table)) for part in self.parts])
+
+
+def _trials_of(
+    part: PartReader, table: TableLayout, recoveries: Sequence[RecoveryRecord]
+) -> tuple[StructuredArray, dict[int, str]]:
+    """Return a part's attempts, and why some of them are left out."""
+    stored = part.rows(table)
+    kept = np.flatnonzero(np.isin(stored["verdict"], list(Verdict)))
+    rows = stored[kept]  # without rows that a crash left empty
+    rows["part"] = part.number
+    left_out = dict.fromkeys(_cut_trials(part, rows).tolist(), CUT_SHORT)
+    row_of = {row: index for index, row in enumerate(kept.tolist())}
+    for recovery in recoveries:
+        for trial in recovery.left_out:
+            if trial.part == part.number and trial.row in row_of:
+                left_out[row_of[trial.row]] = f"{trial.reason} ({recovery.path.name})"
+    return rows, left_out
+
+
+def _cut_trials(part: PartReader, rows: StructuredArray) -> NDArray[np.intp]:
+    """Return which trials have samples beyond the end of a part that was cut short."""
+    if not part.cut_rows.keys() & part.lengths().keys():
+        return np.zeros(0, np.intp)
+    beyond = rows["first_sample"] + rows["count"] > part.n_samples
+    return np.flatnonzero(beyond & (rows["first_sample"] >= 0))
+
+
+def _list_ids(ids: Sequence[int]) -> str:
+    listed = ", ".join(map(str, ids[:MAX_LISTED]))
+    return f"{listed} …" if len(ids) > MAX_LISTED else listed
 
 
 def _joined(parts: Sequence[tuple[int, StructuredArray]]) -> StructuredArray:

@@ -12,12 +12,12 @@ from pathlib import Path
 
 from rigctl.errors import SessionError
 from rigctl.session.files.ground_truth import TRUTH_PATTERN
-from rigctl.session.format import layout
 from rigctl.session.format.wiring import session_wiring
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.finger_session import FingerSession, is_finger_session
 from rigctl.session.read.part import PartReader, StructuredArray
-from rigctl.session.read.part_file import part_paths
+from rigctl.session.read.part_file import part_paths, stray_files
+from rigctl.session.read.recovery_file import damaged_recoveries, read_recoveries
 from rigctl.session.read.session import Session
 from rigctl.session.read.session_reader import SessionReader
 from rigctl.session.verify.drum import check_drum_plan, check_truth
@@ -87,7 +87,11 @@ def _check_contents(
     n_parts = len(session.parts)
     for done, part in enumerate(session.parts):
         on_progress(share * done / n_parts, f"part {done + 1} of {n_parts}")
-        problems, notes = check(part, session.trials[session.trials["part"] == part.number])
+        try:
+            problems, notes = check(part, session.trials[session.trials["part"] == part.number])
+        except SessionError as error:
+            report.problems.append(str(error))
+            continue
         report.problems += [f"{part.path.name}: {line}" for line in problems]
         report.notes += [f"{part.path.name}: {line}" for line in notes]
     on_progress(share, "the plan")
@@ -113,25 +117,33 @@ def _check_committed(session: SessionReader, report: VerifyReport) -> None:
 
 
 def _check_parts(session: SessionReader, report: VerifyReport) -> None:
-    numbers = [part.number for part in session.parts]
-    if numbers != list(range(1, len(numbers) + 1)):
-        missing = sorted(set(range(1, max(numbers) + 1)) - set(numbers))
-        report.problems.append(f"parts are missing: {', '.join(map(layout.part_name, missing))}")
+    recoveries = read_recoveries(session.path)
+    replaced = {part.number for each in recoveries for part in each.replaced_parts}
+    for missing in session.missing_parts:
+        (report.notes if missing.is_known else report.problems).append(missing.sentence)
+    report.problems += damaged_recoveries(session.path)
+    report.notes += [
+        f"{name}: is not a part of the session, its name is not that of one"
+        for name in stray_files(session.path)
+    ]
     for part in session.parts:
         _check_header(session, part, report)
+        report.problems += part.describe_cut()
         if part.finished:
             continue
         if part is not session.parts[-1]:
             report.notes.append(
                 f"{part.path.name}: was not closed properly, a later part continues the session"
             )
+        elif part.number in replaced:
+            report.notes.append(f"{part.path.name}: was not closed, and was put in order since")
         elif is_being_written(session.path):
             report.problems.append(f"{part.path.name}: is still being written")
         else:
             report.problems.append(
                 f"{part.path.name}: was not closed properly, its writer was killed or could "
                 "not write; committed trials are safe, continue with --resume of the command that "
-                "made it"
+                "made it, or put it in order with rigctl recover"
             )
 
 

@@ -14,6 +14,7 @@ from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.wiring import describe_mismatch, session_wiring, wirings_match
 from rigctl.session.format.writer_lock import WriterLock
 from rigctl.session.hdf5.schema import text
+from rigctl.session.read.missing_parts import highest_number, open_parts
 from rigctl.session.read.part_file import open_part, part_paths
 
 
@@ -84,11 +85,22 @@ def _write_once(path: Path, text: str) -> None:
 
 def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
     if resume:
-        _check_plan(part_paths(folder)[-1], header)
-    elif any(folder.glob(layout.PART_PATTERN)):
+        _check_plan(_last_readable(folder), header)
+    elif highest_number(folder):
         raise SessionError(
             f"{folder} already holds a session: continue it with --resume, or choose another folder"
         )
+
+
+def _last_readable(folder: Path) -> Path:
+    """Return the last part that can be read. Raises SessionError if none can."""
+    paths = part_paths(folder)
+    parts, damaged = open_parts(paths)
+    for part in parts:
+        part.close()
+    if not parts:
+        raise SessionError(f"{paths[0]} {damaged[layout.part_number(paths[0])]}")
+    return parts[-1].path
 
 
 def _check_plan(path: Path, header: SessionHeader) -> None:

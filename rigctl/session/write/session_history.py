@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.errors import SessionError
 from rigctl.session.format.digests import FIRST_DIGEST
-from rigctl.session.format.layout import PART_PATTERN, part_number
+from rigctl.session.open_session import open_session
 from rigctl.session.read.closing_digest import last_digest
-from rigctl.session.read.part import PartReader
-from rigctl.values import Verdict
+from rigctl.session.read.missing_parts import highest_number
+from rigctl.session.read.part_file import existing_parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,19 +22,11 @@ class SessionHistory:
 
 
 def read_history(folder: Path) -> SessionHistory:
-    """Return what the parts in a folder hold; a part that cannot be read counts with its number."""
-    history = SessionHistory()
-    for path in sorted(folder.glob(PART_PATTERN)):
-        digest, committed = history.last_digest, history.committed
-        with suppress(SessionError):
-            part = PartReader(path)
-            digest = last_digest(part) or digest
-            committed |= _committed(part)
-            part.close()
-        history = SessionHistory(max(history.last_part, part_number(path)), digest, committed)
-    return history
-
-
-def _committed(part: PartReader) -> frozenset[int]:
-    trials = part.rows(part.layout.trials)
-    return frozenset(trials["trial_id"][trials["verdict"] == Verdict.COMMITTED.value].tolist())
+    """Return what the parts in a folder hold; one that cannot be read counts with its number."""
+    if not existing_parts(folder):
+        return SessionHistory(highest_number(folder))
+    with open_session(folder) as session:
+        digests = [digest for part in session.parts if (digest := last_digest(part))]
+        committed = session.trials["trial_id"][session.committed()].tolist()
+    last = digests[-1] if digests else FIRST_DIGEST
+    return SessionHistory(highest_number(folder), last, frozenset(committed))
