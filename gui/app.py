@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from rigctl.config.visible_text import visible
 from rigctl.errors import RigctlError, WrongUse
 
 DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
@@ -99,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run(parser.parse_args(argv))
     except RigctlError as error:
-        print(f"rigctl-gui: {error}", file=sys.stderr)
+        print(f"rigctl-gui: {visible(str(error))}", file=sys.stderr)
         return error.exit_code
 
 

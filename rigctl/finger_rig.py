@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.config.finger_config import FingerConfig, load_finger_config
+from rigctl.config.text_file import read_text
+from rigctl.config.toml_bounds import MAX_BYTES
 from rigctl.devices.finger import Finger
 from rigctl.devices.identity import WHICH_PORT
 from rigctl.devices.port_discovery import FINGER, TAXELS, create_link, find_boards, identify_board
@@ -144,9 +146,10 @@ def _plate_frame(path: Path, config: FingerConfig) -> PlateFrame:
         )
     file = path.parent / config.tracker.frame
     try:
-        return PlateFrame.from_toml(file.read_text(encoding="utf-8"), str(file))
-    except OSError as error:
+        text = read_text(file, MAX_BYTES, ConfigError)
+    except ConfigError as error:
         raise ConfigError(
-            f"cannot read the plate's frame {file} ({error.strerror}): touch the corners with "
-            "`rigctl realtime frame`, which writes it"
+            f"the plate's frame: {error}; touch the corners with `rigctl realtime frame`, which "
+            "writes it"
         ) from error
+    return PlateFrame.from_toml(text, str(file))

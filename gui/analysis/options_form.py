@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QSpinBox, QW
 
 from gui.analysis.task_values import DRUM, FINGER, AnalysisRequest, model_path
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.labels import elastic, label, show_text
+from gui.widgets.labels import elastic, label, plain_tooltip, show_text
 from gui.widgets.layouts import combo_box, form_layout, hbox, push_button
 from rigctl.encoding.parameters import PRESETS
 
@@ -115,7 +115,7 @@ class AnalysisOptionsForm(QWidget):
     def _show_sessions(self) -> None:
         names = ", ".join(Path(path).name for path in self.sessions)
         show_text(self.session_names, names or "–")
-        self.session_names.setToolTip("\n".join(self.sessions))
+        self.session_names.setToolTip(plain_tooltip("\n".join(self.sessions)))
         self.remove_button.setEnabled(bool(self._added))
 
     def _remove_added(self) -> None:

@@ -7,6 +7,7 @@ from PySide6.QtGui import QPainter, QPaintEvent, QPixmap
 from PySide6.QtWidgets import QTabWidget, QTextBrowser, QWidget
 
 from gui.analysis.results import AnalysisResults, ResultsPage
+from gui.widgets.labels import plain_tooltip
 
 
 class FigureView(QWidget):
@@ -19,7 +20,7 @@ class FigureView(QWidget):
     def show_file(self, path: str) -> None:
         """Show another figure."""
         self.pixmap = QPixmap(path)
-        self.setToolTip(path)
+        self.setToolTip(plain_tooltip(path))
         self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:

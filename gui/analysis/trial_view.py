@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         for plot in (self.samples_plot, self.spikes_plot):
             plot.clear()
         title = data.title if data is not None else "Open a session and choose a trial on the left"
-        self.samples_plot.setTitle(title, color=self._theme.muted, size="10pt")
+        self.samples_plot.setTitle(escape(title), color=self._theme.muted, size="10pt")
         if data is None or not len(data.samples):
             return
         self._draw_samples(data.samples)

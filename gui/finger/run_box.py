@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QGridLayout, QGroupBox, QProgressBar, QWidget
 
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
-from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 
@@ -111,7 +111,7 @@ class FingerRunBox(QGroupBox):
             texts["Session"] = Path(run.session).name
         for name, text in texts.items():
             show_text(self.rows[name], text)
-        self.rows["Session"].setToolTip(run.session or "")
+        self.rows["Session"].setToolTip(plain_tooltip(run.session or ""))
 
     def _inject(self) -> None:
         self.command_requested.emit("inject", FAULTS[self.fault.currentText()])

@@ -22,7 +22,7 @@ from gui.analysis.task_values import PLAN_ROWS, PlanSummary
 from gui.analysis.worker import Worker
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
-from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show_text
 from gui.widgets.layouts import form_layout, group_box, hbox, push_button, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.config import resources
@@ -138,7 +138,7 @@ class ProtocolPanel(QWidget):
         rejected = f"{run.trials_rejected}" if run.trials_planned else "–"
         show_text(self.run_rows["Rejected"], rejected)
         self.run_rows["Session"].setText(Path(run.session).name if run.session else "–")
-        self.run_rows["Session"].setToolTip(run.session or "")
+        self.run_rows["Session"].setToolTip(plain_tooltip(run.session or ""))
 
     def _request_plan(self, seed: int | None = None) -> None:
         """Request a plan, and drop a waiting request; Start is disabled until the plan arrives."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from html import escape
+
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
@@ -23,7 +25,12 @@ def show_text(widget: QLabel, text: str) -> None:
     """Set a label's text and tooltip, only if the text changed."""
     if widget.text() != text:
         widget.setText(text)
-        widget.setToolTip(text)
+        widget.setToolTip(plain_tooltip(text))
+
+
+def plain_tooltip(text: str) -> str:
+    """Return a tooltip that shows ``text`` as it is: Qt takes a tag in the first line for HTML."""
+    return escape(text).replace("\n", "<br>") if "<" in text.partition("\n")[0] else text
 
 
 def set_property(widget: QWidget, name: str, value: str) -> None:

@@ -170,7 +170,7 @@ def test_corners_cannot_be_touched_without_a_terminal(
         ('[tracker]\nsource = "udp:5040"', "tracker.frame is missing: touch the plate's corners"),
         (
             '[tracker]\nsource = "udp:5040"\nframe = "other.toml"',
-            "cannot read the plate's frame other.toml",
+            "the plate's frame: cannot read other.toml",
         ),
         (
             '[finger]\nport = "tcp://127.0.0.1:9"\n[tracker]\nsource = "sonar:1"\nframe = "f.toml"',

@@ -245,6 +245,15 @@ def new_figure(
         return figure, figure.subplots(rows, columns, **options)
 
 
+def show_dollars(figure: Figure) -> None:
+    """Show texts as they are: names of textures are no formulas, and half of one is an error."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        if isinstance(text, Text) and "$" in text.get_text():
+            text.set_parse_math(False)
+
+
 def save_figure(figure: Figure, stem: Path, title: str, origin: str) -> Path:
     """Add the title, and the origin of the data at the foot; save as SVG and PNG; return the PNG.
 
@@ -254,6 +263,7 @@ def save_figure(figure: Figure, stem: Path, title: str, origin: str) -> Path:
 
     figure.suptitle(title, size=13, x=0.01, ha="left", color=TEXT)
     figure.supxlabel(origin, size=8.5, x=0.01, ha="left", color=MUTED)
+    show_dollars(figure)
     stem.parent.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context({"svg.hashsalt": "rigctl", "svg.fonttype": "none"}):
         figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 
+from rigctl.config.text_file import read_bytes
 from rigctl.devices.trackers.streaming_tracker import StreamingTracker
 from rigctl.errors import WrongUse
 from rigctl.values import Position
 from rigctl.wire.tracker_lines import PositionLines
+
+MAX_TRACK_BYTES = 64 * 1024 * 1024
+MAX_LINES = 500_000
+"""More than half an hour at 250 positions a second."""
 
 
 class RecordedTrack(StreamingTracker):
@@ -67,21 +73,29 @@ class RecordedTrack(StreamingTracker):
 def read_track(path: Path) -> list[Position]:
     """Return the positions of a CSV file of ``time_ms,x,y,z[,valid]``, its header line optional.
 
-    Raises WrongUse where the file cannot be read or has a line that is no position.
+    Raises WrongUse where the file cannot be read, has a line that is no position, or has
+    too many.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise WrongUse(f"cannot read the track {path}: {error.strerror}") from error
-    lines = [line for line in text.splitlines() if line.strip()]
-    if lines and lines[0].lstrip()[:1].isalpha():
-        del lines[0]
     decoder = PositionLines()
-    positions = []
-    for number, line in enumerate(lines, start=1):
+    positions: list[Position] = []
+    text = read_bytes(path, MAX_TRACK_BYTES)
+    if text.count(b"\n") > MAX_LINES:
+        raise WrongUse(f"{path}: a track has at most {MAX_LINES:,} lines: cut it")
+    for line in _track_lines(text):
         readings = decoder.feed(line + b"\n")
+        number = len(positions) + 1
         if len(readings) != 1:
             raise WrongUse(f"{path}: position {number} is not time_ms,x,y,z or time_ms,x,y,z,valid")
         time_ms, x, y, z, valid = readings[0]
         positions.append(Position(time_ms / 1000.0, x, y, z, valid))
     return positions
+
+
+def _track_lines(text: bytes) -> Iterator[bytes]:
+    """Yield the lines that are neither empty nor the header."""
+    lines = (line.rstrip(b"\r\n") for line in BytesIO(text))
+    filled = (line for line in lines if line.strip())
+    first = next(filled, b"")
+    if first and not first.lstrip()[:1].isalpha():
+        yield first
+    yield from filled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -206,13 +207,27 @@ def test_a_track_is_read_from_a_file_or_refused(tmp_path: Path) -> None:
     path.write_text("0,1,2,3\n10,2,2\n")
     with pytest.raises(WrongUse, match="position 2 is not time_ms,x,y,z"):
         read_track(path)
-    with pytest.raises(WrongUse, match=r"cannot read the track .*none\.csv"):
+    with pytest.raises(WrongUse, match=r"cannot read .*none\.csv"):
         read_track(tmp_path / "none.csv")
     loop = asyncio.new_event_loop()
     for bad in ([], [track()[1], track()[0]]):
         with pytest.raises(WrongUse, match="a track needs positions with ascending times"):
             RecordedTrack(bad, loop)
     loop.close()
+
+
+def test_an_endless_track_is_refused(tmp_path: Path) -> None:
+    track, pipe = tmp_path / "track.csv", tmp_path / "pipe"
+    with track.open("wb") as file:
+        file.truncate(2**40)
+    with pytest.raises(WrongUse, match=r"track\.csv is larger than 67,108,864 bytes"):
+        read_track(track)
+    track.write_bytes(b"1,2,3,4\n" * 500_001)
+    with pytest.raises(WrongUse, match="a track has at most 500,000 lines"):
+        read_track(track)
+    os.mkfifo(pipe)
+    with pytest.raises(WrongUse, match="it is a pipe, not a file"):
+        read_track(pipe)
 
 
 def test_one_line_of_text_opens_any_tracker(tmp_path: Path) -> None:

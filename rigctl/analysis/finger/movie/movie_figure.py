@@ -18,7 +18,7 @@ from rigctl.analysis.finger.movie.movie_panels import (
     VelocityPanel,
 )
 from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline
-from rigctl.analysis.report.figures import MUTED, STYLE, TEXT
+from rigctl.analysis.report.figures import MUTED, STYLE, TEXT, show_dollars
 from rigctl.values import Verdict
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ class MovieFigure:
         for panel in self._panels:
             panel.update(frame)
         self._clock.set_text(f"{frame.scan_s:.2f} s   {frame.distance_mm:.0f} mm")
+        show_dollars(self.figure)
 
     def draw(self, frame: MovieFrame) -> NDArray[np.uint8]:
         """Draw a frame; return its pixels, uint8 (height, width, 3), valid until the next one."""
