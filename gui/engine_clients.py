@@ -10,8 +10,8 @@ from rigctl.acquisition.rpc.engine_files import (
     FINGER_EXPERIMENT,
     EngineFile,
     running_engines,
-    runtime_folder,
 )
+from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 
 JOIN = "join"
 SIMULATED = ("virtual", "firmware")

@@ -17,7 +17,7 @@ from PySide6.QtTest import QTest
 from gui.finger.scan_record import AnswerState
 from gui.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 from rigctl.wire.drum.states import State
 
 SIZES = ((1280, 800), (1920, 1080))

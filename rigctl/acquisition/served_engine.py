@@ -14,8 +14,9 @@ from typing import Any, Generic, Protocol, TypeVar
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.acquisition.protocol.run_reasons import DISK, RunReasons
+from rigctl.acquisition.rpc.door import Door
 from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, engine_message
-from rigctl.acquisition.rpc.server import EngineAddress, RequestHandler, Server
+from rigctl.acquisition.rpc.server import RequestHandler, Server
 from rigctl.errors import RigctlError, RigFault
 from rigctl.values import Event
 
@@ -59,19 +60,19 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self._now_s = loop.time
         self._tasks: set[asyncio.Task[None]] = set()
         self._run_task: asyncio.Task[None] | None = None
-        self._server = Server()
+        self._server = Server(self._report_failure)
         self._last_used_s = self._now_s()
         self._shutdown_requested = asyncio.Event()
 
     async def serve(
-        self, address: EngineAddress, handle: RequestHandler, request: _Request | None = None
+        self, door: Door, handle: RequestHandler, request: _Request | None = None
     ) -> int:
         """Connect, serve clients until the engine ends, make the rig safe; return the exit code.
 
         ``handle`` executes the clients' commands; ``request`` is a run to start immediately.
         """
         self.event_bus.subscribe(self._send_event)
-        await self._server.open(address, handle)
+        self._server.open(door, handle)
         try:
             await self._connect()
             self.spawn(self._tick())
@@ -166,6 +167,10 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
     def _send_status(self) -> None:
         if len(self._server):
             self._server.broadcast(engine_message("status", "", self.status(), self._now_s()))
+
+    def _report_failure(self, sentence: str) -> None:
+        """Publish that a request failed inside the engine, which goes on."""
+        self.event_bus.publish("fault", sentence)
 
     def _send_event(self, event: Event) -> None:
         self._server.broadcast(engine_message(event.kind, event.text, event.data, event.at_s))

@@ -6,12 +6,13 @@ caller's thread: time passes only inside :meth:`SimulatedRig.advance`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
+from msgspec import Meta
 
 from rigctl.errors import LinkLost
 from rigctl.simulation.bench.ground_truth import GroundTruth
@@ -21,6 +22,12 @@ DRUM = "drum"
 TAXELS = "taxels"
 TO_HOST = "to_host"
 TO_BOARD = "to_board"
+Board = Literal["drum", "taxels"]
+Direction = Literal["to_host", "to_board"]
+Rate = Annotated[float, Meta(ge=0, le=1)]
+"""A share of bytes."""
+Push = Annotated[float, Meta(ge=-100_000, le=100_000)]
+Wires = Annotated[Collection[Signal], Meta(max_length=len(Signal))]
 
 
 class LoadcellFault(IntEnum):
@@ -136,6 +143,7 @@ class SimulatedLink:
 class FaultInjection:
     """Injects faults into virtual boards and simulated chips alike.
 
+    The annotations bound what clients of an engine may send.
     ``board`` is ``"drum"`` or ``"taxels"``. ``on_change`` is called after the bench's disturbances
     change, ``reset`` with the name of the board whose reset button is pressed.
     """
@@ -152,27 +160,27 @@ class FaultInjection:
         self._on_change = on_change
         self._reset = reset
 
-    def unplug(self, board: str) -> None:
+    def unplug(self, board: Board) -> None:
         """Unplug a board's cable; the board itself keeps running."""
         self._links[board].unplug()
 
-    def replug(self, board: str) -> None:
+    def replug(self, board: Board) -> None:
         """Plug the cable in."""
         self._links[board].replug()
 
-    def stall(self, board: str, on: bool = True) -> None:
+    def stall(self, board: Board, on: bool = True) -> None:
         """Silence a cable in both directions without closing the port."""
         self._links[board].stalled = on
 
-    def drop_bytes(self, board: str, direction: str, rate: float) -> None:
+    def drop_bytes(self, board: Board, direction: Direction, rate: Rate) -> None:
         """Drop this share of bytes; ``direction`` is ``"to_host"`` or ``"to_board"``."""
         self._links[board].noise[direction].drop_rate = rate
 
-    def corrupt_bytes(self, board: str, direction: str, rate: float) -> None:
+    def corrupt_bytes(self, board: Board, direction: Direction, rate: Rate) -> None:
         """Flip one bit in this share of bytes."""
         self._links[board].noise[direction].corrupt_rate = rate
 
-    def reset(self, board: str) -> None:
+    def reset(self, board: Board) -> None:
         """Press a board's reset button."""
         self._reset(board)
 
@@ -203,12 +211,12 @@ class FaultInjection:
         self._disturbances.motor_jammed = on
         self._on_change()
 
-    def push(self, force_g: float) -> None:
+    def push(self, force_g: Push) -> None:
         """Press on the load cell with an extra force; 0 releases it."""
         self._disturbances.push_g = force_g
         self._on_change()
 
-    def rewire(self, absent: Iterable[Signal] = (), inverted: Iterable[Signal] = ()) -> None:
+    def rewire(self, absent: Wires = (), inverted: Wires = ()) -> None:
         """Fit all optional wires of the drum board except ``absent``, with some inverted."""
         self._disturbances.absent = frozenset(absent)
         self._disturbances.inverted = frozenset(inverted)

@@ -14,7 +14,7 @@ from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.server import EngineAddress, open_listener
+from rigctl.acquisition.rpc.door import Door, open_listener
 from rigctl.config.rig_config import RigConfig
 from rigctl.rig import open_rig
 from rigctl.session.read.session import Session
@@ -84,7 +84,7 @@ class EngineHarness:
         with open_listener() as listener:
             serving = self.rig.loop.create_task(
                 self.engine.serve(
-                    EngineAddress(listener, "token"), CommandHandler(self.engine).handle, request
+                    Door(listener, "token"), CommandHandler(self.engine).handle, request
                 )
             )
             acting = self.rig.loop.create_task(self._act(scenario, request is not None))

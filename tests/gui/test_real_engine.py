@@ -16,7 +16,7 @@ from shiboken6 import delete
 
 from gui.main_window import MainWindow
 from gui.widgets.status_lamp import Level
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 from rigctl.session.read.session import Session
 from rigctl.wire.drum.states import State
 from tests.gui.steps import click, press_escape, wait_until

@@ -13,13 +13,9 @@ from PySide6.QtWidgets import QApplication, QMenu
 
 from rigctl.acquisition.rpc import stop_all
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import (
-    FOLDER_VARIABLE,
-    EngineFile,
-    runtime_folder,
-    write_engine_file,
-)
-from rigctl.acquisition.rpc.server import open_listener
+from rigctl.acquisition.rpc.door import open_listener
+from rigctl.acquisition.rpc.engine_files import EngineFile, write_engine_file
+from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
 from rigctl.wire.drum.states import State
 from tests.gui.steps import Harness, click, press_escape, wait_until
 

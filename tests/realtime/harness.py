@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rigctl.acquisition.rpc.server import EngineAddress, open_listener
+from rigctl.acquisition.rpc.door import Door, open_listener
 from rigctl.finger_rig import open_finger_rig
 from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.realtime.finger_engine import FingerEngine
@@ -112,7 +112,7 @@ class FingerHarness:
         self.engine.event_bus.subscribe(self.events.append)
         handle = FingerCommands(self.engine).handle
         with open_listener() as listener:
-            address = EngineAddress(listener, "token")
+            address = Door(listener, "token")
             serving = self.rig.loop.create_task(self.engine.serve(address, handle, request))
             acting = self.rig.loop.create_task(self._act(scenario, request is not None))
             await asyncio.wait((serving, acting), return_when=asyncio.FIRST_COMPLETED)

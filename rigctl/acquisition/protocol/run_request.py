@@ -9,8 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from msgspec import Struct
+
 from rigctl import __version__
 from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.rpc.arguments import PathText, Seed
 from rigctl.config.resources import find_protocol, source_commit
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
@@ -23,18 +26,17 @@ from rigctl.session.write.session_folder import check_same_world
 from rigctl.values import BoardIdentity
 
 
-@dataclass(frozen=True, slots=True)
-class RunRequest:
+class RunRequest(Struct, frozen=True, forbid_unknown_fields=True):
     """A protocol to run into a new folder, or a session to resume.
 
     ``seed`` replaces the protocol's own; ``out`` and ``resume`` are folders; ``yes`` answers
     every question on a simulated rig.
     """
 
-    protocol: str | None = None
-    out: str | None = None
-    resume: str | None = None
-    seed: int | None = None
+    protocol: PathText | None = None
+    out: PathText | None = None
+    resume: PathText | None = None
+    seed: Seed | None = None
     yes: bool = False
 
     def __post_init__(self) -> None:

@@ -16,13 +16,14 @@ from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.engine_files import (
     DRUM_EXPERIMENT,
     EngineFile,
+    connecting_socket,
     engine_file_path,
-    new_engine_name,
     read_engine_file,
     running_engines,
-    runtime_folder,
+    socket_address,
 )
 from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, decode_message, encode_message
+from rigctl.acquisition.rpc.runtime_folder import LOG, new_engine_name, runtime_folder
 from rigctl.errors import LinkLost, RigctlError, RigFault, WrongUse
 
 START_TIMEOUT_S = 60.0
@@ -223,7 +224,11 @@ class EngineClient:
         if len(rest) > LINE_LIMIT_BYTES:
             self._set_lost("it sent a line that is too long")
         for line in lines:
-            message = decode_message(bytes(line))
+            try:
+                message = decode_message(bytes(line))
+            except ValueError:
+                self._set_lost("it sent a line that is no message")
+                return
             if message.get("reply") in self._replies:
                 self._replies[message["reply"]] = message
             else:
@@ -241,14 +246,19 @@ class EngineClient:
 
 
 def _connect(engine_file: EngineFile) -> socket.socket:
+    connection = connecting_socket(engine_file)
+    connection.settimeout(10.0)
     try:
-        connection = socket.create_connection(("127.0.0.1", engine_file.port), timeout=10.0)
+        connection.connect(socket_address(engine_file))
     except OSError as error:
+        connection.close()
+        where = engine_file.socket or f"port {engine_file.port}"
         raise LinkLost(
-            f"engine {engine_file.name} does not answer on port {engine_file.port} "
-            f"({error.strerror}): it may have just ended; start it again"
+            f"engine {engine_file.name} does not answer on {where} "
+            f"({error.strerror or error}): it may have just ended; start it again"
         ) from error
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    if connection.family == socket.AF_INET:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return connection
 
 
@@ -258,7 +268,7 @@ def _spawn(
     """Start an engine in its own process group, so that our Ctrl-C does not reach it."""
     words = [sys.executable, "-m", "rigctl", command, "--rig", rig, "--name", name]
     words += ["--seed", str(seed), *(["--paced"] if paced else []), *run]
-    log = (folder / f"{name}.log").open("w+b")
+    log = (folder / (name + LOG)).open("w+b")
     process = subprocess.Popen(
         words,
         stdin=subprocess.DEVNULL,

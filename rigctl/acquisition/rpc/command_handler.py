@@ -7,12 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Awaitable, Callable
-from functools import partial
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
 
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.protocol.run_request import RunRequest
-from rigctl.acquisition.rpc.engine_commands import EngineCommands, Result, validate_number
+from rigctl.acquisition.rpc.arguments import TextureName
+from rigctl.acquisition.rpc.engine_commands import (
+    EngineCommand,
+    EngineCommands,
+    Result,
+    summary_of,
+)
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
 from rigctl.wire.drum.codes import Command
@@ -40,23 +49,50 @@ MOVES: dict[str, Callable[[DrumMotion], Awaitable[object]]] = {
 """Commands that move the rig without an argument."""
 
 
+class NoArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The arguments of a command without any."""
+
+
+Magnitude = Annotated[float, Meta(ge=0, le=100_000)] | None
+"""An operator's setting; the rig's limits are narrower."""
+
+
 class CommandHandler(EngineCommands[Engine]):
     """Executes requests to the engine of a drum rig."""
 
+    request_type = RunRequest
+
     def __init__(self, engine: Engine) -> None:
-        super().__init__(engine, RunRequest, lambda: engine.rig.faults)
-        self._commands |= {name: partial(self._move, move) for name, move in MOVES.items()}
+        super().__init__(engine, lambda: engine.rig.faults)
 
-    async def on_jog(self, mm: float) -> Result:
+    @classmethod
+    def declared_commands(cls) -> dict[str, EngineCommand]:
+        """Return all commands by name."""
+        moves = {
+            name: EngineCommand(summary_of(move), NoArguments, _move(move))
+            for name, move in MOVES.items()
+        }
+        return super().declared_commands() | moves
+
+    async def on_jog(self, mm: Annotated[float, Meta(ge=-10_000, le=10_000)]) -> Result:
         """Turn the lifted drum, forwards where ``mm`` is positive; return the true travel."""
-        motion = self._motion_outside_runs()
-        return {"moved_mm": await motion.jog(validate_number("mm", mm))}
+        return {"moved_mm": await self.motion_outside_runs().jog(mm)}
 
-    async def on_set(self, **values: float) -> Result:
+    async def on_set(
+        self,
+        speed_mm_s: Magnitude = None,
+        force_g: Magnitude = None,
+        acceleration_mm_s2: Magnitude = None,
+        travel_mm: Magnitude = None,
+        run_in_mm: Magnitude = None,
+    ) -> Result:
         """Write an operator's settings; return the values that the board took."""
-        motion = self._motion_outside_runs()
+        motion = self.motion_outside_runs()
+        given = (speed_mm_s, force_g, acceleration_mm_s2, travel_mm, run_in_mm)
+        pairs = zip(OPERATOR_SETTINGS, given, strict=True)
+        values = {name: value for name, value in pairs if value is not None}
         for name, value in values.items():
-            _validate_setting(name, value, motion.config.limits)
+            _require_limits(name, value, motion.config.limits)
         registers = {OPERATOR_SETTINGS[name]: value for name, value in values.items()}
         written = await motion.poller.drum.set(**registers)
         motion.settings.update(written)
@@ -70,14 +106,16 @@ class CommandHandler(EngineCommands[Engine]):
         """Clear the latched fault, where its cause is gone."""
         await self._engine.rig.drum.command(Command.CLEAR)
 
-    async def on_plate(self, texture: str) -> Result:
+    async def on_plate(self, texture: TextureName) -> Result:
         """Store which plate is mounted; a simulated rig mounts it itself."""
         self._refuse_during_run()
         return {"changed": self._engine.set_plate(texture)}
 
-    async def on_calibrate_range(self, seconds: float = 10.0) -> Result:
+    async def on_calibrate_range(
+        self, seconds: Annotated[float, Meta(ge=0.1, le=600)] = 10.0
+    ) -> Result:
         """Observe the taxels and set the observed range in the encoder."""
-        found = await self._engine.boards.calibrate_range(float(seconds))
+        found = await self._engine.boards.calibrate_range(seconds)
         return {"low": found.low.tolist(), "high": found.high.tolist()}
 
     async def on_test_taxels(self) -> Result:
@@ -87,30 +125,32 @@ class CommandHandler(EngineCommands[Engine]):
         await taxels.test()
         return {"found": taxels.findings}
 
-    async def _move(self, move: Callable[[DrumMotion], Awaitable[object]]) -> None:
-        await move(self._motion_outside_runs())
-
-    def _motion_outside_runs(self) -> DrumMotion:
+    def motion_outside_runs(self) -> DrumMotion:
         """Return the drum's motion. Raises WrongUse during a run."""
         self._refuse_during_run()
         return self._engine.boards.motion
 
 
-def _validate_setting(name: str, value: object, limits: RigLimits) -> None:
-    """Raise WrongUse for a setting that is not the operator's, or outside this rig's limits."""
-    if name not in OPERATOR_SETTINGS:
-        raise WrongUse(
-            f"{name} is not an operator's setting, which are {', '.join(OPERATOR_SETTINGS)}: "
-            "change it in rig.toml or in the protocol, or calibrate the rig"
-        )
-    number = validate_number(name, value)
+def _move(
+    move: Callable[[DrumMotion], Awaitable[object]],
+) -> Callable[[CommandHandler, Any], Awaitable[None]]:
+    """Return what executes a move of the drum."""
+
+    async def execute(handler: CommandHandler, _: Any) -> None:
+        await move(handler.motion_outside_runs())
+
+    return execute
+
+
+def _require_limits(name: str, value: float, limits: RigLimits) -> None:
+    """Raise WrongUse for a setting outside this rig's limits."""
     bounds = {
         "speed_mm_s": (limits.speed_min_mm_s, limits.speed_max_mm_s),
         "force_g": (limits.force_min_g, limits.force_max_g),
     }
-    low, high = bounds.get(name, (-math.inf, math.inf))
-    if not low <= number <= high:
+    low, high = bounds.get(name, (0.0, math.inf))
+    if not low <= value <= high:
         raise WrongUse(
-            f"{name} {number:g} is outside this rig's limits, {low:g} to {high:g}: choose one "
+            f"{name} {value:g} is outside this rig's limits, {low:g} to {high:g}: choose one "
             "within them, or change [limits] in rig.toml"
         )

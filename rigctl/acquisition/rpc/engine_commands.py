@@ -1,16 +1,26 @@
 """The commands of clients that every engine has: a method for each.
 
-A command's method returns the reply's result, None for an empty one.
+The annotations of a method declare the arguments of its command
+(:mod:`rigctl.acquisition.rpc.arguments`). It returns the reply's result, None for an empty one.
 """
 
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Awaitable, Callable
-from typing import Any, Generic, TypeVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Literal, TypeVar
+
+import msgspec
 
 from rigctl.acquisition.protocol.run_reasons import RunReasons
+from rigctl.acquisition.rpc.arguments import (
+    Number,
+    Word,
+    arguments_by_name,
+    declared_arguments,
+    read_arguments,
+)
 from rigctl.acquisition.rpc.messages import as_dict
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.errors import WrongUse
@@ -19,44 +29,68 @@ Result = dict[str, Any]
 _Engine = TypeVar("_Engine", bound=ServedEngine[Any, Any])
 
 
+@dataclass(frozen=True, slots=True)
+class EngineCommand:
+    """One command of clients: what it does, the type of its arguments, and what executes it.
+
+    ``execute(handler, arguments)`` returns the result.
+    """
+
+    summary: str
+    arguments: type[msgspec.Struct]
+    execute: Callable[[Any, Any], Awaitable[Result | None]]
+
+
+class Injection(msgspec.Struct, frozen=True):
+    """The fault that the command ``inject`` names; the fault has arguments of its own."""
+
+    fault: Word
+
+
 class EngineCommands(Generic[_Engine]):
     """Executes requests to an engine; a subclass adds ``on_`` methods.
 
-    ``request_type``: the dataclass of a run's request. ``faults()`` is the fault injection of a
+    ``request_type`` is the type of a run's request. ``faults()`` is the fault injection of a
     simulated rig, None for a real one.
     """
 
-    def __init__(
-        self, engine: _Engine, request_type: Callable[..., Any], faults: Callable[[], Any]
-    ) -> None:
+    request_type: ClassVar[type[msgspec.Struct]]
+
+    def __init__(self, engine: _Engine, faults: Callable[[], Any]) -> None:
         self._engine = engine
-        self._request_type = request_type
         self._faults = faults
-        self._commands: dict[str, Callable[..., Awaitable[Result | None]]] = {
+        self._commands = self.declared_commands()
+
+    @classmethod
+    def declared_commands(cls) -> dict[str, EngineCommand]:
+        """Return all commands by name."""
+        methods = {
             name.removeprefix("on_"): method
-            for name, method in inspect.getmembers(self, inspect.iscoroutinefunction)
+            for name, method in inspect.getmembers(cls, inspect.iscoroutinefunction)
             if name.startswith("on_")
         }
+        commands = {
+            name: EngineCommand(summary_of(method), declared_arguments(name, method), _call(method))
+            for name, method in methods.items()
+        }
+        start = EngineCommand(summary_of(cls._start), cls.request_type, cls._start)
+        return {**commands, "start": start}
 
     async def handle(self, command: str, args: dict[str, Any]) -> Result:
         """Execute one request. Raises WrongUse for an unknown command or wrong arguments."""
-        method = self._commands.get(command)
-        if method is None:
-            names = ", ".join(sorted(self._commands))
+        if command == "inject":
+            self._inject(args)
+            return {}
+        known = self._commands.get(command)
+        if known is None:
+            names = ", ".join(sorted((*self._commands, "inject")))
             raise WrongUse(f"the engine has no command {command!r}: it has {names}")
-        validate_arguments(f"command {command}", method, args)
-        return await method(**args) or {}
+        arguments = read_arguments(f"command {command}", known.arguments, args)
+        return await known.execute(self, arguments) or {}
 
     async def on_status(self) -> Result:
         """Return the data of the status event."""
         return as_dict(self._engine.status())
-
-    async def on_start(self, **request: Any) -> Result:
-        """Run a protocol or resume a session, as the request's dataclass says."""
-        validate_arguments("command start", self._request_type, request)
-        self._refuse_during_run()
-        run = self._engine.start(self._request_type(**request))
-        return {"session": str(run.folder)}
 
     async def on_pause(self) -> None:
         """Pause the run."""
@@ -70,25 +104,38 @@ class EngineCommands(Generic[_Engine]):
         """End the run safely."""
         self._control().abort("aborted by a client")
 
-    async def on_answer(self, prompt_id: int, answer: str) -> None:
+    async def on_answer(self, prompt_id: Number, answer: Literal["ok", "abort"]) -> None:
         """Answer a question: ``ok`` continues, ``abort`` ends the run."""
         if not self._control().answer(prompt_id, answer):
             raise WrongUse(f"question {prompt_id} is not the current one")
 
-    async def on_inject(self, fault: str, **args: Any) -> None:
+    async def on_shutdown(self) -> None:
+        """End the engine; it makes the rig safe first."""
+        self._engine.shut_down("a client ended the engine")
+
+    async def _start(self, request: Any) -> Result:
+        """Run a protocol, or resume a session."""
+        self._refuse_during_run()
+        try:
+            run = self._engine.start(request)
+        except OSError as error:  # a name that the file system does not take, a folder not ours
+            raise WrongUse(
+                f"the run cannot start: {error.filename}: {error.strerror}: choose another path"
+            ) from error
+        return {"session": str(run.folder)}
+
+    def _inject(self, args: dict[str, Any]) -> None:
         """Inject a fault into a simulated bench."""
         faults = self._faults()
         if faults is None:
             raise WrongUse("faults can be injected on a simulated rig only")
+        fault = read_arguments("command inject", Injection, args).fault
         method = getattr(faults, fault, None)
-        if fault.startswith("_") or not callable(method):
+        if fault.startswith("_") or not inspect.ismethod(method):
             raise WrongUse(f"the simulated bench has no fault {fault!r}")
-        validate_arguments(f"fault {fault}", method, args)
-        method(**args)
-
-    async def on_shutdown(self) -> None:
-        """End the engine; it makes the rig safe first."""
-        self._engine.shut_down("a client ended the engine")
+        given = {name: value for name, value in args.items() if name != "fault"}
+        kind = declared_arguments(fault, method)
+        method(**arguments_by_name(read_arguments(f"fault {fault}", kind, given)))
 
     def _refuse_during_run(self) -> None:
         if self._engine.is_running:
@@ -103,16 +150,13 @@ class EngineCommands(Generic[_Engine]):
         return control
 
 
-def validate_number(name: str, value: object) -> float:
-    """Return the value. Raises WrongUse where it is not a finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise WrongUse(f"{name} must be a number, not {value!r}")
-    return value
+def _call(
+    method: Callable[..., Awaitable[Result | None]],
+) -> Callable[[Any, msgspec.Struct], Awaitable[Result | None]]:
+    """Return what calls a method of the handler with arguments by name."""
+    return lambda handler, arguments: method(handler, **arguments_by_name(arguments))
 
 
-def validate_arguments(what: str, method: Callable[..., object], args: dict[str, Any]) -> None:
-    """Raise WrongUse where a method does not take these arguments."""
-    try:
-        inspect.signature(method).bind(**args)
-    except TypeError as error:
-        raise WrongUse(f"{what}: {error}") from error
+def summary_of(method: Callable[..., object]) -> str:
+    """Return the first line of a method's description."""
+    return (inspect.getdoc(method) or "").partition("\n")[0]

@@ -1,114 +1,152 @@
 """The file of a running engine that says how to connect to it: one small private file per engine.
 
-The file is in a folder of the user's own (mode 0700), is readable by the user alone (0600),
-and holds the port, the token that a client must show, the engine's process id and the path of
-its live data. The engine removes it when it ends; a reader removes the file of a killed engine.
+The file is in a folder of the user's own (:mod:`rigctl.acquisition.rpc.runtime_folder`), is
+readable by the user alone (0600), and holds the socket or the port, the token that a client must
+show, the engine's process id and the path of its live data. The engine removes it when it ends;
+a reader removes the files of a killed engine.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import secrets
+import socket
 import sys
-import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
-from rigctl.errors import WrongUse
+import msgspec
+from msgspec import Meta
 
-FOLDER_VARIABLE = "RIGCTL_RUNTIME"
-_SUFFIX = ".engine.json"
+from rigctl.acquisition.rpc.runtime_folder import (
+    DRAFT,
+    ENGINE_FILE,
+    ENGINE_NAME,
+    LIVE,
+    SOCKET,
+    remove_abandoned,
+    remove_files,
+)
+
 DRUM_EXPERIMENT, FINGER_EXPERIMENT = "drum", "finger"
 """What an engine runs: clients of one experiment do not join the other's engine."""
+LOOPBACK = "127.0.0.1"
+
+_SIZE_LIMIT_BYTES = 1 << 16
+_PROBE_TIMEOUT_S = 0.5
+_Text = Annotated[str, Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 
 
 @dataclass(frozen=True, slots=True)
 class EngineFile:
-    """Connection data of one engine."""
+    """Connection data of one engine. ``socket``: path of its socket, empty where it has a port."""
 
-    name: str
-    pid: int
-    port: int
-    token: str
-    rig: str
-    live: str
-    experiment: str = DRUM_EXPERIMENT
-
-
-def runtime_folder() -> Path:
-    """Return the user's own folder for running engines; create it if necessary.
-
-    ``$RIGCTL_RUNTIME`` if set, else a folder below ``$XDG_RUNTIME_DIR`` or the folder for
-    temporary files. Raises WrongUse where the folder belongs to another user.
-    """
-    chosen = os.environ.get(FOLDER_VARIABLE) or os.environ.get("XDG_RUNTIME_DIR")
-    owner = str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
-    folder = Path(chosen or tempfile.gettempdir()) / f"rigctl-{owner}"
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except OSError as error:
-        raise WrongUse(
-            f"the folder for running engines {folder} cannot be created ({error.strerror}): "
-            f"set {FOLDER_VARIABLE} to a folder of your own"
-        ) from error
-    if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():
-        raise WrongUse(f"{folder} belongs to another user: set {FOLDER_VARIABLE} to your own")
-    return folder
-
-
-def new_engine_name() -> str:
-    """Return a random engine name."""
-    return secrets.token_hex(4)
+    name: Annotated[str, Meta(pattern=rf"\A{ENGINE_NAME}\Z")]
+    pid: Annotated[int, Meta(ge=1, lt=1 << 31)]
+    port: Annotated[int, Meta(ge=0, lt=1 << 16)]
+    token: Annotated[str, Meta(max_length=128)]
+    rig: _Text
+    live: _Text
+    experiment: Annotated[str, Meta(max_length=64)] = DRUM_EXPERIMENT
+    socket: _Text = ""
 
 
 def engine_file_path(folder: Path, name: str) -> Path:
     """Return the path of the engine's file."""
-    return folder / (name + _SUFFIX)
+    return folder / (name + ENGINE_FILE)
 
 
 def write_engine_file(folder: Path, engine: EngineFile) -> Path:
-    """Write the file in one step, so that a reader sees all of it or nothing; return its path."""
-    path = engine_file_path(folder, engine.name)
-    draft = path.with_suffix(".draft")
-    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    """Write the file in one step, so that a reader sees all of it or nothing; return its path.
+
+    Removes what engines that were killed long ago have left.
+    """
+    path, draft = engine_file_path(folder, engine.name), folder / (engine.name + DRAFT)
+    draft.unlink(missing_ok=True)
+    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:
         json.dump(asdict(engine), file)
     draft.replace(path)
+    running = {other.name for other in running_engines(folder)}
+    remove_abandoned(folder, running | {engine.name}, path.lstat().st_mtime)
     return path
 
 
 def read_engine_file(path: Path) -> EngineFile | None:
-    """Return the contents of the file, None where it is absent or invalid."""
+    """Return the contents of the file, None where it is absent or not what an engine writes."""
     try:
-        return EngineFile(**json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | _NONBLOCK)
+        with os.fdopen(descriptor, "rb") as file:
+            engine = msgspec.json.decode(file.read(_SIZE_LIMIT_BYTES), type=EngineFile)
+    except (OSError, ValueError, RecursionError):
         return None
+    return engine if _has_own_paths(engine, path) else None
+
+
+_NONBLOCK: int = getattr(os, "O_NONBLOCK", 0)
+"""A pipe in place of the file must not hold its reader."""
+
+
+def _has_own_paths(engine: EngineFile, path: Path) -> bool:
+    """Return whether the file names itself and only files beside it."""
+    beside = path.parent / engine.name
+    return (
+        path.name == engine.name + ENGINE_FILE
+        and engine.live in ("", f"{beside}{LIVE}")
+        and engine.socket in ("", f"{beside}{SOCKET}")
+    )
 
 
 def running_engines(folder: Path) -> list[EngineFile]:
     """Return the running engines, newest first; remove the files of dead ones."""
     running: list[EngineFile] = []
-    for path in sorted(folder.glob("*" + _SUFFIX), key=_modified_s, reverse=True):
+    for path in sorted(folder.glob("*" + ENGINE_FILE), key=_modified_s, reverse=True):
         engine = read_engine_file(path)
-        if engine is not None and _is_alive(engine.pid):
+        if engine is not None and is_running(engine):
             running.append(engine)
-        else:
-            path.unlink(missing_ok=True)
-            if engine is not None:
-                Path(engine.live).unlink(missing_ok=True)
+        elif engine is not None:
+            remove_files(folder, engine.name)
     return running
+
+
+def is_running(engine: EngineFile) -> bool:
+    """Return whether the engine's process is there and something answers where it listens.
+
+    The process id alone says nothing: after the engine's end the system gives it to others.
+    """
+    if not _has_process(engine.pid):
+        return False
+    with connecting_socket(engine) as probe:
+        probe.settimeout(_PROBE_TIMEOUT_S)
+        try:
+            probe.connect(socket_address(engine))
+        except (ConnectionRefusedError, FileNotFoundError):
+            return False
+        except OSError:
+            return True  # it is too busy to answer
+    return True
+
+
+def connecting_socket(engine: EngineFile) -> socket.socket:
+    """Return a new socket of the family that the engine listens on."""
+    return socket.socket(socket.AF_UNIX if engine.socket else socket.AF_INET, socket.SOCK_STREAM)
+
+
+def socket_address(engine: EngineFile) -> str | tuple[str, int]:
+    """Return the address that the engine listens at."""
+    return engine.socket or (LOOPBACK, engine.port)
 
 
 def _modified_s(path: Path) -> float:
     """Return when the file was written, 0 where it has just been removed."""
     try:
-        return path.stat().st_mtime
+        return path.lstat().st_mtime
     except FileNotFoundError:
         return 0.0
 
 
-def _is_alive(pid: int) -> bool:
+def _has_process(pid: int) -> bool:
     if sys.platform == "win32":  # signal 0 would end the process there
         return True
     try:

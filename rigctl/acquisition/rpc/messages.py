@@ -8,8 +8,10 @@ one; between replies the engine sends events to every client::
     {"reply": 1, "ok": false, "error": "one sentence with a remedy", "exit_code": 3}
     {"event": "fault", "at_s": 12.3, "text": "one sentence", "data": {}}
 
-The engine sends the event ``status`` ten times a second of loop time; its ``data`` has the fields
-of :class:`EngineStatus`. Defaults are for fields that an older engine does not send.
+A request that is not one, or has wrong arguments, is refused with exit code 2; without a readable
+number its ``reply`` is null. The engine sends the event ``status`` ten times a second of loop time;
+its ``data`` has the fields of :class:`EngineStatus`. Defaults are for fields that an older engine
+does not send.
 """
 
 from __future__ import annotations
@@ -17,11 +19,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
+import msgspec
+from msgspec import Meta
+
+from rigctl.errors import WrongUse
 from rigctl.wire.drum.states import State
 
 LINE_LIMIT_BYTES = 1 << 20
+REQUEST_LIMIT_BYTES = 1 << 16
 STATUS_PERIOD_S = 0.1
 
 if TYPE_CHECKING:
@@ -224,10 +231,29 @@ def encode_message(message: dict[str, Any]) -> bytes:
 
 def decode_message(line: bytes) -> dict[str, Any]:
     """Return the message in one line. Raises ValueError where it is not a JSON object."""
-    message = json.loads(line)
-    if not isinstance(message, dict):
-        raise ValueError("a message must be a JSON object")
-    return message
+    try:
+        return msgspec.json.decode(line, type=dict[str, Any])
+    except RecursionError as error:
+        raise ValueError("a message has fewer levels") from error
+
+
+class EngineRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A request of a client; its reply has the same number."""
+
+    id: Annotated[int, Meta(ge=0, lt=1 << 53)]
+    command: Annotated[str, Meta(max_length=64)]
+    args: dict[str, Any] = {}
+
+
+def decode_request(line: bytes) -> EngineRequest:
+    """Return the request in one line. Raises WrongUse where it is none."""
+    try:
+        return msgspec.json.decode(line, type=EngineRequest)
+    except (ValueError, RecursionError) as error:
+        what = str(error).replace("`", "")
+        raise WrongUse(
+            f'this is no request ({what}): send {{"id": 1, "command": "status", "args": {{}}}}'
+        ) from error
 
 
 def engine_message(kind: str, text: str, data: object, at_s: float = 0.0) -> dict[str, Any]:

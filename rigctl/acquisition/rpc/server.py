@@ -1,4 +1,4 @@
-"""The engine's server: clients log in with a token, send one JSON line per request, get events.
+"""The engine's server: clients that the door let in send one JSON line per request, get events.
 
 The server drops a client that does not read before it costs memory; no client can block the loop.
 It sets no timer, so clients that come and go change nothing in a simulated run.
@@ -7,102 +7,48 @@ It sets no timer, so clients that come and go change nothing in a simulated run.
 from __future__ import annotations
 
 import asyncio
-import hmac
-import socket
 from collections.abc import Awaitable, Callable, Coroutine
-from dataclasses import dataclass
 from typing import Any
 
-from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, decode_message, encode_message
+from rigctl.acquisition.rpc.door import Door, LoggedIn
+from rigctl.acquisition.rpc.messages import (
+    REQUEST_LIMIT_BYTES,
+    EngineRequest,
+    decode_request,
+    encode_message,
+)
 from rigctl.errors import RigctlError, WrongUse
 
 UNREAD_LIMIT_BYTES = 4 << 20
-FIRST_CLIENT_TIMEOUT_S = 30.0
 RequestHandler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
-
-
-@dataclass(frozen=True, slots=True)
-class EngineAddress:
-    """A listening socket, the token that clients must show, and the first client, if connected."""
-
-    listener: socket.socket
-    token: str
-    first_client: socket.socket | None = None
-
-
-def open_listener() -> socket.socket:
-    """Return a listening socket on a free port of this machine's loopback."""
-    listener = socket.create_server(("127.0.0.1", 0), backlog=8)
-    listener.setblocking(False)
-    return listener
-
-
-def accept_first_client(
-    listener: socket.socket, token: str, timeout_s: float = FIRST_CLIENT_TIMEOUT_S
-) -> socket.socket | None:
-    """Return the first client, accepted before the loop runs; None without one or its token."""
-    listener.settimeout(timeout_s)
-    try:
-        connection, _ = listener.accept()
-    except OSError:
-        return None
-    finally:
-        listener.setblocking(False)
-    if _reads_token(connection, token, timeout_s):
-        connection.setblocking(False)
-        return connection
-    connection.close()
-    return None
-
-
-def _reads_token(connection: socket.socket, token: str, timeout_s: float) -> bool:
-    """Read the first line and return whether it holds the token."""
-    connection.settimeout(timeout_s)
-    try:
-        with connection.makefile("rb", buffering=0) as lines:
-            return _has_token(lines.readline(LINE_LIMIT_BYTES), token)
-    except OSError:
-        return False
-
-
-def _has_token(line: bytes, token: str) -> bool:
-    """Return whether a client's first line holds the token."""
-    try:
-        received = decode_message(line).get("token")
-    except ValueError:
-        return False
-    return isinstance(received, str) and hmac.compare_digest(received, token)
+Reply = dict[str, Any]
 
 
 class Server:
-    """All clients of one engine, by the stream that writes to each."""
+    """All clients of one engine, by the stream that writes to each.
 
-    def __init__(self) -> None:
+    ``report_failure``: gets a sentence on each request that failed inside the engine.
+    """
+
+    def __init__(self, report_failure: Callable[[str], None]) -> None:
+        self._report_failure = report_failure
         self._greeting: dict[str, Any] | None = None
         self._clients: set[asyncio.StreamWriter] = set()
-        self._server: asyncio.Server | None = None
+        self._door: Door | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
-    async def open(self, address: EngineAddress, handle: RequestHandler) -> None:
-        """Serve new connections, and a first client whose token was checked already.
+    def open(self, door: Door, handle: RequestHandler) -> None:
+        """Serve those whom the door lets in, from now on and before.
 
         ``handle(command, args)`` returns the result of a request or raises RigctlError.
         """
-        self._token, self._handle = address.token, handle
-        self._server = await asyncio.start_server(
-            self._accept, sock=address.listener, limit=LINE_LIMIT_BYTES
-        )
-        if address.first_client is not None:
-            reader, writer = await asyncio.open_connection(
-                sock=address.first_client, limit=LINE_LIMIT_BYTES
-            )
-            self._add_client(writer)
-            self._spawn(self._serve(reader, writer, logged_in=True))
+        self._door, self._handle = door, handle
+        door.open(asyncio.get_running_loop(), lambda client: self._spawn(self._serve(client)))
 
     async def close(self) -> None:
         """Send what is written, then close all connections."""
-        if self._server is not None:
-            self._server.close()
+        if self._door is not None:
+            self._door.close()
         for client in self._clients:
             client.close()
         for task in self._tasks:
@@ -130,47 +76,58 @@ class Server:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def _add_client(self, writer: asyncio.StreamWriter) -> None:
+    async def _serve(self, client: LoggedIn) -> None:
+        """Serve one client until it leaves; its requests may overtake each other."""
+        reader, writer = await asyncio.open_connection(
+            sock=client.connection, limit=REQUEST_LIMIT_BYTES
+        )
+        if client.rest:
+            reader.feed_data(client.rest)
         self._clients.add(writer)
         if self._greeting is not None:
             _write(writer, encode_message(self._greeting))
-
-    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._spawn(self._serve(reader, writer, logged_in=False))
-
-    async def _serve(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, logged_in: bool
-    ) -> None:
-        """Serve one client until it leaves, sends an invalid line, or does not send the token.
-
-        Requests of one client may overtake each other.
-        """
         try:
-            if not logged_in:
-                if not _has_token(await reader.readline(), self._token):
-                    return
-                self._add_client(writer)
-            while (line := await reader.readline()).endswith(b"\n"):
-                self._spawn(self._reply(writer, decode_message(line)))
-        except (ValueError, OSError):
-            pass
+            while line := await self._read_line(reader, writer):
+                self._spawn(self._reply(writer, line))
+        except OSError:
+            pass  # the client has gone
         finally:
             self._clients.discard(writer)
             writer.close()
 
-    async def _reply(self, client: asyncio.StreamWriter, message: dict[str, Any]) -> None:
-        args = message.get("args", {})
-        reply: dict[str, Any]
+    async def _read_line(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
+        """Return the next line, empty at the end; refuse what is too long for a request."""
+        while True:
+            try:
+                return await reader.readline()
+            except ValueError:  # the reader has dropped what it had of the line
+                error = WrongUse(f"a request has at most {REQUEST_LIMIT_BYTES} bytes: send less")
+                _write(writer, encode_message({"reply": None, **_refusal(error)}))
+
+    async def _reply(self, client: asyncio.StreamWriter, line: bytes) -> None:
         try:
-            if not isinstance(args, dict):
-                raise WrongUse("a request's args must be a JSON object")
-            reply = {"ok": True, "result": await self._handle(str(message.get("command")), args)}
+            request = decode_request(line)
+        except WrongUse as error:
+            _write(client, encode_message({"reply": None, **_refusal(error)}))
+            return
+        _write(client, await self._answer(request))
+
+    async def _answer(self, request: EngineRequest) -> bytes:
+        """Return the reply to a request, whatever happens to it."""
+        try:
+            result = await self._handle(request.command, request.args)
+            return encode_message({"reply": request.id, "ok": True, "result": result})
         except RigctlError as error:
-            reply = {"ok": False, "error": str(error), "exit_code": error.exit_code}
+            return encode_message({"reply": request.id, **_refusal(error)})
         except Exception as error:  # noqa: BLE001 - top of a task: the client must get a reply
-            text = f"internal error of the engine: {error!r}; report it"
-            reply = {"ok": False, "error": text}
-        _write(client, encode_message({"reply": message.get("id"), **reply}))
+            text = f"command {request.command} failed inside the engine, which goes on: {error!r}"
+            self._report_failure(f"{text}; report it")
+            refusal = {"ok": False, "error": f"{text}; report it", "exit_code": 3}
+            return encode_message({"reply": request.id, **refusal})
+
+
+def _refusal(error: RigctlError) -> Reply:
+    return {"ok": False, "error": str(error), "exit_code": error.exit_code}
 
 
 def _write(client: asyncio.StreamWriter, line: bytes) -> None:

@@ -8,7 +8,8 @@ from contextlib import closing
 from typing import NamedTuple
 
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines, runtime_folder
+from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines
+from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 
 STOP_TIMEOUT_S = 5.0
 

@@ -6,57 +6,75 @@ import asyncio
 import os
 import secrets
 import signal
+import socket
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from rigctl.acquisition.rpc.door import Door, open_listener
 from rigctl.acquisition.rpc.engine_files import (
     DRUM_EXPERIMENT,
     EngineFile,
-    new_engine_name,
-    runtime_folder,
+    running_engines,
     write_engine_file,
 )
-from rigctl.acquisition.rpc.server import (
-    EngineAddress,
-    RequestHandler,
-    accept_first_client,
-    open_listener,
+from rigctl.acquisition.rpc.runtime_folder import (
+    LIVE,
+    LOG,
+    SOCKET,
+    new_engine_name,
+    remove_files,
+    runtime_folder,
+    validate_engine_name,
 )
+from rigctl.acquisition.rpc.server import RequestHandler
 from rigctl.acquisition.served_engine import ServedEngine
+from rigctl.errors import WrongUse
 
 
 class EngineProcess:
-    """Announces an engine to clients and serves them. ``rig``: what the user named."""
+    """Announces an engine to clients and serves them. ``rig``: what the user named.
+
+    Raises WrongUse for a name that is not safe, or that a running engine has.
+    """
 
     def __init__(self, name: str | None, rig: str, experiment: str = DRUM_EXPERIMENT) -> None:
-        self._folder, self._name = runtime_folder(), name or new_engine_name()
+        self._name = validate_engine_name(name) if name is not None else new_engine_name()
+        self._folder = runtime_folder()
         self._rig = rig
         self._experiment = experiment
+        if any(engine.name == self._name for engine in running_engines(self._folder)):
+            raise WrongUse(f"an engine named {self._name} runs already: choose another name")
+        remove_files(self._folder, self._name)
 
     @property
     def live_path(self) -> Path:
         """Path of the engine's live data."""
-        return self._folder / f"{self._name}.live"
+        return self._folder / (self._name + LIVE)
 
     def serve(self, engine: ServedEngine[Any, Any], handle: RequestHandler, request: Any) -> int:
         """Announce the engine, wait for its first client, serve; return the exit code."""
         token = secrets.token_urlsafe(24)
-        with open_listener() as listener:
-            path = write_engine_file(self._folder, self._file(listener.getsockname()[1], token))
+        with open_listener(self._folder / (self._name + SOCKET)) as listener:
             try:
+                write_engine_file(self._folder, self._file(listener, token))
+                door = Door(listener, token)
                 # Simulated time starts later, so it does not matter when the client connects.
-                address = EngineAddress(listener, token, accept_first_client(listener, token))
+                door.wait_first_client()
                 _shut_down_on_signals(engine)
-                return engine.loop.run_until_complete(engine.serve(address, handle, request))
+                return engine.loop.run_until_complete(engine.serve(door, handle, request))
             finally:
-                _remove_empty(self._folder / f"{self._name}.log")
-                path.unlink(missing_ok=True)
+                _remove_empty(self._folder / (self._name + LOG))
+                remove_files(self._folder, self._name)
 
-    def _file(self, port: int, token: str) -> EngineFile:
+    def _file(self, listener: socket.socket, token: str) -> EngineFile:
+        address = listener.getsockname()
+        path, port = (address, 0) if isinstance(address, str) else ("", address[1])
         live = str(self.live_path)
-        return EngineFile(self._name, os.getpid(), port, token, self._rig, live, self._experiment)
+        return EngineFile(
+            self._name, os.getpid(), port, token, self._rig, live, self._experiment, path
+        )
 
 
 def utc_now() -> str:

@@ -7,11 +7,14 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from rigctl import __version__
 from rigctl.acquisition.protocol.run_request import check_disk_space
+from rigctl.acquisition.rpc.arguments import PathText, Seed, Word
 from rigctl.analysis.finger.answers import FingerClassifier
 from rigctl.analysis.finger.confidence import COVERAGE, ERROR_RATE
 from rigctl.config.resources import find_finger_protocol, source_commit
@@ -33,10 +36,10 @@ from rigctl.wire.finger.messages import N_TAXELS
 DEFAULT_PROTOCOL = "paper"
 MODEL_KIND = "model"
 """Kind of the event that says which model names the scans of a session."""
+Share = Annotated[float, Meta(gt=0, lt=1)]
 
 
-@dataclass(frozen=True, slots=True)
-class FingerRunRequest:
+class FingerRunRequest(Struct, frozen=True, forbid_unknown_fields=True):
     """Stages of a protocol to record into a new folder, or a session to resume.
 
     ``stages``: names. ``model``: a file, needed by the stages calibrate and run. ``out`` and
@@ -45,15 +48,15 @@ class FingerRunRequest:
     one; both as the session's calibration supports them.
     """
 
-    stages: tuple[str, ...] = ()
-    protocol: str = DEFAULT_PROTOCOL
-    model: str | None = None
-    out: str | None = None
-    resume: str | None = None
-    seed: int | None = None
+    stages: Annotated[tuple[Word, ...], Meta(max_length=8)] = ()
+    protocol: PathText = DEFAULT_PROTOCOL
+    model: PathText | None = None
+    out: PathText | None = None
+    resume: PathText | None = None
+    seed: Seed | None = None
     yes: bool = False
-    error_rate: float = ERROR_RATE
-    coverage: float = COVERAGE
+    error_rate: Share = ERROR_RATE
+    coverage: Share = COVERAGE
 
     def __post_init__(self) -> None:
         if bool(self.stages) == (self.resume is not None):

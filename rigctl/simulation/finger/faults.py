@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Annotated, Protocol
+
+from msgspec import Meta
 
 from rigctl.errors import WrongUse
 from rigctl.simulation.bench.textures import CATALOGUE
 from rigctl.simulation.finger import hand
 from rigctl.simulation.finger.tracker import SimulatedTracker
-from rigctl.simulation.simulated_rig import SimulatedLink
+from rigctl.simulation.simulated_rig import Direction, Rate, SimulatedLink
+
+FaultSeconds = Annotated[float, Meta(ge=0, le=60)]
+PlateName = Annotated[str, Meta(max_length=16)]
 
 
 class DisturbedFinger(Protocol):
@@ -53,11 +58,11 @@ class FingerFaults:
         """Silence the cable in both directions without closing the port."""
         self._disturbed.finger.stalled = on
 
-    def drop_bytes(self, direction: str, rate: float) -> None:
+    def drop_bytes(self, direction: Direction, rate: Rate) -> None:
         """Drop this share of bytes; ``direction`` is ``"to_host"`` or ``"to_board"``."""
         self._disturbed.finger.noise[direction].drop_rate = rate
 
-    def corrupt_bytes(self, direction: str, rate: float) -> None:
+    def corrupt_bytes(self, direction: Direction, rate: Rate) -> None:
         """Flip one bit in this share of bytes."""
         self._disturbed.finger.noise[direction].corrupt_rate = rate
 
@@ -69,11 +74,11 @@ class FingerFaults:
         """Switch the tracker on."""
         self._disturbed.tracker.replug()
 
-    def lose_tracker(self, seconds: float) -> None:
+    def lose_tracker(self, seconds: FaultSeconds) -> None:
         """Hide the tracker from its base stations: it says that its positions are not valid."""
         self._disturbed.tracker.lose(self._disturbed.time_us, seconds)
 
-    def lift(self, seconds: float) -> None:
+    def lift(self, seconds: FaultSeconds) -> None:
         """Lift the finger for a time while the hand moves on."""
         self._disturbed.change_slide(hand.lift_for(seconds))
 
@@ -81,7 +86,7 @@ class FingerFaults:
         """Run back for about half a second, then go on."""
         self._disturbed.change_slide(hand.reverse)
 
-    def stand_still(self, seconds: float) -> None:
+    def stand_still(self, seconds: FaultSeconds) -> None:
         """Stop for a time with the finger on the plate, then go on."""
         self._disturbed.change_slide(hand.stand_still(seconds))
 
@@ -93,7 +98,7 @@ class FingerFaults:
         """Stop and lift the finger before the end."""
         self._disturbed.change_slide(hand.stop_early)
 
-    def wrong_plate(self, texture: str) -> None:
+    def wrong_plate(self, texture: PlateName) -> None:
         """Lay another plate out for the next slide. Raises WrongUse for an unknown one."""
         if texture not in CATALOGUE:
             raise WrongUse(f"no plate {texture!r}: the catalogue has A to P")

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.rpc.client import EngineClient, EngineRefusal
-from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
+from rigctl.acquisition.rpc.engine_files import running_engines
 from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 from rigctl.errors import LinkLost, WrongUse
 
 

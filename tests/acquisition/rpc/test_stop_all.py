@@ -11,14 +11,10 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.rpc import stop_all
-from rigctl.acquisition.rpc.engine_files import (
-    FOLDER_VARIABLE,
-    EngineFile,
-    runtime_folder,
-    write_engine_file,
-)
+from rigctl.acquisition.rpc.door import open_listener
+from rigctl.acquisition.rpc.engine_files import EngineFile, write_engine_file
 from rigctl.acquisition.rpc.messages import decode_message, encode_message
-from rigctl.acquisition.rpc.server import open_listener
+from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.cli import main
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 
 if TYPE_CHECKING:
     from gui.main_window import MainWindow
