@@ -58,8 +58,9 @@ class Engine(ServedEngine[Run, RunRequest]):
 
     def set_plate(self, texture: str) -> bool:
         """Store which plate is mounted; return whether a simulated rig mounted it."""
+        mounted = self.rig.set_plate(texture)
         self._texture = texture
-        return self.rig.set_plate(texture)
+        return mounted
 
     def status(self) -> EngineStatus:
         """Return the status message."""

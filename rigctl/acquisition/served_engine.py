@@ -72,7 +72,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         ``handle`` executes the clients' commands; ``request`` is a run to start immediately.
         """
         self.event_bus.subscribe(self._send_event)
-        self._server.open(door, handle)
+        await self._server.open(door, handle)
         try:
             await self._connect()
             self.spawn(self._tick())

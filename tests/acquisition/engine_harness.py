@@ -40,6 +40,7 @@ class EngineHarness:
     folder: Path
     events: list[Event] = field(default_factory=list)
     exit_code: int | None = None
+    address: tuple[str, int] = ("", 0)
 
     @property
     def session(self) -> Path:
@@ -82,6 +83,7 @@ class EngineHarness:
     async def _run(self, scenario: Scenario, request: RunRequest | None) -> None:
         self.engine.event_bus.subscribe(self.events.append)
         with open_listener() as listener:
+            self.address = listener.getsockname()
             serving = self.rig.loop.create_task(
                 self.engine.serve(
                     Door(listener, "token"), CommandHandler(self.engine).handle, request

@@ -53,6 +53,7 @@ class FingerHarness:
     folder: Path
     events: list[Event] = field(default_factory=list)
     exit_code: int | None = None
+    address: tuple[str, int] = ("", 0)
 
     @property
     def session(self) -> Path:
@@ -112,6 +113,7 @@ class FingerHarness:
         self.engine.event_bus.subscribe(self.events.append)
         handle = FingerCommands(self.engine).handle
         with open_listener() as listener:
+            self.address = listener.getsockname()
             address = Door(listener, "token")
             serving = self.rig.loop.create_task(self.engine.serve(address, handle, request))
             acting = self.rig.loop.create_task(self._act(scenario, request is not None))

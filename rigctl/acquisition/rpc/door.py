@@ -78,14 +78,10 @@ class Door:
         self._strangers: dict[socket.socket, bytes] = {}  # what each has sent, the oldest first
         self._logged_in: list[LoggedIn] = []
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._admit: Callable[[LoggedIn], None] = self._logged_in.append
 
     def open(self, loop: asyncio.AbstractEventLoop, admit: Callable[[LoggedIn], None]) -> None:
-        """Call ``admit`` for each client that logs in from now on, and for those before it."""
+        """Call ``admit`` for each client that logs in from now on."""
         self._loop, self._admit = loop, admit
-        waiting, self._logged_in = self._logged_in, []
-        for client in waiting:
-            admit(client)
         loop.add_reader(self._listener, self._accept, loop)
         for stranger in self._strangers:
             loop.add_reader(stranger, self._read, loop, stranger)
@@ -95,7 +91,13 @@ class Door:
         if self._loop is not None:
             for connection in (self._listener, *self._strangers):
                 self._loop.remove_reader(connection)
-        self._loop, self._admit = None, self._logged_in.append
+            self._loop = None
+
+    def take_clients(self) -> tuple[LoggedIn, ...]:
+        """Return the clients that :meth:`wait_first_client` let in."""
+        taken = tuple(self._logged_in)
+        self._logged_in.clear()
+        return taken
 
     def close(self) -> None:
         """Send the strangers away; the listening socket stays its owner's."""
@@ -112,18 +114,16 @@ class Door:
 
     async def _first_client(self, timeout_s: float) -> bool:
         came = asyncio.Event()
-        clients: list[LoggedIn] = []
 
         def admit(client: LoggedIn) -> None:
-            clients.append(client)
+            self._logged_in.append(client)
             came.set()
 
         self.open(asyncio.get_running_loop(), admit)
         with suppress(TimeoutError):
             await asyncio.wait_for(came.wait(), timeout_s)
         self.pause()
-        self._logged_in.extend(clients)
-        return bool(clients)
+        return came.is_set()
 
     def _accept(self, loop: asyncio.AbstractEventLoop) -> None:
         """Let one stranger come before the door."""

@@ -37,13 +37,15 @@ class Server:
         self._door: Door | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
-    def open(self, door: Door, handle: RequestHandler) -> None:
+    async def open(self, door: Door, handle: RequestHandler) -> None:
         """Serve those whom the door lets in, from now on and before.
 
         ``handle(command, args)`` returns the result of a request or raises RigctlError.
         """
         self._door, self._handle = door, handle
-        door.open(asyncio.get_running_loop(), lambda client: self._spawn(self._serve(client)))
+        for client in door.take_clients():
+            self._spawn(self._serve(*await self._connect(client)))
+        door.open(asyncio.get_running_loop(), lambda client: self._spawn(self._admit(client)))
 
     async def close(self) -> None:
         """Send what is written, then close all connections."""
@@ -76,8 +78,11 @@ class Server:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _serve(self, client: LoggedIn) -> None:
-        """Serve one client until it leaves; its requests may overtake each other."""
+    async def _admit(self, client: LoggedIn) -> None:
+        await self._serve(*await self._connect(client))
+
+    async def _connect(self, client: LoggedIn) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """Add a client and greet it; return its streams."""
         reader, writer = await asyncio.open_connection(
             sock=client.connection, limit=REQUEST_LIMIT_BYTES
         )
@@ -86,6 +91,10 @@ class Server:
         self._clients.add(writer)
         if self._greeting is not None:
             _write(writer, encode_message(self._greeting))
+        return reader, writer
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one client until it leaves; its requests may overtake each other."""
         try:
             while line := await self._read_line(reader, writer):
                 self._spawn(self._reply(writer, line))

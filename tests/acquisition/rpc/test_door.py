@@ -62,7 +62,7 @@ def come(listener: socket.socket, *sent: bytes) -> socket.socket:
 
 def let_in(door: Door) -> list[bytes]:
     """Return what came behind the token of each client that the door lets in."""
-    clients: list[LoggedIn] = []
+    clients: list[LoggedIn] = list(door.take_clients())
 
     async def serve() -> None:
         door.open(asyncio.get_running_loop(), clients.append)

@@ -40,7 +40,7 @@ async def talk(
     """
     server = Server([].append if failures is None else failures.append)
     with open_listener() as listener:
-        server.open(Door(listener, TOKEN), handle)
+        await server.open(Door(listener, TOKEN), handle)
         server.set_greeting({"event": "ready"})
         reader, writer = await asyncio.open_connection(*listener.getsockname())
         writer.writelines(lines)

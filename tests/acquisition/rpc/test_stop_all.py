@@ -45,9 +45,14 @@ class ReplyServer:
         self._listener.close()
 
     def _serve(self) -> None:
+        while not self.commands:
+            self._serve_one()
+
+    def _serve_one(self) -> None:
         connection, _ = self._listener.accept()
         with connection, connection.makefile("rb") as lines:
-            next(lines)  # the token
+            if not next(lines, b""):
+                return  # somebody has looked whether the engine is there
             request = decode_message(next(lines))
             self.commands.append(request["command"])
             answer = {"reply": request["id"], "ok": True, "result": {}}
