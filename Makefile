@@ -23,12 +23,12 @@ help:
 	@echo 'also: make gui, check, firmware, bench, orders, realtime, identify, scale, shots, soak, fuzz, scans, attack, docs, lock, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
-	$(SAY) "Python environment in $(VENV) (locked versions, wheels only)"
+	$(SAY) "Python environment in $(VENV) (locked versions, hashes checked, wheels only)"
 	@sh .ci/debian-packages python3-venv g++
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "rigctl needs Python 3.11 or newer; run: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/pip install --quiet --disable-pip-version-check --only-binary :all: -r requirements.lock
+	@$(BIN)/pip install --quiet --disable-pip-version-check --only-binary :all: --require-hashes -r requirements.lock
 	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@
 
@@ -173,7 +173,7 @@ docs: $(VENV)/.ready
 lock:
 	@$(BIN)/pip install --quiet uv
 	@$(BIN)/uv pip compile pyproject.toml --extra test --universal --python-version 3.11 \
-	  --no-header --quiet --upgrade -o requirements.lock
+	  --no-header --quiet --generate-hashes --upgrade -o requirements.lock
 
 clean:
 	rm -rf build $(VENV) $(PEERS)

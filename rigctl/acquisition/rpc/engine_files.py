@@ -67,9 +67,10 @@ def write_engine_file(folder: Path, engine: EngineFile) -> Path:
     descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:
         json.dump(asdict(engine), file)
+    written_s = draft.lstat().st_mtime
     draft.replace(path)
     running = {other.name for other in running_engines(folder)}
-    remove_abandoned(folder, running | {engine.name}, path.lstat().st_mtime)
+    remove_abandoned(folder, running | {engine.name}, written_s)
     return path
 
 

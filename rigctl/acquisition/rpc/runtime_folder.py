@@ -11,6 +11,7 @@ import re
 import secrets
 import stat
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from rigctl.errors import WrongUse
@@ -96,7 +97,9 @@ def remove_abandoned(folder: Path, running: set[str], now_s: float) -> None:
     """
     for path in folder.iterdir():
         own = _OWN_FILE.fullmatch(path.name)
-        if own is None or own[1] in running or stat.S_ISDIR(path.lstat().st_mode):
+        if own is None or own[1] in running:
             continue
-        if now_s - path.lstat().st_mtime > ABANDONED_S:
-            path.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):  # its engine has just removed it
+            found = path.lstat()
+            if not stat.S_ISDIR(found.st_mode) and now_s - found.st_mtime > ABANDONED_S:
+                path.unlink()
