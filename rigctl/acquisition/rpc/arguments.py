@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Meta
 
 from rigctl.errors import WrongUse
-from rigctl.protocol.loader import MAX_SEED
+from rigctl.protocol.plan import MAX_SEED
 
 Word = Annotated[str, Meta(pattern=r"\A[a-z_]{1,40}\Z")]
 PathText = Annotated[str, Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]+\Z")]

@@ -180,7 +180,8 @@ def test_another_process_with_the_pid_of_a_dead_engine_keeps_nothing(
 
 def test_the_files_of_a_dead_engine_are_removed_but_its_log(folder: Path) -> None:
     with open_listener(folder / "one.sock") as listener:
-        write_engine_file(folder, replace(engine_at(folder, listener), pid=ended_process()))
+        engine = replace(engine_at(folder, listener), pid=ended_process())
+        engine_file_path(folder, "one").write_text(json.dumps(asdict(engine)))
         for ending in ("live", "engine.draft", "log"):
             (folder / f"one.{ending}").touch()
         assert running_engines(folder) == []
