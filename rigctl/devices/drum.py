@@ -110,12 +110,7 @@ class Drum:
         Raises BoardRebooted where the board's clock shows a reboot.
         """
         async with self._poll_lock:
-            if heartbeat:
-                words = await self._poll_with_heartbeat()
-            else:
-                words = await self.modbus.read(*register_table.POLL_BLOCK)
-            raw, at_s = PollDecoder.layout.unpack(words), self.modbus.received_at_s
-            self._check_clock(raw, at_s)
+            raw, at_s = await self._read_poll(heartbeat)
             ring = await self._read_ring(self._decoder.missing(raw))
             await self._read_new_tare(raw)
             return self._decoder.decode(raw, at_s, ring)
@@ -183,6 +178,25 @@ class Drum:
         self._tare_sequence = None
         self._decoder = PollDecoder(steps_per_turn=steps_per_turn)
         self._update_settings({e.name: raw[e.name][0] * e.scale for e in _SETTINGS.entries})
+
+    async def _read_poll(self, heartbeat: bool) -> tuple[RawPoll, float]:
+        """Return a poll block that is not behind the last one, and when it arrived."""
+        deadline_s = self._loop.time() + LINK_TIMEOUT_S
+        while True:
+            if heartbeat:
+                words = await self._poll_with_heartbeat()
+            else:
+                words = await self.modbus.read(*register_table.POLL_BLOCK)
+            raw, at_s = PollDecoder.layout.unpack(words), self.modbus.received_at_s
+            self._check_clock(raw, at_s)
+            if not self._decoder.is_behind(raw):
+                return raw, at_s
+            if self._loop.time() > deadline_s:
+                raise LinkLost(
+                    f"{self.link.name}: the drum board's clock runs back: check its supply"
+                )
+            self.modbus.stale += 1
+            await asyncio.sleep(DRAIN_S)
 
     async def _poll_with_heartbeat(self) -> list[int]:
         """Return a poll block that shows the heartbeat just written; others are stale."""

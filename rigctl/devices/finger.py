@@ -16,7 +16,6 @@ from rigctl.devices.identity import (
     raise_diagnosis,
 )
 from rigctl.devices.links.byte_link import ByteLink
-from rigctl.devices.sample_counter import SampleCounter
 from rigctl.devices.silence_watch import SilenceWatch
 from rigctl.errors import BoardRebooted, LinkLost, RigFault, WrongUse
 from rigctl.values import BoardIdentity
@@ -44,11 +43,12 @@ OnFault = Callable[[RigFault], None]
 
 @dataclass(slots=True)
 class FingerCounters:
-    """Samples received and lost, damaged frames and reboots since construction."""
+    """Samples received and lost, damaged and stale frames and reboots since construction."""
 
     samples: int = 0
     lost: int = 0
     damaged_frames: int = 0
+    stale_frames: int = 0
     reboots: int = 0
 
 
@@ -75,9 +75,7 @@ class Finger:
         self._loop = loop
         self._diagnose_port = diagnose_port
         self._decoder = FingerDecoder()
-        self._counter = SampleCounter()
         self._watch = SilenceWatch(loop, LINK_TIMEOUT_S, self._fall_silent)
-        self._damaged = 0
         self._reboots_before = 0
         self._requests = FingerRequests(link, loop)
         self._on_fault: list[OnFault] = []
@@ -110,15 +108,14 @@ class Finger:
         Raises LinkLost where no board answers in time, WrongBoard where another board does.
         """
         self.close()
-        self._decoder, self._damaged = FingerDecoder(), 0
-        self._counter.join()
+        self._decoder.resync()
         self._watch.heard_s = 0.0
         before = self.settings
         self.link.open(self._receive, self._lose)
         try:
             identity = finger_identity(self.link.name, await self._read_identity())
             settings = await self._requests.read_settings()
-            await self._requests.wait(FingerStatus, lambda _: self._counter.placed)
+            await self._requests.wait(FingerStatus, lambda _: not self._decoder.waiting)
         except BaseException as failure:
             self.close()
             await raise_diagnosis(failure, self._diagnose_port if before is None else None)
@@ -127,6 +124,7 @@ class Finger:
         self.rebooted = restarted or before not in (None, settings)
         self._reboots_before = self.counters.reboots
         self.identity = identity
+        self._decoder.connecting = False
         self._watch.start()
         return identity
 
@@ -221,28 +219,19 @@ class Finger:
 
     def _receive(self, data: bytes, at_s: float) -> None:
         self._watch.heard_s = at_s
-        block, received = self._decoder.feed(data)
-        self.counters.damaged_frames += self._decoder.damaged - self._damaged
-        self._damaged = self._decoder.damaged
-        if any(self._tells_reboot(message) for message in received):
-            self._restart()
-        else:
-            self._publish(block, at_s)
+        decoder, counters = self._decoder, self.counters
+        block, received = decoder.feed(data)
+        counters.damaged_frames, counters.stale_frames = decoder.damaged, decoder.stale
+        if decoder.reboots > counters.reboots:
+            counters.reboots = decoder.reboots
+            self._report_reboot()
+        self._publish(block, at_s)
         for message in received:
             self._note(message)
             self._requests.take(message)
             self._messages.publish(message, at_s)
 
-    def _tells_reboot(self, message: Message) -> bool:
-        """Return whether the board says unasked who it is, or has counted fewer samples."""
-        if isinstance(message, FingerIdentity):
-            return self.connected
-        return isinstance(message, FingerStatus) and self._counter.is_behind(message.samples)
-
-    def _restart(self) -> None:
-        """Report a reboot; the samples that came with the news cannot be placed."""
-        self.counters.reboots += 1
-        self._counter.restart()
+    def _report_reboot(self) -> None:
         if self.connected:
             fault = BoardRebooted(
                 f"{self.link.name}: the finger board restarted with its default settings: connect "
@@ -252,18 +241,16 @@ class Finger:
             self._report(fault)
 
     def _publish(self, block: FingerBlock, at_s: float) -> None:
-        placed = self._counter.place(block)
-        if placed is not None:
-            self.counters.samples += len(placed.counters)
-            self.counters.lost += placed.missing
-            self._blocks.publish(placed, at_s)
+        if len(block.counters):
+            self.counters.samples += len(block.counters)
+            self.counters.lost += block.missing
+            self._blocks.publish(block, at_s)
 
     def _note(self, message: Message) -> None:
         if isinstance(message, FingerSettings):
             self.settings = message
         elif isinstance(message, FingerStatus):
             self.status = message
-            self._counter.tell(message.samples)
 
     def _report(self, fault: RigFault) -> None:
         for callback in tuple(self._on_fault):

@@ -3,6 +3,9 @@
 pymodbus encodes requests and decodes replies (decision 0019); frames, timeouts and retries are
 here. A request whose reply is lost is sent again while the link counts as alive: every request of
 the drum may safely be executed twice, because a command executes only when its sequence is new.
+
+Most replies do not say which request they answer. One counts only where no reply to an earlier
+request can still be on the line, and where it is no repeat of the reply before.
 """
 
 from __future__ import annotations
@@ -34,6 +37,9 @@ LINK_TIMEOUT_S = 0.24
 """A link without a reply for this time, in spite of retries, counts as lost."""
 DRAIN_S = 0.012
 """After this pause no reply to an abandoned request is on the line."""
+LATE_REPLY_S = 0.1
+"""A reply to a request that was sent again, or abandoned, may come within this time."""
+REFUSAL = -1
 AVERAGED_REPLIES = 8
 """Number of replies over which the usual reply time adapts."""
 
@@ -129,6 +135,11 @@ class ModbusClient:
         self._closed_reason: str | None = self._not_open
         self._buffer = b""
         self._reply: asyncio.Future[bytes] | None = None
+        self._last_reply = b""
+        self._sent: _Request | None = None
+        self._quiet_s: dict[tuple[int, int], float] = {}
+        """By function and registers, REFUSAL for none: the loop time from which such a reply is
+        none to an earlier request."""
         self._lock = asyncio.Lock()
         self._stops_pending = self._stops_total = 0
         self._no_stop_pending = asyncio.Event()
@@ -203,6 +214,8 @@ class ModbusClient:
         stops_before = self._stops_total
         while True:
             await self._no_stop_pending.wait()
+            if (wait_s := self._quiet_from_s(request, request.count) - self._loop.time()) > 0.0:
+                await asyncio.sleep(wait_s)
             async with self._lock:
                 if not resume_after_stop and self._stops_total != stops_before:
                     raise self._preempted()
@@ -216,8 +229,11 @@ class ModbusClient:
         deadline_s = sent_s + LINK_TIMEOUT_S - REPLY_TIMEOUT_S / 2
         repeated = False
         while True:
+            asked_s = self._loop.time()
             reply = await self._exchange(request)
-            if reply is not None and request.is_answered_by(reply):
+            if reply is not None and self._answers(request, reply, asked_s):
+                if repeated:
+                    self._expect_late_reply()
                 if isinstance(reply, ExceptionResponse):
                     raise RequestRefused(self.link.name, reply.exception_code)
                 if request.retry_early and not repeated:
@@ -225,10 +241,12 @@ class ModbusClient:
                 return reply
             if reply is not None:
                 self.stale += 1
+                self._last_reply = b""
                 await asyncio.sleep(DRAIN_S)
             if self._stops_pending and not urgent:
                 raise self._preempted()
             if self._loop.time() >= deadline_s:
+                self._expect_late_reply()
                 raise LinkLost(
                     f"{self.link.name}: no answer for {LINK_TIMEOUT_S:g} s: "
                     "check the cable and the board's supply, then connect again"
@@ -237,16 +255,21 @@ class ModbusClient:
             self.retries += request.retry_early
 
     async def _exchange(self, request: _Request) -> ModbusPDU | None:
-        """Send a request and return its reply, None where it is missing or damaged."""
+        """Send a request and return its reply, None where it is missing or damaged.
+
+        What may be the reply before once more answers no request.
+        """
         if self._closed_reason is not None:
             raise LinkLost(self._closed_reason)
         early = request.retry_early
         timeout_s = self._adaptive_timeout.timeout_s if early else REPLY_TIMEOUT_S
         self._buffer = b""
-        self._reply = self._loop.create_future()
+        self._reply, self._sent = self._loop.create_future(), request
         try:
             self._send(request.frame)
-            return _decode(await asyncio.wait_for(self._reply, timeout_s))
+            pdu = await asyncio.wait_for(self._reply, timeout_s)
+            repeats, self._last_reply = pdu == self._last_reply, pdu
+            return ModbusPDU() if repeats and not early else _decode(pdu)
         except modbus_rtu.CorruptFrame:
             pass
         except TimeoutError:
@@ -286,7 +309,26 @@ class ModbusClient:
     def _abort(self, error: Exception) -> None:
         """End the wait for the reply in flight, if there is one."""
         if self._reply is not None and not self._reply.done():
+            self._expect_late_reply()
             self._reply.set_exception(error)
+
+    def _answers(self, request: _Request, reply: ModbusPDU, asked_s: float) -> bool:
+        """Return whether ``reply`` is that to ``request``, sent at ``asked_s``, and to no other."""
+        count = REFUSAL if reply.isError() else request.count
+        certain = asked_s >= self._quiet_from_s(request, count)
+        return certain and request.is_answered_by(reply)
+
+    def _quiet_from_s(self, request: _Request, count: int) -> float:
+        if request.retry_early:
+            return float("-inf")
+        return self._quiet_s.get((request.pdu.function_code, count), float("-inf"))
+
+    def _expect_late_reply(self) -> None:
+        """Note that the request sent last is done, but may be answered later or once more."""
+        sent = self._sent
+        if sent is not None and not sent.retry_early:
+            for count in (sent.count, REFUSAL):
+                self._quiet_s[sent.pdu.function_code, count] = self._loop.time() + LATE_REPLY_S
 
     def _preempted(self) -> PreemptedByStop:
         return PreemptedByStop(f"{self.link.name}: a stop preempted this request")

@@ -45,13 +45,14 @@ OnFault = Callable[[RigFault], None]
 
 @dataclass(slots=True)
 class TaxelCounters:
-    """Samples received, lost and rejected since construction."""
+    """Samples received and lost, frames rejected or stale, and reboots since construction."""
 
     frames: int = 0
     lost: int = 0
     gaps: int = 0
     rejected_frames: int = 0
     rejected_bytes: int = 0
+    stale_frames: int = 0
     reboots: int = 0
 
 
@@ -217,6 +218,7 @@ class Taxels:
             counters.lost += sum(gap.count for gap in block.gaps) if block.gaps else 0
         counters.rejected_frames += decoded.rejected_frames
         counters.rejected_bytes += decoded.rejected_bytes
+        counters.stale_frames += decoded.stale_frames
         counters.reboots += decoded.reboots
 
     def _report_consumer(self, error: Exception) -> None:

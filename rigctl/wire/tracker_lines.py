@@ -1,17 +1,21 @@
 """Lines of numbers that trackers send: bytes to values, in slices of any length.
 
 ``docs/reference/trackers.md`` describes the lines. A line that is not what it should be is
-counted and costs only itself.
+counted and costs only itself. A line may end in a checksum, as those of NMEA 0183 do; without one
+a digit that changed on its way cannot be noticed.
 """
 
 from __future__ import annotations
 
 import re
+from functools import reduce
+from operator import xor
 from typing import NamedTuple
 
 MAX_LINE = 200
 """Bytes of a line without its end; a longer one is malformed."""
 _NUMBER = re.compile(rb"[+-]?(?:\d{1,15}(?:\.\d{0,15})?|\.\d{1,15})(?:[eE][+-]?\d{1,2})?")
+_CHECKSUM = re.compile(rb"\*([0-9A-Fa-f]{2})\Z")
 _LARGEST = 1e15
 
 
@@ -19,13 +23,14 @@ class NumberLines:
     """Decodes lines of comma-separated numbers with ``low`` to ``high`` fields.
 
     ``joins``: the stream is joined in the middle of a line, so what comes before the first end
-    of a line is dropped and not counted.
+    of a line is dropped and not counted. After the first line with a checksum, all need one.
     """
 
     def __init__(self, low: int, high: int, joins: bool = False) -> None:
         self.malformed = 0
         self._fields = range(low, high + 1)
         self._joins = joins
+        self._checks = False
         self._tail = b""
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
@@ -40,7 +45,8 @@ class NumberLines:
         return [numbers for numbers in decoded if numbers is not None]
 
     def _decode(self, line: bytes) -> tuple[float, ...] | None:
-        fields = [field.strip(b" \t") for field in line.removesuffix(b"\r").split(b",")]
+        text = self._strip_checksum(line.removesuffix(b"\r"))
+        fields = [field.strip(b" \t") for field in text.split(b",")]
         fits = len(line) <= MAX_LINE and len(fields) in self._fields
         if fits and all(_NUMBER.fullmatch(field) for field in fields):
             numbers = tuple(float(field) for field in fields)
@@ -48,6 +54,17 @@ class NumberLines:
                 return numbers
         self.malformed += 1
         return None
+
+    def _strip_checksum(self, line: bytes) -> bytes:
+        """Return a line without its checksum, the XOR of its bytes; empty where it is wrong."""
+        found = _CHECKSUM.search(line)
+        if found is None:
+            return b"" if self._checks else line
+        text = line[: found.start()]
+        if reduce(xor, text, 0) != int(found[1], 16):
+            return b""
+        self._checks = True
+        return text
 
 
 class TrackerReading(NamedTuple):

@@ -371,3 +371,44 @@ def test_an_unexpected_restart_of_the_board_is_reported() -> None:
         drum.close()
 
     run(main)
+
+
+def test_a_late_reply_to_an_abandoned_command_does_not_answer_the_stop() -> None:
+    """Both are acknowledged by the same bytes; the stop itself was lost."""
+
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, link = unconnected_drum(loop)
+        await drum.connect()
+        board.reply_s = 0.03
+        command = asyncio.create_task(drum.command(Command.ARM))
+        await asyncio.sleep(0.02)
+        stops: list[bytes] = []
+
+        def lose_the_first_stop(request: bytes) -> None:
+            stops.append(request)
+            if len(stops) > 1:
+                board.receive(request)
+
+        link.board = lose_the_first_stop
+        await drum.stop()
+        with pytest.raises(PreemptedByStop):
+            await command
+        assert [kind for kind, _ in board.executed] == [Command.ARM, Command.STOP]
+        assert len(set(stops)) == 1
+        drum.close()
+
+    run(main)
+
+
+def test_a_repeated_reply_does_not_answer_the_next_request() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, link = unconnected_drum(loop)
+        await drum.connect()
+        await drum.command(Command.ARM)
+        link.say(rtu(bytes.fromhex("10 0041 0002")), 0.001)
+        link.board = lambda request: setattr(link, "board", board.receive)
+        await drum.command(Command.STOP)
+        assert [kind for kind, _ in board.executed] == [Command.ARM, Command.STOP]
+        drum.close()
+
+    run(main)

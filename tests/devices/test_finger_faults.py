@@ -9,6 +9,7 @@ import pytest
 
 from rigctl.errors import BoardRebooted, LinkLost
 from rigctl.wire.finger import messages
+from rigctl.wire.finger.messages import BatchReport
 from tests.devices.finger_listener import HIGH, LOW, unconnected
 from tests.devices.memory_link import JumpingLoop, run
 
@@ -96,6 +97,31 @@ def test_a_reboot_whose_identity_is_lost_is_noticed_by_the_samples() -> None:
         board.spoil = lambda data: data
         await asyncio.sleep(0.3)
         assert [type(fault) for fault in listener.faults] == [BoardRebooted]
+        finger.close()
+
+    run(main)
+
+
+def test_repeated_frames_are_no_reboot_and_no_second_report() -> None:
+    async def main(loop: JumpingLoop) -> None:
+        finger, board, _, listener = unconnected(loop)
+        await finger.connect()
+        await finger.configure(LOW, HIGH, 100_000)
+        board.spoil = lambda data: b"".join(
+            part + b"\0" + part + b"\0" for part in data.split(b"\0")
+        )
+        await finger.start(7)
+        for batch in range(3):
+            await asyncio.sleep(0.1)
+            finger.set_velocity(7, batch, 100_000)
+        await asyncio.sleep(0.05)
+        board.reboot()
+        await asyncio.sleep(0.3)
+        batches = [b.batch for b in listener.messages if isinstance(b, BatchReport)]
+        assert batches == [0, 1, 2]
+        assert (np.diff([c for c in listener.counters if c >= 300]) == 1).all()
+        assert (finger.counters.reboots, finger.counters.lost) == (1, 0)
+        assert finger.counters.stale_frames > 300
         finger.close()
 
     run(main)

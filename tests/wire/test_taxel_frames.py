@@ -222,7 +222,7 @@ def test_the_32_bits_of_the_status_counter_wrap_too() -> None:
         assert (block.counters[0], block.gaps) == (start, ())
 
 
-@pytest.mark.parametrize("told_by", ["identity", "status", "counter"])
+@pytest.mark.parametrize("told_by", ["identity", "status"])
 def test_a_reboot_is_reported_and_restarts_the_counter(told_by: str) -> None:
     wire = taxel_encoder.encode_identity(IDENTITY) + stream(np.arange(300))
     if told_by == "identity":
@@ -235,6 +235,48 @@ def test_a_reboot_is_reported_and_restarts_the_counter(told_by: str) -> None:
     assert before.counters[-1] == 299
     np.testing.assert_array_equal(after.counters, np.arange(50))
     assert before.gaps == after.gaps == ()
+
+
+@pytest.mark.parametrize("boot_count", [8, 7])
+@pytest.mark.parametrize("ran", [300, 65_400])
+def test_a_reboot_whose_identity_is_lost_is_told_by_the_statuses(boot_count: int, ran: int) -> None:
+    """Its samples until then look like repeats, or like a gap across the wrap of 16 bits.
+
+    A board that cannot count its boots is known by a second status that is behind, too.
+    """
+    status = replace(STATUS, boot_count=7, sample_counter=ran)
+    wire = taxel_encoder.encode_identity(IDENTITY) + stream(np.arange(ran))
+    wire += taxel_encoder.encode_status(status) + stream(np.arange(60))
+    for first in (60, 160):
+        wire += taxel_encoder.encode_status(
+            replace(status, boot_count=boot_count, sample_counter=first)
+        )
+        wire += stream(np.arange(first, first + 100))
+    (decoded,), _ = decode_slices(wire, [])
+    before, after = decoded.blocks
+    assert (decoded.reboots, before.counters[-1]) == (1, ran - 1)
+    np.testing.assert_array_equal(after.counters, np.arange(60 if boot_count == 8 else 160, 260))
+    assert before.gaps == after.gaps == ()
+
+
+def test_repeated_and_late_frames_are_no_reboot_and_a_late_one_stays_a_gap() -> None:
+    one = [stream(np.arange(i, i + 1)) for i in range(8)]
+    status = taxel_encoder.encode_status(replace(STATUS, sample_counter=3))
+    wire = b"".join([*one[:3], status, one[2], one[4], status, one[3], *one[5:]])
+    decoded = FrameDecoder().feed(wire + taxel_encoder.encode_identity(IDENTITY) * 2, 0.0)
+    block = only([decoded])
+    assert block.counters.tolist() == [0, 1, 2, 4, 5, 6, 7]
+    assert [(gap.first_counter, gap.count) for gap in block.gaps] == [(3, 1)]
+    assert (decoded.reboots, decoded.stale_frames, decoded.rejected_frames) == (0, 2, 0)
+
+
+def test_a_status_of_the_boot_before_changes_nothing() -> None:
+    old = taxel_encoder.encode_status(replace(STATUS, sample_counter=300, boot_count=7))
+    wire = taxel_encoder.encode_identity(IDENTITY) + stream(np.arange(301))
+    wire += taxel_encoder.encode_identity(replace(IDENTITY, boot_count=8)) + old
+    decoded = FrameDecoder().feed(wire + stream(np.arange(300, 303)) + stream(np.arange(50)), 0.0)
+    assert [len(block) for block in decoded.blocks] == [301, 50]
+    assert (decoded.reboots, decoded.stale_frames, decoded.statuses) == (1, 4, ())
 
 
 def test_flags_and_edge_counts_have_the_places_of_the_reference() -> None:

@@ -64,6 +64,17 @@ def test_an_endless_line_takes_no_memory() -> None:
     assert decoder.malformed == 1
 
 
+def test_a_checksum_is_checked_and_missed_once_one_was_right() -> None:
+    decoder = PositionLines()
+    assert decoder.feed(b"1,2,3,4\n120.5,10,20,30*04\r\n") == [
+        TrackerReading(1, 2, 3, 4, True),
+        TrackerReading(120.5, 10, 20, 30, True),
+    ]
+    assert decoder.feed(b"120.5,11,20,30*04\n120.5,10,20,30.04\n120.5,10,20,30*4\n") == []
+    assert decoder.malformed == 3
+    assert decode_datagram(b"7,1,2,3,4*33") == (7, TrackerReading(1, 2, 3, 4, True))
+
+
 def test_lines_of_an_imu() -> None:
     decoder = ImuLines()
     (reading,) = decoder.feed(b"9.8,0\n5,0.1,-0.2,9.81,0.01,0,-.02\n1,2\n")

@@ -52,6 +52,12 @@ class PollDecoder:
         self._sample_us = 0
         self._homed = False
 
+    def is_behind(self, raw: RawPoll) -> bool:
+        """Return whether the board took this block before the last one: it came late."""
+        if self.last is None:
+            return False
+        return (raw["board_time_us"][0] - self.last.board_time_us) % _U32 >= _U32 // 2
+
     def missing(self, raw: RawPoll) -> range:
         """Return the sequence numbers that are new, not in this block, but perhaps in the ring."""
         if self._sequence is None:

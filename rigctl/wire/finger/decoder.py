@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 import zlib
+from collections import deque
+from collections.abc import Iterable
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.wire.finger.messages import DATA_TYPE, N_TAXELS, Message, decode_message
+from rigctl.wire.finger.messages import (
+    DATA_TYPE,
+    N_TAXELS,
+    REPORT_TYPES,
+    FingerIdentity,
+    FingerStatus,
+    Message,
+    decode_message,
+)
+from rigctl.wire.finger.sample_counter import PlacedRows, Placing, SampleCounter
 
 DATA_SIZE = 19
 CRC_SIZE = 4
 MAX_CHUNK = 85
 """A body of 80 bytes with its CRC and one byte of stuffing."""
 READING_BITS, SPIKE_BITS = 10, 3
+REMEMBERED_REPORTS = 16
+"""A report that equals one of so many before it is a repeat: it names its scan and its number."""
 
 
 class FingerBlock(NamedTuple):
-    """Samples in a row: the board's counter int64 (n,), flags uint8 (n,), readings uint16 (n, 9)
-    and spikes uint8 (n, 9). ``missing`` samples did not arrive before the first or between them.
+    """Samples in a row: the board's counter int64 (n,), ascending, flags uint8 (n,), readings
+    uint16 (n, 9) and spikes uint8 (n, 9). ``missing`` samples did not arrive before the first or
+    between them.
     """
 
     counters: NDArray[np.int64]
@@ -30,22 +45,82 @@ class FingerBlock(NamedTuple):
 
 
 class FingerDecoder:
-    """Decodes the board's byte stream; damaged bytes cost the frames that they touch."""
+    """Decodes the board's byte stream; damaged bytes cost the frames that they touch.
+
+    Repeated and late frames are refused, so that counters ascend until a reboot. ``damaged``
+    counts chunks that are no frame, ``reboots`` reboots. While ``connecting``, an identity is an
+    answer; later it comes from a board that has just booted.
+    """
 
     def __init__(self) -> None:
-        self._tail = b""
-        self._last_counter = -1
         self.damaged = 0
+        self.reboots = 0
+        self.connecting = True
+        self._tail = b""
+        self._counter = SampleCounter()
+        self._reports: deque[bytes] = deque(maxlen=REMEMBERED_REPORTS)
+        self._stale_reports = 0
+
+    @property
+    def waiting(self) -> bool:
+        """True while samples are dropped until a status tells the whole counter."""
+        return self._counter.placing is not Placing.PLACED
+
+    @property
+    def stale(self) -> int:
+        """Intact frames that repeat others or come behind newer ones."""
+        return self._counter.stale + self._stale_reports
+
+    def resync(self) -> None:
+        """Join a stream anew: wait for a status, then count the samples in between as missing."""
+        self._tail = b""
+        self.connecting = True
+        self._reports.clear()
+        self._counter.join()
 
     def feed(self, data: bytes) -> tuple[FingerBlock, list[Message]]:
-        """Return the samples and the other messages, each in the order of the wire."""
+        """Return the samples and the other messages, each in the order of the wire.
+
+        Of a slice with a reboot, the samples after it.
+        """
         *chunks, self._tail = (self._tail + data).split(b"\0")
         if len(self._tail) > MAX_CHUNK:
             self._tail = self._tail[: MAX_CHUNK + 1]  # too long for a frame, and stays so
         bodies = [body for chunk in chunks if chunk and (body := self._body(chunk))]
-        samples = [body for body in bodies if body[0] == DATA_TYPE and len(body) == DATA_SIZE]
-        messages = [decode_message(body) for body in bodies if body[0] != DATA_TYPE]
-        return self._block(samples), [message for message in messages if message is not None]
+        runs: list[tuple[NDArray[np.uint8], PlacedRows]] = []
+        received: list[Message] = []
+        for is_data, group in groupby(bodies, _is_data):
+            if is_data:
+                rows = np.frombuffer(b"".join(group), np.uint8).reshape(-1, DATA_SIZE)
+                low = rows[:, 1].astype(np.int64) | rows[:, 2].astype(np.int64) << 8
+                runs.append((rows, self._counter.place(low)))
+            elif self._take_messages(group, received):
+                runs.clear()
+        return _block(runs), received
+
+    def _take_messages(self, bodies: Iterable[bytes], received: list[Message]) -> bool:
+        """Append the messages in frames that hold no sample; return whether the board rebooted."""
+        reboots = self.reboots
+        for body in bodies:
+            if body[0] in REPORT_TYPES:
+                if body in self._reports:
+                    self._stale_reports += 1
+                    continue
+                self._reports.append(body)
+            message = decode_message(body)
+            if message is None:
+                continue
+            received.append(message)
+            if self._tells_reboot(message):
+                self.reboots += 1
+                self._reports.clear()
+        return self.reboots > reboots
+
+    def _tells_reboot(self, message: Message) -> bool:
+        if isinstance(message, FingerStatus):
+            return self._counter.tell(message.samples, self.connecting)
+        is_boot = isinstance(message, FingerIdentity) and not self.connecting
+        return is_boot and self._counter.begin()
 
     def _body(self, chunk: bytes) -> bytes | None:
         body = _cobs_decode(chunk) if len(chunk) <= MAX_CHUNK else b""
@@ -55,24 +130,26 @@ class FingerDecoder:
         self.damaged += 1
         return None
 
-    def _block(self, bodies: list[bytes]) -> FingerBlock:
-        rows = np.frombuffer(b"".join(bodies), np.uint8).reshape(-1, DATA_SIZE)
-        counters, missing = self._unwrap(rows[:, 1].astype(np.int64) | rows[:, 2].astype(int) << 8)
-        bits = np.unpackbits(rows[:, 4:], axis=1, bitorder="little")
-        at = N_TAXELS * READING_BITS
-        readings = _numbers(bits[:, :at], READING_BITS).astype(np.uint16)
-        spikes = _numbers(bits[:, at : at + N_TAXELS * SPIKE_BITS], SPIKE_BITS).astype(np.uint8)
-        return FingerBlock(counters, rows[:, 3].copy(), readings, spikes, missing)
 
-    def _unwrap(self, low: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
-        """Return whole counters from their low 16 bits, and how many samples are missing."""
-        if not len(low):
-            return low, 0
-        first = self._last_counter if self._last_counter >= 0 else int(low[0]) - 1
-        steps = np.diff(low, prepend=first & 0xFFFF) & 0xFFFF
-        counters = first + np.cumsum(steps)
-        self._last_counter = int(counters[-1])
-        return counters, int(np.sum(np.maximum(steps - 1, 0)))
+def _is_data(body: bytes) -> bool:
+    return body[0] == DATA_TYPE and len(body) == DATA_SIZE
+
+
+def _block(runs: list[tuple[NDArray[np.uint8], PlacedRows]]) -> FingerBlock:
+    """Return the samples of runs of data frames, uint8 (n, 19) each, as one block."""
+    if len(runs) == 1:
+        run, placed = runs[0]
+        rows, counters, missing = run[placed.rows], placed.counters, placed.missing
+    else:
+        none = np.zeros((0, DATA_SIZE), np.uint8)
+        rows = np.concatenate([none, *(run[placed.rows] for run, placed in runs)])
+        counters = np.concatenate([np.zeros(0, np.int64), *(placed.counters for _, placed in runs)])
+        missing = sum(placed.missing for _, placed in runs)
+    bits = np.unpackbits(rows[:, 4:], axis=1, bitorder="little")
+    at = N_TAXELS * READING_BITS
+    readings = _numbers(bits[:, :at], READING_BITS).astype(np.uint16)
+    spikes = _numbers(bits[:, at : at + N_TAXELS * SPIKE_BITS], SPIKE_BITS).astype(np.uint8)
+    return FingerBlock(counters, rows[:, 3].copy(), readings, spikes, missing)
 
 
 def _numbers(bits: NDArray[np.uint8], width: int) -> NDArray[np.int64]:

@@ -179,6 +179,8 @@ Message = (
 
 DATA_TYPE = 0x31
 PREDICTION_TYPE = 0x38
+REPORT_TYPES = frozenset({0x35, 0x36, 0x37, PREDICTION_TYPE})
+"""Batches, windows, ends and predictions of a scan: no two of them are the same."""
 _PREDICTION = struct.Struct("<IBB")
 _LAYOUTS: dict[int, tuple[struct.Struct, Callable[..., Message]]] = {
     0x30: (struct.Struct("<HBBHIBHB"), FingerIdentity),

@@ -1,8 +1,8 @@
 """Encode and decode the taxel board's frames: samples, status, identity, self-test.
 
 ``docs/reference/taxel-wire.md`` describes the layout. :class:`FrameDecoder` returns the same
-samples however the byte stream is sliced; damaged bytes cost the frames they touch, and every
-lost sample is counted as a gap or reported with a reboot.
+samples however the byte stream is sliced; damaged bytes cost the frames they touch, repeated and
+late frames are refused, and every lost sample is counted as a gap or reported with a reboot.
 """
 
 from __future__ import annotations
@@ -89,8 +89,9 @@ class Decoded(NamedTuple):
     """Contents of one slice of the byte stream.
 
     ``blocks``: the samples in order, in one block and another after each reboot, because the
-    board's counters restart. ``reboots`` counts reboots, ``rejected_frames`` and
-    ``rejected_bytes`` what was no intact frame.
+    board's counters restart; between two blocks' first and last sample, each counter is either a
+    row or in a gap. ``reboots`` counts reboots, ``rejected_frames`` and ``rejected_bytes`` what was
+    no intact frame, ``stale_frames`` intact ones that repeat or come behind newer ones.
     """
 
     blocks: tuple[Block, ...]
@@ -100,6 +101,7 @@ class Decoded(NamedTuple):
     reboots: int
     rejected_frames: int
     rejected_bytes: int
+    stale_frames: int
 
 
 def cobs_encode(data: bytes) -> bytes:
@@ -131,7 +133,9 @@ class FrameDecoder:
     def __init__(self) -> None:
         self._tail = b""
         self._state = np.zeros(kernels.STATE_SIZE, np.int64)
-        self._state[[kernels.LAST, kernels.BOOT_COUNT, kernels.DROPS]] = kernels.UNKNOWN
+        unknown = [kernels.LAST, kernels.BOOT_COUNT, kernels.DROPS]
+        unknown += [kernels.PREVIOUS, kernels.WITNESS]
+        self._state[unknown] = kernels.UNKNOWN
         self._counts = np.zeros(kernels.COUNTS_SIZE, np.int64)
         self._allocate(16)
         # Loads the compiled kernel now: later it would delay a heartbeat.
@@ -141,11 +145,15 @@ class FrameDecoder:
         """Restart after an interruption: wait for a status frame, then count the lost samples."""
         self._tail = b""
         self._state[[kernels.SYNCHRONISED, kernels.DISCARDED]] = 0
-        self._state[kernels.WAITING] = 1
+        self._state[kernels.WITNESS] = kernels.UNKNOWN
+        self._state[kernels.WAITING] = kernels.JOINING
 
     @property
     def waiting(self) -> bool:
-        """True from :meth:`resync` to the next status frame; data frames are dropped."""
+        """True from :meth:`resync`, or a gap that may hide a reboot, to the next status frame.
+
+        Data frames are dropped and counted in the next gap.
+        """
         return bool(self._state[kernels.WAITING])
 
     def feed(self, data: bytes, at_s: float) -> Decoded:
@@ -160,7 +168,7 @@ class FrameDecoder:
         kernels.decode_wire(
             wire, self._state, counters, samples, marks, self._notes, self._controls, self._counts
         )
-        rows, gaps, controls, reboots, rejected_frames, rejected_bytes, used = self._counts.tolist()
+        rows, gaps, controls, reboots, frames, bytes_, used, stale = self._counts.tolist()
         self._set_tail(wire, used)
         cuts = [0, *self._notes[:reboots, 4].tolist(), rows] if reboots else [0, rows]
         blocks = [
@@ -176,7 +184,7 @@ class FrameDecoder:
             if end > first
         ]
         control_frames = self._decode_controls(controls) if controls else ((), (), ())
-        return Decoded(tuple(blocks), *control_frames, reboots, rejected_frames, rejected_bytes)
+        return Decoded(tuple(blocks), *control_frames, reboots, frames, bytes_, stale)
 
     def _allocate(self, capacity: int) -> None:
         self._notes = np.empty((capacity, 5), np.int64)

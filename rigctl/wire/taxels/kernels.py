@@ -3,6 +3,11 @@
 A chunk is the bytes between two zeros. Frames have four known lengths, so that a frame behind
 lost or added bytes is still found as the tail of its chunk: garbage costs only the frames it
 touches. No function here allocates or raises.
+
+A counter never runs back within a boot: a data frame at or behind the newest is late or a repeat,
+and is refused. Only a status or an identity tells a reboot, by a newer boot count, or by two
+statuses in a row that are behind. A data frame that could be of either boot is dropped, and so are
+those after it, until the next status.
 """
 
 from __future__ import annotations
@@ -28,15 +33,27 @@ N_READINGS = 18
 
 # Indices into the decoder's state, int64.
 REFERENCE, LAST, BOOT_COUNT, DROPS = 0, 1, 2, 3
-SYNCHRONISED, DISCARDED, WAITING = 4, 5, 6
-STATE_SIZE = 7
+SYNCHRONISED, DISCARDED, WAITING, PREVIOUS, WITNESS = 4, 5, 6, 7, 8
+STATE_SIZE = 9
 UNKNOWN = -1
 JITTER = 50
 """Samples by which a status frame may lag behind the data frames around it."""
+MAX_JUMP = 1000
+"""Longest gap that a data frame alone can tell: it holds only 16 bits of the counter."""
+LATE = 8
+"""Samples of the boot before that may still come behind the news of a reboot."""
+
+# Why data frames are dropped until a status comes: the stream has just been joined, or a data frame
+# may be behind a reboot whose identity was lost.
+JOINING, DOUBTING = 1, 2
+
+# What a status or identity tells.
+FRESH, REBOOTED, STALE = 0, 1, 2
 
 # Indices into the counts of one call, int64.
 N_ROWS, N_GAPS, N_CONTROLS, N_REBOOTS, REJECTED_FRAMES, REJECTED_BYTES, USED = 0, 1, 2, 3, 4, 5, 6
-COUNTS_SIZE = 7
+STALE_FRAMES = 7
+COUNTS_SIZE = 8
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -141,6 +158,8 @@ def unwrap_nearest(reference: int, low_bits: int, modulus: int) -> Any:
 @njit(cache=True)
 def reset_counter(state: Ints, reference: Any) -> None:
     """Restart counting after a reboot of the board."""
+    if state[LAST] != UNKNOWN:
+        state[PREVIOUS] = state[LAST]
     state[REFERENCE] = reference
     state[LAST] = UNKNOWN
     state[DROPS] = UNKNOWN
@@ -157,21 +176,38 @@ def unwrap_u32(reference: Any, sent: int) -> Any:
 
 
 @njit(cache=True)
-def apply_control(body: Bytes, kind: int, state: Ints) -> bool:
-    """Read counter and boot count of a status or identity; return whether the board rebooted."""
+def apply_control(body: Bytes, kind: int, state: Ints) -> int:
+    """Read counter and boot count of a status or identity; return what it tells."""
     boots = little_endian(body, 17, 2) if kind == STATUS else little_endian(body, 14, 2)
-    rebooted = state[BOOT_COUNT] != UNKNOWN and boots != state[BOOT_COUNT]
-    state[BOOT_COUNT] = boots
+    newer = (boots - state[BOOT_COUNT]) % (1 << 16) if state[BOOT_COUNT] != UNKNOWN else 0
     counter = np.int64(0)
+    behind = newer >= 1 << 15
     if kind == STATUS:
         sent = little_endian(body, 2, 4)
-        counter = sent if rebooted else unwrap_u32(state[REFERENCE], sent)
-        rebooted = rebooted or counter < state[REFERENCE] - JITTER
-        state[REFERENCE] = max(state[REFERENCE], counter)
-        state[WAITING] = 0
+        counter = sent if newer else unwrap_u32(state[REFERENCE], sent)
+        behind = behind or (newer == 0 and counter < state[REFERENCE] - JITTER)
+    if behind and state[WAITING] != JOINING and not is_second_behind(state, kind, counter):
+        return STALE
+    state[BOOT_COUNT] = boots
+    rebooted = newer != 0 or behind
     if rebooted:
         reset_counter(state, counter)
-    return bool(rebooted)
+    if kind == STATUS:
+        state[WITNESS] = UNKNOWN
+        state[REFERENCE] = max(state[REFERENCE], counter)
+    told = kind == STATUS and (state[WAITING] == JOINING or counter > state[LAST])
+    if told or (rebooted and state[WAITING] == DOUBTING):
+        state[WAITING] = 0
+    return REBOOTED if rebooted else FRESH
+
+
+@njit(cache=True)
+def is_second_behind(state: Ints, kind: int, counter: Any) -> bool:
+    """Return whether this status runs on from another one that was behind: the board rebooted."""
+    before = state[WITNESS]
+    if kind == STATUS:
+        state[WITNESS] = counter
+    return bool(kind == STATUS and before != UNKNOWN and counter > before)
 
 
 @njit(cache=True)
@@ -213,8 +249,12 @@ def decode_wire(
         elif kind in (STATUS, IDENTITY, SELF_TEST):
             controls[counts[N_CONTROLS]] = body
             counts[N_CONTROLS] += 1
-            if kind != SELF_TEST and apply_control(body, kind, state):
+            told = apply_control(body, kind, state) if kind != SELF_TEST else FRESH
+            if told == REBOOTED:
                 record_reboot(notes, counts)
+            elif told == STALE:
+                counts[N_CONTROLS] -= 1
+                counts[STALE_FRAMES] += 1
 
 
 @njit(cache=True)
@@ -227,15 +267,17 @@ def append_sample(
     notes: Ints,
     counts: Ints,
 ) -> None:
-    """Append one data frame as the next row, with a gap or a reboot before it."""
+    """Append a data frame as the next row, after a gap, unless it is late or doubtful."""
     row = counts[N_ROWS]
     sequence = little_endian(body, 1, 2)
-    first_ever = state[LAST] == UNKNOWN and state[REFERENCE] == 0
+    first_ever = state[LAST] == UNKNOWN and state[REFERENCE] == 0 and state[PREVIOUS] == UNKNOWN
     counter = sequence if first_ever else unwrap_nearest(state[REFERENCE], sequence, 1 << 16)
-    if state[LAST] != UNKNOWN and counter <= state[LAST]:
-        counter = sequence
-        reset_counter(state, counter)
-        record_reboot(notes, counts)
+    if is_late(state, counter, sequence):
+        counts[STALE_FRAMES] += 1
+        return
+    if not first_ever and is_doubtful(state, counter):
+        state[WAITING] = DOUBTING
+        return
     counters[row] = counter
     unpack_samples(body, samples, row)
     marks[0, row] = body[3]
@@ -244,6 +286,29 @@ def append_sample(
     state[REFERENCE] = max(state[REFERENCE], counter)
     state[LAST] = counter
     counts[N_ROWS] += 1
+
+
+@njit(cache=True)
+def is_late(state: Ints, counter: Any, sequence: int) -> bool:
+    """Return whether a data frame repeats the newest, or comes behind newer ones or a reboot."""
+    if state[LAST] != UNKNOWN:
+        return bool(counter <= state[LAST])
+    if state[PREVIOUS] == UNKNOWN or sequence < LATE:
+        return False
+    return bool((sequence - state[PREVIOUS] + LATE) % (1 << 16) <= 2 * LATE)
+
+
+@njit(cache=True)
+def is_doubtful(state: Ints, counter: Any) -> bool:
+    """Return whether a data frame may be of another boot, or too far ahead to unwrap.
+
+    A gap across the wrap of the 16 bits looks like a reboot, whose counter begins at 0.
+    """
+    ahead = counter - state[REFERENCE]
+    if state[LAST] == UNKNOWN:
+        return bool(counter < 0 or ahead < -JITTER or ahead > MAX_JUMP)
+    wraps = counter >> 16 != state[REFERENCE] >> 16
+    return bool(ahead > MAX_JUMP or (ahead > 1 and wraps))
 
 
 @njit(cache=True)
