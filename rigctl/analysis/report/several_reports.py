@@ -14,9 +14,9 @@ from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.paper.comparisons import Agreement
 from rigctl.analysis.report.html_page import render_page
 from rigctl.analysis.report.html_report import Results, ablation_sets, unconfirmed
+from rigctl.analysis.report.saved_results import load_results
 from rigctl.errors import WrongUse
 
-RESULTS = "results.json"
 EQUAL_SETTINGS = ("iterations", "k_max", "engine", "encoder")
 IDENTITY = ("plan_hash", "begun_utc", "seed", "simulation_seed")
 OUTCOMES = (
@@ -74,21 +74,15 @@ def load_reports(folders: Sequence[Path]) -> list[dict[str, Any]]:
 
 
 def _load(folder: Path) -> dict[str, Any]:
-    path = folder / RESULTS
-    try:
-        results: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise WrongUse(f"{path} cannot be read ({error}): name folders of rigctl analyse") from None
-    if "evidence" not in results:
-        raise WrongUse(f"{folder} was made by an older rigctl: analyse its sessions again")
+    results = load_results(folder)
     if not any(task["order"] for task in results["tasks"].values()):
         raise WrongUse(f"{folder} has none of the tasks of the paper's Table 1")
     return results
 
 
 def _contents(one: Results) -> list[Any]:
-    """Return the tasks of a set with their representations and pairs."""
-    return [
+    """Return the tasks of a set with their representations and pairs, and its evidence."""
+    tasks = [
         (
             key,
             list(task["representations"]),
@@ -96,6 +90,13 @@ def _contents(one: Results) -> list[Any]:
         )
         for key, task in one["tasks"].items()
     ]
+    return [*tasks, *map(sorted, _measured(one))]
+
+
+def _measured(one: Results) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the representations and tasks that the evidence of a set has."""
+    evidence = one["evidence"] or {"halves": (), "alone": ()}
+    return list(evidence["halves"]), list(evidence["alone"])
 
 
 def _check_distinct(folders: Sequence[Path], sets: Sets) -> None:

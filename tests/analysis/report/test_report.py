@@ -134,7 +134,7 @@ def test_several_reports_are_compared(
         ([report, report], "hold the same session"),
         ([report, other("k", settings={**plain["settings"], "k_max": 7})], "another k_max"),
         ([report, other("old", evidence=None, tasks={})], "none of the tasks"),
-        ([tmp_path], "cannot be read"),
+        ([tmp_path], "cannot read"),
     ):
         assert main(["orders", *map(str, reports), "--out", str(tmp_path / "no")]) == 2
         assert message in capsys.readouterr().err

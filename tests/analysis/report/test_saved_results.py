@@ -1,0 +1,118 @@
+"""``rigctl orders`` reads ``results.json`` of strangers: each is a report, or refused."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigctl.analysis.paper.comparisons import NAME_OF
+from rigctl.cli import main
+
+BETTER, WORSE = list(NAME_OF)[:2]
+HALF = {"texture": 0.5, "speed": 0.1, "force": 0.1, "within": 0.3, "mean_by_force": [1.0, 2]}
+PAIR = {
+    "better": BETTER,
+    "worse": WORSE,
+    "verdict": "holds",
+    "points": 3.5,
+    "spread_points": None,
+    "paper_points": 4,
+    "measured_beside": ["rates differ"],
+}
+RESULTS: dict[str, Any] = {
+    "simulated": True,
+    "inputs": [
+        {"path": "day", "plan_hash": "a", "begun_utc": "b", "seed": 1, "simulation_seed": None}
+    ],
+    "settings": {"iterations": 2, "k_max": 2, "engine": "own", "encoder": {"name": "default"}},
+    "trials": {"used": 32},
+    "tasks": {
+        "textures": {
+            "title": "Textures",
+            "figure": "Fig. 3",
+            "shown_components": 2,
+            "paper": {BETTER: [90.0, 1.0]},
+            "representations": {
+                BETTER: {"mean": [0.5, 0.9], "sd": [0.1, 0.1]},
+                WORSE: {"mean": [0.4, 0.8], "sd": None},
+            },
+            "order": {"compared": [PAIR]},
+        }
+    },
+    "evidence": {
+        "draws": 2,
+        "halves": {BETTER: {"SA": HALF, "RA": HALF}},
+        "alone": {"textures": {BETTER: {"SA": 0.5, "RA": 0.6}}},
+    },
+}
+WRONG = [None, -1, 10**30, "x", [], {}, [[]], {"\x1b": 1}, True, 0.5]
+
+
+def compare(folder: Path, text: str | bytes) -> int:
+    """Return the exit code of ``rigctl orders`` for a report of this text."""
+    report = folder / "report"
+    report.mkdir(exist_ok=True)
+    content = text if isinstance(text, bytes) else text.encode()
+    (report / "results.json").write_bytes(content)
+    return main(["orders", str(report), "--out", str(folder / "page")])
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path of every member."""
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, item in items:
+        yield (*path, key)
+        if isinstance(item, dict | list):
+            yield from places(item, (*path, key))
+
+
+def changed(path: tuple[Any, ...], wrong: Any) -> str:
+    results = copy.deepcopy(RESULTS)
+    parent = results
+    for key in path[:-1]:
+        parent = parent[key]
+    parent[path[-1]] = wrong
+    return json.dumps(results)
+
+
+def test_a_report_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare(tmp_path, json.dumps(RESULTS)) == 0
+    assert "of 1 comparisons 1 hold in every set" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("path", list(places(RESULTS)), ids=lambda path: ".".join(map(str, path)))
+def test_a_member_of_another_type_is_refused_or_harmless(
+    path: tuple[Any, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number, wrong in enumerate(WRONG):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        code = compare(folder, changed(path, wrong))
+        errors = capsys.readouterr().err
+        assert code in (0, 2)
+        assert errors.count("\n") == (1 if code else 0)
+        assert (folder / "page").exists() == (code == 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[" * 100_000, "is not the JSON of a report"),
+        ("\x00", "is not the JSON of a report"),
+        (b"\xff", "is not the JSON of a report"),
+        ('{"evidence": NaN}', "is not the JSON of a report"),
+        ("{}", "was made by an older rigctl"),
+        ('{"evidence": null}', "missing required field"),
+        (b" " * (16 * 1024 * 1024 + 1), "is larger than 16,777,216 bytes"),
+    ],
+)
+def test_what_is_no_report_is_refused(
+    text: str | bytes, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert compare(tmp_path, text) == 2
+    assert words in capsys.readouterr().err
