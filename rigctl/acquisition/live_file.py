@@ -9,17 +9,18 @@ rows since the file was created, are aligned 64-bit words and never wrap.
 
 from __future__ import annotations
 
+import errno
 import mmap
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.errors import RigFault
+from rigctl.errors import DiskFault, RigFault
 
 ALIGNMENT_BYTES = 64
 _HEADER_BYTES = 1024
@@ -27,6 +28,8 @@ _HEADER_WORDS = 8  # magic, taxels, rows of both rings, version of the range, th
 _RANGE_OFFSET = 64
 _COUNTERS_BYTES = 64
 _RANGE_TRIES = 1000
+_NO_FALLOCATE = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
+_ZEROS = bytes(1 << 20)
 _NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 RingColumns = Mapping[str, np.dtype[Any]]
@@ -139,15 +142,15 @@ class LiveFile:
 
     @classmethod
     def create(cls, path: Path, layout: LiveLayout, taxel_rows: int, other_rows: int) -> Self:
-        """Create the file."""
-        size = _HEADER_BYTES + ring_bytes(taxel_rows, layout.taxel_columns)
-        size += ring_bytes(other_rows, layout.other_columns)
-        descriptor = os.open(path, _NEW_FILE, 0o600)
+        """Create the file. Raises DiskFault where there is no room for all of it."""
+        size = _file_bytes(layout, taxel_rows, other_rows)
         try:
-            os.ftruncate(descriptor, size)
-            memory = mmap.mmap(descriptor, size)
-        finally:
-            os.close(descriptor)
+            memory = _create_memory(path, size)
+        except OSError as error:
+            raise DiskFault(
+                f"live data {path} need {size / 1e6:.0f} MB and cannot be created "
+                f"({error.strerror}): make room there, or set RIGCTL_RUNTIME to another folder"
+            ) from error
         file = cls(memory, layout, taxel_rows, other_rows)
         file.header[1:5] = (layout.n_taxels, taxel_rows, other_rows, 0)
         file.header[0] = layout.magic
@@ -156,9 +159,15 @@ class LiveFile:
     @classmethod
     def open(cls, path: Path, layout: LiveLayout) -> Self:
         """Open the file of an engine. Raises RigFault where it is absent or has another layout."""
-        taxel_rows, other_rows = _read_rows(path, layout)
-        with path.open("rb") as file:
-            memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        try:
+            with path.open("rb") as file:
+                taxel_rows, other_rows = _read_rows(path, file, layout)
+                size = _file_bytes(layout, taxel_rows, other_rows)
+                memory = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
+        except OSError as error:
+            raise RigFault(
+                f"live data {path} cannot be opened ({error.strerror}): check that the engine runs"
+            ) from error
         return cls(memory, layout, taxel_rows, other_rows)
 
     def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
@@ -220,16 +229,53 @@ class LiveFileReader:
         self._file.close()
 
 
-def _read_rows(path: Path, layout: LiveLayout) -> tuple[int, int]:
-    """Return the rows of both rings. Raises RigFault where it is no live-data file."""
+def _file_bytes(layout: LiveLayout, taxel_rows: int, other_rows: int) -> int:
+    """Return the size of the file."""
+    rings = (
+        ring_bytes(taxel_rows, layout.taxel_columns),
+        ring_bytes(other_rows, layout.other_columns),
+    )
+    return _HEADER_BYTES + sum(rings)
+
+
+def _create_memory(path: Path, size: int) -> mmap.mmap:
+    """Return the memory of a new file that has all its space.
+
+    A write into space that a full disk cannot give later would end the process by SIGBUS.
+    """
+    descriptor = os.open(path, _NEW_FILE, 0o600)
     try:
-        with path.open("rb") as file:
-            words = np.frombuffer(file.read(8 * _HEADER_WORDS), dtype=np.int64)
-    except OSError as error:
-        raise RigFault(
-            f"live data {path} cannot be opened ({error.strerror}): check that the engine runs"
-        ) from error
-    known = (layout.magic, layout.n_taxels)
-    if len(words) < _HEADER_WORDS or (words[0], words[1]) != known:
-        raise RigFault(f"{path} holds no live data of this version: restart the engine")
-    return int(words[2]), int(words[3])
+        _allocate(descriptor, size)
+        return mmap.mmap(descriptor, size)
+    except OSError:
+        path.unlink()
+        raise
+    finally:
+        os.close(descriptor)
+
+
+def _allocate(descriptor: int, size: int) -> None:
+    """Give a new file its space, by zeros where the system has no call for it."""
+    if hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(descriptor, 0, size)
+            return
+        except OSError as error:
+            if error.errno not in _NO_FALLOCATE:
+                raise
+    for start in range(0, size, len(_ZEROS)):
+        unwritten = memoryview(_ZEROS)[: size - start]
+        while unwritten:
+            unwritten = unwritten[os.write(descriptor, unwritten) :]
+
+
+def _read_rows(path: Path, file: BinaryIO, layout: LiveLayout) -> tuple[int, int]:
+    """Return the rows of both rings. Raises RigFault where it is no live-data file."""
+    words = np.frombuffer(file.read(8 * _HEADER_WORDS), dtype=np.int64)
+    if len(words) == _HEADER_WORDS and (words[0], words[1]) == (layout.magic, layout.n_taxels):
+        taxel_rows, other_rows = int(words[2]), int(words[3])
+        size = os.fstat(file.fileno()).st_size
+        fits = _file_bytes(layout, taxel_rows, other_rows) == size
+        if fits and taxel_rows > 0 and other_rows > 0:
+            return taxel_rows, other_rows
+    raise RigFault(f"{path} holds no live data of this version: restart the engine")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import multiprocessing.synchronize
+import os
+import resource
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +14,7 @@ import numpy as np
 import pytest
 
 from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
-from rigctl.errors import RigFault
+from rigctl.errors import DiskFault, RigFault
 
 ROWS = 256
 
@@ -132,3 +135,76 @@ def test_a_file_without_live_data_is_refused(tmp_path: Path) -> None:
         LiveReader(other_file)
     with pytest.raises(RigFault, match="check that the engine runs"):
         LiveReader(tmp_path / "absent")
+
+
+def test_the_file_has_its_space_before_it_is_used(writer: LiveWriter) -> None:
+    found = writer.path.stat()
+    assert found.st_blocks * 512 >= found.st_size
+
+
+def test_without_room_there_is_a_sentence_and_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(descriptor: int, offset: int, size: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(DiskFault, match=r"No space left on device\): make room there"):
+        LiveWriter(tmp_path / "live.ring")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_limit_of_the_process_is_a_sentence(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        with pytest.raises(DiskFault, match="cannot be created"):
+            LiveWriter(tmp_path / "live.ring")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("has_call", [True, False])
+def test_without_a_call_for_space_zeros_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_call: bool
+) -> None:
+    def unsupported(descriptor: int, offset: int, size: int) -> None:
+        raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
+
+    if has_call:
+        monkeypatch.setattr(os, "posix_fallocate", unsupported)
+    else:
+        monkeypatch.delattr(os, "posix_fallocate")
+    live = LiveWriter(tmp_path / "live.ring")
+    found = live.path.stat()
+    assert found.st_blocks * 512 >= found.st_size
+    add(live, 0, 10)
+    live.close()
+
+
+def test_a_name_that_is_taken_is_a_sentence(writer: LiveWriter) -> None:
+    with pytest.raises(DiskFault, match="File exists"):
+        LiveWriter(writer.path)
+    assert writer.path.exists()
+
+
+@pytest.mark.parametrize("word", [2, 3])
+@pytest.mark.parametrize("rows", [0, -1, ROWS // 2, 2 * ROWS, 1 << 40, 2**63 - 1, -(2**63)])
+def test_wrong_rows_are_refused_before_anything_is_mapped(
+    writer: LiveWriter, tmp_path: Path, word: int, rows: int
+) -> None:
+    copy = tmp_path / "copy"
+    words = bytearray(writer.path.read_bytes())
+    words[8 * word : 8 * word + 8] = np.int64(rows).tobytes()
+    copy.write_bytes(words)
+    with pytest.raises(RigFault, match="no live data of this version"):
+        LiveReader(copy)
+
+
+@pytest.mark.parametrize("size", [0, 8, 63, 64, 1024, 5000])
+def test_a_file_cut_short_is_refused(writer: LiveWriter, tmp_path: Path, size: int) -> None:
+    copy = tmp_path / "copy"
+    copy.write_bytes(writer.path.read_bytes()[:size])
+    with pytest.raises(RigFault, match="no live data of this version"):
+        LiveReader(copy)
