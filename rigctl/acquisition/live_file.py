@@ -271,8 +271,9 @@ def _allocate(descriptor: int, size: int) -> None:
 
 def _read_rows(path: Path, file: BinaryIO, layout: LiveLayout) -> tuple[int, int]:
     """Return the rows of both rings. Raises RigFault where it is no live-data file."""
-    words = np.frombuffer(file.read(8 * _HEADER_WORDS), dtype=np.int64)
-    if len(words) == _HEADER_WORDS and (words[0], words[1]) == (layout.magic, layout.n_taxels):
+    data = file.read(8 * _HEADER_WORDS)
+    words = np.frombuffer(data.ljust(8 * _HEADER_WORDS, b"\0"), dtype=np.int64)
+    if (words[0], words[1]) == (layout.magic, layout.n_taxels):
         taxel_rows, other_rows = int(words[2]), int(words[3])
         size = os.fstat(file.fileno()).st_size
         fits = _file_bytes(layout, taxel_rows, other_rows) == size
