@@ -41,7 +41,10 @@ class ServedLink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """Addresses of one cable; ``pty`` is empty on systems without pseudo-terminals."""
+    """Addresses of one cable.
+
+    ``tcp`` is empty where only terminals are served, ``pty`` on systems without pseudo-terminals.
+    """
 
     tcp: str
     pty: str
@@ -56,6 +59,7 @@ class _PseudoTerminal:
         self._link = link
         self._master, slave = os.openpty()
         tty.setraw(slave)
+        os.fchmod(slave, 0o600)  # the system lets a group of users write into it
         self.path = os.ttyname(slave)
         os.close(slave)
         os.set_blocking(self._master, False)
@@ -116,12 +120,15 @@ class _LinkServer:
         self._server: asyncio.Server | None = None
         self._terminal = _PseudoTerminal(link) if hasattr(os, "openpty") else None
 
-    async def start(self) -> Addresses:
+    async def start(self, terminals_only: bool) -> Addresses:
         """Open the cable, the TCP port and the terminal."""
-        self._server = await asyncio.start_server(self._serve, LOOPBACK, 0)
-        port = self._server.sockets[0].getsockname()[1]
+        tcp = "" if terminals_only else await self._open_port()
         self._link.open(self._publish, lambda reason: None)
-        return Addresses(f"{LOOPBACK}:{port}", self._terminal.path if self._terminal else "")
+        return Addresses(tcp, self._terminal.path if self._terminal else "")
+
+    async def _open_port(self) -> str:
+        self._server = await asyncio.start_server(self._serve, LOOPBACK, 0)
+        return f"{LOOPBACK}:{self._server.sockets[0].getsockname()[1]}"
 
     def poll(self, loop: asyncio.AbstractEventLoop) -> None:
         """Detect clients of the pseudo-terminal."""
@@ -130,11 +137,12 @@ class _LinkServer:
 
     async def close(self) -> None:
         """Close the TCP port, the terminal and the cable."""
-        assert self._server is not None
-        self._server.close()
+        if self._server is not None:
+            self._server.close()
         for client in self._clients:
             client.close()
-        await self._server.wait_closed()
+        if self._server is not None:
+            await self._server.wait_closed()
         # Python 3.11 does not wait for the connections' own tasks here.
         await asyncio.gather(*self._tasks, return_exceptions=True)
         if self._terminal is not None:
@@ -168,10 +176,17 @@ async def serve(
     links: Iterable[ServedLink],
     stop: asyncio.Event,
     started: asyncio.Future[dict[str, Addresses]],
+    terminals_only: bool = False,
 ) -> None:
-    """Serve cables until ``stop`` is set; resolve ``started`` to the addresses by their names."""
+    """Serve cables until ``stop`` is set; resolve ``started`` to the addresses by their names.
+
+    Every user of the computer can connect to a TCP port, this user alone to a terminal:
+    ``terminals_only`` opens no ports.
+    """
     servers = {link.name: _LinkServer(link) for link in links}
-    started.set_result({name: await server.start() for name, server in servers.items()})
+    started.set_result(
+        {name: await server.start(terminals_only) for name, server in servers.items()}
+    )
     loop = asyncio.get_running_loop()
     while not stop.is_set():
         for server in servers.values():

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ import serial
 from pymodbus import FramerType
 from pymodbus.client import AsyncModbusTcpClient, ModbusSerialClient
 
+from rigctl.cli import main
 from rigctl.wire.drum.register_table import MAGIC
 from rigctl.wire.taxels.frames import FrameDecoder
 
@@ -37,11 +39,42 @@ def boards() -> Iterator[dict[str, dict[str, str]]]:
 Boards = dict[str, dict[str, str]]
 
 
+def test_terminals_alone_are_private_and_no_port_is_open() -> None:
+    command = [sys.executable, "-m", "rigctl", "serve", "--pty-only"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        shown = [process.stdout.readline() for _ in range(2)]
+        listening = open_sockets(process.pid)
+        process.send_signal(signal.SIGTERM)
+        assert "any user" not in process.stderr.read()
+    assert [line.split()[0] for line in shown] == ["drum:", "taxels:"]
+    assert "tcp" not in "".join(shown)
+    assert listening == 0
+
+
+def open_sockets(pid: int) -> int:
+    """Return how many sockets a process listens on, by the kernel's list (state 0A)."""
+    listening = {
+        fields[9]
+        for line in Path("/proc/net/tcp").read_text().splitlines()[1:]
+        if (fields := line.split())[3] == "0A"
+    }
+    links = [str(entry.readlink()) for entry in Path(f"/proc/{pid}/fd").iterdir()]
+    return len({link[8:-1] for link in links if link.startswith("socket:[")} & listening)
+
+
+def test_terminals_alone_do_not_fit_a_port(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["serve", "--pty-only", "--finger", "--udp", "5040"]) == 2
+    assert "offers no ports: leave --udp out" in capsys.readouterr().err
+
+
 def test_the_addresses_are_loopback_and_terminals(boards: Boards) -> None:
     assert set(boards) == {"drum", "taxels"}
     for board in boards.values():
         assert board["tcp"].startswith("127.0.0.1:")
-        assert os.path.exists(board["pty"])  # noqa: PTH110
+        assert Path(board["pty"]).stat().st_mode & 0o777 == 0o600
 
 
 def test_mbpoll_reads_the_identity(boards: Boards) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -29,6 +30,11 @@ if TYPE_CHECKING:
 
 PREPARING = "preparing the simulated bench; after an update this takes half a minute"
 
+OPEN_TO_ALL = (
+    "any user of this computer can connect to the TCP ports; --pty-only offers pseudo-terminals "
+    "alone, which are yours"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
@@ -37,6 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plate", metavar="A–P", help="texture on the drum (A)")
     add_seed(parser, "seed of the simulated world", default=0)
     parser.add_argument("--json", action="store_true", help="print the addresses as one JSON line")
+    parser.add_argument(
+        "--pty-only",
+        action="store_true",
+        help="offer pseudo-terminals, which are this user's alone, and no TCP ports",
+    )
     finger = parser.add_argument_group("the moving finger")
     finger.add_argument(
         "--finger", action="store_true", help="offer the moving finger instead of the drum"
@@ -59,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
     _require_fitting_options(args)
     world = chosen_world(args.world)
+    if not args.pty_only:
+        print(OPEN_TO_ALL, file=sys.stderr)
     print(PREPARING, file=sys.stderr)
     if args.finger:
         _serve_finger(args, world)
@@ -74,6 +87,10 @@ def _require_fitting_options(args: argparse.Namespace) -> None:
         raise WrongUse("the person chooses the finger's plate: leave --plate out")
     if not args.finger and (args.udp is not None or args.session is not None):
         raise WrongUse("--udp and --session belong to the moving finger: add --finger")
+    if args.pty_only and not hasattr(os, "openpty"):
+        raise WrongUse("this system has no pseudo-terminals: leave --pty-only out")
+    if args.pty_only and args.udp is not None:
+        raise WrongUse("--pty-only offers no ports: leave --udp out")
 
 
 def _serve_drum(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
@@ -81,7 +98,7 @@ def _serve_drum(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
         rig.set_plate(args.plate or "A")
         assert rig.simulation is not None
         links = (rig.simulation.drum, rig.simulation.taxels)
-        rig.loop.run_until_complete(_serve(links, args.json))
+        rig.loop.run_until_complete(_serve(links, args))
 
 
 def _serve_finger(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
@@ -91,10 +108,10 @@ def _serve_finger(args: argparse.Namespace, world: SimulatedWorld | None) -> Non
     with closing(opened) as rig:
         finger = rig.simulation
         tracker, person = TrackerCable(finger.tracker, args.udp), PersonCable(finger, rig.loop)
-        rig.loop.run_until_complete(_serve((finger.finger, tracker, person), args.json))
+        rig.loop.run_until_complete(_serve((finger.finger, tracker, person), args))
 
 
-async def _serve(links: Sequence[ServedLink], as_json: bool) -> None:
+async def _serve(links: Sequence[ServedLink], args: argparse.Namespace) -> None:
     from rigctl.simulation.board_server import serve
 
     loop = asyncio.get_running_loop()
@@ -102,14 +119,17 @@ async def _serve(links: Sequence[ServedLink], as_json: bool) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     started: asyncio.Future[dict[str, Addresses]] = loop.create_future()
-    started.add_done_callback(lambda done: _say(done.result(), as_json))
-    await serve(links, stop, started)
+    started.add_done_callback(lambda done: _say(done.result(), args.json))
+    await serve(links, stop, started, args.pty_only)
 
 
 def _say(served: dict[str, Any], as_json: bool) -> None:
     if as_json:
         lines = [json.dumps({name: asdict(addresses) for name, addresses in served.items()})]
     else:
-        lines = [f"{name}: tcp {at.tcp}  port {at.pty}" for name, at in served.items()]
+        lines = [
+            f"{name}: {f'tcp {at.tcp}  ' if at.tcp else ''}port {at.pty}"
+            for name, at in served.items()
+        ]
         lines.append("press Ctrl-C to end")
     print("\n".join(lines), flush=True)
