@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rigctl.config.rig_config import About
+from rigctl.config.rig_config import About, RecordingConfig
 from rigctl.config.toml_reader import TomlText
 from rigctl.config.toml_section import read_section, text
 from rigctl.errors import ConfigError
@@ -33,6 +33,7 @@ class FingerConfig:
     about: About = field(default_factory=About)
     finger: FingerPort = field(default_factory=FingerPort)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    recording: RecordingConfig = field(default_factory=RecordingConfig)
     text: str = ""
 
 
@@ -44,6 +45,7 @@ def load_finger_config(path: Path) -> FingerConfig:
         about=read_section(root.table("about"), About),
         finger=read_section(root.table("finger"), FingerPort),
         tracker=read_section(root.table("tracker"), TrackerConfig),
+        recording=read_section(root.table("recording"), RecordingConfig),
         text=content.source,
     )
     root.finish()

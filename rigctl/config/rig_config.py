@@ -153,6 +153,13 @@ class EncoderConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingConfig:
+    """How sessions are recorded."""
+
+    private: bool = flag(False, "only the user who records can read the session")
+
+
+@dataclass(frozen=True, slots=True)
 class RigConfig:
     """One rig. Each field is a table of ``rig.toml``."""
 
@@ -167,6 +174,7 @@ class RigConfig:
     inverted: Inverted = Inverted()
     taxels: TaxelArray = TaxelArray()
     encoder: EncoderConfig = EncoderConfig()
+    recording: RecordingConfig = RecordingConfig()
 
     def with_order(self) -> RigConfig:
         """Return this rig with the order of its taxels written out, even if it is the drawing's."""

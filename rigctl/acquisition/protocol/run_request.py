@@ -21,6 +21,7 @@ from rigctl.protocol.plan import Plan
 from rigctl.session.format import layout
 from rigctl.session.format.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
 from rigctl.session.read.session import Session
+from rigctl.session.write.private import keep_private
 from rigctl.session.write.recorder import Recorder
 from rigctl.session.write.session_folder import check_same_world
 from rigctl.values import BoardIdentity
@@ -140,6 +141,8 @@ def _open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) 
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
         simulation={"seed": rig.seed, **rig.world} if rig.simulated else {},
     )
+    if config.recording.private:
+        keep_private(folder)
     return Recorder(
         folder, header, plan.protocol.text, config.with_order().to_toml(), resume=resume
     )

@@ -29,6 +29,7 @@ from rigctl.session.format import layout
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.write.finger_recorder import FingerRecorder
+from rigctl.session.write.private import keep_private
 from rigctl.session.write.session_folder import check_same_world
 from rigctl.values import BoardIdentity, Verdict
 from rigctl.wire.finger.messages import N_TAXELS
@@ -118,7 +119,7 @@ def open_finger_run(
     folder = Path(request.out) if request.out else _default_folder(request.stages, start_utc)
     check_disk_space(folder, plan.bytes_estimate)
     header = _header(plan, rig, board, start_utc, classifier)
-    recorder = FingerRecorder(folder, header, protocol.text, rig.config.text)
+    recorder = _open_recorder(folder, header, protocol.text, rig, resume=False)
     return OpenedFingerRun(
         plan,
         recorder,
@@ -134,6 +135,14 @@ def _default_folder(stages: tuple[str, ...], start_utc: str) -> Path:
     """Return a folder below ``sessions`` in the current folder."""
     stamp = start_utc[:19].replace(":", "").replace("T", "-")
     return Path("sessions") / f"{stamp}-finger-{stages[-1]}"
+
+
+def _open_recorder(
+    folder: Path, header: SessionHeader, protocol: str, rig: FingerRig, resume: bool
+) -> FingerRecorder:
+    if rig.config.recording.private:
+        keep_private(folder)
+    return FingerRecorder(folder, header, protocol, rig.config.text, resume=resume)
 
 
 def _resume(
@@ -167,7 +176,7 @@ def _resume(
     remaining = 1 - len(done) / len(plan.trials)
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
     new = _header(plan, rig, board, start_utc, classifier)
-    recorder = FingerRecorder(folder, new, protocol.text, rig.config.text, resume=True)
+    recorder = _open_recorder(folder, new, protocol.text, rig, resume=True)
     unattended = request.yes and rig.simulated
     return OpenedFingerRun(
         plan,
