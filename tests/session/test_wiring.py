@@ -49,7 +49,7 @@ def test_an_older_part_has_the_order_of_the_wire_unless_its_rig_names_another() 
     assert session_wiring(header(), RIG) == AS_WIRED
     assert session_wiring(header(), f"[taxels]\nwiring = {list(BACKWARDS)}\n") == BACKWARDS
     assert session_wiring(replace(header(), rig=IMPORTED), RIG) == ()
-    with pytest.raises(SessionError, match="damaged"):
+    with pytest.raises(SessionError, match="description of its rig: this is not TOML"):
         session_wiring(header(), "[taxels")
 
 
@@ -88,3 +88,20 @@ def test_verify_reports_a_part_with_another_order(tmp_path: Path) -> None:
     (tmp_path / "other" / "part-0002.h5").rename(tmp_path / "s" / "part-0002.h5")
     found = verify(tmp_path / "s").problems
     assert "part-0002.h5: has its taxels in another order than the first" in found
+
+
+@pytest.mark.parametrize(
+    "rig_text",
+    [
+        "x = ",
+        "a" + ".a" * 100_000 + " = 1",
+        "[" * 10_000,
+        "taxels = 1",
+        "[taxels]\nwiring = 5\n",
+        "[taxels]\nwiring = [1.5, nan]\n",
+        f"[taxels]\nwiring = [{10**400}]\n",
+    ],
+)
+def test_a_damaged_description_of_the_rig_is_refused(rig_text: str) -> None:
+    with pytest.raises(SessionError, match=r"^the session's description of its rig"):
+        session_wiring(with_wiring(()), rig_text)

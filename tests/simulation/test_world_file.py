@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -179,3 +179,35 @@ def test_the_default_rig_description_fits_its_world() -> None:
     assert described.drum.plate_length_mm == 380
     assert described.loadcell.scale_ug_per_count == 3000
     assert {f.name for f in fields(described.drum)} >= DRUM
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("plates", 1),
+        ("plates", [1]),
+        ("plates", [{"name": "A"}]),
+        ("plates", [{"nosuch": "A", "group": "x"}]),
+        ("plates", [{**asdict(Plate("B", "waves")), "height_mm": 1e9}]),
+        ("plates", [asdict(Plate("../x", "waves"))]),
+        ("plates", [asdict(Plate("B", "steep"))]),
+        ("dead_taxels", ["a"]),
+        ("stuck_taxels", [10**9]),
+        ("circumference_mm", "400"),
+        ("circumference_mm", float("nan")),
+        ("circumference_mm", 1e300),
+        ("steps_per_turn", None),
+        ("plate_length_mm", [1]),
+    ],
+)
+def test_a_damaged_record_of_a_world_is_refused(name: str, value: object) -> None:
+    header = SimulatedWorld().header_fields()
+    header["world"][name] = value
+    with pytest.raises(SessionError, match="s: the record of its simulated world is damaged"):
+        world_from_header(header, Path("s"))
+
+
+@pytest.mark.parametrize("world", [None, [], "x", 1])
+def test_a_record_that_is_no_world_is_refused(world: object) -> None:
+    with pytest.raises(SessionError, match="damaged"):
+        world_from_header({"world": world, "world_file": ""}, Path("s"))

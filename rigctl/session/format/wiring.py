@@ -6,10 +6,11 @@ not taxel 4 of the other, so the program never combines the two.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from typing import Any
 
+from rigctl.config.rig_config import MAX_TAXELS
+from rigctl.config.toml_reader import TomlText
 from rigctl.errors import SessionError
 from rigctl.session.format.header import IMPORTED, SessionHeader
 
@@ -24,11 +25,9 @@ def session_wiring(header: SessionHeader, rig_text: str) -> Wiring:
     """
     if header.wiring or header.rig == IMPORTED:
         return header.wiring
-    try:
-        wiring = tomllib.loads(rig_text).get("taxels", {}).get("wiring", [])
-    except tomllib.TOMLDecodeError as error:
-        raise SessionError(f"the session's description of its rig is damaged: {error}") from error
-    return tuple(wiring) or tuple(range(header.n_taxels))
+    rig = TomlText("the session's description of its rig", rig_text, SessionError)
+    wiring = rig.root.table("taxels").integers("wiring", (), low=0, high=MAX_TAXELS)
+    return wiring or tuple(range(header.n_taxels))
 
 
 def source_wiring(source: Mapping[str, Any]) -> Wiring:

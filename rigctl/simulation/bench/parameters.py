@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rigctl.errors import WrongUse
 from rigctl.simulation.bench.parameter_fields import ParameterInfo, checked, describe
 from rigctl.simulation.bench.parameter_fields import parameter as _p
+from rigctl.values import N_TAXELS
 
 PAPER = "published: the paper"
 RIG = "published: Chaudhry et al., NER 2023"
@@ -159,4 +161,9 @@ def parameter_infos(parameters: WorldParameters | None = None) -> list[Parameter
 
 def validated(parameters: WorldParameters) -> WorldParameters:
     """Return the parameters. Raises WrongUse that names one outside its plausible range."""
+    for plate in parameters.plates:
+        checked(plate, f"plate {plate.name}")
+    for taxel in (*parameters.dead_taxels, *parameters.stuck_taxels):
+        if not 0 <= taxel < N_TAXELS:
+            raise WrongUse(f"world: there is no taxel {taxel}: choose 0 to {N_TAXELS - 1}")
     return checked(parameters, "world")

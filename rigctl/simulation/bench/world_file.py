@@ -12,11 +12,13 @@ from dataclasses import Field, asdict, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
+
 from rigctl.config.rig_config import DrumGeometry, RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText
-from rigctl.errors import ConfigError, SessionError
+from rigctl.errors import ConfigError, SessionError, WrongUse
 from rigctl.simulation.bench import parameter_tables
-from rigctl.simulation.bench.parameters import Plate, WorldParameters
+from rigctl.simulation.bench.parameters import Plate, WorldParameters, validated
 from rigctl.simulation.bench.textures import CATALOGUE
 from rigctl.values import N_TAXELS
 
@@ -45,6 +47,7 @@ class SimulatedWorld(NamedTuple):
 
 
 NOMINAL_WORLD = SimulatedWorld()
+_GROUPS = tuple(dict.fromkeys(texture.group for texture in CATALOGUE.values()))
 _PLATES_HEAD = (
     "\n# Plates of your own\n"
     "# [plates.B] takes group, height_mm, space_mm, ridge_share; any letter from A to P\n"
@@ -86,16 +89,28 @@ def world_from_header(simulation: Mapping[str, Any], where: Path) -> SimulatedWo
     """
     if WORLD not in simulation:
         return None
-    recorded = simulation[WORLD]
+    recorded, file = simulation[WORLD], simulation.get(WORLD_FILE, "")
+    if not isinstance(recorded, dict) or not isinstance(file, str):
+        raise SessionError(f"{where}: the record of its simulated world is damaged")
     differing = sorted(recorded.keys() ^ {f.name for f in fields(WorldParameters)})
     if differing:
         raise SessionError(
             f"{where} was recorded in the world of another version of rigctl: only one of the two "
             f"has {differing[0]}; use the version that recorded it"
         )
-    values: dict[str, Any] = {n: tuple(v) if type(v) is list else v for n, v in recorded.items()}
-    values[PLATES] = tuple(Plate(**plate) for plate in values[PLATES])
-    return SimulatedWorld(WorldParameters(**values), simulation.get(WORLD_FILE, ""))
+    try:
+        parameters = validated(msgspec.convert(recorded, type=WorldParameters))
+    except (msgspec.ValidationError, WrongUse) as error:
+        raise SessionError(
+            f"{where}: the record of its simulated world is damaged: {error}"
+        ) from error
+    for plate in parameters.plates:
+        if plate.name not in CATALOGUE or plate.group not in _GROUPS:
+            raise SessionError(
+                f"{where}: the record of its simulated world is damaged: there is no plate "
+                f"{plate.name!r} of the group {plate.group!r}"
+            )
+    return SimulatedWorld(parameters, file)
 
 
 def _value(table: TomlTable, item: Any) -> Any:
@@ -120,7 +135,7 @@ def _plate(name: str, table: TomlTable, p: WorldParameters) -> Plate:
         "space_mm": p.base_space_mm * default.space,
         "ridge_share": p.ridge_share,
     }
-    group = table.choice("group", dict.fromkeys(t.group for t in CATALOGUE.values()), default.group)
+    group = table.choice("group", _GROUPS, default.group)
     if group == "smooth" and (shaped := [key for key in table if key in nominal]):
         table.fail(shaped[0], "a smooth plate has none: give it another group")
     sizes = {f.name: f.metadata for f in fields(Plate) if f.metadata}
