@@ -39,6 +39,8 @@ DRAIN_S = 0.012
 """After this pause no reply to an abandoned request is on the line."""
 LATE_REPLY_S = 0.1
 """A reply to a request that was sent again, or abandoned, may come within this time."""
+CLOCK_STEP_S = 1e-6
+"""Loop times that differ by less are the same."""
 REFUSAL = -1
 AVERAGED_REPLIES = 8
 """Number of replies over which the usual reply time adapts."""
@@ -315,7 +317,7 @@ class ModbusClient:
     def _answers(self, request: _Request, reply: ModbusPDU, asked_s: float) -> bool:
         """Return whether ``reply`` is that to ``request``, sent at ``asked_s``, and to no other."""
         count = REFUSAL if reply.isError() else request.count
-        certain = asked_s >= self._quiet_from_s(request, count)
+        certain = asked_s > self._quiet_from_s(request, count) - CLOCK_STEP_S
         return certain and request.is_answered_by(reply)
 
     def _quiet_from_s(self, request: _Request, count: int) -> float:
