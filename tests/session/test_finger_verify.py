@@ -27,6 +27,7 @@ from tests.session.finger_building import (
     record_plan,
     recorder,
 )
+from tests.session.forging import rewrite_digests
 
 Spoil = Callable[[h5py.File], None]
 FIRST = 30
@@ -146,6 +147,7 @@ def test_samples_that_the_board_lost_have_no_spikes(tmp_path: Path, miss: range)
     assert [line for line in report.notes if "trial 1" in line] == []
     with h5py.File(tmp_path / "s" / "part-0001.h5", "r+") as file:
         set_row("/windows", 0, spikes_1=60)(file)
+    rewrite_digests(tmp_path / "s")
     assert "window 0 differs" in verify(tmp_path / "s").problems[0]
 
 
@@ -157,6 +159,7 @@ def test_samples_that_only_the_board_had_leave_the_rest_unproved(tmp_path: Path)
     assert any("from counter 230 on were lost between board and host" in n for n in report.notes)
     with h5py.File(tmp_path / "s" / "part-0001.h5", "r+") as file:
         add_to("/taxels/spikes", (FIRST + 100, 0), 1)(file)
+    rewrite_digests(tmp_path / "s")
     assert "its spikes differ from the encoder's" in verify(tmp_path / "s").problems[0]
 
 
@@ -167,6 +170,7 @@ def test_rejected_scans_are_not_recomputed(tmp_path: Path) -> None:
         rec.commit_trial(finger_trial_row(plan().trials[0], 0, -1, Verdict.ABORTED, 2))
     with h5py.File(tmp_path / "s" / "part-0001.h5", "r+") as file:
         drop_row("/batches", 2)(file)
+    rewrite_digests(tmp_path / "s")
     report = verify(tmp_path / "s")
     assert report.whole
     assert "8 of 8 planned trials are not committed" in report.notes

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rigctl.cli.options.arguments import a_path
 from rigctl.cli.options.progress import ProgressLine, remaining
+from rigctl.session.verify.ending import parse_digest
 from rigctl.session.verify.report import VerifyReport
 from rigctl.session.verify.session import verify
 
@@ -21,6 +22,12 @@ QUIET_S = 2.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
+    parser.add_argument(
+        "--digest",
+        type=parse_digest,
+        metavar="HEX",
+        help="the closing digest as it was printed when the session was closed",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -32,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         if share and line.elapsed_s > QUIET_S:
             line.show(f"{what}, {remaining(line.elapsed_s, share)} left")
 
-    report = verify(args.session, show)
+    report = verify(args.session, show, args.digest or "")
     line.end()
     if args.json:
         print(json.dumps({"whole": report.whole, **asdict(report)}, ensure_ascii=False))
@@ -47,7 +54,10 @@ def _print(report: VerifyReport, path: Path) -> None:
     for line in report.problems:
         print(f"problem: {line}")
     verdict = "whole" if report.whole else f"not whole, {len(report.problems)} problems"
-    print(f"{path} is {verdict}: {contents(report)}")
+    ending = f", {report.outcome}" if report.outcome else ""
+    print(f"{path} is {verdict}: {contents(report)}{ending}")
+    if report.closing_digest:
+        print(f"digest: {report.closing_digest}")
 
 
 def contents(report: VerifyReport) -> str:

@@ -6,14 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rigctl.session.format.data_sets import DIGESTS
 from rigctl.session.format.digests import DESCRIPTION
 from rigctl.session.read.part import PartReader
-
-Numbers = NDArray[np.int64]
 
 
 class RowRange(NamedTuple):
@@ -52,7 +47,8 @@ class Coverage:
 
     ``rows_of``: for each table, the rows of /digests that cover it from row 0 on, without a hole.
     ``misplaced``: rows of /digests that belong to no table or do not follow the one before.
-    ``uncovered``: rows after the last digest. ``gone``: rows that have a digest and are missing.
+    ``uncovered``: rows after the last digest. ``gone``: blocks of rows that a table does not have to
+    their end.
     """
 
     rows_of: Mapping[str, list[int]]
@@ -65,8 +61,9 @@ def read_digest_table(part: PartReader) -> DigestTable:
     """Return the digests of a part that has some. Raises SessionError for a damaged one."""
     rows = part.stored_rows(DIGESTS.path, 0, part.n_rows(DIGESTS))
     lengths = part.stored_lengths()
-    columns = (rows[name].tolist() for name in ("table", "first_row", "n_rows", "digest"))
-    return DigestTable(*columns, lengths)
+    names = ("table", "first_row", "n_rows", "digest")
+    tables, first_rows, n_rows, digests = (rows[name].tolist() for name in names)
+    return DigestTable(tables, first_rows, n_rows, digests, lengths)
 
 
 def check_coverage(table: DigestTable) -> Coverage:
@@ -84,7 +81,7 @@ def check_coverage(table: DigestTable) -> Coverage:
             continue
         ends[path] = first + count
         if ends[path] > table.lengths.get(path, 0):
-            gone.append(_gone(path, first, count, table.lengths))
+            gone.append(RowRange(path, first, count))
         else:
             rows_of[path].append(row)
     return Coverage(rows_of, tuple(misplaced), tuple(_uncovered(table.lengths, ends)), tuple(gone))
@@ -93,11 +90,6 @@ def check_coverage(table: DigestTable) -> Coverage:
 def _fits(path: str, row: int, count: int) -> bool:
     """Return whether a digest may be in this row: the description's is the first and only it."""
     return count == 0 if path == DESCRIPTION else count > 0 and row > 0
-
-
-def _gone(path: str, first: int, count: int, lengths: Mapping[str, int]) -> RowRange:
-    kept = max(lengths[path], first)
-    return RowRange(path, kept, first + count - kept)
 
 
 def _uncovered(lengths: Mapping[str, int], ends: Mapping[str, int]) -> Iterator[RowRange]:

@@ -70,7 +70,7 @@ def check_links(
     coverage = check_coverage(table)
     previous = str(part.attributes.get(PREVIOUS_DIGEST, ""))
     chain = _Chain(part, table, coverage, previous)
-    broken = []
+    broken: list[int] = []
     for path, rows in coverage.rows_of.items():
         if tables is None or path == DESCRIPTION or path in tables:
             broken += chain.broken_links(path, rows, on_bytes)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rigctl.config.text_file import read_bytes
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.digests import PREVIOUS_DIGEST
@@ -152,13 +153,4 @@ def _unix_lines(text: bytes) -> bytes:
 
 
 def _read(path: Path) -> bytes | None:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise SessionError(f"{path} cannot be read: {error.strerror}") from error
-    if len(data) > MAX_BYTES:
-        raise SessionError(f"{path} is too large to be one that a recording wrote")
-    return data
+    return read_bytes(path, MAX_BYTES, SessionError) if path.exists() else None

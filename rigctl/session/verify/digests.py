@@ -63,13 +63,15 @@ def _altered_rows(
 
 
 def _describe_gone(place: RowRange) -> str:
-    last = place.first_row + place.n_rows - 1
-    return f"rows {place.first_row}–{last} of {place.table} were removed"
+    return f"{_row_numbers(place)} of {place.table} were removed or altered, the table is shorter"
 
 
 def _describe_added(place: RowRange) -> str:
-    last = place.first_row + place.n_rows - 1
-    return f"rows {place.first_row}–{last} of {place.table} were added, no digest covers them"
+    return f"{_row_numbers(place)} of {place.table} were added, no digest covers them"
+
+
+def _row_numbers(place: RowRange) -> str:
+    return f"rows {place.first_row}–{place.first_row + place.n_rows - 1}"
 
 
 def _rows(rows: Sequence[int]) -> str:

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 class VerifyReport:
     """Findings of :func:`rigctl.session.verify.session.verify`.
 
-    A problem is one line that begins with the file's name.
+    A problem is one line that begins with the file's name. ``outcome``: how the last sitting
+    ended, in words. ``closing_digest``: the last digest of a session that was closed, else empty.
     """
 
     problems: list[str] = field(default_factory=list)
@@ -18,6 +19,8 @@ class VerifyReport:
     samples: int = 0
     trials_committed: int = 0
     lost_samples: int = 0
+    outcome: str = ""
+    closing_digest: str = ""
 
     @property
     def whole(self) -> bool:
@@ -27,3 +30,5 @@ class VerifyReport:
 
 OnProgress = Callable[[float, str], None]
 """Takes the share of the work done, 0 to 1, and the next step."""
+OnShare = Callable[[float], None]
+"""Takes the share of a part that is checked, 0 to 1."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from rigctl.errors import SessionError
@@ -21,11 +22,15 @@ from rigctl.session.read.recovery_file import damaged_recoveries, read_recoverie
 from rigctl.session.read.session import Session
 from rigctl.session.read.session_reader import SessionReader
 from rigctl.session.verify.drum import check_drum_plan, check_truth
+from rigctl.session.verify.ending import compare_digest
 from rigctl.session.verify.part import check_part
+from rigctl.session.verify.record import RecordCheck
 from rigctl.session.verify.report import OnProgress, VerifyReport
 
 TRUTH_SHARE = 0.5
 """Measured share of the work if there is such a log: it is compressed, the parts are not."""
+DIGESTS_SHARE = 0.5
+"""Measured share of a part's work that its digests take."""
 SAME_IN_ALL_PARTS = (
     "plan_hash",
     "seed",
@@ -39,8 +44,12 @@ CheckPart = Callable[[PartReader, StructuredArray], tuple[list[str], list[str]]]
 """Returns problems and notes of a part and of its rows of /trials."""
 
 
-def verify(path: Path, on_progress: OnProgress = lambda share, what: None) -> VerifyReport:
+def verify(
+    path: Path, on_progress: OnProgress = lambda share, what: None, digest: str = ""
+) -> VerifyReport:
     """Check everything in a session. Raises SessionError for another kind of folder.
+
+    ``digest``: its closing digest as it was kept elsewhere, "" for none.
 
     Calls ``on_progress`` with the share of the work done, 0 to 1, and the next step. Holds one
     block of samples at a time, however long the session is.
@@ -49,15 +58,15 @@ def verify(path: Path, on_progress: OnProgress = lambda share, what: None) -> Ve
     part_paths(path)  # raises SessionError for another kind of folder
     try:
         if is_finger_session(path):
-            _verify_finger(path, report, on_progress)
+            _verify_finger(path, report, on_progress, digest)
         else:
-            _verify_drum(path, report, on_progress)
+            _verify_drum(path, report, on_progress, digest)
     except SessionError as error:
         report.problems.append(str(error))
     return report
 
 
-def _verify_drum(path: Path, report: VerifyReport, on_progress: OnProgress) -> None:
+def _verify_drum(path: Path, report: VerifyReport, on_progress: OnProgress, digest: str) -> None:
     parts_share = 1.0 - TRUTH_SHARE if list(path.glob(TRUTH_PATTERN)) else 1.0
     with Session.open(path) as session:
         _check_parts(session, report)
@@ -65,9 +74,10 @@ def _verify_drum(path: Path, report: VerifyReport, on_progress: OnProgress) -> N
         _check_contents(session, check_part, report, on_progress, parts_share)
         check_drum_plan(session, report)
         check_truth(session, report, on_progress, parts_share)
+        _check_kept_digest(session, digest, report)
 
 
-def _verify_finger(path: Path, report: VerifyReport, on_progress: OnProgress) -> None:
+def _verify_finger(path: Path, report: VerifyReport, on_progress: OnProgress, digest: str) -> None:
     # Imported late: the encoder takes a second to load.
     from rigctl.session.verify.finger import check_finger_part, check_finger_plan
 
@@ -75,6 +85,7 @@ def _verify_finger(path: Path, report: VerifyReport, on_progress: OnProgress) ->
         _check_parts(session, report)
         _check_contents(session, check_finger_part, report, on_progress, 1.0)
         check_finger_plan(session, report)
+        _check_kept_digest(session, digest, report)
 
 
 def _check_contents(
@@ -85,9 +96,12 @@ def _check_contents(
     share: float,
 ) -> None:
     n_parts = len(session.parts)
+    record = RecordCheck(session, report)
     for done, part in enumerate(session.parts):
-        on_progress(share * done / n_parts, f"part {done + 1} of {n_parts}")
+        step = partial(_show, on_progress, share / n_parts, done, f"part {done + 1} of {n_parts}")
+        step(0.0)
         try:
+            record.check_part(done, step)
             problems, notes = check(part, session.trials[session.trials["part"] == part.number])
         except SessionError as error:
             report.problems.append(str(error))
@@ -95,9 +109,21 @@ def _check_contents(
         report.problems += [f"{part.path.name}: {line}" for line in problems]
         report.notes += [f"{part.path.name}: {line}" for line in notes]
     on_progress(share, "the plan")
+    record.check_whole()
     report.samples = session.n_samples
     report.lost_samples = int(session.gaps["count"].sum())
     _check_committed(session, report)
+
+
+def _show(
+    on_progress: OnProgress, part_share: float, part: int, what: str, digests_done: float
+) -> None:
+    on_progress(part_share * (part + DIGESTS_SHARE * digests_done), what)
+
+
+def _check_kept_digest(session: SessionReader, digest: str, report: VerifyReport) -> None:
+    if digest:
+        compare_digest(session.parts, digest, report)
 
 
 def _check_committed(session: SessionReader, report: VerifyReport) -> None:

@@ -1,0 +1,72 @@
+"""Check that a session is the one that was recorded: its digests, and the files beside its parts."""
+
+from __future__ import annotations
+
+from rigctl.errors import SessionError
+from rigctl.session.format.writer_lock import is_being_written
+from rigctl.session.read.closing_digest import last_digest
+from rigctl.session.read.session_reader import SessionReader
+from rigctl.session.verify.digest_lines import (
+    DigestLines,
+    check_digest_lines,
+    check_texts,
+    read_digest_lines,
+)
+from rigctl.session.verify.digests import (
+    check_part_digests,
+    check_succession,
+    follower_digests,
+)
+from rigctl.session.verify.ending import LATER_PART_MISSING, describe_end
+from rigctl.session.verify.report import OnShare, VerifyReport
+
+
+class RecordCheck:
+    """The check of a session's digests; parts are checked one by one, then what joins them."""
+
+    def __init__(self, session: SessionReader, report: VerifyReport) -> None:
+        self._session = session
+        self._report = report
+        self._lines = _lines(session, report)
+        self._followers = follower_digests(session.parts, self._lines.closed)
+
+    def check_part(self, index: int, on_share: OnShare) -> None:
+        """Check the rows of one part; ``on_share`` takes the share of it that is done."""
+        part = self._session.parts[index]
+        if not part.has_digests:
+            return
+        size, done = max(1, part.path.stat().st_size), 0
+
+        def add(n: int) -> None:
+            nonlocal done
+            done += n
+            on_share(min(1.0, done / size))
+
+        check_part_digests(part, self._followers[part.number], self._report, add)
+
+    def check_whole(self) -> None:
+        """Check how parts follow each other and how the session ended."""
+        session, report = self._session, self._report
+        last, written = session.parts[-1], is_being_written(session.path)
+        check_succession(session.parts, {}, report)
+        try:
+            if not written:
+                check_digest_lines(self._lines, session.parts, report)
+            check_texts(session.path, session.parts[0], report)
+            report.outcome = describe_end(last, written)
+        except SessionError as error:
+            report.problems.append(str(error))
+        if report.outcome == LATER_PART_MISSING:
+            report.problems.append(
+                f"{last.path.name}: was closed because another part followed, which is missing"
+            )
+        if last.finished and last.has_digests and not written:
+            report.closing_digest = last_digest(last)
+
+
+def _lines(session: SessionReader, report: VerifyReport) -> DigestLines:
+    try:
+        return read_digest_lines(session.path)
+    except SessionError as error:
+        report.problems.append(str(error))
+        return DigestLines()
