@@ -46,7 +46,9 @@ def _rewrite(path: Path, previous: str) -> str:
                 places.append((table, covered, len(file[table]) - covered))
         rows = []
         for table, first, count in places:
-            data = describe_part(file) if table == DESCRIPTION else _bytes(file, table, first, count)
+            data = (
+                describe_part(file) if table == DESCRIPTION else _bytes(file, table, first, count)
+            )
             previous = next_digest(previous, table, first, count, data)
             rows.append((table.encode(), first, count, previous.encode()))
         file[DIGESTS.path].resize(len(rows), axis=0)

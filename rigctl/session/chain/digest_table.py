@@ -47,8 +47,8 @@ class Coverage:
 
     ``rows_of``: for each table, the rows of /digests that cover it from row 0 on, without a hole.
     ``misplaced``: rows of /digests that belong to no table or do not follow the one before.
-    ``uncovered``: rows after the last digest. ``gone``: blocks of rows that a table does not have to
-    their end.
+    ``uncovered``: rows after the last digest. ``gone``: blocks whose last
+    rows a table lacks.
     """
 
     rows_of: Mapping[str, list[int]]

@@ -106,9 +106,7 @@ class _Chain:
             yield from self._broken_in(path, batch, data, size)
             on_bytes(len(data))
 
-    def _broken_in(
-        self, path: str, batch: list[int], data: memoryview, size: int
-    ) -> Iterator[int]:
+    def _broken_in(self, path: str, batch: list[int], data: memoryview, size: int) -> Iterator[int]:
         table, before = self._table, self._before
         base = table.first_rows[batch[0]]
         for row in batch:

@@ -16,10 +16,12 @@ from rigctl.session.format.table_rows import parse_event
 from rigctl.session.read.closing_digest import last_digest
 from rigctl.session.read.part import PartReader
 from rigctl.session.verify.report import VerifyReport
+from rigctl.session.write.digest_lines import utc_at
 
 CONTINUES = "continues"
 MAX_BYTES = 16 << 20
 """Of any file beside the parts: more than 100,000 sittings."""
+MAX_SITTING_S = 1e9
 _LINE = re.compile(
     r"(?P<utc>\S+) (?:opened (?P<opened>part-[0-9]{4,5}\.h5)"
     r"|closed (?P<closed>part-[0-9]{4,5}\.h5) (?P<word>finished|stopped|failed|continues) "
@@ -91,21 +93,36 @@ def _wrong_lines(found: DigestLines, parts: Sequence[PartReader]) -> Iterator[st
     for name in sorted(by_name.keys() - named):
         if by_name[name].has_digests:
             yield f"does not name {name}, which was put in later"
+    begun = ""  # when the next part begins, if it is one of the same sitting
     for line in found.lines:
-        if line.part in by_name:
+        if line.part in by_name and by_name[line.part].has_digests:
             yield from _wrong_line(line, by_name[line.part])
+            yield from _wrong_time(line, by_name[line.part], begun)
+        elif line.part in by_name:
+            yield f"has a digest of {line.part}, the part has none: it was exchanged"
+        begun = line.utc if line.word == CONTINUES else ""
 
 
 def _wrong_line(line: DigestLine, part: PartReader) -> Iterator[str]:
-    if not part.has_digests:
-        yield f"has a digest of {line.part}, the part has none: it was exchanged"
-    elif not line.word:
+    if not line.word:
         if line.digest != part.attributes.get(PREVIOUS_DIGEST):
             yield f"{line.part} began with another digest: the part or the line was exchanged"
     elif line.digest != last_digest(part):
         yield f"{line.part} was closed with another digest: the part or the line was exchanged"
     elif (line.word, line.counts) != _ending(part, line):
         yield f"{line.part} was closed as {line.word} {line.counts}, the part says otherwise"
+
+
+def _wrong_time(line: DigestLine, part: PartReader, begun: str) -> Iterator[str]:
+    at_s = part.header.start_loop_s
+    if line.word and part.n_rows(layout.EVENTS):
+        at_s = float(part.rows(layout.EVENTS, part.n_rows(layout.EVENTS) - 1)["at_s"][0])
+    if not abs(at_s - part.header.start_loop_s) < MAX_SITTING_S:
+        return  # its events are not those that were recorded, which another check says
+    expected = (line.word == "" and begun) or utc_at(part.header, at_s)
+    if line.utc != expected:
+        verb = "closed" if line.word else "opened"
+        yield f"{line.part} was {verb} at {expected}, not at {line.utc}"
 
 
 def _ending(part: PartReader, line: DigestLine) -> tuple[str, str]:

@@ -106,6 +106,8 @@ def _check_batches(scan: RecordedScan) -> Iterator[str]:
     lost_first = scan.n_scanned - scan.count
     if np.any(samples[:-1] != BATCH_SAMPLES):
         yield "a batch before its last one is short"
+    elif np.any(scan.at < 0) or np.any(scan.at >= scan.n_scanned):
+        yield "it has samples outside its batches"
     elif lost_first < 0 or (lost_first and not scan.flags[0] & SampleFlag.LOST_BEFORE):
         yield f"its batches have {scan.n_scanned} samples, its window {scan.count}"
     moved_nm = np.cumsum(samples * scan.batches["velocity_um_s"])

@@ -1,4 +1,4 @@
-"""Check that a session is the one that was recorded: its digests, and the files beside its parts."""
+"""Check that a session is the one recorded: its digests, and the files beside its parts."""
 
 from __future__ import annotations
 
