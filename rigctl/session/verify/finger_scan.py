@@ -20,6 +20,9 @@ from rigctl.session.format.finger_rows import spike_counts
 from rigctl.session.read.part import StructuredArray
 from rigctl.wire.finger.messages import BATCH_SAMPLES, SampleFlag
 
+MAX_MISSING = 1000
+"""Missing batches that are listed: more than a minute of a scan."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecordedScan:
@@ -95,6 +98,9 @@ def _check_batches(scan: RecordedScan) -> Iterator[str]:
     """Check that batches follow each other, as long and as far along as the scan."""
     numbers = scan.batches["batch"].tolist()
     expected = max(-(-scan.count // BATCH_SAMPLES), max(numbers, default=-1) + 1)
+    if expected > len(numbers) + MAX_MISSING:
+        yield f"it has {scan.count} samples, but {len(numbers)} batches are recorded"
+        return
     missing = sorted(set(range(expected)) - set(numbers))
     if missing:
         yield f"batch {', '.join(map(str, missing))} is not recorded"
@@ -106,10 +112,10 @@ def _check_batches(scan: RecordedScan) -> Iterator[str]:
     lost_first = scan.n_scanned - scan.count
     if np.any(samples[:-1] != BATCH_SAMPLES):
         yield "a batch before its last one is short"
-    elif np.any(scan.at < 0) or np.any(scan.at >= scan.n_scanned):
-        yield "it has samples outside its batches"
     elif lost_first < 0 or (lost_first and not scan.flags[0] & SampleFlag.LOST_BEFORE):
         yield f"its batches have {scan.n_scanned} samples, its window {scan.count}"
+    elif np.any(scan.at < 0) or np.any(scan.at >= scan.n_scanned):
+        yield "it has samples outside its batches"
     moved_nm = np.cumsum(samples * scan.batches["velocity_um_s"])
     wrong = np.flatnonzero(scan.batches["start_nm"] != np.concatenate([[0], moved_nm[:-1]]))
     if len(wrong):
