@@ -32,7 +32,7 @@ def dead(tmp_path: Path) -> Path:
             bench.trial(trial)
         rec.wait_written()
         (tmp_path / "dead").mkdir()
-        for name in ("part-0001.h5", "protocol.toml", "rig.toml", "writer.lock"):
+        for name in ("part-0001.h5", "protocol.toml", "rig.toml", "writer.lock", "digests.txt"):
             (tmp_path / "dead" / name).write_bytes((tmp_path / "live" / name).read_bytes())
     return tmp_path / "dead"
 

@@ -77,7 +77,7 @@ def check_digest_lines(
     found: DigestLines, parts: Sequence[PartReader], report: VerifyReport
 ) -> None:
     """Compare ``digests.txt`` with the parts that are there and have digests."""
-    if not any(part.has_digests for part in parts) and not found.exists:
+    if not found.exists and not any(part.has_digests and part.finished for part in parts):
         return
     report.problems += [f"{DIGEST_LINES_FILE}: {line}" for line in _wrong_lines(found, parts)]
 
@@ -91,7 +91,7 @@ def _wrong_lines(found: DigestLines, parts: Sequence[PartReader]) -> Iterator[st
     by_name = {part.path.name: part for part in parts}
     named = {line.part for line in found.lines}
     for name in sorted(by_name.keys() - named):
-        if by_name[name].has_digests:
+        if by_name[name].has_digests and by_name[name].finished:  # else killed before its line
             yield f"does not name {name}, which was put in later"
     begun = ""  # when the next part begins, if it is one of the same sitting
     for line in found.lines:
