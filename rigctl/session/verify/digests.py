@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from rigctl.session.chain.digest_table import RowRange
 from rigctl.session.chain.links import OnBytes, PartLinks, check_links
 from rigctl.session.chain.touched_trials import name_attempts, touched_attempts
-from rigctl.session.format.digests import FIRST_DIGEST, PREVIOUS_DIGEST
+from rigctl.session.format.digests import DESCRIPTION, FIRST_DIGEST, PREVIOUS_DIGEST
 from rigctl.session.read.closing_digest import last_digest
 from rigctl.session.read.damage import describe_rows
 from rigctl.session.read.part import PartReader
+from rigctl.session.read.recovery_file import KnownDamage
 from rigctl.session.verify.report import VerifyReport
 
 MAX_LINES = 20
@@ -19,13 +22,24 @@ WITHOUT_DIGESTS = "recorded before there were digests: alterations of its rows c
 
 
 def check_part_digests(
-    part: PartReader, follower: str, report: VerifyReport, on_bytes: OnBytes
+    part: PartReader,
+    follower: str,
+    known: Sequence[KnownDamage],
+    report: VerifyReport,
+    on_bytes: OnBytes,
 ) -> None:
     """Check every row of a part that has digests.
 
     ``follower``: the digest that the next part or ``digests.txt`` has for this part's end.
+    ``known``: damage that a recovery file lists, which is noted while it does not change.
     """
     links = check_links(part, follower=follower, on_bytes=on_bytes)
+    attested = [place for place in links.damaged if _is_known(part, place, known)]
+    report.notes += [
+        f"{part.path.name}: {line}, as a recovery file says"
+        for line in _altered_rows(part, attested, describe_rows)
+    ]
+    links = replace(links, damaged=tuple(p for p in links.damaged if p not in attested))
     report.problems += [f"{part.path.name}: {line}" for line in _problems(part, links)]
     report.notes += [f"{part.path.name}: {line}" for line in _notes(part, links)]
 
@@ -42,6 +56,19 @@ def _problems(part: PartReader, links: PartLinks) -> Iterator[str]:
         )
     if misplaced := links.coverage.misplaced:
         yield f"{_rows(misplaced)} of /digests {_were(misplaced)} altered, removed or moved"
+
+
+def _is_known(part: PartReader, place: RowRange, known: Sequence[KnownDamage]) -> bool:
+    listed = [rows for rows in known if (rows.table, rows.first_row, rows.n_rows) == place]
+    if not listed:
+        return False
+    end = place.first_row + place.n_rows
+    data = (
+        part.describe()
+        if place.table == DESCRIPTION
+        else part.stored_rows(place.table, place.first_row, end).tobytes()
+    )
+    return hashlib.sha256(data).hexdigest() in {rows.sha256 for rows in listed}
 
 
 def _notes(part: PartReader, links: PartLinks) -> Iterator[str]:

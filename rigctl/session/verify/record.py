@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from rigctl.errors import SessionError
+from rigctl.session.format.layout import part_number
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.closing_digest import last_digest
+from rigctl.session.read.recovery_file import read_recoveries
 from rigctl.session.read.session_reader import SessionReader
 from rigctl.session.verify.digest_lines import (
     DigestLines,
@@ -29,6 +33,9 @@ class RecordCheck:
         self._report = report
         self._lines = _lines(session, report)
         self._followers = follower_digests(session.parts, self._lines.closed)
+        recoveries = read_recoveries(session.path)
+        self._recovered = {part.number: part.last_digest for r in recoveries for part in r.parts}
+        self._known = [rows for recovery in recoveries for rows in recovery.damaged_rows]
 
     def check_part(self, index: int, on_share: OnShare) -> None:
         """Check the rows of one part; ``on_share`` takes the share of it that is done."""
@@ -42,25 +49,25 @@ class RecordCheck:
             done += n
             on_share(min(1.0, done / size))
 
-        check_part_digests(part, self._followers[part.number], self._report, add)
+        known = [rows for rows in self._known if rows.part == part.number]
+        check_part_digests(part, self._followers[part.number], known, self._report, add)
 
     def check_whole(self) -> None:
         """Check how parts follow each other and how the session ended."""
         session, report = self._session, self._report
         last, written = session.parts[-1], is_being_written(session.path)
-        check_succession(session.parts, {}, report)
+        check_succession(session.parts, self._recovered, report)
         try:
             if not written:
-                check_digest_lines(self._lines, session.parts, report)
+                untouched = [p for p in session.parts if p.number not in self._recovered]
+                check_digest_lines(self._lines, untouched, report)
             check_texts(session.path, session.parts[0], report)
             report.outcome = describe_end(last, written)
         except SessionError as error:
             report.problems.append(str(error))
-        if report.outcome == LATER_PART_MISSING:
-            report.problems.append(
-                f"{last.path.name}: was closed because another part followed, which is missing"
-            )
-        if last.finished and last.has_digests and not written:
+        if any(part_number(Path(part.name)) > last.number for part in session.missing_parts):
+            report.outcome = LATER_PART_MISSING
+        if session.finished and last.has_digests and not written:
             report.closing_digest = last_digest(last)
 
 
