@@ -42,7 +42,7 @@ class DigestTable:
 
 
 @dataclass(frozen=True, slots=True)
-class Coverage:
+class DigestCoverage:
     """What the digests of a part cover.
 
     ``rows_of``: for each table, the rows of /digests that cover it from row 0 on, without a hole.
@@ -66,7 +66,7 @@ def read_digest_table(part: PartReader) -> DigestTable:
     return DigestTable(tables, first_rows, n_rows, digests, lengths)
 
 
-def check_coverage(table: DigestTable) -> Coverage:
+def check_coverage(table: DigestTable) -> DigestCoverage:
     """Return which digests cover which rows."""
     rows_of: dict[str, list[int]] = {path: [] for path in table.lengths if path != DIGESTS.path}
     rows_of[DESCRIPTION] = []
@@ -84,7 +84,9 @@ def check_coverage(table: DigestTable) -> Coverage:
             gone.append(RowRange(path, first, count))
         else:
             rows_of[path].append(row)
-    return Coverage(rows_of, tuple(misplaced), tuple(_uncovered(table.lengths, ends)), tuple(gone))
+    return DigestCoverage(
+        rows_of, tuple(misplaced), tuple(_uncovered(table.lengths, ends)), tuple(gone)
+    )
 
 
 def _fits(path: str, row: int, count: int) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rigctl.session.chain.digest_table import (
-    Coverage,
+    DigestCoverage,
     DigestTable,
     RowRange,
     check_coverage,
@@ -43,7 +43,7 @@ class PartLinks:
 
     previous: str
     last: str
-    coverage: Coverage
+    coverage: DigestCoverage
     damaged: tuple[RowRange, ...] = ()
     altered: tuple[int, ...] = ()
 
@@ -86,7 +86,7 @@ class _Chain:
     """The stored digests of a part, and those that its rows give."""
 
     def __init__(
-        self, part: PartReader, table: DigestTable, coverage: Coverage, previous: str
+        self, part: PartReader, table: DigestTable, coverage: DigestCoverage, previous: str
     ) -> None:
         self._part = part
         self._table = table
