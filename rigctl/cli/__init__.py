@@ -27,6 +27,7 @@ MODULES = {
     "world": ".data.world",
     "info": ".data.info",
     "verify": ".data.verify",
+    "recover": ".data.recover",
     "accept": ".rig.accept",
     "calibrate": ".rig.calibrate",
     "ports": ".rig.ports",

@@ -34,7 +34,7 @@ def kill_while_recording(folder: Path, trials: int, scratch: Path, idle: int = 0
         for trial in of.trials[:trials]:
             source.idle(idle)
             source.trial(trial)
-        rec.wait_written()
+            rec.wait_written()
         shutil.copytree(scratch, folder)
     return of
 

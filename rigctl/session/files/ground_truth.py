@@ -133,9 +133,14 @@ def write_truth(folder: Path, log: TruthLog) -> Path:
 
 def check_truth(folder: Path) -> None:
     """Read the logs of all sittings. Raises SessionError for a damaged file."""
-    for path in _log_paths(folder):
-        with open_truth(path) as log:
-            log.check()
+    for path in log_paths(folder):
+        check_log(path)
+
+
+def check_log(path: Path) -> None:
+    """Read one log. Raises SessionError for a damaged file."""
+    with open_truth(path) as log:
+        log.check()
 
 
 def trial_truths(
@@ -149,7 +154,7 @@ def trial_truths(
     rows = session.trials[committed]
     starts = _part_starts(session.path)
     truths: dict[int, TrialTruth] = {}
-    for path in _log_paths(session.path):
+    for path in log_paths(session.path):
         with open_truth(path) as log:
             rises = log.rises_ms()
             own = np.flatnonzero(np.isin(rows["part"], _parts_of(log, starts)))
@@ -171,7 +176,7 @@ def summarise_truth(
 
     Calls ``on_trial`` and raises as :func:`trial_truths` does.
     """
-    if not _log_paths(session.path):
+    if not log_paths(session.path):
         return None
     truths = trial_truths(session, on_trial)
     speed = [abs(truth.speed_error) * 1000 for truth in truths]
@@ -185,7 +190,8 @@ def summarise_truth(
     }
 
 
-def _log_paths(folder: Path) -> list[Path]:
+def log_paths(folder: Path) -> list[Path]:
+    """Return the logs of a session's sittings, in order."""
     return sorted(filter(_log_number, folder.glob(TRUTH_PATTERN)), key=_log_number)
 
 
@@ -269,7 +275,7 @@ def _parts_of(log: TruthReader, starts: Mapping[int, Start]) -> list[int]:
 def _log_of(folder: Path, start: Start) -> Path | None:
     """Return the log of the sitting with this start."""
     starts = _part_starts(folder)
-    for path in _log_paths(folder):
+    for path in log_paths(folder):
         with suppress(SessionError), open_truth(path) as log:  # verify names a damaged one
             if start in [starts[number] for number in _parts_of(log, starts)]:
                 return path
@@ -279,7 +285,7 @@ def _log_of(folder: Path, start: Start) -> Path | None:
 def _new_log_path(folder: Path) -> tuple[Path, int]:
     """Return the path of the next sitting's log, and its number: no log has had it."""
     sittings = _sittings(_part_starts(folder)).values()
-    number = max([1, *sittings, *(_log_number(path) + 1 for path in _log_paths(folder))])
+    number = max([1, *sittings, *(_log_number(path) + 1 for path in log_paths(folder))])
     return folder / ("world.h5" if number == 1 else f"world-{number:04d}.h5"), number
 
 

@@ -15,9 +15,8 @@ from rigctl.session.format.layout import part_name, part_number
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.part_file import existing_parts
-from rigctl.session.read.recovery_file import RecoveryRecord, read_recoveries
+from rigctl.session.read.recovery_file import QUARANTINE, RecoveryRecord, read_recoveries
 
-QUARANTINE = "quarantine"
 _QUARANTINED = re.compile(r"(part-[0-9]{4,5})\..*h5")
 
 

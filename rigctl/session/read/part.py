@@ -8,6 +8,7 @@ part and of one with compressed chunks.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +40,9 @@ class PartReader:
     Raises SessionError for a damaged file or another layout version.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, open_file: Callable[[Path], Hdf5File] = open_part) -> None:
         self.path = path
+        self._open_file = open_file
         self.number = layout.part_number(path)
         self._open()
 
@@ -55,7 +57,7 @@ class PartReader:
             self._open()
 
     def _open(self) -> None:
-        self._file = open_part(self.path)
+        self._file = self._open_file(self.path)
         try:
             self._check()
         except SessionError:
@@ -80,8 +82,15 @@ class PartReader:
         lengths = {path: self._file.shape(path)[0] for path in paths}
         if not self._file.is_cut:
             return lengths, {}
-        held = {path: readable_rows(self._file, path) for path in paths}
+        held = {path: self._readable_rows(path) for path in paths}
         return held, {path: lengths[path] - n for path, n in held.items() if n < lengths[path]}
+
+    def _readable_rows(self, path: str) -> int:
+        """Return the rows of a data set that the file holds; none if it lacks their places."""
+        try:
+            return readable_rows(self._file, path)
+        except SessionError:
+            return 0
 
     def describe_cut(self) -> list[str]:
         """Return a sentence for each data set that was cut short."""

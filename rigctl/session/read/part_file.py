@@ -43,7 +43,18 @@ def open_part(path: Path) -> Hdf5File:
 
     Raises SessionError for a damaged part, another layout version or another kind of file.
     """
-    file = _open(path)
+    return _checked(_open(path))
+
+
+def open_cut_part(path: Path) -> Hdf5File:
+    """Open a part of which the end may be missing, also a closed one; nobody may write it.
+
+    Raises SessionError as :func:`open_part` does.
+    """
+    return _checked(_map(path))
+
+
+def _checked(file: Hdf5File) -> Hdf5File:
     try:
         _check_layout(file)
     except SessionError:
@@ -71,6 +82,10 @@ def _open(path: Path) -> Hdf5File:
     except UnclosedFile:
         if _is_growing(path):
             return Hdf5File(path, swmr=True, libver=LIBVER, rdcc_nbytes=CACHE_BYTES)
+    return _map(path)
+
+
+def _map(path: Path) -> Hdf5File:
     try:
         image = map_as_closed(path)
     except OSError as error:

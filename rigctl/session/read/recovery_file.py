@@ -19,8 +19,13 @@ from rigctl.session.format.layout import part_number
 
 KIND, VERSION = "rigctl-recovery", 1
 PATTERN = "recovery-*.json"
+PENDING_PATTERN = "recovery-*.json.new"
+"""A recovery that is under way, or that was interrupted."""
+QUARANTINE = "quarantine"
 MAX_BYTES = 64 << 20
 _HEX = re.compile(r"(?:[0-9a-f]{64})?")
+_PLACE = re.compile(rf"{QUARANTINE}/[A-Za-z0-9_-][A-Za-z0-9_.-]{{0,127}}")
+_NOT_A_NAME = re.compile(r"[/\\\0]")
 _TABLE = re.compile(r"/[a-z_]{1,32}(?:/[a-z_]{1,32})?")
 
 
@@ -45,6 +50,17 @@ class RecoveredPart:
     def number(self) -> int:
         """Number of the part."""
         return part_number(Path(self.name))
+
+
+@dataclass(frozen=True, slots=True)
+class MovedFile:
+    """A file that is no part, or not a whole one, in quarantine since."""
+
+    name: str
+    reason: str
+    sha256: str
+    n_bytes: int
+    quarantined_as: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +92,8 @@ class LeftOutTrial:
 class RecoveryRecord:
     """One recovery file.
 
-    ``parts``, ``damaged_rows`` and ``left_out`` are what readers need; ``report`` holds all members
-    of the file, also those for people.
+    ``parts``, ``damaged_rows`` and ``left_out`` are what readers need, ``moved`` are other files in
+    quarantine. ``report`` holds all members of the file, also those for people.
     """
 
     path: Path
@@ -85,6 +101,7 @@ class RecoveryRecord:
     parts: tuple[RecoveredPart, ...]
     damaged_rows: tuple[KnownDamage, ...]
     left_out: tuple[LeftOutTrial, ...]
+    moved: tuple[MovedFile, ...]
     report: Mapping[str, Any]
 
     @property
@@ -117,6 +134,10 @@ def damaged_recoveries(folder: Path) -> list[str]:
             read_recovery(path)
         except SessionError as error:
             lines.append(str(error))
+    lines += [
+        f"{path} is of a recovery that was interrupted: run rigctl recover again"
+        for path in sorted(folder.glob(PENDING_PATTERN))
+    ]
     return lines
 
 
@@ -143,6 +164,7 @@ def read_recovery(path: Path) -> RecoveryRecord:
         tuple(_recovered_part(path, each) for each in _list(path, members, "parts")),
         tuple(_known_damage(path, each) for each in _list(path, members, "damaged_rows")),
         tuple(_left_out(path, each) for each in _list(path, members, "left_out")),
+        tuple(_moved_file(path, each) for each in _list(path, members, "moved")),
         members,
     )
 
@@ -152,6 +174,7 @@ def recovery_text(
     parts: tuple[RecoveredPart, ...],
     damaged_rows: tuple[KnownDamage, ...],
     left_out: tuple[LeftOutTrial, ...],
+    moved: tuple[MovedFile, ...],
     report: Mapping[str, Any],
 ) -> str:
     """Return the text of a recovery file; ``report``: further members, for people."""
@@ -163,6 +186,7 @@ def recovery_text(
         "parts": [asdict(part) for part in parts],
         "damaged_rows": [asdict(rows) for rows in damaged_rows],
         "left_out": [asdict(trial) for trial in left_out],
+        "moved": [asdict(file) for file in moved],
     }
     return json.dumps({**members, "sha256": _sha256(members)}, ensure_ascii=False, indent=1) + "\n"
 
@@ -177,15 +201,25 @@ def _recovered_part(path: Path, members: Mapping[str, Any]) -> RecoveredPart:
     digests = [_text(path, members, key) for key in ("sha256", "last_digest", "replaced_by")]
     if not part_number(Path(name)) or not all(map(_HEX.fullmatch, digests)):
         raise SessionError(f"{path}: {name!r} under parts is not a part with its digests")
-    return RecoveredPart(
-        name,
-        _text(path, members, "reason"),
-        digests[0],
-        _number(path, members, "n_bytes"),
-        _text(path, members, "quarantined_as"),
-        digests[1],
-        digests[2],
-    )
+    place = _place(path, members)
+    reason, n_bytes = _text(path, members, "reason"), _number(path, members, "n_bytes")
+    return RecoveredPart(name, reason, digests[0], n_bytes, place, digests[1], digests[2])
+
+
+def _moved_file(path: Path, members: Mapping[str, Any]) -> MovedFile:
+    name, digest = _text(path, members, "name"), _text(path, members, "sha256")
+    if _NOT_A_NAME.search(name) or name in ("", ".", "..") or not _HEX.fullmatch(digest):
+        raise SessionError(f"{path}: {name!r} under moved is not a file with a digest")
+    reason, n_bytes = _text(path, members, "reason"), _number(path, members, "n_bytes")
+    return MovedFile(name, reason, digest, n_bytes, _place(path, members))
+
+
+def _place(path: Path, members: Mapping[str, Any]) -> str:
+    """Return where a file is in quarantine, relative to the session."""
+    place = _text(path, members, "quarantined_as")
+    if place and not _PLACE.fullmatch(place):
+        raise SessionError(f"{path}: {place!r} is not a place in {QUARANTINE}")
+    return place
 
 
 def _known_damage(path: Path, members: Mapping[str, Any]) -> KnownDamage:

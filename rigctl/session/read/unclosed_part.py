@@ -11,6 +11,7 @@ sections II.A and VIII (Jenkins' lookup3).
 from __future__ import annotations
 
 import mmap
+import os
 import struct
 from pathlib import Path
 
@@ -30,8 +31,10 @@ def map_as_closed(path: Path) -> mmap.mmap:
     Raises OSError for a file without a superblock of version 2 or 3.
     """
     with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size < SUPERBLOCK_BYTES:
+            raise OSError("the file is too short, or it is not HDF5")
         view = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
-    view[:SUPERBLOCK_BYTES] = _close_superblock(view[:SUPERBLOCK_BYTES], len(view))
+    view[:SUPERBLOCK_BYTES] = closed_superblock(view[:SUPERBLOCK_BYTES], len(view))
     return view
 
 
@@ -54,8 +57,11 @@ def _rotate_left(value: int, bits: int) -> int:
     return ((value << bits) | (value >> (32 - bits))) & _MASK
 
 
-def _close_superblock(head: bytes, length: int) -> bytes:
-    """Return the superblock without the flags of an open writer and with the file's length."""
+def closed_superblock(head: bytes, length: int) -> bytes:
+    """Return the superblock without the flags of an open writer and with the file's length.
+
+    Raises OSError for a file without a superblock of version 2 or 3.
+    """
     if len(head) < SUPERBLOCK_BYTES or not head.startswith(SIGNATURE) or head[8] not in (2, 3):
         raise OSError("the file is too short, or it is not HDF5")
     closed = bytearray(head[:CHECKSUM_AT])
