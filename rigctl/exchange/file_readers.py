@@ -15,6 +15,7 @@ from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.matlab_reader import read_mat
 from rigctl.exchange.text_table import MAX_COLUMNS, read_text_table
+from rigctl.session.files.numpy_file import read_numpy
 
 Floats = NDArray[np.float64]
 _DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
@@ -75,24 +76,11 @@ def read_columns(path: Path, mapping: ImportMap) -> FileColumns:
         if suffix == ".mat":
             return _from_variables(path, read_mat(path), mapping)
         if suffix in (".npy", ".npz"):
-            return _from_variables(path, _read_numpy(path), mapping)
+            return _from_variables(path, read_numpy(path), mapping)
     except OSError as error:
         raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
     suffixes = ", ".join([*_DELIMITERS, ".mat", ".npy", ".npz"])
     raise WrongUse(f"{path}: files that can be imported end in {suffixes}")
-
-
-def _read_numpy(path: Path) -> dict[str, Any]:
-    try:
-        loaded = np.load(path, allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            return {"": loaded}
-        with loaded:
-            return {name: loaded[name] for name in loaded.files}
-    except (ValueError, EOFError) as error:
-        raise WrongUse(
-            f"{path} is not a NumPy file of plain numbers, or is damaged: {error}"
-        ) from error
 
 
 def _from_variables(path: Path, variables: Mapping[str, Any], mapping: ImportMap) -> FileColumns:

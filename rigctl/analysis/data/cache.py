@@ -26,6 +26,9 @@ from numpy.typing import NDArray
 import rigctl.encoding
 from rigctl.analysis.data.fingerprint import hash_array
 from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, R, T
+from rigctl.config.text_file import open_file
+from rigctl.errors import WrongUse
+from rigctl.session.files.numpy_file import parse_numpy
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -67,7 +70,7 @@ class Cache:
         path = self._path(key)
         try:
             entry = _read(path)
-        except (OSError, ValueError):
+        except (OSError, ValueError, WrongUse):
             return None
         with suppress(OSError):  # another process removed it, or the folder is read-only
             os.utime(path)
@@ -191,13 +194,16 @@ def _write(path: Path, arrays: Arrays) -> None:
 
 
 def _read(path: Path) -> Arrays:
-    """Return the arrays of an entry. Raises ValueError for one that is damaged or older."""
-    content = path.read_bytes()
+    """Return the arrays of an entry. Raises ValueError for one that is damaged or older.
+
+    Raises WrongUse for what is no plain file.
+    """
+    with open_file(path) as file:
+        content = file.read()
     archive, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
     if _digest(archive) != digest:
         raise ValueError(f"{path} is not a whole entry")
-    with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
-        return dict(arrays)
+    return parse_numpy(io.BytesIO(archive), len(archive))
 
 
 def _digest(archive: bytes | memoryview) -> bytes:

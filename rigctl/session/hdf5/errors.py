@@ -20,11 +20,12 @@ HDF5_ERRORS = (
 )
 """h5py chooses one of these by HDF5's own error number; damage can cause any."""
 SHOWN_ERROR = 160
+SHOWN_PLACE = 100
 
 
 def damage(path: Path, place: str, what: str) -> SessionError:
     """Return the error for a place that is not as declared; ``what`` follows the place."""
-    return SessionError(f"{path} is damaged: {place} {what}")
+    return SessionError(f"{path} is damaged: {shorten(place, SHOWN_PLACE)} {what}")
 
 
 @contextmanager
@@ -34,7 +35,7 @@ def hdf5_errors(path: Path, place: str) -> Iterator[None]:
         yield
     except HDF5_ERRORS as error:
         raise SessionError(
-            f"{path} is damaged: HDF5 cannot read {place}: {describe(error)}"
+            f"{path} is damaged: HDF5 cannot read {shorten(place, SHOWN_PLACE)}: {describe(error)}"
         ) from error
 
 
@@ -42,4 +43,13 @@ def describe(error: BaseException) -> str:
     """Return an outside library's error as one short line."""
     text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
     line = " ".join(text.split()) or type(error).__name__
-    return line if len(line) <= SHOWN_ERROR else f"{line[:SHOWN_ERROR]}…"
+    return shorten(line, SHOWN_ERROR)
+
+
+def shorten(text: str, length: int) -> str:
+    """Return a text of a file in at most ``length`` letters, control characters as ``?``.
+
+    ``…`` stands for what is left out.
+    """
+    shown = "".join(letter if letter.isprintable() else "?" for letter in text[: length + 1])
+    return shown if len(shown) <= length else f"{shown[: length - 1]}…"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rigctl.errors import SessionError
 from rigctl.session.hdf5.attributes import read_attributes
 from rigctl.session.hdf5.errors import damage, hdf5_errors
-from rigctl.session.hdf5.regular_file import check_regular_file
+from rigctl.session.hdf5.plain_file import plain_file_size
 from rigctl.session.hdf5.schema import DataSetSchema
 from rigctl.session.hdf5.storage import CheckedDataSet, check_dataset, check_size
 
@@ -51,13 +51,19 @@ class Hdf5File:
         **options: Any,
     ) -> None:
         self.path = path
-        self.file_bytes = check_regular_file(path)
+        self.file_bytes = plain_file_size(path)
         self._is_cut = image is not None
         self._datasets: dict[str, CheckedDataSet] = {}
         self._root_attributes: dict[str, Any] | None = None
         with hdf5_errors(path, "it"), _tell_unclosed(path):
             self._file = h5py.File(image or path, "r", swmr=swmr, **options)
-            self._groups: dict[str, Any] = {ROOT: h5g.open(self._file.id, b"/")}
+        self._groups: dict[str, Any] = {}
+        try:
+            with hdf5_errors(path, "its root"):
+                self._groups[ROOT] = h5g.open(self._file.id, b"/")
+        except SessionError:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Close the file."""

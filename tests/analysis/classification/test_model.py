@@ -195,7 +195,7 @@ def test_invalid_model_files_are_refused_with_a_reason(
     made: RepresentationSet, tmp_path: Path
 ) -> None:
     good = saved(made, tmp_path / "good.h5", "Speed Scaled")
-    with pytest.raises(SessionError, match="there is no file"):
+    with pytest.raises(SessionError, match="No such file"):
         load_model(tmp_path / "none.h5")
     (tmp_path / "text.h5").write_text("not HDF5")
     with pytest.raises(

@@ -121,4 +121,4 @@ def test_what_is_no_file_is_refused_without_being_opened(tmp_path: Path, kind: s
     assert "is a pipe" in refusal(load, tmp_path / "pipe")
     assert "is a folder" in refusal(load, tmp_path)
     assert "is a device" in refusal(load, Path("/dev/zero"))
-    assert "there is no file" in refusal(load, tmp_path / "none.h5")
+    assert "No such file" in refusal(load, tmp_path / "none.h5")

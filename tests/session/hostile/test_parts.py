@@ -141,6 +141,29 @@ def test_an_attribute_of_another_kind_is_refused(sessions: Path, value: Any) -> 
     assert "attribute operator of the file" in refusal(part)
 
 
+def test_names_of_attributes_are_shown_short_and_without_control_characters(
+    sessions: Path,
+) -> None:
+    part = sessions / "drum" / "part-0001.h5"
+    whole = part.read_bytes()
+    for name in ("x" * 5_000, "\x1b[2J\u202e\n"):
+        with h5py.File(part, "r+", libver=LIBVER) as file:
+            file.attrs[name] = "of any length"
+        sentence = refusal(part)
+        assert len(sentence) < 400
+        assert sentence.isprintable()
+        part.write_bytes(whole)
+
+
+def test_a_file_without_a_readable_root_is_closed_again(sessions: Path) -> None:
+    part = sessions / "drum" / "part-0001.h5"
+    content = bytearray(part.read_bytes())
+    content[48:96] = bytes(48)
+    part.write_bytes(content)
+    refusal(part)
+    assert not h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)
+
+
 def test_text_that_is_not_utf8_is_refused_where_it_is_read(sessions: Path) -> None:
     part = sessions / "finger" / "part-0001.h5"
     with h5py.File(part, "r+", libver=LIBVER) as file:
@@ -159,9 +182,9 @@ def test_what_is_no_file_is_refused_without_being_opened(tmp_path: Path) -> None
     assert "is a folder" in refusal(folder)
     assert "is a pipe" in refusal(pipe)
     assert "is a device" in refusal(Path("/dev/zero"))
-    assert "there is no file" in refusal(tmp_path / "part-0003.h5")
-    for name in ("part-" + "9" * 300, "part-\0"):
-        with pytest.raises(SessionError, match="is no usable file"):
+    assert "No such file" in refusal(tmp_path / "part-0003.h5")
+    for name, words in (("part-" + "9" * 300, "too long"), ("part-\0", "no zero byte")):
+        with pytest.raises(SessionError, match=words):
             PartReader(tmp_path / name)
     (tmp_path / "part-0004.h5").write_bytes(b"")
     assert "is damaged" in refusal(tmp_path / "part-0004.h5")
