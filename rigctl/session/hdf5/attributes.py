@@ -34,6 +34,14 @@ def read_attributes(node: Any, path: Path, place: str) -> dict[str, Any]:
     raise damage(path, place, f"has more than {MOST_ATTRIBUTES} attributes")
 
 
+def read_attribute(node: Any, name: str, path: Path, place: str) -> Any:
+    """Return one attribute as :func:`read_attributes` does, None where there is none."""
+    with hdf5_errors(path, f"attribute {name} of {place}"):
+        if not h5a.exists(node, name.encode()):
+            return None
+    return _read(node, name.encode(), path, f"attribute {name} of {place}")
+
+
 def _read(node: Any, name: bytes, path: Path, place: str) -> Any:
     with hdf5_errors(path, place):
         attribute = h5a.open(node, name)

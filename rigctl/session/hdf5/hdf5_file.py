@@ -15,7 +15,7 @@ from h5py import h5d, h5g, h5l
 from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
-from rigctl.session.hdf5.attributes import read_attributes
+from rigctl.session.hdf5.attributes import read_attribute, read_attributes
 from rigctl.session.hdf5.errors import damage, hdf5_errors
 from rigctl.session.hdf5.plain_file import plain_file_size
 from rigctl.session.hdf5.schema import DataSetSchema
@@ -23,6 +23,7 @@ from rigctl.session.hdf5.storage import CheckedDataSet, check_dataset, check_siz
 
 ROOT = "/"
 MOST_MEMBERS = MOST_TEXTS = 10_000
+MOST_REFERENCES = 100_000
 DEEPEST = 4
 """Groups in groups that rigctl writes are fewer."""
 READ_BYTES = 256 << 20
@@ -57,17 +58,17 @@ class Hdf5File:
         self._root_attributes: dict[str, Any] | None = None
         with hdf5_errors(path, "it"), _tell_unclosed(path):
             self._file = h5py.File(image or path, "r", swmr=swmr, **options)
-        self._groups: dict[str, Any] = {}
+        self._nodes: dict[str, Any] = {}
         try:
             with hdf5_errors(path, "its root"):
-                self._groups[ROOT] = h5g.open(self._file.id, b"/")
+                self._nodes[ROOT] = h5g.open(self._file.id, b"/")
         except SessionError:
             self.close()
             raise
 
     def close(self) -> None:
         """Close the file."""
-        self._groups.clear()
+        self._nodes.clear()
         self._datasets.clear()
         self._file.close()
 
@@ -109,6 +110,10 @@ class Hdf5File:
         """Return whether there is a group or a data set of this path."""
         return self._find(path) is not None
 
+    def is_group(self, path: str) -> bool:
+        """Return whether there is a group of this path."""
+        return isinstance(self._find(path), h5g.GroupID)
+
     def members(self, path: str) -> list[str]:
         """Return the names in a group, sorted; empty where there is no such group."""
         group = self._find(path)
@@ -124,8 +129,29 @@ class Hdf5File:
         if path != ROOT:
             return read_attributes(self._datasets[path].dataset.id, self.path, path)
         if self._root_attributes is None:
-            self._root_attributes = read_attributes(self._groups[ROOT], self.path, "the file")
+            self._root_attributes = read_attributes(self._nodes[ROOT], self.path, "the file")
         return dict(self._root_attributes)
+
+    def attribute(self, path: str, name: str) -> Any:
+        """Return one attribute of a data set, None without it; others may be of any type."""
+        return read_attribute(self._datasets[path].dataset.id, name, self.path, path)
+
+    def references(self, path: str) -> list[str]:
+        """Return a path for each object that a data set of references leads to, columns first."""
+        if prod(self.shape(path)) > MOST_REFERENCES:
+            raise damage(self.path, path, f"has more than {MOST_REFERENCES} references")
+        references = self._value(path)
+        targets = []
+        with hdf5_errors(self.path, path):
+            for number, reference in enumerate(references.T.ravel(), 1):
+                target = f"{path}//{number}"
+                self._nodes[target] = h5py.h5r.dereference(reference, self._file.id)
+                targets.append(target)
+        return targets
+
+    def kind(self, path: str) -> str:
+        """Return NumPy's kind of a data set, or that of :mod:`rigctl.session.hdf5.schema`."""
+        return self._datasets[path].kind
 
     def walk(self) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield path and attributes of each object below the root; groups before their members.
@@ -241,20 +267,18 @@ class Hdf5File:
 
     def _find(self, path: str) -> Any:
         """Return the object that hard links lead to, None where a link is missing."""
-        node, place = self._groups[ROOT], ""
-        for name in path.strip("/").split("/"):
-            place = f"{place}/{name}"
-            if not isinstance(node, h5g.GroupID):
-                raise damage(self.path, place.rpartition("/")[0], "is not a group")
-            if place not in self._groups:
-                child = self._open_link(node, name, place)
-                if not isinstance(child, h5g.GroupID):
-                    if child is None:
-                        return None
-                    node = child
-                    continue
-                self._groups[place] = child
-            node = self._groups[place]
+        place = f"/{path.strip('/')}"
+        if place in self._nodes:
+            return self._nodes[place]
+        above, _, name = place.rpartition("/")
+        group = self._find(above) if above else self._nodes[ROOT]
+        if group is None:
+            return None
+        if not isinstance(group, h5g.GroupID):
+            raise damage(self.path, above, "is not a group")
+        node = self._open_link(group, name, place)
+        if isinstance(node, h5g.GroupID):
+            self._nodes[place] = node
         return node
 
     def _open_link(self, group: Any, name: str, place: str) -> Any:

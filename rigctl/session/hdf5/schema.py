@@ -11,23 +11,27 @@ NUMBERS = "biuf"
 """NumPy's kinds of plain numbers: Booleans, signed and unsigned integers, floating point."""
 TEXT = "S"
 """NumPy's kind of text of fixed length."""
+REFERENCES, OTHER = "R", "V"
+"""Kinds of references to objects of the same file, and of types that are not read."""
 
 
 @dataclass(frozen=True, slots=True)
 class DataSetSchema:
     """An expected data set.
 
-    ``tail`` has the lengths of all axes but the first; None stands for any length. A ``rank`` of 0
-    is a single value. ``dtype`` is the exact type; without it, ``kinds`` lists NumPy's kinds that
-    are accepted. An ``optional`` one may be missing.
+    ``tail`` has the lengths of all axes but the first; None stands for any lengths. A ``rank`` of 0
+    is a single value, None any number of axes. ``dtype`` is the exact type; without it, ``kinds``
+    lists NumPy's kinds that are accepted. An ``optional`` one may be missing. ``other``: any other
+    type is accepted, too, but never read.
     """
 
     path: str
-    rank: int = 0
+    rank: int | None = 0
     kinds: str = NUMBERS
     dtype: np.dtype[Any] | None = None
     tail: tuple[int, ...] | None = None
     optional: bool = False
+    other: bool = False
 
 
 def numbers(path: str, rank: int = 0) -> DataSetSchema:

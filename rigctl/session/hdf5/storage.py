@@ -17,7 +17,7 @@ import numpy as np
 from h5py import h5d, h5t, h5z
 
 from rigctl.session.hdf5.errors import damage, hdf5_errors
-from rigctl.session.hdf5.schema import TEXT, DataSetSchema
+from rigctl.session.hdf5.schema import REFERENCES, TEXT, DataSetSchema
 
 _LAYOUTS = (h5d.CONTIGUOUS, h5d.CHUNKED, h5d.COMPACT)
 _FILTERS = {h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32}
@@ -41,6 +41,11 @@ class CheckedDataSet:
     filters: frozenset[int]
 
     @property
+    def kind(self) -> str:
+        """NumPy's kind, REFERENCES or OTHER."""
+        return REFERENCES if self.dtype == h5py.ref_dtype else self.dtype.kind
+
+    @property
     def row_bytes(self) -> int:
         """Size of a row in memory."""
         return prod(self.shape[1:]) * self.dtype.itemsize
@@ -58,7 +63,11 @@ def check_dataset(node: h5d.DatasetID, schema: DataSetSchema, path: Path) -> Che
         shape = node.shape
     if dtype is None:
         raise damage(path, schema.path, f"is not {_type_name(schema)}")
-    if shape is None or len(shape) != schema.rank or schema.tail not in (None, shape[1:]):
+    if (
+        shape is None
+        or schema.rank not in (None, len(shape))
+        or schema.tail not in (None, shape[1:])
+    ):
         raise damage(path, schema.path, f"has shape {shape}, not {_shape_name(schema)}")
     return CheckedDataSet(h5py.Dataset(node), dtype, shape, chunk, filters)
 
@@ -106,8 +115,13 @@ def _read_type(kind: Any, schema: DataSetSchema) -> np.dtype[Any] | None:
     if schema.dtype is not None and kind.equal(_stored_type(schema.dtype)):
         return schema.dtype
     if not _is_plain(kind, schema.dtype):
-        return None
+        if REFERENCES in schema.kinds and kind.equal(h5t.STD_REF_OBJ):
+            references: np.dtype[Any] = h5py.ref_dtype
+            return references
+        return np.dtype(f"V{kind.get_size()}") if schema.other else None
     found: np.dtype[Any] = kind.dtype
+    if schema.other and found.kind not in schema.kinds:
+        return np.dtype(f"V{found.itemsize}")
     same = found.kind in schema.kinds if schema.dtype is None else found == schema.dtype
     return found if same else None
 
@@ -140,7 +154,7 @@ def _type_name(schema: DataSetSchema) -> str:
 
 
 def _shape_name(schema: DataSetSchema) -> str:
-    axes = ["n"] * schema.rank
+    axes = ["n"] * (schema.rank or 0)
     if schema.tail is not None:
         axes[1:] = map(str, schema.tail)
     return f"({', '.join(axes)})"
