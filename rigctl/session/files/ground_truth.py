@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
-from rigctl.session.format.annotated_arrays import Attributes, read_attributes, write_attributes
+from rigctl.session.format.annotated_arrays import Attributes, write_attributes
 from rigctl.session.format.data_sets import LIBVER
 from rigctl.session.format.header import CUT_BY_CLOCK
+from rigctl.session.hdf5.hdf5_file import Hdf5File
+from rigctl.session.hdf5.schema import DataSetSchema
 from rigctl.session.read.buffered_array import BufferedArray, read_blocks
 from rigctl.session.read.part_file import existing_parts, open_part
 from rigctl.session.read.session import Session
@@ -30,6 +32,7 @@ from rigctl.session.read.session import Session
 TRUTH_PATTERN = "world*.h5"
 _LOG_NAME = re.compile(r"world(?:-([0-9]{4,6}))?\.h5")
 LAYOUT = "rigctl-world"
+LAYOUT_VERSION = 1
 CHUNK_ROWS = 65_536
 SLACK_MS = 1_000
 """An attempt's rise of sync is between its end and this time before its start."""
@@ -39,6 +42,10 @@ COLUMNS = (
     ("force_g", "<f4", "g", "true contact force at the end of the millisecond"),
     ("sync", "u1", "", "level of the sync line at the end of the millisecond"),
 )
+
+_SCHEMA = tuple(DataSetSchema(name, 1, dtype=np.dtype(code), tail=()) for name, code, *_ in COLUMNS)
+_LIMITS = {"first_ms": 1 << 48, "sitting": 1 << 15}
+"""Largest value of each attribute."""
 
 TruthLog = tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
 """First millisecond, then speed in mm/s, force in g and sync, one value for each millisecond."""
@@ -60,26 +67,25 @@ class TrialTruth:
 @contextmanager
 def open_truth(path: Path) -> Iterator[TruthReader]:
     """Open one log. Opening and reading raise SessionError for a damaged file."""
-    try:
-        with h5py.File(path, "r") as file:
-            yield TruthReader(file)
-    except (OSError, KeyError) as error:
-        raise SessionError(f"{path} is damaged: {error}") from error
+    with Hdf5File(path) as file:
+        yield TruthReader(file)
 
 
 class TruthReader:
     """Reader of one log; row i of each column ends at ``first_ms + i + 1`` ms world time."""
 
-    def __init__(self, file: Any) -> None:
-        attributes = read_attributes(file)
-        self.first_ms = int(attributes["first_ms"])
-        self.sitting = int(attributes["sitting"])
+    def __init__(self, file: Hdf5File) -> None:
+        attributes = file.attributes()
+        if (attributes.get("layout"), attributes.get("layout_version")) != (LAYOUT, LAYOUT_VERSION):
+            raise SessionError(f"{file.path} is an HDF5 file, but not the log of a simulated world")
+        self.first_ms, self.sitting = (
+            _integer(file.path, attributes, name, most) for name, most in _LIMITS.items()
+        )
         self.start = _start_of(attributes) if "start_utc" in attributes else None
-        columns = {name: file[name] for name, *_ in COLUMNS}
-        self.n_rows = min(int(column.shape[0]) for column in columns.values())
+        file.check(_SCHEMA)
+        self.n_rows = min(file.shape(name)[0] for name, *_ in COLUMNS)
         self._buffers = {
-            name: BufferedArray(partial(_read_rows, column), self.n_rows)
-            for name, column in columns.items()
+            name: BufferedArray(partial(file.rows, name), self.n_rows) for name, *_ in COLUMNS
         }
 
     def window(self, name: str, start: int, stop: int) -> NDArray[Any]:
@@ -247,7 +253,15 @@ def _part_starts(folder: Path) -> dict[int, Start]:
 
 
 def _start_of(attributes: Mapping[str, Any]) -> Start:
-    return str(attributes.get("start_utc", "")), float(attributes.get("start_loop_s", 0.0))
+    loop_s = attributes.get("start_loop_s", 0.0)
+    return str(attributes.get("start_utc", "")), loop_s if isinstance(loop_s, float) else 0.0
+
+
+def _integer(path: Path, attributes: Mapping[str, Any], name: str, most: int) -> int:
+    value = attributes.get(name)
+    if not isinstance(value, int) or not 0 <= value <= most:
+        raise SessionError(f"{path} is damaged: its attribute {name} is {value}")
+    return value
 
 
 def _sittings(starts: Mapping[int, Start]) -> dict[int, int]:
@@ -292,7 +306,7 @@ def _new_log_path(folder: Path) -> tuple[Path, int]:
 def _create(path: Path, first_ms: int, sitting: int, start: Start) -> None:
     attributes: Attributes = {
         "layout": LAYOUT,
-        "layout_version": 1,
+        "layout_version": LAYOUT_VERSION,
         "first_ms": first_ms,
         "sitting": sitting,
         "start_utc": start[0],
@@ -305,8 +319,3 @@ def _create(path: Path, first_ms: int, sitting: int, start: Start) -> None:
                 name, (0,), dtype, maxshape=(None,), chunks=(CHUNK_ROWS,), compression=1
             )
             write_attributes(dataset, {"unit": unit or "none", "doc": doc, "shape": "(ms,)"})
-
-
-def _read_rows(column: Any, start: int, stop: int) -> NDArray[Any]:
-    rows: NDArray[Any] = column[start:stop]
-    return rows

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import astuple, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from rigctl.session.format.finger_layout import (
     WINDOWS,
 )
 from rigctl.session.format.table_rows import Row, encode_row, parse_verdict
+from rigctl.session.hdf5.json_text import parse_json
 
 NOT_CLASSIFIED = -1
 PROBABILITY_DIGITS = 6
@@ -65,12 +67,16 @@ def prediction_row(row: PredictionRow) -> Row:
     return encode_row({**row._asdict(), **texts}.values(), PREDICTIONS)
 
 
-def parse_prediction(row: Any) -> PredictionRow:
-    """Return the answer in a row of /predictions, text as Unicode."""
+def parse_prediction(row: Any, path: Path) -> PredictionRow:
+    """Return the answer in a row of /predictions, text as Unicode.
+
+    Raises SessionError that names the part at ``path`` if its texts are not JSON.
+    """
     values = dict(zip(row.dtype.names, row.item(), strict=True))
     fields = {name: values[name] for name in PredictionRow._fields}
-    fields["probabilities"] = json.loads(fields["probabilities"])
-    fields["texture_set"] = tuple(json.loads(fields["texture_set"]))
+    place = f"the answer at {fields['at_s']:g} s in /predictions"
+    fields["probabilities"] = parse_json(fields["probabilities"], dict, path, place)
+    fields["texture_set"] = tuple(parse_json(fields["texture_set"], list, path, place))
     fields.update({name: bool(fields[name]) for name in ("known", "decided", "is_final")})
     return PredictionRow(**fields)
 

@@ -6,10 +6,12 @@ import json
 from collections.abc import Iterable
 from dataclasses import fields, replace
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 from rigctl.session.format.data_sets import Column, TableLayout
-from rigctl.session.format.layout import DRUM, EVENTS, TRIALS
+from rigctl.session.format.layout import DRUM, EVENTS, TRIALS, part_name
+from rigctl.session.hdf5.json_text import parse_json
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
 
 REASON_SEPARATOR = "; "
@@ -48,9 +50,14 @@ def event_row(event: Event) -> Row:
     return encode_row((event.at_s, event.kind, event.text, data), EVENTS)
 
 
-def parse_event(row: Any) -> Event:
-    """Return the event in a row of /events."""
-    return Event(float(row["at_s"]), str(row["kind"]), str(row["text"]), json.loads(row["data"]))
+def parse_event(row: Any, folder: Path) -> Event:
+    """Return the event in a row of /events with its ``part``.
+
+    Raises SessionError that names the part in ``folder`` if the row's data are no JSON object.
+    """
+    at_s, path = float(row["at_s"]), folder / part_name(int(row["part"]))
+    data = parse_json(str(row["data"]), dict, path, f"the event at {at_s:g} s in /events")
+    return Event(at_s, str(row["kind"]), str(row["text"]), data)
 
 
 def trial_row(row: TrialRow, part: int, first_sample: int) -> Row:

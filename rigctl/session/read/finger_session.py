@@ -22,6 +22,8 @@ from rigctl.session.read.part_file import open_part, part_paths
 from rigctl.session.read.session_reader import SessionReader
 from rigctl.values import SAMPLE_RATE_HZ
 
+LONGEST_SCAN_MS = 10_000_000
+
 
 class FingerSession(SessionReader):
     """Reader of a session of the moving finger.
@@ -95,9 +97,13 @@ class FingerSession(SessionReader):
         """
         row = self.trials[index]
         n_scanned = max(int(row["count"]), int(self.batches(index)["samples"].sum(dtype=np.int64)))
-        spikes = np.zeros((n_scanned, self.header.n_taxels), np.uint8)
         lost_first = n_scanned - int(row["count"])
         at = self.counters(index) - int(row["first_counter"]) + lost_first
+        if n_scanned > LONGEST_SCAN_MS or ((at < 0) | (at >= n_scanned)).any():
+            raise SessionError(
+                f"{self.path} is damaged: trial {row['trial_id']} has samples outside its scan"
+            )
+        spikes = np.zeros((n_scanned, self.header.n_taxels), np.uint8)
         spikes[at] = self.spikes(index)
         return spikes
 
@@ -125,7 +131,9 @@ class FingerSession(SessionReader):
 
     def predictions(self, index: int) -> tuple[PredictionRow, ...]:
         """Return the answers during a trial's scan, in the order of time."""
-        return tuple(map(parse_prediction, self._scan_rows(finger_layout.PREDICTIONS, index)))
+        path = self._part(int(self.trials[index]["part"])).path
+        rows = self._scan_rows(finger_layout.PREDICTIONS, index)
+        return tuple(parse_prediction(row, path) for row in rows)
 
     def _rows(self, table: TableLayout, number: int) -> StructuredArray:
         """Return a part's table, read once: trials take their rows out of it by scan or time."""

@@ -88,6 +88,9 @@ class Session(SessionReader):
     def scaling(self) -> tuple[tuple[float, float], ...]:
         """Offset and scale of each taxel's stored counts; empty if the counts are the readings."""
         data = [event.data for event in self.events_of(SCALING_KIND)]
+        values = [each.get(name) for each in data for name in ("offset", "scale")]
+        if not all(isinstance(value, float | int) for value in values):
+            raise SessionError(f"{self.path} is damaged: a scaling in /events has no numbers")
         pairs = tuple((float(each["offset"]), float(each["scale"])) for each in data)
         return () if all(pair == (0.0, 1.0) for pair in pairs) else pairs
 

@@ -132,12 +132,12 @@ class SessionReader:
     @property
     def events(self) -> tuple[Event, ...]:
         """Events of all parts."""
-        return tuple(map(parse_event, self._join(layout.EVENTS)))
+        return tuple(parse_event(row, self.path) for row in self._join(layout.EVENTS))
 
     def events_of(self, kind: str) -> tuple[Event, ...]:
         """Return the events of one kind."""
         parts = [(p.number, p.rows_where(layout.EVENTS, "kind", kind)) for p in self.parts]
-        return tuple(map(parse_event, _joined(parts)))
+        return tuple(parse_event(row, self.path) for row in _joined(parts))
 
     def committed(self) -> NDArray[np.int64]:
         """Return the indices of the committed trials, int64, in the order of trial ids.

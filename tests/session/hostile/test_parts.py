@@ -218,3 +218,35 @@ def test_boards_of_older_parts_without_details_are_read(sessions: Path) -> None:
     reader = PartReader(part)
     assert reader.header.boards[0].details == {}
     reader.close()
+
+
+def test_data_of_events_and_answers_that_are_not_json_name_part_and_place(sessions: Path) -> None:
+    for experiment, table, column in (
+        ("drum", "/events", "data"),
+        ("finger", "/events", "data"),
+        ("finger", "/predictions", "probabilities"),
+    ):
+        with h5py.File(sessions / experiment / "part-0002.h5", "r+", libver=LIBVER) as file:
+            row = file[table][0]
+            row[column] = b"{{"
+            file[table][0] = row
+    with (
+        Session.open(sessions / "drum") as drum,
+        pytest.raises(SessionError, match=r"part-0002\.h5 is damaged: the event at .* is not JSON"),
+    ):
+        assert drum.events
+    with FingerSession.open(sessions / "finger") as finger:
+        indices = range(len(finger.trials))
+        with pytest.raises(SessionError, match=r"the answer at .* in /predictions is not JSON"):
+            assert [finger.predictions(index) for index in indices]
+
+
+def test_counters_outside_a_scan_are_refused(sessions: Path) -> None:
+    with h5py.File(sessions / "finger" / "part-0001.h5", "r+", libver=LIBVER) as file:
+        first = int(file["/trials"][0]["first_sample"])
+        file["/taxels/counter"][first + 5] += 1 << 40
+    with (
+        FingerSession.open(sessions / "finger") as finger,
+        pytest.raises(SessionError, match="has samples outside its scan"),
+    ):
+        finger.scan_spikes(0)
