@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.session.format.data_sets import Column, TableLayout
-from rigctl.session.format.layout import DRUM, EVENTS, TRIALS, part_name
+from rigctl.session.format.layout import DRUM, EVENTS, TRIALS
 from rigctl.session.hdf5.json_text import parse_json
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
 
@@ -50,12 +50,12 @@ def event_row(event: Event) -> Row:
     return encode_row((event.at_s, event.kind, event.text, data), EVENTS)
 
 
-def parse_event(row: Any, folder: Path) -> Event:
-    """Return the event in a row of /events with its ``part``.
+def parse_event(row: Any, path: Path) -> Event:
+    """Return the event in a row of /events of the part at ``path``.
 
-    Raises SessionError that names the part in ``folder`` if the row's data are no JSON object.
+    Raises SessionError that names part and place if the row's data are no JSON object.
     """
-    at_s, path = float(row["at_s"]), folder / part_name(int(row["part"]))
+    at_s = float(row["at_s"])
     data = parse_json(str(row["data"]), dict, path, f"the event at {at_s:g} s in /events")
     return Event(at_s, str(row["kind"]), str(row["text"]), data)
 

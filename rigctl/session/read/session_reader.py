@@ -132,12 +132,16 @@ class SessionReader:
     @property
     def events(self) -> tuple[Event, ...]:
         """Events of all parts."""
-        return tuple(parse_event(row, self.path) for row in self._join(layout.EVENTS))
+        return self._parse_events(self._join(layout.EVENTS))
 
     def events_of(self, kind: str) -> tuple[Event, ...]:
         """Return the events of one kind."""
         parts = [(p.number, p.rows_where(layout.EVENTS, "kind", kind)) for p in self.parts]
-        return tuple(parse_event(row, self.path) for row in _joined(parts))
+        return self._parse_events(_joined(parts))
+
+    def _parse_events(self, rows: StructuredArray) -> tuple[Event, ...]:
+        names = map(layout.part_name, rows["part"].tolist())
+        return tuple(parse_event(r, self.path / name) for r, name in zip(rows, names, strict=True))
 
     def committed(self) -> NDArray[np.int64]:
         """Return the indices of the committed trials, int64, in the order of trial ids.

@@ -143,11 +143,8 @@ def session_end(part: PartReader) -> Mapping[str, object] | None:
     rows = part.rows_where(layout.EVENTS, "kind", layout.SESSION_END_KIND)
     if not len(rows):
         return None
-    try:
-        data = parse_event(rows[-1]).data
-    except (ValueError, RecursionError) as error:
-        raise SessionError(f"{part.path}: its event session_end is not readable") from error
-    if not isinstance(data, dict) or data.get("outcome") not in list(SessionOutcome):
+    data = parse_event(rows[-1], part.path).data
+    if data.get("outcome") not in list(SessionOutcome):
         raise SessionError(f"{part.path}: its event session_end has no outcome")
     return data
 
