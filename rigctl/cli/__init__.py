@@ -70,7 +70,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             return _run(words)
         except RigctlError as error:
-            print(f"rigctl: {error}", file=sys.stderr)
+            # Libraries break their sentences into lines; a line of ours is one sentence.
+            print("rigctl:", *str(error).split("\n"), file=sys.stderr)
             return error.exit_code
         except KeyboardInterrupt:
             print("rigctl: interrupted", file=sys.stderr)

@@ -15,6 +15,7 @@ from rigctl.config.names import MAX_NAME_BYTES, name_problem, shorten
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_bounds import MAX_BYTES, KeyPath, OutOfBounds, find_excess, parse_bounded
 from rigctl.config.toml_lines import lines_of_paths
+from rigctl.config.visible_text import visible_line
 from rigctl.errors import WrongUse
 
 MAX_LETTERS = 1000
@@ -52,7 +53,8 @@ class TomlText:
         line = self._line_of(path)
         where = f"{self.name}, line {line}" if line else self.name
         key = _dotted(path)
-        raise self.error(f"{where}: {key}: {message}" if key else f"{where}: {message}")
+        sentence = f"{where}: {key}: {message}" if key else f"{where}: {message}"
+        raise self.error(visible_line(sentence))
 
     def _line_of(self, path: KeyPath) -> int | None:
         """Return the line of the key, or of the longest part of its path that has one."""

@@ -24,6 +24,11 @@ def visible(text: str, encoding: str = "utf-8") -> str:
     return escaped.encode(encoding, UNENCODABLE).decode(encoding)
 
 
+def visible_line(text: str) -> str:
+    """Return the text as :func:`visible`, with line breaks and tabs escaped too."""
+    return visible(text).replace("\n", "\\n").replace("\t", "\\t")
+
+
 def _escape(letter: str) -> str:
     code = ord(letter)
     if code < 0x20:

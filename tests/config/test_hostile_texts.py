@@ -62,6 +62,14 @@ def test_only_numbers_within_the_range_are_numbers(value: str) -> None:
         root.number("a", low=-1e300, high=1e300)
 
 
+def test_a_key_with_control_characters_is_visible() -> None:
+    root = TomlText("some.toml", r'"a\u001b[2J\nb\u202e" = 1', ConfigError).root
+    with pytest.raises(ConfigError) as refused:
+        root.finish()
+    assert r": a\x1b[2J\nb\u202e: unknown key" in str(refused.value)
+    assert str(refused.value).isprintable()
+
+
 def test_a_wrong_value_of_any_length_is_shortened() -> None:
     root = TomlText("some.toml", f'a = "{"x" * 200_000}"', ConfigError).root
     with pytest.raises(ConfigError) as refused:

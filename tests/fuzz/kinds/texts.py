@@ -117,7 +117,7 @@ def read_world(folder: Path) -> object:
 def read_map(folder: Path) -> object:
     """Load a map and read the label of a file name with it."""
     mapping = load_map(folder / "file.toml")
-    name = Path("felt_-12cm_" + "1" * 40 + ".5N_3.csv")
+    name = Path("felt_-12cm_" + "0" * 39 + "1.5N_3.csv")
     return parse_label(name, mapping)
 
 
