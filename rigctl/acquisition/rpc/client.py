@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import select
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -30,6 +31,7 @@ START_TIMEOUT_S = 60.0
 COMPILE_TIMEOUT_S = 600.0
 """An engine's first start after an update compiles, on a busy machine for minutes; an engine that
 ends instead is noticed immediately."""
+WAIT_TIMEOUT_S = 10
 _POLL_S = 0.02
 ENGINE_COMMAND, FINGER_ENGINE_COMMAND = "engine", "finger-engine"
 
@@ -247,7 +249,7 @@ class EngineClient:
 
 def _connect(engine_file: EngineFile) -> socket.socket:
     connection = connecting_socket(engine_file)
-    connection.settimeout(10.0)
+    _limit_waits(connection)
     try:
         connection.connect(socket_address(engine_file))
     except OSError as error:
@@ -260,6 +262,18 @@ def _connect(engine_file: EngineFile) -> socket.socket:
     if connection.family == socket.AF_INET:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return connection
+
+
+def _limit_waits(connection: socket.socket) -> None:
+    """Let connecting and sending wait up to ten seconds.
+
+    With a timeout of Python's, a Unix socket would refuse at once where others are in its queue.
+    """
+    if connection.family == socket.AF_INET:
+        connection.settimeout(WAIT_TIMEOUT_S)
+    else:
+        limit = struct.pack("ll", WAIT_TIMEOUT_S, 0)  # struct timeval
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
 
 
 def _spawn(

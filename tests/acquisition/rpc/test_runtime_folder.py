@@ -209,3 +209,13 @@ def test_an_engines_name_has_safe_letters(
     assert main([command, "--rig", "virtual", f"--name={name}"]) == 2
     assert "cannot be an engine's name" in capsys.readouterr().err
     assert list(folder.iterdir()) == []
+
+
+def test_a_name_that_a_running_engine_has_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with open_listener(folder / "one.sock") as listener:
+        write_engine_file(folder, engine_at(folder, listener))
+        assert main(["engine", "--rig", "virtual", "--name", "one"]) == 2
+    assert "an engine named one runs already" in capsys.readouterr().err
+    assert engine_file_path(folder, "one").exists()
