@@ -145,8 +145,8 @@ soak: firmware
 	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_hour.py
 
 fuzz: firmware
-	$(SAY) "both wires under a million corrupted bytes"
-	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_wires.py
+	$(SAY) "both wires under a million corrupted bytes, both engines under 200,000 mutated requests"
+	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_wires.py tests/soak/soak_requests.py
 
 scans: firmware
 	$(SAY) "500 scans of the moving finger: the Cortex-M7 image, the host build and the encoder, spike by spike"

@@ -5,14 +5,16 @@ from __future__ import annotations
 import asyncio
 import inspect
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
+from random import Random
 from typing import Any
 
 from rigctl.acquisition.rpc.arguments import declared_arguments
 from rigctl.acquisition.rpc.engine_commands import EngineCommands
 
 BATCH = 50
+TOKENS = (b'"', b"{", b"}", b"[", b"]", b":", b",", b"null", b"1e9", b"-0", b"\\u0000", b"\xc3")
 Arguments = Mapping[str, Collection[str]]
 
 VALUES = [
@@ -55,6 +57,26 @@ def wrong_requests(commands: Arguments, faults: Arguments) -> Iterator[bytes]:
         yield request_line(1, "inject", fault=value)
         for envelope in ENVELOPES:
             yield envelope.replace("VALUE", value).encode("utf-8", "surrogatepass") + b"\n"
+
+
+def mutated(lines: Sequence[bytes], random: Random) -> Iterator[bytes]:
+    """Yield lines with bytes changed, left out, doubled, or the end of another line, for ever."""
+    while True:
+        line = bytearray(random.choice(lines)[:-1])
+        for _ in range(random.randint(1, 4)):
+            at = random.randrange(len(line) + 1)
+            match random.randrange(5):
+                case 0:
+                    line[at : at + 1] = bytes([random.randrange(256)])
+                case 1:
+                    del line[at : at + random.randint(1, 9)]
+                case 2:
+                    line[at:at] = line[at : at + random.randint(1, 9)]
+                case 3:
+                    line[at:] = random.choice(lines)[:-1][at:]
+                case _:
+                    line[at:at] = random.choice(TOKENS)
+        yield bytes(line).replace(b"\n", b" ") + b"\n"
 
 
 def request_line(number: int, command: str, **args: str) -> bytes:
