@@ -35,6 +35,12 @@ LOOPBACK = "127.0.0.1"
 
 _SIZE_LIMIT_BYTES = 1 << 16
 _PROBE_TIMEOUT_S = 0.5
+_READ: int = (
+    os.O_RDONLY
+    | getattr(os, "O_NOFOLLOW", 0)
+    | getattr(os, "O_NONBLOCK", 0)
+    | getattr(os, "O_BINARY", 0)
+)
 _Text = Annotated[str, Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 
 
@@ -77,16 +83,19 @@ def write_engine_file(folder: Path, engine: EngineFile) -> Path:
 def read_engine_file(path: Path) -> EngineFile | None:
     """Return the contents of the file, None where it is absent or not what an engine writes."""
     try:
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | _NONBLOCK)
-        with os.fdopen(descriptor, "rb") as file:
-            engine = msgspec.json.decode(file.read(_SIZE_LIMIT_BYTES), type=EngineFile)
+        engine = msgspec.json.decode(_read(path), type=EngineFile)
     except (OSError, ValueError, RecursionError):
         return None
     return engine if _has_own_paths(engine, path) else None
 
 
-_NONBLOCK: int = getattr(os, "O_NONBLOCK", 0)
-"""A pipe in place of the file must not hold its reader."""
+def _read(path: Path) -> bytes:
+    """Return the file's bytes; a link is not followed, and a pipe holds nobody."""
+    descriptor = os.open(path, _READ)
+    try:
+        return os.read(descriptor, _SIZE_LIMIT_BYTES)
+    finally:
+        os.close(descriptor)
 
 
 def _has_own_paths(engine: EngineFile, path: Path) -> bool:
