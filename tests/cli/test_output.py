@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 import json
 import os
+import pty
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -99,3 +101,26 @@ def test_without_a_reader_the_command_still_answers(line: str, code: int) -> Non
     done = shell(line)
     assert done.returncode == code
     assert "Traceback" not in done.stderr
+
+
+def test_a_real_terminal_gets_no_escape_of_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "evil.toml"
+    file.write_text('description = "\\u001b[2J\\u009b5n"\n[[steps]]\nat="end"\nkind="tare"\n')
+    reader, terminal = pty.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-m", "rigctl", "check", str(file)], stdout=terminal, stderr=terminal
+    ) as process:
+        os.close(terminal)
+        shown = b"".join(iter(partial(_read_terminal, reader), b""))
+        os.close(reader)
+    assert process.returncode == 0
+    assert b"\\x1b[2J\\u009b5n" in shown
+    assert b"\x1b" not in shown
+
+
+def _read_terminal(reader: int) -> bytes:
+    """Return what the terminal got, nothing at its end, which Linux reports as an error."""
+    try:
+        return os.read(reader, 65_536)
+    except OSError:
+        return b""
