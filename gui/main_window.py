@@ -250,8 +250,11 @@ class MainWindow(QMainWindow):
         self.report("refused", f"{command.replace('_', ' ')}: {sentence}")
 
     def _on_event(self, message: dict[str, Any]) -> None:
+        kind, data = str(message.get("event")), message.get("data") or {}
         if text := str(message.get("text") or ""):
-            self.report(str(message.get("event")), text)
+            self.report(kind, text)
+        if kind == "run" and (digest := data.get("digest")):
+            self.event_log.add("digest", str(digest))
 
     def _on_status(self, status: EngineStatus) -> None:
         self._is_silent = False

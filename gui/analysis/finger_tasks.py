@@ -27,6 +27,7 @@ COLUMNS = ("Scan", "Plate", "Profile", "Named", "Verdict")
 
 def session_table(path: Path) -> SessionTable:
     """Read the trial table of a session of the moving finger. Raises SessionError."""
+    from rigctl.session.read.closing_digest import read_closing_digest
     from rigctl.session.read.finger_session import FingerSession
 
     with FingerSession.open(path) as session:
@@ -39,7 +40,7 @@ def session_table(path: Path) -> SessionTable:
         f"{'simulated' if header.simulated else 'real'} finger, started {header.start_utc}"
     )
     about = ". ".join((about, *missing))
-    return SessionTable(str(path), about, COLUMNS, rows, FINGER)
+    return SessionTable(str(path), about, COLUMNS, rows, FINGER, read_closing_digest(path))
 
 
 def scan_picture(path: Path, row: int, folder: Path) -> ScanPicture:

@@ -74,6 +74,7 @@ class SessionPanel(QWidget):
         self.folder_button = browse_button(requested, PathKind.SESSION, self.open_session)
         self.open_button = push_button("Open", self._open)
         self.about = label("No session is open.", "muted", wraps=True)
+        self.digest = QLineEdit(readOnly=True, placeholderText="No closing digest")
         self.model = TrialModel()
         self.table = QTableView(showGrid=False)
         self.run_box = AnalysisRunBox()
@@ -96,6 +97,8 @@ class SessionPanel(QWidget):
         header.setSectionResizeMode(len(table.columns) - 1, QHeaderView.ResizeMode.Fixed)
         self.table.setColumnWidth(len(table.columns) - 1, 84)
         self.about.setText(table.about)
+        self.digest.setText(table.closing_digest)
+        self.digest.setCursorPosition(0)
         set_property(self.about, "role", "muted")
         self.run_box.show_experiment(table.experiment)
         self.run_box.form.show_session(table.path)
@@ -128,6 +131,7 @@ class SessionPanel(QWidget):
 
     def _set_up(self) -> None:
         self.open_button.setFixedWidth(56)
+        self.digest.setToolTip("The closing digest: rigctl verify --digest compares it")
         self.run_box.results_button.setEnabled(False)
         self.table.setModel(self.model)
         self.table.verticalHeader().hide()
@@ -150,7 +154,7 @@ class SessionPanel(QWidget):
 
     def _lay_out(self) -> None:
         folder = hbox(self.folder, self.folder_button, self.open_button)
-        rows = (folder, self.about, self.table, self.run_box)
+        rows = (folder, self.about, self.digest, self.table, self.run_box)
         column = vbox(*rows, spacing=5, margins=(6, 8, 6, 6))
-        column.setStretch(2, 1)
+        column.setStretch(3, 1)
         self.setLayout(column)

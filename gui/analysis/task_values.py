@@ -14,13 +14,14 @@ DRUM, FINGER = "drum", "finger"
 
 
 class SessionTable(NamedTuple):
-    """A session's trials as text, a sentence about the session, and its experiment."""
+    """A session's trials as text, a sentence about the session, its experiment, and its digest."""
 
     path: str = ""
     about: str = ""
     columns: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
     experiment: str = DRUM
+    closing_digest: str = ""
 
 
 class TrialData(NamedTuple):

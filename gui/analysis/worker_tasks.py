@@ -94,6 +94,7 @@ class WorkerTasks:
 
     def open_session(self, path: str) -> SessionTable:
         """Read a session's trial table. Raises SessionError."""
+        from rigctl.session.read.closing_digest import read_closing_digest
         from rigctl.session.read.finger_session import is_finger_session
         from rigctl.session.read.session import Session
 
@@ -110,7 +111,8 @@ class WorkerTasks:
             f"{'simulated' if header.simulated else 'real'} rig, started {header.start_utc}"
         )
         about = ". ".join((about, *missing))
-        return SessionTable(str(self._path), about, COLUMNS, rows)
+        digest = read_closing_digest(self._path)
+        return SessionTable(str(self._path), about, COLUMNS, rows, closing_digest=digest)
 
     def load_trial(self, row: int) -> TrialData | ScanPicture:
         """Read the samples of one attempt and encode them as the live encoder does.

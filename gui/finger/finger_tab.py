@@ -194,6 +194,8 @@ class FingerTab(QObject):
         text = str(message.get("text") or "")
         if text and kind not in _UNTOLD:
             self.reported.emit(kind, text)
+        if kind == "run" and (digest := data.get("digest")):
+            self.reported.emit("digest", str(digest))
 
     def _on_status(self, status: FingerEngineStatus) -> None:
         self._is_silent = False

@@ -41,6 +41,7 @@ def test_trials_and_spikes_of_first_trial_are_shown(opened: Harness) -> None:
     panel, view = opened.window.analysis_tab.panel, opened.window.analysis_tab.trial_view
     assert panel.model.rowCount() == 48
     assert "48 of 48 trials committed, simulated rig" in panel.about.text()
+    assert len(panel.digest.text()) == 64
     assert opened.window.stack.currentWidget() is view
     assert view.data is not None and view.data.samples.shape[1] == 18
     assert len(view.data.spike_row) > 100

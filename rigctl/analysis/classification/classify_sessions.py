@@ -103,7 +103,7 @@ def classify(
     complete trial, or a speed, force or texture that the model's C lacks.
     """
     _check_sensor(model, paths)
-    trials = join_sessions(paths)
+    trials = join_sessions(paths, resources.progress)
     if model.c is not None:
         check_c_covers(trials, model.c, by_texture=model.force == "texture")
     trials = trials.without_gaps()

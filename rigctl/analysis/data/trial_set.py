@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,12 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.data.wiring_check import check_same_wiring
+from rigctl.analysis.execution.executor import Progress
 from rigctl.errors import SessionError
+from rigctl.session.read.closing_digest import read_closing_digest
+from rigctl.session.read.damage import damaged_trials
 from rigctl.session.read.sample_index import SampleFile, SampleFiles, SampleRange, SampleReader
 from rigctl.session.read.session import Session
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 MAX_LISTED_IDS = 5
+CHECKING_STAGE = "checking digests"
 
 
 class TrialRef(NamedTuple):
@@ -178,8 +183,13 @@ def open_trials(files: SampleFiles) -> Iterator[TrialReader]:
         yield TrialReader(reader, files)
 
 
-def join_sessions(paths: Sequence[Path]) -> TrialSet:
-    """Return one set from session folders. Raises SessionError for mixed layouts or no trial."""
+def join_sessions(
+    paths: Sequence[Path], progress: Progress = lambda stage, done, total: None
+) -> TrialSet:
+    """Return one set from session folders, without the trials whose rows were altered.
+
+    Raises SessionError for mixed layouts or no trial.
+    """
     trials: list[TrialRef] = []
     remarks: list[str] = []
     sources: list[dict[str, Any]] = []
@@ -190,6 +200,7 @@ def join_sessions(paths: Sequence[Path]) -> TrialSet:
                 f"{path} is named twice: its trials would be in both training and test"
             )
         with Session.open(path) as session:
+            session.leave_out(damaged_trials(session, partial(progress, CHECKING_STAGE)))
             sources.append(_provenance(session))
             _check_layout(sources[0], sources[-1])
             trials += _moving_trials(session, number, len(files), remarks)
@@ -286,6 +297,7 @@ def _provenance(session: Session) -> dict[str, Any]:
         "parts": len(session.parts),
         "closed": session.finished,
         "missing": session.describe_missing(),
+        "closing_digest": read_closing_digest(session.path),
     }
 
 

@@ -93,7 +93,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
     Raises SessionError or WrongUse for what cannot be encoded, DiskFault where the folder cannot
     be written. The cache keeps the results of an interrupted run.
     """
-    trials = join_sessions(request.sessions)
+    trials = join_sessions(request.sessions, resources.progress)
     check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:

@@ -25,6 +25,8 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.finger import Stage
 from rigctl.session.files.analysis_file import content_digest
 from rigctl.session.files.model_file import TrainingInfo
+from rigctl.session.read.closing_digest import read_closing_digest
+from rigctl.session.read.damage import damaged_trials
 from rigctl.session.read.finger_session import FingerSession
 
 Floats = NDArray[np.float64]
@@ -84,21 +86,26 @@ class RecordedScans:
 
 @dataclass(frozen=True, slots=True)
 class RecordedDataSets:
-    """Data sets of sessions, and the same with label-free force scaling of the SA current."""
+    """Data sets of sessions, and the same with label-free force scaling of the SA current.
+
+    ``closing_digests``: of each session by its path, empty for one without.
+    """
 
     data_sets: tuple[FingerDataSet, ...]
     scaled_currents: tuple[FingerDataSet, ...]
     latencies: dict[str, Floats]
     remarks: tuple[str, ...]
+    closing_digests: dict[str, str]
 
 
 def read_scans(path: Path) -> RecordedScans:
-    """Return the committed scans of a session.
+    """Return the committed scans of a session, without those whose rows were altered.
 
     Raises SessionError for another kind of folder, :class:`WrongUse` where no scan is complete or
     the ranges change between scans.
     """
     with FingerSession.open(path) as session:
+        session.leave_out(damaged_trials(session))
         indices, torn = _usable(session)
         left_out = [*session.describe_missing(), *torn]
         if not indices:
@@ -163,7 +170,8 @@ def read_data_sets(
         for kind, ms in one.latencies.items():
             latencies.setdefault(kind, []).append(ms)
     joined = {kind: np.concatenate(parts) for kind, parts in latencies.items()}
-    return RecordedDataSets(tuple(data_sets), tuple(currents), joined, tuple(remarks))
+    digests = {str(path): read_closing_digest(path) for path in paths}
+    return RecordedDataSets(tuple(data_sets), tuple(currents), joined, tuple(remarks), digests)
 
 
 def _check_distinct(paths: Sequence[Path]) -> None:

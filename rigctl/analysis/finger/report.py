@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from rigctl.analysis.data.atomic_directory import atomic_directory
@@ -62,18 +63,24 @@ def make_finger_report(
         latencies=recorded.latencies,
         remarks=recorded.remarks,
     )
-    page = write_finger_report(analysis, out, made_utc)
+    page = write_finger_report(analysis, out, made_utc, recorded.closing_digests)
     return FingerReport(page, tuple(summary_lines(analysis)))
 
 
-def write_finger_report(analysis: FingerAnalysis, out: Path, made_utc: str) -> Path:
+def write_finger_report(
+    analysis: FingerAnalysis,
+    out: Path,
+    made_utc: str,
+    closing_digests: Mapping[str, str] = MappingProxyType({}),
+) -> Path:
     """Write report.html, results.json and the figures to a new folder; return the page.
 
+    ``closing_digests``: of the sessions by their paths.
     Raises WrongUse where ``out`` exists, DiskFault where it cannot be written.
     """
     with atomic_directory(out) as folder:
         figures = _draw(analysis, folder)
-        values = as_dict(analysis, made_utc)
+        values = {**as_dict(analysis, made_utc), "closing_digests": dict(closing_digests)}
         text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
         (folder / "results.json").write_text(text + "\n", encoding="utf-8")
         assumptions = {one for task in values["tasks"].values() for one in task["assumptions"]}

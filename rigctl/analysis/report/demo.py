@@ -40,7 +40,7 @@ def analyse_session(
     WrongUse for fewer than two textures.
     """
     progress("reading trials", 0, 1)
-    trials = join_sessions([path]).without_gaps()
+    trials = join_sessions([path], progress).without_gaps()
     with open_trials(trials.files) as reader:
         samples = [reader.read(trial) for trial in trials.trials]
     seed = trials.provenance[0]["seed"]

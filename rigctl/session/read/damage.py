@@ -39,9 +39,10 @@ def find_damaged_rows(
     """Return the rows of ``tables``, all of them if None, that do not agree with their digests.
 
     Rows that no digest covers are among them if the part was closed. A part from before there
-    were digests has none. Raises SessionError for a part that cannot be read.
+    were digests has none; nor has one that grows, whose writer a reader must not delay. Raises
+    SessionError for a part that cannot be read.
     """
-    if not part.has_digests:
+    if not part.has_digests or part.is_growing:
         return []
     links = check_links(part, tables, on_bytes=on_bytes)
     found = [*links.damaged, *links.coverage.gone]

@@ -27,6 +27,8 @@ from rigctl.session.verify.part_checks import (
 from rigctl.wire.taxels.frames import Flag
 
 RISES = 0b11
+MAX_WINDOW_S = 1e6
+"""Longer than any trial, and short enough to be counted in samples."""
 
 
 def check_part(part: PartReader, trials: StructuredArray) -> tuple[list[str], list[str]]:
@@ -36,8 +38,7 @@ def check_part(part: PartReader, trials: StructuredArray) -> tuple[list[str], li
     has_sync = part.header.cut_by != CUT_BY_CLOCK and _has_sync(columns, rows)
     problems = [*check_contents(part), *_check_drum(part)]
     for row, stored in zip(rows, trials, strict=True):
-        planned = parse_trial(stored).trial.n_samples
-        lines = [*check_attempt(row), *_check_length(row, planned)]
+        lines = [*check_attempt(row), *_check_length(row, stored)]
         lines += check_window(columns, part.n_samples, row)
         window = window_rows(columns, part.n_samples, row)
         if has_sync and window:
@@ -47,7 +48,12 @@ def check_part(part: PartReader, trials: StructuredArray) -> tuple[list[str], li
     return problems, list(_notes(part, rows, has_sync))
 
 
-def _check_length(row: AttemptWindow, planned: int) -> Iterator[str]:
+def _check_length(row: AttemptWindow, stored: np.void) -> Iterator[str]:
+    speed_mm_s, travel_mm = float(stored["speed_mm_s"]), float(stored["travel_mm"])
+    if not (speed_mm_s > 0 and 0 <= travel_mm <= speed_mm_s * MAX_WINDOW_S):
+        yield f"a window of {travel_mm:g} mm at {speed_mm_s:g} mm/s cannot be recorded"
+        return
+    planned = parse_trial(stored).trial.n_samples
     if row.committed and row.count != planned:
         yield f"it has {row.count} samples, the plan has {planned}"
 

@@ -26,6 +26,7 @@ from rigctl.session.verify.ending import compare_digest
 from rigctl.session.verify.part import check_part
 from rigctl.session.verify.record import RecordCheck
 from rigctl.session.verify.report import OnProgress, VerifyReport
+from rigctl.session.verify.values.part_values import check_values
 
 TRUTH_SHARE = 0.5
 """Measured share of the work if there is such a log: it is compressed, the parts are not."""
@@ -103,11 +104,12 @@ def _check_contents(
         try:
             record.check_part(done, step)
             problems, notes = check(part, session.trials[session.trials["part"] == part.number])
+            value_problems, value_notes = check_values(part)
         except SessionError as error:
             report.problems.append(str(error))
             continue
-        report.problems += [f"{part.path.name}: {line}" for line in problems]
-        report.notes += [f"{part.path.name}: {line}" for line in notes]
+        report.problems += [f"{part.path.name}: {line}" for line in (*problems, *value_problems)]
+        report.notes += [f"{part.path.name}: {line}" for line in (*notes, *value_notes)]
     on_progress(share, "the plan")
     record.check_whole()
     report.samples = session.n_samples

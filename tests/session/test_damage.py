@@ -1,0 +1,141 @@
+"""The trials whose rows were altered are found, and no others; analyses leave out just those."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.finger.recorded_scans import read_scans
+from rigctl.session.format.annotated_arrays import text_scalar
+from rigctl.session.format.layout import SAMPLES, TRIALS
+from rigctl.session.read.damage import DamagedRows, damaged_trials, find_damaged_rows
+from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.read.part import PartReader
+from rigctl.session.read.session import Session
+from tests.session import building, finger_building
+from tests.session.building import SyntheticRig, plan
+
+
+@pytest.fixture
+def drum(tmp_path: Path) -> Path:
+    """A session whose trials were flushed one by one, in two parts."""
+    folder = tmp_path / "s"
+    with building.recorder(folder) as rec:
+        source = SyntheticRig(rec)
+        texture = ""
+        for trial in plan().trials:
+            if trial.texture != texture:
+                texture = trial.texture
+                rec.begin_part("plate change", texture)
+            source.trial(trial)
+            rec.wait_written()
+    return folder
+
+
+def flip_sample(folder: Path, part: int, row: int) -> None:
+    with h5py.File(folder / f"part-{part:04d}.h5", "r+") as file:
+        file[SAMPLES][row, 0] ^= 1
+
+
+def test_an_intact_session_has_no_damage(drum: Path) -> None:
+    with Session.open(drum) as session:
+        assert damaged_trials(session) == {}
+        assert [find_damaged_rows(part) for part in session.parts] == [[], []]
+
+
+def test_altered_samples_are_those_of_one_trial(drum: Path) -> None:
+    with Session.open(drum) as session:
+        row = session.trials[5]
+        at = int(row["first_sample"]) + 20
+    flip_sample(drum, int(row["part"]), at)
+    with Session.open(drum) as session:
+        assert list(damaged_trials(session)) == [5]
+        (rows,) = find_damaged_rows(session.parts[1], {SAMPLES})
+        assert (rows.part, rows.table) == (2, SAMPLES)
+        assert rows.first_row <= at < rows.first_row + rows.n_rows
+
+
+def test_tables_that_no_analysis_needs_cost_no_trial(drum: Path) -> None:
+    with h5py.File(drum / "part-0001.h5", "r+") as file:
+        rows = file["/drum"][:]
+        rows["speed_mm_s"] += 1
+        file["/drum"][:] = rows
+    with Session.open(drum) as session:
+        assert damaged_trials(session) == {}
+        assert {rows.table for rows in find_damaged_rows(session.parts[0])} == {"/drum"}
+
+
+def test_an_altered_description_concerns_all_trials_of_its_part(drum: Path) -> None:
+    with h5py.File(drum / "part-0001.h5", "r+") as file:
+        file.attrs.create("sensor", text_scalar("another"))
+    with Session.open(drum) as session:
+        found = damaged_trials(session)
+        assert set(found) == set(np.flatnonzero(session.trials["part"] == 1).tolist())
+        assert "attributes or texts are not those" in found[0]
+
+
+def test_an_altered_row_of_the_trials_is_left_out(drum: Path) -> None:
+    with h5py.File(drum / "part-0001.h5", "r+") as file:
+        row = file[TRIALS.path][1]
+        row["force_g"] = 300
+        file[TRIALS.path][1] = row
+    with Session.open(drum) as session:
+        assert list(damaged_trials(session)) == [1]
+
+
+def test_rows_that_were_added_to_a_closed_part_are_damage(drum: Path) -> None:
+    path = drum / "part-0001.h5"
+    with h5py.File(path, "r+") as file:
+        trials = file[TRIALS.path]
+        trials.resize(len(trials) + 1, axis=0)
+        trials[-1] = trials[0]
+    part = PartReader(path)
+    assert find_damaged_rows(part) == [DamagedRows(1, TRIALS.path, 4, 1)]
+    part.close()
+
+
+def test_analyses_of_the_drum_leave_out_just_the_altered_trial(drum: Path) -> None:
+    whole = join_sessions([drum])
+    flip_sample(drum, 1, whole.trials[1].sample_range.start + 3)
+    stages: list[str] = []
+    rest = join_sessions([drum], lambda stage, done, total: stages.append(stage))
+    left_out = {trial.trial_id for trial in whole.trials} - {t.trial_id for t in rest.trials}
+    assert left_out == {whole.trials[1].trial_id}
+    (remark,) = [line for line in rest.remarks if "left out" in line]
+    assert f"part-0001.h5: trial {whole.trials[1].trial_id} is left out: rows" in remark
+    assert remark.endswith("of /taxels/samples are not those that were recorded")
+    assert set(stages) == {"checking digests"}
+    assert len(rest.provenance[0]["closing_digest"]) == 64
+
+
+def test_analyses_of_the_finger_leave_out_just_the_altered_scan(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    with (
+        finger_building.recorder(folder) as rec,
+        finger_building.SyntheticFinger(rec) as finger,
+    ):
+        rec.begin_part("start")
+        for trial in finger_building.plan().trials[:4]:
+            finger.trial(trial)
+            rec.wait_written()
+    whole = read_scans(folder)
+    with FingerSession.open(folder) as session:
+        at = int(session.trials[2]["first_sample"]) + 50
+    with h5py.File(folder / "part-0001.h5", "r+") as file:
+        file["/taxels/spikes"][at, 0] ^= 1
+    rest = read_scans(folder)
+    assert len(rest.recordings) == len(whole.recordings) - 1
+    assert any("trial 3 is left out: rows" in remark for remark in rest.remarks)
+
+
+def test_a_growing_session_is_not_held_up(tmp_path: Path) -> None:
+    with building.recorder(tmp_path / "s") as rec:
+        rec.begin_part("start", "A")
+        SyntheticRig(rec).trial(plan().trials[0])
+        rec.wait_written()
+        with Session.open(tmp_path / "s") as session:
+            assert damaged_trials(session) == {}
