@@ -28,6 +28,7 @@ from rigctl.errors import SessionError
 from rigctl.session.read.part_file import part_paths
 from tests.analysis.recordings import record
 from tests.session.building import SyntheticRig, plan, recorder
+from tests.session.forging import rewrite_digests
 
 FEW = SweepSettings(iterations=2, k_max=8)
 UTC = "2026-11-21T12:00:00Z"
@@ -50,6 +51,7 @@ def damage(session: Path, change: Callable[[Any], None]) -> None:
     for part in part_paths(session):
         with h5py.File(part, "r+") as file:
             change(file)
+    rewrite_digests(session)
 
 
 def _set_attribute(name: str, value: int, file: Any) -> None:

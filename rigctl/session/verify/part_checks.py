@@ -116,9 +116,10 @@ def _merge(first: NDArray[np.int64], count: NDArray[np.int64]) -> list[tuple[int
 
 def _check_arrivals(part: PartReader) -> Iterator[str]:
     arrivals = part.rows(layout.ARRIVALS)
-    if np.any(np.diff(arrivals["first_row"]) <= 0):
+    first_rows, arrived_s = arrivals["first_row"], arrivals["arrived_s"]
+    if np.any(first_rows[1:] <= first_rows[:-1]):
         yield "first_row of /taxels/arrivals does not ascend"
-    if np.any(np.diff(arrivals["arrived_s"]) < 0):
+    if np.any(arrived_s[1:] < arrived_s[:-1]):
         yield "/taxels/arrivals goes back in time"
     if part.finished and len(arrivals) and arrivals["first_row"][-1] >= part.n_samples:
         yield "/taxels/arrivals lists samples that are missing"

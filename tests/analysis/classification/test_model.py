@@ -26,6 +26,7 @@ from rigctl.session.files.analysis_file import LAYOUT_VERSION
 from rigctl.session.files.model_file import load_model, save_model
 from rigctl.session.format.annotated_arrays import write_text
 from tests.analysis.recordings import record
+from tests.session.forging import rewrite_digests
 
 UTC = "2026-11-21T12:00:00Z"
 
@@ -167,6 +168,7 @@ def test_sessions_that_do_not_fit_are_refused_with_a_reason(
     for part in slower.glob("part-*.h5"):
         with h5py.File(part, "r+") as file:
             file.attrs["sample_rate_hz"] = 500
+    rewrite_digests(slower)
     with pytest.raises(SessionError, match=r"has 500 samples a second, the model .* with 1000"):
         classify(speed, [slower])
 

@@ -18,6 +18,7 @@ from rigctl.analysis.execution.executor import local_executor
 from rigctl.analysis.features.representations import RepresentationSet, represent
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from tests.analysis.recordings import record
+from tests.session.forging import rewrite_digests
 
 TEXTURES, SPEEDS = "AB", (40, 80, 120)
 
@@ -77,6 +78,7 @@ def test_other_parameters_and_samples_are_encoded_again(session: Path, tmp_path:
     with h5py.File(session / "part-0001.h5", "r+") as part:
         first, samples = int(part["trials"][0]["first_sample"]), part["taxels/samples"]
         samples[first + 5 : first + 55] = np.sort(samples[first + 5 : first + 55], axis=0)
+    rewrite_digests(session)
     settle(session)
     changed = Cache(tmp_path / "cache")
     fresh = analyse(session, tmp_path / "three", changed)

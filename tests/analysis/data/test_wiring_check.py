@@ -14,6 +14,7 @@ from rigctl.cli import main
 from rigctl.session.format.annotated_arrays import write_attributes
 from rigctl.values import DRAWN_WIRING
 from tests.analysis.recordings import record
+from tests.session.forging import rewrite_digests
 
 Refused = Callable[..., str]
 
@@ -24,6 +25,7 @@ def rewired(session: Path, folder: Path, wiring: list[int]) -> Path:
     for part in folder.glob("part-*.h5"):
         with h5py.File(part, "r+") as file:
             write_attributes(file, {"wiring": json.dumps(wiring)})
+    rewrite_digests(folder)
     return folder
 
 

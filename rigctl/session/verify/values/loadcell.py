@@ -27,7 +27,7 @@ CHANGED_SHARE = 0.01
 def check_scale(rows: StructuredArray) -> Iterator[str]:
     """Check the forces of one part against its counts; ``rows``: /loadcell, in order."""
     raw, force_g = rows["raw_counts"].astype(np.float64), rows["force_g"].astype(np.float64)
-    scale_g = _scale(raw, force_g)
+    scale_g = _scale(raw, force_g) if np.isfinite(force_g).all() else None
     if scale_g is None:
         return
     low, high = SCALE_BAND_UG_PER_COUNT
@@ -52,9 +52,9 @@ def note_saturation(rows: StructuredArray) -> Iterator[str]:
 
 
 def _scale(raw: Floats, force_g: Floats) -> float | None:
-    """Return the median of force over counts in steps, g; None without enough steps."""
+    """Return the median of force over counts in steps, g a count; None without enough steps."""
     steps, steps_g = np.diff(raw), np.diff(force_g)
-    large = (np.abs(steps) >= MIN_STEP_COUNTS) & np.isfinite(steps_g)
+    large = np.abs(steps) >= MIN_STEP_COUNTS
     if np.count_nonzero(large) < MIN_STEPS:
         return None
     return float(np.median(steps_g[large] / steps[large]))
