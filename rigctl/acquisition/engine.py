@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 
 from rigctl.acquisition.boards import Boards
@@ -16,6 +17,7 @@ from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunSt
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.acquisition.status import StatusBuilder
 from rigctl.acquisition.taxels.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
+from rigctl.errors import DiskFault
 
 
 class Engine(ServedEngine[Run, RunRequest]):
@@ -83,16 +85,29 @@ class Engine(ServedEngine[Run, RunRequest]):
 
     async def _execute(self, run: Run) -> None:
         self.heartbeat_gate.check_in("runner")
+        with self._publish_disk_fault():
+            self.rig.begin_truth(run.folder, run.start)
         try:
             await run.execute()
         finally:
             self.heartbeat_gate.check_out("runner")
             self.heartbeat_gate.check_out("recorder")
-        self.rig.save_truth(run.folder)
+            with self._publish_disk_fault():
+                self.rig.save_truth(is_last=True)
         self._send_status()
+
+    @contextmanager
+    def _publish_disk_fault(self) -> Iterator[None]:
+        """Publish that the truth could not be written; the recorder judges the disk itself."""
+        try:
+            yield
+        except DiskFault as fault:
+            self.event_bus.publish("fault", str(fault))
 
     def _serve_boards(self) -> None:
         self.boards.pipeline.flush()
+        with self._publish_disk_fault():
+            self.rig.save_truth()
         self.heartbeat_gate.check_in("pipeline")
 
     def _check_disk(self) -> None:

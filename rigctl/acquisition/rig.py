@@ -10,7 +10,12 @@ from typing import Any
 from rigctl.config.rig_config import RigConfig
 from rigctl.devices.drum import Drum
 from rigctl.devices.taxels import Taxels
-from rigctl.session.files.ground_truth import write_truth
+from rigctl.session.files.ground_truth import begin_log
+from rigctl.session.files.truth_file import Start
+from rigctl.session.files.truth_log import TruthLog
+
+TRUTH_PERIOD_MS = 2_000
+"""World time from one write of the ground truth to the next."""
 
 
 @dataclass(eq=False, slots=True)
@@ -31,6 +36,7 @@ class Rig:
     seed: int = 0
     simulation: Any = None
     world: dict[str, Any] = field(default_factory=dict)
+    _truth_log: TruthLog | None = None
 
     @property
     def simulated(self) -> bool:
@@ -54,10 +60,28 @@ class Rig:
             self.simulation.faults.push(mass_g)
         return self.simulated
 
-    def save_truth(self, folder: Path) -> None:
-        """Append the simulated ground truth since the last call to a session, if there is one."""
+    def begin_truth(self, folder: Path, start: Start) -> None:
+        """Log the ground truth of a simulated rig into a session from now on.
+
+        ``start`` is that of the sitting. Raises DiskFault.
+        """
         if self.simulated:
-            write_truth(folder, self.simulation.truth.take())
+            self._truth_log = begin_log(folder, start, self.simulation.truth.take().end_ms)
+
+    def save_truth(self, is_last: bool = False) -> None:
+        """Write the ground truth since the last call once a period has passed, or the last of it.
+
+        Without a log it is dropped, so that a rig may stand for days. Raises DiskFault.
+        """
+        if not self.simulated or (self.simulation.truth.n_rows < TRUTH_PERIOD_MS and not is_last):
+            return
+        rows, log = self.simulation.truth.take(), self._truth_log
+        if is_last:
+            self._truth_log = None
+        if log is not None:
+            log.write(rows)
+            if is_last:
+                log.close()
 
     def close(self) -> None:
         """Free ports and boards, then close the loop unless it is running."""

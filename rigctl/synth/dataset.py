@@ -13,6 +13,7 @@ from rigctl.acquisition.protocol.run_request import check_disk_space, session_he
 from rigctl.protocol.loader import load_protocol, parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.protocol.steps import RunTrial
+from rigctl.session.files.ground_truth import begin_log
 from rigctl.session.format.header import CUT_BY_WIRE, SessionHeader
 from rigctl.session.write.recorder import Recorder
 from rigctl.simulation.bench.world_file import NOMINAL_WORLD, SimulatedWorld
@@ -99,9 +100,10 @@ def generate(
     texts = plan.protocol.text, plan.protocol.config.with_order().to_toml()
     with Recorder(folder, header, *texts, resume=exists) as recorder:
         remove_damaged_truth(folder)
+        truth_log = begin_log(folder, (header.start_utc, header.start_loop_s), 0, again=True)
         resumed = ResumedRecorder(recorder, found.attempts, header.wiring)
         runner = DatasetStepRunner(
-            plan.protocol, request.world.parameters, request.seed, folder, resumed, workers
+            plan.protocol, request.world.parameters, request.seed, truth_log, resumed, workers
         )
         with closing(runner):
             return _run_steps(runner, plan, on_progress, stop)

@@ -13,7 +13,8 @@ import numpy as np
 
 from rigctl.errors import SessionError
 from rigctl.protocol.plan import Plan
-from rigctl.session.files.ground_truth import TRUTH_PATTERN, check_truth
+from rigctl.session.files.ground_truth import check_log
+from rigctl.session.files.truth_file import log_paths
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.read.part_file import existing_parts
 from rigctl.session.read.session import Session
@@ -132,11 +133,11 @@ def inspect_session(folder: Path, header: SessionHeader, plan: Plan) -> Unfinish
 
 
 def remove_damaged_truth(folder: Path) -> None:
-    """Remove a ground-truth file that an aborted run left unreadable; the new run rewrites it."""
-    try:
-        check_truth(folder)
-    except SessionError:
-        for path in folder.glob(TRUTH_PATTERN):
+    """Remove each ground-truth file that cannot be read; the new run writes it again."""
+    for path in log_paths(folder):
+        try:
+            check_log(path)
+        except SessionError:
             path.unlink()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from rigctl.protocol.steps import (
     Tare,
     Turn,
 )
-from rigctl.session.files.ground_truth import TruthLog, write_truth
+from rigctl.session.files.truth_log import TruthLog, TruthRows
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.direct_rig import DirectRig
 from rigctl.synth.operator import DrumOperator
@@ -35,7 +34,8 @@ from rigctl.wire.drum.codes import Status
 QUEUE_SAMPLES = 100_000
 """The simulation waits for the disk when more samples are queued."""
 
-TRUTH_ROWS = 1_000_000
+TRUTH_ROWS = 60_000
+"""Milliseconds of ground truth that are written at once: a killed run loses no more."""
 
 
 class DatasetStepRunner:
@@ -49,11 +49,10 @@ class DatasetStepRunner:
         protocol: Protocol,
         parameters: WorldParameters,
         seed: int,
-        folder: Path,
+        truth_log: TruthLog,
         recorder: ResumedRecorder,
         workers: int,
     ) -> None:
-        self._folder = folder
         self._recorder = recorder
         self._executor = ThreadPoolExecutor(1, "noise") if workers > 1 else None
         self._rig = DirectRig(parameters, seed, self._executor)
@@ -67,7 +66,8 @@ class DatasetStepRunner:
         self._texture = ""
         self._reason = "start"
         self._tared = False
-        self._truth: list[TruthLog] = []
+        self._truth_log = truth_log
+        self._truth: list[TruthRows] = []
         self._truth_rows = 0
         self.committed = 0
 
@@ -76,6 +76,7 @@ class DatasetStepRunner:
         if self._reason == "start":  # nothing was recorded
             self._recorder.begin_part(self._reason, self._texture)
         self._write_truth()
+        self._truth_log.close()
         self._rig.close()
         if self._executor is not None:
             self._executor.shutdown(cancel_futures=True)
@@ -213,16 +214,15 @@ class DatasetStepRunner:
         if self._truth_rows > TRUTH_ROWS:
             self._write_truth()
 
-    def _add_truth(self, log: TruthLog) -> None:
-        self._truth.append(log)
-        self._truth_rows += len(log[3])
+    def _add_truth(self, rows: TruthRows) -> None:
+        self._truth.append(rows)
+        self._truth_rows += len(rows[3])
 
     def _write_truth(self) -> None:
         if not self._truth:
             return
-        self._recorder.wait_written()
         columns = [np.concatenate(column) for column in list(zip(*self._truth, strict=True))[1:]]
-        write_truth(self._folder, (self._truth[0][0], columns[0], columns[1], columns[2]))
+        self._truth_log.write((self._truth[0][0], columns[0], columns[1], columns[2]))
         self._truth.clear()
         self._truth_rows = 0
 

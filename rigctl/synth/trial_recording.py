@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigctl.session.files.ground_truth import TruthLog
+from rigctl.session.files.truth_log import TruthRows
 from rigctl.simulation.direct_rig import DirectRig
 from rigctl.values import Block, DrumState, LoadcellSample
 
@@ -75,7 +75,7 @@ class TrialRecording:
         self._on_block(Block(numbers, samples, flags, edges, (), at_s))
         self._record_polls(polls)
 
-    def end(self) -> TruthLog:
+    def end(self) -> TruthRows:
         """End the stretch at the last :meth:`record`; return its ground truth."""
         log = self._rig.truth.take()
         shift_ms = round(self._skipped_us / 1000)

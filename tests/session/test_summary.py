@@ -11,12 +11,15 @@ import pytest
 from rigctl.cli import create_parser
 from rigctl.cli.data import info as command
 from rigctl.errors import SessionError
-from rigctl.session.files.ground_truth import open_truth, trial_truths, write_truth
+from rigctl.session.files.ground_truth import begin_log, trial_truths
+from rigctl.session.files.truth_file import open_truth
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
 from rigctl.session.write.recorder import Recorder
 from tests.session.building import IDLE, PROTOCOL, RIG, header, plan, record_plan
+
+START = (header().start_utc, header().start_loop_s)
 
 
 def run(*words: str) -> int:
@@ -73,9 +76,11 @@ def test_each_trial_has_its_true_speed_and_force(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     with Session.open(tmp_path / "s") as session:
         log = truth_of(session)
-        half = len(log[1]) // 2
-        write_truth(tmp_path / "s", (0, *(column[:half] for column in log[1:])))  # type: ignore[arg-type]
-        assert write_truth(tmp_path / "s", log).name == "world.h5"
+        half, (_, speed, force, sync) = len(log[1]) // 2, log
+        writer = begin_log(tmp_path / "s", START, 0)
+        writer.write((0, speed[:half], force[:half], sync[:half]))
+        writer.write((half, speed[half:], force[half:], sync[half:]))
+        assert writer.close().name == "world.h5"
         with open_truth(tmp_path / "s" / "world.h5") as truth:
             assert np.array_equal(truth.window("speed_mm_s", 0, truth.n_rows), log[1])
         truths = trial_truths(session)
@@ -93,9 +98,11 @@ def test_each_trial_has_its_true_speed_and_force(tmp_path: Path) -> None:
 def test_a_gap_in_the_log_is_refused(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     empty = (np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros(3, np.uint8))
-    write_truth(tmp_path / "s", (0, *empty))
-    with pytest.raises(SessionError, match="ends 2 ms before the new rows"):
-        write_truth(tmp_path / "s", (5, *empty))
+    writer = begin_log(tmp_path / "s", START, 0)
+    writer.write((0, *empty))
+    with pytest.raises(SessionError, match="ends at 3 ms and the new rows begin at 5 ms"):
+        writer.write((5, *empty))
+    writer.close()
 
 
 def test_each_run_of_a_session_has_its_own_log(tmp_path: Path) -> None:
@@ -105,7 +112,9 @@ def test_each_run_of_a_session_has_its_own_log(tmp_path: Path) -> None:
     with Recorder(tmp_path / "s", type(header())(**later), PROTOCOL, RIG, resume=True) as rec:
         rec.begin_part("resume", "A")
     columns = (np.ones(IDLE, np.float32), np.ones(IDLE, np.float32), np.zeros(IDLE, np.uint8))
-    assert write_truth(tmp_path / "s", (0, *columns)).name == "world-0002.h5"
+    writer = begin_log(tmp_path / "s", ("2026-11-22T08:00:00Z", 0.0), 0)
+    writer.write((0, *columns))
+    assert writer.close().name == "world-0002.h5"
     with Session.open(tmp_path / "s") as session:
         assert trial_truths(session) == []
 

@@ -15,7 +15,8 @@ from rigctl import __version__
 from rigctl.cli import main
 from rigctl.config.resources import source_commit
 from rigctl.errors import SessionError
-from rigctl.session.files.ground_truth import open_truth, trial_truths
+from rigctl.session.files.ground_truth import trial_truths
+from rigctl.session.files.truth_file import open_truth
 from rigctl.session.format import layout
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify

@@ -104,6 +104,11 @@ class Run:
             self._recorder.close(SESSION_OUTCOMES[outcome])
         self._end(outcome, text)
 
+    @property
+    def start(self) -> tuple[str, float]:
+        """Wall clock and loop time at which the sitting began."""
+        return self._recorder.header.start_utc, self._recorder.header.start_loop_s
+
     def status(self) -> RunStatus:
         """Return the run's part of the status message."""
         now_s, progress, trial = self._now_s(), self._progress, self._step_runner.current

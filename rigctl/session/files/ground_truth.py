@@ -1,4 +1,4 @@
-"""Write and evaluate the simulated world's own log, ``world.h5`` beside the session.
+"""Evaluate the simulated world's own log, ``world.h5`` beside the session.
 
 Only a simulated bench writes it. It gives the true speed and force in each trial, independently
 of everything that the rig measured.
@@ -6,51 +6,33 @@ of everything that the rig measured.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
+from rigctl.session.files.truth_file import (
+    Start,
+    TruthReader,
+    log_number,
+    log_paths,
+    open_truth,
+    start_of,
+)
+from rigctl.session.files.truth_log import TruthLog
 from rigctl.session.format import layout
-from rigctl.session.format.annotated_arrays import Attributes, write_attributes
-from rigctl.session.format.data_sets import LIBVER
 from rigctl.session.format.header import CUT_BY_CLOCK
-from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.hdf5.schema import DataSetSchema
-from rigctl.session.read.buffered_array import BufferedArray, read_blocks
 from rigctl.session.read.part_file import existing_parts, open_part
 from rigctl.session.read.session import Session
 
-TRUTH_PATTERN = "world*.h5"
-_LOG_NAME = re.compile(r"world(?:-([0-9]{4,6}))?\.h5")
-LAYOUT = "rigctl-world"
-LAYOUT_VERSION = 1
-CHUNK_ROWS = 65_536
 SLACK_MS = 1_000
 """An attempt's rise of sync is between its end and this time before its start."""
 
-COLUMNS = (
-    ("speed_mm_s", "<f4", "mm/s", "true speed of the texture, mean over the millisecond"),
-    ("force_g", "<f4", "g", "true contact force at the end of the millisecond"),
-    ("sync", "u1", "", "level of the sync line at the end of the millisecond"),
-)
-
-_SCHEMA = tuple(DataSetSchema(name, 1, dtype=np.dtype(code), tail=()) for name, code, *_ in COLUMNS)
-_LIMITS = {"first_ms": 1 << 48, "sitting": 1 << 15}
-"""Largest value of each attribute."""
-
-TruthLog = tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
-"""First millisecond, then speed in mm/s, force in g and sync, one value for each millisecond."""
-Start = tuple[str, float]
-"""Wall clock and loop time at the start of a sitting, as its parts have them."""
 OnTrial = Callable[[int, int], None]
 """Progress: number of trials done, and of all trials."""
 
@@ -62,79 +44,6 @@ class TrialTruth:
     trial_id: int
     speed_error: float
     force_error: float
-
-
-@contextmanager
-def open_truth(path: Path) -> Iterator[TruthReader]:
-    """Open one log. Opening and reading raise SessionError for a damaged file."""
-    with Hdf5File(path) as file:
-        yield TruthReader(file)
-
-
-class TruthReader:
-    """Reader of one log; row i of each column ends at ``first_ms + i + 1`` ms world time."""
-
-    def __init__(self, file: Hdf5File) -> None:
-        attributes = file.attributes()
-        if (attributes.get("layout"), attributes.get("layout_version")) != (LAYOUT, LAYOUT_VERSION):
-            raise SessionError(f"{file.path} is an HDF5 file, but not the log of a simulated world")
-        self.first_ms, self.sitting = (
-            _integer(file.path, attributes, name, most) for name, most in _LIMITS.items()
-        )
-        self.start = _start_of(attributes) if "start_utc" in attributes else None
-        file.check(_SCHEMA)
-        self.n_rows = min(file.shape(name)[0] for name, *_ in COLUMNS)
-        self._buffers = {
-            name: BufferedArray(partial(file.rows, name), self.n_rows) for name, *_ in COLUMNS
-        }
-
-    def window(self, name: str, start: int, stop: int) -> NDArray[Any]:
-        """Return rows of one column; fast if each call continues the last."""
-        return self._buffers[name].window(start, stop)
-
-    def rises_ms(self) -> NDArray[np.int64]:
-        """Return the world time of each rise of sync, int64 ms: the millisecond of the rise."""
-        rises, last = [np.zeros(0, np.int64)], 0
-        for start, sync in read_blocks(partial(self.window, "sync"), self.n_rows):
-            high = (sync != 0).astype(np.int8)
-            rose = np.flatnonzero(np.diff(high, prepend=np.int8(last)) == 1)
-            rises.append(rose.astype(np.int64) + (start + self.first_ms))
-            last = int(high[-1])
-        return np.concatenate(rises)
-
-    def check(self) -> None:
-        """Read every column, so that damage raises an error."""
-        for name, *_ in COLUMNS:
-            for _ in read_blocks(partial(self.window, name), self.n_rows):
-                pass
-
-
-def write_truth(folder: Path, log: TruthLog) -> Path:
-    """Write a log, or append its new rows, and return the file.
-
-    Call it at the end of a run, or repeatedly with the rows since the last call. Each sitting of
-    a resumed session has its own file, because the world's time starts at 0 again.
-    """
-    first_ms, speed, force, sync = log
-    columns: tuple[NDArray[Any], ...] = (speed, force, sync)
-    starts = _part_starts(folder)
-    start = starts[max(starts)] if starts else ("", 0.0)
-    path = _log_of(folder, start)
-    if path is None:
-        path, sitting = _new_log_path(folder)
-        _create(path, first_ms, sitting, start)
-    with h5py.File(path, "r+", libver=LIBVER) as file:
-        length = int(file["sync"].shape[0])
-        n_stored = int(file.attrs["first_ms"]) + length - first_ms
-        if n_stored < 0:
-            raise SessionError(
-                f"{path} ends {-n_stored} ms before the new rows: part of the truth is missing"
-            )
-        for (name, *_), values in zip(COLUMNS, columns, strict=True):
-            new = values[n_stored:]
-            file[name].resize(length + len(new), axis=0)
-            file[name][length:] = new
-    return path
 
 
 def check_truth(folder: Path) -> None:
@@ -152,16 +61,17 @@ def check_log(path: Path) -> None:
 def trial_truths(
     session: Session, on_trial: OnTrial = lambda done, trials: None
 ) -> list[TrialTruth]:
-    """Return the truth of each committed trial that a log covers, in the order of trial ids.
+    """Return the truth of each committed trial that a readable log covers, by trial id.
 
-    Calls ``on_trial`` before each trial. Raises SessionError for a damaged log.
+    Calls ``on_trial`` before each trial. :func:`check_truth` raises for a damaged log.
     """
     committed = session.committed()
     rows = session.trials[committed]
     starts = _part_starts(session.path)
     truths: dict[int, TrialTruth] = {}
     for path in log_paths(session.path):
-        with open_truth(path) as log:
+        # Damage costs this log only; verify names it.
+        with suppress(SessionError), open_truth(path) as log:
             rises = log.rises_ms()
             own = np.flatnonzero(np.isin(rows["part"], _parts_of(log, starts)))
             for i in own[np.argsort(rows["started_s"][own], kind="stable")].tolist():
@@ -180,7 +90,7 @@ def summarise_truth(
 ) -> dict[str, Any] | None:
     """Return the ``world`` section of ``rigctl info``; None without a log.
 
-    Calls ``on_trial`` and raises as :func:`trial_truths` does.
+    Calls ``on_trial`` as :func:`trial_truths` does.
     """
     if not log_paths(session.path):
         return None
@@ -194,17 +104,6 @@ def summarise_truth(
         "mean_speed_error_permille": round(float(np.mean(speed)), 4) if speed else None,
         "mean_force_error_permille": round(float(np.mean(force)), 4) if force else None,
     }
-
-
-def log_paths(folder: Path) -> list[Path]:
-    """Return the logs of a session's sittings, in order."""
-    return sorted(filter(_log_number, folder.glob(TRUTH_PATTERN)), key=_log_number)
-
-
-def _log_number(path: Path) -> int:
-    """Return the number of a log's sitting by its name, from 1; 0 for another file."""
-    found = _LOG_NAME.fullmatch(path.name)
-    return int(found[1] or 1) if found else 0
 
 
 def _trial_truth(log: TruthReader, rise_ms: int, row: Any) -> TrialTruth:
@@ -248,20 +147,8 @@ def _part_starts(folder: Path) -> dict[int, Start]:
                 attributes = file.attributes()
         except SessionError:
             continue
-        starts[layout.part_number(path)] = _start_of(attributes)
+        starts[layout.part_number(path)] = start_of(attributes)
     return starts
-
-
-def _start_of(attributes: Mapping[str, Any]) -> Start:
-    loop_s = attributes.get("start_loop_s", 0.0)
-    return str(attributes.get("start_utc", "")), loop_s if isinstance(loop_s, float) else 0.0
-
-
-def _integer(path: Path, attributes: Mapping[str, Any], name: str, most: int) -> int:
-    value = attributes.get(name)
-    if not isinstance(value, int) or not 0 <= value <= most:
-        raise SessionError(f"{path} is damaged: its attribute {name} is {value}")
-    return value
 
 
 def _sittings(starts: Mapping[int, Start]) -> dict[int, int]:
@@ -286,9 +173,20 @@ def _parts_of(log: TruthReader, starts: Mapping[int, Start]) -> list[int]:
     return [number for number, sitting in _sittings(starts).items() if sitting == log.sitting]
 
 
-def _log_of(folder: Path, start: Start) -> Path | None:
-    """Return the log of the sitting with this start."""
+def begin_log(folder: Path, start: Start, first_ms: int, again: bool = False) -> TruthLog:
+    """Begin the log of the sitting with this start, which has its own, as world time begins at 0.
+
+    ``again``: the world has begun from its start once more, so this log replaces an older one of
+    the same sitting when it is closed. Raises DiskFault.
+    """
     starts = _part_starts(folder)
+    own = _log_of(starts, folder, start) if again else None
+    sitting = log_number(own) if own is not None else _new_sitting(starts, folder, start)
+    return TruthLog(folder, sitting, start, first_ms)
+
+
+def _log_of(starts: Mapping[int, Start], folder: Path, start: Start) -> Path | None:
+    """Return the log of the sitting with this start."""
     for path in log_paths(folder):
         with suppress(SessionError), open_truth(path) as log:  # verify names a damaged one
             if start in [starts[number] for number in _parts_of(log, starts)]:
@@ -296,26 +194,9 @@ def _log_of(folder: Path, start: Start) -> Path | None:
     return None
 
 
-def _new_log_path(folder: Path) -> tuple[Path, int]:
-    """Return the path of the next sitting's log, and its number: no log has had it."""
-    sittings = _sittings(_part_starts(folder)).values()
-    number = max([1, *sittings, *(_log_number(path) + 1 for path in log_paths(folder))])
-    return folder / ("world.h5" if number == 1 else f"world-{number:04d}.h5"), number
-
-
-def _create(path: Path, first_ms: int, sitting: int, start: Start) -> None:
-    attributes: Attributes = {
-        "layout": LAYOUT,
-        "layout_version": LAYOUT_VERSION,
-        "first_ms": first_ms,
-        "sitting": sitting,
-        "start_utc": start[0],
-        "start_loop_s": start[1],
-    }
-    with h5py.File(path, "x", libver=LIBVER) as file:
-        write_attributes(file, attributes)
-        for name, dtype, unit, doc in COLUMNS:
-            dataset = file.create_dataset(
-                name, (0,), dtype, maxshape=(None,), chunks=(CHUNK_ROWS,), compression=1
-            )
-            write_attributes(dataset, {"unit": unit or "none", "doc": doc, "shape": "(ms,)"})
+def _new_sitting(starts: Mapping[int, Start], folder: Path, start: Start) -> int:
+    """Return the number of a sitting that has no log yet, and perhaps no part."""
+    sittings = _sittings(starts)
+    own = [sitting for number, sitting in sittings.items() if starts[number] == start]
+    number = own[0] if own else max([0, *sittings.values()]) + 1
+    return max([number, *(log_number(path) + 1 for path in log_paths(folder))])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from uuid import uuid4
 
 import h5py
 import numpy as np
@@ -110,7 +111,9 @@ def build_empty_part(
     layout: SessionLayout, attributes: Attributes, n_taxels: int, texts: tuple[str, str]
 ) -> bytes:
     """Return a part with every data set empty. ``texts``: protocol and rig description."""
-    with h5py.File("new", "w", driver="core", backing_store=False, libver=LIBVER) as file:
+    # HDF5 knows files in memory by name, and two threads may each build one.
+    name = f"new {uuid4()}"
+    with h5py.File(name, "w", driver="core", backing_store=False, libver=LIBVER) as file:
         write_attributes(file, attributes)
         for array in layout.arrays:
             _create_array(file, array, n_taxels, str(attributes.get("sample_unit", "")))

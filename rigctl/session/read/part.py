@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
-from rigctl.session.format.data_sets import DIGESTS, TEXTS, TableLayout
-from rigctl.session.format.digests import describe_object, encode_description
+from rigctl.session.format.data_sets import DIGESTS, TableLayout
 from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.read.part_file import open_part, readable_rows
+from rigctl.session.read.part_file import describe_file, open_part, readable_rows
 from rigctl.session.read.part_schema import part_schema
 
 LIVE_SLICE_ROWS = 5_000
@@ -138,14 +137,7 @@ class PartReader:
 
     def describe(self) -> bytes:
         """Return what the part holds besides its rows, as its first digest covers it."""
-        objects = {
-            path: describe_object(attributes, self._file.dtype(path), self._file.shape(path)[1:])
-            if self._file.is_checked(path)
-            else describe_object(attributes)
-            for path, attributes in self._file.walk()
-        }
-        texts = {path: self.text(path) for path, _ in TEXTS}
-        return encode_description(self.attributes, objects, texts)
+        return describe_file(self._file)
 
     def rows(self, table: TableLayout, start: int = 0, stop: int | None = None) -> StructuredArray:
         """Return rows of a table; text as Unicode. A table that older parts lack is empty."""

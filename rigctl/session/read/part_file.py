@@ -6,7 +6,8 @@ from pathlib import Path
 
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
-from rigctl.session.format.data_sets import LIBVER
+from rigctl.session.format.data_sets import LIBVER, TEXTS
+from rigctl.session.format.digests import describe_object, encode_description
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.hdf5.hdf5_file import Hdf5File, UnclosedFile
 from rigctl.session.read.unclosed_part import map_as_closed
@@ -43,7 +44,7 @@ def open_part(path: Path) -> Hdf5File:
 
     Raises SessionError for a damaged part, another layout version or another kind of file.
     """
-    return _checked(_open(path))
+    return _checked(open_appended(path, _is_growing(path)))
 
 
 def open_cut_part(path: Path) -> Hdf5File:
@@ -75,12 +76,28 @@ def _check_layout(file: Hdf5File) -> None:
         )
 
 
-def _open(path: Path) -> Hdf5File:
-    """Open a closed part directly, a growing one in SWMR mode and an unclosed one through a map."""
+def describe_file(file: Hdf5File) -> bytes:
+    """Return what a checked file holds besides its rows, as its first digest covers it."""
+    objects = {
+        path: describe_object(attributes, file.dtype(path), file.shape(path)[1:])
+        if file.is_checked(path)
+        else describe_object(attributes)
+        for path, attributes in file.walk()
+    }
+    texts = {path: file.text(path) for path, _ in TEXTS}
+    return encode_description(file.attributes(), objects, texts)
+
+
+def open_appended(path: Path, is_growing: bool) -> Hdf5File:
+    """Open a file that is only ever appended to: closed, growing, or left by a killed writer.
+
+    ``is_growing``: a living writer may have it open. Raises SessionError for a damaged file.
+    """
+    # A closed file opens directly, a growing one in SWMR mode and an unclosed one through a map.
     try:
         return Hdf5File(path, libver=LIBVER, rdcc_nbytes=CACHE_BYTES)
     except UnclosedFile:
-        if _is_growing(path):
+        if is_growing:
             return Hdf5File(path, swmr=True, libver=LIBVER, rdcc_nbytes=CACHE_BYTES)
     return _map(path)
 

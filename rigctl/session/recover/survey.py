@@ -11,7 +11,8 @@ from pathlib import Path
 from rigctl.errors import SessionError
 from rigctl.session.chain.digest_table import RowRange
 from rigctl.session.chain.touched_trials import touched_attempts
-from rigctl.session.files.ground_truth import check_log, log_paths
+from rigctl.session.files.ground_truth import check_log
+from rigctl.session.files.truth_file import log_paths
 from rigctl.session.format.digests import DESCRIPTION
 from rigctl.session.format.layout import part_number
 from rigctl.session.open_session import open_session

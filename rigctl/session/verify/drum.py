@@ -6,6 +6,7 @@ from rigctl.errors import RigctlError, SessionError
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.files.ground_truth import summarise_truth
+from rigctl.session.files.truth_file import PARTIAL, log_paths, open_truth
 from rigctl.session.format import layout
 from rigctl.session.format.table_rows import parse_trial
 from rigctl.session.read.session import Session
@@ -55,11 +56,8 @@ def check_truth(
         if done % PROGRESS_INTERVAL_TRIALS == 0:
             on_progress(done_share + (1.0 - done_share) * done / trials, WORLD)
 
-    try:
-        truth = summarise_truth(session, on_trial)
-    except SessionError as error:
-        report.problems.append(str(error))
-        return
+    _check_logs(session, report)
+    truth = summarise_truth(session, on_trial)
     if truth is None:
         if session.header.simulated:
             report.notes.append("recorded at a simulated bench; the world's own log is missing")
@@ -71,3 +69,18 @@ def check_truth(
             f"error {truth['max_speed_error_permille']} ‰ in speed, "
             f"{truth['max_force_error_permille']} ‰ in force"
         )
+
+
+def _check_logs(session: Session, report: VerifyReport) -> None:
+    """Check every log by its digests; note the partial ones."""
+    for path in log_paths(session.path):
+        try:
+            with open_truth(path) as log:
+                log.check()
+                if path.suffix == PARTIAL:
+                    report.notes.append(
+                        f"{path.name}: the log of the simulated world was not closed, its writer "
+                        f"was killed or could not write; it holds {log.n_rows / 1000:g} s"
+                    )
+        except SessionError as error:
+            report.problems.append(str(error))

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from rigctl.errors import SessionError
-from rigctl.session.files.ground_truth import TRUTH_PATTERN
+from rigctl.session.files.truth_file import log_paths
 from rigctl.session.format.wiring import session_wiring
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.finger_session import FingerSession, is_finger_session
@@ -68,7 +68,7 @@ def verify(
 
 
 def _verify_drum(path: Path, report: VerifyReport, on_progress: OnProgress, digest: str) -> None:
-    parts_share = 1.0 - TRUTH_SHARE if list(path.glob(TRUTH_PATTERN)) else 1.0
+    parts_share = 1.0 - TRUTH_SHARE if log_paths(path) else 1.0
     with Session.open(path) as session:
         _check_parts(session, report)
         _check_wiring(session, report)

@@ -133,10 +133,14 @@ class PartWriter:
         """Buffer samples, their arrival and the gaps found with them."""
         if len(block):
             self.add_rows(ARRIVALS, [(self.counters.next_row, block.arrived_s)])
-            self.counters.add(block)
-            self._blocks.append(block)
+            self.add_samples(block)
         for gap in block.gaps:
             self.add_gap(gap)
+
+    def add_samples(self, block: SampleBlock) -> None:
+        """Buffer samples alone, of a layout without arrivals and gaps."""
+        self.counters.add(block)
+        self._blocks.append(block)
 
     def add_gap(self, gap: Gap) -> None:
         """Buffer one gap; its row is that of the first sample after it."""

@@ -70,7 +70,7 @@ class SessionRecorder:
     ) -> None:
         self.folder = folder
         texts = (protocol_text, rig_text)
-        header = replace(header, experiment=self.layout.experiment)
+        self.header = header = replace(header, experiment=self.layout.experiment)
         self._lock = prepare_folder(folder, header, texts, resume)
         self._writer = SessionWriter(folder, self.layout, header, texts, read_history(folder))
         self._actions: deque[tuple[Callable[[], None], int]] = deque()

@@ -23,6 +23,11 @@ class GroundTruthArrays(NamedTuple):
     force_g: NDArray[np.float32]
     sync: NDArray[np.uint8]
 
+    @property
+    def end_ms(self) -> int:
+        """World time at the end of the last row."""
+        return self.first_ms + len(self.sync)
+
 
 class GroundTruth:
     """Append-only log of true speed, force and sync level."""
@@ -30,6 +35,8 @@ class GroundTruth:
     def __init__(self) -> None:
         self._first_ms = 0
         self._chunks: list[_Columns] = []
+        self.n_rows = 0
+        """Milliseconds logged and not yet taken."""
 
     def append(
         self,
@@ -40,6 +47,7 @@ class GroundTruth:
         """Append the next milliseconds; the arrays are copied."""
         columns = speed_mm_s.astype(np.float32), force_g.astype(np.float32), sync.astype(np.uint8)
         self._chunks.append(columns)
+        self.n_rows += len(columns[2])
 
     def arrays(self) -> GroundTruthArrays:
         """Return everything logged and not yet taken."""
@@ -54,4 +62,5 @@ class GroundTruth:
         taken = self.arrays()
         self._first_ms += len(taken.sync)
         self._chunks.clear()
+        self.n_rows = 0
         return taken

@@ -21,7 +21,7 @@ from rigctl.cli.rig.run import _rig
 from rigctl.config.rig_config import Ports, RigConfig, Signals
 from rigctl.devices.clock_fit import ClockFit
 from rigctl.rig import open_rig
-from rigctl.session.files.ground_truth import open_truth
+from rigctl.session.files.truth_file import open_truth
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
