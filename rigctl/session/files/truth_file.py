@@ -134,14 +134,15 @@ class TruthReader:
             self._check_end()
 
     def _check_digests(self) -> None:
-        last = self._file.attributes().get(PREVIOUS_DIGEST, "")
+        last = str(self._file.attributes().get(PREVIOUS_DIGEST, ""))
         covered: dict[str, int] = {}
         n_digests = readable_rows(self._file, DIGESTS.path)
         for stored in self._file.rows(DIGESTS.path, 0, n_digests):
-            table, digest = stored["table"].decode("ascii", "replace"), stored["digest"].decode()
+            table = stored["table"].decode("ascii", "replace")
             first, n_rows = int(stored["first_row"]), int(stored["n_rows"])
             rows = self._covered(table, first, n_rows)
-            if first != covered.get(table, 0) or next_digest(last, table, *rows) != digest:
+            digest = next_digest(last, table, *rows)
+            if first != covered.get(table, 0) or stored["digest"] != digest.encode():
                 raise self._altered(table, first, n_rows)
             covered[table], last = first + n_rows, digest
         uncovered = [c.path for c in COLUMNS if covered.get(c.path, 0) < self.n_rows]
