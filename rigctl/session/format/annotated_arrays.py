@@ -56,19 +56,9 @@ def write_texts(group: Any, name: str, texts: Sequence[str], doc: str, shape: st
     write_attributes(dataset, {"doc": doc, "shape": f"({shape})"})
 
 
-def read_array(group: Any, name: str, dtype: Any = np.float64) -> NDArray[Any]:
-    """Return stored numbers in C order. Raises KeyError where there are none."""
-    return np.ascontiguousarray(group[name][()], dtype=dtype)
-
-
 def read_text(group: Any, name: str) -> str:
     """Return one stored text. Raises KeyError where there is none."""
     return bytes(group[name][()]).decode()
-
-
-def read_texts(group: Any, name: str) -> tuple[str, ...]:
-    """Return several stored texts. Raises KeyError where there are none."""
-    return tuple(bytes(item).decode() for item in group[name][()])
 
 
 def _to_python(value: Any) -> Any:
