@@ -44,8 +44,12 @@ class SessionReader:
         self.path = path
         self.parts: list[PartReader] = []
         self._damaged: dict[int, str] = {}
-        self._open_parts(part_paths(path))
-        self._load()
+        try:
+            self._open_parts(part_paths(path))
+            self._load()
+        except SessionError:
+            self.close()
+            raise
 
     @classmethod
     def open(cls, path: Path) -> Self:

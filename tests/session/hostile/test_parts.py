@@ -164,6 +164,18 @@ def test_a_file_without_a_readable_root_is_closed_again(sessions: Path) -> None:
     assert not h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)
 
 
+def test_a_session_that_is_refused_leaves_no_file_open(
+    sessions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise SessionError("rows that no reader can join")
+
+    monkeypatch.setattr(Session, "_load", refuse)
+    with pytest.raises(SessionError, match="no reader can join"):
+        Session.open(sessions / "drum")
+    assert not h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)
+
+
 def test_text_that_is_not_utf8_is_refused_where_it_is_read(sessions: Path) -> None:
     part = sessions / "finger" / "part-0001.h5"
     with h5py.File(part, "r+", libver=LIBVER) as file:
