@@ -144,9 +144,18 @@ soak: firmware
 	$(SAY) "an hour of world time on virtual boards, ten minutes on the chips"
 	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_hour.py
 
+# FUZZ_SEED=… has the same mutations again; FUZZ_FILES (of each kind), FUZZ_REQUESTS, FUZZ_SECONDS.
+FUZZER := build/fuzz/atheris
+
 fuzz: firmware
 	$(SAY) "both wires under a million corrupted bytes, both engines under 200,000 mutated requests"
-	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_wires.py tests/soak/soak_requests.py
+	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" \
+	  $(wildcard tests/soak/soak_wires.py tests/soak/soak_decoders.py tests/soak/soak_requests.py)
+	@$(BIN)/pip install --quiet --disable-pip-version-check --upgrade --require-hashes --no-deps \
+	  --only-binary :all: --target $(FUZZER) -r tests/fuzz/requirements.txt \
+	  || echo "atheris has no wheel for this computer: no guided mutations"
+	$(SAY) "5,000 mutated files of each kind, guided texts, and requests during runs (half an hour)"
+	@PYTHONPATH=$(FUZZER) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.fuzz
 
 scans: firmware
 	$(SAY) "500 scans of the moving finger: the Cortex-M7 image, the host build and the encoder, spike by spike"

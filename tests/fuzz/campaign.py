@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import multiprocessing
 import re
 import shutil
@@ -19,6 +18,7 @@ from pathlib import Path
 
 from tests.fuzz.guard import Finding
 from tests.fuzz.kinds.every_kind import KINDS
+from tests.fuzz.outcome import folder_name
 from tests.fuzz.worker import DEATHS, Case, Worker
 
 BATCH = 250
@@ -60,9 +60,7 @@ class Cause:
     @property
     def name(self) -> str:
         """A name for a folder."""
-        words = re.sub(r"[^a-z0-9]+", "-", f"{self.finding.failure} {self.finding.where}".lower())
-        digest = hashlib.sha256(self.finding.where.encode()).hexdigest()[:6]
-        return f"{words[:80].strip('-')}-{digest}"
+        return folder_name(self.finding.failure, self.finding.where)
 
 
 class Campaign:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 Mutation = Callable[[Random, Path], str]
 """Damages a file or a folder in place and returns in words what it did."""
@@ -14,6 +14,8 @@ NEEDS_WHOLE_FILE = "change_whole_file"
 """Name of the mutations that come before others."""
 Door = Callable[[Path], object]
 """A way to read a case's folder: returns or raises a RigctlError."""
+Content = Callable[[Path, Any], object]
+"""What an accepted case says, from its folder and what its first door returned; or None."""
 
 
 class Place(NamedTuple):
@@ -29,7 +31,7 @@ class Kind:
 
     ``build`` fills an empty folder with a whole case. Of ``places`` one is chosen for each mutated
     file. ``doors`` read the folder. ``content``, where a kind proves itself, returns what the files
-    say if they are accepted, and None if something in them was found wrong. ``guided``: a fuzzer
+    say if the first door accepts them. ``guided``: a fuzzer
     that watches the program's branches works on it, too. ``most``: how many places of a case are
     damaged. ``settle`` adapts a copy to its place.
     """
@@ -38,7 +40,7 @@ class Kind:
     build: Callable[[Path], None]
     places: tuple[Place, ...]
     doors: tuple[Door, ...]
-    content: Door | None = None
+    content: Content | None = None
     guided: bool = False
     most: int = 3
     settle: Callable[[Path], None] = lambda folder: None

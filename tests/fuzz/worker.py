@@ -41,14 +41,16 @@ class Worker:
         self._workplace.mkdir(exist_ok=True)
         self._guard = Guard(self._workplace)
 
-    def prepare(self) -> None:
-        """Read the whole case, as the measure of time, memory and content."""
+    def prepare(self, limited: bool = True) -> None:
+        """Read the whole case, as the measure of time, memory and content; limit the memory."""
         folder = self._copy(-1)
         self._guard.measure(self._kind, folder)
-        self._content = self._kind.content(folder) if self._kind.content else None
+        first = self._kind.doors[0](folder)
+        self._content = self._kind.content(folder, first) if self._kind.content else None
         largest = max(p.stat().st_size for p in self._pristine.rglob("*") if p.is_file())
         shutil.rmtree(folder)
-        self._guard.limit_memory(largest)
+        if limited:
+            self._guard.limit_memory(largest)
 
     def cases(self, numbers: Sequence[int], begins: Callable[[int], None]) -> Iterator[Case]:
         """Yield the cases with these numbers; ``begins`` hears of each before it is read."""
@@ -74,6 +76,27 @@ class Worker:
         shutil.copytree(kept, folder, symlinks=True)
         findings = self._guard.judge(self._kind, folder, self._content, self._kind.doors)
         return Case(-1, str(kept), tuple(findings))
+
+    def seed_bytes(self, number: int) -> bytes:
+        """Return the bytes of the kind's first file: whole at number 0, else damaged."""
+        folder = self._copy(number)
+        (target,) = folder.glob(self._kind.places[0].pattern)
+        if number:
+            self._kind.places[0].mutations[number % len(self._kind.places[0].mutations)](
+                Random(number), target
+            )
+        data = target.read_bytes()
+        remove(folder)
+        return data
+
+    def judge_bytes(self, data: bytes) -> list[Finding]:
+        """Judge a case whose first file has these bytes."""
+        folder = self._workplace / "guided"
+        if not folder.exists():
+            self._copy(-2).rename(folder)
+        (target,) = folder.glob(self._kind.places[0].pattern)
+        target.write_bytes(data)
+        return self._guard.judge(self._kind, folder, self._content, self._kind.doors)
 
     def rebuild(self, number: int, kept: Path) -> None:
         """Make a case once more, without reading it, and keep it as evidence."""

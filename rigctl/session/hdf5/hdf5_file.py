@@ -18,6 +18,7 @@ from rigctl.errors import SessionError
 from rigctl.session.hdf5.attributes import read_attribute, read_attributes
 from rigctl.session.hdf5.errors import damage, hdf5_errors
 from rigctl.session.hdf5.plain_file import plain_file_size
+from rigctl.session.hdf5.probe import check_survivable
 from rigctl.session.hdf5.schema import DataSetSchema
 from rigctl.session.hdf5.storage import CheckedDataSet, check_dataset, check_size
 
@@ -56,6 +57,8 @@ class Hdf5File:
         self._is_cut = image is not None
         self._datasets: dict[str, CheckedDataSet] = {}
         self._root_attributes: dict[str, Any] | None = None
+        if not swmr:
+            check_survivable(path, image, options)
         with hdf5_errors(path, "it"), _tell_unclosed(path):
             self._file = h5py.File(image or path, "r", swmr=swmr, **options)
         self._nodes: dict[str, Any] = {}

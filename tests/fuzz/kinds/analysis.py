@@ -155,15 +155,15 @@ def read_sources(folder: Path) -> object:
     return plain(load_inputs(folder / FILE))
 
 
-def read_all_spikes(folder: Path) -> object:
-    """Load what is read of a file of spikes."""
-    return read_force(folder), read_ranges(folder), read_sources(folder)
-
-
 def read_entry(folder: Path) -> object:
     """Get an entry; None if there is no whole one."""
     arrays = Cache(folder).get(KEY)
     return None if arrays is None else plain(arrays)
+
+
+def accepted(folder: Path, found: object) -> object:
+    """Return what was read."""
+    return found
 
 
 def plain(value: object) -> object:
@@ -182,15 +182,9 @@ def plain(value: object) -> object:
 
 HDF5_FILE = (Place(FILE, HDF5),)
 ANALYSIS_KINDS = (
-    Kind("model", build_model, HDF5_FILE, (read_model,), read_model),
-    Kind("finger-model", build_finger_model, HDF5_FILE, (read_finger_model,), read_finger_model),
-    Kind(
-        "spikes",
-        build_spikes,
-        HDF5_FILE,
-        (read_force, read_ranges, read_sources),
-        read_all_spikes,
-    ),
-    Kind("force-matrix", build_model, HDF5_FILE, (read_force, read_sources), read_force),
-    Kind("cache-entry", build_entry, (Place("*/*.entry", BYTES),), (read_entry,), read_entry),
+    Kind("model", build_model, HDF5_FILE, (read_model,), accepted),
+    Kind("finger-model", build_finger_model, HDF5_FILE, (read_finger_model,), accepted),
+    Kind("spikes", build_spikes, HDF5_FILE, (read_ranges, read_sources), accepted),
+    Kind("force-matrix", build_spikes, HDF5_FILE, (read_force, read_sources), accepted),
+    Kind("cache-entry", build_entry, (Place("*/*.entry", BYTES),), (read_entry,), accepted),
 )

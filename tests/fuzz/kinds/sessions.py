@@ -14,6 +14,7 @@ from rigctl.session.files.analysis_file import content_digest
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
+from rigctl.session.verify.report import VerifyReport
 from rigctl.session.verify.session import verify
 from rigctl.synth.dataset import DatasetRequest, generate
 from tests.fuzz.kind import Kind, Place
@@ -52,7 +53,7 @@ def build_simulated(folder: Path) -> None:
     generate(request, lambda progress: None, lambda: False)
 
 
-def check(folder: Path) -> object:
+def check(folder: Path) -> VerifyReport:
     """Verify a session."""
     return verify(folder)
 
@@ -95,16 +96,16 @@ def read_finger(folder: Path) -> object:
         return read
 
 
-def verified_content(folder: Path) -> object:
+def verified_content(folder: Path, report: VerifyReport) -> object:
     """Return all that a session says if ``verify`` calls it whole and it proves itself."""
-    if not verify(folder).whole or not _proves_itself(folder):
+    if not report.whole or not _proves_itself(folder):
         return None
     return folder_content(folder, "*.h5")
 
 
-def bytes_called_whole(folder: Path) -> object:
+def bytes_called_whole(folder: Path, report: VerifyReport) -> object:
     """Return the bytes of all files if ``verify`` calls the session whole, None if it does not."""
-    if not _proves_itself(folder) or not verify(folder).whole:
+    if not report.whole or not _proves_itself(folder):
         return None
     files = [path for path in folder.iterdir() if path.name not in WITHOUT_DATA]
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}

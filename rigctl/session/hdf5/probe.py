@@ -1,0 +1,119 @@
+"""Let a child process read an HDF5 file's structure first, because HDF5 may die of it.
+
+Metadata that is wrong but has right checksums can end a process inside HDF5 2.0 by a signal, or
+damage its memory: about one of 150 such changes did. So a forked child opens the file and walks
+through all that describes its data, and this process opens the file only if the child came through.
+Not on systems without ``fork`` (Windows), and not for a file that a living writer appends to.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import select
+import signal
+import sys
+from functools import cache
+from mmap import mmap
+from pathlib import Path
+from typing import Any
+
+import h5py
+from h5py import h5a, h5d, h5g, h5l, h5o
+
+from rigctl.errors import SessionError
+from rigctl.session.hdf5.errors import HDF5_ERRORS
+
+if sys.platform != "win32":
+    import resource
+
+LONGEST_S = 60.0
+PROCESSOR_S = 1
+"""Of the child, in which HDF5 may also never come to an end; a sound part takes 10 ms."""
+MOST_OBJECTS = 10_000
+_LASTS = b"."
+
+
+def check_survivable(path: Path, image: mmap | None, options: dict[str, Any]) -> None:
+    """Raise SessionError where a process that reads the structure of the file would die of it.
+
+    ``image``: bytes in place of the file's. A file that came through is not tried again until it
+    changes.
+    """
+    status = path.stat()
+    known = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, image is None)
+    if sys.platform == "win32" or known in _survivors():
+        return
+    if not _survives(image or path, options):
+        raise SessionError(
+            f"{path} is damaged: a process that reads its structure dies of it, or never ends"
+        )
+    _survivors().add(known)
+
+
+@cache
+def _survivors() -> set[tuple[int, ...]]:
+    """Return the files of this process that came through: device, number, size, time, image."""
+    return set()
+
+
+def _survives(source: Path | mmap, options: dict[str, Any]) -> bool:
+    """Return whether a child comes through the file's structure."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if not child:
+        _walk_and_exit(source, options, writer)
+    os.close(writer)
+    survived = False
+    try:
+        ready, _, _ = select.select([reader], [], [], LONGEST_S)
+        survived = bool(ready) and os.read(reader, 1) == _LASTS
+    finally:
+        os.close(reader)
+        if not survived:
+            os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    return survived
+
+
+def _walk_and_exit(source: Any, options: dict[str, Any], writer: int) -> None:
+    """Read all that describes the data, as the child; answer, and end without any clean-up."""
+    resource.setrlimit(resource.RLIMIT_CPU, (PROCESSOR_S, PROCESSOR_S))
+    try:
+        with h5py.File(source, "r", **options) as file:
+            _walk(file)
+    except HDF5_ERRORS:
+        gc.collect()  # what is refused in order is refused by the parent, too
+    finally:
+        os.write(writer, _LASTS)
+        os._exit(0)
+
+
+def _walk(file: Any) -> None:
+    """Open every object once, its attributes and its index of chunks."""
+    places, seen = [h5g.open(file.id, b"/")], set[int]()
+    while places and len(seen) < MOST_OBJECTS:
+        node = places.pop()
+        address = h5o.get_info(node).addr
+        if address in seen:
+            continue
+        seen.add(address)
+        names: list[bytes] = []
+        h5a.iterate(node, names.append)
+        for name in names:
+            h5a.open(node, name).get_type()
+        if isinstance(node, h5g.GroupID):
+            places += [h5o.open(node, name) for name in node if _is_hard(node, name)]
+        elif isinstance(node, h5d.DatasetID):
+            _walk_chunks(node)
+
+
+def _is_hard(group: Any, name: bytes) -> bool:
+    return bool(group.links.get_info(name).type == h5l.TYPE_HARD)
+
+
+def _walk_chunks(node: Any) -> None:
+    node.get_type()
+    plist = node.get_create_plist()
+    if plist.get_layout() == h5d.CHUNKED:
+        node.chunk_iter(lambda chunk: None)
