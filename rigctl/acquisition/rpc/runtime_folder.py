@@ -85,8 +85,11 @@ def validate_engine_name(name: str) -> str:
 
 
 def remove_files(folder: Path, name: str) -> None:
-    """Remove what an engine that ended has left, but its log."""
-    for ending in (ENGINE_FILE, DRAFT, LIVE, SOCKET):
+    """Remove what an engine that ended has left, but its log.
+
+    Its file is the last one: who finds none finds nothing else of the engine.
+    """
+    for ending in (SOCKET, LIVE, DRAFT, ENGINE_FILE):
         (folder / (name + ending)).unlink(missing_ok=True)
 
 
