@@ -11,7 +11,7 @@ from rigctl.session.format import data_sets
 from rigctl.session.format.header import SessionHeader
 from tests.session.reference import LAYOUTS, arrays, table
 
-TABLES = list(dict.fromkeys(each for of in LAYOUTS for each in of.tables))
+TABLES = [*dict.fromkeys(each for of in LAYOUTS for each in of.tables), data_sets.DIGESTS]
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "session.md"
 
 
