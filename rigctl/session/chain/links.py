@@ -8,7 +8,8 @@ own link and the next one break, and both hold again with the digest that its ro
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,23 +37,13 @@ OnBytes = Callable[[int], None]
 class PartLinks:
     """What the digests of a part say about its rows.
 
-    ``previous``: the digest before the first one, as the part has it. ``last``: the last digest,
-    as the rows give it if it was altered itself. ``damaged``: rows that are not those recorded.
-    ``altered``: rows of /digests that were altered themselves, though what they cover is intact.
+    ``damaged``: rows that are not those recorded. ``altered``: rows of /digests that were altered
+    themselves, though what they cover is intact.
     """
 
-    previous: str
-    last: str
     coverage: DigestCoverage
     damaged: tuple[RowRange, ...] = ()
     altered: tuple[int, ...] = ()
-
-
-@dataclass(slots=True)
-class _Checked:
-    damaged: list[int] = field(default_factory=list)
-    altered: list[int] = field(default_factory=list)
-    true_last: str = ""
 
 
 def check_links(
@@ -69,26 +60,33 @@ def check_links(
     table = read_digest_table(part)
     coverage = check_coverage(table)
     previous = str(part.attributes.get(PREVIOUS_DIGEST, ""))
-    chain = _Chain(part, table, coverage, previous)
     broken: list[int] = []
-    for path, rows in coverage.rows_of.items():
-        if tables is None or path == DESCRIPTION or path in tables:
-            broken += chain.broken_links(path, rows, on_bytes)
-    checked = chain.explain(sorted(broken), follower)
-    damaged = _merged(sorted(table.place(row) for row in checked.damaged))
-    stored = table.digests[-1].decode(errors="replace") if len(table) else ""
-    return PartLinks(
-        previous, checked.true_last or stored, coverage, tuple(damaged), tuple(checked.altered)
-    )
+    with ThreadPoolExecutor(1, "digests") as hasher:
+        chain = _Chain(part, table, coverage, previous, hasher)
+        for path, rows in coverage.rows_of.items():
+            if tables is None or path == DESCRIPTION or path in tables:
+                broken += chain.broken_links(path, rows, on_bytes)
+        damaged, altered = chain.explain(sorted(broken), follower)
+    places = sorted(table.place(row) for row in damaged)
+    return PartLinks(coverage, tuple(_merged(places)), tuple(altered))
 
 
 class _Chain:
-    """The stored digests of a part, and those that its rows give."""
+    """The stored digests of a part, and those that its rows give.
+
+    SHA-256 takes as long as HDF5: ``hasher`` digests one batch while the next one is read.
+    """
 
     def __init__(
-        self, part: PartReader, table: DigestTable, coverage: DigestCoverage, previous: str
+        self,
+        part: PartReader,
+        table: DigestTable,
+        coverage: DigestCoverage,
+        previous: str,
+        hasher: Executor,
     ) -> None:
         self._part = part
+        self._hasher = hasher
         self._table = table
         self._placed = {row for rows in coverage.rows_of.values() for row in rows}
         self._before = [previous.encode(), *table.digests]
@@ -99,15 +97,23 @@ class _Chain:
             yield from (row for row in rows if not self._holds(row))
             return
         size = max(1, self._part.stored_rows(path, 0, 1).nbytes)
+        before: tuple[Future[list[int]], int] | None = None
         for batch in _batches(rows, self._table, READ_BYTES // size):
             first = self._table.first_rows[batch[0]]
             end = self._table.first_rows[batch[-1]] + self._table.n_rows[batch[-1]]
             data = _bytes_of(self._part, path, first, end)
-            yield from self._broken_in(path, batch, data, size)
-            on_bytes(len(data))
+            begun = self._hasher.submit(self._broken_in, path, batch, data, size)
+            if before is not None:
+                yield from before[0].result()
+                on_bytes(before[1])
+            before = begun, len(data)
+        if before is not None:
+            yield from before[0].result()
+            on_bytes(before[1])
 
-    def _broken_in(self, path: str, batch: list[int], data: memoryview, size: int) -> Iterator[int]:
+    def _broken_in(self, path: str, batch: list[int], data: memoryview, size: int) -> list[int]:
         table, before = self._table, self._before
+        broken = []
         base = table.first_rows[batch[0]]
         for row in batch:
             first, n_rows = table.first_rows[row], table.n_rows[row]
@@ -120,39 +126,43 @@ class _Chain:
                 data[start : start + n_rows * size],
             )
             if digest.encode() != table.digests[row]:
-                yield row
+                broken.append(row)
+        return broken
 
-    def explain(self, broken: list[int], follower: str) -> _Checked:
-        """Tell altered digests from altered rows behind the ``broken`` links, in their order."""
-        checked, done = _Checked(), -1
+    def explain(self, broken: list[int], follower: str) -> tuple[list[int], list[int]]:
+        """Return the rows whose own data were altered, and those that were altered themselves.
+
+        ``broken``: the rows of /digests whose link does not hold, in their order.
+        """
+        damaged: list[int] = []
+        altered: list[int] = []
+        done = -1
         for number, row in enumerate(broken):
             if row <= done:
                 continue
-            found, true = (-1, "") if number >= MAX_SEARCHES else self._search(row, follower)
-            if found < 0:
-                checked.damaged.append(row)
+            agrees = -1 if number >= MAX_SEARCHES else self._search(row, follower)
+            if agrees < 0:
+                damaged.append(row)
                 continue
-            done = found
-            checked.altered += range(row, found)
-            if found == len(self._table):
-                checked.true_last = true
-        return checked
+            done = agrees
+            altered += range(row, agrees)
+        return damaged, altered
 
-    def _search(self, row: int, follower: str) -> tuple[int, str]:
+    def _search(self, row: int, follower: str) -> int:
         """Follow the digests that the rows give, from one that is not as stored.
 
-        Return the first row whose stored digest agrees again, and that digest; the number of
-        digests stands for ``follower``. -1 if none agrees, so the rows themselves were altered.
+        Return the first row whose stored digest agrees again; the number of digests stands for
+        ``follower``. -1 if none agrees, so the rows themselves were altered.
         """
         digest = self._before[row].decode(errors="replace")
         for at in range(row, min(row + MAX_ALTERED_DIGESTS, len(self._table))):
             if at not in self._placed:
-                return -1, ""
+                return -1
             digest = self._digest(at, digest)
             if digest.encode() == self._table.digests[at]:
-                return at, digest
+                return at
         at_end = row + MAX_ALTERED_DIGESTS >= len(self._table)
-        return (len(self._table), digest) if at_end and digest == follower else (-1, "")
+        return len(self._table) if at_end and digest == follower else -1
 
     def _holds(self, row: int) -> bool:
         digest = self._digest(row, self._before[row].decode(errors="replace"))
