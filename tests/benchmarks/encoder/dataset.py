@@ -6,6 +6,7 @@ existing one. Each size runs in its own process.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
@@ -25,6 +26,7 @@ from rigctl.analysis.data.trial_set import TrialSet, join_sessions
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.session.read.session import Session
+from rigctl.session.verify.session import verify
 from tests.benchmarks.encoder._peers import row
 from tests.benchmarks.encoder.encoder import best_of
 from tests.benchmarks.encoder.numpy_encoder import currents, numpy_spikes
@@ -61,6 +63,7 @@ def measure() -> Iterator[dict[str, Any]]:
     yield from linearity_rows(sizes)
     yield second_run()
     yield open_session_row(trials)
+    yield verify_row(trials)
 
 
 def ensure_dataset() -> None:
@@ -175,3 +178,16 @@ def open_session_row(trials: TrialSet) -> dict[str, Any]:
     peer = "h5py: tables, and the last counter of each trial"
     ours_s, theirs_s = best_of(3, ours), best_of(1, theirs)
     return row("open_session.24000_trials_s", ours_s, "s", peer, theirs_s, note)
+
+
+def verify_row(trials: TrialSet) -> dict[str, Any]:
+    """Measure a check of everything in the session, its digests included."""
+
+    def theirs() -> None:
+        for path in sorted(SET.glob("part-*.h5")):
+            with path.open("rb") as file:
+                hashlib.file_digest(file, "sha256")
+
+    note = f"{len(trials.trials)} trials in {len(trials.files)} parts, files in memory; once"
+    ours_s, theirs_s = best_of(1, lambda: verify(SET)), best_of(1, theirs)
+    return row("verify.24000_trials_s", ours_s, "s", "SHA-256 of each file", theirs_s, note)
