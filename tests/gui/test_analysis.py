@@ -158,7 +158,7 @@ def test_failed_analysis_shows_the_reason(opened: Harness, tmp_path: Path) -> No
     choose(box.method, "A trained model")
     box.model.setText(str(tmp_path / "none.h5"))
     click(box.run_button)
-    wait_until(lambda: "there is no file" in panel.about.text())
+    wait_until(lambda: "No such file" in panel.about.text())
     choose(box.method, "The paper's analysis")
     box.form.add_session(str(tmp_path))
     assert box.form.session_names.text() == f"session, {tmp_path.name}"

@@ -27,12 +27,12 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_results_are_named_one_a_line(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--no-window"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    paths = dict(line.split(": ", 1) for line in lines[-3:])
-    assert list(paths) == ["session", "raster", "accuracy"]
+    paths = dict(line.split(": ", 1) for line in lines[-4:])
+    assert list(paths) == ["session", "digest", "raster", "accuracy"]
     assert Path(paths["session"]) == session
     assert Path(paths["raster"]).is_file() and Path(paths["accuracy"]).is_file()
-    assert "held-out accuracy" in lines[-4] and "chance 50.0%" in lines[-4]
-    assert "simulated bench" in lines[-4]
+    assert "held-out accuracy" in lines[-5] and "chance 50.0%" in lines[-5]
+    assert "simulated bench" in lines[-5]
 
 
 def test_a_window_opens_only_with_a_display(
