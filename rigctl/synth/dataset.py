@@ -31,7 +31,7 @@ GENERATOR = 5
 same samples as 1. 3: samples in the order of the taxels. 4: the boards' own firmware, and another
 skin. 5: another noise generator."""
 
-BYTES_PER_SECOND = 62_000
+BYTES_PER_SECOND = 67_000
 """Samples, polls, load cell and ground truth; measured, rounded up."""
 
 

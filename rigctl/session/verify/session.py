@@ -28,8 +28,8 @@ from rigctl.session.verify.record import RecordCheck
 from rigctl.session.verify.report import OnProgress, VerifyReport
 from rigctl.session.verify.values.part_values import check_values
 
-TRUTH_SHARE = 0.5
-"""Measured share of the work if there is such a log: it is compressed, the parts are not."""
+TRUTH_SHARE = 0.25
+"""Measured share of the work if there is such a log."""
 DIGESTS_SHARE = 0.5
 """Measured share of a part's work that its digests take."""
 SAME_IN_ALL_PARTS = (
