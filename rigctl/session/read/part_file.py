@@ -112,8 +112,8 @@ def _map(path: Path) -> Hdf5File:
 
 def _is_growing(path: Path) -> bool:
     """Return whether a living writer appends to this part, which is then the session's last."""
-    last = part_paths(path.parent)[-1]
-    return path.name == last.name and is_being_written(path.parent)
+    last = existing_parts(path.parent)[-1:]
+    return [path.name] == [part.name for part in last] and is_being_written(path.parent)
 
 
 def readable_rows(file: Hdf5File, path: str) -> int:
