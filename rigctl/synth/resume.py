@@ -52,7 +52,8 @@ class ResumedRecorder:
     def begin_part(self, reason: str, texture: str) -> None:
         """Begin a new file, unless it exists already."""
         self._texture = texture
-        self._put(partial(self._begin_part, reason, texture))
+        if not (self._on_disk and self._part_due):  # else a part begins with what comes next
+            self._put(partial(self._begin_part, reason, texture))
 
     def add_block(self, block: Block) -> None:
         self._put(partial(self._add_block, block))

@@ -28,6 +28,7 @@ from rigctl.errors import SessionError
 from rigctl.session.read.part_file import part_paths
 from tests.analysis.recordings import record
 from tests.session.building import SyntheticRig, plan, recorder
+from tests.session.damage import record_four_parts
 from tests.session.forging import rewrite_digests
 
 FEW = SweepSettings(iterations=2, k_max=8)
@@ -257,6 +258,26 @@ def assert_readable(joined: TrialSet) -> None:
     with open_trials(joined.files) as reader:
         for trial in joined.trials:
             reader.read(trial)
+
+
+def test_the_commands_name_a_missing_part_and_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = tmp_path / "s"
+    record_four_parts(session, repeats=6)
+    (session / "part-0002.h5").write_bytes(b"")
+    line = "part-0002.h5 is damaged"
+    assert main(["encode", str(session), "--out", str(tmp_path / "spikes"), "--no-cache"]) == 0
+    assert line in capsys.readouterr().out
+    report = str(tmp_path / "report")
+    few = ["--task", "textures", "--iterations", "1", "--k-max", "2", "--no-cache"]
+    assert main(["analyse", str(session), "--out", report, *few]) == 0
+    assert line in capsys.readouterr().out
+    assert line in (tmp_path / "report" / "report.html").read_text()
+    assert main(["info", str(session)]) == 0
+    assert line in capsys.readouterr().out
+    assert main(["verify", str(session)]) == 1
+    assert line in capsys.readouterr().out
 
 
 def test_a_trial_whose_samples_cannot_be_read_is_named(good: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from rigctl.analysis.features import representations
 from rigctl.analysis.paper import tasks
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until
+from tests.session.damage import record_four_parts
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +47,17 @@ def test_trials_and_spikes_of_first_trial_are_shown(opened: Harness) -> None:
     assert view.data is not None and view.data.samples.shape[1] == 18
     assert len(view.data.spike_row) > 100
     assert view.data.title.startswith("Trial 1: plate A")
+
+
+def test_a_missing_part_is_named(harness: Harness, tmp_path: Path) -> None:
+    record_four_parts(tmp_path / "s")
+    (tmp_path / "s" / "part-0002.h5").unlink()
+    harness.window.tabs.setCurrentIndex(2)
+    panel = harness.window.analysis_tab.panel
+    panel.folder.setText(str(tmp_path / "s"))
+    click(panel.open_button)
+    wait_until(lambda: "part-0002.h5 is missing" in panel.about.text())
+    assert panel.model.rowCount() == 6
 
 
 def test_another_trial_can_be_chosen(opened: Harness) -> None:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.read.unclosed_part import map_as_closed
-from tests.session.building import SyntheticRig, plan, recorder
+from rigctl.session.write.recorder import Recorder
+from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan, recorder
 
 
-def record_four_parts(folder: Path) -> Plan:
-    """Record the small plan, two trials in each of four parts."""
-    of = plan()
-    with recorder(folder) as rec:
+def record_four_parts(folder: Path, repeats: int = 2) -> Plan:
+    """Record the small plan, a quarter of its trials in each of four parts."""
+    text = PROTOCOL.replace("repeats = 2", f"repeats = {repeats}")
+    of = parse_protocol(text, "small.toml").plan()
+    with Recorder(folder, header(of), text, RIG) as rec:
         source = SyntheticRig(rec)
         for number, trial in enumerate(of.trials):
-            if number % 2 == 0:
+            if number % (len(of.trials) // 4) == 0:
                 rec.begin_part("plate change", trial.texture)
             source.trial(trial)
     return of

@@ -19,6 +19,7 @@ from rigctl.session.files.ground_truth import trial_truths
 from rigctl.session.files.truth_file import open_truth
 from rigctl.session.format import layout
 from rigctl.session.read.session import Session
+from rigctl.session.recover.recover import recover
 from rigctl.session.verify.session import verify
 from rigctl.synth import step_runner
 from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, load_plan
@@ -169,6 +170,26 @@ def test_a_resumed_data_set_equals_an_uninterrupted_one(
     assert sorted(folder.iterdir()) == before
     with pytest.raises(SessionError):
         make(protocol, folder, seed=SEED + 1, resume=True)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_the_trials_of_a_damaged_part_are_made_again(
+    session_folder: Path, protocol: Path, tmp_path: Path, number: int
+) -> None:
+    folder = Path(shutil.copytree(session_folder, tmp_path / "damaged"))
+    part = folder / f"part-000{number}.h5"
+    part.write_bytes(bytes(100))
+    assert make(protocol, folder, resume=True)[-1].committed == 4
+    with Session.open(folder) as again, Session.open(session_folder) as whole:
+        assert [missing.name for missing in again.missing_parts] == [part.name]
+        assert 3 in [part.number for part in again.parts]
+        pairs = list(zip(again.committed().tolist(), whole.committed().tolist(), strict=True))
+        assert [int(again.trials["trial_id"][i]) for i, _ in pairs] == [1, 2, 3, 4]
+        for one, other in pairs:
+            assert np.array_equal(again.samples(one), whole.samples(other))
+    recover(folder, "2026-11-23T14:00:00Z")
+    report = verify(folder)
+    assert report.whole, report.problems
 
 
 def test_several_sessions_have_their_own_gains(

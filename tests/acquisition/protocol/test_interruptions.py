@@ -9,6 +9,7 @@ import pytest
 
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.errors import SessionError
+from rigctl.session.recover.recover import recover
 from rigctl.session.verify.session import verify
 from rigctl.session.write.part_writer import PartWriter
 from rigctl.wire.drum.codes import Command
@@ -102,6 +103,23 @@ def test_an_aborted_run_can_be_resumed(harness: EngineHarness, tmp_path: Path) -
     assert verify(harness.session).whole
     with open_session(harness.session) as session:
         assert session.trials["attempt"].tolist() == [1, 1, 2]
+
+
+def test_the_trials_of_a_damaged_part_are_run_again(harness: EngineHarness, tmp_path: Path) -> None:
+    harness.run(until_ended, harness.request())
+    planned = sorted(trial for trial, _ in verdicts(harness))
+    (harness.session / "part-0001.h5").write_bytes(bytes(100))
+    (tmp_path / "again").mkdir()
+    with open_harness(tmp_path / "again") as second:
+        second.run(until_ended, RunRequest(resume=str(harness.session), yes=True))
+        assert second.engine.run is not None and second.engine.run.complete
+        assert any("part-0001.h5 is damaged" in text for text in second.texts("log"))
+    with open_session(harness.session) as session:
+        assert session.trials["trial_id"][session.committed()].tolist() == planned
+        assert session.parts[-1].number == 3
+    recover(harness.session, "2026-11-23T14:00:00Z")
+    report = verify(harness.session)
+    assert report.whole, report.problems
 
 
 def test_a_resumed_session_waits_only_for_the_plate(harness: EngineHarness, tmp_path: Path) -> None:
