@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
+from rigctl.cli import main
 from rigctl.errors import SessionError
 from rigctl.session.chain.links import check_links
 from rigctl.session.format.annotated_arrays import text_scalar
@@ -391,3 +393,25 @@ def test_an_older_session_is_resumed_with_digests(session: Path) -> None:
         rec.begin_part("start", "A")
     report = verify(session, digest=rec.closing_digest)
     assert report.problems == []
+
+
+def test_the_command_compares_and_prints_the_digest(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", str(session)]) == 0
+    *_, answer, line = capsys.readouterr().out.splitlines()
+    assert answer.endswith(" lost, finished")
+    digest = line.removeprefix("digest: ")
+    assert main(["verify", str(session), "--digest", f" {digest.upper()}"]) == 0
+    assert "note: the closing digest is the one given" in capsys.readouterr().out
+    assert main(["verify", str(session), "--json", "--digest", "a" * 64]) == 1
+    plain = json.loads(capsys.readouterr().out)
+    assert (plain["closing_digest"], plain["outcome"]) == (digest, "finished")
+
+
+@pytest.mark.parametrize("text", ["", "xyz", "a" * 63, "a" * 65, "٣" * 64])
+def test_what_is_no_digest_is_refused(
+    session: Path, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", str(session), "--digest", text]) == 2
+    assert "is not a digest: give the 64 hexadecimal digits" in capsys.readouterr().err
