@@ -415,3 +415,20 @@ def test_what_is_no_digest_is_refused(
 ) -> None:
     assert main(["verify", str(session), "--digest", text]) == 2
     assert "is not a digest: give the 64 hexadecimal digits" in capsys.readouterr().err
+
+
+def test_a_recovery_explains_altered_rows_and_does_not_prove_them(session: Path) -> None:
+    kept = verify(session).closing_digest
+    with h5py.File(session / "part-0002.h5", "r+") as file:
+        one_sample(file)
+    assert main(["recover", str(session)]) == 0
+    report = verify(session)
+    assert report.whole
+    assert any("trial 6, attempt 1, as a recovery file says" in note for note in report.notes)
+    assert verify(session, digest=kept).problems == [
+        "the digest given does not prove part-0002.h5: recovery files say what is missing or "
+        "altered there"
+    ]
+    with h5py.File(session / "part-0002.h5", "r+") as file:
+        file["/taxels/samples"][501, 3] ^= 1  # later damage of the same rows is another one
+    assert not verify(session).whole

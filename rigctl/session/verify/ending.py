@@ -6,8 +6,10 @@ import re
 from collections.abc import Sequence
 
 from rigctl.errors import WrongUse
+from rigctl.session.format.layout import part_name
 from rigctl.session.read.closing_digest import last_digest
 from rigctl.session.read.part import PartReader
+from rigctl.session.read.recovery_file import RecoveryRecord
 from rigctl.session.verify.digest_lines import session_end
 from rigctl.session.verify.report import VerifyReport
 
@@ -42,8 +44,24 @@ def describe_end(last: PartReader, written: bool) -> str:
     return LATER_PART_MISSING if end is None else str(end["outcome"])
 
 
-def compare_digest(parts: Sequence[PartReader], digest: str, report: VerifyReport) -> None:
-    """Compare a digest that was kept with those at the ends of the parts."""
+def compare_digest(
+    parts: Sequence[PartReader],
+    digest: str,
+    recoveries: Sequence[RecoveryRecord],
+    report: VerifyReport,
+) -> None:
+    """Compare a digest that was kept with those at the ends of the parts.
+
+    What ``recoveries`` attest explains a break of the chain to its owner, but proves nothing:
+    anyone can write such a file.
+    """
+    changed = {part.name for each in recoveries for part in each.parts}
+    changed |= {part_name(rows.part) for each in recoveries for rows in each.damaged_rows}
+    if changed:
+        report.problems.append(
+            f"the digest given does not prove {', '.join(sorted(changed))}: recovery files say "
+            "what is missing or altered there"
+        )
     ends = {last_digest(part): part for part in parts if part.has_digests}
     part = ends.get(digest)
     if part is None:

@@ -125,7 +125,7 @@ def _show(
 
 def _check_kept_digest(session: SessionReader, digest: str, report: VerifyReport) -> None:
     if digest:
-        compare_digest(session.parts, digest, report)
+        compare_digest(session.parts, digest, read_recoveries(session.path), report)
 
 
 def _check_committed(session: SessionReader, report: VerifyReport) -> None:
