@@ -137,6 +137,12 @@ def test_refusal_is_shown_in_log_and_status_line(harness: Harness) -> None:
     assert "release it, then arm" in harness.window.event_log.toPlainText()
 
 
+def test_the_closing_digest_of_a_run_is_a_line_of_the_log(harness: Harness) -> None:
+    harness.engine.send_event("run", "every trial is committed", state="done", digest="4f" * 32)
+    harness.window.poll()
+    assert harness.window.event_log.toPlainText().count("4f" * 32) == 1
+
+
 def test_fault_is_shown_in_words(harness: Harness) -> None:
     words = "force above the limit: check the sensor and the plate, then clear the fault"
     harness.update(state=int(State.FAULT_OFF), fault=2, fault_words=words)

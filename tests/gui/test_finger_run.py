@@ -192,6 +192,15 @@ def test_batches_do_not_flood_the_log(finger: FingerWindow) -> None:
     assert "given up" in log and "55 mm/s" not in log
 
 
+def test_the_closing_digest_of_a_run_is_a_line_of_the_log(finger: FingerWindow) -> None:
+    finger.engine.send_event("run", "every scan is committed", state="done", digest="4f" * 32)
+    finger.engine.send_event("model", "a model", digest="5a" * 32)
+    finger.window.poll()
+    log = finger.window.event_log.toPlainText()
+    assert log.count("4f" * 32) == 1
+    assert "5a" * 32 not in log
+
+
 def test_simulated_faults_are_for_simulated_rigs(finger: FingerWindow) -> None:
     box = finger.tab.run_box
     finger.update(run=RUNNING)
