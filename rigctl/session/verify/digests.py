@@ -72,9 +72,9 @@ def _is_known(part: PartReader, place: RowRange, known: Sequence[KnownDamage]) -
 
 
 def _notes(part: PartReader, links: PartLinks) -> Iterator[str]:
-    """A killed writer's last rows may have no digest; those of a living writer are on their way."""
+    """Note rows without a digest: the last ones of a killed writer may lack it."""
     uncovered = links.coverage.uncovered
-    if uncovered and not part.finished and not part.is_growing:
+    if uncovered and not part.finished:
         listed = ", ".join(f"{place.n_rows} of {place.table}" for place in uncovered)
         yield f"its last rows have no digest, because its writer was killed: {listed}"
 
