@@ -6,6 +6,10 @@ namespace {
 
 const uint8_t DATA = 0x11, DATA_SIZE = 27, READINGS_AT = 4, READING_BITS = 10;
 
+// A frame that is not newer than the newest by this many is a repeated or late one. A taxel board
+// that started anew is further behind, unless it had run for less than these milliseconds.
+const uint16_t LATE_FRAMES = 16;
+
 uint16_t reading(const uint8_t *body, uint8_t index)
 {
     const uint16_t bit = uint16_t(index * READING_BITS);
@@ -21,6 +25,7 @@ bool TaxelLine::feed(uint8_t byte, Sample &sample)
     const uint8_t *body = receiver_.body();
     if (size != DATA_SIZE || body[0] != DATA) return false;
     const uint16_t counter = uint16_t(body[1] | body[2] << 8);
+    if (synchronised_ && uint16_t(counter_ - counter) < LATE_FRAMES) return false;
     lost_ = synchronised_ ? uint16_t(counter - counter_ - 1) : 0;
     counter_ = counter;
     synchronised_ = true;
