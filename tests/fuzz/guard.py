@@ -27,7 +27,7 @@ from tests.fuzz.mutations.hdf5 import SENTINEL
 
 HANG_S = 1.0
 """Processor time of a reading above that of a whole file."""
-WATCH_S, IDLE_S = 8.0, 0.02
+WATCH_S, IDLE_S = 20.0, 0.02
 """A reading that uses no more processor time than this in ``WATCH_S`` waits, such as for a pipe."""
 MEMORY_BYTES = 256 << 20
 SENTENCE_LETTERS = 1500

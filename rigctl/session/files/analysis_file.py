@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 
 from rigctl.errors import DiskFault, SessionError, WrongUse
+from rigctl.session.files.seal import SEALED, check_seal, seal
 from rigctl.session.files.source_sessions import read_source_sessions
 from rigctl.session.format.data_sets import LIBVER
 from rigctl.session.hdf5.hdf5_file import Hdf5File
@@ -29,7 +30,8 @@ LAYOUT_VERSION = 1
 def open_analysis_file(path: Path, hint: str, *layouts: str) -> Iterator[Hdf5File]:
     """Open a file of one of ``layouts``, by default a model or a file of spikes.
 
-    Raises SessionError for a missing, damaged, newer or other file, and for one with values that
+    Raises SessionError for a missing, damaged, newer or other file, for one that changed since it
+    was sealed (:mod:`rigctl.session.files.seal`), and for one with values that
     the ``with`` block finds impossible. ``hint``: which file to give instead.
     """
     kind = _KINDS.get(layouts, "model or a spikes.h5")
@@ -45,6 +47,8 @@ def open_analysis_file(path: Path, hint: str, *layouts: str) -> Iterator[Hdf5Fil
             raise
         except WrongUse as error:
             raise SessionError(f"{path} is not a {kind}, or is damaged: {error}") from error
+        # Last, because damage to one place is named by that place.
+        check_seal(path, bool(file.attributes().get(SEALED)))
 
 
 def _check_layout(file: Hdf5File, kind: str, hint: str, layouts: tuple[str, ...]) -> None:
@@ -74,7 +78,9 @@ def new_analysis_file(path: Path) -> Iterator[Any]:
     partial = path.with_name(f"{path.name}.partial")
     try:
         with h5py.File(partial, "w", libver=LIBVER) as file:
+            file.attrs[SEALED] = 1
             yield file
+        seal(partial)
         partial.rename(path)
     except OSError as error:
         raise DiskFault(f"{path} cannot be written ({error}): choose another place") from error

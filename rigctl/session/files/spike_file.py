@@ -23,6 +23,7 @@ from rigctl.encoding.parameters import EncoderParameters
 from rigctl.session.files.analysis_file import LAYOUT_VERSION, SPIKES_LAYOUT
 from rigctl.session.files.encoder_group import write_encoder
 from rigctl.session.files.force_matrix_file import write_force
+from rigctl.session.files.seal import SEALED, seal
 from rigctl.session.format.annotated_arrays import (
     Attributes,
     write_array,
@@ -79,6 +80,7 @@ class SpikeFileWriter:
     """Writer of one file; use it in a ``with`` block. May raise OSError."""
 
     def __init__(self, path: Path, encoding: EncodingInfo) -> None:
+        self._path = path
         self._file = h5py.File(path, "x", libver=LIBVER)
         self._n_trials = len(encoding.trials["trial_id"][2])
         self._trial = self._spikes = 0
@@ -91,8 +93,10 @@ class SpikeFileWriter:
     def __enter__(self) -> SpikeFileWriter:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         self._file.close()
+        if error is None:
+            seal(self._path)
 
     def add(self, counts: NDArray[Any], samples: NDArray[Any]) -> None:
         """Append trials: spike counts of each train (n, n_trains), and all their samples."""
@@ -117,7 +121,8 @@ class SpikeFileWriter:
 
     def _write_header(self, encoding: EncodingInfo) -> None:
         header: Attributes = {"layout": SPIKES_LAYOUT, "layout_version": LAYOUT_VERSION}
-        write_attributes(self._file, {**header, "simulated": int(encoding.simulated)})
+        header |= {"simulated": int(encoding.simulated), SEALED: 1}
+        write_attributes(self._file, header)
         origin = "SIMULATED: not recorded at a real bench" if encoding.simulated else "a real bench"
         write_text(self._file, "origin", origin, "where the samples come from")
         write_text(self._file, "made_utc", encoding.made_utc, "wall clock, ISO 8601")

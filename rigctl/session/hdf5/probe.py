@@ -24,11 +24,8 @@ from h5py import h5a, h5d, h5g, h5l, h5o
 from rigctl.errors import SessionError
 from rigctl.session.hdf5.errors import HDF5_ERRORS
 
-if sys.platform != "win32":
-    import resource
-
 LONGEST_S = 60.0
-PROCESSOR_S = 1
+PROCESSOR_S = 0.5
 """Of the child, in which HDF5 may also never come to an end; a sound part takes 10 ms."""
 MOST_OBJECTS = 10_000
 _LASTS = b"."
@@ -78,7 +75,8 @@ def _survives(source: Path | mmap, options: dict[str, Any]) -> bool:
 
 def _walk_and_exit(source: Any, options: dict[str, Any], writer: int) -> None:
     """Read all that describes the data, as the child; answer, and end without any clean-up."""
-    resource.setrlimit(resource.RLIMIT_CPU, (PROCESSOR_S, PROCESSOR_S))
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_PROF, PROCESSOR_S)
     try:
         with h5py.File(source, "r", **options) as file:
             _walk(file)

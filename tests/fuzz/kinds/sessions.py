@@ -11,6 +11,7 @@ import h5py
 from rigctl.analysis.data.trial_set import join_sessions, open_trials
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.files.analysis_file import content_digest
+from rigctl.session.format.layout import PROTOCOL_FILE, RIG_FILE
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
@@ -100,7 +101,9 @@ def verified_content(folder: Path, report: VerifyReport) -> object:
     """Return all that a session says if ``verify`` calls it whole and it proves itself."""
     if not report.whole or not _proves_itself(folder):
         return None
-    return folder_content(folder, "*.h5")
+    found = folder_content(folder, "*.h5")
+    # The parts hold both texts; a copy that is gone takes nothing with it.
+    return {name: value for name, value in found.items() if name not in COPIES}
 
 
 def bytes_called_whole(folder: Path, report: VerifyReport) -> object:
@@ -120,6 +123,7 @@ def _proves_itself(folder: Path) -> bool:
     return any(map(has_digests, parts))
 
 
+COPIES = (PROTOCOL_FILE, RIG_FILE)
 TEXTS = (Place("*.toml", TEXT), Place("*.txt", TEXT))
 DRUM_DOORS = (check, summarise, read_drum, read_trials)
 FINGER_DOORS = (check, summarise, read_finger)
