@@ -11,6 +11,7 @@ import pytest
 from scipy.io import savemat
 
 from rigctl.errors import WrongUse
+from rigctl.exchange.matlab_reader import read_mat
 from rigctl.session.read.session import Session
 from tests.exchange.test_import import PATTERN, run_import
 
@@ -144,3 +145,9 @@ def test_truncated_matlab_files_raise_one_sentence(tmp_path: Path) -> None:
             with pytest.raises(WrongUse, match=str(path)):
                 run_import(tmp_path, MAP, [path], "cut")
     assert not (tmp_path / "cut").exists()
+
+
+def test_a_file_that_kills_scipys_reader_is_refused() -> None:
+    path = Path(__file__).parent / "data" / "kills_scipy.mat"
+    with pytest.raises(WrongUse, match=r"kills_scipy\.mat .* damaged: .* dies of it"):
+        read_mat(path)

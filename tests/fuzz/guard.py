@@ -201,7 +201,8 @@ class Guard:
             self._case = case
 
     def _may_touch(self, event: str, path: str, args: tuple[Any, ...], case: Path) -> bool:
-        resolved = os.path.realpath(path)
+        follows = event != "open" or not isinstance(args[2], int) or not args[2] & os.O_NOFOLLOW
+        resolved = os.path.realpath(path if follows else Path(path).parent)
         if resolved == str(case) or resolved.startswith(f"{case}/"):
             return True
         reads = event == "os.listdir" or (event == "open" and _only_reads(args))

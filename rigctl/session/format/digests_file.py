@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from rigctl.config.text_file import is_plain_file
 from rigctl.session.format.layout import DIGEST_LINES_FILE, part_number
 
 MAX_BYTES = 4 << 20
@@ -32,8 +33,11 @@ class ListedPart:
 
 def listed_parts(folder: Path) -> dict[int, ListedPart]:
     """Return the parts by number; none for a session without a readable file."""
+    path = folder / DIGEST_LINES_FILE
+    if path.is_symlink() or not is_plain_file(path):
+        return {}
     try:
-        with (folder / DIGEST_LINES_FILE).open("rb") as file:
+        with path.open("rb") as file:
             text = file.read(MAX_BYTES).decode(errors="replace")
     except OSError:
         return {}

@@ -13,7 +13,8 @@ import os
 import select
 import signal
 import sys
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from mmap import mmap
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ def check_survivable(path: Path, image: mmap | None, options: dict[str, Any]) ->
     known = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, image is None)
     if sys.platform == "win32" or known in _survivors():
         return
-    if not _survives(image or path, options):
+    if not survives(partial(_read_structure, image or path, options), PROCESSOR_S):
         raise SessionError(
             f"{path} is damaged: a process that reads its structure dies of it, or never ends"
         )
@@ -54,12 +55,17 @@ def _survivors() -> set[tuple[int, ...]]:
     return set()
 
 
-def _survives(source: Path | mmap, options: dict[str, Any]) -> bool:
-    """Return whether a child comes through the file's structure."""
+def survives(work: Callable[[], object], processor_s: float) -> bool:
+    """Return whether a child comes to the end of ``work``, in order or with an error of Python's.
+
+    ``processor_s``: what it may take of a processor. True on systems without ``fork``.
+    """
+    if sys.platform == "win32":
+        return True
     reader, writer = os.pipe()
     child = os.fork()
     if not child:
-        _walk_and_exit(source, options, writer)
+        _work_and_exit(work, processor_s, writer)
     os.close(writer)
     survived = False
     try:
@@ -73,18 +79,23 @@ def _survives(source: Path | mmap, options: dict[str, Any]) -> bool:
     return survived
 
 
-def _walk_and_exit(source: Any, options: dict[str, Any], writer: int) -> None:
-    """Read all that describes the data, as the child; answer, and end without any clean-up."""
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_PROF, PROCESSOR_S)
+def _work_and_exit(work: Callable[[], object], processor_s: float, writer: int) -> None:
+    """Work as the child; answer, and end without any clean-up whatever happened."""
+    try:
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_PROF, processor_s)
+        work()
+    finally:
+        os.write(writer, _LASTS)
+        os._exit(0)
+
+
+def _read_structure(source: Path | mmap, options: dict[str, Any]) -> None:
     try:
         with h5py.File(source, "r", **options) as file:
             _walk(file)
     except HDF5_ERRORS:
         gc.collect()  # what is refused in order is refused by the parent, too
-    finally:
-        os.write(writer, _LASTS)
-        os._exit(0)
 
 
 def _walk(file: Any) -> None:

@@ -54,7 +54,7 @@ def test_a_file_that_came_through_is_tried_again_after_a_change(tmp_path: Path) 
     with h5py.File(path, "r+") as file:
         file.attrs["more"] = 1
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(probe, "_survives", lambda source, options: False)
+        patch.setattr(probe, "survives", lambda work, processor_s: False)
         with pytest.raises(SessionError, match=DIES):
             Hdf5File(path)
 
