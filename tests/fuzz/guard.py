@@ -202,7 +202,9 @@ class Guard:
 
     def _may_touch(self, event: str, path: str, args: tuple[Any, ...], case: Path) -> bool:
         follows = event != "open" or not isinstance(args[2], int) or not args[2] & os.O_NOFOLLOW
-        resolved = os.path.realpath(path if follows else Path(path).parent)
+        folder, name = Path(path).parent, Path(path).name
+        resolved = os.path.realpath(path if follows else folder)
+        resolved = resolved if follows else f"{resolved}/{name}"
         if resolved == str(case) or resolved.startswith(f"{case}/"):
             return True
         reads = event == "os.listdir" or (event == "open" and _only_reads(args))

@@ -10,6 +10,7 @@ from typing import Any
 
 import h5py
 
+from rigctl.config.text_file import open_file
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.session.files.seal import SEALED, check_seal, seal
 from rigctl.session.files.source_sessions import read_source_sessions
@@ -98,7 +99,7 @@ def content_digest(folder: Path) -> str:
     total = hashlib.sha256()
     for path in part_paths(folder):
         try:
-            with path.open("rb") as file:
+            with open_file(path, SessionError) as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
         except OSError as error:
             raise SessionError(f"{path} cannot be read: {error.strerror or error}") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from math import prod
 from mmap import mmap
 from pathlib import Path
@@ -73,7 +73,8 @@ class Hdf5File:
         """Close the file."""
         self._nodes.clear()
         self._datasets.clear()
-        self._file.close()
+        with suppress(RuntimeError):  # HDF5 cannot close what is damaged; it was refused before
+            self._file.close()
 
     def __enter__(self) -> Self:
         return self

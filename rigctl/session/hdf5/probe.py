@@ -8,6 +8,7 @@ Not on systems without ``fork`` (Windows), and not for a file that a living writ
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
 import select
@@ -82,6 +83,7 @@ def survives(work: Callable[[], object], processor_s: float) -> bool:
 def _work_and_exit(work: Callable[[], object], processor_s: float, writer: int) -> None:
     """Work as the child; answer, and end without any clean-up whatever happened."""
     try:
+        faulthandler.disable()  # what the child dies of is told in a sentence
         signal.signal(signal.SIGPROF, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_PROF, processor_s)
         work()
@@ -91,11 +93,19 @@ def _work_and_exit(work: Callable[[], object], processor_s: float, writer: int) 
 
 
 def _read_structure(source: Path | mmap, options: dict[str, Any]) -> None:
+    """Read as the child; what is refused in order is refused by the parent, too."""
     try:
-        with h5py.File(source, "r", **options) as file:
-            _walk(file)
+        file = h5py.File(source, "r", **options)
     except HDF5_ERRORS:
-        gc.collect()  # what is refused in order is refused by the parent, too
+        return
+    try:
+        _walk(file)
+    except HDF5_ERRORS:
+        gc.collect()
+    try:
+        file.close()
+    except RuntimeError:
+        os._exit(1)  # without an answer: what HDF5 cannot close stays open for ever
 
 
 def _walk(file: Any) -> None:
