@@ -17,7 +17,7 @@ from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunSt
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.acquisition.status import StatusBuilder
 from rigctl.acquisition.taxels.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
-from rigctl.errors import DiskFault
+from rigctl.errors import DiskFault, WrongUse
 
 
 class Engine(ServedEngine[Run, RunRequest]):
@@ -47,7 +47,14 @@ class Engine(ServedEngine[Run, RunRequest]):
         self._status_builder = StatusBuilder(rig, self.boards)
 
     def start(self, request: RunRequest) -> Run:
-        """Start a run. Raises where the request or the disk is at fault."""
+        """Start a run.
+
+        Raises where the request or the disk is at fault, WrongUse while the drum is moved by hand.
+        """
+        if self.boards.motion.is_moved_by_hand:
+            raise WrongUse(
+                "the drum is moved by hand: wait until that has ended, or stop it; then start again"
+            )
         identities = tuple(self.boards.identities.values())
         context = RunContext(self.rig, identities, self._utc_now())
         check_in = partial(self.heartbeat_gate.check_in, "runner")

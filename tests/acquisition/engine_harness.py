@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pytest
+
+from rigctl.acquisition import served_engine
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
@@ -53,9 +57,19 @@ class EngineHarness:
         path.write_text(protocol)
         return RunRequest(protocol=str(path), out=str(self.session), yes=yes)
 
-    def run(self, scenario: Scenario, request: RunRequest | None = None) -> None:
-        """Serve until ``scenario``, which plays the operator, and the engine have ended."""
-        self.rig.loop.run_until_complete(self._run(scenario, request))
+    def run(
+        self, scenario: Scenario, request: RunRequest | None = None, engine_ends: bool = False
+    ) -> None:
+        """Serve until ``scenario``, which plays the operator, and the engine have ended.
+
+        ``engine_ends``: the engine is to end first, which fails a test otherwise. It ends when
+        nobody uses it, but a scenario that calls it directly does.
+        """
+        with pytest.MonkeyPatch.context() as patch:
+            if not engine_ends:
+                patch.setattr(served_engine, "IDLE_TIMEOUT_S", math.inf)
+            scenario_ended = self.rig.loop.run_until_complete(self._run(scenario, request))
+        assert scenario_ended is not engine_ends, f"who ended first? {self.events[-3:]}"
 
     def record(self, protocol: str = TINY) -> Run:
         """Run a protocol to its end and return the run."""
@@ -80,7 +94,8 @@ class EngineHarness:
         """Return the texts of the events of this kind."""
         return [event.text for event in self.events if event.kind == kind]
 
-    async def _run(self, scenario: Scenario, request: RunRequest | None) -> None:
+    async def _run(self, scenario: Scenario, request: RunRequest | None) -> bool:
+        """Return whether the scenario came to its end."""
         self.engine.event_bus.subscribe(self.events.append)
         with open_listener() as listener:
             self.address = listener.getsockname()
@@ -94,9 +109,13 @@ class EngineHarness:
             if acting.done():
                 self.engine.shut_down("the test is over")
             self.exit_code = await serving
+            if acting.done():
+                acting.result()
+                return True
             acting.cancel()
             with suppress(asyncio.CancelledError):
                 await acting
+            return False
 
     async def _act(self, scenario: Scenario, has_request: bool) -> None:
         while not self.engine.is_ready or (has_request and self.engine.run is None):

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pytest
+
+from rigctl.acquisition import served_engine
 from rigctl.acquisition.rpc.door import Door, open_listener
 from rigctl.finger_rig import open_finger_rig
 from rigctl.realtime.finger_commands import FingerCommands
@@ -78,9 +82,19 @@ class FingerHarness:
             yes=yes,
         )
 
-    def run(self, scenario: Scenario, request: FingerRunRequest | None = None) -> None:
-        """Serve until ``scenario``, which plays a person, and the engine have ended."""
-        self.rig.loop.run_until_complete(self._run(scenario, request))
+    def run(
+        self, scenario: Scenario, request: FingerRunRequest | None = None, engine_ends: bool = False
+    ) -> None:
+        """Serve until ``scenario``, which plays a person, and the engine have ended.
+
+        ``engine_ends``: the engine is to end first, which fails a test otherwise. It ends when
+        nobody uses it, but a scenario that calls it directly does.
+        """
+        with pytest.MonkeyPatch.context() as patch:
+            if not engine_ends:
+                patch.setattr(served_engine, "IDLE_TIMEOUT_S", math.inf)
+            scenario_ended = self.rig.loop.run_until_complete(self._run(scenario, request))
+        assert scenario_ended is not engine_ends, f"who ended first? {self.events[-3:]}"
 
     def record(self, request: FingerRunRequest) -> FingerRun:
         """Record to the end and return the run."""
@@ -109,7 +123,8 @@ class FingerHarness:
         """Return the texts of the events of this kind."""
         return [event.text for event in self.events if event.kind == kind]
 
-    async def _run(self, scenario: Scenario, request: FingerRunRequest | None) -> None:
+    async def _run(self, scenario: Scenario, request: FingerRunRequest | None) -> bool:
+        """Return whether the scenario came to its end."""
         self.engine.event_bus.subscribe(self.events.append)
         handle = FingerCommands(self.engine).handle
         with open_listener() as listener:
@@ -123,9 +138,11 @@ class FingerHarness:
             self.exit_code = await serving
             if acting.done():
                 acting.result()
+                return True
             acting.cancel()
             with suppress(asyncio.CancelledError):
                 await acting
+            return False
 
     async def _act(self, scenario: Scenario, has_request: bool) -> None:
         while not self.engine.is_ready or (has_request and self.engine.run is None):

@@ -5,9 +5,9 @@ Every wait calls ``check``, so that a pause or a stop ends it at the next cycle 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
-from typing import Final
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Final, Self
 
 from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.drum.settings import (
@@ -51,7 +51,26 @@ class DrumMotion:
         self.settings: dict[str, float] = {}
         self.homed = False
         self.stop_count = 0
+        self._by_hand_count = 0
+        self._command_count = 0
         self._commanded_s = -1.0
+
+    @property
+    def is_moved_by_hand(self) -> bool:
+        """Whether somebody waits for the end of a move by hand."""
+        return self._by_hand_count > 0
+
+    @contextmanager
+    def by_hand(self) -> Iterator[Self]:
+        """Move by hand: a stop or another command ends the wait for a move, as CommandRefused.
+
+        No run begins meanwhile, so that a run alone decides what the drum does.
+        """
+        self._by_hand_count += 1
+        try:
+            yield self
+        finally:
+            self._by_hand_count -= 1
 
     def reset(self) -> None:
         """Forget settings and the index mark: the board rebooted or was away."""
@@ -238,13 +257,28 @@ class DrumMotion:
         ``action`` begins the sentence of a RigFault after ``timeout_s``. Raises CommandRefused.
         """
         await self._send(command)
-        wait_until = self.poller.wait_until
-        state = await wait_until(self._is_command_finished, timeout_s, action, self.check)
+        state = await self.poller.wait_until(
+            self._is_command_finished, timeout_s, action, self._check_of_move(action)
+        )
         return bool(state.values["command_result"] == CommandResult.DONE)
 
     async def _send(self, command: Command) -> None:
         await self.poller.drum.command(command)
+        self._command_count += 1
         self._commanded_s = self.poller.loop.time()
+
+    def _check_of_move(self, action: str) -> Callable[[], None]:
+        """Return the check for the wait after a command; by hand, a later one ends it."""
+        if not self.is_moved_by_hand:
+            return self.check
+        counts = self._command_count, self.stop_count
+
+        def check() -> None:
+            self.check()
+            if counts != (self._command_count, self.stop_count):
+                raise CommandRefused(f"{action} was interrupted: a stop or another command came")
+
+        return check
 
     def _is_command_finished(self, state: DrumState) -> bool:
         """Return whether the last command is finished; an older poll cannot tell."""
@@ -262,7 +296,10 @@ class DrumMotion:
         """Send a command and return the state in which the board has finished it in ``end``."""
         await self._send(command)
         return await self.poller.wait_until(
-            lambda s: s.state == end and self._is_command_finished(s), timeout_s, what, self.check
+            lambda s: s.state == end and self._is_command_finished(s),
+            timeout_s,
+            what,
+            self._check_of_move(what),
         )
 
     def _start_steps(self, trial: PlannedTrial, current_steps: int) -> int:

@@ -14,6 +14,8 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 import msgspec
 from msgspec import Meta
 
+from rigctl.acquisition.rpc.messages import SHOWN_LETTERS
+from rigctl.config.names import shorten
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 
@@ -61,8 +63,8 @@ def arguments_by_name(arguments: msgspec.Struct) -> dict[str, Any]:
 def _sentence(error: msgspec.ValidationError) -> str:
     """Return what does not fit, with the argument first."""
     what, _, place = str(error).replace("`", "").partition(" - at ")
-    what = what[0].lower() + what[1:]
+    what = shorten(what[0].lower() + what[1:], SHOWN_LETTERS)
     for name, word in _WORDS.items():
         what = re.sub(rf"\b{name}\b", word, what)
-    place = place.removeprefix("$").removeprefix(".")
+    place = shorten(place.removeprefix("$").removeprefix("."), SHOWN_LETTERS)
     return f"{place}: {what}" if place else what

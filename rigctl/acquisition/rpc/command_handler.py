@@ -1,12 +1,14 @@
 """The commands of clients: the drum's moves, and a method for each of the others.
 
-Commands that move the rig are refused during a run; stop never is.
+Commands that move the rig are refused during a run, and a run is refused during a move by hand;
+stop never is.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractContextManager
 from typing import Annotated, Any
 
 import msgspec
@@ -76,7 +78,8 @@ class CommandHandler(EngineCommands[Engine]):
 
     async def on_jog(self, mm: Annotated[float, Meta(ge=-10_000, le=10_000)]) -> Result:
         """Turn the lifted drum, forwards where ``mm`` is positive; return the true travel."""
-        return {"moved_mm": await self.motion_outside_runs().jog(mm)}
+        with self._by_hand() as motion:
+            return {"moved_mm": await motion.jog(mm)}
 
     async def on_set(
         self,
@@ -87,15 +90,15 @@ class CommandHandler(EngineCommands[Engine]):
         run_in_mm: Magnitude = None,
     ) -> Result:
         """Write an operator's settings; return the values that the board took."""
-        motion = self.motion_outside_runs()
         given = (speed_mm_s, force_g, acceleration_mm_s2, travel_mm, run_in_mm)
         pairs = zip(OPERATOR_SETTINGS, given, strict=True)
         values = {name: value for name, value in pairs if value is not None}
         for name, value in values.items():
-            _require_limits(name, value, motion.config.limits)
+            _require_limits(name, value, self._engine.rig.config.limits)
         registers = {OPERATOR_SETTINGS[name]: value for name, value in values.items()}
-        written = await motion.poller.drum.set(**registers)
-        motion.settings.update(written)
+        with self._by_hand() as motion:
+            written = await motion.poller.drum.set(**registers)
+            motion.settings.update(written)
         return {name: written[OPERATOR_SETTINGS[name]] for name in values}
 
     async def on_stop(self) -> None:
@@ -125,10 +128,10 @@ class CommandHandler(EngineCommands[Engine]):
         await taxels.test()
         return {"found": taxels.findings}
 
-    def motion_outside_runs(self) -> DrumMotion:
-        """Return the drum's motion. Raises WrongUse during a run."""
+    def _by_hand(self) -> AbstractContextManager[DrumMotion]:
+        """Hold the drum's motion against a run that would begin. Raises WrongUse during a run."""
         self._refuse_during_run()
-        return self._engine.boards.motion
+        return self._engine.boards.motion.by_hand()
 
 
 def _move(
@@ -137,7 +140,8 @@ def _move(
     """Return what executes a move of the drum."""
 
     async def execute(handler: CommandHandler, _: Any) -> None:
-        await move(handler.motion_outside_runs())
+        with handler._by_hand() as motion:
+            await move(motion)
 
     return execute
 

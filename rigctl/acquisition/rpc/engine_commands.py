@@ -23,6 +23,7 @@ from rigctl.acquisition.rpc.arguments import (
 )
 from rigctl.acquisition.rpc.messages import as_dict
 from rigctl.acquisition.served_engine import ServedEngine
+from rigctl.config.names import shorten
 from rigctl.errors import WrongUse
 
 Result = dict[str, Any]
@@ -84,7 +85,7 @@ class EngineCommands(Generic[_Engine]):
         known = self._commands.get(command)
         if known is None:
             names = ", ".join(sorted((*self._commands, "inject")))
-            raise WrongUse(f"the engine has no command {command!r}: it has {names}")
+            raise WrongUse(f"the engine has no command {shorten(repr(command))}: it has {names}")
         arguments = read_arguments(f"command {command}", known.arguments, args)
         return await known.execute(self, arguments) or {}
 

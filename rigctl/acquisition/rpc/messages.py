@@ -24,11 +24,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import msgspec
 from msgspec import Meta
 
+from rigctl.config.names import shorten
 from rigctl.errors import WrongUse
 from rigctl.wire.drum.states import State
 
 LINE_LIMIT_BYTES = 1 << 20
 REQUEST_LIMIT_BYTES = 1 << 16
+SHOWN_LETTERS = 100
+"""Of what a refusal cites from a request."""
 STATUS_PERIOD_S = 0.1
 
 if TYPE_CHECKING:
@@ -250,7 +253,7 @@ def decode_request(line: bytes) -> EngineRequest:
     try:
         return msgspec.json.decode(line, type=EngineRequest)
     except (ValueError, RecursionError) as error:
-        what = str(error).replace("`", "")
+        what = shorten(str(error).replace("`", ""), SHOWN_LETTERS)
         raise WrongUse(
             f'this is no request ({what}): send {{"id": 1, "command": "status", "args": {{}}}}'
         ) from error

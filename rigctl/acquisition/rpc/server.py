@@ -20,6 +20,8 @@ from rigctl.acquisition.rpc.messages import (
 from rigctl.errors import RigctlError, WrongUse
 
 UNREAD_LIMIT_BYTES = 4 << 20
+REFUSAL_LETTERS = 500
+"""Of the longest refusal: it may cite a path of a request, which has up to 4096 letters."""
 RequestHandler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
 Reply = dict[str, Any]
 
@@ -129,14 +131,21 @@ class Server:
         except RigctlError as error:
             return encode_message({"reply": request.id, **_refusal(error)})
         except Exception as error:  # noqa: BLE001 - top of a task: the client must get a reply
-            text = f"command {request.command} failed inside the engine, which goes on: {error!r}"
+            cause = _cut(repr(error))
+            text = f"command {request.command} failed inside the engine, which goes on: {cause}"
             self._report_failure(f"{text}; report it")
             refusal = {"ok": False, "error": f"{text}; report it", "exit_code": 3}
             return encode_message({"reply": request.id, **refusal})
 
 
 def _refusal(error: RigctlError) -> Reply:
-    return {"ok": False, "error": str(error), "exit_code": error.exit_code}
+    return {"ok": False, "error": _cut(str(error)), "exit_code": error.exit_code}
+
+
+def _cut(text: str) -> str:
+    """Return a sentence without its middle where it is too long; its cure is at its end."""
+    half = REFUSAL_LETTERS // 2
+    return text if len(text) <= REFUSAL_LETTERS else f"{text[: half - 1]}…{text[-half:]}"
 
 
 def _write(client: asyncio.StreamWriter, line: bytes) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from rigctl.acquisition.protocol.run_control import RunControl
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
+from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus, decode_request
 from rigctl.errors import CommandRefused, WrongUse
 from rigctl.wire.drum import register_table
 from rigctl.wire.drum.states import State
@@ -69,6 +69,50 @@ def test_a_jog_requested_before_a_stop_does_not_start_after_it(harness: EngineHa
         assert harness.engine.status().steps == before
 
     harness.run(scenario)
+
+
+START = b'{"id":4,"command":"start","args":{"protocol":"PROTOCOL","out":"OUT","yes":true}}'
+APPROACH = b'{"id":5,"command":"approach"}'
+
+
+@pytest.mark.parametrize("ending", [b'{"id":6,"command":"stop"}', b'{"id":6,"command":"retract"}'])
+def test_no_run_begins_during_a_move_by_hand(harness: EngineHarness, ending: bytes) -> None:
+    """The move would end with the run that began in its midst, and neither knew of the other."""
+
+    async def scenario(harness: EngineHarness) -> None:
+        async def send(line: bytes) -> Any:
+            request = decode_request(line)
+            return await handler_of(harness)(request.command, request.args)
+
+        run = harness.request()
+        start = START.replace(b"PROTOCOL", run.protocol.encode()).replace(b"OUT", run.out.encode())
+        for command in ("arm", "tare", "home"):
+            await handler_of(harness)(command, {})
+        approach = asyncio.ensure_future(send(APPROACH))
+        await harness.until(lambda: state_of(harness) is State.APPROACH)
+        with pytest.raises(WrongUse, match=r"moved by hand: .*then start again"):
+            await send(start)
+        assert harness.engine.run is None and not approach.done()
+        await send(ending)
+        ended_s = harness.rig.loop.time()
+        with pytest.raises(CommandRefused, match="interrupted: a stop or another command came"):
+            await approach
+        assert harness.rig.loop.time() < ended_s + 1
+        await harness.until(lambda: state_of(harness) is State.ARMED)
+        await send(start)
+        await until_ended(harness)
+
+    harness.run(scenario)
+    assert harness.engine.run is not None and harness.engine.run.outcome == "done"
+
+
+def test_an_engine_that_ends_before_its_scenario_fails_the_test(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        harness.engine.shut_down("in the midst of it")
+        await harness.wait(60)
+
+    with pytest.raises(AssertionError, match="who ended first"):
+        harness.run(scenario)
 
 
 def test_refusals_are_sentences(harness: EngineHarness) -> None:
@@ -216,6 +260,6 @@ def test_an_engine_without_client_and_run_ends(harness: EngineHarness) -> None:
         await handler_of(harness)("arm", {})
         await harness.wait(60)
 
-    harness.run(scenario)
+    harness.run(scenario, engine_ends=True)
     assert harness.exit_code == 0
     assert harness.rig.loop.time() < 20

@@ -15,6 +15,7 @@ from rigctl.acquisition.rpc.messages import (
 )
 from rigctl.acquisition.rpc.server import Server
 from rigctl.errors import BoardFault, WrongUse
+from tests.acquisition.engine_harness import EngineHarness
 
 TOKEN = "a secret"
 LOGIN = encode_message({"token": TOKEN})
@@ -145,3 +146,28 @@ def test_too_long_a_line_is_refused_and_the_connection_stays() -> None:
 def test_a_request_in_the_same_packet_as_the_token_is_answered() -> None:
     received = asyncio.run(talk(LOGIN + STATUS, answers=2))
     assert received[1]["reply"] == 9
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'{"id":1,"command":"status","args":{"' + b"n" * 60_000 + b'":1}}\n',
+        b'{"id":1,"command":"status","' + b"n" * 60_000 + b'":1}\n',
+        b'{"id":1,"command":"answer","args":{"prompt_id":1,"answer":"' + b"n" * 60_000 + b'"}}\n',
+        b'{"id":1,"command":"start","args":{"protocol":"' + b"n/" * 2000 + b'"}}\n',
+        b'{"id":1,"command":"' + b"\\u0000" * 64 + b'"}\n',
+        b'{"id":1,"command":"inject","args":{"fault":"push","' + b"n" * 60_000 + b'":1}}\n',
+    ],
+)
+def test_a_refusal_cites_little_of_a_request(line: bytes, harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        reader, writer = await asyncio.open_connection(*harness.address)
+        writer.write(b'{"token":"token"}\n' + line)
+        while "reply" not in (message := decode_message(await reader.readline())):
+            pass
+        writer.close()
+        await writer.wait_closed()
+        assert not message["ok"] and message["exit_code"] == 2
+        assert 20 < len(message["error"]) <= 500 and "n" * 101 not in message["error"]
+
+    harness.run(scenario)
