@@ -47,6 +47,8 @@ def _lines(result: RecoveryResult) -> Iterator[str]:
         yield from _table(part)
     for stray in result.strays:
         yield f"{stray.path.name}: moved away; it {stray.reason}"
+    if result.findings.lines_problem:
+        yield f"digests.txt: written anew from the parts; it {result.findings.lines_problem}"
     for rows in result.findings.damaged_rows:
         last = rows.first_row + rows.n_rows - 1
         yield f"part {rows.part}: altered, rows {rows.first_row} to {last} of {rows.table}"

@@ -1,12 +1,15 @@
-"""Read the closing digest of a session: the one line that a lab keeps elsewhere."""
+"""Read how a session ended: its closing digest, and the event that says why it was closed."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.data_sets import DIGESTS
+from rigctl.session.format.layout import SessionOutcome
+from rigctl.session.format.table_rows import parse_event
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.part_file import part_paths
 
@@ -31,3 +34,17 @@ def last_digest(part: PartReader) -> str:
     """Return the last digest of a part, empty for a part from before there were digests."""
     n_rows = part.n_rows(DIGESTS) if part.has_digests else 0
     return str(part.rows(DIGESTS, n_rows - 1)["digest"][0]) if n_rows else ""
+
+
+def session_end(part: PartReader) -> Mapping[str, object] | None:
+    """Return how the sitting ended, if the part is the last one of it.
+
+    Raises SessionError for an event that no recording wrote.
+    """
+    rows = part.rows_where(layout.EVENTS, "kind", layout.SESSION_END_KIND)
+    if not len(rows):
+        return None
+    data = parse_event(rows[-1], part.path).data
+    if data.get("outcome") not in list(SessionOutcome):
+        raise SessionError(f"{part.path}: its event session_end has no outcome")
+    return data

@@ -10,6 +10,7 @@ import numpy as np
 from rigctl.session.chain.digest_table import RowRange
 from rigctl.session.chain.links import check_links
 from rigctl.session.chain.touched_trials import touched_attempts
+from rigctl.session.format.data_sets import DIGESTS
 from rigctl.session.format.digests import DESCRIPTION
 from rigctl.session.format.finger_layout import BATCHES, FINGER_LAYOUT, SPIKES
 from rigctl.session.format.layout import COUNTER, SAMPLES
@@ -38,7 +39,8 @@ def find_damaged_rows(
 ) -> list[DamagedRows]:
     """Return the rows of ``tables``, all of them if None, that do not agree with their digests.
 
-    Rows that no digest covers are among them if the part was closed. A part from before there
+    Rows that no digest covers are among them if the part was closed, and with all tables the rows
+    of /digests that were altered themselves. A part from before there
     were digests has none; nor has one that grows, whose writer a reader must not delay. Raises
     SessionError for a part that cannot be read.
     """
@@ -48,6 +50,9 @@ def find_damaged_rows(
     found = [*links.damaged, *links.coverage.gone]
     if part.finished:
         found += links.coverage.uncovered
+    if tables is None:
+        altered = {*links.altered, *links.coverage.misplaced}
+        found += [RowRange(DIGESTS.path, row, 1) for row in altered]
     return [
         DamagedRows(part.number, *place)
         for place in sorted(found)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rigctl import __version__
-from rigctl.errors import SessionError
+from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format.digests_file import listed_parts
-from rigctl.session.format.layout import LOCK_FILE, part_number
+from rigctl.session.format.layout import DIGEST_LINES_FILE, LOCK_FILE, part_number
 from rigctl.session.format.writer_lock import WriterLock, is_being_written, lock_owner_pid
 from rigctl.session.open_session import open_session
 from rigctl.session.read.closing_digest import last_digest
@@ -27,6 +27,7 @@ from rigctl.session.read.recovery_file import (
 )
 from rigctl.session.recover.journal import REPLACEMENT, carry_out, finish_pending, write_journal
 from rigctl.session.recover.prefix import SavedRows, savable_rows
+from rigctl.session.recover.rebuilt_lines import rebuild_lines
 from rigctl.session.recover.replacement import Attempt, check_room, close_copy, write_prefix
 from rigctl.session.recover.survey import (
     PartFinding,
@@ -97,6 +98,8 @@ def recover(folder: Path, now_utc: str, *, dry_run: bool = False) -> RecoveryRes
     lock = WriterLock(folder)
     try:
         record = _put_in_order(folder, now_utc, planned, had_lock)
+        if planned.findings.lines_problem:
+            _rebuild_lines(folder)
     finally:
         lock.release()
     return RecoveryResult(
@@ -169,10 +172,21 @@ def _put_in_order(
         "stale_lock": had_lock,
         "saved": [_describe(outcome) for outcome in planned.parts],
         "not_committed": list(planned.not_committed),
+        "digest_lines": found.lines_problem,
     }
     moved = tuple(map(_moved, found.strays))
     text = recovery_text(now_utc, tuple(parts), found.damaged_rows, found.left_out, moved, report)
     return carry_out(write_journal(_free_path(folder, now_utc), text))
+
+
+def _rebuild_lines(folder: Path) -> None:
+    try:
+        rebuild_lines(folder)
+    except OSError as error:
+        raise DiskFault(
+            f"cannot write {folder / DIGEST_LINES_FILE}: {error.strerror}; make room, then run "
+            "rigctl recover again"
+        ) from error
 
 
 def _build(finding: PartFinding, listed_digest: str) -> RecoveredPart:

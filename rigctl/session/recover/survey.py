@@ -14,7 +14,7 @@ from rigctl.session.chain.touched_trials import touched_attempts
 from rigctl.session.files.ground_truth import check_log
 from rigctl.session.files.truth_file import log_paths
 from rigctl.session.format.digests import DESCRIPTION
-from rigctl.session.format.layout import part_number
+from rigctl.session.format.layout import DIGEST_LINES_FILE, part_number
 from rigctl.session.open_session import open_session
 from rigctl.session.read.damage import describe_rows, find_damaged_rows
 from rigctl.session.read.missing_parts import MissingPart, open_parts
@@ -26,6 +26,8 @@ from rigctl.session.read.recovery_file import (
     RecoveryRecord,
     read_recoveries,
 )
+from rigctl.session.recover.rebuilt_lines import lines_problem
+from rigctl.session.verify.digest_lines import changed_texts
 
 UNFINISHED_PART = "part-*.new"
 
@@ -61,19 +63,21 @@ class Survey:
 
     ``parts``: files to close, rewrite or remove. ``absent``: parts without a file, of which no
     recovery file knows. ``damaged_rows`` and ``left_out``: altered rows of parts that stay, and
-    the attempts that they touch.
+    the attempts that they touch. ``lines_problem``: what is wrong with ``digests.txt``.
     """
 
     parts: tuple[PartFinding, ...]
     absent: tuple[MissingPart, ...]
     strays: tuple[StrayFile, ...]
+    lines_problem: str = ""
     damaged_rows: tuple[KnownDamage, ...] = ()
     left_out: tuple[LeftOutTrial, ...] = ()
 
     @property
     def is_in_order(self) -> bool:
         """Whether there is nothing to do."""
-        return not (self.parts or self.absent or self.strays or self.damaged_rows)
+        listed = (self.parts, self.absent, self.strays, self.lines_problem, self.damaged_rows)
+        return not any(listed)
 
 
 def survey(folder: Path) -> Survey:
@@ -83,7 +87,8 @@ def survey(folder: Path) -> Survey:
     return Survey(
         findings,
         _absent(folder),
-        tuple(_strays(folder)),
+        (*_strays(folder), *_texts(folder)),
+        lines_problem(folder),
         *_damage(findings, folder, recoveries),
     )
 
@@ -145,6 +150,18 @@ def _strays(folder: Path) -> Iterator[StrayFile]:
             check_log(path)
         except SessionError as error:
             yield StrayFile(path, str(error).removeprefix(f"{path} "))
+
+
+def _texts(folder: Path) -> Iterator[StrayFile]:
+    """Yield the texts beside the parts that were changed; the parts hold the originals."""
+    parts, _ = open_parts(existing_parts(folder)[:1])
+    for part in parts:
+        for name in changed_texts(folder, part):
+            yield StrayFile(folder / name, f"was changed, {part.path.name} contains the original")
+        part.close()
+    lines = folder / DIGEST_LINES_FILE
+    if lines.exists() and (problem := lines_problem(folder)):
+        yield StrayFile(lines, problem)
 
 
 def _damage(

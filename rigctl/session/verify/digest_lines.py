@@ -2,75 +2,22 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rigctl.config.text_file import read_bytes
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.digests import PREVIOUS_DIGEST
-from rigctl.session.format.layout import DIGEST_LINES_FILE, SessionOutcome
-from rigctl.session.format.table_rows import parse_event
-from rigctl.session.read.closing_digest import last_digest
+from rigctl.session.format.digests_file import CONTINUES, DigestLine, DigestLines, utc_at
+from rigctl.session.format.layout import DIGEST_LINES_FILE
+from rigctl.session.read.closing_digest import last_digest, session_end
 from rigctl.session.read.part import PartReader
 from rigctl.session.verify.report import VerifyReport
-from rigctl.session.write.digest_lines import utc_at
 
-CONTINUES = "continues"
-MAX_BYTES = 16 << 20
-"""Of any file beside the parts: more than 100,000 sittings."""
+MAX_TEXT_BYTES = 16 << 20
+"""Of a text beside the parts."""
 MAX_SITTING_S = 1e9
-_LINE = re.compile(
-    r"(?P<utc>\S+) (?:opened (?P<opened>part-[0-9]{4,5}\.h5)"
-    r"|closed (?P<closed>part-[0-9]{4,5}\.h5) (?P<word>finished|stopped|failed|continues) "
-    r"(?P<committed>[0-9]{1,9})/(?P<planned>[0-9]{1,9})) (?P<digest>[0-9a-f]{64})"
-)
-
-
-@dataclass(frozen=True, slots=True)
-class DigestLine:
-    """A line of ``digests.txt``; ``word`` and ``counts`` are empty for a part that was opened."""
-
-    utc: str
-    part: str
-    word: str
-    counts: str
-    digest: str
-
-
-@dataclass(frozen=True, slots=True)
-class DigestLines:
-    """The lines of ``digests.txt`` and the numbers of those that are no such line."""
-
-    lines: tuple[DigestLine, ...] = ()
-    wrong: tuple[int, ...] = ()
-    exists: bool = True
-
-    @property
-    def closed(self) -> dict[str, str]:
-        """The last digest of each closed part."""
-        return {line.part: line.digest for line in self.lines if line.word}
-
-
-def read_digest_lines(folder: Path) -> DigestLines:
-    """Return the lines beside a session's parts. Raises SessionError if they cannot be read."""
-    data = _read(folder / DIGEST_LINES_FILE)
-    if data is None:
-        return DigestLines(exists=False)
-    lines, wrong = [], []
-    for number, text in enumerate(data.decode("ascii", "replace").split("\n")[:-1], start=1):
-        found = _LINE.fullmatch(text)
-        if found is None:
-            wrong.append(number)
-            continue
-        counts = f"{found['committed']}/{found['planned']}" if found["closed"] else ""
-        part = found["opened"] or found["closed"]
-        lines.append(DigestLine(found["utc"], part, found["word"] or "", counts, found["digest"]))
-    if data and not data.endswith(b"\n"):
-        wrong.append(data.count(b"\n") + 1)
-    return DigestLines(tuple(lines), tuple(wrong))
 
 
 def check_digest_lines(
@@ -119,10 +66,7 @@ def _wrong_time(line: DigestLine, part: PartReader, begun: str) -> Iterator[str]
         at_s = float(part.rows(layout.EVENTS, part.n_rows(layout.EVENTS) - 1)["at_s"][0])
     if not abs(at_s - part.header.start_loop_s) < MAX_SITTING_S:
         return  # its events are not those that were recorded, which another check says
-    try:
-        expected = (line.word == "" and begun) or utc_at(part.header, at_s)
-    except OverflowError:
-        return  # start_utc is at the end of time, so another check names the description
+    expected = (line.word == "" and begun) or utc_at(part.header, at_s)
     if line.utc != expected:
         verb = "closed" if line.word else "opened"
         yield f"{line.part} was {verb} at {expected}, not at {line.utc}"
@@ -138,31 +82,29 @@ def _ending(part: PartReader, line: DigestLine) -> tuple[str, str]:
     return str(data.get("outcome")), f"{data.get('committed')}/{data.get('planned')}"
 
 
-def session_end(part: PartReader) -> Mapping[str, object] | None:
-    """Return how the sitting ended, if the part is the last one of it.
+def changed_texts(folder: Path, first: PartReader) -> Iterator[str]:
+    """Yield the names of the texts beside the parts that part 1 does not hold.
 
-    Raises SessionError for an event that no recording wrote.
+    Only part 1 was begun with them: a resumed session may have another rig.
     """
-    rows = part.rows_where(layout.EVENTS, "kind", layout.SESSION_END_KIND)
-    if not len(rows):
-        return None
-    data = parse_event(rows[-1], part.path).data
-    if data.get("outcome") not in list(SessionOutcome):
-        raise SessionError(f"{part.path}: its event session_end has no outcome")
-    return data
+    for name, path in ((layout.PROTOCOL_FILE, "/protocol_toml"), (layout.RIG_FILE, "/rig_toml")):
+        beside = _read(folder / name) if first.number == 1 else None
+        if beside is not None and _unix_lines(beside) != _unix_lines(first.text(path).encode()):
+            yield name
 
 
 def check_texts(folder: Path, first: PartReader, report: VerifyReport) -> None:
     """Compare the protocol and the rig beside the parts with the texts in part 1."""
-    for name, path in ((layout.PROTOCOL_FILE, "/protocol_toml"), (layout.RIG_FILE, "/rig_toml")):
-        beside = _read(folder / name)
-        if beside is None:
-            report.notes.append(f"{name}: is missing, {first.path.name} contains it")
-        elif _unix_lines(beside) != _unix_lines(first.text(path).encode()):
-            report.problems.append(
-                f"{name}: was changed since the recording, {first.path.name} contains the text "
-                "that was used"
-            )
+    report.notes += [
+        f"{name}: is missing, {first.path.name} contains it"
+        for name in (layout.PROTOCOL_FILE, layout.RIG_FILE)
+        if not (folder / name).exists()
+    ]
+    report.problems += [
+        f"{name}: was changed since the recording, {first.path.name} contains the text that was "
+        "used"
+        for name in changed_texts(folder, first)
+    ]
 
 
 def _unix_lines(text: bytes) -> bytes:
@@ -170,4 +112,4 @@ def _unix_lines(text: bytes) -> bytes:
 
 
 def _read(path: Path) -> bytes | None:
-    return read_bytes(path, MAX_BYTES, SessionError) if path.exists() else None
+    return read_bytes(path, MAX_TEXT_BYTES, SessionError) if path.exists() else None

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from rigctl.session.chain.digest_table import RowRange
 from rigctl.session.chain.links import OnBytes, PartLinks, check_links
 from rigctl.session.chain.touched_trials import name_attempts, touched_attempts
+from rigctl.session.format.data_sets import DIGESTS
 from rigctl.session.format.digests import DESCRIPTION, FIRST_DIGEST, PREVIOUS_DIGEST
 from rigctl.session.read.closing_digest import last_digest
 from rigctl.session.read.damage import describe_rows
@@ -27,21 +28,23 @@ def check_part_digests(
     known: Sequence[KnownDamage],
     report: VerifyReport,
     on_bytes: OnBytes,
-) -> None:
-    """Check every row of a part that has digests.
+) -> bool:
+    """Check every row of a part that has digests; return whether all damage is known.
 
     ``follower``: the digest that the next part or ``digests.txt`` has for this part's end.
     ``known``: damage that a recovery file lists, which is noted while it does not change.
     """
-    links = check_links(part, follower=follower, on_bytes=on_bytes)
-    attested = [place for place in links.damaged if _is_known(part, place, known)]
+    links, attested = _split_known(
+        part, check_links(part, follower=follower, on_bytes=on_bytes), known
+    )
     report.notes += [
         f"{part.path.name}: {line}, as a recovery file says"
         for line in _altered_rows(part, attested, describe_rows)
     ]
-    links = replace(links, damaged=tuple(p for p in links.damaged if p not in attested))
-    report.problems += [f"{part.path.name}: {line}" for line in _problems(part, links)]
+    problems = list(_problems(part, links))
+    report.problems += [f"{part.path.name}: {line}" for line in problems]
     report.notes += [f"{part.path.name}: {line}" for line in _notes(part, links)]
+    return bool(attested) and not problems
 
 
 def _problems(part: PartReader, links: PartLinks) -> Iterator[str]:
@@ -56,6 +59,32 @@ def _problems(part: PartReader, links: PartLinks) -> Iterator[str]:
         )
     if misplaced := links.coverage.misplaced:
         yield f"{_rows(misplaced)} of /digests {_were(misplaced)} altered, removed or moved"
+
+
+def _split_known(
+    part: PartReader, links: PartLinks, known: Sequence[KnownDamage]
+) -> tuple[PartLinks, list[RowRange]]:
+    """Return what no recovery file lists, and the places that one does."""
+    attested: list[RowRange] = []
+
+    def unknown(places: Iterable[RowRange]) -> tuple[RowRange, ...]:
+        found = {place: _is_known(part, place, known) for place in places}
+        attested.extend(place for place, is_known in found.items() if is_known)
+        return tuple(place for place, is_known in found.items() if not is_known)
+
+    def unknown_digests(rows: Iterable[int]) -> tuple[int, ...]:
+        return tuple(
+            place.first_row for place in unknown(RowRange(DIGESTS.path, row, 1) for row in rows)
+        )
+
+    coverage = replace(
+        links.coverage,
+        gone=unknown(links.coverage.gone),
+        uncovered=unknown(links.coverage.uncovered),
+        misplaced=unknown_digests(links.coverage.misplaced),
+    )
+    damaged, altered = unknown(links.damaged), unknown_digests(links.altered)
+    return PartLinks(coverage, damaged, altered), attested
 
 
 def _is_known(part: PartReader, place: RowRange, known: Sequence[KnownDamage]) -> bool:
@@ -113,9 +142,14 @@ def _were(rows: Sequence[int]) -> str:
 
 
 def check_succession(
-    parts: Sequence[PartReader], attested: Mapping[int, str], report: VerifyReport
+    parts: Sequence[PartReader],
+    attested: Mapping[int, str],
+    damaged: Collection[int],
+    report: VerifyReport,
 ) -> None:
     """Check that each part continues the chain of the one before it.
+
+    ``damaged``: numbers of parts with known damage, which may be at their end.
 
     ``attested``: the last digest of parts that were taken out or replaced since, by their number,
     as recovery files say. A missing part is named elsewhere.
@@ -126,7 +160,7 @@ def check_succession(
             continue
         previous = str(part.attributes.get(PREVIOUS_DIGEST, ""))
         before = parts[:number]
-        if not _follows(part, previous, before, ends):
+        if part.number - 1 not in damaged and not _follows(part, previous, before, ends):
             name = before[-1].path.name if before else "the beginning of a session"
             report.problems.append(
                 f"{part.path.name}: does not follow {name}: one of both was exchanged, or rows at "

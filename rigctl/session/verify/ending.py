@@ -7,10 +7,9 @@ from collections.abc import Sequence
 
 from rigctl.errors import WrongUse
 from rigctl.session.format.layout import part_name
-from rigctl.session.read.closing_digest import last_digest
+from rigctl.session.read.closing_digest import last_digest, session_end
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.recovery_file import RecoveryRecord
-from rigctl.session.verify.digest_lines import session_end
 from rigctl.session.verify.report import VerifyReport
 
 WRITTEN, CUT_SHORT, UNKNOWN = "being written", "cut short", "closed"

@@ -101,14 +101,17 @@ def _check_contents(
     for done, part in enumerate(session.parts):
         step = partial(_show, on_progress, share / n_parts, done, f"part {done + 1} of {n_parts}")
         step(0.0)
+        known = False
         try:
-            record.check_part(done, step)
+            known = record.check_part(done, step)
             problems, notes = check(part, session.trials[session.trials["part"] == part.number])
             value_problems, value_notes = check_values(part)
         except SessionError as error:
-            report.problems.append(str(error))
+            (report.notes if known else report.problems).append(str(error))
             continue
-        report.problems += [f"{part.path.name}: {line}" for line in (*problems, *value_problems)]
+        # What does not fit where a recovery file lists altered rows comes from these rows.
+        found = report.notes if known else report.problems
+        found += [f"{part.path.name}: {line}" for line in (*problems, *value_problems)]
         report.notes += [f"{part.path.name}: {line}" for line in (*notes, *value_notes)]
     on_progress(share, "the plan")
     record.check_whole()

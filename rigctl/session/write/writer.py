@@ -21,16 +21,13 @@ from rigctl.errors import DiskFault
 from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
+from rigctl.session.format.digests_file import CONTINUES, DigestLine, append_line, utc_at
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.layout import SessionOutcome
 from rigctl.session.format.table_rows import Row, event_row
-from rigctl.session.write.digest_lines import append_line, utc_at
 from rigctl.session.write.part_writer import PartWriter, SampleBlock
 from rigctl.session.write.session_history import SessionHistory
 from rigctl.values import Event, Gap, Verdict
-
-CONTINUES = "continues"
-"""The word in ``digests.txt`` for a closed part that another follows in the same sitting."""
 
 _ERRNO = re.compile(r"errno = (\d+)")
 _REMEDIES = {
@@ -129,7 +126,7 @@ class SessionWriter:
             self._texts,
             self._last_digest,
         )
-        self._append_line("opened", path.name, self._last_digest)
+        self._append_line(path.name)
         self.flush()
 
     def add_block(self, block: SampleBlock) -> None:
@@ -210,8 +207,7 @@ class SessionWriter:
         part.close()
         self._closed_samples += part.samples_written
         self._closed_bytes += part.path.stat().st_size
-        counts = f"{len(self._committed)}/{self._header.trials_planned}"
-        self._append_line("closed", part.path.name, word, counts, self._last_digest)
+        self._append_line(part.path.name, word)
         self.status = self._read_status()
 
     def abandon(self) -> None:
@@ -229,8 +225,11 @@ class SessionWriter:
         self._last_at_s = max(self._last_at_s, at_s)
         return self._part
 
-    def _append_line(self, *words: str) -> None:
-        append_line(self._folder, utc_at(self._header, self._last_at_s), *words)
+    def _append_line(self, name: str, word: str = "") -> None:
+        """Append the line of a part that is opened, or closed for the reason that ``word`` says."""
+        counts = f"{len(self._committed)}/{self._header.trials_planned}" if word else ""
+        utc = utc_at(self._header, self._last_at_s)
+        append_line(self._folder, DigestLine(utc, name, word, counts, self._last_digest))
 
     def _read_status(self) -> RecorderStatus:
         part = self._part
