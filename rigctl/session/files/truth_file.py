@@ -21,7 +21,7 @@ from rigctl.session.format.data_sets import (
     SessionLayout,
     TableLayout,
 )
-from rigctl.session.format.digests import DESCRIPTION, PREVIOUS_DIGEST, next_digest
+from rigctl.session.format.digests import DESCRIPTION, FIRST_DIGEST, PREVIOUS_DIGEST, next_digest
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.hdf5.hdf5_file import Hdf5File
 from rigctl.session.hdf5.schema import TEXT, DataSetSchema
@@ -46,10 +46,12 @@ END = TableLayout(
     (Column("n_rows", "i8", "ms", "rows of each column"),),
 )
 TRUTH_LAYOUT = SessionLayout("world", "simulated world", COLUMNS, (END,), END)
-_SCHEMA = (
-    *(DataSetSchema(t.path, 1, dtype=t.dtype, tail=(), optional=True) for t in (END, DIGESTS)),
-    *(DataSetSchema(c.path, 1, dtype=np.dtype(f"<{c.type_code}"), tail=()) for c in COLUMNS),
-    *(DataSetSchema(path, 0, TEXT, optional=True) for path, _ in TEXTS),
+_SCHEMA = tuple(
+    DataSetSchema(c.path, 1, dtype=np.dtype(f"<{c.type_code}"), tail=()) for c in COLUMNS
+)
+_WITH_DIGESTS = (
+    *(DataSetSchema(t.path, 1, dtype=t.dtype, tail=()) for t in (END, DIGESTS)),
+    *(DataSetSchema(path, 0, TEXT) for path, _ in TEXTS),
 )
 
 _LIMITS = {"first_ms": 1 << 48, "sitting": 1 << 15}
@@ -99,6 +101,12 @@ class TruthReader:
         )
         self.start = start_of(attributes) if "start_utc" in attributes else None
         file.check(_SCHEMA)
+        # Logs from before there were digests lack all of it.
+        self._has_digests = PREVIOUS_DIGEST in attributes or any(
+            file.has(schema.path) for schema in _WITH_DIGESTS
+        )
+        if self._has_digests:
+            file.check(_WITH_DIGESTS)
         self.n_rows = min(readable_rows(file, column.path) for column in COLUMNS)
         self._buffers = {
             column.field: BufferedArray(partial(file.rows, column.path), self.n_rows)
@@ -124,17 +132,21 @@ class TruthReader:
 
         A log from before there were digests is read whole, which finds what its filter notices.
         """
-        if not self._file.is_checked(DIGESTS.path):
+        if not self._has_digests:
             for column in COLUMNS:
                 for _ in read_blocks(partial(self.window, column.field), self.n_rows):
                     pass
             return
-        self._check_digests()
-        if self._file.path.suffix != PARTIAL:
-            self._check_end()
+        is_whole = self._file.path.suffix != PARTIAL
+        if is_whole and self._file.shape(END.path)[0] == 0:
+            raise self._cut()
+        covered = self._check_digests()
+        if is_whole:
+            self._check_all_covered(covered)
 
-    def _check_digests(self) -> None:
-        last = str(self._file.attributes().get(PREVIOUS_DIGEST, ""))
+    def _check_digests(self) -> dict[str, int]:
+        """Check every digest; return the rows of each data set that they cover."""
+        last = FIRST_DIGEST
         covered: dict[str, int] = {}
         n_digests = readable_rows(self._file, DIGESTS.path)
         for stored in self._file.rows(DIGESTS.path, 0, n_digests):
@@ -145,9 +157,17 @@ class TruthReader:
             if first != covered.get(table, 0) or stored["digest"] != digest.encode():
                 raise self._altered(table, first, n_rows)
             covered[table], last = first + n_rows, digest
-        uncovered = [c.path for c in COLUMNS if covered.get(c.path, 0) < self.n_rows]
-        if uncovered and self._file.path.suffix != PARTIAL:
-            raise self._altered(uncovered[0], covered.get(uncovered[0], 0), self.n_rows)
+        return covered
+
+    def _check_all_covered(self, covered: Mapping[str, int]) -> None:
+        if DESCRIPTION not in covered:
+            raise self._altered(DIGESTS.path, 0, 1)
+        for path in (*(column.path for column in COLUMNS), END.path):
+            n_covered, n_rows = covered.get(path, 0), self._file.shape(path)[0]
+            if n_covered < n_rows:
+                raise self._altered(path, n_covered, n_rows - n_covered)
+        if self._file.row(END.path, -1)["n_rows"] != self.n_rows:
+            raise self._cut()
 
     def _covered(self, table: str, first: int, n_rows: int) -> tuple[int, int, bytes]:
         """Return place and bytes of rows that a digest covers."""
@@ -158,10 +178,8 @@ class TruthReader:
             raise self._altered(DIGESTS.path, first, n_rows)
         return first, n_rows, self._file.rows(table, first, first + n_rows).tobytes()
 
-    def _check_end(self) -> None:
-        closed = self._file.is_checked(END.path) and self._file.shape(END.path) == (1,)
-        if not closed or self._file.row(END.path, 0)["n_rows"] != self.n_rows:
-            raise SessionError(f"{self._file.path} is damaged: its last rows are missing")
+    def _cut(self) -> SessionError:
+        return SessionError(f"{self._file.path} is damaged: its last rows are missing")
 
     def _altered(self, table: str, first: int, n_rows: int) -> SessionError:
         return SessionError(
