@@ -13,7 +13,9 @@ from rigctl.protocol.loader import parse_protocol
 from rigctl.session.files.analysis_file import content_digest
 from rigctl.session.format.layout import PROTOCOL_FILE, RIG_FILE
 from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.read.recovery_file import PATTERN, read_recovery
 from rigctl.session.read.session import Session
+from rigctl.session.recover.recover import recover
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify.report import VerifyReport
 from rigctl.session.verify.session import verify
@@ -52,6 +54,22 @@ def build_simulated(folder: Path) -> None:
     plan = parse_protocol(PROTOCOL, "tiny.toml").plan()
     request = DatasetRequest(plan, 3, folder, "2026-11-21T12:00:00Z")
     generate(request, lambda progress: None, lambda: False)
+
+
+def build_recovered(folder: Path) -> None:
+    """Put a session in order whose parts were altered, cut short and joined by a copy."""
+    building.record_plan(folder)
+    first, second = sorted(folder.glob("part-*.h5"))
+    with h5py.File(first, "r+") as file:
+        file["/taxels/samples"][10, 3] ^= 1
+    second.with_name("part-0002 (copy).h5").write_bytes(b"copy")
+    second.write_bytes(second.read_bytes()[:-100])
+    recover(folder, "2026-11-23T14:00:00Z")
+
+
+def read_recovery_files(folder: Path) -> object:
+    """Read the recovery file, all members of which its digest covers."""
+    return [read_recovery(path).report for path in sorted(folder.glob(PATTERN))]
 
 
 def check(folder: Path) -> VerifyReport:
@@ -168,5 +186,12 @@ SESSION_KINDS = (
         (Place("world*.h5", HDF5),),
         (check, summarise),
         verified_content,
+    ),
+    Kind(
+        "recovery",
+        build_recovered,
+        (Place(PATTERN, TEXT),),
+        (read_recovery_files, *DRUM_DOORS),
+        lambda folder, reports: reports,
     ),
 )
