@@ -39,6 +39,18 @@ def is_plain_file(path: Path) -> bool:
         return False
 
 
+def refuse_link_outside(path: Path, error: type[WrongUse] = WrongUse) -> None:
+    """Raise ``error`` for a link that leads out of its own folder; the folder may be a link."""
+    if not path.is_symlink():
+        return
+    folder, target = os.path.realpath(path.parent), Path(os.path.realpath(path))
+    if not target.is_relative_to(folder):
+        raise error(
+            f"{path} is a link to a file outside its folder, which may not be followed: put the "
+            "file itself there"
+        )
+
+
 def open_file(path: Path, error: type[WrongUse] = WrongUse) -> BufferedReader:
     """Open a plain file for reading. Raises ``error`` for anything else; never waits."""
     if kind := kind_of(path):

@@ -15,6 +15,7 @@ from rigctl import __version__
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.arguments import PathText, Seed
 from rigctl.config.resources import find_protocol, source_commit
+from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
@@ -116,6 +117,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
             "connect the rig that began the session"
         )
     check_same_world(folder, header.simulation, rig.world)
+    refuse_link_outside(folder / layout.PROTOCOL_FILE)
     plan = load_protocol(folder / layout.PROTOCOL_FILE, rig.config).plan(header.seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned trial is committed")

@@ -32,6 +32,7 @@ from rigctl.cli.data.world import add_world
 from rigctl.cli.options.arguments import a_path, add_seed, path_or_name
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.options.terminal import Interrupts
+from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import WrongUse
 from rigctl.session.format.layout import RIG_FILE
 from rigctl.session.read.closing_digest import read_closing_digest
@@ -250,6 +251,7 @@ def _rig(args: argparse.Namespace) -> str:
     with Session.open(Path(args.resume)) as session:
         kind, simulate = session.header.rig, session.config.ports.simulate
     if simulate:
+        refuse_link_outside(Path(args.resume) / RIG_FILE)
         return str(Path(args.resume) / RIG_FILE)
     if kind not in ("virtual", "firmware"):
         raise WrongUse("this session was recorded on a real rig: name its rig.toml with --rig")

@@ -18,6 +18,7 @@ from rigctl.acquisition.rpc.arguments import PathText, Seed, Word
 from rigctl.analysis.finger.answers import FingerClassifier
 from rigctl.analysis.finger.confidence import COVERAGE, ERROR_RATE
 from rigctl.config.resources import find_finger_protocol, source_commit
+from rigctl.config.text_file import refuse_link_outside
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError, WrongUse
@@ -158,6 +159,7 @@ def _resume(
         models = session.events_of(MODEL_KIND)
         rejected = int(np.sum(session.trials["verdict"] == Verdict.REJECTED.value))
     _check_rig(folder, header, rig)
+    refuse_link_outside(folder / layout.PROTOCOL_FILE)
     protocol = load_finger_protocol(folder / layout.PROTOCOL_FILE)
     plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
     if len(done) == len(plan.trials):

@@ -10,7 +10,7 @@ from typing import Any
 
 import h5py
 
-from rigctl.config.text_file import open_file
+from rigctl.config.text_file import open_file, refuse_link_outside
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.session.files.seal import SEALED, check_seal, seal
 from rigctl.session.files.source_sessions import read_source_sessions
@@ -98,6 +98,7 @@ def content_digest(folder: Path) -> str:
     """
     total = hashlib.sha256()
     for path in part_paths(folder):
+        refuse_link_outside(path, SessionError)
         try:
             with open_file(path, SessionError) as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()

@@ -6,8 +6,12 @@ import os
 import sys
 from pathlib import Path
 
+from rigctl.config.text_file import kind_of, read_bytes
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format.layout import LOCK_FILE
+
+LONGEST_LINE = 64
+"""Bytes of a lock file: a process id."""
 
 if sys.platform == "win32":
     import msvcrt
@@ -33,7 +37,7 @@ class WriterLock:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / LOCK_FILE
+        self._path = _lock_path(folder)
         self._descriptor = self._acquire()
         os.ftruncate(self._descriptor, 0)
         os.lseek(self._descriptor, 0, os.SEEK_SET)
@@ -79,21 +83,34 @@ class WriterLock:
             return False
 
 
+def _lock_path(folder: Path) -> Path:
+    """Return the path of the lock file, which may be missing.
+
+    Raises SessionError for a pipe, which would be waited for, and for a link, as the file that it
+    leads to would be emptied: a session comes from anywhere.
+    """
+    path = folder / LOCK_FILE
+    if kind := "a link" if path.is_symlink() else kind_of(path):
+        raise SessionError(f"{path} is {kind}, not a file: move it elsewhere")
+    return path
+
+
 def lock_owner_pid(folder: Path) -> int | None:
     """Return the process id in the lock file; None without a lock file."""
     try:
-        text = (folder / LOCK_FILE).read_text()
-    except OSError:
+        text = read_bytes(_lock_path(folder), LONGEST_LINE, SessionError).strip()
+    except SessionError:
         return None
-    return int(text) if text.strip().isdigit() else None
+    return int(text) if text.isdigit() else None
 
 
 def is_being_written(folder: Path) -> bool:
     """Return whether a living process writes the session."""
     try:
+        path = _lock_path(folder)
         writable = os.O_RDWR if sys.platform == "win32" else os.O_RDONLY
-        descriptor = os.open(folder / LOCK_FILE, writable)
-    except OSError:
+        descriptor = os.open(path, writable)
+    except (OSError, SessionError):
         return False
     try:
         _try_lock(descriptor)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.data_sets import LIBVER, TEXTS
@@ -52,6 +53,7 @@ def open_cut_part(path: Path) -> Hdf5File:
 
     Raises SessionError as :func:`open_part` does.
     """
+    refuse_link_outside(path, SessionError)
     return _checked(_map(path))
 
 
@@ -91,8 +93,10 @@ def describe_file(file: Hdf5File) -> bytes:
 def open_appended(path: Path, is_growing: bool) -> Hdf5File:
     """Open a file that is only ever appended to: closed, growing, or left by a killed writer.
 
-    ``is_growing``: a living writer may have it open. Raises SessionError for a damaged file.
+    ``is_growing``: a living writer may have it open. Raises SessionError for a damaged file, and
+    for a link that leads out of the session.
     """
+    refuse_link_outside(path, SessionError)
     # A closed file opens directly, a growing one in SWMR mode and an unclosed one through a map.
     try:
         return Hdf5File(path, libver=LIBVER, rdcc_nbytes=CACHE_BYTES)

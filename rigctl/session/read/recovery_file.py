@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.errors import SessionError
 from rigctl.session.format.layout import part_number
 
@@ -143,12 +144,10 @@ def damaged_recoveries(folder: Path) -> list[str]:
 
 def read_recovery(path: Path) -> RecoveryRecord:
     """Return one file. Raises SessionError for a damaged, altered or other one."""
+    refuse_link_outside(path, SessionError)
+    data = read_bytes(path, MAX_BYTES, SessionError)
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        members = json.loads(data.decode()) if len(data) <= MAX_BYTES else None
-    except OSError as error:
-        raise SessionError(f"{path} cannot be read: {error.strerror}") from error
+        members = json.loads(data.decode())
     except (ValueError, RecursionError):
         members = None
     if not isinstance(members, dict) or members.pop("sha256", None) != _sha256(members):
