@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from rigctl.config.text_file import read_bytes
+from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.errors import SessionError
 from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.layout import DIGEST_LINES_FILE, part_number
@@ -62,6 +62,7 @@ class DigestLines:
 def read_digest_lines(folder: Path) -> DigestLines:
     """Return the lines beside a session's parts. Raises SessionError if they cannot be read."""
     path = folder / DIGEST_LINES_FILE
+    refuse_link_outside(path, SessionError)
     if not path.exists():
         return DigestLines(exists=False)
     data = read_bytes(path, MAX_BYTES, SessionError)
@@ -95,8 +96,6 @@ class ListedPart:
 def listed_parts(folder: Path) -> dict[int, ListedPart]:
     """Return the parts by number; none for a session without a readable file."""
     parts: dict[int, ListedPart] = {}
-    if (folder / DIGEST_LINES_FILE).is_symlink():
-        return parts
     with suppress(SessionError):
         for line in read_digest_lines(folder).lines:
             number = part_number(Path(line.part))

@@ -8,6 +8,7 @@ from dataclasses import astuple, dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from rigctl.config.text_file import open_file, refuse_link_outside
 from rigctl.errors import SessionError
 from rigctl.session.chain.digest_table import RowRange
 from rigctl.session.chain.touched_trials import touched_attempts
@@ -94,9 +95,10 @@ def survey(folder: Path) -> Survey:
 
 
 def part_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file. Raises SessionError if it cannot be read."""
+    """Return the SHA-256 of a file. Raises SessionError if it cannot be read, or is outside."""
+    refuse_link_outside(path, SessionError)
     try:
-        with path.open("rb") as file:
+        with open_file(path, SessionError) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise SessionError(f"{path} cannot be read: {error.strerror or error}") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from rigctl.config.text_file import read_bytes
+from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.digests import PREVIOUS_DIGEST
@@ -112,4 +112,5 @@ def _unix_lines(text: bytes) -> bytes:
 
 
 def _read(path: Path) -> bytes | None:
+    refuse_link_outside(path, SessionError)
     return read_bytes(path, MAX_TEXT_BYTES, SessionError) if path.exists() else None

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.experiments import check_experiment, layout_of
@@ -84,6 +85,7 @@ def _write_once(path: Path, text: str) -> None:
 
 
 def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
+    refuse_link_outside(folder / layout.DIGEST_LINES_FILE, SessionError)
     if resume:
         _check_plan(_last_readable(folder), header)
     elif highest_number(folder):

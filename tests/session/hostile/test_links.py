@@ -66,7 +66,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[set[str]]:
     yield paths
 
 
-@pytest.mark.parametrize("name", [*FILES[:3], RECOVERY])
+@pytest.mark.parametrize("name", [*FILES, RECOVERY])
 def test_no_file_outside_is_read_and_verify_says_so(
     session: Path, name: str, opened: set[str]
 ) -> None:
@@ -134,3 +134,13 @@ def test_no_lock_and_no_recovery_file_is_waited_for(session: Path) -> None:
         WriterLock(session)
     assert not is_being_written(session)
     assert any("is a pipe" in line for line in verify(session).problems)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_recover_refuses_a_link_outside_and_moves_nothing(session: Path, name: str) -> None:
+    target = link_outside(session / name)
+    before = sorted(path.name for path in session.iterdir())
+    with pytest.raises(SessionError, match=f"{name} is a link to a file outside its folder"):
+        recover(session, "2026-11-23T14:00:00Z")
+    assert sorted(path.name for path in session.iterdir()) == before
+    assert target.is_file()
