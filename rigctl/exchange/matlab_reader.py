@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +49,7 @@ def _read_mat5(path: Path) -> dict[str, Any]:
             check_mat5(file.read())
         # SciPy's compiled reader can die of structures that are sound to our check.
         processor_s = 1.0 + path.stat().st_size / READ_BYTES_PER_S
-        if not survives(partial(loadmat, str(path), simplify_cells=True), processor_s):
+        if not survives("mat5", path, processor_s):
             raise ValueError("a process that reads it dies of it, or never ends")
         variables = loadmat(str(path), simplify_cells=True)
     except (*unreadable, zlib.error, OverflowError, MemoryError) as error:

@@ -1,49 +1,53 @@
-"""Let a child process read an HDF5 file's structure first, because HDF5 may die of it.
+"""Let another process read an HDF5 file's structure first, because HDF5 may die of it.
 
 Metadata that is wrong but has right checksums can end a process inside HDF5 2.0 by a signal, or
-damage its memory: about one of 150 such changes did. So a forked child opens the file and walks
-through all that describes its data, and this process opens the file only if the child came through.
-Not on systems without ``fork`` (Windows), and not for a file that a living writer appends to.
+damage its memory: about one of 150 such changes did. So a fork of a helper opens the file and walks
+through all that describes its data, and this process opens the file only if the fork came through.
+Not on Windows, which has no ``fork``, and not for a file that a living writer appends to.
+
+The helper is a program of its own (:mod:`rigctl.session.hdf5.probe_child`), because a fork of this
+process beside its threads may hang, and on macOS die, of what its libraries hold.
 """
 
 from __future__ import annotations
 
-import faulthandler
-import gc
+import atexit
+import json
 import os
 import select
-import signal
+import subprocess
 import sys
-from collections.abc import Callable
-from functools import cache, partial
+import threading
+from functools import cache
 from mmap import mmap
 from pathlib import Path
 from typing import Any
 
-import h5py
-from h5py import h5a, h5d, h5g, h5l, h5o
-
 from rigctl.errors import SessionError
-from rigctl.session.hdf5.errors import HDF5_ERRORS
+from rigctl.session.hdf5 import probe_child
+from rigctl.session.hdf5.probe_child import DIED, LONGEST_S, SURVIVED, USELESS
 
-LONGEST_S = 60.0
 PROCESSOR_S = 0.5
-"""Of the child, in which HDF5 may also never come to an end; a sound part takes 10 ms."""
-MOST_OBJECTS = 10_000
-_LASTS = b"."
+"""Of the fork, in which HDF5 may also never come to an end; a sound part takes 10 ms."""
+START_S = 60.0
+END_S = 5.0
+_HEAD_BYTES = 64
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Of the helper: a process that forks has no threads."""
 
 
 def check_survivable(path: Path, image: mmap | None, options: dict[str, Any]) -> None:
     """Raise SessionError where a process that reads the structure of the file would die of it.
 
-    ``image``: bytes in place of the file's. A file that came through is not tried again until it
-    changes.
+    ``image``: the file's bytes with another head. A file that came through is not tried again until
+    it changes.
     """
     status = path.stat()
     known = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, image is None)
-    if sys.platform == "win32" or known in _survivors():
+    if known in _survivors():
         return
-    if not survives(partial(_read_structure, image or path, options), PROCESSOR_S):
+    head = bytes(image[:_HEAD_BYTES]).hex() if image is not None else ""
+    if not survives("hdf5", path, PROCESSOR_S, head=head, options=options):
         raise SessionError(
             f"{path} is damaged: a process that reads its structure dies of it, or never ends"
         )
@@ -56,83 +60,127 @@ def _survivors() -> set[tuple[int, ...]]:
     return set()
 
 
-def survives(work: Callable[[], object], processor_s: float) -> bool:
-    """Return whether a child comes to the end of ``work``, in order or with an error of Python's.
+def survives(kind: str, path: Path, processor_s: float, **request: Any) -> bool:
+    """Return whether a process comes to the end of reading a file, or to an error of Python's.
 
-    ``processor_s``: what it may take of a processor. True on systems without ``fork``.
+    ``kind``: one of the helper's readers, for which ``request`` is. ``processor_s``: what the
+    process may take of a processor. True on Windows, and where no process can read a sound file.
     """
     if sys.platform == "win32":
         return True
-    reader, writer = os.pipe()
-    child = os.fork()
-    if not child:
-        _work_and_exit(work, processor_s, writer)
-    os.close(writer)
-    survived = False
-    try:
-        ready, _, _ = select.select([reader], [], [], LONGEST_S)
-        survived = bool(ready) and os.read(reader, 1) == _LASTS
-    finally:
-        os.close(reader)
-        if not survived:
-            os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-    return survived
+    absolute = str(path.absolute())
+    return _helper().survives(
+        {"kind": kind, "path": absolute, "processor_s": processor_s, **request}
+    )
 
 
-def _work_and_exit(work: Callable[[], object], processor_s: float, writer: int) -> None:
-    """Work as the child; answer, and end without any clean-up whatever happened."""
-    try:
-        faulthandler.disable()  # what the child dies of is told in a sentence
-        signal.signal(signal.SIGPROF, signal.SIG_DFL)
-        signal.setitimer(signal.ITIMER_PROF, processor_s)
-        work()
-    finally:
-        os.write(writer, _LASTS)
-        os._exit(0)
+@cache
+def _helper() -> ProbeHelper:
+    """Return this process's helper."""
+    helper = ProbeHelper()
+    atexit.register(helper.close)
+    os.register_at_fork(after_in_child=helper.forget)
+    return helper
 
 
-def _read_structure(source: Path | mmap, options: dict[str, Any]) -> None:
-    """Read as the child; what is refused in order is refused by the parent, too."""
-    try:
-        file = h5py.File(source, "r", **options)
-    except HDF5_ERRORS:
-        return
-    try:
-        _walk(file)
-    except HDF5_ERRORS:
-        gc.collect()
-    try:
-        file.close()
-    except RuntimeError:
-        os._exit(1)  # without an answer: what HDF5 cannot close stays open for ever
+class ProbeHelper:
+    """A process that reads files for this one, one after another; safe to use in threads.
+
+    It is started by the first file and after its own death, and ends with this process, however
+    that ends, because it reads a pipe that only this process holds open.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def survives(self, request: dict[str, Any]) -> bool:
+        """Return whether a fork of the helper comes through a file.
+
+        True where the helper cannot tell: it must never refuse what is sound.
+        """
+        line = json.dumps(request).encode() + b"\n"
+        with self._lock:
+            answer = self._ask(line) or self._ask(line)
+        return answer != DIED
+
+    def close(self) -> None:
+        """End the helper."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        _close_pipes(process)
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def forget(self) -> None:
+        """Leave the helper to the process that this one is a fork of."""
+        process, self._process = self._process, None
+        self._lock = threading.Lock()
+        if process is not None:
+            _close_pipes(process)
+            process.returncode = 0  # it is no child of this process, which need not wait for it
+
+    def _ask(self, line: bytes) -> bytes:
+        """Return the helper's answer, empty where it died or could not be started."""
+        try:
+            if self._process is None:
+                self._process = _start()
+                if _read_answer(self._process, START_S) != SURVIVED:
+                    raise BrokenPipeError
+            _write(self._process, line)
+            answer = _read_answer(self._process, 2 * LONGEST_S + END_S)
+        except OSError:
+            answer = b""
+        if answer not in (SURVIVED, DIED, USELESS):
+            self._kill()
+            return b""
+        return answer
+
+    def _kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+        self.close()
 
 
-def _walk(file: Any) -> None:
-    """Open every object once, its attributes and its index of chunks."""
-    places, seen = [h5g.open(file.id, b"/")], set[int]()
-    while places and len(seen) < MOST_OBJECTS:
-        node = places.pop()
-        address = h5o.get_info(node).addr
-        if address in seen:
-            continue
-        seen.add(address)
-        names: list[bytes] = []
-        h5a.iterate(node, names.append)
-        for name in names:
-            h5a.open(node, name).get_type()
-        if isinstance(node, h5g.GroupID):
-            places += [h5o.open(node, name) for name in node if _is_hard(node, name)]
-        elif isinstance(node, h5d.DatasetID):
-            _walk_chunks(node)
+def _start() -> subprocess.Popen[bytes]:
+    """Start the helper where it finds the same libraries as this process."""
+    folders = [str(Path(folder).absolute()) for folder in sys.path if folder]
+    return subprocess.Popen(
+        [sys.executable, "-P", "-W", "ignore", probe_child.__file__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        bufsize=0,
+        cwd=os.sep,
+        env={
+            **os.environ,
+            **dict.fromkeys(_ONE_THREAD, "1"),
+            "PYTHONPATH": os.pathsep.join(folders),
+        },
+        process_group=0,  # Ctrl-C is for this process
+    )
 
 
-def _is_hard(group: Any, name: bytes) -> bool:
-    return bool(group.links.get_info(name).type == h5l.TYPE_HARD)
+def _write(process: subprocess.Popen[bytes], line: bytes) -> None:
+    assert process.stdin is not None
+    view = memoryview(line)
+    while view:
+        view = view[os.write(process.stdin.fileno(), view) :]
 
 
-def _walk_chunks(node: Any) -> None:
-    node.get_type()
-    plist = node.get_create_plist()
-    if plist.get_layout() == h5d.CHUNKED:
-        node.chunk_iter(lambda chunk: None)
+def _read_answer(process: subprocess.Popen[bytes], timeout_s: float) -> bytes:
+    """Return one letter, empty where none comes."""
+    assert process.stdout is not None
+    waiting = select.poll()
+    waiting.register(process.stdout.fileno(), select.POLLIN)
+    return os.read(process.stdout.fileno(), 1) if waiting.poll(timeout_s * 1000) else b""
+
+
+def _close_pipes(process: subprocess.Popen[bytes]) -> None:
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            pipe.close()
