@@ -68,13 +68,13 @@ def carry_out(pending: Path) -> RecoveryRecord:
     folder, record = pending.parent, read_recovery(pending)
     try:
         if any(part.quarantined_as for part in record.parts) or record.moved:
-            _make_quarantine(folder)
+            make_quarantine(folder)
         for part in record.parts:
             if part.quarantined_as:
-                _quarantine(folder / part.name, folder / part.quarantined_as, part.sha256)
+                quarantine(folder / part.name, folder / part.quarantined_as, part.sha256)
                 _replace(folder / part.name, part.sha256, part.replaced_by)
         for moved in record.moved:
-            _quarantine(folder / moved.name, folder / moved.quarantined_as, moved.sha256)
+            quarantine(folder / moved.name, folder / moved.quarantined_as, moved.sha256)
             _replace(folder / moved.name, moved.sha256, "")
         final = pending.with_suffix("")
         pending.rename(final)
@@ -87,14 +87,15 @@ def carry_out(pending: Path) -> RecoveryRecord:
     return read_recovery(final)
 
 
-def _make_quarantine(folder: Path) -> None:
+def make_quarantine(folder: Path) -> None:
+    """Make the folder of the originals. Raises SessionError for a link or another file."""
     path = folder / QUARANTINE
     path.mkdir(exist_ok=True)
     if path.is_symlink() or not path.is_dir():
         raise SessionError(f"{path} is not a folder: move it elsewhere")
 
 
-def _quarantine(original: Path, place: Path, sha256: str) -> None:
+def quarantine(original: Path, place: Path, sha256: str) -> None:
     """Give an original its name in quarantine; the other one stays until :func:`_replace`."""
     if place.is_symlink() or place.exists():
         if part_sha256(place) != sha256:

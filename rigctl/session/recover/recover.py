@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from rigctl.session.recover.journal import REPLACEMENT, carry_out, finish_pendin
 from rigctl.session.recover.prefix import SavedRows, savable_rows
 from rigctl.session.recover.rebuilt_lines import rebuild_lines
 from rigctl.session.recover.replacement import Attempt, check_room, close_copy, write_prefix
+from rigctl.session.recover.saved_parts import SavedPart, find_saved, put_back
 from rigctl.session.recover.survey import (
     PartFinding,
     Remedy,
@@ -39,6 +40,7 @@ from rigctl.session.recover.survey import (
 )
 from rigctl.values import Verdict
 
+PUT_BACK = "put back"
 NAME_DIGITS = 16
 """Digits of the SHA-256 in a file's name in quarantine."""
 
@@ -85,19 +87,21 @@ def recover(folder: Path, now_utc: str, *, dry_run: bool = False) -> RecoveryRes
     """
     _check_folder(folder)
     if dry_run:
-        return _plan(folder)
+        return _with_saved(_plan(folder), find_saved(folder))
     had_lock = (folder / LOCK_FILE).exists()
     lock = WriterLock(folder)
     try:
         finished = tuple(finish_pending(folder))
+        saved = find_saved(folder)
+        replaced = tuple(filter(None, [put_back(each, _place) for each in saved]))
     finally:
         lock.release()
     planned = _plan(folder)
-    if planned.findings.is_in_order:
+    if planned.findings.is_in_order and not replaced:
         return RecoveryResult((), (), planned.findings, planned.not_committed, None, finished)
     lock = WriterLock(folder)
     try:
-        record = _put_in_order(folder, now_utc, planned, had_lock)
+        record = _put_in_order(folder, now_utc, planned, had_lock, replaced)
         if planned.findings.lines_problem:
             _rebuild_lines(folder)
     finally:
@@ -105,6 +109,14 @@ def recover(folder: Path, now_utc: str, *, dry_run: bool = False) -> RecoveryRes
     return RecoveryResult(
         planned.parts, planned.strays, planned.findings, planned.not_committed, record, finished
     )
+
+
+def _with_saved(planned: RecoveryResult, saved: Sequence[SavedPart]) -> RecoveryResult:
+    """Return a plan in which saved parts take the places of what is found there now."""
+    names = {each.path.name for each in saved}
+    outcomes = [PartOutcome(each.path.name, PUT_BACK, each.reason) for each in saved]
+    outcomes += [outcome for outcome in planned.parts if outcome.name not in names]
+    return replace(planned, parts=tuple(outcomes))
 
 
 def _check_folder(folder: Path) -> None:
@@ -156,9 +168,16 @@ def _not_committed(folder: Path, outcomes: Sequence[PartOutcome]) -> tuple[int, 
 
 
 def _put_in_order(
-    folder: Path, now_utc: str, planned: RecoveryResult, had_lock: bool
+    folder: Path,
+    now_utc: str,
+    planned: RecoveryResult,
+    had_lock: bool,
+    replaced: tuple[MovedFile, ...],
 ) -> RecoveryRecord:
-    """Write the replacements and the journal, then carry it out."""
+    """Write the replacements and the journal, then carry it out.
+
+    ``replaced``: files in whose places saved parts are, in quarantine already.
+    """
     found = planned.findings
     rebuilt = [each for each in found.parts if each.remedy is not Remedy.REMOVE]
     check_room(folder, sum(each.path.stat().st_size for each in rebuilt))
@@ -174,7 +193,7 @@ def _put_in_order(
         "not_committed": list(planned.not_committed),
         "digest_lines": found.lines_problem,
     }
-    moved = tuple(map(_moved, found.strays))
+    moved = (*replaced, *map(_moved, found.strays))
     text = recovery_text(now_utc, tuple(parts), found.damaged_rows, found.left_out, moved, report)
     return carry_out(write_journal(_free_path(folder, now_utc), text))
 
