@@ -147,7 +147,7 @@ def test_a_killed_part_becomes_a_closed_file_of_the_same_bytes(killed: Path) -> 
         subprocess.run(["h5dump", "-H", part], check=True, capture_output=True)
 
 
-@pytest.mark.parametrize("share", np.linspace(0.05, 0.99, 12))
+@pytest.mark.parametrize("share", np.linspace(0.05, 0.99, 7))
 def test_what_can_be_read_of_a_truncated_killed_part_is_saved(killed: Path, share: float) -> None:
     truncate(killed / "part-0001.h5", share)
     before, readable = digests_of(killed), readable_trials(killed)
