@@ -41,7 +41,11 @@ def is_plain_file(path: Path) -> bool:
 
 def refuse_link_outside(path: Path, error: type[WrongUse] = WrongUse) -> None:
     """Raise ``error`` for a link that leads out of its own folder; the folder may be a link."""
-    if not path.is_symlink():
+    try:
+        is_link = path.is_symlink()
+    except OSError:  # such as a name that is too long: opening it says so
+        return
+    if not is_link:
         return
     folder, target = os.path.realpath(path.parent), Path(os.path.realpath(path))
     if not target.is_relative_to(folder):
