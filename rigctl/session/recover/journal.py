@@ -20,6 +20,7 @@ from rigctl.session.read.recovery_file import (
     read_recovery,
 )
 from rigctl.session.recover.survey import part_sha256
+from rigctl.session.write.part_writer import sync_folder
 
 REPLACEMENT = ".recovered"
 """Ending of a new part until it takes its place."""
@@ -33,7 +34,7 @@ def write_journal(path: Path, text: str) -> Path:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
     except OSError as error:
         with suppress(OSError):
             pending.unlink()
@@ -78,7 +79,7 @@ def carry_out(pending: Path) -> RecoveryRecord:
             _replace(folder / moved.name, moved.sha256, "")
         final = pending.with_suffix("")
         pending.rename(final)
-        _sync_folder(folder)
+        sync_folder(folder)
     except OSError as error:
         raise DiskFault(
             f"{folder} cannot be put in order: {error.strerror or error}; nothing is lost, run "
@@ -109,8 +110,8 @@ def quarantine(original: Path, place: Path, sha256: str) -> None:
         os.link(original, place)
     except OSError:  # a file system without hard links
         original.rename(place)
-    _sync_folder(place.parent)
-    _sync_folder(original.parent)
+    sync_folder(place.parent)
+    sync_folder(original.parent)
 
 
 def _replace(path: Path, original_sha256: str, new_sha256: str) -> None:
@@ -122,15 +123,4 @@ def _replace(path: Path, original_sha256: str, new_sha256: str) -> None:
         new.replace(path)
     elif not new_sha256 and path.exists() and part_sha256(path) == original_sha256:
         path.unlink()
-    _sync_folder(path.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Sync the names in a folder to the medium; Windows has no such call and needs none."""
-    if os.name != "posix":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    sync_folder(path.parent)

@@ -127,7 +127,7 @@ class PartWriter:
         os.fsync(self._file.id.get_vfd_handle())
         if _temporary_path(self.path) != self.path:
             _temporary_path(self.path).rename(self.path)
-        _sync_folder(self.path.parent)
+        sync_folder(self.path.parent)
 
     def add_block(self, block: SampleBlock) -> None:
         """Buffer samples, their arrival and the gaps found with them."""
@@ -272,8 +272,8 @@ def _save_again(path: Path, descriptor: int) -> str:
     return f"what it held is in {target}"
 
 
-def _sync_folder(folder: Path) -> None:
-    """Sync the new file's name to the medium; Windows has no such call and needs none."""
+def sync_folder(folder: Path) -> None:
+    """Sync the names in a folder to the medium; Windows has no such call and needs none."""
     if os.name != "posix":
         return
     descriptor = os.open(folder, os.O_RDONLY)
