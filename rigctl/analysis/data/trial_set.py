@@ -24,7 +24,7 @@ from rigctl.session.read.session import Session
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 MAX_LISTED_IDS = 5
-CHECKING_STAGE = "checking digests"
+CHECKING_STAGE = "checking digests, MiB"
 
 
 class TrialRef(NamedTuple):
@@ -200,7 +200,7 @@ def join_sessions(
                 f"{path} is named twice: its trials would be in both training and test"
             )
         with Session.open(path) as session:
-            session.leave_out(damaged_trials(session, partial(progress, CHECKING_STAGE)))
+            session.leave_out(damaged_trials(session, partial(_show_mib, progress)))
             sources.append(_provenance(session))
             _check_layout(sources[0], sources[-1])
             trials += _moving_trials(session, number, len(files), remarks)
@@ -216,6 +216,10 @@ def join_sessions(
         tuple(replace(file, path=file.path.absolute()) for file in files),
         tuple(remarks),
     )
+
+
+def _show_mib(progress: Progress, done_bytes: int, total_bytes: int) -> None:
+    progress(CHECKING_STAGE, done_bytes >> 20, max(1, total_bytes >> 20))
 
 
 def _check_layout(first: dict[str, Any], last: dict[str, Any]) -> None:

@@ -53,7 +53,8 @@ def _print(report: VerifyReport, path: Path) -> None:
         print(f"note: {line}")
     for line in report.problems:
         print(f"problem: {line}")
-    verdict = "whole" if report.whole else f"not whole, {len(report.problems)} problems"
+    n = len(report.problems)
+    verdict = f"not whole, {n} problem{'s' * (n > 1)}" if n else "whole"
     ending = f", {report.outcome}" if report.outcome else ""
     print(f"{path} is {verdict}: {contents(report)}{ending}")
     if report.closing_digest:

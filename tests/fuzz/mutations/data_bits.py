@@ -20,6 +20,8 @@ from tests.fuzz.mutations.checksums import find_blocks
 
 WITHOUT_DATA = ("writer.lock",)
 ROWS, TEXT, METADATA, PADDING, FREE = "rows", "texts", "metadata", "padding of chunks", "free space"
+FREE_SPACE_LISTS = (b"FSHD", b"FSSE")
+"""Say where a writer may put something; no reader looks at them."""
 CARRIES_DATA = (ROWS, TEXT, METADATA)
 
 
@@ -71,7 +73,8 @@ def _regions(_: bytes, path: Path) -> tuple[Region, ...]:
     names = (FREE, METADATA, TEXT, PADDING, ROWS)
     kinds = np.zeros(len(data), np.uint8)
     for block in find_blocks(data):
-        kinds[block.start : block.end] = names.index(METADATA)
+        is_free = data[block.start : block.start + 4] in FREE_SPACE_LISTS
+        kinds[block.start : block.end] = names.index(FREE if is_free else METADATA)
     with h5py.File(path, "r") as file:
         found: list[Any] = []
         file.visititems(lambda _, node: found.append(node))
