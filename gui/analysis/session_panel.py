@@ -154,7 +154,9 @@ class SessionPanel(QWidget):
 
     def _lay_out(self) -> None:
         folder = hbox(self.folder, self.folder_button, self.open_button)
-        rows = (folder, self.about, self.digest, self.table, self.run_box)
+        digest = hbox(label("Digest"), self.digest)
+        digest.setStretch(1, 1)
+        rows = (folder, self.about, digest, self.table, self.run_box)
         column = vbox(*rows, spacing=5, margins=(6, 8, 6, 6))
         column.setStretch(3, 1)
         self.setLayout(column)
