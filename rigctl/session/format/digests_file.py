@@ -54,6 +54,12 @@ class DigestLines:
     exists: bool = True
 
     @property
+    def once(self) -> tuple[DigestLine, ...]:
+        """The lines without those that name a part as opened, or as closed, once more."""
+        first = {(line.part, bool(line.word)): line for line in reversed(self.lines)}
+        return tuple(line for line in self.lines if first[line.part, bool(line.word)] is line)
+
+    @property
     def closed(self) -> dict[str, str]:
         """The last digest of each closed part."""
         return {line.part: line.digest for line in self.lines if line.word}

@@ -48,7 +48,7 @@ def lines_problem(folder: Path) -> str:
         return "is missing"
     known = {(part, bool(word)) for part, word, *_ in wanted if part not in recovered}
     own = {_sure_words(line) for line in found.lines if (line.part, bool(line.word)) in known}
-    if found.wrong or not wanted >= own:
+    if found.wrong or found.once != found.lines or not wanted >= own:
         return "does not say what the parts say"
     return ""
 

@@ -40,8 +40,10 @@ def _wrong_lines(found: DigestLines, parts: Sequence[PartReader]) -> Iterator[st
     for name in sorted(by_name.keys() - named):
         if by_name[name].has_digests and by_name[name].finished:  # else killed before its line
             yield f"does not name {name}, which was put in later"
+    if repeated := len(found.lines) - len(found.once):
+        yield f"has lines of parts that it names already: {repeated}"
     begun = ""  # when the next part begins, if it is one of the same sitting
-    for line in found.lines:
+    for line in found.once:
         if line.part in by_name and by_name[line.part].has_digests:
             yield from _wrong_line(line, by_name[line.part])
             yield from _wrong_time(line, by_name[line.part], begun)

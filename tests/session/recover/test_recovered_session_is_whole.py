@@ -35,6 +35,11 @@ def change_line(folder: Path) -> None:
     lines.write_bytes(lines.read_bytes().replace(b" closed part-0001.h5", b" closed part-0002.h5"))
 
 
+def repeat_lines(folder: Path) -> None:
+    lines = folder / "digests.txt"
+    lines.write_bytes(lines.read_bytes() * 2000)
+
+
 def write(name: str, text: str) -> Spoil:
     return lambda folder: (folder / name).write_text(text)
 
@@ -63,6 +68,7 @@ DAMAGE: dict[str, tuple[Spoil, int]] = {
     "digests.txt is gone": (lambda folder: (folder / "digests.txt").unlink(), 8),
     "a line is cut": (cut_line, 8),
     "a line has another part": (change_line, 8),
+    "every line is there 2,000 times": (repeat_lines, 8),
     "another rig.toml": (write("rig.toml", "[about]\nname = 'other'\n"), 8),
     "another protocol.toml": (write("protocol.toml", ""), 8),
     "a trial's row is changed": (change_row("/trials"), 4),
