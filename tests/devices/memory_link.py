@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from pymodbus.framer import FramerRTU
 
+from rigctl.devices.drum import Drum
 from rigctl.devices.links.byte_link import OnBytes, OnLost
 from rigctl.errors import LinkLost
 from rigctl.wire.drum import register_table
@@ -220,3 +221,9 @@ _IDENTITY = {
     "steps_per_turn": 12800,
     "nm_per_step": 31250,
 }
+
+
+def unconnected_drum(loop: JumpingLoop) -> tuple[Drum, RegisterBoard, MemoryLink]:
+    """Return a drum, the board at the other end of its link, and the link."""
+    link = MemoryLink(loop, "/dev/drum")
+    return Drum(link, loop), RegisterBoard(loop, link), link

@@ -30,9 +30,9 @@ SURVIVED, DIED, USELESS = b".", b"x", b"?"
 """Answers; the last one: even a sound file cannot be read here, so that nothing can be told."""
 _ERRORS = (
     *(OSError, RuntimeError, KeyError, ValueError, TypeError, IndexError, OverflowError),
-    *(MemoryError, NotImplementedError),
+    MemoryError,
 )
-"""What libraries raise for damage: a refusal in order, which the program meets itself."""
+"""What h5py raises for damage: a refusal in order, which the program meets itself."""
 _CONTROL_S = 5.0
 
 
