@@ -17,6 +17,8 @@ DEEPEST = 32
 _COMPRESSED, _MATRIX = 15, 14
 _CELL, _STRUCTURE, _OBJECT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 5, 16, 17
 _NESTED = (_CELL, _STRUCTURE, _OBJECT)
+_KINDS = range(_CELL, _FUNCTION)
+"""The array types that SciPy reads: cells to unsigned integers of 64 bits."""
 
 
 def check_mat5(content: bytes) -> None:
@@ -75,6 +77,8 @@ def _check_matrix(view: memoryview, order: str, limit: int, depth: int) -> int:
     kind = struct.unpack_from(f"{order}I", flags)[0] & 0xFF
     if kind in (_FUNCTION, _OPAQUE):
         raise ValueError("it holds MATLAB objects: save arrays of numbers alone")
+    if kind not in _KINDS:
+        raise ValueError(f"a variable has the unknown type {kind}")
     _, sizes, at = _element(view, at, order)
     shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
     count: int = prod(shape)

@@ -24,6 +24,12 @@ READ_BYTES_PER_S = 20e6
 """A tenth of the measured speed: an import is read twice, first by a process that may die."""
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MATLAB_HEADER = 512
+READER_ERRORS = (
+    *(ValueError, TypeError, IndexError, KeyError, OverflowError, MemoryError, zlib.error),
+    *(NotImplementedError, UnboundLocalError),
+)
+"""What SciPy's reader raises for damage: the last two for another version of the format in the
+header, and for an array of a type that it does not know."""
 
 
 def read_mat(path: Path) -> dict[str, Any]:
@@ -42,19 +48,24 @@ def _read_mat5(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
-    # SciPy raises these for what it cannot read, NotImplementedError for a newer format.
-    unreadable = (ValueError, TypeError, NotImplementedError, MatReadError, IndexError, KeyError)
+    with open_file(path) as file:
+        content = file.read()
     try:
-        with open_file(path) as file:
-            check_mat5(file.read())
-        # SciPy's compiled reader can die of structures that are sound to our check.
-        processor_s = 1.0 + path.stat().st_size / READ_BYTES_PER_S
-        if not survives("mat5", path, processor_s):
-            raise ValueError("a process that reads it dies of it, or never ends")
+        check_mat5(content)
+    except (ValueError, zlib.error) as error:
+        raise _damaged(path, error) from error
+    # SciPy's compiled reader can die of structures that are sound to our check.
+    if not survives("mat5", path, 1.0 + len(content) / READ_BYTES_PER_S):
+        raise _damaged(path, ValueError("a process that reads it dies of it, or never ends"))
+    try:
         variables = loadmat(str(path), simplify_cells=True)
-    except (*unreadable, zlib.error, OverflowError, MemoryError) as error:
-        raise WrongUse(f"{path} is not a MATLAB file, or is damaged: {describe(error)}") from error
+    except (*READER_ERRORS, MatReadError) as error:
+        raise _damaged(path, error) from error
     return dict(_flatten("", variables))
+
+
+def _damaged(path: Path, error: Exception) -> WrongUse:
+    return WrongUse(f"{path} is not a MATLAB file, or is damaged: {describe(error)}")
 
 
 def _flatten(name: str, value: Any) -> Iterator[tuple[str, Any]]:

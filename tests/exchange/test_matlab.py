@@ -151,3 +151,10 @@ def test_a_file_that_kills_scipys_reader_is_refused() -> None:
     path = Path(__file__).parent / "data" / "kills_scipy.mat"
     with pytest.raises(WrongUse, match=r"kills_scipy\.mat .* damaged: .* dies of it"):
         read_mat(path)
+
+
+def test_an_array_of_an_unknown_type_is_refused() -> None:
+    """SciPy's reader ends with an UnboundLocalError for it."""
+    path = Path(__file__).parent / "data" / "unknown_class.mat"
+    with pytest.raises(WrongUse, match=r"unknown_class\.mat .* damaged: .+"):
+        read_mat(path)
