@@ -335,10 +335,12 @@ def replace_word(line: int, old: str, new: str) -> Callable[[list[str]], None]:
             "part-0001.h5 was opened at 2026-11-21T12:00:00Z, not",
         ),
         (replace_word(3, "2026", "2027"), "part-0002.h5 was closed at 2026-11-21T12:00:02Z, not"),
+        (list.pop, "does not say that part-0002.h5 was closed"),
+        (lambda lines: lines.pop(0), "does not say that part-0001.h5 was opened"),
     ],
 )
 def test_a_wrong_line_of_the_digests_is_named(
-    session: Path, spoil: Callable[[list[str]], None], words: str
+    session: Path, spoil: Callable[[list[str]], object], words: str
 ) -> None:
     lines = (session / "digests.txt").read_text().splitlines()
     spoil(lines)

@@ -36,10 +36,9 @@ def _wrong_lines(found: DigestLines, parts: Sequence[PartReader]) -> Iterator[st
     for number in found.wrong:
         yield f"line {number} is not one that a recording wrote"
     by_name = {part.path.name: part for part in parts}
-    named = {line.part for line in found.lines}
-    for name in sorted(by_name.keys() - named):
-        if by_name[name].has_digests and by_name[name].finished:  # else killed before its line
-            yield f"does not name {name}, which was put in later"
+    for part in parts:
+        if part.has_digests and part.finished:  # else killed before its lines
+            yield from _missing_lines(found, part.path.name)
     if repeated := len(found.lines) - len(found.once):
         yield f"has lines of parts that it names already: {repeated}"
     begun = ""  # when the next part begins, if it is one of the same sitting
@@ -50,6 +49,14 @@ def _wrong_lines(found: DigestLines, parts: Sequence[PartReader]) -> Iterator[st
         elif line.part in by_name:
             yield f"has a digest of {line.part}, the part has none: it was exchanged"
         begun = line.utc if line.word == CONTINUES else ""
+
+
+def _missing_lines(found: DigestLines, name: str) -> Iterator[str]:
+    words = {bool(line.word) for line in found.lines if line.part == name}
+    if not words:
+        yield f"does not name {name}, which was put in later"
+    elif len(words) == 1:
+        yield f"does not say that {name} was {'opened' if True in words else 'closed'}"
 
 
 def _wrong_line(line: DigestLine, part: PartReader) -> Iterator[str]:
