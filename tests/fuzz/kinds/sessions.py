@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,13 @@ import h5py
 from rigctl.analysis.data.trial_set import join_sessions, open_trials
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.files.analysis_file import content_digest
-from rigctl.session.format.layout import PROTOCOL_FILE, RIG_FILE
+from rigctl.session.format.layout import DIGEST_LINES_FILE
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.read.recovery_file import PATTERN, read_recovery
 from rigctl.session.read.session import Session
 from rigctl.session.recover.recover import recover
 from rigctl.session.summary import summarise_session
+from rigctl.session.verify.drum import WORLD
 from rigctl.session.verify.report import VerifyReport
 from rigctl.session.verify.session import verify
 from rigctl.synth.dataset import DatasetRequest, generate
@@ -115,13 +117,30 @@ def read_finger(folder: Path) -> object:
         return read
 
 
-def verified_content(folder: Path, report: VerifyReport) -> object:
-    """Return all that a session says if ``verify`` calls it whole and it proves itself."""
+def drum_content(folder: Path, report: VerifyReport) -> object:
+    """Return all that a session of the drum says if ``verify`` misses nothing."""
+    if any(WORLD in note for note in report.notes):
+        return None
+    return _verified_content(folder, report, DRUM_FILES)
+
+
+def finger_content(folder: Path, report: VerifyReport) -> object:
+    """Return all that a session of the finger says if ``verify`` misses nothing."""
+    return _verified_content(folder, report, FINGER_FILES)
+
+
+def _verified_content(folder: Path, report: VerifyReport, files: re.Pattern[str]) -> object:
+    """Return what the session's own files say, the lines of ``digests.txt`` in any order.
+
+    The parts hold both texts, so their copies are not compared; nor are files whose names nothing
+    of a session bears: no reader opens them.
+    """
     if not report.whole or not _proves_itself(folder):
         return None
-    found = folder_content(folder, "*.h5")
-    # The parts hold both texts; a copy that is gone takes nothing with it.
-    return {name: value for name, value in found.items() if name not in COPIES}
+    found: dict[str, object] = dict(folder_content(folder, "*.h5"))
+    if (lines := folder / DIGEST_LINES_FILE).is_file():
+        found[DIGEST_LINES_FILE] = sorted(lines.read_bytes().splitlines())
+    return {name: value for name, value in found.items() if files.match(name)}
 
 
 def bytes_called_whole(folder: Path, report: VerifyReport) -> object:
@@ -141,7 +160,8 @@ def _proves_itself(folder: Path) -> bool:
     return any(map(has_digests, parts))
 
 
-COPIES = (PROTOCOL_FILE, RIG_FILE)
+FINGER_FILES = re.compile(r"(part-\d{4,6}\.h5|digests\.txt)(/|$)")
+DRUM_FILES = re.compile(r"(part-\d{4,6}\.h5|world(-\d{4,6})?\.h5|digests\.txt)(/|$)")
 TEXTS = (Place("*.toml", TEXT), Place("*.txt", TEXT))
 DRUM_DOORS = (check, summarise, read_drum, read_trials)
 FINGER_DOORS = (check, summarise, read_finger)
@@ -164,28 +184,28 @@ SESSION_KINDS = (
         bytes_called_whole,
         most=1,
     ),
-    Kind("drum-part", build_drum, PARTS, DRUM_DOORS, verified_content),
-    Kind("finger-part", build_finger, PARTS, FINGER_DOORS, verified_content),
+    Kind("drum-part", build_drum, PARTS, DRUM_DOORS, drum_content),
+    Kind("finger-part", build_finger, PARTS, FINGER_DOORS, finger_content),
     Kind(
         "drum-session",
         build_simulated,
         (*(Place(".", FOLDER),) * 3, *TEXTS),
         DRUM_DOORS,
-        verified_content,
+        drum_content,
     ),
     Kind(
         "finger-session",
         build_finger,
         (*(Place(".", FOLDER),) * 3, *TEXTS),
         FINGER_DOORS,
-        verified_content,
+        finger_content,
     ),
     Kind(
         "truth",
         build_simulated,
         (Place("world*.h5", HDF5),),
         (check, summarise),
-        verified_content,
+        drum_content,
     ),
     Kind(
         "recovery",
