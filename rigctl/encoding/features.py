@@ -88,15 +88,15 @@ class FeatureLayout:
     ) -> FeatureLayout:
         """Return a layout with as many windows as the longest trial of a set fills.
 
-        If scaled, less than half a window at the end counts as clock error.
+        Less than half a window at the end counts as clock error: 6,001 samples, both ends of 6 s
+        included, fill the paper's 60 windows.
         """
         one = cls(1, scaled)
         ends = [0.0]
         for n, speed in zip(n_samples, speeds_mm_s, strict=True):
             factor = speed / one.reference_mm_s if scaled else 1.0
             ends.append(n * factor * 1000 / (SAMPLE_RATE_HZ * one.window_ms))
-        longest = max(ends)
-        return cls(max(1, round(longest) if scaled else int(np.ceil(longest))), scaled)
+        return cls(max(1, int(max(ends) + 0.5)), scaled)
 
 
 # The paper's two: 720 and 2160 features with 18 taxels.

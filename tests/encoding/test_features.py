@@ -100,11 +100,24 @@ def test_the_layouts_have_the_papers_number_of_features() -> None:
     assert UNSCALED.n_features(18) == 2160
 
 
+def test_both_ends_of_six_seconds_make_the_papers_windows() -> None:
+    trials = [np.full((n, 18), 500, np.uint16) for n in (6001, 2001)]
+    speeds = [40.0, 120.0]
+    layouts = [
+        FeatureLayout.covering(list(map(len, trials)), speeds, scaled=scaled)
+        for scaled in (True, False)
+    ]
+    scaled, unscaled = feature_matrices(trials, speeds, Normalisation.full_scale(18), layouts)
+    assert scaled.shape == (2, 720) and unscaled.shape == (2, 2160)
+
+
 def test_a_layout_covers_a_set_of_trials() -> None:
     lengths, speeds = [6000, 2403, 2000], [40.0, 100.0, 120.0]
     assert FeatureLayout.covering(lengths, speeds, scaled=True) == SPEED_SCALED
     assert FeatureLayout.covering(lengths, speeds, scaled=False) == UNSCALED
-    assert FeatureLayout.covering([130], [120.0], scaled=False).n_windows == 2
+    for n_samples, n_windows in ((130, 1), (149, 1), (150, 2), (250, 3), (6001, 60), (6050, 61)):
+        layout = FeatureLayout.covering([n_samples], [40.0], scaled=False)
+        assert layout.n_windows == n_windows
     assert FeatureLayout.covering([], [], scaled=True).n_windows == 1
 
 
