@@ -14,14 +14,22 @@ _Section = TypeVar("_Section", bound="DataclassInstance")
 
 
 def number(
-    default: float | tuple[int, ...], unit: str, low: float, high: float, doc: str = ""
+    default: float | tuple[float, ...], unit: str, low: float, high: float, doc: str = ""
 ) -> Any:
-    """Declare a number, a whole number or a tuple of whole numbers; the annotation says which."""
+    """Declare a number, a whole number or a tuple of either; the annotation says which.
+
+    Numbers in a tuple of floats are different.
+    """
     return field(default=default, metadata={"unit": unit, "low": low, "high": high, "doc": doc})
 
 
 def text(default: str, doc: str, choices: tuple[str, ...] = ()) -> Any:
     """Declare a text, one of ``choices`` if there are any."""
+    return field(default=default, metadata={"unit": "", "doc": doc, "choices": choices})
+
+
+def texts(default: tuple[str, ...], doc: str, choices: tuple[str, ...]) -> Any:
+    """Declare a tuple of different texts, each one of ``choices``."""
     return field(default=default, metadata={"unit": "", "doc": doc, "choices": choices})
 
 
@@ -48,8 +56,24 @@ def _read_value(table: TomlTable, item: Any) -> Any:
         if meta["choices"]:
             return table.choice(item.name, meta["choices"], default)
         return table.text(item.name, default)
+    if item.type == "tuple[str, ...]":
+        return _read_texts(table, item)
+    if item.type == "tuple[float, ...]":
+        given = table.numbers(item.name, unit=meta["unit"], low=meta["low"], high=meta["high"])
+        return given or default
     if isinstance(default, tuple):
         return table.integers(item.name, default, low=meta["low"], high=meta["high"])
     if item.type == "int":
         return table.integer(item.name, default, low=meta["low"], high=meta["high"])
     return table.number(item.name, default, unit=meta["unit"], low=meta["low"], high=meta["high"])
+
+
+def _read_texts(table: TomlTable, item: Any) -> tuple[str, ...]:
+    if item.name not in table:
+        default: tuple[str, ...] = item.default
+        return default
+    given, choices = table.texts(item.name), item.metadata["choices"]
+    for value in given:
+        if value not in choices:
+            table.fail(item.name, f"{value!r} is none of {', '.join(choices)}")
+    return given
