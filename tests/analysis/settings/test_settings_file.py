@@ -72,7 +72,7 @@ def test_groups_of_other_plates_replace_the_papers(tmp_path: Path) -> None:
             "[extrapolation]\ntrained_share = 75",
             "line 2: .*trained_share: 75 is outside 0.001 to 1",
         ),
-        ("[windows]\nlength_ms = 0", "line 2: windows.length_ms: 0 is outside 1 to 60000 ms"),
+        ("[windows]\nlength_ms = 0", "line 2: windows.length_ms: 0 is outside 1 to 60000"),
         ("[conditions]\nuntrained_forces_g = [500]", "line 2: .* 500 is trained too: name it once"),
         ('[groups]\na = ["A"]\nb = ["A"]', "line 3: groups.b: texture 'A' is in the group 'a' too"),
         ('[groups]\na = ["A"]', "line 1: groups: needs two groups or more"),
