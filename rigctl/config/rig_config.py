@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.config.toml_reader import TomlTable, TomlText
-from rigctl.config.toml_section import flag, number, read_section, text
+from rigctl.config.toml_section import flag, names, number, read_section, text
 from rigctl.errors import ConfigError
 from rigctl.values import DRAWN_WIRING, N_TAXELS, SCALE_BAND_UG_PER_COUNT
 
 ADC_MAX = 1023
 MAX_TAXELS = 1024
+LAYER_NAME_BYTES = 24
 _SCALES = SCALE_BAND_UG_PER_COUNT
 
 
@@ -129,6 +130,11 @@ class TaxelArray:
     count: int = number(18, "", 1, MAX_TAXELS, "taxels in a frame")
     rows: int = number(3, "", 1, MAX_TAXELS, "rows of a layer")
     columns: int = number(3, "", 1, MAX_TAXELS, "columns of a layer")
+    layers: tuple[str, ...] = names(
+        "names of the layers from the top; empty: I, II … as many as count needs",
+        MAX_TAXELS,
+        LAYER_NAME_BYTES,
+    )
     wiring: tuple[int, ...] = number(
         (), "", 0, MAX_TAXELS, "reading at each place, layer by layer; empty: as drawn"
     )
@@ -232,6 +238,11 @@ def _check_limits(limits: RigLimits, table: TomlTable) -> None:
 
 
 def _check_taxels(taxels: TaxelArray, table: TomlTable) -> None:
+    placed = taxels.rows * taxels.columns * len(taxels.layers)
+    if placed and placed != taxels.count:
+        table.fail(
+            "layers", f"with rows and columns place {placed} taxels, count is {taxels.count}"
+        )
     for name in ("wiring", "low", "high"):
         values = getattr(taxels, name)
         if values and len(values) != taxels.count:

@@ -147,8 +147,15 @@ class TomlTable:
         self._refuse_unsafe(key, value, MAX_NAME_BYTES)
         return value
 
-    def names(self, key: str, *, most: int, longest_bytes: int) -> tuple[str, ...]:
-        """Return a list of 1 to ``most`` different names of at most ``longest_bytes`` bytes."""
+    def names(
+        self, key: str, *, most: int, longest_bytes: int, may_be_empty: bool = False
+    ) -> tuple[str, ...]:
+        """Return a list of 1 to ``most`` different names of at most ``longest_bytes`` bytes.
+
+        With ``may_be_empty``, the list may be missing or empty.
+        """
+        if may_be_empty and self._take(key, []) == []:
+            return ()
         values = self.texts(key)
         if len(values) > most:
             self.fail(key, f"has {len(values):,} names; {most:,} are the most")

@@ -33,6 +33,12 @@ def texts(default: tuple[str, ...], doc: str, choices: tuple[str, ...]) -> Any:
     return field(default=default, metadata={"unit": "", "doc": doc, "choices": choices})
 
 
+def names(doc: str, most: int, longest_bytes: int) -> Any:
+    """Declare a list of different names, empty by default."""
+    limits = {"most": most, "longest_bytes": longest_bytes}
+    return field(default=(), metadata={"unit": "", "doc": doc, **limits})
+
+
 def flag(default: bool, doc: str) -> Any:
     """Declare true or false."""
     return field(default=default, metadata={"unit": "", "doc": doc})
@@ -56,6 +62,9 @@ def _read_value(table: TomlTable, item: Any) -> Any:
         if meta["choices"]:
             return table.choice(item.name, meta["choices"], default)
         return table.text(item.name, default)
+    if "longest_bytes" in meta:
+        most, longest_bytes = meta["most"], meta["longest_bytes"]
+        return table.names(item.name, most=most, longest_bytes=longest_bytes, may_be_empty=True)
     if item.type == "tuple[str, ...]":
         return _read_texts(table, item)
     if item.type == "tuple[float, ...]":

@@ -27,6 +27,7 @@ from rigctl.exchange.inspection import (
 )
 from rigctl.exchange.resampling import Floats, ResampledSeries, TimeSeries, resample
 from rigctl.session.format.header import IMPORTED, SessionHeader
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import (
     SAMPLE_RATE_HZ,
@@ -98,6 +99,7 @@ def _header(
         software_version=__version__,
         software_commit=source_commit(),
         n_taxels=len(scaling.names),
+        sensor_layout=SensorLayout.default(len(scaling.names)),
         sample_unit=scaling.unit(mapping.unit),
         highest_reading=MAX_COUNT,
     )

@@ -176,6 +176,7 @@ def _samples(session: SessionReader) -> dict[str, Any]:
         "samples": session.n_samples,
         "seconds": session.n_samples / header.sample_rate_hz,
         "n_taxels": header.n_taxels,
+        "sensor_layout": session.sensor_layout.to_values(),
         "sample_rate_hz": header.sample_rate_hz,
         "gaps": len(gaps),
         "lost_samples": int(gaps["count"].sum()),

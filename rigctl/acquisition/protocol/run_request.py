@@ -21,6 +21,7 @@ from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.format import layout
 from rigctl.session.format.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.session.read.session import Session
 from rigctl.session.write.private import keep_private
 from rigctl.session.write.recorder import Recorder
@@ -166,5 +167,6 @@ def session_header(plan: Plan, **fields: Any) -> SessionHeader:
         encoder_preset=config.encoder.preset,
         n_taxels=config.taxels.count,
         wiring=config.taxels.order,
+        sensor_layout=SensorLayout.of_rig(config.taxels),
         **fields,
     )

@@ -28,6 +28,7 @@ from rigctl.realtime.finger_rig import FingerRig
 from rigctl.session.files.finger_model_file import FingerModel, load_finger_model
 from rigctl.session.format import layout
 from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.write.finger_recorder import FingerRecorder
 from rigctl.session.write.private import keep_private
@@ -308,6 +309,7 @@ def _header(
         software_commit=source_commit(),
         encoder_preset=DEFAULT.name,
         n_taxels=N_TAXELS,
+        sensor_layout=SensorLayout.default(N_TAXELS),
         taxel_low=tuple(ranges.low.tolist()) if ranges else (),
         taxel_high=tuple(ranges.high.tolist()) if ranges else (),
         simulation={"seed": rig.seed, **rig.world} if rig.simulated else {},

@@ -12,6 +12,7 @@ from rigctl.encoding.normalisation import FULL_SCALE
 from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.header_values import parse_header_values
 from rigctl.session.format.layout import DRUM_EXPERIMENT
+from rigctl.session.format.sensor_layout import ATTRIBUTE, SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
 
 IMPORTED = "import"
@@ -30,6 +31,7 @@ class SessionHeader:
     at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each taxel in
     stored counts, empty without calibration. ``wiring`` is the reading of the taxel wire in each
     column of the samples; :mod:`rigctl.session.format.wiring` explains an empty one.
+    ``sensor_layout`` has rows, columns and layers of the sensor; None in older parts.
     ``sample_unit`` is the unit of a reading, ``highest_reading`` its upper limit. ``cut_by`` is
     the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what
     repeats a simulated bench (seed, slice length, parameters) and is empty for a real one.
@@ -60,6 +62,7 @@ class SessionHeader:
     taxel_low: tuple[int, ...] = ()
     taxel_high: tuple[int, ...] = ()
     wiring: tuple[int, ...] = ()
+    sensor_layout: SensorLayout | None = None
     cut_by: str = ""
     simulation: dict[str, Any] = field(default_factory=dict)
     experiment: str = DRUM_EXPERIMENT
@@ -74,6 +77,8 @@ class SessionHeader:
             for name, value in asdict(self).items()
             if name not in _FINGER_ONLY or self.experiment != DRUM_EXPERIMENT
         }
+        if self.sensor_layout is None:
+            del values[ATTRIBUTE]
         return {**values, "simulated": int(self.simulated)}
 
     @classmethod

@@ -9,6 +9,7 @@ from typing import Any
 
 from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.errors import SessionError
+from rigctl.session.format.sensor_layout import ATTRIBUTE, SensorLayout
 from rigctl.session.hdf5.json_text import parse_json, parse_objects
 from rigctl.values import BoardIdentity
 
@@ -56,6 +57,8 @@ def parse_header_values(attributes: Mapping[str, Any], path: Path) -> dict[str, 
     for name in ("boards", "stages", *PER_TAXEL, *MAPPINGS):
         if name in attributes:
             values[name] = _parse(name, attributes[name], n_taxels, path)
+    if ATTRIBUTE in attributes:
+        values[ATTRIBUTE] = SensorLayout.from_attributes(attributes, path)
     return values
 
 

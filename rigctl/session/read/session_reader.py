@@ -14,6 +14,7 @@ from rigctl.session.format import layout
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.experiments import check_experiment
 from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.session.format.table_rows import parse_event
 from rigctl.session.read.missing_parts import find_missing, open_parts
 from rigctl.session.read.part import PartReader, StructuredArray
@@ -106,6 +107,11 @@ class SessionReader:
     def header(self) -> SessionHeader:
         """Metadata of the first part that can be read; each of ``parts`` has its own."""
         return self.parts[0].header
+
+    @property
+    def sensor_layout(self) -> SensorLayout:
+        """Rows, columns and layers of the sensor; an older part has the default of its taxels."""
+        return self.header.sensor_layout or SensorLayout.default(self.header.n_taxels)
 
     @property
     def protocol_text(self) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from rigctl.errors import SessionError
 from rigctl.session.files.truth_file import log_paths
+from rigctl.session.format.sensor_layout import layouts_match
 from rigctl.session.format.wiring import session_wiring
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.finger_session import FingerSession, is_finger_session
@@ -185,6 +186,12 @@ def _check_header(session: SessionReader, part: PartReader, report: VerifyReport
     for name in SAME_IN_ALL_PARTS:
         if getattr(part.header, name) != getattr(session.header, name):
             report.problems.append(f"{part.path.name}: has another {name} than the first part")
+    _check_layout(session, part, report)
+
+
+def _check_layout(session: SessionReader, part: PartReader, report: VerifyReport) -> None:
+    if not layouts_match(part.header.sensor_layout, session.header.sensor_layout):
+        report.problems.append(f"{part.path.name}: has another sensor_layout than the first part")
 
 
 def _check_wiring(session: Session, report: VerifyReport) -> None:

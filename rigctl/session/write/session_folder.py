@@ -12,6 +12,7 @@ from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.experiments import check_experiment, layout_of
 from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.sensor_layout import describe_difference, layouts_match
 from rigctl.session.format.wiring import describe_mismatch, session_wiring, wirings_match
 from rigctl.session.format.writer_lock import WriterLock
 from rigctl.session.hdf5.schema import text
@@ -122,6 +123,12 @@ def _check_plan(path: Path, header: SessionHeader) -> None:
         raise SessionError(
             f"{path.parent} has a reference speed of {recorded.reference_um_per_s} µm/s, not of "
             f"{header.reference_um_per_s}: resume it with its own, or start a new session"
+        )
+    if not layouts_match(recorded.sensor_layout, header.sensor_layout):
+        raise SessionError(
+            f"{path.parent} is of a sensor with another layout than this rig has "
+            f"({describe_difference(recorded.sensor_layout, header.sensor_layout)}): resume it "
+            "with its own [taxels], or start a new session"
         )
     if not wirings_match(header.wiring, wiring):
         raise SessionError(
