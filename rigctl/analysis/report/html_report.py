@@ -7,13 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.analysis.paper.comparisons import NAME_OF
+from rigctl.analysis.report.charts.accuracy_charts import accuracy_chart
+from rigctl.analysis.report.findings import findings
 from rigctl.analysis.report.html_page import render_page
 
 Results = Mapping[str, Any]
 
 
-def html_report(results: Results, figures: Mapping[str, Path]) -> str:
-    """Return the page. ``results``: from :func:`rigctl.analysis.paper.result_tables.as_dict`."""
+def html_report(results: Results, figures: Mapping[str, Path], origin: str) -> str:
+    """Return the page. ``results``: from :func:`rigctl.analysis.paper.result_tables.as_dict`.
+
+    ``origin``: of the trials, in a few words, below the charts.
+    """
     tasks = results["tasks"].values()
     present = {key for task in tasks for key in task["representations"]}
     assumptions = [
@@ -26,6 +31,9 @@ def html_report(results: Results, figures: Mapping[str, Path]) -> str:
         "report.html",
         results=results,
         figures=figures,
+        origin=origin,
+        findings=findings(results),
+        chart=accuracy_chart(results),
         keys=[key for key in NAME_OF if key in present],
         compared=[task for task in tasks if task["order"] is not None],
         unconfirmed=unconfirmed([results], [""]),

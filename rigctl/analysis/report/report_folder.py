@@ -170,7 +170,7 @@ def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: 
     text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")
     (folder / "table1.csv").write_text(to_csv(values["table1"]), encoding="utf-8")
-    (folder / "report.html").write_text(html_report(values, figures), encoding="utf-8")
+    (folder / "report.html").write_text(html_report(values, figures, origin), encoding="utf-8")
 
 
 def _import_remarks(trials: TrialSet) -> list[str]:

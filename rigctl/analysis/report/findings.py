@@ -1,0 +1,73 @@
+"""What an analysis of the drum found, in a few sentences: the report begins with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rigctl.analysis.paper.comparisons import NAME_OF, Agreement
+
+Values = Mapping[str, Any]
+
+LABELLED = ("force", "speed_force")
+"""Representations with the C of the true texture."""
+
+
+def findings(results: Values) -> list[str]:
+    """Return sentences from the values of ``results.json``, the most general one first."""
+    tasks = list(results["tasks"].values())
+    return [_best(tasks), *_blind(tasks), _paper(tasks)]
+
+
+def _accuracy(task: Values, key: str) -> float:
+    return float(task["representations"][key]["mean"][task["shown_components"] - 1])
+
+
+def _best(tasks: list[Any]) -> str:
+    """Return the best accuracy in the first task, and in the one where Original is worst."""
+    hardest = min(tasks, key=lambda task: _accuracy(task, "original"))
+    shown = tasks[:1] if hardest is tasks[0] else [tasks[0], hardest]
+    return f"Trials classified right: {'; '.join(map(_best_in_task, shown))}."
+
+
+def _best_in_task(task: Values) -> str:
+    k = task["shown_components"]
+    best = max(task["representations"], key=lambda key: _accuracy(task, key))
+    name = f"{task['title'].lower()} {_accuracy(task, best):.1%} ({NAME_OF[best]}"
+    beside = f"chance {task['chance']:.1%}; {k} component{'s' if k > 1 else ''})"
+    if best == "original":
+        return f"{name}; {beside}"
+    return f"{name}; Original {_accuracy(task, 'original'):.1%}, {beside}"
+
+
+def _blind(tasks: list[Any]) -> list[str]:
+    """Return where most accuracy goes when C does not know the texture."""
+    lost = [
+        (_accuracy(task, key) - _accuracy(task, f"{key}_blind"), task, key)
+        for task in tasks
+        for key in LABELLED
+        if {key, f"{key}_blind"} <= task["representations"].keys()
+    ]
+    if not lost:
+        return []
+    points, task, key = max(lost, key=lambda one: one[0])
+    if points <= 0:
+        return ["A texture-blind C loses no accuracy in any task."]
+    return [
+        f"Without the texture's label in C, at most {100 * points:.1f} points are lost "
+        f"({task['title'].lower()}, {NAME_OF[key]})."
+    ]
+
+
+def _paper(tasks: list[Any]) -> str:
+    pairs = [pair for task in tasks if task["order"] for pair in task["order"]["compared"]]
+    if not pairs:
+        return "The paper has no table for these tasks."
+    held, tied = (
+        sum(pair["verdict"] == verdict for pair in pairs)
+        for verdict in (Agreement.HOLDS, Agreement.TIED)
+    )
+    return (
+        f"Of the {len(pairs)} differences between representations that the paper separates, "
+        f"{held} hold, {tied} cannot be told apart and {len(pairs) - held - tied} do not hold."
+    )
