@@ -79,6 +79,10 @@ class TomlTable:
         """Yield the keys of this table in the order of the text."""
         return iter(self._data)
 
+    def is_text(self, key: str) -> bool:
+        """Return whether the key has a text: of one that may be a text or a table."""
+        return isinstance(self._data.get(key), str)
+
     def allow(self, *keys: str) -> None:
         """Declare keys that are read only if they are present."""
         self._known.update(keys)

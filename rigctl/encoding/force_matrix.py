@@ -25,8 +25,7 @@ REFERENCE_FORCE_G = 500.0
 class ForceMatrix:
     """C and how its search ended, arrays of shape (textures, n_taxels, speeds, forces).
 
-    ``residual_hz``: the rate reached minus the target. ``rate_hz``: the rate reached, or None where
-    it was not kept (files of older versions).
+    ``residual_hz``: the rate reached minus the target.
     """
 
     textures: tuple[str, ...]
@@ -37,7 +36,6 @@ class ForceMatrix:
     status: NDArray[np.int8]
     residual_hz: Floats
     evaluations: Floats
-    rate_hz: Floats | None = None
 
     def c_at(self, texture: str, speed_mm_s: float, force_g: float) -> Floats:
         """Return C of each taxel, float64 (n_taxels,). Raises WrongUse for a missing condition."""
@@ -56,9 +54,8 @@ class ForceMatrix:
 
     @property
     def unconverged(self) -> int:
-        """Number of entries that are limited to 5 or at a jump (the paper: 62 of 4,320)."""
-        failed = (SearchStatus.CAPPED, SearchStatus.DISCONTINUITY)
-        return int(np.isin(self.status, failed).sum())
+        """Number of entries that are capped or at a jump (the paper: 62 of 4,320)."""
+        return int(np.sum(self.status > SearchStatus.CONVERGED))
 
     def _indices(self, speed_mm_s: float, force_g: float) -> tuple[int, int]:
         try:

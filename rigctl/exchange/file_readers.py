@@ -1,10 +1,9 @@
-"""Readers of CSV, TSV, MATLAB .mat (5 and 7.3), NumPy .npy and .npz files as columns of numbers."""
+"""Readers of CSV, TSV, MATLAB .mat (5 and 7.3), NumPy .npy and .npz files as tables of trials."""
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,98 +12,165 @@ from numpy.typing import NDArray
 
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
-from rigctl.exchange.matlab_reader import read_mat
-from rigctl.exchange.text_table import MAX_COLUMNS, read_text_table
+from rigctl.exchange.column_names import format_names, range_ends
+from rigctl.exchange.matlab.matlab_reader import read_mat
+from rigctl.exchange.text_table import read_text_table
+from rigctl.exchange.trial_tables import FileTrials, Floats, LabelColumn, TrialTable, split_trials
 from rigctl.session.files.numpy_file import read_numpy
 
-Floats = NDArray[np.float64]
-_DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
-RANGE = ".."
-MAX_SHOWN = 12
+DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
+SUFFIXES = (*DELIMITERS, ".mat", ".npy", ".npz")
+KEPT_BYTES = 512 << 20
+TRUNCATED = "its last row is incomplete: left out"
 
 
-@dataclass(frozen=True, slots=True)
-class FileColumns:
-    """One file: ``values`` float64 (n, m), NaN for an empty cell, with the names of its columns.
+class RecordingReader:
+    """Reads files as trials; keeps the last files that hold several, up to 512 MiB."""
 
-    ``first_row``: line number of the first row of values, from 1; ``truncated``: the last row is
-    incomplete and left out.
-    """
+    def __init__(self, mapping: ImportMap) -> None:
+        self._mapping = mapping
+        self._kept: OrderedDict[Path, FileTrials] = OrderedDict()
 
-    path: Path
-    names: tuple[str, ...]
-    values: Floats
-    first_row: int = 1
-    truncated: bool = False
-
-    def indices(self, items: Iterable[str]) -> list[int]:
-        """Return the indices of names, numbers or ranges. Raises WrongUse for a missing column."""
-        found: list[int] = []
-        for item in items:
-            found += self._range(item)
-            if len(found) > MAX_COLUMNS:
-                raise WrongUse(f"{self.path}: more than {MAX_COLUMNS:,} columns are mapped")
-        return found
-
-    def _range(self, item: str) -> range:
-        first, dots, last = item.partition(RANGE)
-        if item in self.names or not dots:
-            index = self._index(item)
-            return range(index, index + 1)
-        start, stop = self._index(first.strip()), self._index(last.strip())
-        if stop < start:
-            raise WrongUse(f"{self.path}: column range {item} runs backwards: swap its ends")
-        return range(start, stop + 1)
-
-    def _index(self, name: str) -> int:
-        if name in self.names:
-            return self.names.index(name)
-        if name.isdecimal() and 1 <= int(name) <= len(self.names):
-            return int(name) - 1
-        close = difflib.get_close_matches(name, self.names, 1)
-        hint = f"did you mean {close[0]!r}?" if close else f"it has {_format_names(self.names)}"
-        raise WrongUse(f"{self.path} has no column {name!r}: {hint}")
+    def read(self, path: Path) -> FileTrials:
+        """Return a file's trials. Raises WrongUse naming file, row and column."""
+        if path in self._kept:
+            self._kept.move_to_end(path)
+            return self._kept[path]
+        content = read_trials(path, self._mapping)
+        if len(content.trials) > 1:
+            self._kept[path] = content
+            while len(self._kept) > 1 and sum(c.n_bytes for c in self._kept.values()) > KEPT_BYTES:
+                self._kept.popitem(last=False)
+        return content
 
 
-def read_columns(path: Path, mapping: ImportMap) -> FileColumns:
+def read_trials(path: Path, mapping: ImportMap) -> FileTrials:
     """Read one file by its suffix. Raises WrongUse naming file, row and column."""
     suffix = path.suffix.lower()
-    try:
-        if suffix in _DELIMITERS:
-            table = read_text_table(path, mapping.delimiter or _DELIMITERS[suffix])
-            return FileColumns(path, *table)
-        if suffix == ".mat":
-            return _from_variables(path, read_mat(path), mapping)
-        if suffix in (".npy", ".npz"):
-            return _from_variables(path, read_numpy(path), mapping)
-    except OSError as error:
-        raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
-    suffixes = ", ".join([*_DELIMITERS, ".mat", ".npy", ".npz"])
-    raise WrongUse(f"{path}: files that can be imported end in {suffixes}")
-
-
-def _from_variables(path: Path, variables: Mapping[str, Any], mapping: ImportMap) -> FileColumns:
-    """Return the map's variable or structure, or all that the map names, as columns."""
+    if suffix in DELIMITERS and not mapping.elements:
+        return _from_text(path, mapping)
+    variables = read_variables(path)
+    if mapping.elements:
+        return _from_elements(path, variables, mapping)
     if mapping.variable:
         variables = _select_variable(path, variables, mapping.variable)
+    return _from_variables(path, str(path), variables, mapping)
+
+
+def read_variables(path: Path) -> Mapping[str, Any]:
+    """Return the variables of a MATLAB or NumPy file. Raises WrongUse for any other."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".mat":
+            return read_mat(path)
+        if suffix in (".npy", ".npz"):
+            return read_numpy(path)
+    except OSError as error:
+        raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
+    if suffix in DELIMITERS:
+        raise WrongUse(f"{path} is a text table, which has no elements: correct [trials] elements")
+    raise WrongUse(f"{path}: files that can be imported end in {', '.join(SUFFIXES)}")
+
+
+def _from_text(path: Path, mapping: ImportMap) -> FileTrials:
+    delimiter = mapping.delimiter or DELIMITERS[path.suffix.lower()]
+    try:
+        table = read_text_table(path, delimiter, mapping.channels, mapping.label_columns)
+    except OSError as error:
+        raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
+    rows = table.first_row + np.arange(len(table.values))
+    whole = TrialTable(path, str(path), table.names, table.values, rows)
+    keys = [
+        LabelColumn(column, *whole.texts_of(column, table.texts))
+        for column in mapping.label_columns
+    ]
+    remarks = (TRUNCATED,) if table.truncated else ()
+    return split_trials(whole, keys, mapping, remarks)
+
+
+def _from_elements(path: Path, variables: Mapping[str, Any], mapping: ImportMap) -> FileTrials:
+    """Return the trials of an array of structures or cells."""
+    trials: list[TrialTable] = []
+    remarks: list[str] = []
+    for place, fields in split_elements(path, variables, mapping.elements).items():
+        if all(np.size(value) == 0 for value in fields.values()):
+            remarks.append(f"{place} is empty: left out")
+            continue
+        content = _from_variables(path, f"{path}, {place}", fields, mapping)
+        trials += content.trials
+        remarks += content.remarks
+    return FileTrials(tuple(trials), tuple(remarks))
+
+
+def split_elements(
+    path: Path, variables: Mapping[str, Any], wanted: str
+) -> dict[str, dict[str, Any]]:
+    """Return the fields of each element by ``wanted.number``; a sole element is a structure.
+
+    A cell that is an array has it under an empty name.
+    """
+    elements: dict[str, dict[str, Any]] = {}
+    for name, value in _select_variable(path, variables, wanted).items():
+        number, _, rest = name.partition(".")
+        if number.isdecimal():
+            elements.setdefault(f"{wanted}.{number}", {})[rest] = value
+        else:
+            elements.setdefault(wanted, {})[name] = value
+    return elements
+
+
+def _from_variables(
+    path: Path, place: str, variables: Mapping[str, Any], mapping: ImportMap
+) -> FileTrials:
+    """Return the trials of the arrays that the map names, labelled by scalars or by columns."""
+    labels = {
+        column: label_text(variables[column])
+        for column in mapping.label_columns
+        if column in variables and np.size(variables[column]) == 1
+    }
+    arrays = {name: value for name, value in variables.items() if name not in labels}
+    by_row = [column for column in mapping.label_columns if column not in labels]
+    names, columns = _columns_of(place, arrays, (*mapping.channels, *by_row), mapping)
+    rows = np.arange(1, len(columns) + 1)
+    whole = TrialTable(path, place, names, columns, rows, _named(labels, mapping))
+    keys = [LabelColumn(column, *whole.texts_of(column, {})) for column in by_row]
+    return split_trials(whole, keys, mapping, ())
+
+
+def _named(labels: Mapping[str, str], mapping: ImportMap) -> dict[str, str]:
+    """Return the texts by label instead of by column."""
+    columns = mapping.labels.columns.items()
+    return {label: labels[column] for label, column in columns if column in labels}
+
+
+def label_text(value: Any) -> str:
+    """Return the text of a scalar or text variable, whole numbers without a point."""
+    item = np.asarray(value).reshape(-1)[0]
+    return f"{float(item):.12g}" if isinstance(item, int | float | np.number) else str(item)
+
+
+def _columns_of(
+    place: str, variables: Mapping[str, Any], items: Sequence[str], mapping: ImportMap
+) -> tuple[tuple[str, ...], Floats]:
+    """Return the names and the columns (n, m) of all that the map names, or of everything."""
     names: list[str] = []
     columns: list[Floats] = []
-    for name, value in _mapped_variables(variables, mapping).items():
-        for column_name, column in _split_columns(path, name, value, mapping.transpose):
+    for name, value in _mapped_variables(variables, items, mapping.taxels).items():
+        for column_name, column in split_columns(place, name, value, mapping.transpose):
             names.append(column_name)
             columns.append(column)
     if not columns or len({len(column) for column in columns}) > 1:
         raise WrongUse(
-            f"{path}: its variables {_format_lengths(names, columns)} are not columns of one "
+            f"{place}: its variables {_format_lengths(names, columns)} are not columns of one "
             "length: name one with variable = in [files]"
         )
-    return FileColumns(path, tuple(names), np.stack(columns, axis=1))
+    return tuple(names), np.stack(columns, axis=1)
 
 
 def _format_lengths(names: Sequence[str], columns: Sequence[Floats]) -> str:
     """Return one column of each length, with that length."""
     by_length = {len(column): name for name, column in zip(names, columns, strict=True)}
-    return _format_names(tuple(f"{name} ({n})" for n, name in by_length.items()))
+    return format_names(tuple(f"{name} ({n})" for n, name in by_length.items()))
 
 
 def _select_variable(path: Path, variables: Mapping[str, Any], wanted: str) -> dict[str, Any]:
@@ -119,21 +185,22 @@ def _select_variable(path: Path, variables: Mapping[str, Any], wanted: str) -> d
     }
     if not fields:
         raise WrongUse(
-            f"{path} has no variable {wanted!r}: it has {_format_names(tuple(variables))}"
+            f"{path} has no variable {wanted!r}: it has {format_names(tuple(variables))}"
         )
     return fields
 
 
-def _mapped_variables(variables: Mapping[str, Any], mapping: ImportMap) -> Mapping[str, Any]:
+def _mapped_variables(
+    variables: Mapping[str, Any], items: Sequence[str], taxels: Sequence[str]
+) -> Mapping[str, Any]:
     """Return the variables that a column of the map names, all of them where it names none."""
-    items = (*mapping.taxels, mapping.time_column, mapping.loadcell, *mapping.extra)
-    ends = {end.strip() for item in items for end in (item, *item.split(RANGE)) if end.strip()}
+    ends = {end for item in items for end in (item, *range_ends(item)) if end}
     if any(end.isdigit() for end in ends):
         return variables  # a number counts the columns of all variables
     names = tuple(variables)
     mapped = {name for name in names if any(_is_column_of(name, end) for end in ends)}
-    for item in mapping.taxels:
-        first, _, last = (part.strip() for part in item.partition(RANGE))
+    for item in taxels:
+        first, last = range_ends(item)
         if first in names and last in names:
             mapped.update(names[names.index(first) : names.index(last) + 1])
     return {name: variables[name] for name in names if name in mapped} or variables
@@ -144,34 +211,30 @@ def _is_column_of(name: str, column: str) -> bool:
     return column == name or (bool(name) and column.removeprefix(name).isdigit())
 
 
-def _split_columns(path: Path, name: str, value: Any, transpose: bool) -> list[tuple[str, Floats]]:
+def split_columns(place: str, name: str, value: Any, transpose: bool) -> list[tuple[str, Floats]]:
+    """Return the columns of an array with their names: those of a table are numbered from 1."""
     array = np.asarray(value)
     if array.dtype.names:
         return [
-            (field, _as_floats(path, field, array[field].reshape(-1)))
+            (field, _as_floats(place, field, array[field].reshape(-1)))
             for field in array.dtype.names
         ]
-    array = _as_floats(path, name, array)
+    array = _as_floats(place, name, array)
     if array.ndim == 0 or (array.ndim == 2 and 1 in array.shape):
         array = array.reshape(-1)
     if array.ndim == 1:
         return [(name or "1", array)]
     if array.ndim != 2:
         shape = " × ".join(map(str, array.shape))
-        raise WrongUse(f"{path}: {name or 'the array'} is {shape}: give samples × columns")
+        raise WrongUse(f"{place}: {name or 'the array'} is {shape}: give samples × columns")
     table = array.T if transpose else array
     return [(f"{name}{k + 1}", np.ascontiguousarray(table[:, k])) for k in range(table.shape[1])]
 
 
-def _as_floats(path: Path, name: str, array: NDArray[Any]) -> Floats:
+def _as_floats(place: str, name: str, array: NDArray[Any]) -> Floats:
     if array.dtype.kind not in "biuf":
         raise WrongUse(
-            f"{path}: {name or 'the array'} holds no plain numbers: name arrays of numbers in the "
+            f"{place}: {name or 'the array'} holds no plain numbers: name arrays of numbers in the "
             "map, for example a field as structure.field"
         )
     return array.astype(np.float64)
-
-
-def _format_names(names: tuple[str, ...]) -> str:
-    shown = ", ".join(names[:MAX_SHOWN])
-    return f"{shown}, … ({len(names)})" if len(names) > MAX_SHOWN else shown or "none"

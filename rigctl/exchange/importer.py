@@ -1,4 +1,4 @@
-"""Import of recordings as a session: each file becomes a trial, each texture a part."""
+"""Import of recordings as a session: their trials, each texture a part."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from rigctl.config.rig_config import MAX_TAXELS, RigConfig
 from rigctl.errors import DiskFault, WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.extra_channels import ExtraChannels
-from rigctl.exchange.file_readers import read_columns
+from rigctl.exchange.file_readers import RecordingReader
 from rigctl.exchange.inspection import (
     MAX_COUNT,
-    InspectedFile,
+    InspectedTrial,
     Inspection,
     TaxelScaling,
     extract_series,
@@ -66,19 +66,20 @@ def import_files(
     if n_taxels > MAX_TAXELS:
         raise WrongUse(f"{n_taxels} taxels are mapped, but a session has at most {MAX_TAXELS}")
     trials = [
-        file.label.trial(number, file.count) for number, file in enumerate(inspection.files, 1)
+        trial.label.trial(number, trial.count) for number, trial in enumerate(inspection.trials, 1)
     ]
-    header = _header(mapping, inspection.scaling, trials, start_utc)
-    config = _config(mapping, n_taxels)
+    layout = _layout(mapping, n_taxels)
+    header = replace(_header(mapping, inspection.scaling, trials, start_utc), sensor_layout=layout)
+    config = _config(mapping, layout)
     with Recorder(folder, header, "", config.to_toml()) as recorder:
         (folder / MAP_FILE).write_text(mapping.text, encoding="utf-8")
         with ExtraChannels(folder, mapping.extra) as extra:
             writer = _SessionWriter(recorder, mapping, inspection, extra)
-            for done, (file, trial) in enumerate(zip(inspection.files, trials, strict=True)):
+            for done, (source, trial) in enumerate(zip(inspection.trials, trials, strict=True)):
                 on_progress("writing", done)
                 if is_cancelled():
                     return inspection, False
-                writer.write(file, trial)
+                writer.write(source, trial)
             writer.check()
     return inspection, True
 
@@ -99,19 +100,33 @@ def _header(
         software_version=__version__,
         software_commit=source_commit(),
         n_taxels=len(scaling.names),
-        sensor_layout=SensorLayout.default(len(scaling.names)),
         sample_unit=scaling.unit(mapping.unit),
         highest_reading=MAX_COUNT,
     )
 
 
-def _config(mapping: ImportMap, n_taxels: int) -> RigConfig:
+def _layout(mapping: ImportMap, n_taxels: int) -> SensorLayout:
+    """Return the map's layout of the sensor, or the default of this number of taxels."""
+    layout = mapping.sensor_layout or SensorLayout.default(n_taxels)
+    if layout.n_taxels != n_taxels:
+        raise WrongUse(
+            f"the map's [sensor] has {layout.describe()}, which are {layout.n_taxels}, but "
+            f"[taxels] columns are {n_taxels}: correct one of them"
+        )
+    return layout
+
+
+def _config(mapping: ImportMap, layout: SensorLayout) -> RigConfig:
     config = RigConfig()
-    return replace(
-        config,
-        about=replace(config.about, name=mapping.name, sensor=mapping.sensor),
-        taxels=replace(config.taxels, count=n_taxels, rows=1, columns=n_taxels),
+    taxels = replace(
+        config.taxels,
+        count=layout.n_taxels,
+        rows=layout.rows,
+        columns=layout.columns,
+        layers=layout.layers,
     )
+    about = replace(config.about, name=mapping.name, sensor=mapping.sensor)
+    return replace(config, about=about, taxels=taxels)
 
 
 class _SessionWriter:
@@ -124,16 +139,18 @@ class _SessionWriter:
         self._mapping = mapping
         self._inspection = inspection
         self._extra = extra
+        self._reader = RecordingReader(mapping)
         self._n_taxels = len(inspection.scaling.names)
         self._counter = 0
         self._texture: str | None = None
         self._conversions = 0
 
-    def write(self, file: InspectedFile, trial: PlannedTrial) -> None:
-        """Write one file's samples, load cell, extra channels, trial row and origin."""
-        if file.label.texture != self._texture:
-            self._begin_part(file.label.texture)
-        series, _ = extract_series(read_columns(file.path, self._mapping), self._mapping)
+    def write(self, source: InspectedTrial, trial: PlannedTrial) -> None:
+        """Write one trial's samples, load cell, extra channels, trial row and origin."""
+        if source.label.texture != self._texture:
+            self._begin_part(source.label.texture)
+        table = self._reader.read(source.path).trials[source.index]
+        series, _ = extract_series(table, self._mapping)
         resampled, _ = resample(series, self._mapping.max_gap_s, self._mapping.low_pass_hz)
         first = self._counter
         for block in self._blocks(resampled):
@@ -145,10 +162,10 @@ class _SessionWriter:
         self._recorder.commit_trial(_trial_row(trial, first, resampled.count, force_g))
         self._add_event(
             "trial",
-            f"trial {trial.trial_id} is {file.path.name}",
-            rows=file.rows,
-            rate_hz=round(file.rate_hz, 4),
-            sha256=file.sha256,
+            f"trial {trial.trial_id} is {source.name}",
+            rows=source.rows,
+            rate_hz=round(source.rate_hz, 4),
+            sha256=source.sha256,
         )
 
     def check(self) -> None:

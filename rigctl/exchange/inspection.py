@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,8 +14,10 @@ import numpy as np
 
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
-from rigctl.exchange.column_map import FileLabel, ImportMap, number_repeats, parse_label
-from rigctl.exchange.file_readers import FileColumns, read_columns
+from rigctl.exchange.column_map import ImportMap
+from rigctl.exchange.column_names import format_names, range_ends
+from rigctl.exchange.file_readers import DELIMITERS, RecordingReader
+from rigctl.exchange.labels import TrialLabel, number_repeats, parse_label, refuse_collisions
 from rigctl.exchange.resampling import (
     Floats,
     ResampledSeries,
@@ -24,6 +27,8 @@ from rigctl.exchange.resampling import (
     is_oversampled,
     resample,
 )
+from rigctl.exchange.trial_tables import TrialTable
+from rigctl.exchange.units import DEPTH, LEVEL
 from rigctl.values import SAMPLE_RATE_HZ
 
 MAX_COUNT = 65535
@@ -32,11 +37,16 @@ GRID_TOLERANCE_ROWS = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class InspectedFile:
-    """One file with its label; ``count``: samples of 1 ms in its trial, gaps included."""
+class InspectedTrial:
+    """One trial with its label: number ``index`` from 0 of the trials of its file.
+
+    ``name`` names file and trial; ``count``: samples of 1 ms, those in gaps included.
+    """
 
     path: Path
-    label: FileLabel
+    index: int
+    name: str
+    label: TrialLabel
     rows: int
     rate_hz: float
     count: int
@@ -73,87 +83,114 @@ class TaxelScaling:
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """All files in the order of their trials, the scaling of taxels, and remarks on defects."""
+    """All trials in their order, the scaling of taxels, and remarks on defects."""
 
-    files: tuple[InspectedFile, ...]
+    trials: tuple[InspectedTrial, ...]
     scaling: TaxelScaling
     remarks: tuple[str, ...]
 
 
-def extract_series(columns: FileColumns, mapping: ImportMap) -> tuple[TimeSeries, list[str]]:
-    """Return one file's taxels, load cell and extra channels, in this order, and remarks."""
-    taxels = columns.indices(mapping.taxels)
-    loadcell = columns.indices([mapping.loadcell] if mapping.loadcell else [])
-    values = columns.values[:, taxels + loadcell + columns.indices(mapping.extra)]
+def extract_series(table: TrialTable, mapping: ImportMap) -> tuple[TimeSeries, list[str]]:
+    """Return one trial's taxels, load cell and extra channels, in this order, and remarks."""
+    taxels = table.indices(mapping.taxels)
+    loadcell = table.indices([mapping.loadcell] if mapping.loadcell else [])
+    values = table.values[:, taxels + loadcell + table.indices(mapping.extra)]
     if mapping.time_column:
-        time_s = columns.values[:, columns.indices([mapping.time_column])[0]] * mapping.time_s
+        time_s = table.values[:, table.indices([mapping.time_column])[0]] * mapping.time_s
     else:
         time_s = np.arange(len(values)) / mapping.rate_hz
-    series, remarks = clean_time_column(time_s, values, columns.first_row, len(taxels))
+    series, remarks = clean_time_column(time_s, values, table.row_numbers, len(taxels))
     if not len(series.time_s):
-        raise WrongUse(f"{columns.path}: fewer than two rows have different times")
+        raise WrongUse(f"{table.place}: fewer than two rows have different times")
     if series.time_s[-1] > MAX_DURATION_S:
         raise WrongUse(
-            f"{columns.path}: its times span {series.time_s[-1]:.0f} s: check unit in [time]"
+            f"{table.place}: its times span {series.time_s[-1]:.0f} s: check unit in [time]"
         )
-    if columns.truncated:
-        remarks.append("its last row is incomplete: left out")
     return series, remarks
 
 
 def inspect_files(
     paths: Sequence[Path], mapping: ImportMap, on_progress: Callable[[int], None]
 ) -> Inspection:
-    """Inspect every file. Raises WrongUse for the first one that cannot be imported."""
-    inspector = _Inspector(mapping)
+    """Inspect every trial of every file. Raises WrongUse for the first that cannot be imported."""
+    inspector = _Inspector(mapping, common_folder(paths))
     for done, path in enumerate(paths):
         on_progress(done)
         inspector.inspect(path)
-    labels = number_repeats(file.label for file in inspector.files)
-    files = [
-        replace(file, label=label) for file, label in zip(inspector.files, labels, strict=True)
+    labels = number_repeats(trial.label for trial in inspector.trials)
+    refuse_collisions(labels, [trial.name for trial in inspector.trials])
+    trials = [
+        replace(trial, label=label) for trial, label in zip(inspector.trials, labels, strict=True)
     ]
-    fields = ("texture", "force_g", "speed_mm_s", "direction", "repeat")
-    files.sort(key=attrgetter(*(f"label.{name}" for name in fields)))
+    fields = ("texture", "force_g", "speed_mm_s", "direction", "mount", "repeat")
+    trials.sort(key=attrgetter(*(f"label.{name}" for name in fields)))
     scaling = inspector.scaling()
-    remarks = (*inspector.remarks, *_rate_remarks(files, mapping))
-    return Inspection(tuple(files), scaling, remarks)
+    remarks = (*inspector.remarks, *_rate_remarks(trials, mapping), *_force_remarks(mapping))
+    return Inspection(tuple(trials), scaling, remarks)
+
+
+def common_folder(paths: Sequence[Path]) -> Path:
+    """Return the innermost folder that contains every path, absolute."""
+    return Path(os.path.commonpath([path.absolute().parent for path in paths]))
 
 
 class _Inspector:
-    """Collects each file's properties, and the range of taxels over all files."""
+    """Collects each trial's properties, and the range of taxels over all files."""
 
-    def __init__(self, mapping: ImportMap) -> None:
-        self.files: list[InspectedFile] = []
+    def __init__(self, mapping: ImportMap, folder: Path) -> None:
+        self._folder = folder
+        self.trials: list[InspectedTrial] = []
         self.remarks: list[str] = []
         self._mapping = mapping
+        self._reader = RecordingReader(mapping)
+        self._first: TrialTable | None = None
         self._names: tuple[str, ...] = ()
         self._low = self._high = np.empty(0)
         self._integers_at_1_khz = True
 
     def inspect(self, path: Path) -> None:
-        """Read one file and add its properties."""
-        label = parse_label(path, self._mapping)
-        columns = read_columns(path, self._mapping)
-        names = tuple(columns.names[k] for k in columns.indices(self._mapping.taxels))
-        if self._names and len(names) != len(self._names):
-            raise WrongUse(
-                f"{path} has {len(names)} taxels, but the files before it have {len(self._names)}: "
-                "import them into separate sessions"
-            )
-        self._names = self._names or names
-        series, remarks = extract_series(columns, self._mapping)
+        """Read one file and add its trials."""
+        content = self._reader.read(path)
+        with open_file(path) as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        self.remarks += [f"{self._name(path)}: {remark}" for remark in content.remarks]
+        for index, table in enumerate(content.trials):
+            self._inspect_trial(index, table, digest)
+
+    def _inspect_trial(self, index: int, table: TrialTable, digest: str) -> None:
+        label = parse_label(table.path, self._mapping.labels, table.labels, table.place)
+        self._check_layout(table)
+        series, remarks = extract_series(table, self._mapping)
         remarks += self._outlier_remarks(series)
         resampled, gaps = resample(series, self._mapping.max_gap_s, self._mapping.low_pass_hz)
         remarks += [f"gap from {start:.3f} to {end:.3f} s" for start, end in gaps]
-        self.remarks += [f"{path.name}: {remark}" for remark in remarks]
+        name = f"{self._name(table.path)}{table.place.removeprefix(str(table.path))}"
+        self.remarks += [f"{name}: {remark}" for remark in remarks]
         self._extend_range(series, resampled)
-        with open_file(path) as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        n_rows = len(series.time_s)
-        self.files.append(
-            InspectedFile(path, label, n_rows, series.rate_hz, resampled.count, digest)
+        rows, rate_hz, count = len(series.time_s), series.rate_hz, resampled.count
+        self.trials.append(
+            InspectedTrial(table.path, index, name, label, rows, rate_hz, count, digest)
         )
+
+    def _name(self, path: Path) -> str:
+        return path.absolute().relative_to(self._folder).as_posix()
+
+    def _check_layout(self, table: TrialTable) -> None:
+        """Raise WrongUse for a table of another layout than the first."""
+        names = tuple(table.names[k] for k in table.indices(self._mapping.taxels))
+        first, self._first = self._first, self._first or table
+        if first is None:
+            self._names = names
+        elif len(names) != len(self._names):
+            raise WrongUse(
+                f"{table.place} has {len(names)} taxels, but the files before it have "
+                f"{len(self._names)}: import them into separate sessions"
+            )
+        elif _are_two_layouts(first, table, self._mapping):
+            raise WrongUse(
+                f"{table.place} has the columns {format_names(table.names)}, but {first.path.name} "
+                f"has {format_names(first.names)}: import each layout with a map of its own"
+            )
 
     def scaling(self) -> TaxelScaling:
         """Return the scaling: integers at 1 kHz stay unchanged, all else spans the full range."""
@@ -199,23 +236,39 @@ class _Inspector:
         self._integers_at_1_khz = self._integers_at_1_khz and on_grid and integers
 
 
-def _rate_remarks(files: Sequence[InspectedFile], mapping: ImportMap) -> list[str]:
+def _are_two_layouts(first: TrialTable, table: TrialTable, mapping: ImportMap) -> bool:
+    """Return whether the map's numbers count columns that two text tables name differently."""
+    ends = {end for item in mapping.channels for end in range_ends(item)}
+    by_name = ends <= set(table.names) & set(first.names)
+    is_text = {first.path.suffix.lower(), table.path.suffix.lower()} <= DELIMITERS.keys()
+    return is_text and not by_name and table.names != first.names
+
+
+def _rate_remarks(trials: Sequence[InspectedTrial], mapping: ImportMap) -> list[str]:
     """Return remarks on rates that are too low for the texture, or higher than 1 kHz."""
     slow: dict[float, list[float]] = defaultdict(list)
-    for file in files:
-        if file.rate_hz * mapping.finest_mm < 2 * file.label.speed_mm_s:
-            slow[file.label.speed_mm_s].append(file.rate_hz)
+    for trial in trials:
+        if trial.rate_hz * mapping.finest_mm < 2 * trial.label.speed_mm_s:
+            slow[trial.label.speed_mm_s].append(trial.rate_hz)
     remarks = [
-        f"sampled too slowly in {len(rates)} files at {speed:g} mm/s: {min(rates):.1f} Hz shows "
+        f"sampled too slowly in {len(rates)} trials at {speed:g} mm/s: {min(rates):.1f} Hz shows "
         f"nothing finer than {2 * speed / min(rates):.2g} mm, {mapping.finest_mm:g} mm need "
         f"{2 * speed / mapping.finest_mm:.0f} Hz"
         for speed, rates in sorted(slow.items())
     ]
-    if n_fast := sum(is_oversampled(file.rate_hz) for file in files):
+    if n_fast := sum(is_oversampled(trial.rate_hz) for trial in trials):
         low_pass = f"behind a low-pass of {mapping.low_pass_hz:g} Hz"
         filtered = low_pass if mapping.low_pass_hz else "without a filter, as the map says"
-        fast = f"{n_fast} files have more than {SAMPLE_RATE_HZ} rows a second"
+        fast = f"{n_fast} trials have more than {SAMPLE_RATE_HZ} rows a second"
         remarks.append(f"{fast}: taken at 1 kHz {filtered}")
-    if mapping.force_unit == "level" and "force" in mapping.pattern.groupindex:
-        remarks.append("forces are levels without a unit, in the place of grams")
     return remarks
+
+
+def _force_remarks(mapping: ImportMap) -> list[str]:
+    """Return a remark on labels that stand in the place of forces."""
+    if not mapping.labels.names_force:
+        return []
+    unit = mapping.labels.force.unit
+    if unit == LEVEL:
+        return ["forces are levels without a unit, in the place of grams"]
+    return ["depths in mm stand in the place of grams"] if unit == DEPTH else []

@@ -55,31 +55,32 @@ class ResampledSeries:
 
 
 def clean_time_column(
-    time_s: Floats, values: Floats, first_row: int, n_required: int
+    time_s: Floats, values: Floats, row_numbers: NDArray[np.int64], n_required: int
 ) -> tuple[TimeSeries, list[str]]:
     """Return rows in ascending time from 0, one for each time, and remarks on the others.
 
     Drops rows without a time or without a value in one of the first ``n_required`` columns, and
-    rows earlier than a previous row; averages rows of one time.
+    rows earlier than a previous row; averages rows of one time. ``row_numbers``: int64 (n,), the
+    line of each row in its file.
     """
     remarks = []
     incomplete = ~np.isfinite(time_s) | ~np.isfinite(values[:, :n_required]).all(axis=1)
     if incomplete.any():
-        row = first_row + int(np.argmax(incomplete))
+        row = row_numbers[np.argmax(incomplete)]
         remarks.append(f"{incomplete.sum()} rows lack a value, the first is row {row}: left out")
     rows = np.flatnonzero(~incomplete)
     time_s = time_s[rows]
     latest = np.maximum.accumulate(time_s) if len(time_s) else time_s
     back = time_s < latest
     if back.any():
-        row = first_row + int(rows[np.argmax(back)])
+        row = row_numbers[rows[np.argmax(back)]]
         remarks.append(f"time runs backwards before {back.sum()} rows, first row {row}: left out")
     rows, time_s = rows[~back], time_s[~back]
     starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > 0)
     repeated = len(time_s) - len(starts)
     if repeated:
         place = int(np.flatnonzero(np.diff(time_s) == 0)[0]) + 1
-        row = first_row + int(rows[place])
+        row = row_numbers[rows[place]]
         remarks.append(f"{repeated} rows repeat a time stamp, first row {row}: averaged with it")
     if len(starts) < MIN_ROWS:
         return TimeSeries(time_s[:0], values[:0]), remarks

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from io import TextIOWrapper
+from itertools import chain, repeat
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
@@ -15,41 +16,48 @@ from numpy.typing import NDArray
 from rigctl.config.names import shorten
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
+from rigctl.exchange.column_names import MAX_COLUMNS, find_columns
 
 MAX_FILE_BYTES = 2**32
 MAX_LINE_LETTERS = 1_000_000
-MAX_COLUMNS = 10_000
+MAX_LABELS = 100_000
 
 
 class TextTable(NamedTuple):
     """A table of numbers: ``values`` float64 (n, m), NaN for an empty cell.
 
     ``first_row``: line of the first values, from 1. ``truncated``: the last line is incomplete
-    and left out.
+    and left out. ``texts``: the different texts of each label column by its index; ``values``
+    then has the place of a row's text among them, from 0.
     """
 
     names: tuple[str, ...]
     values: NDArray[np.float64]
     first_row: int
     truncated: bool
+    texts: dict[int, tuple[str, ...]]
 
 
-def read_text_table(path: Path, delimiter: str) -> TextTable:
+def read_text_table(
+    path: Path, delimiter: str, numbers: Sequence[str] | None = None, labels: Sequence[str] = ()
+) -> TextTable:
     """Read a table of UTF-8 text; a first row that is no numbers has the names of the columns.
 
-    Raises WrongUse naming file, row and column.
+    ``numbers``: the columns that must be numbers, None for all; others are NaN where they are
+    texts. ``labels``: columns that may be texts. Raises WrongUse naming file, row and column.
     """
     with open_file(path) as binary:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise WrongUse(f"{path} has more than {MAX_FILE_BYTES:,} bytes: split it")
         with TextIOWrapper(binary, encoding="utf-8-sig", newline="") as file:
+            rows = _numbered_rows(csv.reader(text_lines(path, file), delimiter=delimiter))
             try:
-                return _read_rows(path, csv.reader(_lines(path, file), delimiter=delimiter))
+                return _read_rows(path, rows, numbers, labels)
             except (UnicodeDecodeError, csv.Error) as error:
                 raise WrongUse(f"{path} is not a text table in UTF-8: {error}") from error
 
 
-def _lines(path: Path, file: TextIO) -> Iterator[str]:
+def text_lines(path: Path, file: TextIO) -> Iterator[str]:
     """Yield the lines. Raises WrongUse for one without an end in sight."""
     number = 0
     while line := file.readline(MAX_LINE_LETTERS + 1):
@@ -69,58 +77,111 @@ def _numbered_rows(rows: Iterator[list[str]]) -> Iterator[tuple[int, list[str]]]
             yield number, [cell.strip() for cell in row]
 
 
-def _read_rows(path: Path, reader: Iterator[list[str]]) -> TextTable:
-    rows = _numbered_rows(reader)
+def _read_rows(
+    path: Path,
+    rows: Iterator[tuple[int, list[str]]],
+    numbers: Sequence[str] | None,
+    labels: Sequence[str],
+) -> TextTable:
     first = next(rows, None)
     if first is None:
         raise WrongUse(f"{path} is empty")
     number, cells = first
     if len(cells) > MAX_COLUMNS:
         raise WrongUse(f"{path}, row {number}: has {len(cells):,} cells; {MAX_COLUMNS:,} at most")
-    values = array("d")
-    named = not all(_is_number(cell) for cell in cells)
+    second = next(rows, None)
+    named = has_names(cells, second[1] if second else ())
+    rows = chain([second] if second else (), rows)
     names = tuple(cells) if named else tuple(str(k) for k in range(1, len(cells) + 1))
+    parser = _RowParser(path, names, numbers, labels)
     if not named:
-        values.extend(_parse_row(path, number, cells, names))
-    first_row, truncated = _read_values(path, rows, names, values)
-    if not values:
+        parser.add(number, cells)
+    first_row, truncated = _read_values(parser, rows)
+    if not parser.values:
         raise WrongUse(f"{path} has no rows of values")
-    table = np.frombuffer(values, np.float64).reshape(-1, len(names))
-    return TextTable(names, table, first_row if named else number, truncated)
+    table = np.frombuffer(parser.values, np.float64).reshape(-1, len(names))
+    return TextTable(names, table, first_row if named else number, truncated, parser.texts())
 
 
-def _read_values(
-    path: Path, rows: Iterator[tuple[int, list[str]]], names: tuple[str, ...], values: array[float]
-) -> tuple[int, bool]:
-    """Append all rows to ``values``; return the number of the first, and whether the last is cut.
+def has_names(first: Sequence[str], second: Sequence[str]) -> bool:
+    """Return whether a first row has names: a text where the second has a number, or no cell."""
+    below = (*second, *repeat("", len(first) - len(second)))
+    return any(
+        not _is_number(cell) and _is_number(under)
+        for cell, under in zip(first, below, strict=False)
+    )
+
+
+def _read_values(parser: _RowParser, rows: Iterator[tuple[int, list[str]]]) -> tuple[int, bool]:
+    """Add all rows; return the number of the first, and whether the last is cut.
 
     A row with too few cells is refused unless it is the last one.
     """
     first_row = 0
     for number, cells in rows:
         first_row = first_row or number
-        if len(cells) < len(names):
-            if next(rows, None) is None:
-                return first_row, True
-            raise WrongUse(_wrong_length(path, number, cells, names))
-        values.extend(_parse_row(path, number, cells, names))
+        if len(cells) < len(parser.names) and next(rows, None) is None:
+            return first_row, True
+        parser.add(number, cells)
     return first_row, False
 
 
-def _parse_row(path: Path, number: int, row: list[str], names: tuple[str, ...]) -> list[float]:
-    if len(row) != len(names):
-        raise WrongUse(_wrong_length(path, number, row, names))
-    try:
-        return [float(cell) if cell else np.nan for cell in row]
-    except ValueError:
-        name, cell = next(pair for pair in zip(names, row, strict=True) if not _is_number(pair[1]))
-        raise WrongUse(
-            f"{path}, row {number}, column {shorten(name)}: {shorten(cell)!r} is not a number"
-        ) from None
+class _RowParser:
+    """Turns the rows of a table into numbers; texts of label columns become their place."""
 
+    def __init__(
+        self,
+        path: Path,
+        names: tuple[str, ...],
+        numbers: Sequence[str] | None,
+        labels: Sequence[str],
+    ) -> None:
+        self.names = names
+        self.values = array("d")
+        self._path = path
+        every = range(len(names))
+        self._numbers = set(every if numbers is None else find_columns(path, names, numbers))
+        self._texts: dict[int, dict[str, int]] = {
+            column: {} for column in find_columns(path, names, labels)
+        }
+        both = self._texts.keys() & self._numbers
+        if both and numbers is not None:
+            raise WrongUse(
+                f"{path}: column {shorten(names[min(both)])} is mapped as a label and as numbers: "
+                "leave out one"
+            )
 
-def _wrong_length(path: Path, number: int, row: list[str], names: tuple[str, ...]) -> str:
-    return f"{path}, row {number}: has {len(row)} cells, the first has {len(names)}"
+    def add(self, number: int, row: list[str]) -> None:
+        """Add the row with this line number. Raises WrongUse for a wrong one."""
+        if len(row) != len(self.names):
+            raise WrongUse(
+                f"{self._path}, row {number}: has {len(row)} cells, the first has {len(self.names)}"
+            )
+        for column, places in self._texts.items():
+            row[column] = str(places.setdefault(row[column], len(places))) if row[column] else ""
+            if len(places) > MAX_LABELS:
+                raise WrongUse(
+                    f"{self._path}, row {number}, column {shorten(self.names[column])}: more than "
+                    f"{MAX_LABELS:,} different labels: this column has no labels"
+                )
+        try:
+            self.values.extend([float(cell) if cell else np.nan for cell in row])
+        except ValueError:
+            self.values.extend([self._cell(number, k, cell) for k, cell in enumerate(row)])
+
+    def texts(self) -> dict[int, tuple[str, ...]]:
+        """Return the different texts of each label column by its index."""
+        return {column: tuple(places) for column, places in self._texts.items()}
+
+    def _cell(self, number: int, column: int, cell: str) -> float:
+        if _is_number(cell):
+            return float(cell or "nan")
+        if column in self._numbers:
+            raise WrongUse(
+                f"{self._path}, row {number}, column {shorten(self.names[column])}: "
+                f"{shorten(cell)!r} is not a number"
+            )
+        return float("nan")
 
 
 def _is_number(cell: str) -> bool:

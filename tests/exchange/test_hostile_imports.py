@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from rigctl.errors import ConfigError, WrongUse
-from rigctl.exchange.column_map import load_map, parse_label
+from rigctl.exchange.column_map import load_map
+from rigctl.exchange.labels import parse_label
 from rigctl.exchange.text_table import MAX_FILE_BYTES, read_text_table
 
 MAP = """\
@@ -38,7 +39,7 @@ def write_map(
 def test_a_pattern_takes_no_exponential_time(tmp_path: Path, pattern: str) -> None:
     mapping = load_map(write_map(tmp_path, pattern))
     with pytest.raises(WrongUse, match="does not match the pattern"):
-        parse_label(Path("a" * 200 + "b.csv"), mapping)
+        parse_label(Path("a" * 200 + "b.csv"), mapping.labels, {}, "a.csv")
 
 
 @pytest.mark.parametrize(
@@ -73,7 +74,7 @@ def test_a_map_beyond_the_limits_is_refused(
 def test_a_texture_from_a_file_name_is_a_safe_name(tmp_path: Path, name: str, words: str) -> None:
     mapping = load_map(write_map(tmp_path, "^(?P<texture>[^_]+)"))
     with pytest.raises(WrongUse) as refused:
-        parse_label(Path(name), mapping)
+        parse_label(Path(name), mapping.labels, {}, "a.csv")
     assert words in str(refused.value)
 
 
@@ -81,7 +82,7 @@ def test_a_texture_from_a_file_name_is_a_safe_name(tmp_path: Path, name: str, wo
 def test_a_speed_from_a_file_name_is_a_possible_number(tmp_path: Path, speed: str) -> None:
     mapping = load_map(write_map(tmp_path, "(?P<texture>[A-Z])_(?P<speed>[^_]+)_"))
     with pytest.raises(WrongUse, match="and none huge"):
-        parse_label(Path(f"A_{speed}_1.csv"), mapping)
+        parse_label(Path(f"A_{speed}_1.csv"), mapping.labels, {}, "a.csv")
 
 
 def refusal(path: Path) -> str:

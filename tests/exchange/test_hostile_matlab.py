@@ -12,7 +12,7 @@ import pytest
 from scipy.io import savemat
 
 from rigctl.errors import WrongUse
-from rigctl.exchange.matlab_reader import read_mat
+from rigctl.exchange.matlab.matlab_reader import read_mat
 
 HEADER = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
 ROWS = np.arange(12.0).reshape(4, 3)

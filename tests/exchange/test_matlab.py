@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 
 from rigctl.errors import WrongUse
-from rigctl.exchange.matlab_reader import read_mat
+from rigctl.exchange.matlab.matlab_reader import read_mat
 from rigctl.session.read.session import Session
 from tests.exchange.test_import import PATTERN, run_import
 
@@ -52,11 +52,14 @@ def _put(file: Any, group: Any, fields: dict[str, Any]) -> None:
         elif isinstance(value, str):
             codes = np.array([[ord(letter)] for letter in value], np.uint16)
             group.create_dataset(name, data=codes).attrs["MATLAB_class"] = np.bytes_("char")
+        elif isinstance(value, list) and isinstance(value[0], dict):
+            inner = group.create_group(name)
+            inner.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key in value[0]:
+                inner.create_dataset(key, data=_references(file, [item[key] for item in value]))
         elif isinstance(value, list):
-            kind = "struct" if isinstance(value[0], dict) else "cell"
-            group.create_dataset(name, data=_references(file, value)).attrs["MATLAB_class"] = (
-                np.bytes_(kind)
-            )
+            cells = group.create_dataset(name, data=_references(file, value))
+            cells.attrs["MATLAB_class"] = np.bytes_("cell")
         else:
             array = np.atleast_2d(value).astype(float)
             array = array.T if array.shape[0] == 1 else array

@@ -48,14 +48,14 @@ def run(args: argparse.Namespace) -> int:
             args.files, load_map(args.map), args.out, stamp, show, interrupts.requested
         )
     if args.json:
-        answer = {"session": str(args.out), "trials": len(surveyed.files), "whole": whole}
+        answer = {"session": str(args.out), "trials": len(surveyed.trials), "whole": whole}
         print(json.dumps(answer | {"report": list(surveyed.remarks)}, ensure_ascii=False))
         return 0 if whole else INTERRUPTED
     _show(surveyed.remarks)
     if not whole:
         print("rigctl: interrupted; the session holds the files written so far", file=sys.stderr)
         return INTERRUPTED
-    print(f"{len(surveyed.files)} trials of {len(surveyed.scaling.names)} taxels")
+    print(f"{len(surveyed.trials)} trials of {len(surveyed.scaling.names)} taxels")
     print_session(args.out)
     return 0
 

@@ -13,7 +13,8 @@ from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.config.toml_edit import set_keys
 from rigctl.devices.trackers.plate_frame import PlateFrame
 from rigctl.devices.trackers.recorded_track import read_track
-from rigctl.exchange.column_map import load_map, parse_label
+from rigctl.exchange.column_map import load_map
+from rigctl.exchange.labels import parse_label
 from rigctl.finger_rig import open_finger_rig
 from rigctl.protocol.finger import Stage
 from rigctl.protocol.finger_plan import load_finger_protocol
@@ -24,7 +25,11 @@ from tests.fuzz.mutations.bytes import BYTES
 from tests.fuzz.mutations.texts import TEXT
 
 MAP = r"""name = "theirs"
-sensor = "skin 2"
+[sensor]
+name = "skin 2"
+rows = 1
+columns = 3
+layers = ["top"]
 [files]
 pattern = '(?P<texture>[a-z]+)_(?P<speed>-?\d+)cm_(?P<force>[\d.]+)N_(?P<repeat>\d+)'
 delimiter = ","
@@ -38,7 +43,13 @@ low = 0
 high = 4000
 [labels]
 speed_unit = "cm/s"
-force_unit = "N"
+force_unit = "kPa"
+area_mm2 = 100
+mount_column = "m"
+[trials]
+column = "run"
+[textures]
+felt = "felt 2"
 [quality]
 max_gap_s = 0.5
 outlier_sigma = 12
@@ -118,7 +129,7 @@ def read_map(folder: Path) -> object:
     """Load a map and read the label of a file name with it."""
     mapping = load_map(folder / "file.toml")
     name = Path("felt_-12cm_" + "0" * 39 + "1.5N_3.csv")
-    return parse_label(name, mapping)
+    return parse_label(name, mapping.labels, {}, str(name))
 
 
 def read_frame(folder: Path) -> object:

@@ -15,8 +15,8 @@ import numpy as np
 
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
-from rigctl.exchange.mat5_structure import check_mat5
-from rigctl.exchange.mat73_reader import HIDDEN, read_mat73
+from rigctl.exchange.matlab.mat5_structure import check_mat5
+from rigctl.exchange.matlab.mat73_reader import HIDDEN, read_mat73
 from rigctl.session.hdf5.errors import describe
 from rigctl.session.hdf5.probe import survives
 

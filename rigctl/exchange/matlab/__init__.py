@@ -1,0 +1,1 @@
+"""MATLAB files, checked before anything in them is believed."""

@@ -1,0 +1,134 @@
+"""The rows of trials: one file, one element of an array, or the rows of one trial number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.config.names import shorten
+from rigctl.errors import WrongUse
+from rigctl.exchange.column_map import ImportMap
+from rigctl.exchange.column_names import find_columns
+
+Floats = NDArray[np.float64]
+MAX_FILE_TRIALS = 100_000
+NO_TRIAL = -1
+
+
+@dataclass(frozen=True, slots=True)
+class TrialTable:
+    """One trial: ``values`` float64 (n, m), NaN for an empty cell, with the names of its columns.
+
+    ``place`` names file and trial in messages. ``row_numbers``: line of each row, from 1.
+    ``labels``: text of each label that a column or field gives.
+    """
+
+    path: Path
+    place: str
+    names: tuple[str, ...]
+    values: Floats
+    row_numbers: NDArray[np.int64]
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+    def indices(self, items: Iterable[str]) -> list[int]:
+        """Return the indices of names, numbers or ranges. Raises WrongUse for a missing column."""
+        return find_columns(self.place, self.names, items)
+
+    def texts_of(
+        self, column: str, texts: Mapping[int, tuple[str, ...]]
+    ) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+        """Return the place of each row's text among the different texts of a column, and these.
+
+        ``texts``: those of columns that hold places already. A row without a value has -1.
+        """
+        (index,) = self.indices([column])
+        values = self.values[:, index]
+        known = np.isfinite(values)
+        if index in texts:
+            return np.where(known, values, NO_TRIAL).astype(np.int64), texts[index]
+        different, places = np.unique(values[known], return_inverse=True)
+        codes = np.full(len(values), NO_TRIAL, np.int64)
+        codes[known] = places
+        return codes, tuple(f"{value:.12g}" for value in different)
+
+
+class LabelColumn(NamedTuple):
+    """A column that tells trials apart: each row's place among the different ``texts``."""
+
+    name: str
+    codes: NDArray[np.int64]
+    texts: tuple[str, ...]
+
+
+class FileTrials(NamedTuple):
+    """All trials of one file, and remarks on what was left out of it."""
+
+    trials: tuple[TrialTable, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of all rows."""
+        return sum(trial.values.nbytes + trial.row_numbers.nbytes for trial in self.trials)
+
+
+def split_trials(
+    whole: TrialTable, keys: Sequence[LabelColumn], mapping: ImportMap, remarks: Sequence[str]
+) -> FileTrials:
+    """Return the trials of a table: rows with the same values in all label columns are one.
+
+    Trials are in the order of their first rows. Rows without a value there belong to none.
+    Raises WrongUse for a table without trials, or with more than 100,000.
+    """
+    if not keys:
+        return FileTrials((whole,), tuple(remarks))
+    codes = np.stack([key.codes for key in keys], axis=1)
+    inside = (codes != NO_TRIAL).all(axis=1)
+    rows = np.flatnonzero(inside)
+    if not len(rows):
+        raise WrongUse(f"{whole.place}: no row has a value in {', '.join(k.name for k in keys)}")
+    found, first, place = np.unique(codes[rows], axis=0, return_index=True, return_inverse=True)
+    if len(found) > MAX_FILE_TRIALS:
+        columns = shorten(", ".join(key.name for key in keys))
+        raise WrongUse(
+            f"{whole.place}: {columns} tell {len(found):,} trials apart, more than "
+            f"{MAX_FILE_TRIALS:,}: these columns are no labels"
+        )
+    by_trial = np.split(
+        rows[np.argsort(place.reshape(-1), kind="stable")],
+        np.cumsum(np.bincount(place.reshape(-1)))[:-1],
+    )
+    trials = tuple(_cut(whole, by_trial[k], keys, found[k], mapping) for k in np.argsort(first))
+    if len(trials) == 1:
+        trials = (replace(trials[0], place=whole.place),)
+    lost = len(inside) - len(rows)
+    left_out = [f"{lost} rows have no label, so belong to no trial: left out"] if lost else []
+    return FileTrials(trials, (*remarks, *left_out))
+
+
+def _cut(
+    whole: TrialTable,
+    rows: NDArray[np.int64],
+    keys: Sequence[LabelColumn],
+    codes: NDArray[np.int64],
+    mapping: ImportMap,
+) -> TrialTable:
+    """Return the rows of one trial with its labels."""
+    texts = {key.name: key.texts[code] for key, code in zip(keys, codes, strict=True)}
+    labels = {
+        label: texts[column] for label, column in mapping.labels.columns.items() if column in texts
+    }
+    trial = f" {texts[mapping.trial_column]}" if mapping.trial_column in texts else ""
+    number = f"{whole.place}, trial{trial} from row {whole.row_numbers[rows[0]]}"
+    return replace(
+        whole,
+        place=number,
+        values=whole.values[rows],
+        row_numbers=whole.row_numbers[rows],
+        labels={**whole.labels, **labels},
+    )
