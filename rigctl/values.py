@@ -174,6 +174,7 @@ class PlannedTrial:
     """One trial of a plan. ``trial_id`` counts from 1 in planned order and never changes.
 
     In force mode ``position`` the drum presses to ``depth_mm`` below contact and ``force_g`` is 0.
+    ``mount`` counts the mountings of the texture's plate, from 1.
     """
 
     trial_id: int
@@ -185,6 +186,8 @@ class PlannedTrial:
     force_mode: str = "hold"
     direction: str = "forward"
     depth_mm: float = 0.0
+    # Without it the digest of a plan that mounts each plate once is that of earlier versions.
+    mount: int = field(default=1, repr=False)
 
     @property
     def duration_s(self) -> float:

@@ -30,7 +30,8 @@ CHECKING_STAGE = "checking digests, MiB"
 class TrialRef(NamedTuple):
     """One trial: its session, its row in /trials, and its planned conditions.
 
-    ``sample_range``: the place of its samples in the ``files`` of the set.
+    ``sample_range``: the place of its samples in the ``files`` of the set. ``mount``: the mounting
+    of its plate in its session, from 1.
     """
 
     session: int
@@ -41,6 +42,7 @@ class TrialRef(NamedTuple):
     force_g: float
     n_planned: int
     sample_range: SampleRange
+    mount: int = 1
 
     @property
     def n_samples(self) -> int:
@@ -274,7 +276,8 @@ def _references(
     names = ("trial_id", "texture", "speed_mm_s", "force_g")
     columns = [column.tolist() for column in (rows, *(table[name] for name in names), planned)]
     places = session.sample_ranges(rows.tolist(), first_file)
-    return list(map(TrialRef, [number] * len(rows), *columns, places))
+    mounts = table["mount"].tolist()
+    return list(map(TrialRef, [number] * len(rows), *columns, places, mounts))
 
 
 def _provenance(session: Session) -> dict[str, Any]:

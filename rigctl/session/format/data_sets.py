@@ -13,6 +13,7 @@ from uuid import uuid4
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.session.format.annotated_arrays import Attributes, text_scalar, write_attributes
 
@@ -25,12 +26,16 @@ TEXTS = (("/protocol_toml", "text of the protocol"), ("/rig_toml", "text of rig.
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A named value of a row: NumPy type code (``S`` is UTF-8 text), unit, meaning."""
+    """A named value of a row: NumPy type code (``S`` is UTF-8 text), unit, meaning.
+
+    ``before``: the value in parts that are older than the column, None if every part has it.
+    """
 
     name: str
     type_code: str
     unit: str
     doc: str
+    before: int | None = None
 
     @property
     def text_bytes(self) -> int:
@@ -59,6 +64,25 @@ class TableLayout:
     def dtype(self) -> np.dtype[Any]:
         """Row type in the file."""
         return np.dtype([(c.name, c.stored_dtype) for c in self.columns])
+
+    @property
+    def older_dtype(self) -> np.dtype[Any] | None:
+        """Row type in older parts, None where it never changed."""
+        first = [column for column in self.columns if column.before is None]
+        if len(first) == len(self.columns):
+            return None
+        return np.dtype([(c.name, c.stored_dtype) for c in first])
+
+    def complete(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """Return rows as stored with all columns, also those that an older part lacks."""
+        names = rows.dtype.names or ()
+        if len(names) == len(self.columns):
+            return rows
+        complete = np.empty(rows.shape, self.dtype)
+        for column in self.columns:
+            present = column.name in names
+            complete[column.name] = rows[column.name] if present else column.before
+        return complete
 
 
 DIGESTS = TableLayout(

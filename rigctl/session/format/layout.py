@@ -127,7 +127,7 @@ TRIALS = TableLayout(
         Column("texture", "S16", "", "name of the plate"),
         Column("speed_mm_s", "f8", "mm/s", "planned speed"),
         Column("force_g", "f8", "g", "planned force; 0 in force mode position"),
-        Column("repeat", "i4", "", "repeat of this condition, from 1"),
+        Column("repeat", "i4", "", "repeat of this condition, from 1; anew with each of `mounts`"),
         Column("travel_mm", "f8", "mm", "texture travel of the recorded window"),
         Column("force_mode", "S12", "", "hold, lock or position"),
         Column("direction", "S12", "", "forward or backward"),
@@ -138,6 +138,7 @@ TRIALS = TableLayout(
         *OUTCOME,
         Column("mean_speed_mm_s", "f8", "mm/s", "over the window, from the polls"),
         Column("mean_force_g", "f8", "g", "over the window, from the load cell"),
+        Column("mount", "i4", "", "mounting of this plate, from 1; older parts lack it: 1", 1),
     ),
 )
 

@@ -20,9 +20,10 @@ class DataSetSchema:
     """An expected data set.
 
     ``tail`` has the lengths of all axes but the first; None stands for any lengths. A ``rank`` of 0
-    is a single value, None any number of axes. ``dtype`` is the exact type; without it, ``kinds``
-    lists NumPy's kinds that are accepted. An ``optional`` one may be missing. ``other``: any other
-    type is accepted, too, but never read.
+    is a single value, None any number of axes. ``dtype`` is the exact type, ``older_dtype`` that of
+    files from before a change; without a ``dtype``, ``kinds`` lists NumPy's kinds that are
+    accepted. An ``optional`` one may be missing. ``other``: any other type is accepted, too, but
+    never read.
     """
 
     path: str
@@ -32,6 +33,7 @@ class DataSetSchema:
     tail: tuple[int, ...] | None = None
     optional: bool = False
     other: bool = False
+    older_dtype: np.dtype[Any] | None = None
 
 
 def numbers(path: str, rank: int = 0) -> DataSetSchema:

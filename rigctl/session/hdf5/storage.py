@@ -6,7 +6,7 @@ plug-ins, into memory of any size. So only what rigctl writes is accepted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from math import prod
 from pathlib import Path
@@ -60,6 +60,9 @@ def check_dataset(node: h5d.DatasetID, schema: DataSetSchema, path: Path) -> Che
     chunk, filters = _check_storage(node, path, schema.path)
     with hdf5_errors(path, schema.path):
         dtype = _read_type(node.get_type(), schema)
+        if dtype is None and schema.older_dtype is not None:
+            older = replace(schema, dtype=schema.older_dtype, older_dtype=None)
+            dtype = _read_type(node.get_type(), older)
         shape = node.shape
     if dtype is None:
         raise damage(path, schema.path, f"is not {_type_name(schema)}")

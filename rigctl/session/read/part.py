@@ -188,6 +188,7 @@ class PartReader:
 
     def _decode_rows(self, table: TableLayout, raw: StructuredArray) -> StructuredArray:
         dtype = [(c.name, c.type_code.replace("S", "U")) for c in table.columns]
+        raw = table.complete(raw)
         rows: StructuredArray = np.empty(raw.shape, dtype)
         for column in table.columns:
             values = raw[column.name]

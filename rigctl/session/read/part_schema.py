@@ -17,7 +17,14 @@ def part_schema(layout: SessionLayout, n_taxels: int) -> tuple[DataSetSchema, ..
     Tables come before the samples, because the writer flushes samples before their trial.
     """
     tables = [
-        DataSetSchema(table.path, 1, dtype=table.dtype, tail=(), optional=table is DIGESTS)
+        DataSetSchema(
+            table.path,
+            1,
+            dtype=table.dtype,
+            tail=(),
+            optional=table is DIGESTS,
+            older_dtype=table.older_dtype,
+        )
         for table in (*layout.tables, DIGESTS)
     ]
     arrays = [

@@ -96,8 +96,10 @@ def _fill(part: PartReader, target: Path, saved: dict[str, SavedRows]) -> None:
 def _copy_rows(
     part: PartReader, dataset: Any, path: str, n_rows: int, chain: DigestChain | None
 ) -> None:
+    tables = {table.path: table for table in part.layout.tables}
     for start in range(0, n_rows, READ_ROWS):
         stored = part.stored_rows(path, start, min(n_rows, start + READ_ROWS))
+        stored = tables[path].complete(stored) if path in tables else stored
         rows = np.ascontiguousarray(stored).astype(dataset.dtype, copy=False)
         _append(dataset, rows)
         if chain is not None:

@@ -82,6 +82,7 @@ def drum_rules(measured: bool) -> dict[str, tuple[Rule, ...]]:
         within("depth_mm", -MAX_MM, MAX_MM),
         within("mean_speed_mm_s", -MAX_MM_S, MAX_MM_S, unknown=True),
         within("mean_force_g", -MAX_FORCE_G, MAX_FORCE_G, unknown=True),
+        at_least("mount", 1),
     )
     tables = (layout.DRUM, layout.LOADCELL, layout.TRIALS)
     rules = zip(tables, (drum, loadcell, trials), strict=True)
