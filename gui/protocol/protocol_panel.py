@@ -29,6 +29,7 @@ from rigctl.config import resources
 
 MAX_SEED = 2**31 - 1
 _RUN_ROWS = ("Progress", "Trial", "Rejected", "Session")
+_MOVED_BY_HAND = "The drum is moved by hand: wait until that has ended, or press STOP"
 _STATES = {
     "idle": "No run",
     "running": "Running",
@@ -92,8 +93,11 @@ class ProtocolPanel(QWidget):
         run = status.run
         is_connected = status.drum_connected and status.taxels_connected
         is_ready = is_connected and not status.fault and not run.is_active
-        self.buttons["Start"].setEnabled(self._is_planned and is_ready)
-        self.continue_button.setEnabled(is_ready)
+        can_start = is_ready and not status.is_moved_by_hand
+        self.buttons["Start"].setEnabled(self._is_planned and can_start)
+        self.continue_button.setEnabled(can_start)
+        reason = _MOVED_BY_HAND if status.is_moved_by_hand else ""
+        self.buttons["Start"].setToolTip(reason)
         self.buttons["Pause"].setEnabled(run.state == "running")
         self.buttons["Resume"].setEnabled(run.state == "paused")
         self.buttons["Abort"].setEnabled(run.is_active)

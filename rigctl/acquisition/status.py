@@ -49,6 +49,7 @@ class StatusBuilder:
             fault_words=FAULT_TEXT[fault],
             force_set_g=settings.get("force_set", 0.0),
             speed_set_mm_s=settings.get("speed_set", 0.0),
+            is_moved_by_hand=boards.motion.is_moved_by_hand,
             frame_rate_hz=self._frame_rate.per_s,
             lost_samples=pipeline.lost_samples,
             gaps=pipeline.gap_count,

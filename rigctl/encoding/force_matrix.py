@@ -25,7 +25,8 @@ REFERENCE_FORCE_G = 500.0
 class ForceMatrix:
     """C and how its search ended, arrays of shape (textures, n_taxels, speeds, forces).
 
-    ``residual_hz``: the rate reached minus the target.
+    ``residual_hz``: the rate reached minus the target. ``rate_hz``: the rate reached, or None where
+    it was not kept (files of older versions).
     """
 
     textures: tuple[str, ...]
@@ -36,6 +37,7 @@ class ForceMatrix:
     status: NDArray[np.int8]
     residual_hz: Floats
     evaluations: Floats
+    rate_hz: Floats | None = None
 
     def c_at(self, texture: str, speed_mm_s: float, force_g: float) -> Floats:
         """Return C of each taxel, float64 (n_taxels,). Raises WrongUse for a missing condition."""
@@ -54,8 +56,9 @@ class ForceMatrix:
 
     @property
     def unconverged(self) -> int:
-        """Number of entries that are capped or at a jump (the paper: 62 of 4,320)."""
-        return int(np.sum(self.status > SearchStatus.CONVERGED))
+        """Number of entries that are limited to 5 or at a jump (the paper: 62 of 4,320)."""
+        failed = (SearchStatus.CAPPED, SearchStatus.DISCONTINUITY)
+        return int(np.isin(self.status, failed).sum())
 
     def _indices(self, speed_mm_s: float, force_g: float) -> tuple[int, int]:
         try:

@@ -21,7 +21,7 @@ from rigctl.encoding.batch import (
 from rigctl.encoding.kernel import Trials, TrialViews
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
-from rigctl.encoding.root_bracket import Bracket, Method
+from rigctl.encoding.root_bracket import LIMIT_C, Bracket, Method
 
 CountWithC = Callable[[Floats], Counts]
 
@@ -128,7 +128,9 @@ def _pilot(
         normalise_mean_readings(readings, condition.normalisation),
     )
     known = zip(target_hz.tolist(), (start / ratio).tolist(), strict=True)
-    brackets = [Bracket(target, guess, Method.REGULA_FALSI) for target, guess in known]
+    brackets = [
+        Bracket(target, guess, Method.REGULA_FALSI, highest=LIMIT_C) for target, guess in known
+    ]
     for _ in pilot.evaluate(brackets, PILOT_TOLERANCE_HZ, MAX_PILOT_EVALUATIONS):
         pass
     share = pilot.views.lengths.sum() / max(1, condition.views.lengths.sum())

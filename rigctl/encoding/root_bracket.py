@@ -1,11 +1,21 @@
-"""Search one C: bring a rate that rises with C, in jumps, to its target."""
+"""Search one C: bring a rate that rises with C, in jumps, to its target.
+
+The paper limits only coefficients that do not converge, to 5 (Materials and Methods, Force
+Invariance Module). So a search that is too low at 5 goes on beyond; a C above 5 stands where the
+rate reaches its target there, and is otherwise 5.
+"""
 
 from __future__ import annotations
 
 from enum import IntEnum, StrEnum
 
-MAX_C = 5.0
+LIMIT_C = 5.0
+"""C of an entry that would be higher, but does not converge (the paper's value)."""
+HIGHEST_C = 1024.0
+"""Highest C to try: one count of a range of 10 bits then drives a neuron like full scale."""
 MIN_BRACKET_WIDTH = 1e-6
+SILENT_STEP = 8.0
+"""Factor on a C above 5 at which the neuron is still silent."""
 OVERSHOOT, EDGE_MARGIN = 1.02, 0.02
 MAX_SLOPE_RATIO = 5.0
 """Limit of a measured slope: this many times the line through zero, or this part of it."""
@@ -16,8 +26,8 @@ class SearchStatus(IntEnum):
 
     REFERENCE = 0  # the reference force itself: C is 1
     CONVERGED = 1  # the rate is within the tolerance
-    CAPPED = 2  # even the highest C leaves the rate too low; C is that
-    DISCONTINUITY = 3  # the rate jumps over the target; C is the nearer side
+    CAPPED = 2  # no C above 5 brings the rate to the target either; C is 5
+    DISCONTINUITY = 3  # the rate jumps over the target below 5; C is the nearer side
 
 
 class Method(StrEnum):
@@ -31,52 +41,64 @@ class Bracket:
     """The search of one taxel: the rate rises with C from 0 at C = 0, in jumps.
 
     Until there is a rate on either side of the target, the next guess follows the slope, twice as
-    far each time. Then regula falsi with the Illinois rule: it halves the error of an end that does
-    not move twice in a row, so that the other end moves too. ``slope``: an estimate in Hz for a C
-    of 1; without one the rate is taken to be proportional to C.
+    far each time; it stops at 5 once before it goes on to ``highest``. Then regula falsi with the
+    Illinois rule: it halves the error of an end that does not move twice in a row, so that the
+    other end moves too. ``slope``: an estimate in Hz for a C of 1; without one the rate is taken to
+    be proportional to C.
     """
 
     def __init__(
-        self, target: float, start: float, method: Method, slope: float | None = None
+        self,
+        target: float,
+        start: float,
+        method: Method,
+        slope: float | None = None,
+        highest: float = HIGHEST_C,
     ) -> None:
         self.status: SearchStatus | None = None
         self.evaluations = 0
         self.best_c, self.best_rate = 0.0, 0.0
         self.slope = slope or 0.0
-        self._target = target
+        self._target, self._highest = target, highest
         self._bisects = method is Method.BISECTION
         # C and error of the rate at either end; None before the first rate on that side.
         self._low: tuple[float, float] | None = None
         self._high: tuple[float, float] | None = None
         self._last, self._last_side = (0.0, -target), 0
         self._step_factor = OVERSHOOT
-        self.guess = MAX_C / 2 if self._bisects else min(max(start, 0.0), MAX_C)
+        self.guess = LIMIT_C / 2 if self._bisects else min(max(start, 0.0), LIMIT_C)
 
     def update(self, rate: float, tolerance_hz: float) -> bool:
-        """Take the rate at the guess and choose the next guess; return True for the best so far."""
+        """Take the rate at the guess and choose the next guess; return True for the best so far.
+
+        Above 5, only a rate within the tolerance is better than that at 5.
+        """
         self.evaluations += 1
         error = rate - self._target
-        best = self.evaluations == 1 or abs(error) < abs(self.best_rate - self._target)
+        nearer = self.evaluations == 1 or abs(error) < abs(self.best_rate - self._target)
+        best = nearer and self.guess <= LIMIT_C
         if abs(error) < tolerance_hz:
-            self.status = SearchStatus.CONVERGED
-        elif error < 0 and self.guess >= MAX_C:
-            self.status, best = SearchStatus.CAPPED, True
+            self.status, best = SearchStatus.CONVERGED, True
+        elif error < 0 and self.guess == LIMIT_C:
+            best = True
         if best:
             self.best_c, self.best_rate = self.guess, rate
         self._narrow(error)
         return best
 
     def give_up(self) -> None:
-        """Mark a search that is still open as a jump over the target."""
+        """Mark a search that is still open as a jump over the target, or as limited to 5."""
         if self.status is None:
-            self.status = SearchStatus.DISCONTINUITY
+            low, _ = self._ends()
+            limited = low >= LIMIT_C
+            self.status = SearchStatus.CAPPED if limited else SearchStatus.DISCONTINUITY
 
     @property
     def predicted_c(self) -> float:
         """C at which the rate would meet the target if it followed its slope from the best C on."""
         error = self.best_rate - self._target
         predicted = self.best_c - error / self.slope if self.slope > 0 else self.best_c
-        return min(max(predicted, 0.0), MAX_C)
+        return min(max(predicted, 0.0), LIMIT_C)
 
     def _narrow(self, error: float) -> None:
         side, point = (-1 if error < 0 else 1), (self.guess, error)
@@ -92,12 +114,12 @@ class Bracket:
         self._last, self._last_side = point, side
         self.guess = self._next_guess(point)
         low, high = self._ends()
-        if self.status is None and high - low < MIN_BRACKET_WIDTH:
-            self.status = SearchStatus.DISCONTINUITY
+        if high - low < MIN_BRACKET_WIDTH * max(1.0, low / LIMIT_C):
+            self.give_up()
 
     def _ends(self) -> tuple[float, float]:
         low = self._low[0] if self._low else 0.0
-        return low, self._high[0] if self._high else MAX_C
+        return low, self._high[0] if self._high else self._highest
 
     def _update_slope(self, point: tuple[float, float]) -> None:
         """Estimate the slope: through zero at first, then through the last two rates."""
@@ -113,15 +135,22 @@ class Bracket:
     def _next_guess(self, point: tuple[float, float]) -> float:
         low, high = self._ends()
         if self._bisects:
-            return MAX_C if low > MAX_C - 2 * MIN_BRACKET_WIDTH else (low + high) / 2
+            return (low + high) / 2 if self._high else self._higher(2 * low)
         if self._low and self._high:
             below, above = self._low[1], self._high[1]
             share = below / (below - above) if above > below else 0.5
             # A guess at the very edge would give no information.
             return low + (high - low) * min(max(share, EDGE_MARGIN), 1 - EDGE_MARGIN)
         c, error = point
-        step = self._step_factor * abs(error) / self.slope if self.slope > 0 else MAX_C
-        return min(MAX_C, c + step) if error < 0 else max(c - step, EDGE_MARGIN * c)
+        if self.slope <= 0:
+            return self._higher(max(LIMIT_C, SILENT_STEP * c)) if error < 0 else EDGE_MARGIN * c
+        step = self._step_factor * abs(error) / self.slope
+        return self._higher(c + step) if error < 0 else max(c - step, EDGE_MARGIN * c)
+
+    def _higher(self, c: float) -> float:
+        """Return the next guess above all so far: 5 itself before any beyond."""
+        low, high = self._ends()
+        return min(c, LIMIT_C if low < LIMIT_C else high)
 
 
 def _halve_error(end: tuple[float, float] | None) -> tuple[float, float] | None:

@@ -21,12 +21,15 @@ from rigctl.encoding.force_search import (
     search_c,
 )
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.root_bracket import MAX_C, Bracket, Method, SearchStatus
+from rigctl.encoding.root_bracket import HIGHEST_C, LIMIT_C, Bracket, Method, SearchStatus
 from rigctl.errors import WrongUse
 
 N_TAXELS = 6
 RANGES = Normalisation.full_scale(N_TAXELS)
 FORCES = (250.0, 500.0, 1000.0)
+
+WITH_PILOT = PILOT_STRIDE * MIN_PILOT_TRIALS
+"""Fewest trials of a condition that has a pilot."""
 
 Trials = list[NDArray[np.uint16]]
 
@@ -117,12 +120,35 @@ def test_texture_blind_c_is_the_mean_over_textures(matrices: dict[Method, ForceM
 
 
 @pytest.mark.parametrize("method", list(Method))
-def test_a_taxel_too_weak_for_its_target_is_capped(method: Method) -> None:
-    weak = [np.full((2000, 1), 20, np.uint16)] * 3
-    result = search_from(30.0, weak, 150.0, method)
+@pytest.mark.parametrize("n", [3, WITH_PILOT])
+def test_a_weak_taxel_that_reaches_its_target_keeps_a_c_above_five(method: Method, n: int) -> None:
+    """Only a search that does not converge is limited to 5 (Materials and Methods)."""
+    heights = np.linspace(18, 22, n)
+    weak = [np.full((2000, 1), round(height), np.uint16) for height in heights]
+    reference = [trial * 10 for trial in weak]
+    result = search(weak, reference, method)
+    assert result.status.tolist() == [SearchStatus.CONVERGED]
+    assert result.c[0] == pytest.approx(10.0, rel=0.01)
+    target = mean_sa_rates_hz(reference, Normalisation.full_scale(1))
+    assert abs(result.rate_hz - target) < TOLERANCE_HZ
+
+
+@pytest.mark.parametrize("method", list(Method))
+@pytest.mark.parametrize(
+    ("reading", "seconds", "target_hz"),
+    [(20, 2.0, 5000.0), (0, 2.0, 30.0), (20, 0.2, 42.0)],
+    ids=["more than a neuron can fire", "a dead taxel", "a jump above 5"],
+)
+def test_a_c_above_five_that_does_not_converge_is_five(
+    reading: int, seconds: float, target_hz: float, method: Method
+) -> None:
+    trials = [np.full((round(1000 * seconds), 1), reading, np.uint16)]
+    result = search_from(30.0, trials, target_hz, method)
     assert result.status.tolist() == [SearchStatus.CAPPED]
-    assert result.c.tolist() == [MAX_C]
-    assert result.rate_hz[0] < 150
+    assert result.c.tolist() == [LIMIT_C]
+    at_five = mean_sa_rates_hz(trials, Normalisation.full_scale(1), c=result.c)
+    assert result.rate_hz.tolist() == at_five.tolist()
+    assert result.counts.sum() == pytest.approx(at_five[0] * seconds)
 
 
 @pytest.mark.parametrize("method", list(Method))
@@ -139,10 +165,6 @@ def test_a_silent_target_and_a_dead_taxel_need_no_search() -> None:
     result = search_from(1.0, dead, 0.0)
     assert (result.status == SearchStatus.CONVERGED).all()
     assert result.evaluations.tolist() == [1, 1]
-
-
-WITH_PILOT = PILOT_STRIDE * MIN_PILOT_TRIALS
-"""Fewest trials of a condition that has a pilot."""
 
 
 def pressed(force: float, n: int, spread: float, seed: int = 0) -> Trials:
@@ -217,9 +239,10 @@ def test_all_trials_decide_a_cap() -> None:
     mixed = [weak if i in pilot else strong for i in range(WITH_PILOT)]
     result = search_from(1.0, mixed, 98.9)
     assert result.status.item() == SearchStatus.CONVERGED
-    mixed = [strong if i in pilot else weak for i in range(WITH_PILOT)]
-    result = search_from(98.9, mixed, 98.9)
-    assert (result.status.item(), result.c.item()) == (SearchStatus.CAPPED, MAX_C)
+    dead = np.zeros_like(weak)
+    mixed = [strong if i in pilot else dead for i in range(WITH_PILOT)]
+    result = search_from(98.9, mixed, 1000.0)
+    assert (result.status.item(), result.c.item()) == (SearchStatus.CAPPED, LIMIT_C)
 
 
 @given(
@@ -227,7 +250,7 @@ def test_all_trials_decide_a_cap() -> None:
     start=st.floats(0, 10),
     slope=st.none() | st.floats(-10, 1e4),
     gain=st.floats(1, 500),
-    threshold=st.floats(0, 6),
+    threshold=st.floats(0, 20),
     step=st.sampled_from([0.0, 0.01, 3.0, 20.0]),
     method=st.sampled_from(Method),
 )
@@ -249,7 +272,7 @@ def test_every_search_ends_with_a_true_status(
     bracket = Bracket(target, start, method, slope)
     guesses = []
     while bracket.status is None and len(guesses) < 60:
-        assert 0 <= bracket.guess <= MAX_C
+        assert 0 <= bracket.guess <= HIGHEST_C
         guesses.append(bracket.guess)
         bracket.update(rate(bracket.guess), TOLERANCE_HZ)
     assert bracket.status is not None
@@ -260,6 +283,8 @@ def test_every_search_ends_with_a_true_status(
     if bracket.status is SearchStatus.CONVERGED:
         assert miss < TOLERANCE_HZ
     if bracket.status is SearchStatus.CAPPED:
-        assert rate(MAX_C) < target
+        assert bracket.best_c == LIMIT_C and rate(LIMIT_C) < target
+        assert step > 0 or rate(HIGHEST_C) < target
     if bracket.status is SearchStatus.DISCONTINUITY:
         assert miss <= step
+    assert bracket.best_c <= LIMIT_C or bracket.status is SearchStatus.CONVERGED

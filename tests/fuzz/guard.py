@@ -33,6 +33,8 @@ MEMORY_BYTES = 256 << 20
 SENTENCE_LETTERS = 1500
 CHECKOUT = Path(__file__).resolve().parents[2]
 _IN_ACCESS, _IN_MODIFY, _IN_ATTRIB, _IN_OPEN, _IN_DELETE = 1, 2, 4, 0x20, 0x200
+_IN_ISDIR = 0x40000000
+"""Somebody lists the folder, such as a search of the whole computer."""
 
 
 _FOLDERS_AT: dict[str, tuple[int | None, ...]] = {
@@ -250,7 +252,7 @@ class _Sentinel:
         at, found = 0, False
         while at < len(data):
             _, mask, _, length = struct.unpack_from("<iIII", data, at)
-            found |= bool(mask & ~0x40000000)
+            found |= not mask & _IN_ISDIR
             at += 16 + length
         return found
 

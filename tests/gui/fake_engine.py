@@ -34,6 +34,7 @@ STATUS: dict[str, Any] = {
     "actuator_position_um": 8000,
     "tared": True,
     "homed": False,
+    "is_moved_by_hand": False,
     "frame_rate_hz": 1000.0,
     "lost_samples": 0,
     "gaps": 0,

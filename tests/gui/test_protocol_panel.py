@@ -53,6 +53,15 @@ def test_start_sends_file_folder_and_seed(harness: Harness, tmp_path: Path) -> N
     assert Path(args["out"]).parent == tmp_path
 
 
+def test_no_run_starts_while_the_drum_is_moved_by_hand(harness: Harness) -> None:
+    panel = _panel(harness)
+    harness.update(is_moved_by_hand=True)
+    assert not panel.buttons["Start"].isEnabled() and not panel.continue_button.isEnabled()
+    assert "moved by hand" in panel.buttons["Start"].toolTip()
+    harness.update(is_moved_by_hand=False)
+    assert panel.buttons["Start"].isEnabled() and panel.continue_button.isEnabled()
+
+
 def test_interrupted_session_continues(harness: Harness, tmp_path: Path) -> None:
     panel = _panel(harness)
     harness.update(run={"state": "running"})

@@ -49,6 +49,13 @@ def window(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
         os.environ[FOLDER_VARIABLE] = before
 
 
+@pytest.fixture(autouse=True)
+def log_of_a_failure(window: MainWindow) -> Iterator[None]:
+    """Print what the window says; pytest shows it beside a failure."""
+    yield
+    print(window.event_log.toPlainText(), window.engine_link.status, sep="\n")
+
+
 def _wait(window: MainWindow, *states: State) -> None:
     wait_until(lambda: window.engine_link.status.state in states, TIMEOUT_MS)
 
@@ -113,7 +120,7 @@ def test_drum_jogs_by_mouse_and_keys_and_stops(window: MainWindow) -> None:
 
 def test_refusal_of_the_board_is_a_sentence(window: MainWindow) -> None:
     window.engine_link.request("run")
-    wait_until(lambda: window.event_log.toPlainText().count("refused") > 0)
+    wait_until(lambda: "refused  run: " in window.event_log.toPlainText())
     assert "Traceback" not in window.event_log.toPlainText()
 
 

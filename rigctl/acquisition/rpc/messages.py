@@ -140,6 +140,7 @@ class EngineStatus:
 
     ``state``: None where it is unknown to this program. ``fault``: value of ``Fault``.
     ``last_block_age_s`` and ``poll_age_s``: loop time since the newest data, None before any.
+    ``is_moved_by_hand``: a client's own command moves the drum, so no run can start.
     ``poll_retries``: repeated polls of the drum since the engine started.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
     ``boards``: by name, those that have connected.
@@ -164,6 +165,7 @@ class EngineStatus:
     actuator_position_um: int = 0
     tared: bool = False
     homed: bool = False
+    is_moved_by_hand: bool = False
     frame_rate_hz: float = 0.0
     lost_samples: int = 0
     gaps: int = 0

@@ -103,7 +103,8 @@ def count_condition(condition: ConditionTask) -> Arrays:
 
     With a given C: ``forced``, the SA counts of :attr:`ConditionTask.scaled_rows` alone. Without:
     ``plain``, the counts of all trials; and where there are forces, ``forced`` with the C found,
-    and that C: ``c``, ``status``, ``residual_hz``, ``evaluations``, each (n_taxels, n_forces).
+    and that C: ``c``, ``status``, ``residual_hz``, ``evaluations``, ``rate_hz``, each (n_taxels,
+    n_forces).
     Counts are (trials, trains, bins) in the smallest dtype that holds them.
     """
     with open_trials(condition.files) as reader:
@@ -156,6 +157,7 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
     shape = (n_taxels, len(condition.forces_g))
     found: Arrays = {"c": np.ones(shape), "status": np.zeros(shape, np.int8)}
     found |= {"residual_hz": np.zeros(shape), "evaluations": np.zeros(shape)}
+    found["rate_hz"] = np.tile(target[:, None], len(condition.forces_g))
     for f, force in enumerate(condition.forces_g):
         if force == condition.reference_g:
             continue
@@ -165,6 +167,7 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
         )
         forced[rows] = search.counts
         found["c"][:, f], found["status"][:, f] = search.c, search.status
+        found["rate_hz"][:, f] = search.rate_hz
         found["residual_hz"][:, f] = search.rate_hz - target
         found["evaluations"][:, f] = search.evaluations
     forced = forced[condition.scaled_rows]
@@ -250,5 +253,5 @@ def join_force_matrix(conditions: Sequence[ConditionTask], found: Sequence[Array
         return np.ascontiguousarray(by_texture.transpose(0, 2, 1, 3))
 
     first = conditions[0]
-    arrays = map(joined, ("c", "status", "residual_hz", "evaluations"))
+    arrays = map(joined, ("c", "status", "residual_hz", "evaluations", "rate_hz"))
     return ForceMatrix(textures, speeds, first.forces_g, first.reference_g, *arrays)

@@ -42,10 +42,8 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
-from rigctl.encoding.root_bracket import SearchStatus
 
 Features = NDArray[np.float64]
-PAPER_UNCONVERGED = (62, 4320)
 
 
 class Representation(NamedTuple):
@@ -175,30 +173,6 @@ def _write_features(
     for condition, forced in zip(conditions, count_with_given_c(*given, blind=True), strict=True):
         files.write("blind", condition, forced)
     return force, transferred
-
-
-def count_search_statuses(force: ForceMatrix) -> dict[str, int]:
-    """Return the number of searches by outcome, at forces other than the reference."""
-    return {
-        status.name.lower(): int((force.status == status).sum())
-        for status in SearchStatus
-        if status is not SearchStatus.REFERENCE
-    }
-
-
-def force_sentence(force: ForceMatrix) -> str:
-    """Return a sentence on the outcome of the search for C, with the paper's figure."""
-    counts = count_search_statuses(force)
-    searched = sum(counts.values())
-    reference = int((force.status == SearchStatus.REFERENCE).sum())
-    ours, entries = PAPER_UNCONVERGED
-    return (
-        f"C has {searched + reference:,} entries, {reference:,} of them 1 by definition at "
-        f"{force.reference_g:g} g; {searched:,} were searched: {counts['converged']:,} converged "
-        f"within 0.1 Hz, {counts['capped']:,} were capped at 5, {counts['discontinuity']:,} lie "
-        f"at a jump of the rate. Not converged: {force.unconverged:,} of {searched:,} "
-        f"(the paper: {ours} of {entries:,})"
-    )
 
 
 class _FeatureFiles:

@@ -56,3 +56,10 @@ _ROWS: dict[str, tuple[tuple[float, float], ...]] = {
 }
 TABLE_1 = {task: dict(zip(_COLUMNS, cells, strict=True)) for task, cells in _ROWS.items()}
 """μ and σ in per cent with 50 components, by task and representation key."""
+
+UNCONVERGED_C = (62, 4320)
+"""Entries of C that did not converge, of all (Materials and Methods, Force Invariance Module)."""
+REFERENCE_C = 16 * 18 * 5
+"""Entries among the 4,320 that are 1 by definition: those at 500 g, one of the three forces."""
+UNCONVERGED_RATE_HZ = 2.0
+"""Highest spike rate of the trains whose C did not converge (ibid.)."""

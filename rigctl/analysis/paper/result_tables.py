@@ -8,10 +8,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigctl import __version__
-from rigctl.analysis.features.representations import (
-    RepresentationSet,
+from rigctl.analysis.features.c_outcome import (
     count_search_statuses,
     force_sentence,
+    unconverged_entries,
+    unconverged_shares,
+)
+from rigctl.analysis.features.representations import (
+    RepresentationSet,
 )
 from rigctl.analysis.paper import published
 from rigctl.analysis.paper.ablations import Ablations
@@ -137,8 +141,8 @@ def _force_dict(representations: RepresentationSet) -> dict[str, Any] | None:
         "rate_error": [m.as_dict() for m in transferred.rate_errors] if transferred else None,
         "labels_seen": LABELS_SEEN,
         "status": count_search_statuses(force),
-        "unconverged": force.unconverged,
-        "paper": {"unconverged": 62, "of": 4320},
+        **unconverged_shares(force),
+        "unconverged_entries": [entry.as_dict() for entry in unconverged_entries(force)],
         "mean_evaluations": round(float(searched.mean()), DECIMALS) if len(searched) else 0.0,
         "textures": list(force.textures),
         "speeds_mm_s": list(force.speeds_mm_s),

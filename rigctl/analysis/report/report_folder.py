@@ -166,6 +166,10 @@ def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: 
     values["sensitivity"] = table = sensitivity_dict(analysis.preset_rows)
     if table is not None:
         (folder / "sensitivity.csv").write_text(to_csv(table["rows"]), encoding="utf-8")
+    force = values["force_matrix"]
+    if force is not None and force["unconverged_entries"]:
+        entries = to_csv(force["unconverged_entries"])
+        (folder / "unconverged_c.csv").write_text(entries, encoding="utf-8")
     # JSON has no NaN.
     text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")

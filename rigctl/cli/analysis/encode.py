@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _summary(encoded: Encoded, cache: Cache) -> list[str]:
     """Return the remarks, a sentence about C, the work done, and the path of the file."""
-    from rigctl.analysis.features.representations import force_sentence
+    from rigctl.analysis.features.c_outcome import force_sentence
 
     lines = [f"note: {remark}" for remark in encoded.remarks]
     if encoded.force is not None:

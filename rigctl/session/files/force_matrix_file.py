@@ -17,7 +17,7 @@ from rigctl.session.hdf5.schema import numbers, texts
 AXES = "texture, taxel, speed, force"
 _ARRAYS = ("c", "status", "residual_hz", "evaluations")
 EVALUATIONS_DOC = "encodings in the search; one of some trials counts as their share of samples"
-STATUS_DOC = "0 reference force, 1 converged, 2 capped, 3 at a jump of the rate"
+STATUS_DOC = "0 reference force, 1 converged, 2 limited to 5, 3 at a jump of the rate"
 
 
 def write_force(group: Any, force: ForceMatrix) -> None:
@@ -32,6 +32,8 @@ def write_force(group: Any, force: ForceMatrix) -> None:
     write_array(group, "status", force.status, "none", STATUS_DOC, AXES)
     write_array(group, "residual_hz", force.residual_hz, "Hz", "rate reached less the target", AXES)
     write_array(group, "evaluations", force.evaluations, "none", EVALUATIONS_DOC, AXES)
+    if force.rate_hz is not None:
+        write_array(group, "rate_hz", force.rate_hz, "Hz", "mean SA rate reached with C", AXES)
 
 
 def read_force(file: Hdf5File, group: str) -> ForceMatrix:
@@ -39,7 +41,9 @@ def read_force(file: Hdf5File, group: str) -> ForceMatrix:
     names = ("textures", "speeds_mm_s", "forces_g", "reference_g", *_ARRAYS)
     textures, speeds, forces, reference, *arrays = (f"{group}/{name}" for name in names)
     file.check([texts(textures), numbers(speeds, 1), numbers(forces, 1), numbers(reference)])
-    file.check(numbers(path, 4) for path in arrays)
+    rate_hz = f"{group}/rate_hz"
+    optional = [rate_hz] if file.has(rate_hz) else []
+    file.check(numbers(path, 4) for path in [*arrays, *optional])
     c, status, residual_hz, evaluations = arrays
     force = ForceMatrix(
         file.texts(textures),
@@ -50,6 +54,7 @@ def read_force(file: Hdf5File, group: str) -> ForceMatrix:
         file.array(status, np.int8),
         file.array(residual_hz),
         file.array(evaluations),
+        file.array(rate_hz) if optional else None,
     )
     _check(force)
     return force
@@ -58,9 +63,12 @@ def read_force(file: Hdf5File, group: str) -> ForceMatrix:
 def _check(force: ForceMatrix) -> None:
     conditions = len(force.textures), len(force.speeds_mm_s), len(force.forces_g)
     shape = (conditions[0], force.c.shape[1], *conditions[1:])
-    arrays = (force.c, force.status, force.residual_hz, force.evaluations)
-    if {array.shape for array in arrays} != {shape} or not np.isfinite(force.c).all():
+    measured = [force.residual_hz] if force.rate_hz is None else [force.residual_hz, force.rate_hz]
+    shapes = {force.status.shape, force.evaluations.shape, *(array.shape for array in measured)}
+    if {force.c.shape, *shapes} != {shape} or not np.isfinite(force.c).all():
         raise WrongUse("C lacks a finite value for some texture, taxel, speed or force")
+    if not all(np.isfinite(array).all() for array in measured):
+        raise WrongUse("C has an SA rate that is not finite")
     if not np.isfinite([*force.speeds_mm_s, *force.forces_g]).all():
         raise WrongUse("C has a speed or a force that is not finite")
 

@@ -90,7 +90,7 @@ def test_the_file_describes_itself(days: list[Path], tmp_path: Path) -> None:
         assert "gaps in their samples: 5" in file["remarks"][0].decode()
         parameters = {name: file[f"encoder/{name}"][()] for name in DEFAULT.as_dict()}
         assert parameters["sa_gain"] == 100.0 and parameters["name"] == b"default"
-        assert set(file["c"]) >= {"c", "status", "evaluations", "residual_hz"}
+        assert set(file["c"]) >= {"c", "status", "evaluations", "residual_hz", "rate_hz"}
         assert len(file["trials/trial_id"]) == 12 * 2 + 6 - 1
         undescribed = []
         file.visititems(

@@ -11,9 +11,8 @@ from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.condition_tasks import c_per_trial
 from rigctl.analysis.data.trial_set import join_sessions, open_trials
 from rigctl.analysis.execution.executor import local_executor
+from rigctl.analysis.features.c_outcome import count_search_statuses, force_sentence
 from rigctl.analysis.features.representations import (
-    count_search_statuses,
-    force_sentence,
     represent,
 )
 from rigctl.analysis.features.transferred_c import ForceMatrixSource
@@ -63,7 +62,7 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     assert all(np.isfinite(matrix).all() for matrix in by_key.values())
     assert made.force is not None
     assert sum(count_search_statuses(made.force).values()) == 2 * 3 * 18
-    assert "(the paper: 62 of 4,320)" in force_sentence(made.force)
+    assert "(the paper: 62 of 4,320, 1.4 %)" in force_sentence(made.force)
 
 
 def test_processes_give_equal_features(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from rigctl.cli.options.progress import ProgressLine
 from tests.analysis.recordings import record
 
 FILES = {
-    "report.html", "results.json", "table1.csv", "fig3.svg", "fig3.png",
+    "report.html", "results.json", "table1.csv", "unconverged_c.csv", "fig3.svg", "fig3.png",
     "confusion.svg", "confusion.png", "fig2c.svg", "fig2c.png",
 }  # fmt: skip
 
@@ -72,7 +72,15 @@ def test_numbers_agree_between_the_files(report: Path) -> None:
     )
     assert (rows[0]["paper_mean_percent"], rows[0]["c_knows_the_label"]) == ("91.78", "no")
     assert rows[2]["c_knows_the_label"] == "yes"
-    assert plain["force_matrix"]["paper"] == {"unconverged": 62, "of": 4320}
+    assert plain["force_matrix"]["paper"]["unconverged"] == 62
+    with (report / "unconverged_c.csv").open() as file:
+        entries = list(csv.DictReader(file))
+    found = plain["force_matrix"]["unconverged_entries"]
+    assert len(entries) == len(found) == plain["force_matrix"]["unconverged"] > 0
+    for row, entry in zip(entries, found, strict=True):
+        assert row["texture"] == entry["texture"] and int(row["taxel"]) == entry["taxel"]
+        difference = float(row["rate_hz"]) - float(row["target_hz"])
+        assert difference == pytest.approx(entry["difference_hz"], abs=2e-4)
 
 
 def test_the_page_is_self_contained_and_has_the_results(report: Path) -> None:
@@ -96,7 +104,7 @@ def test_the_page_is_self_contained_and_has_the_results(report: Path) -> None:
         "differences between representations that the paper separates",
         "indexed by the true texture",
         "new to the classifier, but not to C",
-        "(the paper: 62 of 4,320)",
+        "(the paper: 62 of 4,320, 1.4 %)",
         "1 trial left out for gaps in their samples: 7",
         "98.85 ± 0.16",
         "differences that the paper separates hold",

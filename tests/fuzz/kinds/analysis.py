@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 from rigctl.analysis.data.cache import Cache
@@ -25,6 +26,7 @@ from rigctl.session.files.finger_model_file import (
 )
 from rigctl.session.files.force_matrix_file import load_force
 from rigctl.session.files.model_file import Model, TrainingInfo, load_model, save_model
+from rigctl.session.files.seal import SEALED
 from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter, train_names
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES
@@ -161,6 +163,12 @@ def read_entry(folder: Path) -> object:
     return None if arrays is None else plain(arrays)
 
 
+def sealed(folder: Path, found: object) -> object:
+    """Return what was read from a file that says it is sealed; None for one as older ones are."""
+    with h5py.File(folder / FILE, "r") as file:
+        return found if SEALED in file.attrs else None
+
+
 def accepted(folder: Path, found: object) -> object:
     """Return what was read."""
     return found
@@ -182,9 +190,9 @@ def plain(value: object) -> object:
 
 HDF5_FILE = (Place(FILE, HDF5),)
 ANALYSIS_KINDS = (
-    Kind("model", build_model, HDF5_FILE, (read_model,), accepted),
-    Kind("finger-model", build_finger_model, HDF5_FILE, (read_finger_model,), accepted),
-    Kind("spikes", build_spikes, HDF5_FILE, (read_ranges, read_sources), accepted),
-    Kind("force-matrix", build_spikes, HDF5_FILE, (read_force, read_sources), accepted),
+    Kind("model", build_model, HDF5_FILE, (read_model,), sealed),
+    Kind("finger-model", build_finger_model, HDF5_FILE, (read_finger_model,), sealed),
+    Kind("spikes", build_spikes, HDF5_FILE, (read_ranges, read_sources), sealed),
+    Kind("force-matrix", build_spikes, HDF5_FILE, (read_force, read_sources), sealed),
     Kind("cache-entry", build_entry, (Place("*/*.entry", BYTES),), (read_entry,), accepted),
 )

@@ -160,8 +160,8 @@ def _proves_itself(folder: Path) -> bool:
     return any(map(has_digests, parts))
 
 
-FINGER_FILES = re.compile(r"(part-\d{4,6}\.h5|digests\.txt)(/|$)")
-DRUM_FILES = re.compile(r"(part-\d{4,6}\.h5|world(-\d{4,6})?\.h5|digests\.txt)(/|$)")
+FINGER_FILES = re.compile(r"(part-\d{4}\.h5|digests\.txt)(/|$)")
+DRUM_FILES = re.compile(r"(part-\d{4}\.h5|world(-\d{4})?\.h5|digests\.txt)(/|$)")
 TEXTS = (Place("*.toml", TEXT), Place("*.txt", TEXT))
 DRUM_DOORS = (check, summarise, read_drum, read_trials)
 FINGER_DOORS = (check, summarise, read_finger)

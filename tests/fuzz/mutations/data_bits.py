@@ -6,8 +6,8 @@ places of the file that no structure uses. ``writer.lock`` names a process that 
 
 from __future__ import annotations
 
-import hashlib
 from functools import lru_cache
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from random import Random
@@ -64,18 +64,17 @@ def regions(path: Path) -> tuple[Region, ...]:
     data = path.read_bytes()
     if path.suffix != ".h5":
         return (Region(0, len(data), TEXT),)
-    return _regions(hashlib.sha256(data).digest(), path)
+    return _regions(data)
 
 
 @lru_cache(maxsize=16)
-def _regions(_: bytes, path: Path) -> tuple[Region, ...]:
-    data = path.read_bytes()
+def _regions(data: bytes) -> tuple[Region, ...]:
     names = (FREE, METADATA, TEXT, PADDING, ROWS)
     kinds = np.zeros(len(data), np.uint8)
     for block in find_blocks(data):
         is_free = data[block.start : block.start + 4] in FREE_SPACE_LISTS
         kinds[block.start : block.end] = names.index(FREE if is_free else METADATA)
-    with h5py.File(path, "r") as file:
+    with h5py.File(BytesIO(data), "r") as file:
         found: list[Any] = []
         file.visititems(lambda _, node: found.append(node))
         for node in found:
