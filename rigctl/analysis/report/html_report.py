@@ -8,13 +8,16 @@ from typing import Any
 
 from rigctl.analysis.paper.comparisons import NAME_OF
 from rigctl.analysis.report.charts.accuracy_charts import accuracy_chart
+from rigctl.analysis.report.charts.small_multiples import SmallMultiples
 from rigctl.analysis.report.findings import findings
 from rigctl.analysis.report.html_page import render_page
 
 Results = Mapping[str, Any]
 
 
-def html_report(results: Results, figures: Mapping[str, Path], origin: str) -> str:
+def html_report(
+    results: Results, figures: Mapping[str, Path], multiples: SmallMultiples, origin: str
+) -> str:
     """Return the page. ``results``: from :func:`rigctl.analysis.paper.result_tables.as_dict`.
 
     ``origin``: of the trials, in a few words, below the charts.
@@ -31,6 +34,7 @@ def html_report(results: Results, figures: Mapping[str, Path], origin: str) -> s
         "report.html",
         results=results,
         figures=figures,
+        multiples=multiples,
         origin=origin,
         findings=findings(results),
         chart=accuracy_chart(results),

@@ -22,6 +22,7 @@ from rigctl.analysis.paper.result_tables import as_dict, to_csv
 from rigctl.analysis.paper.sensitivity import as_dict as sensitivity_dict
 from rigctl.analysis.paper.sensitivity import compare_presets
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis.report.charts.small_multiples import small_multiples
 from rigctl.analysis.report.example_taxel import check_selection, load_taxel, trials_origin
 from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves, draw_taxel
@@ -174,7 +175,9 @@ def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: 
     text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")
     (folder / "table1.csv").write_text(to_csv(values["table1"]), encoding="utf-8")
-    (folder / "report.html").write_text(html_report(values, figures, origin), encoding="utf-8")
+    multiples = small_multiples(trials, ranges, representations.parameters)
+    page = html_report(values, figures, multiples, origin)
+    (folder / "report.html").write_text(page, encoding="utf-8")
 
 
 def _import_remarks(trials: TrialSet) -> list[str]:
