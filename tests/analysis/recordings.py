@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import Block, DrumState, Gap, PlannedTrial
 from tests.session.building import drum_state, trial_row
@@ -51,6 +52,7 @@ def record(
     speeds: tuple[int, ...] = (40, 80, 120),
     forces: tuple[int, ...] = (250, 500),
     seed: int = 3,
+    layout: SensorLayout | None = None,
 ) -> Path:
     """Record every trial of a small plan; trials in ``torn`` lack a few samples."""
     names = ", ".join(f'"{name}"' for name in textures)
@@ -65,6 +67,7 @@ def record(
     header = SessionHeader(
         plan.hash, seed, len(plan.trials), "virtual", True, "2026-11-21T12:00:00Z"
     )
+    header = replace(header, sensor_layout=layout)
     counter, sequence = 0, 0
     with Recorder(folder, header, text, "") as recorder:
         recorder.begin_part("start", textures[0])

@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.wiring_check import check_same_wiring
+from rigctl.analysis.data.wiring_check import check_same_sensor, check_same_wiring
 from rigctl.analysis.execution.executor import Progress
 from rigctl.errors import SessionError
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.session.read.closing_digest import read_closing_digest
 from rigctl.session.read.damage import damaged_trials
 from rigctl.session.read.sample_index import SampleFile, SampleFiles, SampleRange, SampleReader
@@ -61,6 +62,7 @@ class TrialSet:
     paths: tuple[Path, ...]
     trials: tuple[TrialRef, ...]
     n_taxels: int
+    sensor_layout: SensorLayout
     provenance: tuple[dict[str, Any], ...]
     files: tuple[SampleFile, ...]
     remarks: tuple[str, ...] = field(default=())
@@ -195,6 +197,7 @@ def join_sessions(
     trials: list[TrialRef] = []
     remarks: list[str] = []
     sources: list[dict[str, Any]] = []
+    layouts: list[SensorLayout | None] = []
     files: list[SampleFile] = []
     for number, path in enumerate(paths):
         if path.resolve() in {p.resolve() for p in paths[:number]}:
@@ -204,7 +207,9 @@ def join_sessions(
         with Session.open(path) as session:
             session.leave_out(damaged_trials(session, partial(_show_mib, progress)))
             sources.append(_provenance(session))
+            layouts.append(session.header.sensor_layout)
             _check_layout(sources[0], sources[-1])
+            check_same_sensor(paths, layouts)
             trials += _moving_trials(session, number, len(files), remarks)
             files += session.sample_files()
     if not trials:
@@ -214,6 +219,7 @@ def join_sessions(
         tuple(path.absolute() for path in paths),
         tuple(trials),
         int(sources[0]["n_taxels"]),
+        next(filter(None, layouts), SensorLayout.default(int(sources[0]["n_taxels"]))),
         tuple(sources),
         tuple(replace(file, path=file.path.absolute()) for file in files),
         tuple(remarks),
@@ -281,7 +287,7 @@ def _references(
 
 
 def _provenance(session: Session) -> dict[str, Any]:
-    header = session.header
+    header, layout = session.header, session.header.sensor_layout
     return {
         "path": str(session.path),
         "rig": header.rig,
@@ -297,6 +303,7 @@ def _provenance(session: Session) -> dict[str, Any]:
         "sensor": header.sensor,
         "n_taxels": header.n_taxels,
         "wiring": list(session.wiring),
+        "sensor_layout": layout.to_values() if layout else None,
         "sample_rate_hz": header.sample_rate_hz,
         "scaling": [list(pair) for pair in session.scaling],
         "trials_planned": header.trials_planned,

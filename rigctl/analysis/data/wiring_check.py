@@ -9,6 +9,11 @@ from typing import Any
 
 from rigctl.errors import SessionError
 from rigctl.session.files.analysis_file import load_inputs
+from rigctl.session.format.sensor_layout import (
+    SensorLayout,
+    describe_difference,
+    layouts_match,
+)
 from rigctl.session.format.wiring import describe_mismatch, source_wiring, wirings_match
 from rigctl.session.read.session import Session
 
@@ -19,6 +24,16 @@ Sources = Sequence[Mapping[str, Any]]
 def check_same_wiring(first: Mapping[str, Any], other: Mapping[str, Any]) -> None:
     """Raise SessionError where two sessions have their taxels in another order."""
     _check(other, first, first["path"], "analyse them separately")
+
+
+def check_same_sensor(paths: Sequence[Path], layouts: Sequence[SensorLayout | None]) -> None:
+    """Raise SessionError where the last session's sensor has another layout than one before."""
+    for path, layout in zip(paths, layouts, strict=False):
+        if not layouts_match(layout, layouts[-1]):
+            raise SessionError(
+                f"{paths[len(layouts) - 1]} is of a sensor with another layout than {path} "
+                f"({describe_difference(layouts[-1], layout)}): analyse them separately"
+            )
 
 
 def check_source_wiring(file: Path | str, sources: Sources, sessions: Sources) -> None:

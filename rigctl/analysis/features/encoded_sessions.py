@@ -38,7 +38,7 @@ from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter, train_names
+from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter
 from rigctl.session.read.sample_index import SampleFiles
 
 CHUNK = 64
@@ -78,13 +78,17 @@ class Encoded(NamedTuple):
 
 
 class _SpikeTask(NamedTuple):
-    """Trials to encode; ``scale``: factors on the SA current, float64 (n, n_taxels), or None."""
+    """Trials to encode; ``scale``: factors on the SA current, float64 (n, n_taxels), or None.
+
+    ``order``: the encoder's row of each train of the file.
+    """
 
     files: SampleFiles
     trials: tuple[TrialRef, ...]
     normalisation: Normalisation
     parameters: EncoderParameters
     scale: NDArray[np.float64] | None
+    order: list[int]
 
 
 def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources) -> Encoded:
@@ -122,7 +126,7 @@ def _encode(task: _SpikeTask) -> Arrays:
     """Return ``counts`` (n, n_trains) and ``samples`` of the spikes, trains in the file's order."""
     with open_trials(task.files) as reader:
         samples = reader.read_block(task.trials).arrays
-    order = [row for _, row in train_names(task.normalisation.n_taxels)]
+    order = task.order
     found = encode_trials(samples, task.normalisation, task.parameters, sa_scale=task.scale)
     counts = np.array([np.diff(spikes.row_start)[order] for spikes in found])
     trains = [spikes.train(row) for spikes in found for row in order]
@@ -145,13 +149,14 @@ def _write_spikes(
     scale = None
     if force is not None and request.scaled_by is not ScaledBy.NONE:
         scale = c_per_trial(trials, force, blind=request.scaled_by is ScaledBy.BLIND)
+    order = _train_rows(prepared)
     tasks, keys = [], []
     for first in range(0, len(trials), CHUNK):
         rows = slice(first, first + CHUNK)
         c = None if scale is None else scale[rows]
         files = files_of_trials(prepared.trials.files, trials[rows])
-        tasks.append(_SpikeTask(files, trials[rows], ranges, parameters, c))
-        encoder = (ranges.low, ranges.high, encoder_items(parameters), c)
+        tasks.append(_SpikeTask(files, trials[rows], ranges, parameters, c, order))
+        encoder = (ranges.low, ranges.high, encoder_items(parameters), c, np.array(order))
         keys.append(cache_key("spikes", prepared.hashes[rows], *encoder))
     total = 0
     for found in resources.map_cached(_encode, tasks, keys, "writing spikes"):
@@ -185,7 +190,7 @@ def _write_windows(
     counts: Iterator[NDArray[Any]],
 ) -> None:
     n, n_taxels = len(prepared.trials.trials), prepared.trials.n_taxels
-    order = [row for _, row in train_names(n_taxels)]
+    order = _train_rows(prepared)
     layouts = _layouts(prepared)
     tables = {
         name: (
@@ -202,6 +207,11 @@ def _write_windows(
             seconds[rows] = windows.window_durations_s(condition.lengths, speed)
     for name, (spikes, seconds) in tables.items():
         file.add_windows(name, spikes, seconds)
+
+
+def _train_rows(prepared: PreparedTrials) -> list[int]:
+    """Return the encoder's row of each train of the file."""
+    return [row for _, row in prepared.trials.sensor_layout.train_names()]
 
 
 def _layouts(prepared: PreparedTrials) -> dict[str, FeatureLayout]:
@@ -223,7 +233,7 @@ def _encoding(
         trials.provenance,
         remarks,
         _columns(trials, prepared.hashes),
-        [name for name, _ in train_names(trials.n_taxels)],
+        trials.sensor_layout,
         request.parameters,
         prepared.normalisation,
         request.scaled_by,

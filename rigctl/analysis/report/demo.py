@@ -92,4 +92,5 @@ def _most_active_trial(trials: TrialSet, samples: Sequence[NDArray[np.uint16]]) 
         trial.force_g,
         drum.loadcell_s,
         np.asarray(drum.loadcell["force_g"], np.float64),
+        trials.sensor_layout,
     )

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.classification.held_out import HeldOutPredictions
 from rigctl.analysis.paper.statistics import wilson_interval
+from rigctl.analysis.report.train_groups import TrainGroup, train_groups
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, Spikes
 
 if TYPE_CHECKING:
@@ -37,25 +39,7 @@ STYLE: Any = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class TrainGroup:
-    """The spike trains of one channel (SA or RA) of one layer.
-
-    Position and tick height mark a group too, for readers and printers without colours.
-    """
-
-    name: str
-    description: str
-    colour: str
-    tick_height: float
-
-
-GROUPS = (
-    TrainGroup("SAI", "slow, top layer", "#00629e", 0.82),
-    TrainGroup("RAI", "fast, top layer", "#c24e00", 0.5),
-    TrainGroup("SAII", "slow, bottom layer", "#3c9bd1", 0.82),
-    TrainGroup("RAII", "fast, bottom layer", "#c08400", 0.5),
-)
+SA_COLOUR, RA_COLOUR, PALE = "#00629e", "#c24e00", "#3c9bd1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +47,8 @@ class RasterData:
     """The contents of the raster figure of one trial.
 
     ``samples``: uint16 (n, n_taxels). ``force_s``, ``force_g``: float64 (m,), load cell, seconds
-    since the rising edge of sync. ``origin``: the source of the data, in a few words.
+    since the rising edge of sync. ``origin``: the source of the data, in a few words. ``layout``:
+    that of the sensor.
     """
 
     title: str
@@ -74,6 +59,7 @@ class RasterData:
     force_set_g: float
     force_s: NDArray[np.float64]
     force_g: NDArray[np.float64]
+    layout: SensorLayout
 
 
 def draw_raster(data: RasterData, stem: Path) -> Path:
@@ -82,7 +68,7 @@ def draw_raster(data: RasterData, stem: Path) -> Path:
     figure, rows = new_figure((10, 7.6), 3, 1, sharex=True, gridspec_kw=grid)
     _plot_force(rows[0], data)
     _plot_taxel(rows[1], data)
-    _plot_spikes(rows[2], data.spikes)
+    _plot_spikes(rows[2], data.spikes, data.layout)
     rows[2].set_xlim(0, len(data.samples) / SAMPLE_RATE_HZ)
     rows[2].set_xlabel("time since the trial window opened (s)")
     travel = rows[0].secondary_xaxis(
@@ -104,14 +90,6 @@ def draw_accuracy(held_out: HeldOutPredictions, origin: str, stem: Path) -> Path
         f"({correct / n:.0%}) with {held_out.shown_components} components"
     )
     return save_figure(figure, stem, title, origin)
-
-
-def _grouped_trains(n_taxels: int) -> list[tuple[TrainGroup, list[int]]]:
-    """Return each group's encoder rows (SA 1 … n, RA 1 … n); the first half of taxels is on top."""
-    half = n_taxels // 2
-    top, bottom = list(range(half)), list(range(half, n_taxels))
-    rows = (top, [n_taxels + i for i in top], bottom, [n_taxels + i for i in bottom])
-    return list(zip(GROUPS, rows, strict=True))
 
 
 def _plot_force(axes: Axes, data: RasterData) -> None:
@@ -136,23 +114,22 @@ def _plot_taxel(axes: Axes, data: RasterData) -> None:
     _annotate(axes, f"taxel {taxel + 1}, the most active of {data.samples.shape[1]}")
 
 
-def _plot_spikes(axes: Axes, spikes: Spikes) -> None:
+def _plot_spikes(axes: Axes, spikes: Spikes, layout: SensorLayout) -> None:
     y, ticks, names = 0.0, [], []
-    n_taxels = spikes.n_trains // 2
-    for group, rows in _grouped_trains(n_taxels):
-        _plot_group(axes, spikes, group, rows, y)
-        ticks += [y, y + len(rows) - 1]
-        names += [str(rows[0] % n_taxels + 1), str(rows[-1] % n_taxels + 1)]
-        y += len(rows) + 0.8
+    for group in train_groups(layout):
+        _plot_group(axes, spikes, group, y)
+        ends = sorted({0, len(group.rows) - 1})
+        ticks += [y + end for end in ends]
+        names += [str(group.rows[end] % layout.n_taxels + 1) for end in ends]
+        y += len(group.rows) + 0.8
     axes.set_yticks(ticks, names)
     axes.set_ylim(y - 0.8, -0.8)
     axes.set_ylabel("taxel", labelpad=2)
 
 
-def _plot_group(
-    axes: Axes, spikes: Spikes, group: TrainGroup, rows: list[int], first_y: float
-) -> None:
+def _plot_group(axes: Axes, spikes: Spikes, group: TrainGroup, first_y: float) -> None:
     """Plot a group as one broken line: thousands of single ticks would make a large file."""
+    rows = group.rows
     trains = [spikes.train(row) / SAMPLE_RATE_HZ for row in rows]
     at = np.concatenate(trains)
     y = np.repeat(first_y + np.arange(len(rows)), [len(train) for train in trains])
@@ -176,16 +153,16 @@ def _plot_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
     k = np.arange(1, len(held_out.predictions) + 1)
     correct = held_out.correct_counts()
     low, high = wilson_interval(correct, held_out.n)
-    axes.fill_between(k, 100 * low, 100 * high, color=GROUPS[2].colour, alpha=0.22, lw=0)
-    axes.plot(k, 100 * correct / held_out.n, color=GROUPS[0].colour, lw=1.8, marker="o", ms=3.5)
-    axes.axhline(100 * held_out.chance, color=GROUPS[1].colour, lw=1.3, ls=(0, (5, 3)))
+    axes.fill_between(k, 100 * low, 100 * high, color=PALE, alpha=0.22, lw=0)
+    axes.plot(k, 100 * correct / held_out.n, color=SA_COLOUR, lw=1.8, marker="o", ms=3.5)
+    axes.axhline(100 * held_out.chance, color=RA_COLOUR, lw=1.3, ls=(0, (5, 3)))
     axes.annotate(
         f"chance {held_out.chance:.0%}",
         (k[-1], 100 * held_out.chance),
         xytext=(0, 4),
         textcoords="offset points",
         ha="right",
-        color=GROUPS[1].colour,
+        color=RA_COLOUR,
     )
     axes.axvline(held_out.shown_components, color=MUTED, lw=0.8, ls=":")
     axes.set(ylim=(0, 103), xlim=(0.5, k[-1] + 0.5))

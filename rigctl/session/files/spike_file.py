@@ -32,6 +32,7 @@ from rigctl.session.format.annotated_arrays import (
     write_texts,
 )
 from rigctl.session.format.data_sets import LIBVER
+from rigctl.session.format.sensor_layout import ATTRIBUTE, SensorLayout
 
 SAMPLE_CHUNK = 1 << 16
 
@@ -40,8 +41,8 @@ SAMPLE_CHUNK = 1 << 16
 class EncodingInfo:
     """Metadata of a file of spikes.
 
-    ``trials``: columns by name, each with a unit, a meaning, and n values. ``rows``: names of the
-    trains in the order of a trial. ``scaled_by``: C that multiplies the SA current: none, texture
+    ``trials``: columns by name, each with a unit, a meaning, and n values. ``layout``: that of the
+    sensor, which names the trains. ``scaled_by``: C that multiplies the SA current: none, texture
     or blind. ``inputs``: a mapping for each source session.
     """
 
@@ -51,29 +52,12 @@ class EncodingInfo:
     inputs: Sequence[dict[str, Any]]
     remarks: Sequence[str]
     trials: dict[str, tuple[str, str, NDArray[Any] | Sequence[str]]]
-    rows: Sequence[str]
+    layout: SensorLayout
     parameters: EncoderParameters
     normalisation: Normalisation
     scaled_by: str
     force: ForceMatrix | None
     layouts: dict[str, FeatureLayout]
-
-
-def train_names(n_taxels: int) -> list[tuple[str, int]]:
-    """Return name and row in :class:`rigctl.values.Spikes` of each train, in the paper's order.
-
-    SAI, RAI, SAII, RAII: the upper layer (the first half of the taxels), then the lower one;
-    taxels count from 1. With an odd number of taxels there is one layer.
-    """
-    layers = [("I", range(n_taxels // 2)), ("II", range(n_taxels // 2, n_taxels))]
-    if n_taxels % 2:
-        layers = [("I", range(n_taxels))]
-    return [
-        (f"{channel}{layer}-{taxel + 1}", first + taxel)
-        for layer, taxels in layers
-        for channel, first in (("SA", 0), ("RA", n_taxels))
-        for taxel in taxels
-    ]
 
 
 class SpikeFileWriter:
@@ -130,7 +114,10 @@ class SpikeFileWriter:
         inputs = json.dumps(list(encoding.inputs), ensure_ascii=False)
         write_text(self._file, "inputs", inputs, "JSON: a mapping for each session, in order")
         write_texts(self._file, "remarks", encoding.remarks, "what was left out or cut", "remark")
-        write_texts(self._file, "rows", encoding.rows, "trains in the order of a trial", "train")
+        names = [name for name, _ in encoding.layout.train_names()]
+        write_texts(self._file, "rows", names, "trains in the order of a trial", "train")
+        layout = json.dumps(encoding.layout.to_values(), ensure_ascii=False)
+        write_text(self._file, ATTRIBUTE, layout, "JSON: rows, columns, layers of the sensor")
         self._write_trials(encoding)
         group = self._file.create_group("encoder")
         write_encoder(group, encoding.parameters, encoding.normalisation)
@@ -138,7 +125,7 @@ class SpikeFileWriter:
         write_text(group, "scaled_by", encoding.scaled_by, doc)
         if encoding.force is not None:
             write_force(self._file.create_group("c"), encoding.force)
-        self._create_spikes(len(encoding.rows))
+        self._create_spikes(len(names))
         self._write_layouts(encoding.layouts)
 
     def _write_trials(self, encoding: EncodingInfo) -> None:

@@ -22,7 +22,7 @@ from rigctl.encoding.parameters import DEFAULT, EncoderParameters, override, pre
 from rigctl.errors import WrongUse
 from rigctl.session.files.encoder_group import load_ranges
 from rigctl.session.files.force_matrix_file import load_force
-from rigctl.session.files.spike_file import train_names
+from rigctl.session.format.sensor_layout import SensorLayout
 from tests.analysis.recordings import record
 
 WHEN = "2026-11-21T12:00:00Z"
@@ -63,7 +63,7 @@ def test_spikes_windows_and_c_are_those_of_the_trials(
         ptr, sample = file["spikes/ptr"][:], file["spikes/sample"][:]
         assert ptr.dtype == np.int64 and sample.dtype == np.int32
         assert ptr[0, 0] == 0 and ptr[-1, -1] == len(sample)
-        rows = [row for _, row in train_names(18)]
+        rows = [row for _, row in SensorLayout.default(18).train_names()]
         for trial, spikes, pointers in zip(trials.trials, expected, ptr, strict=True):
             for train, row in enumerate(rows):
                 found = sample[pointers[train] : pointers[train + 1]]
@@ -152,6 +152,17 @@ def test_ranges_come_from_all_from_training_or_from_a_file(
     capsys.readouterr()
     assert main([*words, str(tmp_path / "no"), "--ranges", str(days[0] / "part-0001.h5")]) == 2
     assert "not a model or a spikes.h5: --ranges takes" in capsys.readouterr().err
+
+
+def test_one_layer_is_not_split_into_types(tmp_path: Path) -> None:
+    layout = SensorLayout(3, 6, ("skin",))
+    session = record(tmp_path / "s", "A", travel_mm=12.0, forces=(250,), layout=layout)
+    with encode([session], tmp_path / "out") as file:
+        names = [name.decode() for name in file["rows"]]
+        assert names == [f"{channel}-{n}" for channel in ("SA", "RA") for n in range(1, 19)]
+        assert json.loads(file["sensor_layout"][()]) == {
+            "rows": 3, "columns": 6, "layers": ["skin"],
+        }  # fmt: skip
 
 
 def test_a_taxel_is_drawn_and_tabulated(days: list[Path], tmp_path: Path) -> None:

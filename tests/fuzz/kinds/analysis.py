@@ -27,7 +27,8 @@ from rigctl.session.files.finger_model_file import (
 from rigctl.session.files.force_matrix_file import load_force
 from rigctl.session.files.model_file import Model, TrainingInfo, load_model, save_model
 from rigctl.session.files.seal import SEALED
-from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter, train_names
+from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter
+from rigctl.session.format.sensor_layout import SensorLayout
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES
 from tests.fuzz.mutations.hdf5 import HDF5
@@ -99,7 +100,7 @@ def build_finger_model(folder: Path) -> None:
 
 def build_spikes(folder: Path) -> None:
     """Write the spikes of three trials."""
-    names = [name for name, _ in train_names(4)]
+    sensor = SensorLayout.default(4)
     columns: dict[str, tuple[str, str, Any]] = {
         "trial_id": ("", "number", np.arange(1, 4)),
         "texture": ("", "plate", ["A", "B", "A"]),
@@ -112,7 +113,7 @@ def build_spikes(folder: Path) -> None:
         inputs=INPUTS,
         remarks=("one remark",),
         trials=columns,
-        rows=names,
+        layout=sensor,
         parameters=EncoderParameters(),
         normalisation=ranges(4),
         scaled_by="texture",
@@ -120,9 +121,9 @@ def build_spikes(folder: Path) -> None:
         layouts={"unscaled": layout},
     )
     with SpikeFileWriter(folder / FILE, info) as file:
-        counts = np.ones((3, len(names)), np.int64)
+        counts = np.ones((3, 2 * sensor.n_taxels), np.int64)
         file.add(counts, np.arange(counts.sum(), dtype=np.int32))
-        windows = np.ones((3, len(names), 2), np.int64)
+        windows = np.ones((*counts.shape, 2), np.int64)
         file.add_windows("unscaled", windows, np.ones((3, 2)))
 
 

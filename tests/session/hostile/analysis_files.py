@@ -18,6 +18,7 @@ from rigctl.session.files.finger_model_file import (
 )
 from rigctl.session.files.model_file import Model, TrainingInfo, save_model
 from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter
+from rigctl.session.format.sensor_layout import SensorLayout
 
 TEXTURES = ("A", "B")
 TRAINING = TrainingInfo(
@@ -73,7 +74,7 @@ def write_spikes(path: Path) -> Path:
     encoding = EncodingInfo(
         "2026-11-23T12:00:00Z", "1.0", True, TRAINING.inputs, ("none",),
         {"trial_id": ("", "number", np.array([1])), "texture": ("", "plate", ["A"])},
-        ("SAI-1", "SAI-2", "RAI-1", "RAI-2"), EncoderParameters(), RANGES, "texture",
+        SensorLayout(1, 2, ("I",)), EncoderParameters(), RANGES, "texture",
         force_matrix(), {},
     )  # fmt: skip
     with SpikeFileWriter(path, encoding) as writer:
