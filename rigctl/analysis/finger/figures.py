@@ -21,6 +21,7 @@ from rigctl.analysis.finger.published import (
 )
 from rigctl.analysis.finger.scans import KINDS, ScanKind
 from rigctl.analysis.finger.tasks import FingerResult
+from rigctl.analysis.paper.statistics import describe_rule
 from rigctl.analysis.report.figures import FAINT, MUTED, TEXT, new_figure, save_figure
 
 if TYPE_CHECKING:
@@ -147,10 +148,11 @@ def _plot_curves(axes: Axes, result: FingerResult) -> None:
     colour = COLOURS[result.task.key]
     for kind, quoted in zip(KINDS, result.task.quoted, strict=True):
         scaled = kind is ScanKind.SPEED_SCALED
+        error = result.standard_error(kind)
         axes.errorbar(
             k,
             100 * result.mean(kind),
-            100 * result.standard_error(kind),
+            None if error is None else 100 * error,
             color=colour,
             ls="-" if scaled else (0, (4, 2)),
             lw=1.5,
@@ -198,13 +200,16 @@ def _mark_legend(axes: Axes, quoted: Sequence[QuotedAccuracy]) -> None:
 
 def _note(result: FingerResult) -> str:
     """Return what bars and asterisks mean."""
-    effect, least, most = ("h", 0.2, 0.5) if result.task is DEPLOYED else ("d", 0.5, 1)
     n = len(result.accuracy[ScanKind.ORIGINAL])
     n = n * result.n_tested if result.task is DEPLOYED else n
-    return (
-        f"n = {n}; bars: standard error; * p < 0.05 and {effect} > {least:g}, ** p < 0.01 and "
-        f"{effect} > {most:g}; grey: Original is better"
-    )
+    bars = "bars: standard error"
+    if result.standard_error(ScanKind.ORIGINAL) is None:
+        bars = "one draw, no spread"
+    elif result.task is DEPLOYED:
+        bars = "bars: standard error of a share"
+    first = result.differences()[0]
+    rule = describe_rule(first.rule, first.test).replace(";", ",")
+    return f"n = {n}; {bars}; {rule}; grey: Original is better"
 
 
 def _plot_stars(axes: Axes, result: FingerResult, percent: float) -> None:

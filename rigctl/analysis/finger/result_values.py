@@ -16,6 +16,7 @@ from rigctl.analysis.finger.evaluation.profile_differences import ProfileDiffere
 from rigctl.analysis.finger.results import FingerAnalysis
 from rigctl.analysis.finger.scans import KINDS, ScanKind
 from rigctl.analysis.finger.tasks import FingerResult
+from rigctl.analysis.paper.curve_tests import curve_test_dict
 
 Floats = NDArray[np.float64]
 
@@ -64,20 +65,23 @@ def task_dict(result: FingerResult) -> dict[str, Any]:
         "scaled_better_double": k_ranges(np.flatnonzero(better & (stars == "**")) + 1),
         "scaled_better_single": k_ranges(np.flatnonzero(better & (stars == "*")) + 1),
         "original_better": k_ranges(np.flatnonzero(~better & (stars != "")) + 1),
-        "differences": [
-            {"p": d.p, "effect": d.effect, "statistic": _finite(d.statistic), "stars": d.stars}
-            for d in differences
-        ],
         "assumptions": sorted({text for d in differences for text in d.assumptions}),
     }
 
 
+def _curve_tests(result: FingerResult) -> dict[str, Any]:
+    """Return the asterisks of Figures 4 and S5: Speed Scaled against Original."""
+    original, scaled = (kind.value for kind in KINDS)
+    return {scaled: curve_test_dict(result.differences(), original, in_paper=True)}
+
+
 def _curve_dict(result: FingerResult, kind: ScanKind) -> dict[str, Any]:
-    mean, error = result.mean(kind), result.standard_error(kind)
+    mean, sd, error = result.mean(kind), result.sd(kind), result.standard_error(kind)
     peak = int(mean.argmax())
     return {
         "mean": mean.round(DECIMALS).tolist(),
-        "standard_error": error.round(DECIMALS).tolist(),
+        "sd": None if sd is None else sd.round(DECIMALS).tolist(),
+        "standard_error": None if error is None else error.round(DECIMALS).tolist(),
         "peak": round(float(mean[peak]), DECIMALS),
         "peak_components": peak + 1,
     }
@@ -98,6 +102,7 @@ def as_dict(analysis: FingerAnalysis, made_utc: str) -> dict[str, Any]:
         "data_sets": [_data_set_dict(one) for one in analysis.data_sets],
         "remarks": list(analysis.remarks),
         "tasks": {one.task.key: task_dict(one) for one in analysis.tasks},
+        "curve_tests": {one.task.key: _curve_tests(one) for one in analysis.tasks},
         "evidence": [_evidence_dict(one) for one in analysis.evidence],
         "coverage": [_coverage_dict(one) for one in analysis.coverage],
         "novelty": [_novelty_dict(one) for one in analysis.novelty],
@@ -185,7 +190,3 @@ def _profiles_dict(one: ProfileDifferences) -> dict[str, Any]:
         "texture_share": one.texture_share,
         "profile_share": one.profile_share,
     }
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and np.isfinite(value) else None

@@ -29,7 +29,13 @@ from rigctl.analysis.finger.published import (
     FingerTask,
 )
 from rigctl.analysis.finger.scans import KINDS, ScanKind, ScanSet
-from rigctl.analysis.paper.statistics import Difference, two_proportions, welch
+from rigctl.analysis.paper.statistics import (
+    Difference,
+    standard_deviation,
+    standard_error,
+    two_proportions,
+    welch_each,
+)
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
@@ -75,28 +81,32 @@ class FingerResult:
         """Return the mean accuracy for each number of components, float64 (k_max,)."""
         return np.asarray(self.accuracy[kind].mean(axis=0))
 
-    def standard_error(self, kind: ScanKind) -> Floats:
-        """Return the standard error over draws, or that of a proportion for a single fit a set."""
-        values = self.accuracy[kind]
-        if self.task is DEPLOYED:
-            mean = values.mean(axis=0)
-            return np.asarray(np.sqrt(mean * (1.0 - mean) / (len(values) * self.n_tested)))
-        if len(values) < 2:
-            return np.zeros(self.k_max)
-        return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(len(values)))
+    def sd(self, kind: ScanKind) -> Floats | None:
+        """Return the standard deviation over draws, float64 (k_max,); None for a single one."""
+        return standard_deviation(self.accuracy[kind])
 
-    def differences(self) -> list[Difference]:
-        """Return Speed Scaled against Original for each number of components."""
-        scaled, original = (self.accuracy[kind].T for kind in KINDS[::-1])
+    def standard_error(self, kind: ScanKind) -> Floats | None:
+        """Return the standard error of the mean over draws, or of a share for a single fit a set.
+
+        float64 (k_max,); None for a single draw, which has no spread.
+        """
         if self.task is not DEPLOYED:
-            return [welch(one, other) for one, other in zip(scaled, original, strict=True)]
-        n = scaled.shape[1] * self.n_tested
+            return standard_error(self.accuracy[kind])
+        mean = self.mean(kind)
+        return np.asarray(np.sqrt(mean * (1.0 - mean) / (len(self.accuracy[kind]) * self.n_tested)))
+
+    def differences(self) -> tuple[Difference, ...]:
+        """Return Speed Scaled against Original for each number of components."""
+        scaled, original = (self.accuracy[kind] for kind in KINDS[::-1])
+        if self.task is not DEPLOYED:
+            return welch_each(scaled, original)
+        n = len(scaled) * self.n_tested
         counts = (
-            np.rint(one.sum(axis=1) * self.n_tested).astype(int) for one in (scaled, original)
+            np.rint(one.sum(axis=0) * self.n_tested).astype(int) for one in (scaled, original)
         )
-        return [
+        return tuple(
             two_proportions(int(one), int(other), n) for one, other in zip(*counts, strict=True)
-        ]
+        )
 
 
 class _DrawTask(NamedTuple):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.features.representations import REPRESENTATIONS
 from rigctl.analysis.paper import published
-from rigctl.analysis.paper.statistics import Difference, welch
+from rigctl.analysis.paper.statistics import Difference, welch_each
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 
 THRESHOLDS = (0.80, 0.90, 0.95)
@@ -104,14 +104,16 @@ def components_needed(result: TaskResult) -> dict[str, dict[str, int | None]]:
     }
 
 
-def differences(result: TaskResult) -> dict[str, Difference]:
-    """Return Welch's test of each representation against Original with the shown components."""
+def curve_differences(result: TaskResult) -> dict[str, tuple[Difference, ...]]:
+    """Return Welch's test of each representation against Original for each number of components.
+
+    By representation key, k_max differences each; empty where there is no Original.
+    """
     original = result.curve("original")
     if original is None:
         return {}
-    k = result.shown_components - 1
     return {
-        curve.representation.key: welch(curve.accuracy[:, k], original.accuracy[:, k])
+        curve.representation.key: welch_each(curve.accuracy, original.accuracy)
         for curve in result.curves
         if curve is not original
     }

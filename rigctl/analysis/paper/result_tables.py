@@ -24,10 +24,16 @@ from rigctl.analysis.paper.comparisons import (
     RepresentationPair,
     compare_task,
     components_needed,
-    differences,
+    curve_differences,
+)
+from rigctl.analysis.paper.curve_tests import (
+    NOT_IN_PAPER,
+    confusion_shares,
+    difference_dict,
+    task_curve_tests,
 )
 from rigctl.analysis.paper.explanations import explain
-from rigctl.analysis.paper.statistics import Difference
+from rigctl.analysis.paper.statistics import Difference, standard_error
 from rigctl.analysis.paper.tasks import Curve, SweepSettings, TaskResult
 
 DECIMALS = 4
@@ -94,6 +100,7 @@ def as_dict(
 ) -> dict[str, Any]:
     """Return all results as values for JSON."""
     trials, ranges = representations.trials, representations.normalisation
+    tests = {result.task.key: curve_differences(result) for result in results}
     return {
         "program": {"name": "rigctl", "version": __version__},
         "made_utc": made_utc,
@@ -123,8 +130,11 @@ def as_dict(
         "remarks": list(remarks),
         "force_matrix": _force_dict(representations),
         "tasks": {
-            result.task.key: _task_dict(result, trials.simulated, ablations) for result in results
+            result.task.key: _task_dict(result, tests[result.task.key], trials.simulated, ablations)
+            for result in results
         },
+        "curve_tests": {key: task_curve_tests(found) for key, found in tests.items()},
+        "tests_note": NOT_IN_PAPER,
         "evidence": None if ablations is None else _ablations_dict(ablations),
         "table1": table_rows(results),
     }
@@ -153,8 +163,13 @@ def _force_dict(representations: RepresentationSet) -> dict[str, Any] | None:
     }
 
 
-def _task_dict(result: TaskResult, simulated: bool, ablations: Ablations | None) -> dict[str, Any]:
-    found = compare_task(result, simulated=simulated)
+def _task_dict(
+    result: TaskResult,
+    tests: Mapping[str, Sequence[Difference]],
+    simulated: bool,
+    ablations: Ablations | None,
+) -> dict[str, Any]:
+    found, shown = compare_task(result, simulated=simulated), result.shown_components - 1
     return {
         "title": result.task.title,
         "figure": result.task.figure,
@@ -168,8 +183,9 @@ def _task_dict(result: TaskResult, simulated: bool, ablations: Ablations | None)
         "representations": {c.representation.key: _curve_dict(c) for c in result.curves},
         "components_needed": components_needed(result),
         "differences_from_original": {
-            k: _difference_dict(d) for k, d in differences(result).items()
+            key: difference_dict(each[shown]) for key, each in tests.items()
         },
+        "confusion_shares": confusion_shares(result),
         "order": None
         if found is None
         else {
@@ -212,27 +228,16 @@ def _ablations_dict(ablations: Ablations) -> dict[str, Any]:
 
 
 def _curve_dict(curve: Curve) -> dict[str, Any]:
-    sd = curve.sd
+    sd, error = curve.sd, standard_error(curve.accuracy)
     return {
         "name": curve.representation.name,
         "c_knows_the_label": curve.representation.sees_labels,
         "tested_per_iteration": curve.n_tested,
         "mean": curve.mean.tolist(),
         "sd": None if sd is None else sd.tolist(),
+        "standard_error": None if error is None else error.tolist(),
         "accuracy": curve.accuracy.tolist(),
         "confusion": curve.confusion.tolist(),
         "components_without_within_class_variance": curve.n_without_variance,
         "components_beyond_rank": curve.beyond_rank,
-    }
-
-
-def _difference_dict(found: Difference) -> dict[str, Any]:
-    return {
-        "test": "Welch t",
-        "statistic": found.statistic,
-        "p": found.p,
-        "effect": found.effect,
-        "effect_name": "Cohen's d",
-        "stars": found.stars,
-        "assumptions": list(found.assumptions),
     }

@@ -1,10 +1,11 @@
-"""The paper's test of difference and its asterisks, with a sentence for each weak assumption."""
+"""The paper's tests of difference and their asterisks, with a sentence for each weak assumption."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,27 @@ ASTERISKS: AsteriskRule = (("**", 0.01, 1.0), ("*", 0.05, 0.5))
 """Figure 4's rule: p is below the first bound and the size of Cohen's d above the second."""
 PROPORTION_ASTERISKS: AsteriskRule = (("**", 0.01, 0.5), ("*", 0.05, 0.2))
 """Figure S5's rule, with Cohen's h."""
+
+
+class DifferenceTest(NamedTuple):
+    """A test of difference: its name, and the name and letter of its effect size."""
+
+    name: str
+    effect_name: str
+    effect_letter: str
+
+
+WELCH = DifferenceTest("Welch's t", "Cohen's d", "d")
+"""Two-tailed, of means; the paper uses it in Figure 4."""
+TWO_PROPORTIONS = DifferenceTest("two-proportion z", "Cohen's h", "h")
+"""Two-tailed, of shares; the paper uses it in Figure S5."""
 REDRAWN = (
     "The values compared are accuracies of repeated draws from the same trials. They are not "
     "independent, so p is smaller and d is larger than for new recordings."
+)
+REPEATED = (
+    "A trial counts once for every draw that tests it. The counts are not independent, so p is "
+    "smaller than for new recordings."
 )
 PAIRED = (
     "Both proportions are of the same trials; the two-proportion test takes them as independent."
@@ -30,7 +49,7 @@ CEILING_SHARE = 0.99
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Welch's t, its p and Cohen's d, each None where it is not defined; or z, p and Cohen's h.
+    """A test's statistic, its p and effect size, each None where it is not defined.
 
     ``assumptions``: sentences on assumptions that do not hold. ``rule``: of the asterisks.
     """
@@ -40,10 +59,11 @@ class Difference:
     effect: float | None
     assumptions: tuple[str, ...]
     rule: AsteriskRule = ASTERISKS
+    test: DifferenceTest = WELCH
 
     @property
     def stars(self) -> str:
-        """The paper's asterisks; empty where the test is not defined."""
+        """The asterisks of the rule; empty where the test is not defined."""
         if self.p is None or self.effect is None:
             return ""
         return asterisks(self.p, self.effect, self.rule)
@@ -76,13 +96,79 @@ def wilson_interval(correct: Any, n: int) -> tuple[Any, Any]:
     return low, high
 
 
-def welch(first: Values, second: Values) -> Difference:
+def describe_rule(rule: AsteriskRule, test: DifferenceTest) -> str:
+    """Return what the asterisks of a rule mean, fewer asterisks first."""
+    return "; ".join(
+        f"{stars} p < {most_p:g} and {test.effect_letter} > {least:g}"
+        for stars, most_p, least in reversed(rule)
+    )
+
+
+def standard_deviation(values: Values) -> Values | None:
+    """Return the standard deviation over rows (divisor n − 1): (n, k) to (k,); None for one row."""
+    if len(values) < 2:
+        return None
+    return np.asarray(values.std(axis=0, ddof=1))
+
+
+def standard_error(values: Values) -> Values | None:
+    """Return the standard error of the mean over rows: (n, k) to (k,), None for a single row."""
+    deviation = standard_deviation(values)
+    return None if deviation is None else deviation / sqrt(len(values))
+
+
+def welch(first: Values, second: Values, rule: AsteriskRule = ASTERISKS) -> Difference:
     """Return the two-tailed Welch t-test of accuracies (0–1) over repeated draws of one set.
 
     Raises :class:`WrongUse` for values that are not numbers.
     """
+    return welch_each(first[:, None], second[:, None], rule)[0]
+
+
+def welch_each(
+    first: Values, second: Values, rule: AsteriskRule = ASTERISKS
+) -> tuple[Difference, ...]:
+    """Return :func:`welch` for each column: float64 (draws, k) both, such as k components."""
     if not (np.isfinite(first).all() and np.isfinite(second).all()):
         raise WrongUse("a test of difference has a value that is not a number: leave it out")
+    pairs = [(a.copy(), b.copy()) for a, b in zip(first.T, second.T, strict=True)]
+    return tuple(_welch_differences(pairs, rule))
+
+
+def _welch_differences(
+    pairs: Sequence[tuple[Values, Values]], rule: AsteriskRule
+) -> Iterator[Difference]:
+    tested = iter(_welch_statistics([pair for pair in pairs if _can_test(*pair)]))
+    for first, second in pairs:
+        weak = _weak_assumptions(first, second)
+        if _can_test(first, second):
+            statistic, p = next(tested)
+            yield Difference(statistic, p, cohens_d(first, second), weak, rule)
+        else:
+            yield Difference(None, None, None, weak, rule)
+
+
+def _welch_statistics(pairs: Sequence[tuple[Values, Values]]) -> list[tuple[float, float]]:
+    """Return t and p of each pair; SciPy is called once, as a call costs more than its numbers."""
+    from scipy import stats
+
+    if not pairs:
+        return []
+    sides = [
+        (np.array([x.mean() for x in side]), np.sqrt([_variance(x) for x in side]), len(side[0]))
+        for side in zip(*pairs, strict=True)
+    ]
+    found = stats.ttest_ind_from_stats(*sides[0], *sides[1], equal_var=False)
+    both = np.stack([found.statistic, found.pvalue], axis=1)
+    return [(float(statistic), float(p)) for statistic, p in both]
+
+
+def _can_test(first: Values, second: Values) -> bool:
+    varies = _variance(first) > 0 or _variance(second) > 0
+    return min(len(first), len(second)) > 1 and varies
+
+
+def _weak_assumptions(first: Values, second: Values) -> tuple[str, ...]:
     weak = [REDRAWN]
     if max(first.mean(), second.mean()) > CEILING_SHARE:
         weak.append(
@@ -91,34 +177,37 @@ def welch(first: Values, second: Values) -> Difference:
         )
     if min(len(first), len(second)) < 2:
         weak.append("One value on a side has no spread: Welch's test needs two or more.")
-        return Difference(None, None, None, tuple(weak))
-    if _variance(first) == 0 and _variance(second) == 0:
+    elif not _can_test(first, second):
         weak.append("Neither side varies at all: Welch's t and Cohen's d are not defined.")
-        return Difference(None, None, None, tuple(weak))
-    from scipy import stats
-
-    sides = [(float(x.mean()), sqrt(_variance(x)), len(x)) for x in (first, second)]
-    found = stats.ttest_ind_from_stats(*sides[0], *sides[1], equal_var=False)
-    effect = cohens_d(first, second)
-    return Difference(float(found.statistic), float(found.pvalue), effect, tuple(weak))
+    return tuple(weak)
 
 
-def two_proportions(first: int, second: int, n: int) -> Difference:
-    """Return the two-tailed two-proportion z-test and Cohen's h of two counts out of ``n`` trials.
+def two_proportions(
+    first: int,
+    second: int,
+    n: int,
+    n_second: int | None = None,
+    *,
+    rule: AsteriskRule = PROPORTION_ASTERISKS,
+    weak: tuple[str, ...] = (PAIRED,),
+) -> Difference:
+    """Return the two-tailed two-proportion z-test and Cohen's h of two counts.
 
-    Positive where the first is larger; z is None where no trial, or every one, is counted.
-    Raises :class:`WrongUse` for counts that are not between 0 and n.
+    ``n``: trials of both, or of the first where ``n_second`` is given; ``weak``: assumptions that
+    do not hold. Positive where the first share is larger; z is None where no trial, or every one,
+    is counted. Raises :class:`WrongUse` for counts that are not between 0 and their n.
     """
     from statsmodels.stats.proportion import proportion_effectsize, proportions_ztest
 
-    if not (n > 0 and 0 <= first <= n and 0 <= second <= n):
-        raise WrongUse(f"{first} and {second} are no counts out of {n} trials")
-    effect = float(proportion_effectsize(first / n, second / n))
-    weak = (PAIRED,)
-    if first + second in (0, 2 * n):
-        return Difference(None, None, effect, weak, PROPORTION_ASTERISKS)
-    statistic, p = proportions_ztest([first, second], [n, n])
-    return Difference(float(statistic), float(p), effect, weak, PROPORTION_ASTERISKS)
+    others = n if n_second is None else n_second
+    if not (n > 0 and others > 0 and 0 <= first <= n and 0 <= second <= others):
+        trials = f"{n} trials" if others == n else f"{n} and {others} trials"
+        raise WrongUse(f"{first} and {second} are no counts out of {trials}")
+    effect = float(proportion_effectsize(first / n, second / others))
+    if first + second in (0, n + others):
+        return Difference(None, None, effect, weak, rule, TWO_PROPORTIONS)
+    statistic, p = proportions_ztest([first, second], [n, others])
+    return Difference(float(statistic), float(p), effect, weak, rule, TWO_PROPORTIONS)
 
 
 def _variance(values: Values) -> float:

@@ -68,10 +68,14 @@ def test_results_hold_every_number_of_components(folder: Path) -> None:
     assert set(values["tasks"]) == {
         "same-session", "new-session", "trained-profiles", "untrained-profiles", "deployed",
     }  # fmt: skip
-    for task in values["tasks"].values():
+    for key, task in values["tasks"].items():
         for curve in task["curves"].values():
             assert len(curve["mean"]) == len(curve["standard_error"]) == task["k_max"]
-        assert len(task["differences"]) == task["k_max"]
+        tests = values["curve_tests"][key]["Speed Scaled"]
+        assert tests["against"] == "Original" and tests["in_paper"] is True
+        assert len(tests["p"]) == len(tests["effect"]) == len(tests["stars"]) == task["k_max"]
+    assert values["curve_tests"]["new-session"]["Speed Scaled"]["effect_name"] == "Cohen's d"
+    assert values["curve_tests"]["deployed"]["Speed Scaled"]["effect_name"] == "Cohen's h"
     deployed = values["tasks"]["deployed"]
     assert deployed["paper"]["accuracy"]["Speed Scaled"] == {"percent": 61.67, "components": 25}
     assert any("same trials" in text for text in deployed["assumptions"])

@@ -85,6 +85,7 @@ def test_mean_and_standard_error_are_over_all_draws() -> None:
     result = RESULTS[NEW_SESSION.key]
     values = result.accuracy[ScanKind.SPEED_SCALED]
     error = result.standard_error(ScanKind.SPEED_SCALED)
+    assert error is not None
     np.testing.assert_allclose(error, values.std(axis=0, ddof=1) / np.sqrt(6))
     np.testing.assert_allclose(result.mean(ScanKind.SPEED_SCALED), values.mean(axis=0))
 
@@ -97,8 +98,9 @@ def test_differences_are_welchs_but_two_proportions_for_s5() -> None:
     counts = [round(50 * float(deployed.accuracy[kind][:, 9].sum())) for kind in KINDS]
     assert deployed.differences()[9] == two_proportions(counts[1], counts[0], 100)
     proportion = counts[1] / 100
-    error = deployed.standard_error(ScanKind.SPEED_SCALED)[9]
-    assert error == pytest.approx(np.sqrt(proportion * (1 - proportion) / 100))
+    error = deployed.standard_error(ScanKind.SPEED_SCALED)
+    assert error is not None
+    assert error[9] == pytest.approx(np.sqrt(proportion * (1 - proportion) / 100))
 
 
 def test_speed_scaling_wins_where_textures_are_places_on_the_plate() -> None:

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from rigctl.analysis.paper.statistics import (
+    ASTERISKS,
+    PROPORTION_ASTERISKS,
+    TWO_PROPORTIONS,
+    WELCH,
     asterisks,
     cohens_d,
+    describe_rule,
+    standard_deviation,
+    standard_error,
     two_proportions,
     welch,
     wilson_interval,
@@ -84,3 +91,24 @@ def test_proportions_without_a_difference_to_test_have_no_p() -> None:
     assert two_proportions(300, 300, 300).p is None
     with pytest.raises(WrongUse, match="no counts"):
         two_proportions(301, 0, 300)
+
+
+def test_shares_of_different_numbers_of_trials_are_compared() -> None:
+    """20 of 40 and 90 of 120: pooled 0.6875, z = −0.25 / sqrt(0.6875 · 0.3125 / 30)."""
+    found = two_proportions(20, 90, 40, 120)
+    assert found.statistic == pytest.approx(-0.25 / np.sqrt(0.6875 * 0.3125 / 30))
+    with pytest.raises(WrongUse, match="40 and 120 trials"):
+        two_proportions(41, 90, 40, 120)
+
+
+def test_deviation_and_error_are_over_rows_and_need_two() -> None:
+    values = np.array([[0.1, 0.5], [0.3, 0.5], [0.5, 0.5]])
+    deviation, error = standard_deviation(values), standard_error(values)
+    np.testing.assert_allclose(deviation, (0.2, 0.0), atol=1e-15)
+    np.testing.assert_allclose(error, (0.2 / np.sqrt(3), 0.0), atol=1e-15)
+    assert standard_deviation(values[:1]) is None and standard_error(values[:1]) is None
+
+
+def test_rules_are_described_with_the_letter_of_their_effect() -> None:
+    assert describe_rule(ASTERISKS, WELCH) == "* p < 0.05 and d > 0.5; ** p < 0.01 and d > 1"
+    assert describe_rule(PROPORTION_ASTERISKS, TWO_PROPORTIONS).endswith("** p < 0.01 and h > 0.5")

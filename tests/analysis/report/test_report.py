@@ -72,6 +72,14 @@ def test_numbers_agree_between_the_files(report: Path) -> None:
     )
     assert (rows[0]["paper_mean_percent"], rows[0]["c_knows_the_label"]) == ("91.78", "no")
     assert rows[2]["c_knows_the_label"] == "yes"
+    tests = plain["curve_tests"]["untrained-both"]["speed"]
+    assert len(tests["stars"]) == plain["tasks"]["untrained-both"]["k_max"]
+    shown = plain["tasks"]["untrained-both"]["differences_from_original"]["speed"]
+    k = plain["tasks"]["untrained-both"]["shown_components"]
+    assert (shown["stars"], shown["rule"]) == (tests["stars"][k - 1], tests["rule"])
+    assert (
+        plain["tasks"]["untrained-both"]["confusion_shares"]["speed"]["paper"]["percent"] == 69.64
+    )
     assert plain["force_matrix"]["paper"]["unconverged"] == 62
     with (report / "unconverged_c.csv").open() as file:
         entries = list(csv.DictReader(file))
@@ -111,6 +119,8 @@ def test_the_page_is_self_contained_and_has_the_results(report: Path) -> None:
         "98.85 ± 0.16",
         "differences that the paper separates hold",
         "not independent",
+        "which is our addition",
+        "69.64 % of 16,000",
     ):
         assert words in page.words
     assert str(report.parent / "session") in page.words

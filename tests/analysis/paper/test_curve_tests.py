@@ -1,0 +1,98 @@
+"""Asterisks at every number of components, and the confusion matrices beside Figures S1 to S4."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from rigctl.analysis.features.representations import REPRESENTATIONS
+from rigctl.analysis.paper import published
+from rigctl.analysis.paper.comparisons import curve_differences
+from rigctl.analysis.paper.curve_tests import confusion_shares, task_curve_tests
+from rigctl.analysis.paper.statistics import two_proportions, welch
+from rigctl.analysis.paper.tasks import Curve, TaskResult
+from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves
+
+CLASSES = tuple("ABCDEFGHIJKLMNOP")
+
+
+def made_result(key: str, **shares: tuple[list[float], int]) -> TaskResult:
+    """Four draws about each share; right answers of 1,000 trials a texture, the rest one off."""
+    by_key = {one.key: one for one in REPRESENTATIONS}
+    spread = np.array([-0.015, -0.005, 0.005, 0.015])
+    curves = []
+    for name, (means, right) in shares.items():
+        confusion = np.eye(16, dtype=np.int64) * right
+        confusion += np.roll(np.eye(16, dtype=np.int64), 1, axis=1) * (1000 - right)
+        curves.append(Curve(by_key[name], np.add.outer(spread, means), confusion, 800, 0, 0))
+    task = next(task for task in published.TASKS if task.key == key)
+    return TaskResult(task, CLASSES, 3, 7200, 1 / 16, tuple(curves))
+
+
+RESULT = made_result(
+    "untrained-both",
+    original=([0.3, 0.4, 0.5], 368),
+    speed=([0.3, 0.41, 0.7], 700),
+    force=([0.2, 0.4, 0.6], 368),
+)
+
+
+def test_each_number_of_components_has_welchs_test_and_its_asterisks() -> None:
+    found = task_curve_tests(curve_differences(RESULT))
+    assert list(found) == ["speed", "force"] and found["speed"]["against"] == "original"
+    assert found["speed"]["stars"] == ["", "", "**"]
+    assert found["force"]["stars"] == ["**", "", "**"] and found["force"]["effect"][0] < 0
+    original, speed = (RESULT.curves[number].accuracy for number in (0, 1))
+    third = welch(speed[:, 2], original[:, 2])
+    assert found["speed"]["p"][2] == pytest.approx(third.p, rel=1e-5)
+    assert found["speed"]["effect"][2] == pytest.approx(third.effect, rel=1e-5)
+    assert found["speed"]["rule"] == "* p < 0.05 and d > 0.5; ** p < 0.01 and d > 1"
+    assert found["speed"]["in_paper"] is False, "Figure 3 of the paper has no asterisks"
+
+
+def test_an_undefined_test_is_null_and_the_others_remain() -> None:
+    accuracy = np.array([[0.5, 0.4], [0.5, 0.6]])
+    curves = tuple(
+        Curve(one, accuracy + shift, np.eye(16, dtype=np.int64), 8, 0, 0)
+        for one, shift in zip(REPRESENTATIONS, (0.0, 0.1), strict=False)
+    )
+    result = TaskResult(published.TASKS[0], CLASSES, 2, 10, 1 / 16, curves)
+    (found,) = task_curve_tests(curve_differences(result)).values()
+    assert found["p"][0] is None and found["p"][1] is not None
+    assert any("Neither side varies" in text for text in found["assumptions"])
+    json.dumps(found, allow_nan=False)
+
+
+def test_confusions_stand_beside_the_captions_of_s1_to_s4() -> None:
+    shares = confusion_shares(RESULT)
+    original, speed = shares["original"], shares["speed"]
+    assert (original["percent"], original["of"], original["from_original"]) == (36.8, 16000, None)
+    assert original["paper"]["percent"] == 36.78 and original["paper"]["figure"] == "Fig. S1"
+    assert abs(original["paper"]["test"]["effect"]) < 0.001
+    expected = two_proportions(700 * 16, 368 * 16, 16000)
+    assert speed["from_original"]["statistic"] == pytest.approx(expected.statistic)
+    assert speed["from_original"]["effect_name"] == "Cohen's h"
+    assert speed["from_original"]["stars"] == "**"
+    assert any("every draw that tests it" in s for s in speed["from_original"]["assumptions"])
+    other = made_result("textures", original=([0.5, 0.5, 0.5], 500))
+    assert confusion_shares(other)["original"]["paper"] is None
+
+
+def test_the_captions_are_near_table_1_and_not_equal_to_it() -> None:
+    table = published.TABLE_1[published.CONFUSION_TASK]
+    for key, (_, percent) in published.CONFUSION_PERCENT.items():
+        assert 0 < table[key][0] - percent < table[key][1]
+
+
+def test_the_figures_say_what_asterisks_mean_and_show_the_captions(tmp_path: Path) -> None:
+    draw_curves([RESULT], "Simulated bench", tmp_path / "fig3")
+    text = " ".join(ElementTree.parse(tmp_path / "fig3.svg").getroot().itertext())
+    assert "p < 0.05 and d > 0.5" in text and "The paper has none in Fig. 3" in text
+    assert "standard deviation" in text
+    draw_confusion(RESULT, "Simulated bench", tmp_path / "confusion")
+    text = " ".join(ElementTree.parse(tmp_path / "confusion.svg").getroot().itertext())
+    assert "the paper's Fig. S2: 69.64 %" in text
