@@ -219,7 +219,8 @@ def trial_sentence(run: RunStatus) -> str:
     if not run.current:
         return "–"
     trial = run.current
+    mounting = f", mounting {trial.mount}" if trial.mount > 1 else ""
     return (
         f"#{run.trial_id or 0}: {trial.texture}, {trial.speed_mm_s:g} mm/s, "
-        f"{trial.force_g:g} g, repeat {trial.repeat}"
+        f"{trial.force_g:g} g, repeat {trial.repeat}{mounting}"
     )

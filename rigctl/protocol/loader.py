@@ -30,6 +30,7 @@ MAX_STEPS = 200_000
 """Steps of a plan, trials and changes of plates included."""
 MAX_FREE_STEPS = 100
 MAX_TEXTURES = 1000
+MAX_MOUNTS = 100
 MAX_PROMPT_LETTERS = 300
 MAX_DESCRIPTION_LETTERS = 10_000
 MAX_SECONDS = 86_400.0
@@ -68,6 +69,7 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
         forces_g=root.numbers("forces_g", **_force_range(config)),
         depths_mm=root.numbers("depths_mm", unit="mm", **register_range("depth_set_um", 1e-3)),
         repeats=root.integer("repeats", 1, low=1, high=MAX_TRIALS),
+        mounts=root.integer("mounts", 1, low=1, high=MAX_MOUNTS),
         order=order.choice("kind", ORDERS, "blocked"),
         order_seed=order.integer("seed", 0, low=0, high=MAX_SEED),
         across_plates=order.flag("across_plates", False),
@@ -172,26 +174,32 @@ def _validate_order(protocol: Protocol, order: TomlTable) -> None:
         order.fail("seed", "is missing: a shuffled order needs a written seed, such as seed = 1")
     if protocol.order != "shuffled" and protocol.across_plates:
         order.fail("across_plates", 'needs order.kind = "shuffled"')
+    if protocol.mounts > 1 and protocol.across_plates:
+        order.fail(
+            "across_plates",
+            "mounts a plate before nearly every trial: leave it out, or give no mounts",
+        )
 
 
 def _validate_trials(protocol: Protocol, root: TomlTable) -> None:
     """Raise unless the keys of trials are all there or all missing, and fit into a session."""
     presses = "depths_mm" if protocol.force_mode == "position" else "forces_g"
     needed = {"textures", "speeds_mm_s", presses}
-    given = {key for key in (*needed, "repeats") if key in root}
+    given = {key for key in (*needed, "repeats", "mounts") if key in root}
     if given and not needed <= given:
         missing = sorted(needed - given)[0]
         root.fail(missing, f"is missing: trials need {', '.join(sorted(needed))}")
     if not given and not protocol.steps:
         root.fail("", "there is nothing to do: give textures, speeds_mm_s and forces_g, or steps")
     if (trials := protocol.n_trials) > MAX_TRIALS:
-        root.fail("repeats", f"make {trials:,} trials; a session holds up to {MAX_TRIALS:,}")
+        key = "mounts" if protocol.mounts > 1 else "repeats"
+        root.fail(key, f"make {trials:,} trials; a session holds up to {MAX_TRIALS:,}")
 
 
 def _validate_steps(protocol: Protocol, root: TomlTable) -> None:
     """Raise for a plan of too many steps, counted before it is made."""
     trials = protocol.n_trials
-    blocks = trials if protocol.across_plates else len(protocol.textures)
+    blocks = trials if protocol.across_plates else len(protocol.textures) * protocol.mounts
     of_place = {"start": 1, "end": 1}
     steps = (
         trials

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -78,8 +78,9 @@ class Protocol:
     """A trial protocol as in its file, validated against a rig.
 
     ``order`` is ``blocked`` (texture by texture, force by force, speed by speed, repeats last)
-    or ``shuffled`` by ``order_seed``, within the plates unless ``across_plates``. Forces are in
-    grams; force mode ``position`` has depths in mm instead. ``text`` is the source.
+    or ``shuffled`` by ``order_seed``, within the plates unless ``across_plates``. ``mounts``: how
+    often each plate is mounted, with ``repeats`` each time; all plates come before one comes again.
+    Forces are in grams; force mode ``position`` has depths in mm instead. ``text`` is the source.
     """
 
     name: str
@@ -91,6 +92,7 @@ class Protocol:
     forces_g: tuple[float, ...] = ()
     depths_mm: tuple[float, ...] = ()
     repeats: int = 0
+    mounts: int = 1
     order: str = "blocked"
     order_seed: int = 0
     across_plates: bool = False
@@ -106,7 +108,8 @@ class Protocol:
     def n_trials(self) -> int:
         """Number of trials of the plan."""
         presses = len(self.forces_g or self.depths_mm)
-        return len(self.textures) * len(self.speeds_mm_s) * presses * self.repeats
+        each = len(self.textures) * len(self.speeds_mm_s) * presses * self.repeats
+        return each * self.mounts
 
     def plan(self, seed: int | None = None) -> Plan:
         """Return the plan; ``seed`` overrides that of the file. Raises WrongUse for a wrong one."""
@@ -169,17 +172,30 @@ def _steps(protocol: Protocol, seed: int) -> Iterator[Step]:
     periodic = [free for free in protocol.steps if free.every_trials]
     yield from steps_at["start"]
     done = 0
+    mounted: Counter[str] = Counter()
     for block, (texture, trials) in enumerate(_plate_blocks(protocol, seed)):
         if block:
             yield from steps_at["between_plates"]
-        yield ChangePlate(texture, protocol.plate_prompt.replace("{texture}", texture))
+        mounted[texture] += 1
+        yield ChangePlate(texture, _prompt(protocol, texture, mounted[texture]))
         yield from steps_at["plate_start"]
         for trial in trials:
             yield from _periodic_steps(periodic, done)
             done += 1
-            yield RunTrial(replace(trial, trial_id=done))
+            yield RunTrial(replace(trial, trial_id=done, mount=mounted[texture]))
         yield from steps_at["plate_end"]
     yield from steps_at["end"]
+
+
+def _prompt(protocol: Protocol, texture: str, mount: int) -> str:
+    """Return what a person reads at a change of plates."""
+    prompt = protocol.plate_prompt.replace("{texture}", texture)
+    if protocol.mounts == 1:
+        return prompt
+    again = f" (mounting {mount} of {protocol.mounts}" + (
+        "; take the plate off first if it is on)" if mount > 1 else ")"
+    )
+    return prompt + again
 
 
 def _periodic_steps(periodic: Sequence[FreeStep], done: int) -> Iterator[Step]:
@@ -192,7 +208,8 @@ def _periodic_steps(periodic: Sequence[FreeStep], done: int) -> Iterator[Step]:
 def _plate_blocks(protocol: Protocol, seed: int) -> list[tuple[str, list[PlannedTrial]]]:
     """Return the runs of trials that share a plate, in order."""
     random = Random(seed)  # its random() is the same in every Python version
-    blocks = [(texture, _conditions(protocol, texture)) for texture in protocol.textures]
+    plates = protocol.textures * protocol.mounts
+    blocks = [(texture, _conditions(protocol, texture)) for texture in plates]
     if protocol.order == "blocked":
         return blocks
     if not protocol.across_plates:

@@ -222,4 +222,4 @@ class Run:
 
 
 def _current_trial(trial: PlannedTrial) -> CurrentTrial:
-    return CurrentTrial(trial.texture, trial.speed_mm_s, trial.force_g, trial.repeat)
+    return CurrentTrial(trial.texture, trial.speed_mm_s, trial.force_g, trial.repeat, trial.mount)

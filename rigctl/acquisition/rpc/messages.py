@@ -66,6 +66,7 @@ class CurrentTrial:
     speed_mm_s: float = 0.0
     force_g: float = 0.0
     repeat: int = 0
+    mount: int = 1
 
 
 @dataclass(frozen=True, slots=True)

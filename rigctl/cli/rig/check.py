@@ -83,7 +83,7 @@ def describe(plan: Plan) -> dict[str, Any]:
     """Return the summary of a plan as plain values."""
     protocol = plan.protocol
     lists = ("textures", "speeds_mm_s", "forces_g", "depths_mm")
-    values = ("repeats", "travel_mm", "force_mode", "order")
+    values = ("repeats", "mounts", "travel_mm", "force_mode", "order")
     return {
         "protocol": protocol.name,
         "description": protocol.description,
@@ -112,7 +112,7 @@ def table(summary: dict[str, Any]) -> str:
         ("order", _order(summary)),
         ("trials", f"{summary['trials']:,} of {summary['travel_mm']:g} mm"),
         ("steps", f"{summary['steps']:,}"),
-        ("plate changes", str(summary["plate_changes"])),
+        ("plate changes", _changes(summary)),
         ("samples", f"{_time(summary['trial_seconds'])} of trials"),
         ("rig time", _time(summary["rig_seconds"])),
         ("with plate changes", _time(summary["rig_seconds"] + summary["people_seconds"])),
@@ -153,6 +153,11 @@ def _title(summary: dict[str, Any]) -> str:
 
 def _order(summary: dict[str, Any]) -> str:
     return f"shuffled by seed {summary['seed']}" if summary["order"] == "shuffled" else "blocked"
+
+
+def _changes(summary: dict[str, Any]) -> str:
+    changes, mounts = str(summary["plate_changes"]), summary["mounts"]
+    return f"{changes}, each plate mounted {mounts} times" if mounts > 1 else changes
 
 
 def _columns(rows: Sequence[tuple[str, str]]) -> str:
