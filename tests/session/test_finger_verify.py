@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,8 +27,8 @@ from tests.session.finger_building import (
     recorder,
 )
 from tests.session.forging import rewrite_digests
+from tests.session.spoiling import Spoil, set_row
 
-Spoil = Callable[[h5py.File], None]
 FIRST = 30
 """Row of the first sample of a part's first scan, after the idle ones."""
 
@@ -57,16 +56,6 @@ def test_a_complete_session_has_no_problem(
     words = ["verify", str(recorded)]
     assert command.run(create_parser(["verify"]).parse_args(words)) == 0
     assert "is whole: 8 trials committed, 3,976 samples, 0 lost" in capsys.readouterr().out
-
-
-def set_row(path: str, row: int, **values: object) -> Spoil:
-    def spoil(file: h5py.File) -> None:
-        changed = file[path][row]
-        for name, value in values.items():
-            changed[name] = value
-        file[path][row] = changed
-
-    return spoil
 
 
 def add_to(path: str, at: Any, number: int) -> Spoil:

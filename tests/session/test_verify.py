@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -29,6 +27,7 @@ from tests.session.building import (
     recorder,
 )
 from tests.session.forging import rewrite_digests
+from tests.session.spoiling import Spoil, set_array, set_row
 
 
 @pytest.fixture(scope="module")
@@ -69,24 +68,7 @@ def test_a_folder_without_a_session_is_wrong_use(tmp_path: Path) -> None:
         run(str(tmp_path / "none"))
 
 
-def spoil_table(path: str, row: int, **values: object) -> Callable[[h5py.File], None]:
-    def spoil(file: h5py.File) -> None:
-        changed = file[path][row]
-        for name, value in values.items():
-            changed[name] = value
-        file[path][row] = changed
-
-    return spoil
-
-
-def spoil_array(path: str, rows: slice, value: Any) -> Callable[[h5py.File], None]:
-    def spoil(file: h5py.File) -> None:
-        file[path][rows] = value
-
-    return spoil
-
-
-def cut(path: str, length: int) -> Callable[[h5py.File], None]:
+def cut(path: str, length: int) -> Spoil:
     return lambda file: file[path].resize(length, axis=0)
 
 
@@ -110,29 +92,27 @@ def again(file: h5py.File) -> None:
     ("spoil", "words"),
     [
         (cut("/taxels/samples", 500), "per-sample data sets differ in length"),
-        (spoil_array("/taxels/counter", slice(100, 101), 99), "counter decreases at row 100"),
+        (set_array("/taxels/counter", slice(100, 101), 99), "counter decreases at row 100"),
         (cut("/events", 0), "part-0002.h5: was not closed properly"),
-        (spoil_table("/trials", 0, first_sample=7), "row 7 is not the first sample from"),
-        (spoil_table("/trials", 0, count=200), "it has 200 samples, the plan has 300"),
-        (spoil_table("/trials", 0, first_sample=10**6), "is not among the"),
-        (spoil_table("/trials", 0, speed_mm_s=41), "trial 5 is not in the plan"),
-        (spoil_table("/trials", 0, ended_s=-1), "it ended before it began"),
-        (spoil_table("/trials", 0, first_counter=-1), "it is committed without a window"),
-        (spoil_table("/trials", 1, trial_id=5), "trial 5 is committed 2 times"),
+        (set_row("/trials", 0, first_sample=7), "row 7 is not the first sample from"),
+        (set_row("/trials", 0, count=200), "it has 200 samples, the plan has 300"),
+        (set_row("/trials", 0, first_sample=10**6), "is not among the"),
+        (set_row("/trials", 0, speed_mm_s=41), "trial 5 is not in the plan"),
+        (set_row("/trials", 0, ended_s=-1), "it ended before it began"),
+        (set_row("/trials", 0, first_counter=-1), "it is committed without a window"),
+        (set_row("/trials", 1, trial_id=5), "trial 5 is committed 2 times"),
         (again, "trials 5 and 5 overlap"),
-        (spoil_array("/taxels/flags", slice(60, 70), 0), "the sync line was low in 10 samples"),
-        (spoil_array("/taxels/edges", slice(0, 90), 0), "does not begin at a rise"),
-        (spoil_table("/taxels/arrivals", 3, arrived_s=0), "/taxels/arrivals goes back in time"),
-        (spoil_table("/taxels/arrivals", 3, first_row=5), "/taxels/arrivals does not ascend"),
-        (spoil_table("/loadcell", 2, sequence=0), "holds a conversion twice"),
-        (spoil_table("/drum", 1, at_s=0), "/drum goes back in time"),
+        (set_array("/taxels/flags", slice(60, 70), 0), "the sync line was low in 10 samples"),
+        (set_array("/taxels/edges", slice(0, 90), 0), "does not begin at a rise"),
+        (set_row("/taxels/arrivals", 3, arrived_s=0), "/taxels/arrivals goes back in time"),
+        (set_row("/taxels/arrivals", 3, first_row=5), "/taxels/arrivals does not ascend"),
+        (set_row("/loadcell", 2, sequence=0), "holds a conversion twice"),
+        (set_row("/drum", 1, at_s=0), "/drum goes back in time"),
         (no_unit, "/taxels/samples has no attribute unit"),
         (other_seed, "has another seed than the first part"),
     ],
 )
-def test_each_damage_is_named(
-    session: Path, spoil: Callable[[h5py.File], None], words: str
-) -> None:
+def test_each_damage_is_named(session: Path, spoil: Spoil, words: str) -> None:
     with h5py.File(session / "part-0002.h5", "r+") as file:
         spoil(file)
     report = verify(session)
@@ -146,9 +126,9 @@ def test_findings_do_not_depend_on_the_read_size(
     session: Path, rows: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with h5py.File(session / "part-0002.h5", "r+") as file:
-        spoil_array("/taxels/flags", slice(60, 70), 0)(file)
-        spoil_array("/taxels/edges", slice(0, 90), 0)(file)
-        spoil_table("/trials", 1, first_sample=7)(file)
+        set_array("/taxels/flags", slice(60, 70), 0)(file)
+        set_array("/taxels/edges", slice(0, 90), 0)(file)
+        set_row("/trials", 1, first_sample=7)(file)
     at_once = verify(session)
     monkeypatch.setattr(buffered_array, "READ_AHEAD_ROWS", rows)
     assert verify(session) == at_once
@@ -241,7 +221,7 @@ def test_rejected_attempts_are_kept_and_do_not_count(tmp_path: Path) -> None:
         bench.trial(trial, attempt=2)
         bench.trial(trial, Verdict.ABORTED, attempt=3)
     with h5py.File(tmp_path / "s" / "part-0001.h5", "r+") as file:
-        spoil_table("/trials", 2, first_counter=-1)(file)
+        set_row("/trials", 2, first_counter=-1)(file)
     rewrite_digests(tmp_path / "s")
     report = verify(tmp_path / "s")
     assert report.whole

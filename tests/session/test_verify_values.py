@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -16,8 +15,8 @@ from rigctl.values import LoadcellSample
 from tests.session import building, finger_building
 from tests.session.building import drum_state
 from tests.session.forging import rewrite_digests
+from tests.session.spoiling import Spoil, set_array, set_row
 
-Spoil = Callable[[h5py.File], None]
 N_CONVERSIONS = 80
 TARE_COUNTS, SCALE_G = 8000, 0.0024
 
@@ -34,23 +33,6 @@ def finger(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("finger") / "s"
     finger_building.record_plan(folder)
     return folder
-
-
-def set_row(path: str, row: int, **values: object) -> Spoil:
-    def spoil(file: h5py.File) -> None:
-        changed = file[path][row]
-        for name, value in values.items():
-            changed[name] = value
-        file[path][row] = changed
-
-    return spoil
-
-
-def set_array(path: str, at: Any, value: int) -> Spoil:
-    def spoil(file: h5py.File) -> None:
-        file[path][at] = value
-
-    return spoil
 
 
 def problems_of(recorded: Path, folder: Path, spoil: Spoil) -> list[str]:
