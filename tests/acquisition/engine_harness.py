@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import asyncio
-import math
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
-from rigctl.acquisition import served_engine
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.door import Door, open_listener
+from rigctl.acquisition.rpc.server import RequestHandler
 from rigctl.config.rig_config import RigConfig
 from rigctl.rig import open_rig
 from rigctl.session.read.session import Session
-from rigctl.values import Event
+from tests.acquisition.served_harness import ServedHarness
 
 TINY = """
 name = "tiny"
@@ -36,40 +31,19 @@ Scenario = Callable[["EngineHarness"], Awaitable[None]]
 
 
 @dataclass
-class EngineHarness:
+class EngineHarness(ServedHarness[Rig, Engine]):
     """One engine with its rig, its published events, and a folder to work in."""
 
-    rig: Rig
-    engine: Engine
-    folder: Path
-    events: list[Event] = field(default_factory=list)
-    exit_code: int | None = None
-    address: tuple[str, int] = ("", 0)
-
     @property
-    def session(self) -> Path:
-        """The session folder of the tests."""
-        return self.folder / "session"
+    def handle(self) -> RequestHandler:
+        """What executes the clients' commands."""
+        return CommandHandler(self.engine).handle
 
     def request(self, protocol: str = TINY, yes: bool = True) -> RunRequest:
         """Return a request to run this protocol."""
         path = self.folder / "protocol.toml"
         path.write_text(protocol)
         return RunRequest(protocol=str(path), out=str(self.session), yes=yes)
-
-    def run(
-        self, scenario: Scenario, request: RunRequest | None = None, engine_ends: bool = False
-    ) -> None:
-        """Serve until ``scenario``, which plays the operator, and the engine have ended.
-
-        ``engine_ends``: the engine is to end first, which fails a test otherwise. It ends when
-        nobody uses it, but a scenario that calls it directly does.
-        """
-        with pytest.MonkeyPatch.context() as patch:
-            if not engine_ends:
-                patch.setattr(served_engine, "IDLE_TIMEOUT_S", math.inf)
-            scenario_ended = self.rig.loop.run_until_complete(self._run(scenario, request))
-        assert scenario_ended is not engine_ends, f"who ended first? {self.events[-3:]}"
 
     def record(self, protocol: str = TINY) -> Run:
         """Run a protocol to its end and return the run."""
@@ -90,42 +64,10 @@ class EngineHarness:
             assert self.rig.loop.time() < end_s, "the condition never became true"
             await self.engine.boards.drum_poller.wait_cycle()
 
-    def texts(self, kind: str) -> list[str]:
-        """Return the texts of the events of this kind."""
-        return [event.text for event in self.events if event.kind == kind]
-
-    async def _run(self, scenario: Scenario, request: RunRequest | None) -> bool:
-        """Return whether the scenario came to its end."""
-        self.engine.event_bus.subscribe(self.events.append)
-        with open_listener() as listener:
-            self.address = listener.getsockname()
-            serving = self.rig.loop.create_task(
-                self.engine.serve(
-                    Door(listener, "token"), CommandHandler(self.engine).handle, request
-                )
-            )
-            acting = self.rig.loop.create_task(self._act(scenario, request is not None))
-            await asyncio.wait((serving, acting), return_when=asyncio.FIRST_COMPLETED)
-            if acting.done():
-                self.engine.shut_down("the test is over")
-            self.exit_code = await serving
-            if acting.done():
-                acting.result()
-                return True
-            acting.cancel()
-            with suppress(asyncio.CancelledError):
-                await acting
-            return False
-
-    async def _act(self, scenario: Scenario, has_request: bool) -> None:
-        while not self.engine.is_ready or (has_request and self.engine.run is None):
-            await asyncio.sleep(0.01)
-        await scenario(self)
-
 
 async def until_ended(harness: EngineHarness) -> None:
     """Wait until the run has ended."""
-    await harness.until(lambda: harness.engine.run is not None and harness.engine.run.ended, 10_000)
+    await harness.until(harness.has_ended, 10_000)
 
 
 @contextmanager

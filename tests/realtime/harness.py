@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
-from rigctl.acquisition import served_engine
-from rigctl.acquisition.rpc.door import Door, open_listener
+from rigctl.acquisition.rpc.server import RequestHandler
 from rigctl.finger_rig import open_finger_rig
 from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.realtime.finger_engine import FingerEngine
@@ -21,7 +17,7 @@ from rigctl.realtime.live_file import FingerLiveWriter
 from rigctl.realtime.run.finger_run import FingerRun
 from rigctl.realtime.run.finger_run_request import FingerRunRequest
 from rigctl.session.read.finger_session import FingerSession
-from rigctl.values import Event
+from tests.acquisition.served_harness import ServedHarness
 
 SMALL = """
 name = "small"
@@ -49,20 +45,13 @@ Scenario = Callable[["FingerHarness"], Awaitable[None]]
 
 
 @dataclass
-class FingerHarness:
+class FingerHarness(ServedHarness[FingerRig, FingerEngine]):
     """One engine with its rig, its published events, and a folder to work in."""
 
-    rig: FingerRig
-    engine: FingerEngine
-    folder: Path
-    events: list[Event] = field(default_factory=list)
-    exit_code: int | None = None
-    address: tuple[str, int] = ("", 0)
-
     @property
-    def session(self) -> Path:
-        """The session folder of the tests."""
-        return self.folder / "session"
+    def handle(self) -> RequestHandler:
+        """What executes the clients' commands."""
+        return FingerCommands(self.engine).handle
 
     def request(
         self,
@@ -81,20 +70,6 @@ class FingerHarness:
             out=str(self.session),
             yes=yes,
         )
-
-    def run(
-        self, scenario: Scenario, request: FingerRunRequest | None = None, engine_ends: bool = False
-    ) -> None:
-        """Serve until ``scenario``, which plays a person, and the engine have ended.
-
-        ``engine_ends``: the engine is to end first, which fails a test otherwise. It ends when
-        nobody uses it, but a scenario that calls it directly does.
-        """
-        with pytest.MonkeyPatch.context() as patch:
-            if not engine_ends:
-                patch.setattr(served_engine, "IDLE_TIMEOUT_S", math.inf)
-            scenario_ended = self.rig.loop.run_until_complete(self._run(scenario, request))
-        assert scenario_ended is not engine_ends, f"who ended first? {self.events[-3:]}"
 
     def record(self, request: FingerRunRequest) -> FingerRun:
         """Record to the end and return the run."""
@@ -119,40 +94,10 @@ class FingerHarness:
 
         await self.until(there)
 
-    def texts(self, kind: str) -> list[str]:
-        """Return the texts of the events of this kind."""
-        return [event.text for event in self.events if event.kind == kind]
-
-    async def _run(self, scenario: Scenario, request: FingerRunRequest | None) -> bool:
-        """Return whether the scenario came to its end."""
-        self.engine.event_bus.subscribe(self.events.append)
-        handle = FingerCommands(self.engine).handle
-        with open_listener() as listener:
-            self.address = listener.getsockname()
-            address = Door(listener, "token")
-            serving = self.rig.loop.create_task(self.engine.serve(address, handle, request))
-            acting = self.rig.loop.create_task(self._act(scenario, request is not None))
-            await asyncio.wait((serving, acting), return_when=asyncio.FIRST_COMPLETED)
-            if acting.done():
-                self.engine.shut_down("the test is over")
-            self.exit_code = await serving
-            if acting.done():
-                acting.result()
-                return True
-            acting.cancel()
-            with suppress(asyncio.CancelledError):
-                await acting
-            return False
-
-    async def _act(self, scenario: Scenario, has_request: bool) -> None:
-        while not self.engine.is_ready or (has_request and self.engine.run is None):
-            await asyncio.sleep(0.01)
-        await scenario(self)
-
 
 async def until_ended(harness: FingerHarness) -> None:
     """Wait until the run has ended."""
-    await harness.until(lambda: harness.engine.run is not None and harness.engine.run.ended, 10_000)
+    await harness.until(harness.has_ended, 10_000)
 
 
 @contextmanager
