@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from rigctl.analysis.finger.movie.movie_file import check_movie_file, write_movie
+from rigctl.analysis.animation.movie_file import check_movie_file
+from rigctl.analysis.finger.movie.movie_file import write_movie
 from rigctl.analysis.finger.movie.scan_timeline import read_timeline
 from rigctl.cli.data.missing import print_missing
 from rigctl.cli.options.arguments import a_path, whole_number

@@ -10,17 +10,12 @@ import pytest
 from matplotlib.text import Text
 from PIL import Image
 
+from rigctl.analysis.animation.movie import FRAME_S, HOLD_S
+from rigctl.analysis.animation.movie_file import check_movie_file
 from rigctl.analysis.finger.movie.answer_panel import RIGHT, WRONG, answer_words, doubt_words
 from rigctl.analysis.finger.movie.movie_figure import MovieFigure, foot_of, title_of, words_of
-from rigctl.analysis.finger.movie.movie_file import check_movie_file, write_movie
-from rigctl.analysis.finger.movie.movie_frame import (
-    FRAME_S,
-    HOLD_S,
-    LEAD_S,
-    TRAIL_S,
-    frame_at,
-    frame_times,
-)
+from rigctl.analysis.finger.movie.movie_file import write_movie
+from rigctl.analysis.finger.movie.movie_frame import LEAD_S, TRAIL_S, frame_at, frame_times
 from rigctl.analysis.finger.movie.plate_relief import plate_relief
 from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline, read_timeline
 from rigctl.encoding.scaled_time import scale_windows

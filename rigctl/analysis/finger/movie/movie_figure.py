@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rigctl.analysis.animation.movie import (
+    FRAME_S,
+    Pixels,
+    draw_pixels,
+    new_movie_figure,
+    write_clock,
+    write_head,
+)
 from rigctl.analysis.finger.movie.answer_panel import AnswerPanel
-from rigctl.analysis.finger.movie.movie_frame import FRAME_S, MovieFrame
+from rigctl.analysis.finger.movie.movie_frame import MovieFrame
 from rigctl.analysis.finger.movie.movie_panels import (
     FeaturesPanel,
     MoviePanel,
@@ -18,15 +23,13 @@ from rigctl.analysis.finger.movie.movie_panels import (
     VelocityPanel,
 )
 from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline
-from rigctl.analysis.report.figures import MUTED, STYLE, TEXT, show_dollars
+from rigctl.analysis.report.figures import STYLE, show_dollars
 from rigctl.values import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SIZE_IN = (11.2, 6.5)
-DPI = 100
-SIMULATED = "#8a4600"
 
 PLATE = (0.052, 0.676, 0.93, 0.202)
 READINGS, VELOCITY = (0.052, 0.34, 0.25, 0.255), (0.052, 0.095, 0.25, 0.205)
@@ -40,17 +43,13 @@ class MovieFigure:
 
     def __init__(self, timeline: ScanTimeline) -> None:
         import matplotlib as mpl
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
 
-        self.figure = Figure(figsize=SIZE_IN, dpi=DPI)
-        self._canvas: Any = FigureCanvasAgg(self.figure)
+        self.figure = new_movie_figure(SIZE_IN)
         with mpl.rc_context(STYLE):
             self._panels = _panels(self.figure, timeline)
-        _head(self.figure, timeline)
-        self._clock = self.figure.text(
-            0.99, 0.94, "", ha="right", size=19, color=TEXT, weight="bold"
-        )
+        texts = title_of(timeline), words_of(timeline), foot_of(timeline)
+        write_head(self.figure, *texts, timeline.simulated)
+        self._clock = write_clock(self.figure)
 
     def show(self, frame: MovieFrame) -> None:
         """Set what the next drawing shows."""
@@ -59,11 +58,10 @@ class MovieFigure:
         self._clock.set_text(f"{frame.scan_s:.2f} s   {frame.distance_mm:.0f} mm")
         show_dollars(self.figure)
 
-    def draw(self, frame: MovieFrame) -> NDArray[np.uint8]:
+    def draw(self, frame: MovieFrame) -> Pixels:
         """Draw a frame; return its pixels, uint8 (height, width, 3), valid until the next one."""
         self.show(frame)
-        self._canvas.draw()
-        return np.asarray(self._canvas.buffer_rgba())[:, :, :3]
+        return draw_pixels(self.figure)
 
 
 def title_of(timeline: ScanTimeline) -> str:
@@ -100,12 +98,3 @@ def _panels(figure: Figure, timeline: ScanTimeline) -> tuple[MoviePanel, ...]:
         FeaturesPanel(add(FEATURES), timeline),
         AnswerPanel(add(ANSWER), add(BARS), timeline),
     )
-
-
-def _head(figure: Figure, timeline: ScanTimeline) -> None:
-    figure.text(0.012, 0.957, title_of(timeline), size=14, color=TEXT, weight="bold")
-    figure.text(0.012, 0.926, words_of(timeline), size=9.5, color=MUTED)
-    figure.text(0.012, 0.012, foot_of(timeline), size=8, color=MUTED)
-    if timeline.simulated:
-        box = {"boxstyle": "round,pad=0.35", "fc": "#fff3e0", "ec": SIMULATED, "lw": 0.8}
-        figure.text(0.64, 0.947, "SIMULATED", size=10, color=SIMULATED, weight="bold", bbox=box)

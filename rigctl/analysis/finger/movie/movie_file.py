@@ -2,139 +2,29 @@
 
 from __future__ import annotations
 
-import subprocess
-from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rigctl.analysis.data.atomic_file import atomic_file
+from rigctl.analysis.animation.movie import Movie
+from rigctl.analysis.animation.movie_file import Progress, write_movie_file
 from rigctl.analysis.finger.movie.answer_panel import RIGHT, WRONG
-from rigctl.analysis.finger.movie.movie_figure import DPI, MovieFigure
-from rigctl.analysis.finger.movie.movie_frame import (
-    FRAME_S,
-    HOLD_S,
-    MovieFrame,
-    frame_at,
-    frame_times,
-)
+from rigctl.analysis.finger.movie.movie_figure import MovieFigure
+from rigctl.analysis.finger.movie.movie_frame import frame_at, frame_times
 from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline
-from rigctl.errors import DiskFault, WrongUse
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
-
-COLOURS = 256
-"""Colours of a GIF, at most."""
-FRAMES_STAGE = "drawing frames"
-
-Progress = Callable[[str, int, int], None]
-Pixels = NDArray[np.uint8]
-
-
-def check_movie_file(out: Path) -> None:
-    """Raise WrongUse for a name that cannot become a movie, or whose file exists."""
-    if out.suffix not in _WRITERS:
-        raise WrongUse(f"{out} is none of {', '.join(_WRITERS)}: give the file one of these ends")
-    if out.exists():
-        raise WrongUse(f"{out} already exists: name another file, or remove it")
-    if out.suffix == ".mp4":
-        _check_ffmpeg()
 
 
 def write_movie(timeline: ScanTimeline, out: Path, progress: Progress) -> None:
     """Write a movie in real time, or for ``.png`` its last frame.
 
-    ``progress``: called with the stage, frames done and frames in all. Raises WrongUse as
-    :func:`check_movie_file` does, DiskFault where the file cannot be written.
+    Raises as :func:`rigctl.analysis.animation.movie_file.write_movie_file` does.
     """
-    check_movie_file(out)
-    with atomic_file(out) as partial:
-        _WRITERS[out.suffix](timeline, partial, progress)
+    write_movie_file(partial(_movie, timeline), out, progress)
 
 
-def _write_png(timeline: ScanTimeline, partial: Path, progress: Progress) -> None:
-    from PIL import Image
-
-    progress(FRAMES_STAGE, 0, 1)
-    last = frame_at(timeline, float(frame_times(timeline)[-1]))
-    Image.fromarray(MovieFigure(timeline).draw(last)).save(partial, "PNG", optimize=True)
-    progress(FRAMES_STAGE, 1, 1)
-
-
-def _write_gif(timeline: ScanTimeline, partial: Path, progress: Progress) -> None:
-    times = frame_times(timeline)
-    figure = MovieFigure(timeline)
-    palette = _palette(figure, timeline, times)
-    moments = _moments(timeline, times, progress)
-    frames = (_quantised(figure.draw(frame), palette) for frame in moments)
-    frame_ms = round(1000 * FRAME_S)
-    durations = [frame_ms] * (len(times) - 1) + [round(1000 * HOLD_S)]
-    # Pillow leaves a file that it opened itself open when it is interrupted.
-    with partial.open("wb") as file:
-        next(frames).save(
-            file, "GIF", save_all=True, append_images=frames, duration=durations, loop=0
-        )
-
-
-def _write_mp4(timeline: ScanTimeline, partial: Path, progress: Progress) -> None:
-    from matplotlib.animation import FFMpegWriter
-
+def _movie(timeline: ScanTimeline) -> Movie:
     times, figure = frame_times(timeline), MovieFigure(timeline)
-    # The name of a partial file does not tell ffmpeg its kind.
-    options = ["-f", "mp4", "-pix_fmt", "yuv420p"]
-    options += ["-vf", f"tpad=stop_mode=clone:stop_duration={HOLD_S:g}"]
-    rate_hz: Any = 1 / FRAME_S  # matplotlib's types demand a whole number, ffmpeg does not
-    writer = FFMpegWriter(fps=rate_hz, codec="h264", extra_args=options)
-    try:
-        with writer.saving(figure.figure, str(partial), DPI):
-            for frame in _moments(timeline, times, progress):
-                figure.show(frame)
-                writer.grab_frame()
-    except subprocess.CalledProcessError as error:
-        raise DiskFault(f"ffmpeg could not write the movie ({error}): write a .gif") from error
 
+    def set_frame(number: int) -> None:
+        figure.show(frame_at(timeline, float(times[number])))
 
-_WRITERS = {".gif": _write_gif, ".mp4": _write_mp4, ".png": _write_png}
-
-
-def _moments(
-    timeline: ScanTimeline, times: NDArray[np.float64], progress: Progress
-) -> Iterator[MovieFrame]:
-    for number, at_s in enumerate(times.tolist()):
-        progress(FRAMES_STAGE, number, len(times))
-        yield frame_at(timeline, at_s)
-    progress(FRAMES_STAGE, len(times), len(times))
-
-
-def _palette(figure: MovieFigure, timeline: ScanTimeline, times: NDArray[np.float64]) -> Image:
-    """Return an image with the colours of all frames: the last one and both colours of an answer.
-
-    One palette for all keeps what stands still equal from frame to frame, and the file small.
-    """
-    from PIL import Image, ImageColor
-
-    last = figure.draw(frame_at(timeline, float(times[-1])))
-    shades = np.linspace(0.0, 1.0, last.shape[1])[None, :, None]
-    strips = [
-        np.tile(255 * (1 - shades) + shades * np.array(ImageColor.getrgb(name)), (12, 1, 1))
-        for name in (RIGHT, WRONG)
-    ]
-    sample = np.concatenate([last, *strips]).astype(np.uint8)
-    return Image.fromarray(sample).quantize(COLOURS, dither=Image.Dither.NONE)
-
-
-def _quantised(pixels: Pixels, palette: Image) -> Image:
-    from PIL import Image
-
-    return Image.fromarray(pixels).quantize(palette=palette, dither=Image.Dither.NONE)
-
-
-def _check_ffmpeg() -> None:
-    """Raise WrongUse where ffmpeg is not installed."""
-    from matplotlib.animation import FFMpegWriter
-
-    if not FFMpegWriter.isAvailable():
-        raise WrongUse("an .mp4 needs ffmpeg, which is not installed: install it or write a .gif")
+    return Movie(figure.figure, len(times), set_frame, rare_colours=(RIGHT, WRONG))

@@ -7,16 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.animation.movie import FRAME_S
 from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline
 from rigctl.finger_values import PredictionRow
 
-FRAME_S = 0.08
-"""Time between frames: 12.5 a second. GIF counts in hundredths of a second."""
 LEAD_S = 0.4
 """The movie begins before the first mark and ends after the second one."""
 TRAIL_S = 0.4
-HOLD_S = 2.0
-"""The last frame stands still for this time."""
 
 
 class MovieFrame(NamedTuple):
