@@ -1,0 +1,113 @@
+"""The paper's page and its neighbours name only files, pages, settings and options that exist."""
+
+from __future__ import annotations
+
+import re
+from argparse import ArgumentParser, _SubParsersAction
+from collections.abc import Iterator
+from math import ceil
+from pathlib import Path
+
+import pytest
+
+from rigctl.analysis.paper import published
+from rigctl.analysis.paper.statistics import wilson_interval
+from rigctl.cli import create_parser, main
+from tests.architecture.imports import CHECKOUT
+
+PAPER = "docs/explanation/paper.md"
+STUDY = "docs/how-to/study-design.md"
+PAGES = (PAPER, STUDY, "docs/reference/glossary.md")
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+PATH = re.compile(r"`((?:rigctl|gui|arduino|tests|protocols|docs)/[\w./-]+)`")
+OPTION = re.compile(r"(--[a-z][a-z-]+)")
+
+
+def text_of(page: str) -> str:
+    return (CHECKOUT / page).read_text(encoding="utf-8")
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def options(parser: ArgumentParser) -> Iterator[str]:
+    for action in parser._actions:
+        yield from action.option_strings
+        if isinstance(action, _SubParsersAction):
+            for below in action.choices.values():
+                yield from options(below)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_link_leads_to_a_page_and_its_heading(page: str) -> None:
+    missing = []
+    for link in LINK.findall(text_of(page)):
+        name, _, anchor = link.partition("#")
+        target = (CHECKOUT / page).parent / name if name else CHECKOUT / page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            missing.append(link)
+    assert missing == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_named_file_exists(page: str) -> None:
+    assert [name for name in PATH.findall(text_of(page)) if not (CHECKOUT / name).exists()] == []
+
+
+def test_the_paper_page_names_files_of_both_experiments() -> None:
+    named = set(PATH.findall(text_of(PAPER)))
+    assert len(named) > 25
+    for room in ("rigctl/encoding", "rigctl/analysis/paper", "rigctl/analysis/finger", "arduino"):
+        assert any(name.startswith(room) for name in named), room
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_option_is_one_of_the_command_line(page: str) -> None:
+    known = set(options(create_parser()))
+    assert [name for name in OPTION.findall(text_of(page)) if name not in known] == []
+
+
+def test_the_paper_page_has_the_published_shares() -> None:
+    page = text_of(PAPER)
+    captions = [percent for _, percent in published.CONFUSION_PERCENT.values()]
+    table = [mean for mean, _ in published.TABLE_1[published.CONFUSION_TASK].values()]
+    for values in (captions, table):
+        assert all(f"{percent:.2f}" in page for percent in values)
+    gaps = [mean - percent for mean, percent in zip(table, captions, strict=True)]
+    assert ", ".join(f"{gap:.2f}" for gap in gaps[:3]) in page and f"{gaps[3]:.2f} points" in page
+    n_unconverged, n_entries = published.UNCONVERGED_C
+    assert f"{n_unconverged} of {n_entries:,}" in page
+    searched = n_entries - published.REFERENCE_C
+    assert f"{searched:,} that were searched it is {n_unconverged / searched:.1%}" in page.replace(
+        " %", "%"
+    )
+
+
+def test_the_study_in_the_page_is_a_protocol(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (block,) = re.findall(r"```toml\n(.*?)```", text_of(STUDY), re.DOTALL)
+    (tmp_path / "study.toml").write_text(block)
+    assert main(["check", str(tmp_path / "study.toml")]) == 0
+    assert "8, each plate mounted 2 times" in capsys.readouterr().out
+
+
+def test_the_numbers_of_trials_in_the_page_are_right() -> None:
+    from statsmodels.stats.power import NormalIndPower
+
+    page = text_of(STUDY)
+    for effect in (0.2, 0.5):
+        n = NormalIndPower().solve_power(effect, power=0.8, alpha=0.05)
+        assert re.search(rf"\b{ceil(n)}( trials)?\s+for\s+h = {effect}", page)
+    for right, n in ((50, 100), (500, 1000)):
+        low, high = wilson_interval(right, n)
+        assert f"{100 * low:.0f} to {100 * high:.0f} %" in page
+
+
+def test_the_glossary_has_each_word_once_in_order() -> None:
+    rows = re.findall(r"^\| ([^|]+?) \|", text_of("docs/reference/glossary.md"), re.MULTILINE)
+    words = rows[1:]
+    assert len(words) == len(set(words)) > 50
