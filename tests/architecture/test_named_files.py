@@ -20,6 +20,7 @@ STUDY = "docs/how-to/study-design.md"
 PAGES = (PAPER, STUDY, "docs/reference/glossary.md")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 PATH = re.compile(r"`((?:rigctl|gui|arduino|tests|protocols|docs)/[\w./-]+)`")
+MATLAB_PAGES = tuple(f"docs/reference/{name}.md" for name in ("session", "encode", "model"))
 OPTION = re.compile(r"(--[a-z][a-z-]+)")
 
 
@@ -105,6 +106,19 @@ def test_the_numbers_of_trials_in_the_page_are_right() -> None:
     for right, n in ((50, 100), (500, 1000)):
         low, high = wilson_interval(right, n)
         assert f"{100 * low:.0f} to {100 * high:.0f} %" in page
+
+
+@pytest.mark.parametrize("page", MATLAB_PAGES)
+def test_matlab_reads_data_sets_that_the_page_lists(page: str) -> None:
+    text = text_of(page)
+    blocks = re.findall(r"```matlab\n(.*?)```", text, re.DOTALL)
+    read = [path for block in blocks for path in re.findall(r'h5read\(\w+, "([^"]+)"', block)]
+    listed = re.sub(r"```matlab\n.*?```", "", text, flags=re.DOTALL)
+    assert read
+    for path in read:
+        group, _, name = path.rpartition("/")
+        row = rf"^(?:\| |### )`{re.escape(group)}/[^|]*\b{re.escape(name)}`"
+        assert re.search(row, listed, re.MULTILINE), path
 
 
 def test_the_glossary_has_each_word_once_in_order() -> None:
