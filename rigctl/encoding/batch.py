@@ -109,8 +109,29 @@ def _count_variants(
     """Return the counts of each variant, uint32 (n_trials, n_trains, n_bins)."""
     if taxels is None:
         taxels = np.arange(normalisation.n_taxels)
-    views, n_bins = TrialViews.from_arrays(trials), len(bin_edges) - 1
+    views = TrialViews.from_arrays(trials)
     _check(views, bin_edges, normalisation.n_taxels, taxels)
+    common = (views, bin_edges, normalisation, parameters, taxels)
+    if not parameters.filters_whole_trials or all(variant.sa_only for variant in variants):
+        return _count_by_kernel(*common, variants)
+    # Imported here: SciPy's filters take a second to load, and only these presets need them.
+    from rigctl.encoding.ra_neurons import count_ra_spikes
+
+    ra, sa = count_ra_spikes(*common), [variant._replace(sa_only=True) for variant in variants]
+    found = zip(_count_by_kernel(*common, sa), variants, strict=True)
+    return [one if sa_only else np.concatenate([one, ra], axis=1) for one, (_, sa_only) in found]
+
+
+def _count_by_kernel(
+    views: TrialViews,
+    bin_edges: NDArray[np.int64],
+    normalisation: Normalisation,
+    parameters: EncoderParameters,
+    taxels: NDArray[np.int64],
+    variants: Sequence[_Variant],
+) -> list[Counts]:
+    """Return the counts of each variant as the kernel computes them."""
+    n_bins = len(bin_edges) - 1
     n_trains = [len(taxels) if variant.sa_only else 2 * len(taxels) for variant in variants]
     outs = [np.empty((len(views), n, n_bins), np.uint32) for n in n_trains]
     edges, max_samples = tuple(bin_edges.tolist()), max_samples_per_row(parameters)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.kernel import NeuronBlocks, TrainEncoder, TrialViews, to_raster
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, EncoderParameters
+from rigctl.encoding.parameters import DEFAULT, KERNEL_RA_ORDER, EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 
@@ -29,11 +29,18 @@ class Encoder:
 
     Starts at rest. Call :meth:`reset` where a trial starts (the rise of sync) and after a gap.
     The first call compiles or loads the kernel; :meth:`warm_up` does that beforehand.
+    Raises :class:`WrongUse` for parameters whose RA filter needs whole trials.
     """
 
     def __init__(
         self, normalisation: Normalisation, parameters: EncoderParameters = DEFAULT
     ) -> None:
+        if parameters.filters_whole_trials:
+            raise WrongUse(
+                f"encoder preset {parameters.name!r} filters whole trials in its RA channel, "
+                "which a stream of samples does not allow: choose one with ra_filter causal and "
+                f"ra_order {KERNEL_RA_ORDER}"
+            )
         self.parameters = parameters
         self._normalisation = normalisation
         self._blocks = self._blocks_at_rest()
@@ -122,6 +129,14 @@ def encode_trials(
         blocks = NeuronBlocks(len(selected), normalisation, parameters, scale)
         views = TrialViews.from_arrays([trials[i] for i in selected])
         spikes.update(zip(selected, encoder.encode(blocks, views), strict=True))
+    if parameters.filters_whole_trials:
+        # Imported here: SciPy's filters take a second to load, and only these presets need them.
+        from rigctl.encoding.ra_neurons import with_ra_trains
+
+        return [
+            with_ra_trains(spikes[i], samples, normalisation, parameters)
+            for i, samples in enumerate(trials)
+        ]
     return [spikes[i] for i in range(len(trials))]
 
 
@@ -147,4 +162,10 @@ def membrane_mv(
         counts = blocks.advance(TrialViews.from_arrays([samples[t : t + 1]]), np.array([1]))
         fired = to_raster(counts, normalisation.n_taxels)[0] > 0
         voltage[t] = np.where(fired, parameters.threshold_mv, blocks.membrane_mv())
+    if parameters.filters_whole_trials:
+        from rigctl.encoding.ra_neurons import ra_response
+
+        ra = ra_response(samples, normalisation, parameters)
+        shown = np.where(ra.spikes > 0, parameters.threshold_mv, ra.membrane_mv)
+        voltage[:, normalisation.n_taxels :] = shown
     return voltage

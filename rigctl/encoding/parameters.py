@@ -15,6 +15,9 @@ from math import isfinite
 from rigctl.errors import WrongUse
 
 MAX_SUBSTEPS = 64
+MAX_RA_ORDER = 8
+KERNEL_RA_ORDER = 2
+"""Order of the low-pass that the compiled kernel computes sample by sample."""
 
 
 class Recovery(StrEnum):
@@ -39,6 +42,21 @@ class Rectify(StrEnum):
     RISING_ONLY = "rising-only"
 
 
+class RaFilter(StrEnum):
+    """The RA channel's low-pass. The paper gives its 20 Hz and nothing else."""
+
+    CAUSAL = "causal"  # Butterworth, forward
+    ZERO_PHASE = "zero-phase"  # Butterworth, forward and backward
+    LINEAR_PHASE = "linear-phase"  # Kaiser window, pass band to the cut-off, delay compensated
+
+
+class RaDerivative(StrEnum):
+    """The unit of time of the RA channel's derivative."""
+
+    PER_SECOND = "per-second"
+    PER_SAMPLE = "per-sample"
+
+
 @dataclass(frozen=True, slots=True)
 class EncoderParameters:
     """Every number that decides the time of a spike.
@@ -49,7 +67,8 @@ class EncoderParameters:
     With ``reset`` at the next sample, u changes once a sample and a sample has at most one spike;
     ``clamp_v`` then limits v to the threshold before u uses it.
     ``sa_gain`` multiplies the normalised reading (0–1); ``ra_gain`` its low-passed derivative
-    per second (``ra_lowpass_hz``, causal Butterworth of second order).
+    (``ra_lowpass_hz``, ``ra_filter``, ``ra_order``) by ``ra_derivative``. The linear-phase filter
+    has no order.
     Raises :class:`WrongUse` for impossible values.
     """
 
@@ -73,6 +92,9 @@ class EncoderParameters:
     ra_gain: float = 3.0
     ra_lowpass_hz: float = 20.0
     ra_rectify: Rectify = Rectify.SIGNED
+    ra_filter: RaFilter = RaFilter.CAUSAL
+    ra_order: int = KERNEL_RA_ORDER
+    ra_derivative: RaDerivative = RaDerivative.PER_SECOND
     sample_rate_hz: float = 1000.0
 
     def __post_init__(self) -> None:
@@ -85,10 +107,23 @@ class EncoderParameters:
             raise WrongUse("encoder parameters substep_ms and sample_rate_hz must be above 0")
         if not 0 < self.ra_lowpass_hz < self.sample_rate_hz / 2:
             raise WrongUse("encoder parameter ra_lowpass_hz must be below half the sample rate")
+        if not 1 <= self.ra_order <= MAX_RA_ORDER:
+            raise WrongUse(f"encoder parameter ra_order must be 1–{MAX_RA_ORDER}")
         if self.c_mv >= self.threshold_mv:
             raise WrongUse("encoder parameter c_mv must be below threshold_mv")
         if self.reset is Reset.NEXT_SAMPLE and self.recovery is Recovery.OLD_V:
             raise WrongUse("encoder: reset at the next sample needs recovery from the new v")
+
+    @property
+    def filters_whole_trials(self) -> bool:
+        """Whether the RA filter is another than the kernel's, and so needs whole trials."""
+        return self.ra_filter is not RaFilter.CAUSAL or self.ra_order != KERNEL_RA_ORDER
+
+    @property
+    def ra_change_gain(self) -> float:
+        """Factor on the change of the low-passed reading from one sample to the next, mV/ms."""
+        per_sample = self.ra_derivative is RaDerivative.PER_SAMPLE
+        return self.ra_gain if per_sample else self.ra_gain * self.sample_rate_hz
 
     def as_dict(self) -> dict[str, str | float | int | bool]:
         """Return all parameters by name as plain values, to store beside a result."""
@@ -101,7 +136,13 @@ class EncoderParameters:
         unknown = sorted(set(values) - set(cls.__dataclass_fields__))
         if unknown:
             raise WrongUse(f"unknown encoder parameter {unknown[0]!r}")
-        enums = {"recovery": Recovery, "reset": Reset, "ra_rectify": Rectify}
+        enums = {
+            "recovery": Recovery,
+            "reset": Reset,
+            "ra_rectify": Rectify,
+            "ra_filter": RaFilter,
+            "ra_derivative": RaDerivative,
+        }
         typed: dict[str, object] = dict(values)
         for key, enum in enums.items():
             if key in typed:
@@ -137,7 +178,17 @@ PRESETS: dict[str, EncoderParameters] = {
     ),
     # Model time runs at a quarter of real time.
     "quarter-rate": replace(DEFAULT, name="quarter-rate", substeps=1),
+    # Other readings of "smoothed with a 20 Hz lowpass filter and then differentiated": MATLAB's
+    # filtfilt, other orders, MATLAB's lowpass, diff without a sample time, changes of either sign.
+    "ra-zero-phase": replace(DEFAULT, name="ra-zero-phase", ra_filter=RaFilter.ZERO_PHASE),
+    "ra-first-order": replace(DEFAULT, name="ra-first-order", ra_order=1),
+    "ra-fourth-order": replace(DEFAULT, name="ra-fourth-order", ra_order=4),
+    "ra-linear-phase": replace(DEFAULT, name="ra-linear-phase", ra_filter=RaFilter.LINEAR_PHASE),
+    "ra-per-sample": replace(DEFAULT, name="ra-per-sample", ra_derivative=RaDerivative.PER_SAMPLE),
+    "ra-absolute": replace(DEFAULT, name="ra-absolute", ra_rectify=Rectify.ABSOLUTE),
 }
+SA_PRESETS = ("default", "explicit", "izhikevich2003", "iskarous2022", "quarter-rate")
+"""The presets that differ in the neuron; all others are readings of the RA channel."""
 
 
 def preset(name: str) -> EncoderParameters:

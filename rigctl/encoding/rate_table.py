@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import PRESETS, EncoderParameters
+from rigctl.encoding.parameters import PRESETS, SA_PRESETS, EncoderParameters
 
 SETTLE_S = 1
 COUNT_S = 20
@@ -36,8 +36,11 @@ def steady_sa_rates_hz(
 
 
 def markdown_table() -> str:
-    """Return SA rates in Hz as a Markdown table, one row an input, one column a preset."""
-    columns = {name: steady_sa_rates_hz(p, TABLE_INPUTS) for name, p in PRESETS.items()}
+    """Return SA rates in Hz as a Markdown table, one row an input, one column a preset.
+
+    Presets that differ from the default in the RA channel alone are left out.
+    """
+    columns = {name: steady_sa_rates_hz(PRESETS[name], TABLE_INPUTS) for name in SA_PRESETS}
     lines = ["| x | " + " | ".join(columns) + " |", "|---:|" + "---:|" * len(columns)]
     for row, x in enumerate(TABLE_INPUTS):
         cells = " | ".join(f"{rates[row]:.1f}" for rates in columns.values())

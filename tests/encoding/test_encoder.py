@@ -17,7 +17,15 @@ from scipy import signal
 from rigctl.encoding.encoder import Encoder, encode_trial, encode_trials, membrane_mv
 from rigctl.encoding.kernel import butterworth, constants, neuron_step
 from rigctl.encoding.normalisation import Normalisation, RunningRange
-from rigctl.encoding.parameters import PRESETS, EncoderParameters, Recovery, Rectify, Reset, preset
+from rigctl.encoding.parameters import (
+    PRESETS,
+    EncoderParameters,
+    RaDerivative,
+    Recovery,
+    Rectify,
+    Reset,
+    preset,
+)
 from rigctl.encoding.rate_table import markdown_table, steady_sa_rates_hz
 from rigctl.errors import WrongUse
 
@@ -25,7 +33,8 @@ N_TAXELS = 4
 RANGES = Normalisation(
     np.array([0, 100, 512, 700], np.uint16), np.array([1023, 900, 512, 720], np.uint16), "test"
 )
-ALL_PRESETS = sorted(PRESETS)
+ALL_PRESETS = sorted(name for name, p in PRESETS.items() if not p.filters_whole_trials)
+"""Those that the kernel computes alone; the others are in ``test_ra_filter.py``."""
 
 
 def textbook_drive(x: list[float], p: EncoderParameters, ra: bool) -> list[float]:
@@ -41,7 +50,8 @@ def textbook_drive(x: list[float], p: EncoderParameters, ra: bool) -> list[float
         per_sample = np.abs(per_sample)
     elif p.ra_rectify is Rectify.RISING_ONLY:
         per_sample = np.maximum(per_sample, 0.0)
-    return [p.ra_gain * p.sample_rate_hz * float(slope) for slope in per_sample]
+    per_unit = 1.0 if p.ra_derivative is RaDerivative.PER_SAMPLE else p.sample_rate_hz
+    return [p.ra_gain * per_unit * float(slope) for slope in per_sample]
 
 
 def textbook_counts(drive: list[float], p: EncoderParameters) -> list[int]:
@@ -141,7 +151,8 @@ def test_every_parameter_changes_the_spikes() -> None:
         "constant": 141.0, "threshold_mv": 20.0, "start_v_mv": 20.0, "start_u": -40.0,
         "substeps": 3, "substep_ms": 0.2, "sa_gain": 90.0, "ra_gain": 2.0,
         "ra_lowpass_hz": 10.0, "recovery": Recovery.OLD_V, "reset": Reset.NEXT_SAMPLE,
-        "ra_rectify": Rectify.ABSOLUTE, "sample_rate_hz": 900.0,
+        "ra_rectify": Rectify.ABSOLUTE, "ra_derivative": RaDerivative.PER_SAMPLE,
+        "sample_rate_hz": 900.0,
     }  # fmt: skip
     for key, value in changes.items():
         p = replace(preset("default"), **{key: value})
@@ -174,6 +185,7 @@ def normal_form(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int]
             signal_ = change + z1
             z1 = exact_fma(a1, signal_, (change + change) + z2)
             z2 = exact_fma(a2, signal_, change)
+            signal_ = abs(signal_) if p.ra_rectify is Rectify.ABSOLUTE else signal_
         w = exact_fma(drive, signal_, w0)
         for _ in range(p.substeps):
             after = exact_fma(m, m, exact_fma(coupling, q, w))
@@ -198,7 +210,7 @@ def published(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], 
         if ra:
             y = b0 * value + z1
             z1, z2 = (z2 + b1 * value) - a1 * y, b2 * value - a2 * y
-            current, last = (p.ra_gain * p.sample_rate_hz) * (y - last), y
+            current, last = p.ra_change_gain * (y - last), y
         if v >= p.threshold_mv:
             v, u = p.c_mv, u + p.d
         for _ in range(p.substeps):
@@ -369,6 +381,8 @@ def test_rates_rise_with_the_input_and_lock_in_published_schemes() -> None:
         ({"substeps": 0}, "substeps"),
         ({"a": float("nan")}, "a is nan"),
         ({"ra_lowpass_hz": 500.0}, "ra_lowpass_hz"),
+        ({"ra_order": 0}, "ra_order"),
+        ({"ra_order": 9}, "ra_order"),
         ({"substep_ms": 0.0}, "substep_ms"),
         ({"c_mv": 40.0}, "c_mv"),
     ],

@@ -119,7 +119,7 @@ def drives(parameters: EncoderParameters, scale: Floats, sa_scale: Floats) -> tu
     p, unit = parameters, np.ones_like(scale) if has_late_reset(parameters) else scale
     _, _, per_unit, _ = _normal_form(p)
     b, _ = butterworth(p.ra_lowpass_hz, p.sample_rate_hz)
-    per_slope = per_unit * (p.ra_gain * p.sample_rate_hz) * (1.0 if has_late_reset(p) else b[0])
+    per_slope = per_unit * p.ra_change_gain * (1.0 if has_late_reset(p) else b[0])
     return per_unit * p.sa_gain * sa_scale * unit, per_slope * unit
 
 

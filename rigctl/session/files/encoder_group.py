@@ -25,6 +25,10 @@ ENCODER_UNITS = {
 }  # fmt: skip
 
 
+LATER_PARAMETERS = ("ra_filter", "ra_order", "ra_derivative")
+"""Parameters that files of older versions lack; those were encoded with the default."""
+
+
 def write_encoder(group: Any, parameters: EncoderParameters, ranges: Normalisation) -> None:
     """Write every parameter and the ranges."""
     for name, value in parameters.as_dict().items():
@@ -42,6 +46,8 @@ def write_encoder(group: Any, parameters: EncoderParameters, ranges: Normalisati
 def read_parameters(file: Hdf5File, group: str) -> EncoderParameters:
     """Return the parameters in a group. Raises SessionError or WrongUse for invalid ones."""
     defaults = EncoderParameters().as_dict()
+    if not any(file.has(f"{group}/{name}") for name in LATER_PARAMETERS):
+        defaults = {k: v for k, v in defaults.items() if k not in LATER_PARAMETERS}
     paths = {name: f"{group}/{name}" for name in defaults}
     file.check(
         text(paths[name]) if isinstance(default, str) else numbers(paths[name])

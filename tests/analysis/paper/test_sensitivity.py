@@ -16,7 +16,7 @@ from rigctl.analysis.paper.sensitivity import PRESET_ORDER, STAGE, mean_rates_hz
 from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
 from rigctl.analysis.report import report_folder
 from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.parameters import PRESETS
+from rigctl.encoding.parameters import PRESETS, SA_PRESETS
 from rigctl.session.read.session import Session
 from tests.analysis.recordings import record
 
@@ -54,13 +54,18 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
     plain = json.loads((tmp_path / "r" / "results.json").read_text())
     rows = plain["sensitivity"]["rows"]
     assert list(dict.fromkeys(row["preset"] for row in rows)) == list(PRESET_ORDER)
-    assert len(rows) == 5 * 6
+    assert len(rows) == len(PRESETS) * 6
     shares = [done / all_ for done, all_ in reported]
     assert shares == sorted(shares) and shares[-1] == 1.0 and len(set(shares)) > 10
 
     by = {(row["preset"], row["representation"]): row for row in rows}
     rate = {name: by[name, "original"]["sa_hz"] for name in PRESET_ORDER}
     assert 2 * rate["quarter-rate"] < rate["default"] < rate["explicit"]
+    ra_rate = {name: by[name, "original"]["ra_hz"] for name in PRESET_ORDER}
+    readings = [name for name in PRESET_ORDER if name not in SA_PRESETS]
+    assert {rate[name] for name in readings} == {rate["default"]}
+    assert ra_rate["ra-per-sample"] == 0.0
+    assert len({ra_rate[name] for name in readings} | {ra_rate["default"]}) == 1 + len(readings)
     curve = plain["tasks"]["textures"]["representations"]["speed"]
     k = by["default", "speed"]["components"] - 1
     assert by["default", "speed"]["mean_percent"] == pytest.approx(100 * curve["mean"][k], abs=1e-4)

@@ -12,12 +12,14 @@ import h5py
 import numpy as np
 import pytest
 
+from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import SessionError
 from rigctl.session.files.analysis_file import load_inputs
-from rigctl.session.files.encoder_group import load_ranges
+from rigctl.session.files.encoder_group import LATER_PARAMETERS, load_ranges
 from rigctl.session.files.finger_model_file import load_finger_model
 from rigctl.session.files.force_matrix_file import load_force
 from rigctl.session.files.model_file import load_model
+from rigctl.session.files.seal import SEALED
 from rigctl.session.format.annotated_arrays import text_scalar
 from rigctl.session.format.data_sets import LIBVER
 from tests.session.hostile.analysis_files import write_finger_model, write_model, write_spikes
@@ -122,3 +124,25 @@ def test_what_is_no_file_is_refused_without_being_opened(tmp_path: Path, kind: s
     assert "is a folder" in refusal(load, tmp_path)
     assert "is a device" in refusal(load, Path("/dev/zero"))
     assert "No such file" in refusal(load, tmp_path / "none.h5")
+
+
+def delete(path: Path, names: tuple[str, ...]) -> None:
+    """Delete data sets; who does so breaks the seal."""
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        file.attrs.pop(SEALED, None)
+        for name in names:
+            del file[name]
+
+
+def test_a_model_of_an_older_version_has_the_default_ra_channel(tmp_path: Path) -> None:
+    path = write_model(tmp_path / "model.h5")
+    delete(path, tuple(f"encoder/{name}" for name in LATER_PARAMETERS))
+    model = load_model(path)
+    assert model.parameters == EncoderParameters()
+    assert model.c is not None and model.c.rate_hz is None
+
+
+def test_a_model_with_a_part_of_the_ra_channel_is_refused(tmp_path: Path) -> None:
+    path = write_model(tmp_path / "model.h5")
+    delete(path, ("encoder/ra_order",))
+    assert "encoder/ra_order" in refusal(load_model, path)
