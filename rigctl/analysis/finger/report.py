@@ -22,6 +22,11 @@ from rigctl.analysis.finger.recorded_scans import read_data_sets
 from rigctl.analysis.finger.result_values import as_dict
 from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger
 from rigctl.analysis.finger.tasks import DrawSettings
+from rigctl.analysis.report.charts.finger_charts import (
+    accuracy_charts,
+    evidence_chart,
+    promises_chart,
+)
 from rigctl.analysis.report.html_page import render_page
 from rigctl.errors import WrongUse
 
@@ -31,6 +36,7 @@ CAPTIONS = {
     "figs5": "Figure S5: the real-time classifier",
 }
 _FIGURE_OF = {"Fig. 4B": "fig4b", "Fig. 4C": "fig4c", "Fig. S5": "figs5"}
+CAPTION_OF = {figure: CAPTIONS[key] for figure, key in _FIGURE_OF.items()}
 
 
 class FingerReport(NamedTuple):
@@ -88,7 +94,10 @@ def write_finger_report(
             "finger.html",
             results=values,
             figures=figures,
-            captions=CAPTIONS,
+            charts=accuracy_charts(values, CAPTION_OF),
+            evidence=evidence_chart(values),
+            promises_chart=promises_chart(values),
+            origin=_origin(analysis),
             assumptions=sorted(assumptions),
             promises=_promises(analysis),
             findings=findings(analysis),

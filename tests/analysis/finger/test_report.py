@@ -15,11 +15,13 @@ from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.finger.figures import draw_latencies
 from rigctl.analysis.finger.findings import findings, held_above, held_double
 from rigctl.analysis.finger.published import NEW_SESSION, SAME_SESSION
-from rigctl.analysis.finger.report import summary_lines, write_finger_report
+from rigctl.analysis.finger.report import CAPTION_OF, summary_lines, write_finger_report
 from rigctl.analysis.finger.result_values import k_ranges
 from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger
 from rigctl.analysis.finger.scans import ScanKind
 from rigctl.analysis.finger.tasks import DrawSettings
+from rigctl.analysis.report.charts.finger_charts import accuracy_charts
+from rigctl.analysis.report.charts.line_chart import ChartMark
 from rigctl.errors import WrongUse
 from tests.analysis.finger.made_scans import made_data_set
 
@@ -95,6 +97,25 @@ def test_the_page_begins_with_what_was_found(analysis: FingerAnalysis, folder: P
     assert "same session" in found[0] and "better by two asterisks" in found[1]
     assert found[2].startswith(("Not reproduced", "Every peak"))
     assert any("sets hold the texture (95% promised)" in sentence for sentence in found)
+
+
+def test_the_curves_of_the_page_have_switches_the_papers_values_and_asterisks(folder: Path) -> None:
+    values: dict[str, Any] = json.loads((folder / "results.json").read_text("utf-8"))
+    charts = accuracy_charts(values, CAPTION_OF)
+    assert [chart.name[:10] for chart in charts] == ["Figure 4B:", "Figure 4C:", "Figure S5:"]
+    names = [name for _, _, name in charts[0].legend]
+    assert names == [
+        "Same session: Original", "Same session: Speed Scaled",
+        "New session: Original", "New session: Speed Scaled",
+    ]  # fmt: skip
+    (panel,) = charts[0].panels
+    assert panel.series[2].marks == [ChartMark(54.0, 50.45, "the paper's peak: 50.45 %")]
+    assert "about 90 %" in panel.series[1].marks[0].text
+    starred = values["curve_tests"]["same-session"]["Speed Scaled"]["stars"]
+    assert len(panel.asterisks(panel.series[1])) == sum(map(len, starred)) > 0
+    page = (folder / "report.html").read_text("utf-8")
+    assert page.index("Figure 4B") < page.index("Ours beside the paper")
+    assert page.count('data-switch="new-session Speed Scaled"') == 1
 
 
 def test_a_claim_is_counted_at_the_papers_numbers_of_components(analysis: FingerAnalysis) -> None:

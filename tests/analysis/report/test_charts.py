@@ -69,10 +69,17 @@ def test_figure_3_shows_the_papers_value_at_50_components() -> None:
         "paper": {"original": [91.78, 0.55]},
         "representations": {"speed": curve, "original": {**curve, "sd": None}},
     }  # fmt: skip
-    chart = accuracy_chart({"settings": {"iterations": 2}, "tasks": {"textures": task}})
+    test = {"rule": "* p < 0.05", "stars": ["", "*", "", ""], "effect": [None, -0.7, 0.0, 0.0]}
+    results = {
+        "settings": {"iterations": 2}, "tasks": {"textures": task}, "tests_note": "Ours alone.",
+        "curve_tests": {"textures": {"speed": test}},
+    }  # fmt: skip
+    chart = accuracy_chart(results)
     first = chart.panels[0]
     assert [name for _, _, name in chart.legend][:2] == ["Original", "Speed Scaled"]
     (mark,) = first.series[0].marks
     assert (mark.x, mark.y) == (50.0, 91.78) and "91.78 ± 0.55" in mark.text
     assert first.x_range[1] > 50.0
     assert any("Table 1" in note for note in chart.notes)
+    assert any("* p < 0.05" in note for note in chart.notes) and "Ours alone." in chart.notes
+    assert [star.worse for star in first.asterisks(first.series[1])] == [True]

@@ -39,20 +39,38 @@ def accuracy_chart(results: Values) -> LineChart:
     n = results["settings"]["iterations"]
     bars = "bars: standard deviation" if n > 1 else "one draw, no spread"
     notes = [f"Mean of {n} draw{'s' if n > 1 else ''}; {bars}."]
+    notes += star_notes(results["curve_tests"], results["tests_note"])
     if any(task["paper"] for task in tasks):
         notes.append(PAPER_NOTE)
     if any(key.endswith("_blind") for task in tasks for key in task["representations"]):
         notes.append(BLIND_NOTE)
-    panels = [_panel(task) for task in tasks]
+    panels = [_panel(task, results["curve_tests"][key]) for key, task in results["tasks"].items()]
     return LineChart("Accuracy over principal components", panels, notes)
 
 
-def _panel(task: Values) -> LinePanel:
+def star_notes(tests: Mapping[str, Values], *more: str) -> list[str]:
+    """Return what the asterisks mean, nothing where there are none."""
+    each = [test for by_name in tests.values() for test in by_name.values()]
+    rules = dict.fromkeys(test["rule"] for test in each if any(test["stars"]))
+    if not rules:
+        return []
+    rule = " / ".join(rules)
+    return [f"Asterisks against Original: {rule}; grey where Original is better.", *more]
+
+
+def asterisks(test: Values | None) -> dict[str, Any]:
+    """Return the asterisks of a curve and where they are grey, as members of a series."""
+    if test is None:
+        return {}
+    return {"stars": test["stars"], "worse": [(effect or 0.0) < 0 for effect in test["effect"]]}
+
+
+def _panel(task: Values, tests: Values) -> LinePanel:
     chance = 100 * task["chance"]
     most = max(task["k_max"], published.K_MAX if task["paper"] else 1)
     return LinePanel(
         f"{task['figure']}  {task['title']}".strip(),
-        [_series(task, key, task["representations"][key]) for key in _ordered(task)],
+        [_series(task, key, tests.get(key)) for key in _ordered(task)],
         "principal components",
         "accuracy (%)",
         (0.0, most + 1.0),
@@ -66,7 +84,8 @@ def _ordered(task: Values) -> list[str]:
     return [key for key in NAME_OF if key in task["representations"]]
 
 
-def _series(task: Values, key: str, curve: Values) -> ChartSeries:
+def _series(task: Values, key: str, test: Values | None) -> ChartSeries:
+    curve = task["representations"][key]
     mean = [100 * share for share in curve["mean"]]
     return ChartSeries(
         key,
@@ -76,6 +95,7 @@ def _series(task: Values, key: str, curve: Values) -> ChartSeries:
         mean,
         None if curve["sd"] is None else [100 * share for share in curve["sd"]],
         marks=_paper_mark(task, key),
+        **asterisks(None if key.endswith("_blind") else test),
     )
 
 

@@ -190,12 +190,11 @@ class LinePanel:
 
 @dataclass(frozen=True, slots=True)
 class LineChart:
-    """Panels with one legend. ``notes``: sentences below it, what bars and marks mean."""
+    """Panels with one legend. ``notes``: sentences below them, what bars and marks mean."""
 
     name: str
     panels: Sequence[LinePanel]
     notes: Sequence[str]
-    columns: int = 3
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:
